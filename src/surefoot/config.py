@@ -1,0 +1,189 @@
+"""Every number a run depends on, as frozen dataclasses with units and sources; presets; JSON.
+
+"Paper" is *Safe Learning of Locomotion Skills from MPC* (Pua and Khadiv); "BiConMP" is Meduri et
+al., T-RO 2023, and its public trot for Solo12. Durations are in seconds here, and in ticks of 1 ms
+everywhere else. The command line, its help and the saved JSON all come from these classes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class RobotConfig:
+    """The robot's limits."""
+
+    torque_limit: float = 2.7
+    """[Nm] at the joint: the peak torque of Solo12's actuator module (Grimminger et al., 2020)."""
+
+
+@dataclass(frozen=True)
+class SimulationConfig:
+    """Contact physics, common to all simulators. Time step 1 ms."""
+
+    friction: float = 0.5
+    """Coefficient of the foot-ground pair, after the simulator's combination rule (BiConMP's demo);
+    the planner's friction cone uses the same number."""
+    impratio: float = 10.0
+    """MuJoCo: ratio of frictional to normal impedance; above 1 keeps stance feet from creeping."""
+    solref: tuple[float, float] = (0.004, 1.0)
+    """MuJoCo: contact time constant [s] and damping ratio."""
+
+
+@dataclass(frozen=True)
+class Gait:
+    """Timing and posture of a periodic gait on the global grid of 50 ticks; the default is a trot."""
+
+    name: str = "trot"
+    period: float = 0.5
+    """[s] (BiConMP)."""
+    duty: float = 0.6
+    """Stance share of the period (BiConMP)."""
+    offsets: tuple[float, float, float, float] = (0.0, 0.5, 0.5, 0.0)
+    """Phase offset of FL, FR, HL, HR in periods (BiConMP)."""
+    step_height: float = 0.075
+    """[m] height of the swing via point above the ground (the paper's research code)."""
+    com_height: float = 0.20
+    """[m] nominal height of the centre of mass (BiConMP)."""
+
+
+@dataclass(frozen=True)
+class CentroidalConfig:
+    """Biconvex centroidal problem; weights per node, quadratic, without 1/2 (BiConMP, trot).
+
+    Forces and angular momentum are per unit mass, as the weights expect.
+    """
+
+    nodes: int = 20
+    """Two gait periods of 50-ms nodes; with one period the expert falls from one start in ten."""
+    position: tuple[float, float, float] = (1e-5, 1e-5, 1e5)
+    velocity: tuple[float, float, float] = (10.0, 10.0, 200.0)
+    angular_momentum: tuple[float, float, float] = (1e4, 1e4, 1e4)
+    terminal_position: tuple[float, float, float] = (1e6, 1e-4, 1e6)
+    terminal_velocity: tuple[float, float, float] = (100.0, 100.0, 2e3)
+    terminal_angular_momentum: tuple[float, float, float] = (1e6, 1e6, 1e6)
+    force: tuple[float, float, float] = (10.0, 10.0, 10.0)
+    orientation_gain: tuple[float, float, float] = (0.3, 0.5, 0.4)
+    """[1/s] orientation error to angular-momentum reference."""
+    rho: float = 5e4
+    """ADMM penalty."""
+    max_iterations: int = 100
+    tolerance: float = 1e-3
+    """ADMM stops when the dynamics residual (2-norm) falls below this."""
+
+
+@dataclass(frozen=True)
+class KinematicConfig:
+    """Whole-body kinematic problem, costs with 1/2, running nodes times dt (BiConMP, trot)."""
+
+    nodes: int = 10
+    """One gait period of 50-ms nodes."""
+    state_weight: float = 5e-2
+    base_position: tuple[float, float, float] = (0.0, 0.0, 10.0)
+    base_orientation: tuple[float, float, float] = (1000.0, 1000.0, 1000.0)
+    joint_position: float = 1.0
+    base_linear_velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    base_angular_velocity: tuple[float, float, float] = (100.0, 100.0, 100.0)
+    joint_velocity: float = 0.5
+    control_weight: float = 1e-5
+    base_linear_acceleration: tuple[float, float, float] = (0.0, 0.0, 1000.0)
+    base_angular_acceleration: tuple[float, float, float] = (500.0, 500.0, 500.0)
+    joint_acceleration: float = 1.0
+    foot_weight: float = 1e4
+    """Stance feet to their contacts, swing feet to their via points."""
+    momentum_weight: float = 500.0
+    """Centroidal momentum, linear and angular."""
+    base_height: float = 0.25
+    """[m] regularised height of the base frame."""
+    max_iterations: int = 10
+    """Gauss-Newton iterations; 4 is the median to convergence, stopping at 10 does no harm."""
+    tolerance: float = 1e-6
+    """Stops when an iteration lowers the cost by less than this share."""
+
+
+@dataclass(frozen=True)
+class ExpertConfig:
+    """The model predictive controller: planner, replanning and torque law."""
+
+    kp: float = 3.0
+    """[Nm/rad] (BiConMP)."""
+    kd: float = 0.05
+    """[Nms/rad] (BiConMP)."""
+    speed_gain: float = 1.27
+    """Commanded speed is scaled by this inside the planner: the published foothold rule reaches
+    only 79 % of the command."""
+    hip_outward: float = 0.04
+    """[m] footholds lie this far outside the hip (BiConMP)."""
+    via_until: float = 0.52
+    """A swing foot is drawn to its via point up to this share of the swing (BiConMP)."""
+    max_residual: float = 1e-2
+    """A plan whose dynamics residual is larger is not valid."""
+    centroidal: CentroidalConfig = field(default_factory=CentroidalConfig)
+    kinematic: KinematicConfig = field(default_factory=KinematicConfig)
+
+
+@dataclass(frozen=True)
+class PerturbationConfig:
+    """Contact-consistent perturbation of a start; sigmas before the null-space projection (paper)."""
+
+    base_position: float = 0.1
+    """[m]"""
+    base_orientation: float = 0.7
+    """[rad]"""
+    joint_position: float = 0.2
+    """[rad]"""
+    velocity: float = 0.2
+    """[m/s, rad/s]"""
+    max_penetration: float = 0.002
+    """[m] a start with a foot sphere deeper in the ground is drawn again."""
+
+
+@dataclass(frozen=True)
+class SafetyConfig:
+    """When the expert takes over, and what counts as a fall or as standing still (paper, Table I)."""
+
+    com_height: tuple[float, float] = (0.15, 1.0)
+    """[m]"""
+    roll_pitch: float = 25.0
+    """[deg] either way."""
+    hip_abduction: tuple[float, float] = (-30.0, 60.0)
+    """[deg] left legs; mirrored for right legs."""
+    hip_flexion: tuple[float, float] = (0.0, 90.0)
+    """[deg] front legs; mirrored for hind legs."""
+    knee: tuple[float, float] = (-160.0, 0.0)
+    """[deg] front legs; mirrored for hind legs."""
+    fall_height: tuple[float, float] = (0.10, 2.0)
+    """[m] base height outside this is a fall (the paper's research code)."""
+    fall_angle: float = 30.0
+    """[deg] roll or pitch beyond this is a fall (the paper's research code)."""
+    grace: float = 0.5
+    """[s] falls are not tested earlier than this (the paper's research code)."""
+
+
+@dataclass(frozen=True)
+class PolicyConfig:
+    """The network and the low-impedance PD it drives, at 1 kHz."""
+
+    hidden: tuple[int, ...] = (512, 512, 512)
+    """Units of the hidden layers (paper, IV-A)."""
+    kp: float = 2.0
+    """[Nm/rad] (the paper's research code)."""
+    kd: float = 0.1
+    """[Nms/rad] (the paper's research code)."""
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """Supervised training: Adam on the L1 loss (paper, IV-A)."""
+
+    learning_rate: float = 2e-3
+    """(paper)."""
+    batch: int = 256
+    """Frames a step; the last incomplete batch is dropped (paper)."""
+    schedule: str = "constant"
+    """`constant` (paper) or `cosine` to zero over a fit."""
+    validation: float = 0.1
+    """Share of episodes held out, chosen by episode id."""
+    threads: int = 1
+    """Torch threads: a constant, because the bits depend on it."""

@@ -1,0 +1,1 @@
+"""The expert: contacts, centroidal plan, whole-body plan, torques."""

@@ -1,0 +1,106 @@
+"""The records and protocols every room of the package agrees on.
+
+Arrays follow Pinocchio's conventions: ``q = [x y z, qx qy qz qw, 12 joints]``, ``v = [base linear
+and angular velocity in the base frame, 12 joint rates]``; legs FL, FR, HL, HR; joints HAA, HFE, KFE
+of each leg. SI units, radians; time is an integer tick of 1 ms. ``...`` stands for a batch axis that
+may be absent: one ``State`` serves one robot and a batch alike. Needs numpy only, so that learning
+runs where there is no robotics stack.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+TICKS_PER_SECOND = 1000
+LEGS = ("FL", "FR", "HL", "HR")
+JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("HAA", "HFE", "KFE"))
+
+
+def to_ticks(seconds: float) -> int:
+    """Seconds to whole ticks of 1 ms."""
+    return round(seconds * TICKS_PER_SECOND)
+
+
+class Command(NamedTuple):
+    """Velocity command in the heading frame: vx, vy [m/s] and yaw rate [rad/s]."""
+
+    vx: float = 0.0
+    vy: float = 0.0
+    yaw_rate: float = 0.0
+
+
+@dataclass(frozen=True)
+class State:
+    """What a simulator measures of one robot, or of B robots in lockstep.
+
+    Attributes:
+        q: ``(..., 19)`` configuration [m, unit quaternion, rad].
+        v: ``(..., 18)`` velocity [m/s, rad/s], base part in the base frame.
+        com: ``(..., 3)`` centre of mass, world frame [m].
+        feet: ``(..., 4, 3)`` centres of the foot spheres, world frame [m].
+        contacts: ``(..., 4)`` True where a foot carries more than 0.5 N.
+    """
+
+    q: Array
+    v: Array
+    com: Array
+    feet: Array
+    contacts: BoolArray
+
+    def __getitem__(self, index: int | slice | NDArray) -> State:
+        """One robot of a batch, or a part of the batch."""
+        return State(*(getattr(self, field.name)[index] for field in fields(self)))
+
+
+@dataclass(frozen=True)
+class MotionPlan:
+    """A plan as arrays, one row a tick, row 0 at the tick the plan was asked for.
+
+    Attributes:
+        joint_position: ``(100, 12)`` reference joint angles [rad].
+        joint_velocity: ``(100, 12)`` reference joint rates [rad/s].
+        torque: ``(100, 12)`` feed-forward joint torques [Nm].
+        valid: False when the planner does not vouch for the arrays (not finite, not converged).
+    """
+
+    joint_position: Array
+    joint_velocity: Array
+    torque: Array
+    valid: bool = True
+
+
+PlanFunction = Callable[[State, int, Command], MotionPlan]
+"""``plan(state, tick, command) -> MotionPlan`` for one robot: any MPC is such a function."""
+
+
+class Controller(Protocol):
+    """Whoever computes joint torques for B robots: an expert, a policy, or a user's own."""
+
+    def reset(self, batch: int) -> None:
+        """Forget everything; ``batch`` robots follow."""
+        ...
+
+    def torque(self, state: State, tick: IntArray, command: Array, mask: BoolArray) -> Array:
+        """Torques ``(B, 12)`` [Nm] for the robots in ``mask``; rows outside it are ignored.
+
+        Args:
+            state: of B robots.
+            tick: ``(B,)`` gait clock of each robot [ms].
+            command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
+            mask: ``(B,)`` the robots this controller drives now.
+        """
+        ...
+
+    @property
+    def diverged(self) -> BoolArray:
+        """``(B,)`` True where the controller has given up on a robot."""
+        ...
