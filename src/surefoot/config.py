@@ -22,11 +22,15 @@ class RobotConfig:
 class SimulationConfig:
     """Contact physics, common to all simulators. Time step 1 ms."""
 
+    backend: str = "mujoco"
+    """The physics engine: `mujoco`."""
     friction: float = 0.5
     """Coefficient of the foot-ground pair, after the simulator's combination rule (BiConMP's demo);
     the planner's friction cone uses the same number."""
     impratio: float = 10.0
-    """MuJoCo: ratio of frictional to normal impedance; above 1 keeps stance feet from creeping."""
+    """MuJoCo: ratio of frictional to normal impedance; above 1 keeps stance feet from creeping.
+    The feet of a standing robot creep 4 mm/s at 1, 0.4 at 10, 0.04 at 100; but where feet slide,
+    100 makes a tick a third dearer than 10."""
     solref: tuple[float, float] = (0.004, 1.0)
     """MuJoCo: contact time constant [s] and damping ratio."""
 

@@ -1,10 +1,24 @@
-"""Footholds and swing via points for the nodes of a horizon (BiConMP's rule)."""
+"""Contact plan of a horizon: who stands, where feet land, how high they swing (BiConMP's rule).
+
+A foot that lands at time t is put under its hip as the base is expected to stand then, plus half a
+stance of travel: p = c + R(w t) o + v t + v T_stance / 2 + sqrt(z / g) / 2 (v x w), with o the hip
+offset moved outward, v the planned velocity, w the yaw rate. There is no spline: a swing foot is
+drawn to one via point. Next: `centroidal`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from surefoot.types import Array, BoolArray
+import numpy as np
+import pinocchio as pin
+
+from surefoot.config import ExpertConfig, Gait
+from surefoot.mpc.gait import in_stance, node_ticks, swing_fraction
+from surefoot.robot import RobotModel
+from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, Command
+
+GRAVITY = 9.81
 
 
 @dataclass(frozen=True)
@@ -22,3 +36,65 @@ class ContactPlan:
     position: Array
     dt: Array
     via: BoolArray
+
+
+def hip_offsets(robot: RobotModel, outward: float) -> Array:
+    """``(4, 2)`` nominal foothold of each leg relative to the centre of mass [m], heading frame."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.nominal)
+    com = pin.centerOfMass(robot.model, data, robot.nominal)
+    offset = np.array([data.oMi[hip].translation - com for hip in robot.hips])[:, :2]
+    offset[:, 1] += np.sign(offset[:, 1]) * outward
+    return offset
+
+
+def plan_contacts(
+    gait: Gait,
+    config: ExpertConfig,
+    hips: Array,
+    foot_radius: float,
+    com: Array,
+    feet: Array,
+    tick: int,
+    velocity: Command,
+) -> ContactPlan:
+    """Contacts over the centroidal horizon.
+
+    Args:
+        gait: timing and step height.
+        config: nodes of the horizon and how long a via point draws.
+        hips: ``(4, 2)`` from `hip_offsets` [m].
+        foot_radius: height of a foot frame in contact [m].
+        com: ``(3,)`` measured centre of mass, planning frame [m].
+        feet: ``(4, 3)`` measured foot positions, planning frame [m].
+        tick: gait clock of the first node [ms].
+        velocity: planned velocity in the heading frame [m/s, rad/s].
+    """
+    ticks = node_ticks(tick, config.centroidal.nodes)
+    nodes = len(ticks) - 1
+    active = in_stance(gait, ticks[:-1])
+    fraction = swing_fraction(gait, ticks[:-1])
+    via = ~active & (fraction < config.via_until)
+    via[0] = False
+
+    time = (ticks[:-1] - tick) / TICKS_PER_SECOND
+    v = np.array(velocity[:2])
+    yaw = velocity.yaw_rate * time
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])  # (2, 2, N)
+    centrifugal = 0.5 * np.sqrt(com[2] / GRAVITY) * velocity.yaw_rate * np.array([v[1], -v[0]])
+    under_hip = com[:2] + np.einsum("ijn,lj->nli", turn, hips) + time[:, None, None] * v
+    half_stance = 0.5 * gait.duty * gait.period * v
+    touchdown = under_hip + half_stance + centrifugal
+
+    position = np.empty((nodes, 4, 3))
+    position[0] = feet
+    for node in range(1, nodes):
+        landing = active[node] & ~active[node - 1]
+        staying = active[node] & active[node - 1]
+        late = (fraction[node] >= 0.5)[:, None]
+        position[node, :, :2] = under_hip[node] + np.where(late, half_stance, 0.0)
+        position[node, :, 2] = gait.step_height
+        position[node, landing, :2] = touchdown[node, landing]
+        position[node, landing, 2] = foot_radius
+        position[node, staying] = position[node - 1, staying]
+    return ContactPlan(active, position, np.diff(ticks) / TICKS_PER_SECOND, via)

@@ -1,0 +1,57 @@
+# One command per intent, the same on a laptop and in CI. `make help` lists them.
+VENV := .venv
+BIN := $(VENV)/bin
+PYTHON ?= python3
+RUN ?= runs/demo
+# One BLAS thread per process: the work is spread over processes, and bits depend on threads.
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+export MKL_NUM_THREADS := 1
+
+.PHONY: help venv demo test test-slow check format bench system clean
+
+help:  ## list the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+venv: $(VENV)/.complete  ## .venv with everything that demo, test and check need
+
+$(VENV)/.complete: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \
+	  { echo "surefoot needs Python 3.11 to 3.13, found $$($(PYTHON) --version 2>&1)." \
+	    "Name another: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[viz,dev]'
+	@touch $@
+
+demo: venv  ## train a policy with LocoSafeDAGGER, evaluate it, film it (about ten minutes)
+	$(BIN)/surefoot train loco_safe_dagger --preset quick --run $(RUN)
+	$(BIN)/surefoot evaluate $(RUN)
+	$(BIN)/surefoot play $(RUN)
+
+test: venv  ## the tests that are run often
+	$(BIN)/python -m pytest -n auto
+
+test-slow: venv  ## the tests that take minutes
+	$(BIN)/python -m pytest -n auto -m slow
+
+check: venv  ## format, lint, types, import contracts
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+
+format: venv  ## format and mend what ruff can
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+bench: venv  ## plan, engine and training speed, each beside its floor
+	$(BIN)/surefoot bench plan
+	$(BIN)/surefoot bench engine
+	$(BIN)/surefoot bench train
+
+system:  ## Debian packages for headless rendering (needs root)
+	apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri libgles2
+
+clean:  ## remove the environment and caches, never runs
+	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis

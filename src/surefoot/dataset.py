@@ -1,0 +1,290 @@
+"""Recorded frames: arrays in memory, and a folder of immutable HDF5 shards with a manifest on disk.
+
+A frame is what the robot measured at one tick and the expert's torque there. What the network sees
+and what it should answer are derived from frames when training (``train.examples``), so that an
+observation or a gain can change without new rollouts.
+
+A shard counts once the manifest names it. A kill between the two leaves a file that the next
+``append`` of that name overwrites. One process appends at a time; any number may read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.files import write_atomic
+from surefoot.types import Array, BoolArray, IntArray, State
+
+FORMAT = 1
+"""Version of the shards and of the manifest."""
+
+_FIELDS: dict[str, tuple[tuple[int, ...], str]] = {
+    "q": ((19,), "<f8"),
+    "v": ((18,), "<f8"),
+    "com": ((3,), "<f8"),
+    "feet": ((4, 3), "<f8"),
+    "contacts": ((4,), "|b1"),
+    "tick": ((), "<i8"),
+    "command": ((3,), "<f8"),
+    "torque": ((12,), "<f8"),
+    "expert_drove": ((), "|b1"),
+    "episode": ((), "<i8"),
+    "outcome": ((), "|i1"),
+}
+
+
+class DatasetError(ValueError):
+    """A dataset's files are damaged, or a request contradicts what it holds."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """n recorded ticks of any robots, in the order of time within each episode.
+
+    Attributes:
+        q: ``(n, 19)`` configuration [m, unit quaternion, rad].
+        v: ``(n, 18)`` velocity [m/s, rad/s], base part in the base frame.
+        com: ``(n, 3)`` centre of mass, world frame [m].
+        feet: ``(n, 4, 3)`` centres of the foot spheres, world frame [m].
+        contacts: ``(n, 4)`` True where a foot carries load.
+        tick: ``(n,)`` gait clock [ms].
+        command: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
+        torque: ``(n, 12)`` the expert's joint torque [Nm], clipped to the motor limit.
+        expert_drove: ``(n,)`` True where that torque was applied, not only recorded.
+        episode: ``(n,)`` episode id.
+        outcome: ``(n,)`` int8, how the frame's episode ended.
+
+    Raises:
+        ValueError: an array has the wrong shape, or a type that would lose digits.
+    """
+
+    q: Array
+    v: Array
+    com: Array
+    feet: Array
+    contacts: BoolArray
+    tick: IntArray
+    command: Array
+    torque: Array
+    expert_drove: BoolArray
+    episode: IntArray
+    outcome: NDArray[np.int8]
+
+    def __post_init__(self) -> None:
+        """Check shapes, and bring every array to its type on disk."""
+        n = len(self.q)
+        for name, (shape, dtype) in _FIELDS.items():
+            array = np.asarray(getattr(self, name))
+            if array.shape != (n, *shape) or not np.can_cast(array.dtype, dtype):
+                raise ValueError(
+                    f"frames: {name} is {array.shape} {array.dtype}, "
+                    f"expected {(n, *shape)} {np.dtype(dtype)}"
+                )
+            object.__setattr__(self, name, array.astype(dtype, copy=False))
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def __getitem__(self, index: slice | NDArray) -> Frames:
+        """Some of the frames, by slice, mask or indices."""
+        return Frames(*(getattr(self, name)[index] for name in _FIELDS))
+
+    @property
+    def state(self) -> State:
+        """The n states."""
+        return State(self.q, self.v, self.com, self.feet, self.contacts)
+
+    @property
+    def command_range(self) -> Array:
+        """``(2, 3)`` smallest and largest vx, vy [m/s] and yaw rate [rad/s] among the frames."""
+        return np.stack([self.command.min(0), self.command.max(0)])
+
+
+def _blank(n: int) -> dict[str, NDArray]:
+    """Uninitialised arrays for n frames."""
+    return {name: np.empty((n, *shape), dtype) for name, (shape, dtype) in _FIELDS.items()}
+
+
+def concatenate(parts: Sequence[Frames]) -> Frames:
+    """Frames one after another; none at all of an empty list."""
+    parts = [Frames(**_blank(0)), *parts]
+    return Frames(*(np.concatenate([getattr(part, name) for part in parts]) for name in _FIELDS))
+
+
+class Dataset:
+    """An append-only folder of shards. Counts and hash are read from its manifest alone.
+
+    Args:
+        folder: is created by the first ``append``.
+    """
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+
+    def append(self, name: str, frames: Frames) -> None:
+        """Add frames as a shard, whole or not at all; the same frames again change nothing.
+
+        Args:
+            name: of the shard: letters, digits, ``_``, ``-`` and dots.
+            frames: whole episodes, none of which lies in another shard; may be empty.
+
+        Raises:
+            DatasetError: the name is taken by other frames, or an episode by another shard.
+        """
+        if not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
+            raise DatasetError(f"shard name {name!r}: use letters, digits, '_', '-' and dots")
+        frames = _by_episode(frames)
+        digests = _digests(frames)
+        shards = self._shards()
+        if name in shards:
+            if shards[name]["episodes"] == digests:
+                return
+            raise DatasetError(
+                f"{self._file(name)} already holds other frames under the name {name!r}; shards "
+                "are never changed: append under a new name, or start a new dataset folder"
+            )
+        for other, entry in shards.items():
+            if shared := digests.keys() & entry["episodes"].keys():
+                raise DatasetError(
+                    f"episode {min(shared, key=int)} of {name!r} is already in shard {other!r} of "
+                    f"{self.folder}; give every episode of a dataset an id of its own"
+                )
+        self.folder.mkdir(parents=True, exist_ok=True)
+        write_atomic(self._file(name), lambda path: _write(path, frames))
+        shards[name] = {"frames": len(frames), "sha256": _combine(digests), "episodes": digests}
+        manifest = {"format": FORMAT, "shards": dict(sorted(shards.items()))}
+        write_atomic(self._manifest, json.dumps(manifest, indent=1).encode())
+
+    def load(self, shards: Sequence[str] | None = None) -> Frames:
+        """Frames of the named shards, or of all, in the order of their episode ids.
+
+        Every shard is checked against its hash in the manifest.
+
+        Raises:
+            DatasetError: no such shard, or a file is missing, cut short or changed.
+        """
+        entries = self._shards()
+        names = list(entries if shards is None else dict.fromkeys(shards))
+        if missing := [name for name in names if name not in entries]:
+            raise DatasetError(
+                f"{self.folder} has no shards {missing}; it has {sorted(entries) or 'none'}"
+            )
+        # By first episode, so that the usual shards of consecutive episodes need no sorting.
+        names.sort(key=lambda name: min(map(int, entries[name]["episodes"]), default=-1))
+        arrays = _blank(sum(entries[name]["frames"] for name in names))
+        start = 0
+        for name in names:
+            part = slice(start, start + entries[name]["frames"])
+            start = part.stop
+            self._read(name, entries[name], {key: array[part] for key, array in arrays.items()})
+        return _by_episode(Frames(**arrays))
+
+    @property
+    def shards(self) -> tuple[str, ...]:
+        """Names of the shards, sorted."""
+        return tuple(sorted(self._shards()))
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return sum(entry["frames"] for entry in self._shards().values())
+
+    @property
+    def episodes(self) -> int:
+        """Number of episodes."""
+        return sum(len(entry["episodes"]) for entry in self._shards().values())
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of all arrays, episode by episode: the same however the frames are sharded."""
+        return _combine({k: d for e in self._shards().values() for k, d in e["episodes"].items()})
+
+    @property
+    def _manifest(self) -> Path:
+        return self.folder / "manifest.json"
+
+    def _file(self, name: str) -> Path:
+        return self.folder / f"{name}.h5"
+
+    def _shards(self) -> dict[str, dict[str, Any]]:
+        """The manifest's entries: frames, sha256, and episode id -> sha256 of its arrays."""
+        try:
+            manifest = json.loads(self._manifest.read_bytes())
+        except FileNotFoundError:
+            return {}
+        except ValueError as error:
+            raise DatasetError(
+                f"{self._manifest} is not readable JSON ({error}); restore it from a copy, or "
+                "delete the dataset folder and collect again"
+            ) from error
+        if manifest.get("format") != FORMAT:
+            raise DatasetError(
+                f"{self._manifest} has format {manifest.get('format')}, this version reads format "
+                f"{FORMAT}; use the version of surefoot that wrote it"
+            )
+        return manifest["shards"]
+
+    def _read(self, name: str, entry: dict[str, Any], arrays: dict[str, NDArray]) -> None:
+        """Fill the arrays from a shard and check them."""
+        path = self._file(name)
+        try:
+            with h5py.File(path, "r") as file:
+                for key, array in arrays.items():
+                    stored = file[key]
+                    if not isinstance(stored, h5py.Dataset) or stored.shape != array.shape:
+                        raise OSError(f"{key} has the wrong shape")
+                    if array.size:
+                        stored.read_direct(array)
+            if _combine(_digests(Frames(**arrays))) != entry["sha256"]:
+                raise OSError("its contents do not match their hash")
+        except (OSError, KeyError, RuntimeError) as error:
+            raise DatasetError(
+                f"shard {path} is missing or damaged ({error}); restore the file from a copy, or "
+                f"delete it and its entry in {self._manifest.name} and let the run collect it again"
+            ) from error
+
+
+def _write(path: Path, frames: Frames) -> None:
+    """Write a shard: one HDF5 dataset per array, uncompressed."""
+    with h5py.File(path, "w") as file:
+        file.attrs["format"] = FORMAT
+        for name in _FIELDS:
+            file.create_dataset(name, data=getattr(frames, name))
+
+
+def _by_episode(frames: Frames) -> Frames:
+    """The frames sorted by episode id, keeping the order within an episode."""
+    if (np.diff(frames.episode) >= 0).all():
+        return frames
+    return frames[np.argsort(frames.episode, kind="stable")]
+
+
+def _digests(frames: Frames) -> dict[str, str]:
+    """Episode id -> SHA-256 of that episode's arrays; frames sorted by episode."""
+    ids, starts = np.unique(frames.episode, return_index=True)
+    ends = [*starts[1:], len(frames)]
+    digests = {}
+    for episode, start, end in zip(ids.tolist(), starts, ends, strict=True):
+        sha = hashlib.sha256()
+        for name in _FIELDS:
+            array = np.ascontiguousarray(getattr(frames, name)[start:end])
+            sha.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+            sha.update(array.data)
+        digests[str(episode)] = sha.hexdigest()
+    return digests
+
+
+def _combine(digests: dict[str, str]) -> str:
+    """SHA-256 over episodes in the order of their ids."""
+    lines = (f"{episode} {digests[episode]}\n" for episode in sorted(digests, key=int))
+    return hashlib.sha256("".join(lines).encode()).hexdigest()

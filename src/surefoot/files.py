@@ -1,0 +1,42 @@
+"""Files that are there whole or not at all, whenever the process is killed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+
+def write_atomic(path: Path | str, content: bytes | Callable[[Path], None]) -> None:
+    """Write a file so that a reader sees the old one or the new one, never a part.
+
+    The content goes to a temporary name in the same folder and to the disk, then takes the name
+    over. After a power cut the file is the old or the new one too; after a kill in the middle only
+    a hidden ``.NAME.PID.tmp`` may stay behind.
+
+    Args:
+        path: the file; its folder must exist.
+        content: the bytes, or a function that writes them to the path it is given.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        if callable(content):
+            content(temporary)
+        else:
+            temporary.write_bytes(content)
+        _flush(temporary)
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    _flush(path.parent)
+
+
+def _flush(path: Path) -> None:
+    """Wait until a file or a folder's entries are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,230 @@
+"""The planner: state in, arrays out. Contacts, centroidal, kinematics, inverse dynamics (BiConMP).
+
+`Planner.plan` is a pure function of (state, tick, command): every stage starts cold, so the same
+input gives the same bits whatever was solved before. It plans in the heading frame, with the origin
+below the base, so a plan depends on neither x, y nor yaw; yaw rate is regulated, yaw is not. The
+stages are public and can be called alone. Next: `expert`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from surefoot.config import ExpertConfig, Gait
+from surefoot.mpc.centroidal import CentroidalPlan, solve_centroidal
+from surefoot.mpc.footholds import ContactPlan, hip_offsets, plan_contacts
+from surefoot.mpc.gait import GRID
+from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
+from surefoot.robot import RobotModel
+from surefoot.types import TICKS_PER_SECOND, Array, Command, MotionPlan, State
+
+PLAN_TICKS = 2 * GRID
+"""A plan is used for one grid interval; the second is the fall-back when a replan fails."""
+
+
+@dataclass(frozen=True)
+class PlanStages:
+    """Everything between state and torque, for those who want to look inside.
+
+    Attributes:
+        contacts: over the centroidal horizon, heading frame below the base.
+        centroidal: centre of mass, momentum and forces.
+        kinematic: whole-body motion at the nodes.
+        motion: the arrays the robot follows.
+    """
+
+    contacts: ContactPlan
+    centroidal: CentroidalPlan
+    kinematic: KinematicPlan
+    motion: MotionPlan
+
+
+class Planner:
+    """BiConMP's planner for one robot and gait.
+
+    Args:
+        robot: its model.
+        gait: timing and posture.
+        config: horizon, weights, iterations.
+        friction: coefficient of the force cone; the simulator's.
+    """
+
+    def __init__(
+        self, robot: RobotModel, gait: Gait, config: ExpertConfig, friction: float
+    ) -> None:
+        self._robot = robot
+        self._gait = gait
+        self._config = config
+        self._friction = friction
+        self._data = robot.model.createData()
+        self._mass = robot.mass
+        self._hips = hip_offsets(robot, config.hip_outward)
+        self._kinematics = KinematicSolver(robot, config.kinematic)
+
+    def plan(self, state: State, tick: int, command: Command) -> MotionPlan:
+        """Plan 100 ticks from the state of one robot.
+
+        Args:
+            state: of one robot, in any heading.
+            tick: gait clock [ms]; off the 50-ms grid the first node ends on the grid.
+            command: in the heading frame.
+        """
+        return self.solve(state, tick, command).motion
+
+    def solve(self, state: State, tick: int, command: Command) -> PlanStages:
+        """All stages of one plan."""
+        q, v = to_heading_frame(state.q), state.v
+        velocity = Command(
+            self._config.speed_gain * command.vx,
+            self._config.speed_gain * command.vy,
+            command.yaw_rate,
+        )
+        x0, feet = self.measure(q, v)
+        contacts = plan_contacts(
+            self._gait,
+            self._config,
+            self._hips,
+            self._robot.foot_radius,
+            x0[:3],
+            feet,
+            tick,
+            velocity,
+        )
+        reference = self.centroidal_reference(q, x0, contacts, velocity)
+        centroidal = solve_centroidal(
+            contacts, x0, reference, self._mass, self._friction, self._config.centroidal
+        )
+        problem = self.kinematic_problem(q, v, contacts, centroidal, velocity)
+        kinematic = self._kinematics.solve(problem)
+        motion = self.to_ticks(contacts, centroidal, kinematic)
+        return PlanStages(contacts, centroidal, kinematic, motion)
+
+    def measure(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Centroidal state ``(9,)`` (com, its velocity, momentum / mass) and feet ``(4, 3)``."""
+        model, data = self._robot.model, self._data
+        pin.computeCentroidalMomentum(model, data, q, v)
+        feet = [pin.updateFramePlacement(model, data, f).translation for f in self._robot.feet]
+        x0 = np.concatenate([data.com[0], data.hg.vector / self._mass])
+        return x0, np.array(feet)
+
+    def centroidal_reference(
+        self, q: Array, x0: Array, contacts: ContactPlan, velocity: Command
+    ) -> Array:
+        """``(N+1, 9)`` reference of the centroidal problem; momentum levels the base.
+
+        The angular momentum reference is proportional to the orientation error, and to the yaw
+        rate asked for about the vertical.
+        """
+        time = np.concatenate([[0.0], np.cumsum(contacts.dt)])
+        v = np.array([velocity.vx, velocity.vy, 0.0])
+        reference = np.zeros((len(time), 9))
+        reference[:, :3] = x0[:3] + time[:, None] * v
+        reference[:, 2] = self._gait.com_height
+        reference[:, 3:6] = v
+        error = pin.log3(pin.Quaternion(q[3:7]).matrix().T)
+        reference[:-1, 6:] = np.array(self._config.centroidal.orientation_gain) * error
+        reference[-1, 6:] = error
+        reference[:, 8] = self._yaw_inertia() / self._mass * velocity.yaw_rate
+        return reference
+
+    def kinematic_problem(
+        self,
+        q: Array,
+        v: Array,
+        contacts: ContactPlan,
+        centroidal: CentroidalPlan,
+        velocity: Command,
+    ) -> KinematicProblem:
+        """The whole-body problem that follows a centroidal plan; the base is to stay level."""
+        N = self._config.kinematic.nodes
+        time = np.concatenate([[0.0], np.cumsum(contacts.dt[:N])])
+        momentum = np.concatenate(
+            [
+                self._mass * centroidal.com_velocity[: N + 1],
+                centroidal.angular_momentum[: N + 1],
+            ],
+            axis=1,
+        )
+        q_ref = np.tile(self._robot.nominal, (N + 1, 1))
+        q_ref[:, 2] = self._config.kinematic.base_height
+        q_ref[:, 5] = np.sin(0.5 * velocity.yaw_rate * time)
+        q_ref[:, 6] = np.cos(0.5 * velocity.yaw_rate * time)
+        v_ref = np.zeros((N + 1, 18))
+        v_ref[:, 5] = velocity.yaw_rate
+        return KinematicProblem(q, v, contacts, momentum, q_ref, v_ref)
+
+    def to_ticks(
+        self, contacts: ContactPlan, centroidal: CentroidalPlan, kinematic: KinematicPlan
+    ) -> MotionPlan:
+        """Interpolate the nodes to 1 kHz and add the inverse dynamics.
+
+        tau = RNEA(q, v, a) - sum_j J_j^T f_j, joint rows; linear between nodes in q, v, a and f.
+        """
+        q, v, a, force = self.interpolate(contacts, centroidal, kinematic)
+        torque = self.inverse_dynamics(q, v, a, force)[:, 6:]
+        valid = bool(
+            np.isfinite(torque).all()
+            and np.isfinite(q).all()
+            and np.isfinite(v).all()
+            and centroidal.residual <= self._config.max_residual
+        )
+        return MotionPlan(q[:, 7:], v[:, 6:], torque, valid)
+
+    def interpolate(
+        self, contacts: ContactPlan, centroidal: CentroidalPlan, kinematic: KinematicPlan
+    ) -> tuple[Array, Array, Array, Array]:
+        """q ``(100, 19)``, v ``(100, 18)``, a ``(100, 18)``, forces ``(100, 4, 3)`` at each tick."""
+        start = np.concatenate([[0.0], np.cumsum(contacts.dt[: self._config.kinematic.nodes])])
+        time = np.arange(PLAN_TICKS) / TICKS_PER_SECOND
+        node = np.searchsorted(start, time + 1e-9, side="right") - 1
+        share = (time - start[node]) / contacts.dt[node]
+
+        def between(rows: Array) -> Array:
+            weight = share.reshape(-1, *[1] * (rows.ndim - 1))
+            return (1 - weight) * rows[node] + weight * rows[node + 1]
+
+        q = between(kinematic.q)
+        q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+        return q, between(kinematic.v), between(kinematic.acceleration), between(centroidal.forces)
+
+    def inverse_dynamics(self, q: Array, v: Array, a: Array, force: Array) -> Array:
+        """``(T, 18)`` generalised force that the motion needs beyond the contact forces.
+
+        The first six rows are the wrench that nobody applies: the momentum mismatch of the plan.
+        """
+        model, data, feet = self._robot.model, self._data, self._robot.feet
+        T = len(q)
+        tau, J, point = np.empty((T, 18)), np.empty((T, 6, 18)), np.empty((T, 4, 3))
+        for t in range(T):
+            tau[t] = pin.rnea(model, data, q[t], v[t], a[t])
+            J[t] = pin.computeJointJacobians(model, data, q[t])  # rnea leaves placements stale
+            for leg, foot in enumerate(feet):
+                point[t, leg] = pin.updateFramePlacement(model, data, foot).translation
+        # Columns of J are spatial velocities at the world origin, so a foot's force acts with its
+        # moment about that origin, on the base and on its own leg only.
+        wrench = np.concatenate([force, np.cross(point, force)], axis=2)
+        tau[:, :6] -= np.einsum("tij,tli->tj", J[:, :, :6], wrench)
+        for leg in range(4):
+            joints = slice(6 + 3 * leg, 9 + 3 * leg)
+            tau[:, joints] -= np.einsum("tij,ti->tj", J[:, :, joints], wrench[:, leg])
+        return tau
+
+    def _yaw_inertia(self) -> float:
+        """Composite inertia about the vertical in the nominal pose [kg m^2]."""
+        model, data = self._robot.model, self._data
+        pin.ccrba(model, data, self._robot.nominal, np.zeros(18))
+        return float(data.Ig.inertia[2, 2])
+
+
+def to_heading_frame(q: Array) -> Array:
+    """Configuration ``(19,)`` seen from below the base, turned by minus its (ZYX) yaw."""
+    x, y, z, w = q[3:7] / np.linalg.norm(q[3:7])
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    s, c = np.sin(-0.5 * yaw), np.cos(0.5 * yaw)
+    turned = q.copy()
+    turned[:2] = 0.0
+    turned[3:7] = [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z]
+    return turned

@@ -1,0 +1,290 @@
+"""The policy: a network that turns observation and goal into joint targets for a low-impedance PD.
+
+Observation and goal (``observation.py``) are normalised inside the network; 3 x 512 units with
+BatchNorm and ReLU give twelve joint targets a, and the joints get tau = kp (a - q) - kd qdot at
+1 kHz. Training inverts that law to turn an expert's torque into a label. A policy file holds all
+that running it needs: weights, normalisers, layouts, gains, rate, gait period and where it is from.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import warnings
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save as to_bytes
+from torch import Tensor, nn
+
+from surefoot.config import PolicyConfig
+from surefoot.files import write_atomic
+from surefoot.observation import GOAL_SIZES, INPUT_SIZE, OBSERVATION_SIZES, network_input
+from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray, State
+
+FORMAT = 1
+"""Version of the policy file."""
+
+_MINIMUM_ROWS = 8
+"""Smaller batches are padded to this: matrix products of a few rows take another path, with other
+last bits, in every BLAS tried; from here on a row's result did not depend on its batch."""
+
+
+def pd(target: Array | NDArray[np.float32], q: Array, v: Array, config: PolicyConfig) -> Array:
+    """Joint torques ``(..., 12)`` [Nm] that draw the joints to their targets, damped to rest.
+
+    Args:
+        target: ``(..., 12)`` joint targets a [rad].
+        q: ``(..., 19)`` configuration.
+        v: ``(..., 18)`` velocity.
+        config: kp and kd.
+    """
+    return config.kp * (target - q[..., 7:]) - config.kd * v[..., 6:]
+
+
+def label(torque: Array, q: Array, v: Array, config: PolicyConfig) -> Array:
+    """The joint targets ``(..., 12)`` [rad] with which ``pd`` gives this torque [Nm]."""
+    return (torque + config.kd * v[..., 6:]) / config.kp + q[..., 7:]
+
+
+class PolicyNetwork(nn.Module):
+    """``(n, 47)`` observation and goal to ``(n, 12)`` joint targets [rad].
+
+    Args:
+        config: hidden layers.
+        seed: of the initial weights (Kaiming normal); PyTorch's global generator is untouched.
+    """
+
+    mean: Tensor
+    scale: Tensor
+    has_normalisers: Tensor
+
+    def __init__(self, config: PolicyConfig, seed: int = 0) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(INPUT_SIZE))
+        self.register_buffer("scale", torch.ones(INPUT_SIZE))
+        self.register_buffer("has_normalisers", torch.tensor(False))
+        self.hidden = tuple(config.hidden)
+        sizes = (INPUT_SIZE, *config.hidden, len(JOINTS))
+        generator = torch.Generator().manual_seed(seed)
+        self.linear = nn.ModuleList()
+        for inputs, outputs in pairwise(sizes):
+            layer: Any = nn.utils.skip_init(nn.Linear, inputs, outputs)
+            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu", generator=generator)
+            nn.init.zeros_(layer.bias)
+            self.linear.append(layer)
+        self.norm = nn.ModuleList(nn.BatchNorm1d(size) for size in config.hidden)
+
+    def fit_normalisers(self, observation: Tensor, goal: Tensor) -> None:
+        """Take mean and standard deviation of every input; a constant input gets scale 1.
+
+        Args:
+            observation: ``(n, 42)``.
+            goal: ``(n, 5)``.
+        """
+        inputs = torch.cat([observation, goal], 1)
+        mean = inputs.mean(0, dtype=torch.float64)
+        # Centred before the squares are summed: float32 inputs, so float32 rounding is the noise.
+        deviation = (inputs - mean.float()).square().mean(0, dtype=torch.float64).sqrt()
+        constant = deviation <= 1e-6 * mean.abs().clamp(min=1.0)
+        self.mean.copy_(mean)
+        self.scale.copy_(torch.where(constant, 1.0, deviation))
+        self.has_normalisers.fill_(True)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """Joint targets ``(n, 12)`` [rad] of ``(n, 47)`` observation and goal."""
+        x = (inputs - self.mean) / self.scale
+        for linear, norm in zip(self.linear, self.norm, strict=False):
+            x = torch.relu(norm(linear(x)))
+        return self.linear[-1](x)
+
+    @torch.no_grad()
+    def folded(self) -> list[tuple[Tensor, Tensor]]:
+        """Weights ``(inputs, outputs)`` and biases with normalisers and BatchNorm folded in.
+
+        ReLU lies between the layers; the same function as ``eval()`` mode, up to float32 rounding.
+        """
+        layers = []
+        # What stands before a layer, x -> (x - shift) / scale, moves into its weight and bias;
+        # what stands after it, BatchNorm, too. All in float64, rounded once.
+        shift, scale = self.mean.double(), self.scale.double()
+        for index, module in enumerate(self.linear):
+            linear: Any = module
+            weight, bias = linear.weight.double(), linear.bias.double()
+            if index == 0:
+                weight = weight / scale
+                bias = bias - weight @ shift
+            if index < len(self.norm):
+                norm: Any = self.norm[index]
+                gain = norm.weight.double() / (norm.running_var.double() + norm.eps).sqrt()
+                weight = weight * gain[:, None]
+                bias = (bias - norm.running_mean.double()) * gain + norm.bias.double()
+            layers.append((weight.t().float().contiguous().cpu(), bias.float().cpu()))
+        return layers
+
+
+class Policy:
+    """A trained network as a ``Controller`` of B robots at 1 kHz. It has no memory.
+
+    A robot's torque does not depend on the other robots in the batch, nor on their number.
+
+    Args:
+        network: is copied: training it further does not change the policy.
+        config: kp and kd.
+        period_ticks: gait period [ms].
+        command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
+        robot: name of the robot.
+        provenance: anything that JSON can hold on where the policy comes from.
+    """
+
+    def __init__(
+        self,
+        network: PolicyNetwork,
+        config: PolicyConfig,
+        period_ticks: int,
+        command_range: ArrayLike,
+        robot: str = "solo12",
+        provenance: dict[str, Any] | None = None,
+    ) -> None:
+        self.network = copy.deepcopy(network).eval()
+        self.config = config
+        self.period_ticks = period_ticks
+        self.command_range = np.array(command_range, float).reshape(2, 3)
+        self.robot = robot
+        self.provenance = provenance or {}
+        self._layers = self.network.folded()
+        self._batch = 0
+
+    def reset(self, batch: int) -> None:
+        """``batch`` robots follow."""
+        self._batch = batch
+
+    def target(self, state: State, tick: IntArray, command: Array) -> NDArray[np.float32]:
+        """Joint targets ``(B, 12)`` [rad]; the arguments are those of ``torque``."""
+        batch = len(state.q)
+        # PyTorch's memory is aligned, NumPy's need not be, and the alignment can change last bits.
+        inputs = torch.zeros(max(batch, _MINIMUM_ROWS), INPUT_SIZE)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a robot that has blown up
+            network_input(state, tick, command, self.period_ticks, inputs.numpy()[:batch])
+        return _forward(self._layers, inputs)[:batch].numpy()
+
+    def torque(self, state: State, tick: IntArray, command: Array, mask: BoolArray) -> Array:
+        """Torques ``(B, 12)`` [Nm], before any clipping; rows outside the mask are arbitrary."""
+        if not mask.any():
+            return np.zeros((len(mask), len(JOINTS)))
+        return pd(self.target(state, tick, command), state.q, state.v, self.config)
+
+    @property
+    def diverged(self) -> BoolArray:
+        """``(B,)`` all False: a policy always answers."""
+        return np.zeros(self._batch, bool)
+
+
+def _forward(layers: list[tuple[Tensor, Tensor]], x: Tensor) -> Tensor:
+    """The folded network, on one thread: the bits may depend on the number of threads."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with torch.inference_mode():
+            for weight, bias in layers[:-1]:
+                x = torch.addmm(bias, x, weight).relu_()
+            weight, bias = layers[-1]
+            return torch.addmm(bias, x, weight)
+    finally:
+        torch.set_num_threads(threads)
+
+
+def check_command(policy: Policy, command: ArrayLike) -> bool:
+    """Whether commands ``(..., 3)`` lie in the range the policy was trained on; warns if not."""
+    low, high = policy.command_range
+    command = np.asarray(command, float)
+    inside = bool(((command >= low - 1e-9) & (command <= high + 1e-9)).all())
+    if not inside:
+        warnings.warn(
+            f"command {command.tolist()} lies outside what the policy was trained on: vx, vy, "
+            f"yaw rate from {low.tolist()} to {high.tolist()}; expect poor tracking or a fall, "
+            "or train with such commands",
+            stacklevel=2,
+        )
+    return inside
+
+
+class PolicyFileError(ValueError):
+    """A policy file is damaged, or made for something else than asked for."""
+
+
+def save(policy: Policy, path: Path | str) -> None:
+    """Write the policy to one self-contained safetensors file, whole or not at all."""
+    record = {
+        **_interface(policy.robot),
+        "hidden": policy.network.hidden,
+        "kp": policy.config.kp,
+        "kd": policy.config.kd,
+        "period_ticks": policy.period_ticks,
+        "command_range": policy.command_range.tolist(),
+        "provenance": policy.provenance,
+    }
+    tensors = {name: t.contiguous().cpu() for name, t in policy.network.state_dict().items()}
+    write_atomic(path, to_bytes(tensors, {"surefoot": json.dumps(record)}))
+
+
+def load(path: Path | str, robot: str = "solo12") -> Policy:
+    """Read a policy file; nothing in it is ever run.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        PolicyFileError: the file is damaged, or of another robot, layout or version.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no policy file {path}")
+    try:
+        with safe_open(path, framework="pt") as file:
+            record = json.loads(file.metadata()["surefoot"])
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
+        raise PolicyFileError(
+            f"{path} is not a whole surefoot policy file ({error}); copy it again, or save the "
+            "policy again"
+        ) from error
+    for key, expected in _interface(robot).items():
+        if record.get(key) != expected:
+            raise PolicyFileError(
+                f"{path} has {key} {record.get(key)!r}, expected {expected!r}; load a policy "
+                "made for this, or train one"
+            )
+    try:
+        config = PolicyConfig(tuple(record["hidden"]), record["kp"], record["kd"])
+        network = PolicyNetwork(config)
+        network.load_state_dict(tensors)
+        if not all(tensor.isfinite().all() for tensor in tensors.values()):
+            raise ValueError("weights that are not finite")
+        return Policy(
+            network,
+            config,
+            record["period_ticks"],
+            record["command_range"],
+            robot,
+            record["provenance"],
+        )
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise PolicyFileError(
+            f"{path} is not a complete policy ({error}); save the policy again"
+        ) from error
+
+
+def _interface(robot: str) -> dict[str, Any]:
+    """What a file must agree on with whoever runs it, as JSON gives it back."""
+    return {
+        "format": FORMAT,
+        "robot": robot,
+        "rate": TICKS_PER_SECOND,
+        "joints": list(JOINTS),
+        "observation": [[name, size] for name, size in OBSERVATION_SIZES.items()],
+        "goal": [[name, size] for name, size in GOAL_SIZES.items()],
+    }

@@ -1,0 +1,138 @@
+"""Simulators: B robots of one kind, advanced together by ticks of 1 ms.
+
+A simulator knows nothing of gaits, planners or policies: it takes joint torques and gives back
+``State``. What every backend must agree on is here: the protocol, and the contact geometry of the
+robot. The physics engine itself is imported by its own module only; ``surefoot.sim.mujoco`` is the
+default and the one to read next.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+from surefoot.config import SimulationConfig
+from surefoot.robot import RobotModel
+from surefoot.types import LEGS, Array, BoolArray, State
+
+TIME_STEP = 1e-3
+"""[s] one tick."""
+CONTACT_FORCE = 0.5
+"""[N] a foot carrying more than this is in contact."""
+
+
+class Simulator(Protocol):
+    """B robots in lockstep, none of which ever touches another.
+
+    A ``mask`` is ``(B,)``; without one, all robots are meant. A row of the batch moves exactly as
+    the same robot alone would, bit for bit, whatever the other rows do.
+    """
+
+    @property
+    def batch(self) -> int:
+        """Number of robots B."""
+        ...
+
+    def reset(self, q: Array, v: Array, mask: BoolArray | None = None) -> None:
+        """Begin an episode: state as given, everything else forgotten.
+
+        Args:
+            q: ``(B, 19)`` configurations [m, unit quaternion, rad]; rows outside ``mask`` ignored.
+            v: ``(B, 18)`` velocities [m/s, rad/s], base part in the base frame.
+            mask: the robots to reset.
+        """
+        ...
+
+    def step(self, torque: Array, mask: BoolArray | None = None) -> None:
+        """Advance by one tick under joint torques ``(B, 12)`` [Nm], which are not clipped here.
+
+        Robots outside ``mask``, and robots that have blown up, keep their state bit for bit.
+        """
+        ...
+
+    def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
+        """Give each base an impulse ``(B, 3)`` [Ns], world frame, during its next tick.
+
+        The force impulse / 1 ms acts at the origin of the base frame for that one tick. A push
+        that lasts n ticks is n calls, each with the n-th part of the impulse; pushes before the
+        same tick add up.
+        """
+        ...
+
+    @property
+    def state(self) -> State:
+        """State of the B robots; later steps do not change arrays handed out before."""
+        ...
+
+    @property
+    def contact_force(self) -> Array:
+        """``(B, 4)`` sum of the normal contact forces of each foot in the last tick [N]."""
+        ...
+
+    @property
+    def blown_up(self) -> BoolArray:
+        """``(B,)`` True where the numbers have run away; the robot stands still until its reset."""
+        ...
+
+
+class Shape(NamedTuple):
+    """A box, or a capsule that is a sphere where both its ends coincide; in its link's frame.
+
+    Attributes:
+        link: URDF link that carries the shape.
+        start: ``(3,)`` one end of the capsule's axis, or the centre of the box [m].
+        end: ``(3,)`` the other end [m].
+        size: radius of the capsule, or half edges of the box [m].
+    """
+
+    link: str
+    start: tuple[float, ...]
+    end: tuple[float, ...]
+    size: tuple[float, ...]
+
+
+# Extents of Solo12's meshes: base 448 x 219 x 53 mm, upper leg 37 to 44 mm thick, lower leg 27 mm.
+BASE_CENTRE = (0.0, 0.0, 0.0015)
+BASE_HALF_EDGES = (0.2241, 0.1095, 0.0265)
+UPPER_LEG_RADIUS = 0.0185
+LOWER_LEG_RADIUS = 0.0135
+
+
+def contact_shapes(robot: RobotModel) -> list[Shape]:
+    """The geometry that meets the ground, the same in every simulator; feet first, as ``LEGS``.
+
+    Mesh hulls are slow and differ between engines. A foot is a sphere around its frame, a leg two
+    capsules, the base (whose outline includes the hips) a box. The lower leg's capsule stops one
+    foot diameter short of the foot, so that a foot's force is never a shin's.
+    """
+    feet, rest = [], [Shape("base_link", BASE_CENTRE, BASE_CENTRE, BASE_HALF_EDGES)]
+    for leg, foot_id in zip(LEGS, robot.feet, strict=True):
+        foot = robot.model.frames[foot_id].placement.translation
+        knee = robot.model.jointPlacements[robot.model.getJointId(f"{leg}_KFE")].translation
+        feet.append(Shape(f"{leg}_FOOT", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (robot.foot_radius,)))
+        # Both links run along z; the upper one is centred between its two joints.
+        x, y, z = (float(value) for value in knee)
+        upper = ((x, y / 2, 0.0), (x, y / 2, z))
+        x, y, z = (float(value) for value in foot)
+        lower = ((x, y, 0.0), (x, y, z + 2 * robot.foot_radius))
+        rest.append(Shape(f"{leg}_UPPER_LEG", *upper, (UPPER_LEG_RADIUS,)))
+        rest.append(Shape(f"{leg}_LOWER_LEG", *lower, (LOWER_LEG_RADIUS,)))
+    return feet + rest
+
+
+def make_simulator(
+    robot: RobotModel, batch: int, config: SimulationConfig | None = None
+) -> Simulator:
+    """A simulator of ``batch`` robots, standing in the nominal pose.
+
+    Raises:
+        ValueError: ``config.backend`` is not a simulator, or ``batch`` is not positive.
+        ImportError: the physics engine is missing.
+    """
+    config = config or SimulationConfig()
+    if batch < 1:
+        raise ValueError(f"batch is {batch}; a simulator holds at least one robot")
+    if config.backend == "mujoco":
+        from surefoot.sim.mujoco import MujocoSimulator
+
+        return MujocoSimulator(robot, batch, config)
+    raise ValueError(f"no simulator {config.backend!r}; there is: 'mujoco'")

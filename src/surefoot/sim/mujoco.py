@@ -1,0 +1,291 @@
+"""MuJoCo backend: a batch of robots on MuJoCo's own batched stepper, one thread.
+
+One tick is the second half of MuJoCo's step (forces, acceleration, integration) under the torques,
+followed by the first half (kinematics, collisions) of the next: positions, centre of mass and feet
+then belong to the new state at no extra cost, and foot forces to the tick just made. All that is
+read per tick lies in MuJoCo's state rows and sensors; the only layout conversions are
+``to_mujoco`` and ``from_mujoco``. Read ``surefoot.sim`` first.
+"""
+
+from __future__ import annotations
+
+import logging
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch, SimulationError
+
+from surefoot.config import SimulationConfig
+from surefoot.robot import RobotModel, standing
+from surefoot.rotations import rotation
+from surefoot.sim import CONTACT_FORCE, TIME_STEP, contact_shapes
+from surefoot.types import LEGS, Array, BoolArray, State
+
+# Bad numbers in position, velocity and acceleration are neighbours in MuJoCo's list of warnings.
+_BAD_NUMBERS = slice(
+    mujoco.mjtWarning.mjWARN_BADQPOS.value, mujoco.mjtWarning.mjWARN_BADQACC.value + 1
+)
+_STAGE_NONE = mujoco.mjtStage.mjSTAGE_NONE.value
+_STAGE_VELOCITY = mujoco.mjtStage.mjSTAGE_VEL.value
+
+# Sensor layout of `build_model`: normal force of each foot, foot positions, centre of mass.
+_FORCE, _FEET, _COM = slice(0, 4), slice(4, 16), slice(16, 19)
+
+
+def to_mujoco(q: Array, v: Array) -> tuple[Array, Array]:
+    """Pinocchio's ``(B, 19)`` and ``(B, 18)`` to MuJoCo's qpos and qvel.
+
+    MuJoCo writes quaternions wxyz and the base's linear velocity in the world frame; its angular
+    velocity is in the base frame, as Pinocchio's.
+    """
+    qpos, qvel = q.copy(), v.copy()
+    qpos[:, 3], qpos[:, 4:7] = q[:, 6], q[:, 3:6]
+    qvel[:, :3] = (rotation(q[:, 3:7]) * v[:, None, :3]).sum(axis=2)
+    return qpos, qvel
+
+
+def from_mujoco(qpos: Array, qvel: Array) -> tuple[Array, Array]:
+    """MuJoCo's qpos ``(B, 19)`` and qvel ``(B, 18)`` to Pinocchio's q and v, in new arrays."""
+    q, v = qpos.copy(), qvel.copy()
+    q[:, 3:6], q[:, 6] = qpos[:, 4:7], qpos[:, 3]
+    v[:, :3] = (rotation(q[:, 3:7]) * qvel[:, :3, None]).sum(axis=1)
+    return q, v
+
+
+def build_model(
+    robot: RobotModel, config: SimulationConfig | None = None, visual: bool = False
+) -> mujoco.MjModel:
+    """The robot on a flat floor, from its URDF.
+
+    Links touch the floor only, never each other. There are no actuators: torques are generalised
+    forces. Joint limits of the URDF (10 rad) are dropped; they would only hide a broken controller.
+
+    Args:
+        robot: the robot.
+        config: friction and stiffness of the contacts.
+        visual: keep the URDF's meshes and add floor texture, sky, light and a camera that follows
+            the robot (``"track"``). The physics is the same to the bit.
+    """
+    config = config or SimulationConfig()
+    spec = mujoco.MjSpec.from_string(_urdf(robot, visual))
+    base = spec.body("base_link")
+    base.add_freejoint()
+    for joint in spec.joints:
+        joint.limited = joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        joint.damping, joint.armature, joint.frictionloss = np.zeros(3), 0.0, 0.0
+
+    # Two geoms meet if the type of one is in the affinity of the other: here robot and floor only.
+    # Of the friction of two geoms MuJoCo takes the larger; equal values need no rule.
+    contact = {
+        "friction": [config.friction, 0.005, 0.0001],
+        "condim": 3,
+        "solref": config.solref,
+    }
+    plane = mujoco.mjtGeom.mjGEOM_PLANE
+    floor = {"size": [0, 0, 0.05], "contype": 1, "conaffinity": 0, **contact}
+    spec.worldbody.add_geom(name="floor", type=plane, **floor)
+    for shape in contact_shapes(robot):
+        body = spec.body(shape.link)
+        part = {"name": shape.link, "contype": 0, "conaffinity": 1, "mass": 0.0, **contact}
+        part["group"] = 3 if visual else 0  # renderers hide group 3
+        size = [*shape.size, 0.0, 0.0][:3]
+        if len(shape.size) == 3:
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=shape.start, size=size, **part)
+        elif shape.start == shape.end:
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=shape.start, size=size, **part)
+        else:
+            ends = [*shape.start, *shape.end]
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends, size=size, **part)
+    _add_sensors(spec, robot)
+    if visual:
+        _decorate(spec)
+
+    option = spec.option
+    option.timestep, option.gravity = TIME_STEP, [0.0, 0.0, -9.81]
+    option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, config.impratio
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    # Auto-reset would put a robot that blew up back to its start and say nothing. Islands only
+    # cost time for one robot.
+    disable = mujoco.mjtDisableBit
+    option.disableflags = int(disable.mjDSBL_AUTORESET) | int(disable.mjDSBL_ISLAND)
+    return spec.compile()
+
+
+def _urdf(robot: RobotModel, visual: bool) -> str:
+    """The URDF with mesh paths MuJoCo can open, without collision meshes, and visual ones if asked.
+
+    Fixed joints are fused, as Pinocchio does: a foot becomes part of its lower leg.
+    """
+    root = ElementTree.fromstring(robot.urdf.read_text())
+    for link in root.iter("link"):
+        for element in link.findall("collision") + ([] if visual else link.findall("visual")):
+            link.remove(element)
+    for mesh in root.iter("mesh"):
+        path = mesh.get("filename", "").replace("package://", f"{robot.package_root}/")
+        mesh.set("filename", path)
+    options = {"strippath": "false", "discardvisual": "false", "fusestatic": "true"}
+    ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler", options)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
+    """Normal force and position of each foot, and the centre of mass, as the slices say."""
+    site, kind = mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtSensor
+    for leg in LEGS:
+        # A touch sensor adds up the normal forces at contacts of its body inside its site, which
+        # has to hold the contact point of the foot: the sphere and 1 mm.
+        size = [robot.foot_radius + 0.001] * 3
+        spec.body(f"{leg}_FOOT").add_site(name=f"{leg}_FOOT", size=size, group=4)
+        spec.add_sensor(type=kind.mjSENS_TOUCH, objtype=site, objname=f"{leg}_FOOT")
+    for leg in LEGS:
+        spec.add_sensor(type=kind.mjSENS_FRAMEPOS, objtype=site, objname=f"{leg}_FOOT")
+    body = mujoco.mjtObj.mjOBJ_BODY
+    spec.add_sensor(type=kind.mjSENS_SUBTREECOM, objtype=body, objname="base_link")
+
+
+def _decorate(spec: mujoco.MjSpec) -> None:
+    """Floor texture, sky, light and camera for pictures."""
+    texture, builtin = mujoco.mjtTexture, mujoco.mjtBuiltin
+    spec.add_texture(
+        name="sky",
+        type=texture.mjTEXTURE_SKYBOX,
+        builtin=builtin.mjBUILTIN_GRADIENT,
+        rgb1=[0.75, 0.83, 0.92],
+        rgb2=[0.97, 0.98, 1.0],
+        width=256,
+        height=1536,
+    )
+    spec.add_texture(
+        name="tiles",
+        type=texture.mjTEXTURE_2D,
+        builtin=builtin.mjBUILTIN_CHECKER,
+        mark=mujoco.mjtMark.mjMARK_EDGE,
+        rgb1=[0.87, 0.89, 0.91],
+        rgb2=[0.81, 0.84, 0.87],
+        markrgb=[0.72, 0.75, 0.79],
+        width=512,
+        height=512,
+    )
+    tiles = spec.add_material(name="tiles", texuniform=True, texrepeat=[2, 2], reflectance=0.05)
+    tiles.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    spec.geom("floor").material = "tiles"
+    for leg in LEGS:
+        for geom in spec.body(f"{leg}_FOOT").geoms:
+            geom.rgba = [0.15, 0.16, 0.18, 1.0]
+    spec.worldbody.add_light(
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=[0, 0, 3],
+        dir=[-0.3, 0.4, -1],
+        diffuse=[0.55, 0.55, 0.55],
+        specular=[0.1, 0.1, 0.1],
+        castshadow=True,
+    )
+    track = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
+    spec.body("base_link").add_camera(
+        name="track", mode=track, pos=[0.6, -1.0, 0.4], xyaxes=[0.86, 0.51, 0, -0.16, 0.27, 0.95]
+    )
+    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    spec.visual.headlight.diffuse = [0.35, 0.35, 0.35]
+    spec.visual.quality.shadowsize = 4096
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
+
+
+class MujocoSimulator:
+    """``Simulator`` on MuJoCo.
+
+    Attributes:
+        batch: number of robots B.
+        model: the MuJoCo model of one robot.
+        simulations: MuJoCo's own batch, for whoever needs more than the protocol, such as
+            ``simulations.expand("opt.gravity")`` for slopes.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        batch: int,
+        config: SimulationConfig | None = None,
+        visual: bool = False,
+    ) -> None:
+        """``batch`` robots standing in the nominal pose; arguments as for ``build_model``."""
+        if mujoco.get_mju_user_warning() is None:
+            # MuJoCo's own handler writes MUJOCO_LOG.TXT into the working directory.
+            mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
+        self.batch = batch
+        self.model = build_model(robot, config, visual)
+        # One thread: parallelism is over chunks of episodes. Persistent: each robot has its own
+        # MjData, so that the kinematics of a new state serves the next tick as well.
+        self.simulations = Batch(self.model, batch, nthread=1, persistent=True)
+        self._qpos: Array = self.simulations.bind("qpos")
+        self._qvel: Array = self.simulations.bind("qvel")
+        self._sensors: Array = self.simulations.bind("sensordata")
+        self._applied: Array = self.simulations.bind("qfrc_applied")
+        # The second number of a warning is how often it came since the reset.
+        self._bad_numbers = self.simulations.warning[:, _BAD_NUMBERS, 1]
+        self._blown_up: BoolArray = np.zeros(batch, dtype=bool)
+        self._pushed = False
+        self._state: State | None = None
+        self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, self.model.nv)))
+
+    def reset(self, q: Array, v: Array, mask: BoolArray | None = None) -> None:
+        """See ``Simulator``. Foot forces are those of the state at rest torque, before any tick."""
+        rows = np.ones(self.batch, dtype=bool) if mask is None else mask
+        self.simulations.reset(rows, stage=_STAGE_NONE)
+        self._qpos[rows], self._qvel[rows] = to_mujoco(q[rows], v[rows])
+        self.simulations.forward(rows)
+        finite = np.isfinite(self._qpos).all(axis=1) & np.isfinite(self._qvel).all(axis=1)
+        self._blown_up = np.where(rows, ~finite, self._blown_up)
+        self._state = None
+
+    def step(self, torque: Array, mask: BoolArray | None = None) -> None:
+        """See ``Simulator``."""
+        rows = mask
+        if self._blown_up.any():
+            rows = ~self._blown_up if mask is None else mask & ~self._blown_up
+        self._applied[:, 6:] = torque
+        try:
+            self.simulations.step(rows, stage=_STAGE_VELOCITY)
+        except SimulationError as error:
+            # MuJoCo refused these robots, of its memory for one; it has stepped all the others.
+            self._blown_up[error.ids] = True
+        # Every way into numbers that are not finite passes one of these warnings.
+        if self._bad_numbers.any():
+            self._blown_up |= self._bad_numbers.any(axis=1)
+        if self._pushed:
+            self._applied[slice(None) if rows is None else rows, :3] = 0.0
+            self._pushed = bool(self._applied[:, :3].any())
+        self._state = None
+
+    def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
+        """See ``Simulator``. MuJoCo's first three generalised forces act at the base's origin."""
+        rows = slice(None) if mask is None else mask
+        self._applied[rows, :3] += (np.broadcast_to(impulse, (self.batch, 3)) / TIME_STEP)[rows]
+        self._pushed = True
+
+    @property
+    def state(self) -> State:
+        """See ``Simulator``; computed once a tick."""
+        if self._state is None:
+            # A robot that blew up may hold infinities; its rows are not numbers, nobody else's.
+            with np.errstate(invalid="ignore", over="ignore"):
+                q, v = from_mujoco(self._qpos, self._qvel)
+            sensors = self._sensors.copy()
+            feet = sensors[:, _FEET].reshape(self.batch, 4, 3)
+            contacts = sensors[:, _FORCE] > CONTACT_FORCE
+            self._state = State(q, v, sensors[:, _COM], feet, contacts)
+        return self._state
+
+    @property
+    def contact_force(self) -> Array:
+        """See ``Simulator``."""
+        return self._sensors[:, _FORCE].copy()
+
+    @property
+    def blown_up(self) -> BoolArray:
+        """See ``Simulator``: MuJoCo met a number that is NaN or beyond 1e10, or gave up."""
+        return self._blown_up.copy()
+
+    def data(self, robot: int) -> mujoco.MjData:
+        """A copy of one robot's full MuJoCo data, for rendering or any ``mj_`` function."""
+        return self.simulations.get_data(robot)
