@@ -271,13 +271,12 @@ def _by_episode(frames: Frames) -> Frames:
 
 def _digests(frames: Frames) -> dict[str, str]:
     """Episode id -> SHA-256 of that episode's arrays; frames sorted by episode."""
-    ids, starts = np.unique(frames.episode, return_index=True)
-    ends = [*starts[1:], len(frames)]
+    ids, starts, counts = np.unique(frames.episode, return_index=True, return_counts=True)
     digests = {}
-    for episode, start, end in zip(ids.tolist(), starts, ends, strict=True):
+    for episode, start, count in zip(ids.tolist(), starts, counts, strict=True):
         sha = hashlib.sha256()
         for name in _FIELDS:
-            array = np.ascontiguousarray(getattr(frames, name)[start:end])
+            array = np.ascontiguousarray(getattr(frames, name)[start : start + count])
             sha.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
             sha.update(array.data)
         digests[str(episode)] = sha.hexdigest()

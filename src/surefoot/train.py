@@ -109,7 +109,8 @@ def fit(
             total = torch.zeros((), dtype=torch.float64, device=device)
             permutation = torch.randperm(len(inputs), generator=order).to(device)
             for rows in permutation[: batches * config.batch].view(batches, config.batch):
-                loss = torch.nn.functional.l1_loss(network(inputs[rows]), labels[rows])
+                x, y = inputs.index_select(0, rows), labels.index_select(0, rows)
+                loss = torch.nn.functional.l1_loss(network(x), y)
                 optimizer.zero_grad()
                 loss.backward()
                 optimizer.step()
@@ -147,7 +148,10 @@ def examples(frames: Frames, config: PolicyConfig, period_ticks: int) -> tuple[T
         with np.errstate(over="ignore", invalid="ignore"):  # found below, and named
             network_input(part.state, part.tick, part.command, period_ticks, inputs[rows])
             labels[rows] = label(part.torque, part.q, part.v, config)
-        finite = np.isfinite(inputs[rows]).all(1) & np.isfinite(labels[rows]).all(1)
+        raw = (part.q, part.v, part.com, part.feet, part.command, part.torque)
+        finite = np.ones(len(part), bool)
+        for array in (*raw, inputs[rows], labels[rows]):
+            finite &= np.isfinite(array).reshape(len(part), -1).all(1)
         if not finite.all():
             bad = int(np.argmin(finite))
             raise ValueError(

@@ -32,10 +32,8 @@ PENALTY = (1e4, 0.2, 2.0)
 near the force weight. With 1, 1, 1 trots took 2.7 times the iterations, and ended farther off."""
 RELAXATION = 1.6
 """ADMM over-relaxation, 1 is none; 1.5 to 1.8 is usual (Boyd et al. 2011, section 3.4.3)."""
-FORCE_ITERATIONS = 500
-"""Cap on the gradient steps of a node with a force on its cone; some tens are usual."""
-FORCE_TOLERANCE = 1e-9
-"""[N/kg] they end when no force component changes by more."""
+FORCE_ITERATIONS, FORCE_TOLERANCE = 500, 1e-9
+"""The gradient steps of a node with a force on its cone end at a change below this [N/kg]."""
 
 
 @dataclass(frozen=True)
@@ -82,9 +80,8 @@ def solve_centroidal(
 ) -> CentroidalPlan:
     """Optimal forces and centroidal motion for given contacts, from a cold start.
 
-    Deterministic: the same input gives the same bits, whatever was solved before. The published
-    method also boxes the centre of mass around the feet; in a trot that box is almost never active,
-    and it is left out.
+    The same input gives the same bits, whatever was solved before. The published method also boxes
+    the centre of mass around the feet; in a trot that is almost never active, and is left out.
 
     Args:
         contacts: of N nodes.
@@ -102,56 +99,46 @@ def solve_centroidal(
         ValueError: if the arrays do not have these shapes.
     """
     nodes = len(contacts.dt)
-    if x0.shape != (9,) or reference.shape != (nodes + 1, 9) or contacts.active.shape != (nodes, 4):
+    shapes = [np.shape(a) for a in (contacts.active, contacts.position, x0, reference)]
+    expected = [(nodes, 4), (nodes, 4, 3), (9,), (nodes + 1, 9)]
+    if shapes != expected:
         raise ValueError(
-            f"x0 {x0.shape}, reference {reference.shape}, active {contacts.active.shape}: "
-            f"expected (9,), ({nodes + 1}, 9), ({nodes}, 4) for the {nodes} nodes of contacts.dt"
+            f"active, position, x0, reference: {shapes}, {nodes} nodes need {expected}"
         )
-    weight = np.empty((nodes + 1, 9))
-    weight[:] = np.concatenate((config.position, config.velocity, config.angular_momentum))
-    weight[-1, 0:3] = config.terminal_position
-    weight[-1, 3:6] = config.terminal_velocity
-    weight[-1, 6:9] = config.terminal_angular_momentum
+    running = (config.position, config.velocity, config.angular_momentum)
+    terminal = (config.terminal_position, config.terminal_velocity)
+    terminal += (config.terminal_angular_momentum,)
     problem = _Problem(
-        active=np.ascontiguousarray(contacts.active, np.bool_),
-        position=np.ascontiguousarray(contacts.position, np.float64),
-        dt=np.ascontiguousarray(contacts.dt, np.float64),
-        x0=np.ascontiguousarray(x0, np.float64),
-        reference=np.ascontiguousarray(reference, np.float64),
-        weight=weight,
-        force_weight=np.array(config.force, np.float64),
-        friction=float(friction),
-        rho=config.rho * np.repeat(PENALTY, 3),
+        np.ascontiguousarray(contacts.active, np.bool_),
+        np.ascontiguousarray(contacts.position, np.float64),
+        np.ascontiguousarray(contacts.dt, np.float64),
+        np.ascontiguousarray(x0, np.float64),
+        np.ascontiguousarray(reference, np.float64),
+        np.vstack((np.tile(np.ravel(running), (nodes, 1)), np.ravel(terminal))),
+        np.array(config.force, np.float64),
+        float(friction),
+        config.rho * np.repeat(PENALTY, 3),
     )
     X, F, residual, iterations = _admm(problem, config.max_iterations, float(config.tolerance))
     if not (np.isfinite(residual) and np.isfinite(mass)):
         X[:], F[:], mass, residual = x0, 0.0, 1.0, np.inf
-    return CentroidalPlan(
-        X[:, 0:3], X[:, 3:6], mass * X[:, 6:9], mass * F, float(residual), iterations
-    )
+    c, v, k = X[:, 0:3], X[:, 3:6], X[:, 6:9]
+    return CentroidalPlan(c, v, mass * k, mass * F, float(residual), iterations)
 
 
 @njit(cache=True, error_model="numpy")
-def _admm(
-    problem: _Problem, max_iterations: int, tolerance: float
-) -> tuple[Array, Array, float, int]:
+def _admm(problem: _Problem, most: int, tolerance: float) -> tuple[Array, Array, float, int]:
     """Alternates force and state step; P is the scaled dual of the dynamics."""
-    nodes = len(problem.dt)
-    X = np.empty((nodes + 1, 9))
-    X[:] = problem.x0
-    F = np.zeros((nodes, 4, 3))
-    wrench = np.zeros((nodes, 6))
-    P = np.zeros((nodes + 1, 9))
-    R = np.empty((nodes + 1, 9))
+    X = np.zeros_like(problem.reference) + problem.x0
+    P = np.zeros_like(X)
+    F = np.zeros_like(problem.position)
     residual, iteration = np.inf, 0
-    while iteration < max_iterations:
-        iteration += 1
-        _force_step(F, wrench, X, P, problem)
-        _violation(R, X, wrench, problem)
+    for iteration in range(1, most + 1):
+        F, wrench = _force_step(X, P, problem)
         # Over-relaxation takes part of the dual step between the two half-steps.
-        P += (RELAXATION - 1.0) * R
-        _state_step(X, wrench, P, problem)
-        _violation(R, X, wrench, problem)
+        P += (RELAXATION - 1.0) * _violation(X, wrench, problem)
+        X = _state_step(wrench, P, problem)
+        R = _violation(X, wrench, problem)
         P += R
         residual = np.sqrt(np.sum(R * R))
         if residual < tolerance or not np.isfinite(residual):
@@ -160,55 +147,48 @@ def _admm(
 
 
 @njit(cache=True, error_model="numpy")
-def _violation(R: Array, X: Array, wrench: Array, problem: _Problem) -> None:
-    """Writes the violation ``(N+1, 9)`` of the dynamics; its last row is that of the start.
+def _violation(X: Array, wrench: Array, problem: _Problem) -> Array:
+    """Violation ``(N+1, 9)`` of the dynamics; its last row is that of the start.
 
     ``wrench (N, 6)`` is the sum s of the forces and m of their moments about the origin, per mass;
     the moment about the centre of mass is then m + s x c.
     """
-    for t in range(len(problem.dt)):
-        h = problem.dt[t]
-        cx, cy, cz = X[t, 0:3]
-        sx, sy, sz, mx, my, mz = wrench[t]
-        for i in range(9):
-            R[t, i] = X[t + 1, i] - X[t, i]
-        for i in range(3):
-            R[t, i] -= h * X[t + 1, 3 + i]
-        R[t, 3] -= h * sx
-        R[t, 4] -= h * sy
-        R[t, 5] -= h * (sz - GRAVITY)
-        R[t, 6] -= h * (mx + sy * cz - sz * cy)
-        R[t, 7] -= h * (my + sz * cx - sx * cz)
-        R[t, 8] -= h * (mz + sx * cy - sy * cx)
+    h = problem.dt.reshape(-1, 1)
+    R = np.empty_like(X)
+    R[:-1] = X[1:] - X[:-1]
+    R[:-1, 0:3] -= h * X[1:, 3:6]
+    R[:-1, 3:9] -= h * wrench
+    R[:-1, 5] += GRAVITY * problem.dt
+    R[:-1, 6:9] -= h * np.cross(wrench[:, 0:3], X[:-1, 0:3])
     R[-1] = X[0] - problem.x0
+    return R
 
 
 @njit(cache=True, error_model="numpy")
-def _force_step(F: Array, wrench: Array, X: Array, P: Array, problem: _Problem) -> None:
-    """Forces that minimise |f|^2_W + |violation + P|^2_rho inside the cones, node by node.
+def _force_step(X: Array, P: Array, problem: _Problem) -> tuple[Array, Array]:
+    """Forces that minimise |f|^2_W + |violation + P|^2_rho inside the cones, and their wrench.
 
-    With n stance feet, A ``(6, 3n)`` maps their forces to the change of (v, k) over the node and b
-    is the wanted change; then z minimises z^T H z - 2 g^T z.
+    The nodes separate. With n stance feet, A ``(6, 3n)`` maps their forces to the change of (v, k)
+    over the node and b is the wanted change; then z minimises z^T H z - 2 g^T z.
     """
+    F = np.zeros_like(problem.position)
     rho = problem.rho[3:]
     A = np.zeros((6, 12))
     for t in range(len(problem.dt)):
         h = problem.dt[t]
         feet = np.flatnonzero(problem.active[t])
         size = 3 * len(feet)
+        H = np.zeros((size, size))
+        g = np.zeros(size)
         for j in range(len(feet)):
+            ax, ay, az = h * (problem.position[t, feet[j]] - X[t, 0:3])
             m = 3 * j
-            ax = h * (problem.position[t, feet[j], 0] - X[t, 0])
-            ay = h * (problem.position[t, feet[j], 1] - X[t, 1])
-            az = h * (problem.position[t, feet[j], 2] - X[t, 2])
             A[0, m] = A[1, m + 1] = A[2, m + 2] = h
             A[3, m + 1], A[3, m + 2] = -az, ay
             A[4, m], A[4, m + 2] = az, -ax
             A[5, m], A[5, m + 1] = -ay, ax
-        H = np.zeros((size, size))
-        g = np.zeros(size)
-        for m in range(size):
-            H[m, m] = problem.force_weight[m % 3]
+            for i in range(3):
+                H[m + i, m + i] = problem.force_weight[i]
         for i in range(6):
             b = X[t + 1, 3 + i] - X[t, 3 + i] + P[t, 3 + i] + (h * GRAVITY if i == 2 else 0.0)
             for m in range(size):
@@ -218,96 +198,77 @@ def _force_step(F: Array, wrench: Array, X: Array, P: Array, problem: _Problem) 
                     for k in range(size):
                         H[m, k] += a * A[i, k]
         z = _solve_forces(H, g, problem.friction, np.min(problem.force_weight))
-        wrench[t] = 0.0
         for j in range(len(feet)):
-            F[t, feet[j]] = z[j]
-            fx, fy, fz = z[j]
-            rx, ry, rz = problem.position[t, feet[j]]
-            wrench[t, 0] += fx
-            wrench[t, 1] += fy
-            wrench[t, 2] += fz
-            wrench[t, 3] += ry * fz - rz * fy
-            wrench[t, 4] += rz * fx - rx * fz
-            wrench[t, 5] += rx * fy - ry * fx
+            F[t, feet[j]] = z[3 * j : 3 * j + 3]
+    wrench = np.empty((len(problem.dt), 6))
+    wrench[:, 0:3] = F.sum(axis=1)
+    wrench[:, 3:6] = np.cross(problem.position, F).sum(axis=1)
+    return F, wrench
 
 
 @njit(cache=True, error_model="numpy")
 def _solve_forces(H: Array, g: Array, mu: float, smallest: float) -> Array:
-    """Minimises z^T H z - 2 g^T z over forces z ``(n, 3)`` inside their cones.
+    """Minimises z^T H z - 2 g^T z over stacked forces z ``(3n,)`` inside their cones.
 
     The optimum without cones is the answer where it lies inside all of them, as it mostly does.
     Else Nesterov's projected gradient for a strongly convex function: L, the largest row sum, and
     ``smallest`` bound the eigenvalues of H.
     """
     size = len(g)
-    U = np.zeros((size, 18))
+    U = np.zeros((size, size))
     for i in range(size):
         U[i, : size - i] = H[i, i:]
-    new = g.copy()
-    _solve_banded(U, new)
-    z = new.copy()
-    inside = True
-    for j in range(0, size, 3):
-        inside = inside and np.sqrt(z[j] ** 2 + z[j + 1] ** 2) <= mu * z[j + 2]
-        project_cone(z[j : j + 3], mu)
-    if inside:
-        return new.reshape(-1, 3)
-    L = 0.0
-    for i in range(size):
-        L = max(L, np.sum(np.abs(H[i])))
+    free = g.copy()
+    _solve_banded(U, free)
+    z = free.copy()
+    _project_cones(z, mu)
+    if np.all(z == free):
+        return z
+    L = np.max(np.sum(np.abs(H), axis=1))
     momentum = (np.sqrt(L) - np.sqrt(smallest)) / (np.sqrt(L) + np.sqrt(smallest))
-    y = z.copy()
+    y = z
     for _ in range(FORCE_ITERATIONS):
-        for i in range(size):
-            s = g[i]
-            for k in range(size):
-                s -= H[i, k] * y[k]
-            new[i] = y[i] + s / L
-        change = 0.0
-        for j in range(0, size, 3):
-            project_cone(new[j : j + 3], mu)
-        for i in range(size):
-            change = max(change, abs(new[i] - y[i]))
-            y[i] = new[i] + momentum * (new[i] - z[i])
-            z[i] = new[i]
+        new = y + (g - H @ y) / L
+        _project_cones(new, mu)
+        change = np.max(np.abs(new - y))
+        y = new + momentum * (new - z)
+        z = new
         if change < FORCE_TOLERANCE:
             break
-    return z.reshape(-1, 3)
+    return z
 
 
 @njit(cache=True, error_model="numpy")
-def project_cone(f: Array, mu: float) -> None:
-    """Moves a force ``f (3,)``, in place, to the nearest point of the cone |f_xy| <= mu f_z."""
-    n = np.sqrt(f[0] * f[0] + f[1] * f[1])
-    if n <= mu * f[2]:
-        return
-    if mu * n <= -f[2]:  # in the polar cone: the apex is nearest
-        f[:] = 0.0
-        return
-    fz = (mu * n + f[2]) / (mu * mu + 1.0)
-    f[0] *= mu * fz / n
-    f[1] *= mu * fz / n
-    f[2] = fz
+def _project_cones(z: Array, mu: float) -> None:
+    """Moves each stacked force of z to the nearest point of the cone |f_xy| <= mu f_z."""
+    for j in range(0, len(z), 3):
+        fx, fy, fz = z[j : j + 3]
+        n = np.sqrt(fx * fx + fy * fy)
+        if n <= mu * fz:
+            continue
+        if mu * n <= -fz:  # in the polar cone: the apex is nearest
+            z[j : j + 3] = 0.0
+            continue
+        z[j + 2] = (mu * n + fz) / (mu * mu + 1.0)
+        z[j] *= mu * z[j + 2] / n
+        z[j + 1] *= mu * z[j + 2] / n
 
 
 @njit(cache=True, error_model="numpy")
-def _state_step(X: Array, wrench: Array, P: Array, problem: _Problem) -> None:
+def _state_step(wrench: Array, P: Array, problem: _Problem) -> Array:
     """States that minimise |X - reference|^2_W + |violation + P|^2_rho for given forces.
 
     The violation of node t is J (x_t, x_{t+1}) - b with J ``(9, 18)`` sparse, so the normal
-    equations H X = y have 17 upper diagonals; ``H[i, d]`` holds entry (i, i + d).
+    equations H X = y are banded, with 17 upper diagonals.
     """
     nodes, rho = len(problem.dt), problem.rho
     H = np.zeros((9 * (nodes + 1), 18))
     y = (problem.weight * problem.reference).ravel()
     H[:, 0] = problem.weight.ravel()
-    for i in range(9):
-        H[i, 0] += rho[0]
-        y[i] += rho[0] * (problem.x0[i] - P[nodes, i])
-    J = np.zeros((9, 18))
+    H[:9, 0] += rho[0]
+    y[:9] += rho[0] * (problem.x0 - P[nodes])
+    J = np.hstack((-np.eye(9), np.eye(9)))
     b = np.zeros(9)
-    for i in range(9):
-        J[i, i], J[i, 9 + i] = -1.0, 1.0
     for t in range(nodes):
         h = problem.dt[t]
         sx, sy, sz = h * wrench[t, 0:3]
@@ -315,8 +276,7 @@ def _state_step(X: Array, wrench: Array, P: Array, problem: _Problem) -> None:
         J[6, 1], J[6, 2] = sz, -sy
         J[7, 0], J[7, 2] = -sz, sx
         J[8, 0], J[8, 1] = sy, -sx
-        for i in range(6):
-            b[3 + i] = h * wrench[t, i]
+        b[3:9] = h * wrench[t]
         b[5] -= h * GRAVITY
         for i in range(9):
             for j in range(18):
@@ -326,14 +286,15 @@ def _state_step(X: Array, wrench: Array, P: Array, problem: _Problem) -> None:
                     for k in range(j, 18):
                         H[9 * t + j, k - j] += a * J[i, k]
     _solve_banded(H, y)
-    X[:] = y.reshape(nodes + 1, 9)
+    return y.reshape(nodes + 1, 9)
 
 
 @njit(cache=True, error_model="numpy")
 def _solve_banded(H: Array, y: Array) -> None:
     """Solves H X = y into y by Cholesky, H = U^T U, in place and row by row.
 
-    Row i reaches to the end of the next node's block, no further: 18 - i % 9 entries.
+    ``H[i, d]`` holds entry (i, i + d). In the state step row i ends with the next node's block,
+    which leaves it 18 - i % 9 entries; in the force step the bound is never below the size.
     """
     size = len(y)
     for i in range(size):

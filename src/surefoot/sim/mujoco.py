@@ -17,9 +17,10 @@ import numpy as np
 from mujoco.batch import Batch, SimulationError
 
 from surefoot.config import SimulationConfig
+from surefoot.geometry import contact_shapes
 from surefoot.robot import RobotModel, standing
 from surefoot.rotations import rotation
-from surefoot.sim import CONTACT_FORCE, TIME_STEP, contact_shapes
+from surefoot.sim import CONTACT_FORCE, TIME_STEP
 from surefoot.types import LEGS, Array, BoolArray, State
 
 # Bad numbers in position, velocity and acceleration are neighbours in MuJoCo's list of warnings.
@@ -229,7 +230,7 @@ class MujocoSimulator:
         self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, self.model.nv)))
 
     def reset(self, q: Array, v: Array, mask: BoolArray | None = None) -> None:
-        """See ``Simulator``. Foot forces are those of the state at rest torque, before any tick."""
+        """See ``Simulator``. Until the first tick, foot forces are those under zero torque."""
         rows = np.ones(self.batch, dtype=bool) if mask is None else mask
         self.simulations.reset(rows, stage=_STAGE_NONE)
         self._qpos[rows], self._qvel[rows] = to_mujoco(q[rows], v[rows])

@@ -1,0 +1,176 @@
+"""When the expert takes over and when a robot has failed: the paper's table, blocking, falls, stalls.
+
+`unsafe` is the paper's Table I; `SafetyMonitor` adds the blocking of Algorithm 4. `fallen` ends an
+episode; `stepping` decides afterwards whether the robot kept walking. All array code over B robots.
+"""
+
+from __future__ import annotations
+
+from enum import Enum, IntEnum
+
+import numpy as np
+
+from surefoot.config import SafetyConfig
+from surefoot.rotations import roll_pitch_yaw
+from surefoot.types import Array, BoolArray, State, to_ticks
+
+LEFT_RIGHT = np.array([1.0, -1.0, 1.0, -1.0])
+FRONT_HIND = np.array([1.0, 1.0, -1.0, -1.0])
+
+
+class Outcome(IntEnum):
+    """How an episode ended. Failure is data: its id replays it."""
+
+    SUCCESS = 0
+    FELL = 1
+    STALLED = 2
+    DIVERGED = 3
+
+
+class HandBack(Enum):
+    """When the policy drives again after a takeover; the paper's text and code disagree."""
+
+    EVERY_VIOLATION_RESTARTS = "every_violation_restarts"
+    """T_block without a violation (Algorithm 4)."""
+    SAFE_OR_BLOCKED = "safe_or_blocked"
+    """Safe again, or T_block over (the paper's prose)."""
+    SAFE_AND_BLOCKED = "safe_and_blocked"
+    """Safe again, and at least T_block since the takeover (the paper's research code; "at least
+    2 s" in the text)."""
+
+
+def unsafe(state: State, config: SafetyConfig) -> BoolArray:
+    """``(B,)`` True where a robot is outside the paper's Table I."""
+    joints = np.degrees(state.q[..., 7:]).reshape(*state.q.shape[:-1], 4, 3)
+    roll_pitch = np.degrees(roll_pitch_yaw(state.q[..., 3:7])[..., :2])
+    inside = (
+        _between(state.com[..., 2], config.com_height)
+        & (np.abs(roll_pitch) <= config.roll_pitch).all(axis=-1)
+        & _between(joints[..., 0] * LEFT_RIGHT, config.hip_abduction).all(axis=-1)
+        & _between(joints[..., 1] * FRONT_HIND, config.hip_flexion).all(axis=-1)
+        & _between(joints[..., 2] * FRONT_HIND, config.knee).all(axis=-1)
+    )
+    return ~inside
+
+
+def fallen(state: State, config: SafetyConfig) -> BoolArray:
+    """``(B,)`` True where base height, roll or pitch is that of a robot that has fallen."""
+    roll_pitch = np.degrees(roll_pitch_yaw(state.q[..., 3:7])[..., :2])
+    upright = (np.abs(roll_pitch) <= config.fall_angle).all(axis=-1)
+    return ~(upright & _between(state.q[..., 2], config.fall_height))
+
+
+def _between(value: Array, bounds: tuple[float, float]) -> BoolArray:
+    return (value >= bounds[0]) & (value <= bounds[1])
+
+
+class SafetyMonitor:
+    """Says who drives: the expert from a violation on, until the hand-back rule lets go.
+
+    Args:
+        config: the bounds.
+        block: T_block [s].
+        hand_back: the rule that ends a block.
+    """
+
+    def __init__(self, config: SafetyConfig, block: float, hand_back: HandBack) -> None:
+        self._config = config
+        self._block = to_ticks(block)
+        self._hand_back = HandBack(hand_back)
+        self.reset(0)
+
+    def reset(self, batch: int) -> None:
+        """No robot of ``batch`` is blocked."""
+        self._blocked_for = np.full(batch, -1)
+
+    def blocking(self, state: State) -> BoolArray:
+        """``(B,)`` True where the expert must drive during this tick; call once a tick."""
+        violation = unsafe(state, self._config)
+        clock = np.where(self._blocked_for >= 0, self._blocked_for + 1, -1)
+        if self._hand_back is HandBack.EVERY_VIOLATION_RESTARTS:
+            clock[violation] = 0
+            release = clock >= self._block
+        elif self._hand_back is HandBack.SAFE_OR_BLOCKED:
+            release = (clock >= 0) & (~violation | (clock >= self._block))
+        else:
+            release = ~violation & (clock >= self._block)
+        clock[release] = -1
+        clock[violation & (clock < 0) & ~release] = 0
+        self._blocked_for = clock
+        return clock >= 0
+
+
+def stepping(feet_height: Array, contacts: BoolArray, foot_radius: float) -> BoolArray:
+    """``(B,)`` True where a robot kept stepping for two thirds of an episode (paper, IV-F).
+
+    The earliest of the four feet's last touchdowns lies at or after 2/3 of the episode.
+
+    Args:
+        feet_height: ``(B, T, 4)`` height of the foot centres above the ground [m].
+        contacts: ``(B, T, 4)`` foot contacts.
+        foot_radius: [m].
+    """
+    last = np.array(
+        [
+            [
+                touchdowns(feet_height[b, :, leg] - foot_radius, contacts[b, :, leg])[-1:].max(
+                    initial=-1
+                )
+                for leg in range(4)
+            ]
+            for b in range(len(contacts))
+        ]
+    )
+    return last.min(axis=1) >= 2 * contacts.shape[1] / 3
+
+
+def strictly_stepping(
+    feet_height: Array, contacts: BoolArray, foot_radius: float, period: int
+) -> BoolArray:
+    """``(B,)`` True where every foot touches down in every window of 1.5 gait periods.
+
+    Over at least two thirds of the episode; reported beside `stepping`.
+    """
+    T = contacts.shape[1]
+    window = 3 * period // 2
+    result = np.zeros(len(contacts), dtype=bool)
+    for b in range(len(contacts)):
+        busy = np.ones(T, dtype=bool)
+        for leg in range(4):
+            down = touchdowns(feet_height[b, :, leg] - foot_radius, contacts[b, :, leg])
+            edges = np.concatenate([[-1], down, [T]])
+            for start, end in zip(edges[:-1], edges[1:], strict=True):
+                if end - start > window:
+                    busy[start + 1 : end] = False
+        result[b] = busy.mean() >= 2 / 3
+    return result
+
+
+AIRBORNE, CLEARANCE, GROUNDED = 40, 0.005, 20
+"""A touchdown: at least 40 ms without contact, with at least 5 mm of clearance, then 20 ms of it."""
+
+
+def touchdowns(clearance: Array, contact: BoolArray) -> Array:
+    """Ticks at which one foot touches down for good.
+
+    A trembling foot of a standing robot passes anything weaker than the rule above.
+
+    Args:
+        clearance: ``(T,)`` height of the foot sphere above the ground [m].
+        contact: ``(T,)`` foot contact.
+    """
+    edges = np.flatnonzero(np.diff(contact.astype(np.int8)))
+    starts = np.concatenate([[0], edges + 1])
+    ends = np.concatenate([edges + 1, [len(contact)]])
+    found = []
+    swung = False
+    for start, end in zip(starts, ends, strict=True):
+        if contact[start]:
+            if swung and end - start >= GROUNDED:
+                found.append(start)
+                swung = False
+        else:
+            # A bounce shorter than a touchdown does not undo the swing before it.
+            long = end - start >= AIRBORNE and clearance[start:end].max() >= CLEARANCE
+            swung = swung or long
+    return np.array(found, dtype=np.int64)
