@@ -192,3 +192,84 @@ class TrainingConfig:
     """Share of episodes held out, chosen by episode id."""
     threads: int = 1
     """Torch threads: a constant, because the bits depend on it."""
+
+
+@dataclass(frozen=True)
+class ExpertData:
+    """Expert rollouts to clone: velocities x phases x perturbations, and nominal ones."""
+
+    velocities: int
+    """Equally spaced forward speeds."""
+    perturbations: int
+    """Perturbed starts for each velocity and each of the ten phases of the gait cycle."""
+    nominal: bool
+    """Also one unperturbed rollout for each velocity."""
+    duration: float
+    """[s] of each rollout."""
+
+
+@dataclass(frozen=True)
+class BehaviorCloningConfig:
+    """Behaviour cloning (paper, II-A and IV-E)."""
+
+    data: ExpertData = field(default_factory=lambda: ExpertData(20, 2, False, 3.0))
+    """400 x 3 s (paper, IV-F)."""
+    epochs: int = 150
+    """(paper, IV-F)."""
+
+
+@dataclass(frozen=True)
+class LocoSafeDaggerConfig:
+    """LocoSafeDAGGER (paper, Algorithm 4 and IV-E)."""
+
+    pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
+    """10 velocities x (1 nominal + 10 perturbed) x 1.5 s (paper, IV-E)."""
+    pretraining_epochs: int = 150
+    """As for behaviour cloning; the paper does not say."""
+    iterations: int = 10
+    """N (paper)."""
+    velocities: int = 20
+    """Rollouts of an iteration: velocities x one random phase x perturbations."""
+    perturbations: int = 2
+    T: float = 10.0
+    """[s] of a rollout (paper)."""
+    T_block: float = 2.0
+    """[s] the expert drives at least, once it has taken over (paper)."""
+    T_end: float = 1.0
+    """[s] of the expert's tail after a rollout (paper)."""
+    hand_back: str = "safe_and_blocked"
+    """`safe_and_blocked`, `every_violation_restarts` or `safe_or_blocked`: see `HandBack`."""
+    epochs: int = 15
+    """of an iteration (paper)."""
+
+
+@dataclass(frozen=True)
+class EvaluationConfig:
+    """The paper's robustness test (IV-F): one perturbed start per velocity and phase."""
+
+    duration: float = 5.0
+    """[s] (paper)."""
+    episodes: int = 100
+    """The first so many of a split: 10 velocities x 10 phases each hundred."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything that fixes a result, apart from the versions of what computes it."""
+
+    method: BehaviorCloningConfig | LocoSafeDaggerConfig = field(
+        default_factory=LocoSafeDaggerConfig
+    )
+    seed: int = 0
+    """Root of all randomness."""
+    chunk: int = 10
+    """Robots simulated together; also the unit of work that is spread over processes."""
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    gait: Gait = field(default_factory=Gait)
+    expert: ExpertConfig = field(default_factory=ExpertConfig)
+    perturbation: PerturbationConfig = field(default_factory=PerturbationConfig)
+    safety: SafetyConfig = field(default_factory=SafetyConfig)
+    policy: PolicyConfig = field(default_factory=PolicyConfig)
+    training: TrainingConfig = field(default_factory=TrainingConfig)
+    evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)

@@ -60,13 +60,13 @@ class CentroidalPlan:
 
 class _Problem(NamedTuple):
     active: BoolArray  # (N, 4)
+    friction: float
     position: Array  # (N, 4, 3) of the feet [m]
     dt: Array  # (N,) [s]
     x0: Array  # (9,)
     reference: Array  # (N+1, 9)
     weight: Array  # (N+1, 9) of the states
     force_weight: Array  # (3,)
-    friction: float
     rho: Array  # (9,) penalty of the dynamics' rows
 
 
@@ -102,22 +102,22 @@ def solve_centroidal(
     shapes = [np.shape(a) for a in (contacts.active, contacts.position, x0, reference)]
     expected = [(nodes, 4), (nodes, 4, 3), (9,), (nodes + 1, 9)]
     if shapes != expected:
-        raise ValueError(
-            f"active, position, x0, reference: {shapes}, {nodes} nodes need {expected}"
-        )
-    running = (config.position, config.velocity, config.angular_momentum)
-    terminal = (config.terminal_position, config.terminal_velocity)
-    terminal += (config.terminal_angular_momentum,)
+        raise ValueError(f"active, position, x0, reference are {shapes}, expected {expected}")
+    w = config
+    running = np.ravel((w.position, w.velocity, w.angular_momentum))
+    terminal = np.ravel((w.terminal_position, w.terminal_velocity, w.terminal_angular_momentum))
+    arrays = (
+        contacts.position,
+        contacts.dt,
+        x0,
+        reference,
+        np.vstack((np.tile(running, (nodes, 1)), terminal)),
+        w.force,
+        w.rho * np.repeat(PENALTY, 3),
+    )
+    active = np.ascontiguousarray(contacts.active, np.bool_)
     problem = _Problem(
-        np.ascontiguousarray(contacts.active, np.bool_),
-        np.ascontiguousarray(contacts.position, np.float64),
-        np.ascontiguousarray(contacts.dt, np.float64),
-        np.ascontiguousarray(x0, np.float64),
-        np.ascontiguousarray(reference, np.float64),
-        np.vstack((np.tile(np.ravel(running), (nodes, 1)), np.ravel(terminal))),
-        np.array(config.force, np.float64),
-        float(friction),
-        config.rho * np.repeat(PENALTY, 3),
+        active, float(friction), *(np.ascontiguousarray(a, np.float64) for a in arrays)
     )
     X, F, residual, iterations = _admm(problem, config.max_iterations, float(config.tolerance))
     if not (np.isfinite(residual) and np.isfinite(mass)):
@@ -133,7 +133,8 @@ def _admm(problem: _Problem, most: int, tolerance: float) -> tuple[Array, Array,
     P = np.zeros_like(X)
     F = np.zeros_like(problem.position)
     residual, iteration = np.inf, 0
-    for iteration in range(1, most + 1):
+    while iteration < most:
+        iteration += 1
         F, wrench = _force_step(X, P, problem)
         # Over-relaxation takes part of the dual step between the two half-steps.
         P += (RELAXATION - 1.0) * _violation(X, wrench, problem)
@@ -283,8 +284,8 @@ def _state_step(wrench: Array, P: Array, problem: _Problem) -> Array:
                 a = rho[i] * J[i, j]
                 if a != 0.0:
                     y[9 * t + j] += a * (b[i] - P[t, i])
-                    for k in range(j, 18):
-                        H[9 * t + j, k - j] += a * J[i, k]
+                    for k in range(18 - j):
+                        H[9 * t + j, k] += a * J[i, j + k]
     _solve_banded(H, y)
     return y.reshape(nodes + 1, 9)
 
@@ -305,10 +306,9 @@ def _solve_banded(H: Array, y: Array) -> None:
         y[i] *= root
         for j in range(1, width):
             a = H[i, j]
-            if a != 0.0:
-                for k in range(j, width):
-                    H[i + j, k - j] -= a * H[i, k]
-                y[i + j] -= a * y[i]
+            for k in range(width - j):
+                H[i + j, k] -= a * H[i, j + k]
+            y[i + j] -= a * y[i]
     for i in range(size - 1, -1, -1):
         for k in range(1, min(18 - i % 9, size - i)):
             y[i] -= H[i, k] * y[i + k]

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from surefoot.config import Config
 from surefoot.mpc.gait import GRID
+from surefoot.mpc.planner import Planner
+from surefoot.robot import RobotModel
 from surefoot.types import Array, BoolArray, Command, IntArray, PlanFunction, State
 
 DAMPING = 0.1
@@ -84,3 +87,9 @@ class Expert:
         self.invalid_plans[robot] += 1
         self._diverged[robot] = takeover or self._last_failed[robot]
         self._last_failed[robot] = True
+
+
+def make_expert(robot: RobotModel, config: Config) -> Expert:
+    """The BiConMP-style expert of a configuration."""
+    planner = Planner(robot, config.gait, config.expert, config.simulation.friction)
+    return Expert(planner.plan, config.expert.kp, config.expert.kd)
