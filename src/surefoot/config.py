@@ -7,7 +7,11 @@ everywhere else. The command line, its help and the saved JSON all come from the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from difflib import get_close_matches
+from typing import Any, get_origin, get_type_hints
 
 
 @dataclass(frozen=True)
@@ -273,3 +277,91 @@ class Config:
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+
+
+METHODS: dict[str, type] = {
+    "behavior_cloning": BehaviorCloningConfig,
+    "loco_safe_dagger": LocoSafeDaggerConfig,
+}
+"""Methods and their parameters."""
+
+PRESETS = ("quick", "default", "paper")
+
+
+def preset(method: str, name: str = "quick") -> Config:
+    """The configuration of a method under a preset: differences from the defaults, all here.
+
+    Args:
+        method: a key of `METHODS`.
+        name: `quick` takes minutes; `default` and `paper` are not yet available.
+
+    Raises:
+        ValueError: there is no such method or preset, or it is not yet available.
+    """
+    if method not in METHODS:
+        raise ValueError(unknown("method", method, METHODS))
+    if name not in PRESETS:
+        raise ValueError(unknown("preset", name, PRESETS))
+    if name != "quick":
+        raise ValueError(f"preset {name!r} is not yet available; use --preset quick")
+    config = Config(training=TrainingConfig(schedule="cosine"))
+    if method == "behavior_cloning":
+        cloning = BehaviorCloningConfig(data=ExpertData(10, 1, True, 1.5), epochs=12)
+        return replace(config, method=cloning)
+    return replace(
+        config, method=LocoSafeDaggerConfig(pretraining_epochs=12, iterations=3, epochs=4)
+    )
+
+
+def unknown(what: str, given: str, allowed: Iterable[str]) -> str:
+    """Message for a name that does not exist: the nearest one that does, and all of them."""
+    names = list(allowed)
+    near = get_close_matches(given, names, n=1, cutoff=0.4)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"there is no {what} {given!r}{hint} Known: {', '.join(names)}"
+
+
+def method_name(config: Config) -> str:
+    """The key in `METHODS` of the configured method."""
+    return next(name for name, kind in METHODS.items() if type(config.method) is kind)
+
+
+def to_json(config: Config) -> dict[str, Any]:
+    """The configuration as JSON values; `from_json` gives it back."""
+    record = json.loads(json.dumps(asdict(config)))
+    return {"method": {"name": method_name(config), **record.pop("method")}, **record}
+
+
+def from_json(record: dict[str, Any]) -> Config:
+    """The configuration of a JSON record; what is absent keeps its default.
+
+    Raises:
+        ValueError: an unknown key or method, or a value of the wrong type.
+    """
+    record = dict(record)
+    method = dict(record.pop("method", {"name": "loco_safe_dagger"}))
+    name = method.pop("name", None)
+    if name not in METHODS:
+        raise ValueError(unknown("method", str(name), METHODS))
+    return replace(_fill(Config, record, ""), method=_fill(METHODS[name], method, "method."))
+
+
+def _fill(kind: type, record: dict[str, Any], path: str) -> Any:
+    """An instance of a config class from JSON values, checked key by key and type by type."""
+    hints = get_type_hints(kind)
+    values = {}
+    for key, value in record.items():
+        if key not in hints:
+            raise ValueError(unknown("option", path + key, (path + name for name in hints)))
+        hint = hints[key]
+        if is_dataclass(hint):
+            values[key] = _fill(hint, value, f"{path}{key}.")
+        elif get_origin(hint) is tuple:
+            values[key] = tuple(value)
+        elif hint is float and type(value) is int:
+            values[key] = float(value)
+        elif type(value) is hint:
+            values[key] = value
+        else:
+            raise ValueError(f"{path}{key} is {value!r}, expected {hint.__name__}")
+    return kind(**values)

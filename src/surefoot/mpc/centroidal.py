@@ -1,7 +1,7 @@
 """Contact forces and centre-of-mass motion over a horizon: the biconvex centroidal problem.
 
-With node states x_t = (c, v, k): centre of mass, its velocity, angular momentum per mass, and foot
-forces f_j per mass in the friction cone |f_xy| <= mu f_z, and weights W,
+With states x_t = (c, v, k) (centre of mass, its velocity, angular momentum per mass), weights W
+and foot forces f_j per mass in the cone |f_xy| <= mu f_z,
 
     min  sum_t |x_t - ref_t|^2_W + |f_t|^2_W     s.t.  c' = c + dt v'
                                                        v' = v + dt (sum_j f_j - g)
@@ -24,16 +24,14 @@ from surefoot.config import CentroidalConfig
 from surefoot.mpc.footholds import ContactPlan
 from surefoot.types import Array, BoolArray
 
-GRAVITY = 9.81
-"""[m/s^2]"""
+GRAVITY = 9.81  # [m/s^2]
 PENALTY = (1e4, 0.2, 2.0)
-"""ADMM penalty on the position and start, velocity and momentum rows of the dynamics, in units of
-``rho``. They set the pace, not the optimum: rows without forces may be stiff, the others do best
-near the force weight. With 1, 1, 1 trots took 2.7 times the iterations, and ended farther off."""
+"""ADMM penalty in units of ``rho`` on the rows of position and start, velocity, and momentum: it
+sets the pace, not the optimum. Rows free of forces may be stiff, the others do best near the force
+weight; with 1, 1, 1 trots take 2.7 times the iterations and end ten times as far off."""
 RELAXATION = 1.6
 """ADMM over-relaxation, 1 is none; 1.5 to 1.8 is usual (Boyd et al. 2011, section 3.4.3)."""
-FORCE_ITERATIONS, FORCE_TOLERANCE = 500, 1e-9
-"""The gradient steps of a node with a force on its cone end at a change below this [N/kg]."""
+FORCE_ITERATIONS, FORCE_TOLERANCE = 500, 1e-9  # gradient steps end at a smaller change [N/kg]
 
 
 @dataclass(frozen=True)
@@ -45,8 +43,7 @@ class CentroidalPlan:
         com_velocity: ``(N+1, 3)`` its velocity [m/s].
         angular_momentum: ``(N+1, 3)`` about the centre of mass [kg m^2/s].
         forces: ``(N, 4, 3)`` on the feet, constant over a node; exactly 0 for a swing foot [N].
-        residual: 2-norm of the violation of dynamics and start, states in SI units with angular
-            momentum per mass; ``inf`` when the solve failed.
+        residual: 2-norm of the violation of dynamics and start, per mass; ``inf`` on failure.
         iterations: ADMM iterations done.
     """
 
@@ -92,8 +89,7 @@ def solve_centroidal(
         config: weights (on the forces: positive), penalty and stopping rule.
 
     Returns:
-        The plan. Input that is not finite, or a solve that breaks down, gives a residual of
-        ``inf``, zero forces and the state held at ``x0``.
+        The plan. If input is not finite: residual ``inf``, zero forces, the state held at ``x0``.
 
     Raises:
         ValueError: if the arrays do not have these shapes.
@@ -103,108 +99,96 @@ def solve_centroidal(
     expected = [(nodes, 4), (nodes, 4, 3), (9,), (nodes + 1, 9)]
     if shapes != expected:
         raise ValueError(f"active, position, x0, reference are {shapes}, expected {expected}")
-    w = config
+    w, rho = config, config.rho * np.repeat(PENALTY, 3)
     running = np.ravel((w.position, w.velocity, w.angular_momentum))
     terminal = np.ravel((w.terminal_position, w.terminal_velocity, w.terminal_angular_momentum))
-    arrays = (
-        contacts.position,
-        contacts.dt,
-        x0,
-        reference,
-        np.vstack((np.tile(running, (nodes, 1)), terminal)),
-        w.force,
-        w.rho * np.repeat(PENALTY, 3),
-    )
-    active = np.ascontiguousarray(contacts.active, np.bool_)
+    weight = np.vstack((np.tile(running, (nodes, 1)), terminal))
+    arrays = (contacts.position, contacts.dt, x0, reference, weight, w.force, rho)
     problem = _Problem(
-        active, float(friction), *(np.ascontiguousarray(a, np.float64) for a in arrays)
+        np.array(contacts.active, np.bool_, order="C"),
+        float(friction),
+        *(np.array(array, np.float64, order="C") for array in arrays),
     )
-    X, F, residual, iterations = _admm(problem, config.max_iterations, float(config.tolerance))
+    X, F = np.tile(problem.x0, (nodes + 1, 1)), np.zeros((nodes, 4, 3))
+    residual, iterations = _admm(X, F, problem, w.max_iterations, w.tolerance)
     if not (np.isfinite(residual) and np.isfinite(mass)):
         X[:], F[:], mass, residual = x0, 0.0, 1.0, np.inf
-    c, v, k = X[:, 0:3], X[:, 3:6], X[:, 6:9]
-    return CentroidalPlan(c, v, mass * k, mass * F, float(residual), iterations)
+    return CentroidalPlan(X[:, 0:3], X[:, 3:6], mass * X[:, 6:9], mass * F, residual, iterations)
 
 
 @njit(cache=True, error_model="numpy")
-def _admm(problem: _Problem, most: int, tolerance: float) -> tuple[Array, Array, float, int]:
-    """Alternates force and state step; P is the scaled dual of the dynamics."""
-    X = np.zeros_like(problem.reference) + problem.x0
-    P = np.zeros_like(X)
-    F = np.zeros_like(problem.position)
-    residual, iteration = np.inf, 0
-    while iteration < most:
+def _admm(X: Array, F: Array, problem: _Problem, most: int, tolerance: float) -> tuple[float, int]:
+    """Alternates force and state step from X on; P is the scaled dual of the dynamics."""
+    P, wrench, residual, iteration = np.zeros(X.shape), np.zeros((len(F), 6)), np.inf, 0
+    while iteration < most and residual >= tolerance:
         iteration += 1
-        F, wrench = _force_step(X, P, problem)
+        _force_step(F, wrench, X, P, problem)
         # Over-relaxation takes part of the dual step between the two half-steps.
-        P += (RELAXATION - 1.0) * _violation(X, wrench, problem)
-        X = _state_step(wrench, P, problem)
-        R = _violation(X, wrench, problem)
-        P += R
-        residual = np.sqrt(np.sum(R * R))
-        if residual < tolerance or not np.isfinite(residual):
-            break
-    return X, F, residual, iteration
+        _dual_step(P, X, wrench, RELAXATION - 1.0, problem)
+        _state_step(X, wrench, P, problem)
+        residual = _dual_step(P, X, wrench, 1.0, problem)
+    return residual, iteration
 
 
 @njit(cache=True, error_model="numpy")
-def _violation(X: Array, wrench: Array, problem: _Problem) -> Array:
-    """Violation ``(N+1, 9)`` of the dynamics; its last row is that of the start.
+def _dual_step(P: Array, X: Array, wrench: Array, step: float, problem: _Problem) -> float:
+    """Adds ``step`` times the violation ``(N+1, 9)`` of the dynamics to P and returns its 2-norm.
 
-    ``wrench (N, 6)`` is the sum s of the forces and m of their moments about the origin, per mass;
-    the moment about the centre of mass is then m + s x c.
+    The last row is that of the start. ``wrench (N, 6)`` is the sum s of the forces and m of their
+    moments about the origin, per mass; the moment about the centre of mass is then m + s x c.
     """
-    h = problem.dt.reshape(-1, 1)
-    R = np.empty_like(X)
-    R[:-1] = X[1:] - X[:-1]
-    R[:-1, 0:3] -= h * X[1:, 3:6]
-    R[:-1, 3:9] -= h * wrench
-    R[:-1, 5] += GRAVITY * problem.dt
-    R[:-1, 6:9] -= h * np.cross(wrench[:, 0:3], X[:-1, 0:3])
-    R[-1] = X[0] - problem.x0
-    return R
+    R, total = X[0] - problem.x0, 0.0
+    for t in range(len(P) - 1, -1, -1):
+        if t < len(P) - 1:
+            h, c, s, R = problem.dt[t], X[t], wrench[t], X[t + 1] - X[t]
+            for i in range(3):
+                j, k = (i + 1) % 3, (i + 2) % 3
+                R[i] -= h * X[t + 1, 3 + i]
+                R[3 + i] -= h * s[i]
+                R[6 + i] -= h * (s[3 + i] + s[j] * c[k] - s[k] * c[j])
+            R[5] += h * GRAVITY
+        for i in range(9):
+            P[t, i] += step * R[i]
+            total += R[i] * R[i]
+    return np.sqrt(total)
 
 
 @njit(cache=True, error_model="numpy")
-def _force_step(X: Array, P: Array, problem: _Problem) -> tuple[Array, Array]:
-    """Forces that minimise |f|^2_W + |violation + P|^2_rho inside the cones, and their wrench.
+def _force_step(F: Array, wrench: Array, X: Array, P: Array, problem: _Problem) -> None:
+    """Writes the forces that minimise |f|^2_W + |violation + P|^2_rho inside the cones.
 
     The nodes separate. With n stance feet, A ``(6, 3n)`` maps their forces to the change of (v, k)
     over the node and b is the wanted change; then z minimises z^T H z - 2 g^T z.
     """
-    F = np.zeros_like(problem.position)
-    rho = problem.rho[3:]
     A = np.zeros((6, 12))
     for t in range(len(problem.dt)):
-        h = problem.dt[t]
-        feet = np.flatnonzero(problem.active[t])
+        h, feet = problem.dt[t], np.flatnonzero(problem.active[t])
         size = 3 * len(feet)
-        H = np.zeros((size, size))
-        g = np.zeros(size)
-        for j in range(len(feet)):
-            ax, ay, az = h * (problem.position[t, feet[j]] - X[t, 0:3])
-            m = 3 * j
-            A[0, m] = A[1, m + 1] = A[2, m + 2] = h
-            A[3, m + 1], A[3, m + 2] = -az, ay
-            A[4, m], A[4, m + 2] = az, -ax
-            A[5, m], A[5, m + 1] = -ay, ax
-            for i in range(3):
-                H[m + i, m + i] = problem.force_weight[i]
+        H, g = np.zeros((size, size)), np.zeros(size)
+        for m in range(size):
+            i, r = m % 3, problem.position[t, feet[m // 3]]
+            j, k = (i + 1) % 3, (i + 2) % 3
+            H[m, 0] = problem.force_weight[i]
+            A[i, m] = h
+            A[3 + j, m] = h * (r[k] - X[t, k])
+            A[3 + k, m] = -h * (r[j] - X[t, j])
         for i in range(6):
             b = X[t + 1, 3 + i] - X[t, 3 + i] + P[t, 3 + i] + (h * GRAVITY if i == 2 else 0.0)
             for m in range(size):
-                a = rho[i] * A[i, m]
+                a = problem.rho[3 + i] * A[i, m]
                 if a != 0.0:
                     g[m] += a * b
-                    for k in range(size):
-                        H[m, k] += a * A[i, k]
-        z = _solve_forces(H, g, problem.friction, np.min(problem.force_weight))
-        for j in range(len(feet)):
-            F[t, feet[j]] = z[3 * j : 3 * j + 3]
-    wrench = np.empty((len(problem.dt), 6))
-    wrench[:, 0:3] = F.sum(axis=1)
-    wrench[:, 3:6] = np.cross(problem.position, F).sum(axis=1)
-    return F, wrench
+                    for k in range(size - m):
+                        H[m, k] += a * A[i, m + k]
+        z = _solve_forces(H, g, problem.friction, problem.force_weight.min())
+        wrench[t] = 0.0
+        for m in range(size):
+            i, r = m % 3, problem.position[t, feet[m // 3]]
+            j, k = (i + 1) % 3, (i + 2) % 3
+            F[t, feet[m // 3], i] = z[m]
+            wrench[t, i] += z[m]
+            wrench[t, 3 + j] += r[k] * z[m]
+            wrench[t, 3 + k] -= r[j] * z[m]
 
 
 @njit(cache=True, error_model="numpy")
@@ -212,82 +196,84 @@ def _solve_forces(H: Array, g: Array, mu: float, smallest: float) -> Array:
     """Minimises z^T H z - 2 g^T z over stacked forces z ``(3n,)`` inside their cones.
 
     The optimum without cones is the answer where it lies inside all of them, as it mostly does.
-    Else Nesterov's projected gradient for a strongly convex function: L, the largest row sum, and
-    ``smallest`` bound the eigenvalues of H.
+    Else Nesterov's projected gradient for a strongly convex function: ``smallest`` and L, the
+    largest row sum, bound the eigenvalues of H. ``H[i, d]`` holds entry (i, i + d).
     """
-    size = len(g)
-    U = np.zeros((size, size))
-    for i in range(size):
-        U[i, : size - i] = H[i, i:]
-    free = g.copy()
-    _solve_banded(U, free)
-    z = free.copy()
-    _project_cones(z, mu)
-    if np.all(z == free):
+    size, z = len(g), g.copy()
+    _solve_banded(H.copy(), z)
+    if _project_cones(z, mu) == 0:
         return z
-    L = np.max(np.sum(np.abs(H), axis=1))
+    S, L = np.empty((size, size)), 0.0
+    for i in range(size):
+        for k in range(size):
+            S[i, k] = H[min(i, k), abs(i - k)]
+        L = max(L, np.abs(S[i]).sum())
     momentum = (np.sqrt(L) - np.sqrt(smallest)) / (np.sqrt(L) + np.sqrt(smallest))
-    y = z
+    y, new = z.copy(), z.copy()
     for _ in range(FORCE_ITERATIONS):
-        new = y + (g - H @ y) / L
+        for i in range(size):
+            s = g[i]
+            for k in range(size):
+                s -= S[i, k] * y[k]
+            new[i] = y[i] + s / L
         _project_cones(new, mu)
-        change = np.max(np.abs(new - y))
-        y = new + momentum * (new - z)
-        z = new
+        change = 0.0
+        for i in range(size):
+            change = max(change, abs(new[i] - y[i]))
+            y[i] = new[i] + momentum * (new[i] - z[i])
+            z[i] = new[i]
         if change < FORCE_TOLERANCE:
             break
     return z
 
 
 @njit(cache=True, error_model="numpy")
-def _project_cones(z: Array, mu: float) -> None:
-    """Moves each stacked force of z to the nearest point of the cone |f_xy| <= mu f_z."""
+def _project_cones(z: Array, mu: float) -> int:
+    """Moves each stacked force to the nearest point with |f_xy| <= mu f_z; says how many moved."""
+    moved = 0
     for j in range(0, len(z), 3):
-        fx, fy, fz = z[j : j + 3]
-        n = np.sqrt(fx * fx + fy * fy)
-        if n <= mu * fz:
-            continue
-        if mu * n <= -fz:  # in the polar cone: the apex is nearest
-            z[j : j + 3] = 0.0
-            continue
-        z[j + 2] = (mu * n + fz) / (mu * mu + 1.0)
-        z[j] *= mu * z[j + 2] / n
-        z[j + 1] *= mu * z[j + 2] / n
+        n = np.sqrt(z[j] ** 2 + z[j + 1] ** 2)
+        if not n <= mu * z[j + 2]:
+            moved += 1
+            # Below zero the force is in the polar cone, and the apex is nearest.
+            fz = max(0.0, (mu * n + z[j + 2]) / (mu * mu + 1.0))
+            scale = mu * fz / n if n > 0.0 else 0.0
+            z[j], z[j + 1], z[j + 2] = scale * z[j], scale * z[j + 1], fz
+    return moved
 
 
 @njit(cache=True, error_model="numpy")
-def _state_step(wrench: Array, P: Array, problem: _Problem) -> Array:
-    """States that minimise |X - reference|^2_W + |violation + P|^2_rho for given forces.
+def _state_step(X: Array, wrench: Array, P: Array, problem: _Problem) -> None:
+    """Writes the states that minimise |X - reference|^2_W + |violation + P|^2_rho.
 
     The violation of node t is J (x_t, x_{t+1}) - b with J ``(9, 18)`` sparse, so the normal
-    equations H X = y are banded, with 17 upper diagonals.
+    equations H X = y are banded, with 17 upper diagonals; y is built and solved in place of X.
     """
-    nodes, rho = len(problem.dt), problem.rho
-    H = np.zeros((9 * (nodes + 1), 18))
-    y = (problem.weight * problem.reference).ravel()
-    H[:, 0] = problem.weight.ravel()
-    H[:9, 0] += rho[0]
-    y[:9] += rho[0] * (problem.x0 - P[nodes])
-    J = np.hstack((-np.eye(9), np.eye(9)))
-    b = np.zeros(9)
-    for t in range(nodes):
-        h = problem.dt[t]
-        sx, sy, sz = h * wrench[t, 0:3]
-        J[0, 12] = J[1, 13] = J[2, 14] = -h
-        J[6, 1], J[6, 2] = sz, -sy
-        J[7, 0], J[7, 2] = -sz, sx
-        J[8, 0], J[8, 1] = sy, -sx
-        b[3:9] = h * wrench[t]
-        b[5] -= h * GRAVITY
+    nodes, rho, y = len(problem.dt), problem.rho, X.reshape(-1)
+    H, J = np.zeros((9 * (nodes + 1), 18)), np.zeros((9, 18))
+    for t in range(nodes + 1):
         for i in range(9):
+            H[9 * t + i, 0] = problem.weight[t, i]
+            y[9 * t + i] = problem.weight[t, i] * problem.reference[t, i]
+    for i in range(9):
+        J[i, i], J[i, 9 + i] = -1.0, 1.0
+        H[i, 0] += rho[0]
+        y[i] += rho[0] * (problem.x0[i] - P[nodes, i])
+    for t in range(nodes):
+        h, s = problem.dt[t], wrench[t]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            J[i, 12 + i] = -h
+            J[6 + i, j], J[6 + i, k] = h * s[k], -h * s[j]
+        for i in range(9):
+            b = (h * s[i - 3] if i >= 3 else 0.0) - (h * GRAVITY if i == 5 else 0.0)
             for j in range(18):
                 a = rho[i] * J[i, j]
                 if a != 0.0:
-                    y[9 * t + j] += a * (b[i] - P[t, i])
+                    y[9 * t + j] += a * (b - P[t, i])
                     for k in range(18 - j):
                         H[9 * t + j, k] += a * J[i, j + k]
     _solve_banded(H, y)
-    return y.reshape(nodes + 1, 9)
 
 
 @njit(cache=True, error_model="numpy")

@@ -69,9 +69,7 @@ class Expert:
         torque = tau + self._kp * (q_ref - q) + self._kd * (v_ref - v)
         return np.where(self._diverged[:, None], -DAMPING * v, torque)
 
-    def _replan(
-        self, robot: int, state: State, tick: int, command: Array, takeover: bool
-    ) -> None:
+    def _replan(self, robot: int, state: State, tick: int, command: Array, takeover: bool) -> None:
         plan = self._plan(state, tick, Command(*map(float, command)))
         arrays = np.concatenate(
             [plan.joint_position, plan.joint_velocity, plan.torque], axis=1, dtype=np.float64

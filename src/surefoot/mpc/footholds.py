@@ -71,30 +71,28 @@ def plan_contacts(
         velocity: planned velocity in the heading frame [m/s, rad/s].
     """
     ticks = node_ticks(tick, config.centroidal.nodes)
-    nodes = len(ticks) - 1
     active = in_stance(gait, ticks[:-1])
     fraction = swing_fraction(gait, ticks[:-1])
     via = ~active & (fraction < config.via_until)
     via[0] = False
 
-    time = (ticks[:-1] - tick) / TICKS_PER_SECOND
-    v = np.array(velocity[:2])
-    yaw = velocity.yaw_rate * time
-    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])  # (2, 2, N)
-    centrifugal = 0.5 * np.sqrt(com[2] / GRAVITY) * velocity.yaw_rate * np.array([v[1], -v[0]])
-    under_hip = com[:2] + np.einsum("ijn,lj->nli", turn, hips) + time[:, None, None] * v
+    time = (ticks[:-1] - tick)[:, None, None] / TICKS_PER_SECOND
+    vx, vy, w = velocity
+    v = np.array([vx, vy])
+    s, c = np.sin(w * time), np.cos(w * time)
+    turned = c * hips + s * hips[:, ::-1] * (-1.0, 1.0)
+    under_hip = com[:2] + turned + time * v
     half_stance = 0.5 * gait.duty * gait.period * v
-    touchdown = under_hip + half_stance + centrifugal
+    centrifugal = 0.5 * np.sqrt(max(com[2], 0.0) / GRAVITY) * w * np.array([vy, -vx])
 
-    position = np.empty((nodes, 4, 3))
+    late = (fraction >= 0.5)[:, :, None]
+    position = np.empty((len(active), 4, 3))
+    position[:, :, :2] = under_hip + np.where(active[:, :, None] | late, half_stance, 0.0)
+    position[:, :, :2] += np.where(active[:, :, None], centrifugal, 0.0)
+    position[:, :, 2] = np.where(active, foot_radius, gait.step_height)
     position[0] = feet
-    for node in range(1, nodes):
-        landing = active[node] & ~active[node - 1]
-        staying = active[node] & active[node - 1]
-        late = (fraction[node] >= 0.5)[:, None]
-        position[node, :, :2] = under_hip[node] + np.where(late, half_stance, 0.0)
-        position[node, :, 2] = gait.step_height
-        position[node, landing, :2] = touchdown[node, landing]
-        position[node, landing, 2] = foot_radius
-        position[node, staying] = position[node - 1, staying]
+    # A foot that stays in stance stays where it was first.
+    node = np.arange(len(active))[:, None]
+    first = np.maximum.accumulate(np.where(active & np.roll(active, 1, axis=0), 0, node))
+    position = position[first, np.arange(4)]
     return ContactPlan(active, position, np.diff(ticks) / TICKS_PER_SECOND, via)

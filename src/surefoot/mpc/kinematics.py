@@ -8,13 +8,14 @@ Over nodes t with state x = (q, v) and generalised acceleration u as control,
       + 1/2 w_x |x (-) x_ref|^2_Wx + 1/2 w_u |u|^2_Wu
     v_{t+1} = v_t + dt u_t,   q_{t+1} = q_t (+) dt v_{t+1}
 
-The next velocity serves as the control of the sweep (u follows from it), which leaves 18 x 18
-blocks only. All residual Jacobians are Pinocchio's, on the manifold. Next: `planner`.
+The next velocity serves as the decision of the sweep (u follows from it), so 18 x 18 blocks are
+all there is to solve. Momentum and its derivatives are Pinocchio's. Next: `planner`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -22,10 +23,22 @@ from numba import njit
 
 from surefoot.config import KinematicConfig
 from surefoot.mpc.footholds import ContactPlan
+from surefoot.mpc.riccati import NV, riccati
+from surefoot.mpc.rigid import (
+    difference,
+    difference_jacobian,
+    feet,
+    integrate,
+    integrate_jacobians,
+    legs_of,
+)
 from surefoot.robot import RobotModel
-from surefoot.types import Array
+from surefoot.types import Array, BoolArray
 
-NV = 18
+STEPS = (1.0, 0.5, 0.25, 0.125, 0.03125)
+"""Line search: step lengths tried in this order, with 0.1 of the expected decrease asked for."""
+LEAST_DAMPING, MOST_DAMPING = 1e-9, 1e6
+"""Range of the damping added where no step length helps."""
 
 
 @dataclass(frozen=True)
@@ -68,76 +81,24 @@ class KinematicPlan:
     iterations: int
 
 
-@njit(cache=True)
-def _riccati(Hx, gx, Jq, C, Ru, u, dt, damping):  # noqa: ANN001, ANN202
-    """Backward sweep in the tangent space; the decision of node t is w = delta v_{t+1}.
+class _Problem(NamedTuple):
+    dt: Array  # (N,) [s]
+    tracked: BoolArray  # (N, 4) feet with a target
+    target: Array  # (N, 4, 3)
+    momentum: Array  # (N+1, 6)
+    q_ref: Array  # (N+1, 19)
+    v_ref: Array  # (N+1, 18)
+    state_weight: Array  # (36,)
+    control_weight: Array  # (18,)
+    foot_weight: float
+    momentum_weight: float
 
-    Args:
-        Hx: ``(N+1, 36, 36)`` Gauss-Newton Hessians of the state costs.
-        gx: ``(N+1, 36)`` their gradients.
-        Jq: ``(N, 18, 18)`` d q_{t+1} / d q_t.
-        C: ``(N, 18, 18)`` d q_{t+1} / d v_{t+1}.
-        Ru: ``(N, 18)`` control weights (diagonal).
-        u: ``(N, 18)`` controls of the current iterate.
-        dt: ``(N,)`` durations.
-        damping: added to the diagonal of the decision's Hessian.
 
-    Returns:
-        Feed-forward ``(N, 18)``, gains ``(N, 18, 36)``, expected first- and second-order decrease.
-    """
-    N = len(dt)
-    k = np.zeros((N, NV))
-    K = np.zeros((N, NV, 2 * NV))
-    V = Hx[N].copy()
-    g = gx[N].copy()
-    first = 0.0
-    second = 0.0
-    for t in range(N - 1, -1, -1):
-        P = np.ascontiguousarray(V[:NV, :NV])
-        S = np.ascontiguousarray(V[:NV, NV:])
-        T = np.ascontiguousarray(V[NV:, NV:])
-        PC = P @ C[t]
-        CS = C[t].T @ S
-        Qww = C[t].T @ PC + CS + CS.T + T
-        Qwx = np.zeros((NV, 2 * NV))
-        Qwx[:, :NV] = (PC + S).T @ Jq[t]
-        qw = C[t].T @ g[:NV] + g[NV:]
-        Vx = Hx[t].copy()
-        Vx[:NV, :NV] += Jq[t].T @ (P @ Jq[t])
-        new_g = gx[t].copy()
-        new_g[:NV] += Jq[t].T @ g[:NV]
-        for i in range(NV):
-            r = Ru[t, i] / dt[t] ** 2
-            rate = Ru[t, i] * u[t, i] / dt[t]
-            Qww[i, i] += r + damping
-            Qwx[i, NV + i] -= r
-            qw[i] += rate
-            Vx[NV + i, NV + i] += r
-            new_g[NV + i] -= rate
-        L = np.linalg.cholesky(Qww)
-        right = np.empty((NV, 2 * NV + 1))
-        right[:, 0] = qw
-        right[:, 1:] = Qwx
-        for i in range(NV):  # forward substitution
-            for j in range(i):
-                for c in range(2 * NV + 1):
-                    right[i, c] -= L[i, j] * right[j, c]
-            for c in range(2 * NV + 1):
-                right[i, c] /= L[i, i]
-        half = np.ascontiguousarray(right[:, 1:])
-        V = Vx - half.T @ half
-        g = new_g - half.T @ np.ascontiguousarray(right[:, 0])
-        for i in range(NV - 1, -1, -1):  # back substitution
-            for j in range(i + 1, NV):
-                for c in range(2 * NV + 1):
-                    right[i, c] -= L[j, i] * right[j, c]
-            for c in range(2 * NV + 1):
-                right[i, c] /= L[i, i]
-        k[t] = -right[:, 0]
-        K[t] = -right[:, 1:]
-        first += qw @ k[t]
-        second += k[t] @ (Qww @ k[t])
-    return k, K, first, second
+class _Residuals(NamedTuple):
+    foot: Array  # (N, 4, 3), zero where a foot has no target
+    foot_jacobian: Array  # (N+1, 4, 3, 9), with respect to base and own leg
+    momentum: Array  # (N+1, 6)
+    state: Array  # (N+1, 36)
 
 
 class KinematicSolver:
@@ -149,9 +110,10 @@ class KinematicSolver:
     """
 
     def __init__(self, robot: RobotModel, config: KinematicConfig) -> None:
-        self._robot = robot
+        self._model = robot.model
         self._config = config
         self._data = robot.model.createData()
+        self._legs = legs_of(robot)
         self._state_weight = config.state_weight * np.concatenate(
             [
                 config.base_position,
@@ -171,158 +133,208 @@ class KinematicSolver:
         )
 
     def solve(self, problem: KinematicProblem) -> KinematicPlan:
-        """Minimise from a motion at constant velocity; every iterate satisfies the dynamics."""
-        config = self._config
-        q, v, u = self._first_guess(problem)
-        cost, residuals = self._evaluate(problem, q, v, u)
-        damping, iteration = 1e-9, 0
+        """Minimise by Gauss-Newton; every iterate satisfies the dynamics.
+
+        Input that is not finite comes back as a plan whose cost is not finite.
+        """
+        config, p = self._config, self._prepare(problem)
+        q, v, u = _first_guess(problem.q0, problem.v0, p)
+        cost, residuals = self._evaluate(p, q, v, u)
+        damping, iteration = LEAST_DAMPING, 0
         while iteration < config.max_iterations and np.isfinite(cost):
             iteration += 1
-            Hx, gx, Jq, C = self._linearise(problem, q, v, residuals)
-            Ru = self._control_weight * problem.contacts.dt[: config.nodes, None]
-            dt = problem.contacts.dt[: config.nodes]
-            k, K, first, second = _riccati(Hx, gx, Jq, C, Ru, u, dt, damping)
-            for step in (1.0, 0.5, 0.25, 0.125, 0.03125):
-                trial_q, trial_v, trial_u = self._roll(problem, q, v, k, K, step)
-                trial_cost, trial_residuals = self._evaluate(problem, trial_q, trial_v, trial_u)
-                expected = -(step * first + 0.5 * step**2 * second)
-                if cost - trial_cost >= 0.1 * expected:
+            k, K, decrease = riccati(
+                *self._linearise(p, q, v, residuals), u, p.dt, p.control_weight, damping
+            )
+            for step in STEPS:
+                trial = _roll(q, v, k, K, p.dt, step)
+                trial_cost, trial_residuals = self._evaluate(p, *trial)
+                if cost - trial_cost >= 0.1 * (step - 0.5 * step**2) * decrease:
                     break
             else:
                 damping *= 100.0
-                if damping > 1e6:
+                if damping > MOST_DAMPING:
                     break
                 continue
             gain = cost - trial_cost
-            q, v, u, residuals, cost = trial_q, trial_v, trial_u, trial_residuals, trial_cost
-            damping = max(damping / 10.0, 1e-9)
+            (q, v, u), cost, residuals = trial, trial_cost, trial_residuals
+            damping = max(damping / 10.0, LEAST_DAMPING)
             if gain <= config.tolerance * cost:
                 break
-        return KinematicPlan(q, v, u, float(cost), iteration)
+        return KinematicPlan(q, v, u, cost, iteration)
 
     def cost(self, problem: KinematicProblem, q: Array, v: Array, u: Array) -> float:
         """Objective of a trajectory ``q (N+1, 19)``, ``v (N+1, 18)``, ``u (N, 18)``."""
-        return self._evaluate(problem, q, v, u)[0]
+        return self._evaluate(self._prepare(problem), q, v, u)[0]
 
     def gradient(self, problem: KinematicProblem, u: Array) -> Array:
         """Gradient ``(N, 18)`` of the objective with respect to the controls, by the adjoint."""
-        q, v = self._simulate(problem, u)
-        _, gx, Jq, C = self._linearise(problem, q, v, self._evaluate(problem, q, v, u)[1])
-        dt = problem.contacts.dt
+        p = self._prepare(problem)
+        q, v = simulate(problem.q0, problem.v0, u, p.dt)
+        _, gx, A, E = self._linearise(p, q, v, self._evaluate(p, q, v, u)[1])
         gradient = np.empty_like(u)
-        adjoint = gx[-1]
+        to_q, to_v = gx[-1, :NV], gx[-1, NV:]
         for t in range(len(u) - 1, -1, -1):
-            to_velocity = C[t].T @ adjoint[:NV] + adjoint[NV:]
-            gradient[t] = dt[t] * (self._control_weight * u[t] + to_velocity)
-            adjoint = gx[t] + np.concatenate([Jq[t].T @ adjoint[:NV], to_velocity])
+            to_v = to_v + p.dt[t] * np.concatenate([E[t].T @ to_q[:6], to_q[6:]])
+            gradient[t] = p.dt[t] * (self._control_weight * u[t] + to_v)
+            to_q = gx[t, :NV] + np.concatenate([A[t].T @ to_q[:6], to_q[6:]])
+            to_v = gx[t, NV:] + to_v
         return gradient
 
-    def _simulate(self, problem: KinematicProblem, u: Array) -> tuple[Array, Array]:
-        model, N = self._robot.model, len(u)
-        q, v = np.empty((N + 1, model.nq)), np.empty((N + 1, NV))
-        q[0], v[0] = problem.q0, problem.v0
-        for t in range(N):
-            v[t + 1] = v[t] + problem.contacts.dt[t] * u[t]
-            q[t + 1] = pin.integrate(model, q[t], problem.contacts.dt[t] * v[t + 1])
-        return q, v
+    def _prepare(self, problem: KinematicProblem) -> _Problem:
+        """The problem's arrays as the compiled functions want them."""
+        N, contacts, config = self._config.nodes, problem.contacts, self._config
+        return _Problem(
+            contacts.dt[:N],
+            contacts.active[:N] | contacts.via[:N],
+            contacts.position[:N],
+            problem.momentum,
+            problem.q_ref,
+            problem.v_ref,
+            self._state_weight,
+            self._control_weight,
+            config.foot_weight,
+            config.momentum_weight,
+        )
 
-    def _first_guess(self, problem: KinematicProblem) -> tuple[Array, Array, Array]:
-        """A motion that takes the regularised posture in its first node.
-
-        Not one at constant velocity: half a second of a swinging leg's rate turns its knee inside
-        out, and Gauss-Newton stays in that local minimum.
-        """
-        model, N = self._robot.model, self._config.nodes
-        q, v, u = np.empty((N + 1, model.nq)), np.empty((N + 1, NV)), np.empty((N, NV))
-        q[0], v[0] = problem.q0, problem.v0
-        for t in range(N):
-            dt = problem.contacts.dt[t]
-            v[t + 1] = pin.difference(model, q[t], problem.q_ref[t + 1]) / dt
-            v[t + 1, :3] = v[0, :3]
-            u[t] = (v[t + 1] - v[t]) / dt
-            q[t + 1] = pin.integrate(model, q[t], dt * v[t + 1])
-        return q, v, u
-
-    def _roll(
-        self, problem: KinematicProblem, q: Array, v: Array, k: Array, K: Array, step: float
-    ) -> tuple[Array, Array, Array]:
-        """Nonlinear rollout of the sweep's policy around ``q, v``."""
-        model, N = self._robot.model, len(k)
-        new_q, new_v, new_u = np.empty_like(q), np.empty_like(v), np.empty_like(k)
-        new_q[0], new_v[0] = q[0], v[0]
-        for t in range(N):
-            dt = problem.contacts.dt[t]
-            change = np.concatenate([pin.difference(model, q[t], new_q[t]), new_v[t] - v[t]])
-            new_v[t + 1] = v[t + 1] + step * k[t] + K[t] @ change
-            new_u[t] = (new_v[t + 1] - new_v[t]) / dt
-            new_q[t + 1] = pin.integrate(model, new_q[t], dt * new_v[t + 1])
-        return new_q, new_v, new_u
-
-    def _evaluate(
-        self, problem: KinematicProblem, q: Array, v: Array, u: Array
-    ) -> tuple[float, tuple[Array, Array, Array]]:
-        """Cost, and the residuals of feet ``(N, 4, 3)``, momentum and state at every node."""
-        model, data, config = self._robot.model, self._data, self._config
-        N = len(u)
-        feet, momentum = np.empty((N, 4, 3)), np.empty((N + 1, 6))
-        state = np.empty((N + 1, 2 * NV))
-        for t in range(N + 1):
+    def _evaluate(self, p: _Problem, q: Array, v: Array, u: Array) -> tuple[float, _Residuals]:
+        """Objective of a trajectory, and its residuals."""
+        model, data = self._model, self._data
+        momentum = np.empty((len(q), 6))
+        for t in range(len(q)):
             pin.computeCentroidalMomentum(model, data, q[t], v[t])
             momentum[t] = data.hg.vector
-            state[t, :NV] = pin.difference(model, problem.q_ref[t], q[t])
-            if t < N:
-                for leg, foot in enumerate(self._robot.feet):
-                    feet[t, leg] = pin.updateFramePlacement(model, data, foot).translation
-        momentum -= problem.momentum
-        state[:, NV:] = v - problem.v_ref
-        feet -= problem.contacts.position[:N]
-        feet[~(problem.contacts.active[:N] | problem.contacts.via[:N])] = 0.0
-        stage = (
-            config.momentum_weight * np.sum(momentum**2, axis=1)
-            + np.sum(self._state_weight * state**2, axis=1)
-        )
-        stage[:-1] += config.foot_weight * np.sum(feet**2, axis=(1, 2))
-        stage[:-1] += np.sum(self._control_weight * u**2, axis=1)
-        cost = 0.5 * (stage[:-1] @ problem.contacts.dt[:N] + stage[-1])
-        return float(cost), (feet, momentum, state)
+        return _objective(p, q, v, u, momentum, *feet(q, self._legs))
 
     def _linearise(
-        self,
-        problem: KinematicProblem,
-        q: Array,
-        v: Array,
-        residuals: tuple[Array, Array, Array],
+        self, p: _Problem, q: Array, v: Array, residuals: _Residuals
     ) -> tuple[Array, Array, Array, Array]:
-        """Gauss-Newton Hessians and gradients of the state costs, and the dynamics' Jacobians."""
-        model, data, config = self._robot.model, self._data, self._config
-        feet, momentum, state = residuals
-        N = len(feet)
-        zero = np.zeros(NV)
-        G = np.zeros((N + 1, 54, 2 * NV))  # rows: 12 foot, 6 momentum, 36 state
-        Jq, C = np.empty((N, NV, NV)), np.empty((N, NV, NV))
-        tracked = problem.contacts.active | problem.contacts.via
-        for t in range(N + 1):
+        """Hessians ``(N+1, 36, 36)``, gradients ``(N+1, 36)`` and the dynamics' base blocks."""
+        model, data = self._model, self._data
+        momentum_jacobian, zero = np.empty((len(q), 6, 2 * NV)), np.zeros(NV)
+        for t in range(len(q)):
             dh_dq, _, _, dh_dv = pin.computeCentroidalDynamicsDerivatives(
                 model, data, q[t], v[t], zero
             )
-            G[t, 12:18, :NV], G[t, 12:18, NV:] = dh_dq, dh_dv
-            G[t, 18:36, :NV] = pin.dDifference(model, problem.q_ref[t], q[t], pin.ARG1)
-            if t < N:
-                for leg, foot in enumerate(self._robot.feet):
-                    if tracked[t, leg]:
-                        pin.updateFramePlacement(model, data, foot)
-                        J = pin.getFrameJacobian(model, data, foot, pin.LOCAL_WORLD_ALIGNED)
-                        G[t, 3 * leg : 3 * leg + 3, :NV] = J[:3]
-                dt = problem.contacts.dt[t]
-                Jq[t] = pin.dIntegrate(model, q[t], dt * v[t + 1], pin.ARG0)
-                C[t] = dt * pin.dIntegrate(model, q[t], dt * v[t + 1], pin.ARG1)
-        G[:, 36:, NV:] = np.eye(NV)
-        r = np.concatenate([np.zeros((N + 1, 12)), momentum, state], axis=1)
-        r[:N, :12] = feet.reshape(N, 12)
-        weight = np.empty((N + 1, 54))
-        weight[:, :12], weight[:, 12:18] = config.foot_weight, config.momentum_weight
-        weight[:, 18:] = self._state_weight
-        weight[:N] *= problem.contacts.dt[:N, None]
-        WG = weight[:, :, None] * G
-        Gt = np.swapaxes(G, 1, 2)
-        return Gt @ WG, (Gt @ (weight * r)[:, :, None])[:, :, 0], Jq, C
+            momentum_jacobian[t, :, :NV] = dh_dq
+            momentum_jacobian[t, :, NV:] = dh_dv
+        return _gauss_newton(p, v, residuals, momentum_jacobian)
+
+
+@njit(cache=True, error_model="numpy")
+def simulate(q0: Array, v0: Array, u: Array, dt: Array) -> tuple[Array, Array]:
+    """Trajectory q ``(N+1, 19)``, v ``(N+1, 18)`` under accelerations ``u (N, 18)``."""
+    N = len(u)
+    q, v = np.empty((N + 1, NV + 1)), np.empty((N + 1, NV))
+    q[0], v[0] = q0, v0
+    for t in range(N):
+        v[t + 1] = v[t] + dt[t] * u[t]
+        q[t + 1] = integrate(q[t], dt[t] * v[t + 1])
+    return q, v
+
+
+@njit(cache=True, error_model="numpy")
+def _first_guess(q0: Array, v0: Array, p: _Problem) -> tuple[Array, Array, Array]:
+    """A motion that takes the regularised posture in its first node.
+
+    Not one at constant velocity: half a second of a swinging leg's rate turns its knee inside out,
+    and Gauss-Newton stays in that local minimum.
+    """
+    N = len(p.dt)
+    q, v, u = np.empty((N + 1, NV + 1)), np.empty((N + 1, NV)), np.empty((N, NV))
+    q[0], v[0] = q0, v0
+    for t in range(N):
+        v[t + 1] = difference(q[t], p.q_ref[t + 1]) / p.dt[t]
+        v[t + 1, :3] = v[0, :3]
+        u[t] = (v[t + 1] - v[t]) / p.dt[t]
+        q[t + 1] = integrate(q[t], p.dt[t] * v[t + 1])
+    return q, v, u
+
+
+@njit(cache=True, error_model="numpy")
+def _roll(
+    q: Array, v: Array, k: Array, K: Array, dt: Array, step: float
+) -> tuple[Array, Array, Array]:
+    """Nonlinear rollout of the sweep's policy around ``q, v``."""
+    new_q, new_v, new_u = np.empty_like(q), np.empty_like(v), np.empty_like(k)
+    new_q[0], new_v[0] = q[0], v[0]
+    change = np.empty(2 * NV)
+    for t in range(len(dt)):
+        change[:NV] = difference(q[t], new_q[t])
+        change[NV:] = new_v[t] - v[t]
+        new_v[t + 1] = v[t + 1] + step * k[t] + K[t] @ change
+        new_u[t] = (new_v[t + 1] - new_v[t]) / dt[t]
+        new_q[t + 1] = integrate(new_q[t], dt[t] * new_v[t + 1])
+    return new_q, new_v, new_u
+
+
+@njit(cache=True, error_model="numpy")
+def _objective(
+    p: _Problem, q: Array, v: Array, u: Array, momentum: Array, foot: Array, foot_jacobian: Array
+) -> tuple[float, _Residuals]:
+    """Objective and residuals, from the momenta and foot positions of a trajectory."""
+    N = len(p.dt)
+    momentum = momentum - p.momentum
+    error = np.zeros((N, 4, 3))
+    state = np.empty((N + 1, 2 * NV))
+    cost = 0.0
+    for t in range(N + 1):
+        state[t, :NV] = difference(p.q_ref[t], q[t])
+        state[t, NV:] = v[t] - p.v_ref[t]
+        stage = p.momentum_weight * np.sum(momentum[t] ** 2)
+        stage += np.sum(p.state_weight * state[t] ** 2)
+        if t == N:
+            cost += 0.5 * stage
+            continue
+        for leg in range(4):
+            if p.tracked[t, leg]:
+                error[t, leg] = foot[t, leg] - p.target[t, leg]
+        stage += p.foot_weight * np.sum(error[t] ** 2) + np.sum(p.control_weight * u[t] ** 2)
+        cost += 0.5 * p.dt[t] * stage
+    return cost, _Residuals(error, foot_jacobian, momentum, state)
+
+
+@njit(cache=True, error_model="numpy")
+def _gauss_newton(
+    p: _Problem, v: Array, r: _Residuals, momentum_jacobian: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Quadratic model of the state costs, and the dynamics' base blocks.
+
+    The state's Jacobian is the identity but for the base; a foot depends on base and own leg.
+
+    Returns:
+        Gauss-Newton Hessians ``(N+1, 36, 36)``, gradients ``(N+1, 36)``; base blocks ``(N, 6, 6)``
+        A of d q_{t+1} / d q_t and E of d q_{t+1} / d (dt v_{t+1}).
+    """
+    N = len(p.dt)
+    H, g = np.empty((N + 1, 2 * NV, 2 * NV)), np.empty((N + 1, 2 * NV))
+    A, E = np.empty((N, 6, 6)), np.empty((N, 6, 6))
+    own = np.arange(9)  # columns of a foot's Jacobian among the 36
+    for t in range(N + 1):
+        J = momentum_jacobian[t]
+        H[t] = p.momentum_weight * (J.T @ J)
+        g[t] = p.momentum_weight * (J.T @ r.momentum[t])
+        D = difference_jacobian(r.state[t, :6])
+        WD = p.state_weight[:6].reshape(6, 1) * D
+        H[t, :6, :6] += D.T @ WD
+        g[t, :6] += WD.T @ r.state[t, :6]
+        for i in range(6, 2 * NV):
+            H[t, i, i] += p.state_weight[i]
+            g[t, i] += p.state_weight[i] * r.state[t, i]
+        if t == N:
+            break
+        for leg in range(4):
+            if not p.tracked[t, leg]:
+                continue
+            own[6:] = 6 + 3 * leg + np.arange(3)
+            for axis in range(3):
+                row = r.foot_jacobian[t, leg, axis]
+                for i in range(9):
+                    weighted = p.foot_weight * row[i]
+                    g[t, own[i]] += weighted * r.foot[t, leg, axis]
+                    for j in range(9):
+                        H[t, own[i], own[j]] += weighted * row[j]
+        H[t] *= p.dt[t]
+        g[t] *= p.dt[t]
+        A[t], E[t] = integrate_jacobians(p.dt[t] * v[t + 1, :6])
+    return H, g, A, E

@@ -12,17 +12,21 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from numba import njit
 
 from surefoot.config import ExpertConfig, Gait
 from surefoot.mpc.centroidal import CentroidalPlan, solve_centroidal
 from surefoot.mpc.footholds import ContactPlan, hip_offsets, plan_contacts
 from surefoot.mpc.gait import GRID
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
+from surefoot.mpc.rigid import feet, legs_of
 from surefoot.robot import RobotModel
 from surefoot.types import TICKS_PER_SECOND, Array, Command, MotionPlan, State
 
 PLAN_TICKS = 2 * GRID
 """A plan is used for one grid interval; the second is the fall-back when a replan fails."""
+LAST_NODE = 3
+"""The node at or beyond the last tick of a plan, even where the first node is the shortest."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,8 @@ class Planner:
         self._data = robot.model.createData()
         self._mass = robot.mass
         self._hips = hip_offsets(robot, config.hip_outward)
+        self._legs = legs_of(robot)
+        self._yaw_inertia = self._inertia_about_the_vertical()
         self._kinematics = KinematicSolver(robot, config.kinematic)
 
     def plan(self, state: State, tick: int, command: Command) -> MotionPlan:
@@ -82,14 +88,14 @@ class Planner:
             self._config.speed_gain * command.vy,
             command.yaw_rate,
         )
-        x0, feet = self.measure(q, v)
+        x0, foot_positions = self.measure(q, v)
         contacts = plan_contacts(
             self._gait,
             self._config,
             self._hips,
             self._robot.foot_radius,
             x0[:3],
-            feet,
+            foot_positions,
             tick,
             velocity,
         )
@@ -106,9 +112,8 @@ class Planner:
         """Centroidal state ``(9,)`` (com, its velocity, momentum / mass) and feet ``(4, 3)``."""
         model, data = self._robot.model, self._data
         pin.computeCentroidalMomentum(model, data, q, v)
-        feet = [pin.updateFramePlacement(model, data, f).translation for f in self._robot.feet]
         x0 = np.concatenate([data.com[0], data.hg.vector / self._mass])
-        return x0, np.array(feet)
+        return x0, feet(q[None], self._legs)[0][0]
 
     def centroidal_reference(
         self, q: Array, x0: Array, contacts: ContactPlan, velocity: Command
@@ -127,7 +132,7 @@ class Planner:
         error = pin.log3(pin.Quaternion(q[3:7]).matrix().T)
         reference[:-1, 6:] = np.array(self._config.centroidal.orientation_gain) * error
         reference[-1, 6:] = error
-        reference[:, 8] = self._yaw_inertia() / self._mass * velocity.yaw_rate
+        reference[:, 8] = self._yaw_inertia / self._mass * velocity.yaw_rate
         return reference
 
     def kinematic_problem(
@@ -176,47 +181,54 @@ class Planner:
     def interpolate(
         self, contacts: ContactPlan, centroidal: CentroidalPlan, kinematic: KinematicPlan
     ) -> tuple[Array, Array, Array, Array]:
-        """q ``(100, 19)``, v ``(100, 18)``, a ``(100, 18)``, forces ``(100, 4, 3)`` at each tick."""
-        start = np.concatenate([[0.0], np.cumsum(contacts.dt[: self._config.kinematic.nodes])])
+        """Rows of q ``(100, 19)``, v and a ``(100, 18)`` and forces ``(100, 4, 3)``, one a tick."""
+        start = np.concatenate([[0.0], np.cumsum(contacts.dt[: LAST_NODE - 1])])
         time = np.arange(PLAN_TICKS) / TICKS_PER_SECOND
         node = np.searchsorted(start, time + 1e-9, side="right") - 1
-        share = (time - start[node]) / contacts.dt[node]
-
-        def between(rows: Array) -> Array:
-            weight = share.reshape(-1, *[1] * (rows.ndim - 1))
-            return (1 - weight) * rows[node] + weight * rows[node + 1]
-
-        q = between(kinematic.q)
+        share = ((time - start[node]) / contacts.dt[node])[:, None]
+        rows = (kinematic.q, kinematic.v, kinematic.acceleration, centroidal.forces)
+        table = np.hstack([row[: LAST_NODE + 1].reshape(LAST_NODE + 1, -1) for row in rows])
+        table = (1 - share) * table[node] + share * table[node + 1]
+        q, v, a, force = np.split(table, [19, 37, 55], axis=1)
         q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
-        return q, between(kinematic.v), between(kinematic.acceleration), between(centroidal.forces)
+        return q, v, a, force.reshape(PLAN_TICKS, 4, 3)
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array, force: Array) -> Array:
         """``(T, 18)`` generalised force that the motion needs beyond the contact forces.
 
         The first six rows are the wrench that nobody applies: the momentum mismatch of the plan.
         """
-        model, data, feet = self._robot.model, self._data, self._robot.feet
-        T = len(q)
-        tau, J, point = np.empty((T, 18)), np.empty((T, 6, 18)), np.empty((T, 4, 3))
-        for t in range(T):
+        model, data = self._robot.model, self._data
+        tau = np.empty((len(q), 18))
+        for t in range(len(q)):
             tau[t] = pin.rnea(model, data, q[t], v[t], a[t])
-            J[t] = pin.computeJointJacobians(model, data, q[t])  # rnea leaves placements stale
-            for leg, foot in enumerate(feet):
-                point[t, leg] = pin.updateFramePlacement(model, data, foot).translation
-        # Columns of J are spatial velocities at the world origin, so a foot's force acts with its
-        # moment about that origin, on the base and on its own leg only.
-        wrench = np.concatenate([force, np.cross(point, force)], axis=2)
-        tau[:, :6] -= np.einsum("tij,tli->tj", J[:, :, :6], wrench)
-        for leg in range(4):
-            joints = slice(6 + 3 * leg, 9 + 3 * leg)
-            tau[:, joints] -= np.einsum("tij,ti->tj", J[:, :, joints], wrench[:, leg])
+        subtract_contacts(tau, feet(q, self._legs)[1], force)
         return tau
 
-    def _yaw_inertia(self) -> float:
-        """Composite inertia about the vertical in the nominal pose [kg m^2]."""
+    def _inertia_about_the_vertical(self) -> float:
+        """Composite, in the nominal pose [kg m^2]."""
         model, data = self._robot.model, self._data
         pin.ccrba(model, data, self._robot.nominal, np.zeros(18))
         return float(data.Ig.inertia[2, 2])
+
+
+@njit(cache=True, error_model="numpy")
+def subtract_contacts(tau: Array, J: Array, force: Array) -> None:
+    """Subtracts sum_j J_j^T f_j from ``tau (T, 18)``; a foot acts on the base and its own leg.
+
+    Args:
+        tau: generalised forces, changed in place.
+        J: ``(T, 4, 3, 9)`` from `feet`.
+        force: ``(T, 4, 3)`` on the feet, world axes [N].
+    """
+    for t in range(len(tau)):
+        for leg in range(4):
+            for axis in range(3):
+                f = force[t, leg, axis]
+                for i in range(6):
+                    tau[t, i] -= J[t, leg, axis, i] * f
+                for i in range(3):
+                    tau[t, 6 + 3 * leg + i] -= J[t, leg, axis, 6 + i] * f
 
 
 def to_heading_frame(q: Array) -> Array:

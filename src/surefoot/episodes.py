@@ -1,0 +1,202 @@
+"""Many episodes: cut into chunks, spread over processes, summed up.
+
+A job is all that fixes its episodes: configuration, starts, ids, arbiter, policy file. Each process
+builds robot and expert once. Methods and evaluation are written on `run_episodes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.config import Config
+from surefoot.dataset import Frames, concatenate
+from surefoot.mpc.expert import Expert, make_expert
+from surefoot.policy import load
+from surefoot.robot import RobotModel, solo12
+from surefoot.rollout import Arbiter, Rollout, rollout
+from surefoot.rotations import heading, rotation, to_heading
+from surefoot.safety import strictly_stepping
+from surefoot.sim import make_simulator
+from surefoot.starts import Starts
+from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, to_ticks
+from surefoot.workers import map_chunks
+
+Keep = Callable[[Rollout], BoolArray]
+"""A method's rule: ``(B, T)`` True for the frames of a rollout that go into the dataset."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """Episodes to run, and all that fixes them.
+
+    Attributes:
+        config: of robot, simulator, expert, bounds.
+        starts: one per episode.
+        episode: ``(n,)`` ids.
+        arbiter: who drives.
+        duration: T [s].
+        tail: [s] of expert driving at the end.
+        policy: file of the policy, where the arbiter needs one.
+        keep: the frames to return; none without it.
+    """
+
+    config: Config
+    starts: Starts
+    episode: IntArray
+    arbiter: Arbiter
+    duration: float
+    tail: float = 0.0
+    policy: Path | None = None
+    keep: Keep | None = None
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What is left of n episodes besides their frames; first axis the episode.
+
+    Attributes:
+        episode: ``(n,)`` ids.
+        start: ``(n,)`` ids of the starts.
+        command: ``(n, 3)`` [m/s, m/s, rad/s].
+        outcome: ``(n,)`` of `Outcome`.
+        ticks: ``(n,)`` simulated [ms], tail included.
+        proper_ticks: ``(n,)`` of them before the tail.
+        expert_ticks: ``(n,)`` ticks before the tail that the expert drove.
+        expert_drove_last: ``(n,)`` True where the expert drove the last tick.
+        expert_drove_before: ``(n,)`` True where it drove 0.5 s before that.
+        plans: ``(n,)`` MPC solves.
+        invalid_plans: ``(n,)`` of them not valid.
+        kept: ``(n,)`` frames kept.
+        strict: ``(n,)`` True where every foot stepped in every 1.5 periods over 2/3 of T.
+        mean_velocity: ``(n, 3)`` vx, vy, yaw rate in the heading frame [m/s, m/s, rad/s].
+        mse: ``(n, 3)`` mean squared velocity error over the whole episode.
+        settled_mse: ``(n, 3)`` the same from 1 s on; NaN for shorter episodes.
+        max_torque: ``(n,)`` largest applied joint torque [Nm].
+    """
+
+    episode: IntArray
+    start: IntArray
+    command: Array
+    outcome: IntArray
+    ticks: IntArray
+    proper_ticks: IntArray
+    expert_ticks: IntArray
+    expert_drove_last: BoolArray
+    expert_drove_before: BoolArray
+    plans: IntArray
+    invalid_plans: IntArray
+    kept: IntArray
+    strict: BoolArray
+    mean_velocity: Array
+    mse: Array
+    settled_mse: Array
+    max_torque: Array
+
+
+def run_episodes(job: Job, workers: int, label: str) -> tuple[Summary, Frames]:
+    """Run all episodes of a job; the same results, bit for bit, for any number of workers."""
+    size = job.config.chunk
+    chunks = [
+        replace(job, starts=job.starts[rows], episode=job.episode[rows])
+        for rows in (slice(first, first + size) for first in range(0, len(job.starts), size))
+    ]
+    summaries, frames = zip(*map_chunks(run_chunk, chunks, workers, label), strict=True)
+    summary = Summary(
+        *(
+            np.concatenate([getattr(part, field.name) for part in summaries])
+            for field in fields(Summary)
+        )
+    )
+    return summary, concatenate(frames)
+
+
+def run_chunk(job: Job) -> tuple[Summary, Frames]:
+    """Run the episodes of one chunk in this process."""
+    record, expert = play_out(job)
+    frames = concatenate([])
+    if job.keep is not None:
+        frames = record.frames(job.keep(record), job.episode)
+    return summarise(record, job, expert, frames), frames
+
+
+def play_out(job: Job) -> tuple[Rollout, Expert]:
+    """The rollout of a job's episodes, all in lockstep, and the expert that took part."""
+    robot, expert = _team(job.config)
+    simulator = make_simulator(robot, len(job.starts), job.config.simulation)
+    policy = None if job.policy is None else load(job.policy, robot.name)
+    record = rollout(
+        simulator,
+        robot,
+        job.starts,
+        job.duration,
+        job.arbiter,
+        expert,
+        policy,
+        job.tail,
+        job.config.safety,
+    )
+    return record, expert
+
+
+@lru_cache(maxsize=4)
+def _team(config: Config) -> tuple[RobotModel, Expert]:
+    robot = solo12(config.robot)
+    return robot, make_expert(robot, config)
+
+
+def velocities(record: Rollout) -> Array:
+    """``(B, T, 3)`` base vx, vy [m/s] and yaw rate [rad/s] in the heading frame."""
+    R = rotation(record.q[..., 3:7])
+    linear = np.einsum("...ij,...j->...i", R, record.v[..., :3])
+    yaw_rate = np.einsum("...j,...j->...", R[..., 2, :], record.v[..., 3:6])
+    horizontal = to_heading(linear[..., :2], heading(R))
+    return np.concatenate([horizontal, yaw_rate[..., None]], axis=-1)
+
+
+def summarise(record: Rollout, job: Job, expert: Expert, frames: Frames) -> Summary:
+    """The figures of a rollout."""
+    B, T = len(record.length), record.duration
+    proper = record.happened[:, :T]
+    last = np.maximum(record.length - 1, 0)
+    before = np.maximum(record.length - 1 - TICKS_PER_SECOND // 2, 0)
+    robots = np.arange(B)
+    velocity = velocities(record)[:, :T]
+    error = (velocity - record.starts.command[:, None]) ** 2
+    settled = proper & (np.arange(T) >= TICKS_PER_SECOND)
+    torque = np.abs(record.torque[:, :T]).max(axis=2)
+    return Summary(
+        episode=job.episode,
+        start=record.starts.id,
+        command=record.starts.command,
+        outcome=record.outcome,
+        ticks=record.length,
+        proper_ticks=proper.sum(axis=1),
+        expert_ticks=(record.expert_drove[:, :T] & proper).sum(axis=1),
+        expert_drove_last=record.expert_drove[robots, last],
+        expert_drove_before=record.expert_drove[robots, before],
+        plans=expert.plans.copy(),
+        invalid_plans=expert.invalid_plans.copy(),
+        kept=np.array([(frames.episode == episode).sum() for episode in job.episode]),
+        strict=strictly_stepping(
+            record.feet[:, :T, :, 2],
+            record.contacts[:, :T],
+            _team(job.config)[0].foot_radius,
+            to_ticks(job.config.gait.period),
+        ),
+        mean_velocity=_mean(velocity, proper),
+        mse=_mean(error, proper),
+        settled_mse=_mean(error, settled),
+        max_torque=np.where(proper, torque, 0.0).max(axis=1),
+    )
+
+
+def _mean(values: Array, mask: BoolArray) -> Array:
+    """Mean over the ticks in the mask, ``(B, T, 3) -> (B, 3)``; NaN without any."""
+    total = np.where(mask[..., None], values, 0.0).sum(axis=1)
+    count = mask.sum(axis=1)[:, None]
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -1,0 +1,87 @@
+"""Evaluation as in the paper (IV-F): robustness from perturbed starts, velocity tracking.
+
+A rollout succeeds if the robot does not fall and steps constantly for two thirds of it. Every
+policy and the expert are run on the same stored starts, so that comparisons are paired.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import binomtest
+
+from surefoot.config import Config
+from surefoot.episodes import Job, Summary, run_episodes
+from surefoot.rollout import ExpertOnly, PolicyOnly
+from surefoot.safety import Outcome
+from surefoot.starts import load_starts
+
+AXES = ("vx", "vy", "yaw_rate")
+
+
+def evaluate(
+    config: Config, policy: Path | None, split: str, workers: int, label: str
+) -> tuple[dict[str, Any], Summary]:
+    """Run a policy, or the expert, from stored starts.
+
+    Args:
+        config: of robot, simulator, expert; duration and number of episodes.
+        policy: file of the policy; None evaluates the expert.
+        split: `select` to choose a policy, `test` to report.
+        workers: processes.
+        label: of the progress bar.
+
+    Returns:
+        The figures (see `figures_of`), and the episodes they sum up.
+    """
+    starts = load_starts()
+    some = starts[split][: config.evaluation.episodes]
+    job = Job(
+        config,
+        some,
+        some.id,
+        ExpertOnly() if policy is None else PolicyOnly(),
+        config.evaluation.duration,
+        policy=policy,
+    )
+    summary, _ = run_episodes(job, workers, label)
+    return {"starts_hash": starts.hash, "split": split, **figures_of(summary)}, summary
+
+
+def figures_of(summary: Summary) -> dict[str, Any]:
+    """The paper's figures of n episodes, flat.
+
+    ``episodes``, ``successes``, ``falls``, ``stalls``, ``diverged`` count episodes; ``success_rate``
+    has its Wilson 95 % interval; ``strict_successes`` also step in every window of 1.5 periods;
+    ``mse`` is over the successes and the whole episode (paper), ``settled_mse`` over all episodes
+    from 1 s on, both ``[vx, vy, yaw_rate]`` in m^2/s^2 and rad^2/s^2; ``max_torque`` in Nm.
+    """
+    n, success = len(summary.outcome), summary.outcome == Outcome.SUCCESS
+    successes = int(success.sum())
+    interval = binomtest(successes, n).proportion_ci(method="wilson")
+    return {
+        "episodes": n,
+        "successes": successes,
+        "success_rate": successes / n,
+        "success_interval": [float(interval.low), float(interval.high)],
+        "falls": int((summary.outcome == Outcome.FELL).sum()),
+        "stalls": int((summary.outcome == Outcome.STALLED).sum()),
+        "diverged": int((summary.outcome == Outcome.DIVERGED).sum()),
+        "strict_successes": int((success & summary.strict).sum()),
+        "mse": mean_rows(summary.mse[success]),
+        "settled_mse": mean_rows(summary.settled_mse),
+        "max_torque": float(summary.max_torque.max()),
+        "robot_seconds": float(summary.ticks.sum() / 1000),
+        "plans": int(summary.plans.sum()),
+        "invalid_plans": int(summary.invalid_plans.sum()),
+    }
+
+
+def mean_rows(rows: np.ndarray) -> list[float | None]:
+    """Mean over the rows that are numbers, None for columns without any."""
+    return [
+        float(column[np.isfinite(column)].mean()) if np.isfinite(column).any() else None
+        for column in rows.T
+    ]

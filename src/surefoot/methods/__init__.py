@@ -1,0 +1,1 @@
+"""Imitation methods, one file each, in the order and with the symbols of the paper."""

@@ -1,0 +1,102 @@
+"""LocoSafeDAGGER (paper, Algorithm 4): the policy drives, the expert rescues it, the rescue teaches.
+
+    Pre-training: D <- expert rollouts; train pi_0 on D
+    for i = 1 .. N:
+        roll out pi_{i-1} for T; where pi_safety says unsafe, the expert drives for T_block
+            and D <- D u {its frames}
+        the expert drives T_end more, D <- D u {its frames}
+        train pi_i on D
+    return the best pi_i on validation
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.config import Config, LocoSafeDaggerConfig
+from surefoot.episodes import Job
+from surefoot.methods.stages import best, collect, episode_ids, expert_rollouts, train, validate
+from surefoot.rollout import Rollout, SafetySwitch
+from surefoot.run import Run
+from surefoot.safety import HandBack, Outcome, SafetyMonitor
+from surefoot.starts import Starts, load_starts
+from surefoot.types import BoolArray
+
+
+def loco_safe_dagger(run: Run, workers: int) -> Path:
+    """Train a policy with LocoSafeDAGGER; the run's folder gets data, policies and metrics.
+
+    Args:
+        run: an open run, new or to be resumed.
+        workers: processes for the rollouts; the result does not depend on it.
+
+    Returns:
+        File of the policy that did best on the `select` starts.
+
+    Raises:
+        TypeError: the run was configured for another method.
+    """
+    config, method = run.config, run.config.method
+    if not isinstance(method, LocoSafeDaggerConfig):
+        raise TypeError(f"this run is configured for {run.method}, not for loco_safe_dagger")
+
+    # Pre-training (behaviour cloning)
+    collect(run, 0, expert_rollouts(config, method.pretraining), workers)
+    train(run, 0, method.pretraining_epochs)
+    validate(run, 0, workers)
+
+    for i in range(1, method.iterations + 1):
+        # Policy rollout + data collection, and the extra data collection of T_end
+        monitor = SafetyMonitor(config.safety, method.T_block, HandBack(method.hand_back))
+        starts = draw_starts(config, method, np.random.default_rng(run.seed("starts", i)))
+        job = Job(
+            config,
+            starts,
+            episode_ids(i, len(starts)),
+            SafetySwitch(monitor),
+            method.T,
+            tail=method.T_end,
+            policy=run.policy(i - 1),
+            keep=expert_frames,
+        )
+        collect(run, i, job, workers)
+        train(run, i, method.epochs)
+        validate(run, i, workers)
+
+    best(run, method.iterations)
+    return run.best_policy
+
+
+def draw_starts(config: Config, method: LocoSafeDaggerConfig, rng: np.random.Generator) -> Starts:
+    """Starts of one iteration: every velocity, at one random phase, with random perturbations.
+
+    The first perturbation of the stored ones belongs to the pre-training.
+    """
+    stored = load_starts()
+    grid = stored.rows("train")
+    perturbations, phases, velocities = grid.shape
+    chosen = np.round(np.linspace(0, velocities - 1, method.velocities)).astype(np.int64)
+    rows = []
+    for velocity in chosen:
+        phase = rng.integers(phases)
+        which = 1 + rng.choice(perturbations - 1, method.perturbations, replace=False)
+        rows.extend(grid[which, phase, velocity])
+    return stored["train"][np.array(rows)]
+
+
+def expert_frames(record: Rollout) -> BoolArray:
+    """``(B, T)`` the frames to keep: what the expert drove, tail included.
+
+    A block of the expert that ends in a fall or a divergence is dropped whole; it teaches how to
+    fall. Earlier blocks of that rollout ended well and are kept.
+    """
+    keep = record.expert_drove & record.happened
+    failed = (record.outcome == Outcome.FELL) | (record.outcome == Outcome.DIVERGED)
+    for robot in np.flatnonzero(failed):
+        tick = record.length[robot] - 1
+        while tick >= 0 and keep[robot, tick]:
+            keep[robot, tick] = False
+            tick -= 1
+    return keep

@@ -1,0 +1,204 @@
+"""What all methods share: draw starts, collect, train, validate, choose the best. Resumable.
+
+Each function is one stage of an iteration; a stage whose record stands in the run's metrics is not
+done again.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from surefoot.config import Config, ExpertData
+from surefoot.episodes import Job, Summary, run_episodes
+from surefoot.evaluate import evaluate
+from surefoot.policy import Policy, PolicyNetwork, load, save
+from surefoot.rollout import ExpertOnly, Rollout
+from surefoot.run import Run
+from surefoot.safety import Outcome
+from surefoot.starts import Starts, StartSet, load_starts
+from surefoot.train import fit
+from surefoot.types import TICKS_PER_SECOND, BoolArray, IntArray, to_ticks
+
+EPISODES_PER_ITERATION = 100_000
+"""Episode ids: iteration * this + index."""
+
+
+def episode_ids(iteration: int, count: int) -> IntArray:
+    """Ids that no other iteration of a run uses."""
+    return iteration * EPISODES_PER_ITERATION + np.arange(count)
+
+
+def expert_rollouts(config: Config, data: ExpertData) -> Job:
+    """Expert rollouts to clone, from the `train` starts; failed rollouts are dropped whole."""
+    stored = load_starts()
+    rows = expert_rows(stored, data)
+    parts = [stored["train"][rows]]
+    if data.nominal:
+        nominal = stored.rows("nominal")[0, 0]
+        parts.insert(0, stored["nominal"][nominal[_spread(len(nominal), data.velocities)]])
+    starts = Starts(
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0]))
+    )
+    ids = episode_ids(0, len(starts))
+    return Job(config, starts, ids, ExpertOnly(), data.duration, keep=keep_unless_failed)
+
+
+def expert_rows(stored: StartSet, data: ExpertData) -> IntArray:
+    """Rows of the `train` split: velocities x ten phases x perturbations."""
+    grid = stored.rows("train")
+    if data.perturbations > grid.shape[0]:
+        raise ValueError(
+            f"{data.perturbations} perturbations asked for, the starts {stored.name!r} hold "
+            f"{grid.shape[0]} of each velocity and phase"
+        )
+    return grid[: data.perturbations, :, _spread(grid.shape[2], data.velocities)].ravel()
+
+
+def _spread(available: int, wanted: int) -> IntArray:
+    """Indices of ``wanted`` equally spaced velocities, both ends included."""
+    if not 1 <= wanted <= available:
+        raise ValueError(f"{wanted} velocities asked for, the stored starts hold {available}")
+    return np.round(np.linspace(0, available - 1, wanted)).astype(np.int64)
+
+
+def keep_unless_failed(record: Rollout) -> BoolArray:
+    """All frames of rollouts that neither fell nor diverged."""
+    failed = (record.outcome == Outcome.FELL) | (record.outcome == Outcome.DIVERGED)
+    return record.happened & ~failed[:, None]
+
+
+def collect(run: Run, iteration: int, job: Job, workers: int) -> dict[str, Any]:
+    """D <- D u D': run the episodes of a job and append the frames that its rule keeps."""
+    if done := run.done("collect", iteration):
+        return done
+    began = time.perf_counter()
+    summary, frames = run_episodes(job, workers, f"iteration {iteration}: collect")
+    run.dataset.append(f"iteration_{iteration:03d}", frames)
+    figures = collection_figures(summary)
+    record = run.record(
+        "collect",
+        iteration,
+        **figures,
+        dataset_frames=run.dataset.frames,
+        dataset_hash=run.dataset.hash,
+        seconds=time.perf_counter() - began,
+    )
+    tqdm.write(
+        f"iteration {iteration}: {figures['episodes']} rollouts, {figures['falls']} fell, "
+        f"{figures['diverged']} diverged, expert share {100 * figures['expert_share']:.1f} % "
+        f"(with tail {100 * figures['expert_share_with_tail']:.1f} %), "
+        f"{figures['frames_kept']} frames kept, {run.dataset.frames} in all"
+    )
+    return record
+
+
+def collection_figures(summary: Summary) -> dict[str, Any]:
+    """Falls, and who drove then; expert share over T and with the tail; MPC solves."""
+    fell = summary.outcome == Outcome.FELL
+    tail_ticks = summary.ticks - summary.proper_ticks
+    robot_ticks = int(summary.ticks.sum())
+    with_tail = int(summary.expert_ticks.sum() + tail_ticks.sum())
+    return {
+        "episodes": len(summary.outcome),
+        "falls": int(fell.sum()),
+        "falls_in_tail": int((fell & (tail_ticks > 0)).sum()),
+        "falls_expert_driving": int((fell & summary.expert_drove_last).sum()),
+        "falls_expert_driving_before": int((fell & summary.expert_drove_before).sum()),
+        "diverged": int((summary.outcome == Outcome.DIVERGED).sum()),
+        "stalls": int((summary.outcome == Outcome.STALLED).sum()),
+        "falls_per_robot_minute": float(fell.sum() / (robot_ticks / TICKS_PER_SECOND / 60)),
+        "expert_share": float(summary.expert_ticks.sum() / summary.proper_ticks.sum()),
+        "expert_share_with_tail": with_tail / robot_ticks,
+        "expert_seconds": with_tail / TICKS_PER_SECOND,
+        "plans": int(summary.plans.sum()),
+        "invalid_plans": int(summary.invalid_plans.sum()),
+        "frames_kept": int(summary.kept.sum()),
+        "failed_episodes": summary.episode[
+            fell | (summary.outcome == Outcome.DIVERGED)
+        ].tolist(),
+    }
+
+
+def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
+    """Train pi_i on D, starting from pi_{i-1}; the first starts from random weights."""
+    if done := run.done("train", iteration):
+        return done
+    began = time.perf_counter()
+    config = run.config
+    if iteration == 0:
+        seed = int(run.seed("network", 0).generate_state(1)[0])
+        network = PolicyNetwork(config.policy, seed)
+    else:
+        network = load(run.policy(iteration - 1)).network
+    frames = run.dataset.load()
+    period = to_ticks(config.gait.period)
+    with tqdm(total=epochs, desc=f"iteration {iteration}: train", unit="epoch", leave=False) as bar:
+
+        def progress(_epoch: int, _of: int, train_loss: float, validation_loss: float) -> None:
+            bar.set_postfix(train=f"{train_loss:.4f}", validation=f"{validation_loss:.4f}")
+            bar.update()
+
+        order = int(run.seed("order", iteration).generate_state(1)[0])
+        result = fit(
+            network, frames, config.training, config.policy, epochs, order, period, progress
+        )
+    provenance = {
+        "run": run.folder.name,
+        "method": run.method,
+        "iteration": iteration,
+        "seed": config.seed,
+        "dataset_hash": run.dataset.hash,
+    }
+    policy = Policy(
+        result.network, config.policy, period, frames.command_range, provenance=provenance
+    )
+    save(policy, run.policy(iteration))
+    record = run.record(
+        "train",
+        iteration,
+        epochs=epochs,
+        steps=result.steps,
+        frames=len(frames),
+        train_loss=result.train_loss[-1],
+        validation_loss=result.validation_loss[-1],
+        seconds=time.perf_counter() - began,
+    )
+    tqdm.write(
+        f"iteration {iteration}: {epochs} epochs on {len(frames)} frames, L1 {record['train_loss']:.4f}"
+        f" rad, held out {record['validation_loss']:.4f} rad"
+    )
+    return record
+
+
+def validate(run: Run, iteration: int, workers: int) -> dict[str, Any]:
+    """Robustness of pi_i on the `select` starts: the figure a policy is chosen by."""
+    if done := run.done("validate", iteration):
+        return done
+    began = time.perf_counter()
+    figures, _ = evaluate(
+        run.config, run.policy(iteration), "select", workers, f"iteration {iteration}: validate"
+    )
+    record = run.record("validate", iteration, **figures, seconds=time.perf_counter() - began)
+    tqdm.write(
+        f"iteration {iteration}: {figures['successes']} of {figures['episodes']} select starts, "
+        f"{figures['falls']} fell, {figures['stalls']} stalled"
+    )
+    return record
+
+
+def best(run: Run, iterations: int) -> dict[str, Any]:
+    """The policy with most successes on `select`; among equals the best tracking in vx."""
+    if done := run.done("best", 0):
+        return done
+
+    def merit(iteration: int) -> tuple[int, float]:
+        record = run.done("validate", iteration) or {}
+        error = record["settled_mse"][0]
+        return record["successes"], -np.inf if error is None else -error
+
+    winner = max(range(iterations + 1), key=merit)
+    return run.record("best", 0, best_iteration=winner)

@@ -1,0 +1,135 @@
+"""A run is a folder: config and versions, metrics as JSON lines, data, policies. Kill it any time.
+
+A stage (collect, train, validate of an iteration) is done once its line stands in
+``metrics.jsonl``; everything it wrote before that is whole or not there. A run that is opened again
+goes on with the first stage that is not done, and ends with the same bits.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from surefoot.config import Config, from_json, to_json
+from surefoot.dataset import Dataset
+from surefoot.files import write_atomic
+
+PACKAGES = ("surefoot", "numpy", "scipy", "pin", "mujoco", "numba", "torch", "h5py")
+
+
+class RunError(ValueError):
+    """A run folder cannot be used as asked."""
+
+
+class Run:
+    """An open run folder; `create` or `open_run` make one."""
+
+    def __init__(self, folder: Path, config: Config) -> None:
+        self.folder = folder
+        self.config = config
+        self.dataset = Dataset(folder / "data")
+
+    def policy(self, iteration: int) -> Path:
+        """File of the policy that an iteration trained; iteration 0 is the pre-training."""
+        return self.folder / "policies" / f"{iteration:03d}.safetensors"
+
+    @property
+    def best_policy(self) -> Path:
+        """File of the policy that did best on the `select` starts.
+
+        Raises:
+            RunError: the run is not finished.
+        """
+        done = self.done("best", 0)
+        if done is None:
+            raise RunError(
+                f"{self.folder} has no best policy: the run is not finished. Go on with "
+                f"`surefoot train {self.method} --run {self.folder} --resume`"
+            )
+        return self.policy(done["best_iteration"])
+
+    @property
+    def method(self) -> str:
+        """Name of the run's method."""
+        return to_json(self.config)["method"]["name"]
+
+    def seed(self, stage: str, iteration: int) -> np.random.SeedSequence:
+        """Randomness of a stage: fixed by the root seed, never by who computes it."""
+        number = ("starts", "network", "order").index(stage)
+        return np.random.SeedSequence(self.config.seed, spawn_key=(number, iteration))
+
+    @property
+    def metrics(self) -> list[dict[str, Any]]:
+        """One record per stage done, in the order they were done."""
+        path = self.folder / "metrics.jsonl"
+        return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+    def done(self, stage: str, iteration: int) -> dict[str, Any] | None:
+        """The record of a stage, or None if it is not done."""
+        key = (stage, iteration)
+        return next((r for r in self.metrics if (r["stage"], r["iteration"]) == key), None)
+
+    def record(self, stage: str, iteration: int, **figures: Any) -> dict[str, Any]:
+        """Write a stage down as done."""
+        record = {"stage": stage, "iteration": iteration, **figures}
+        lines = [json.dumps(line, allow_nan=True) for line in [*self.metrics, record]]
+        write_atomic(self.folder / "metrics.jsonl", "\n".join([*lines, ""]).encode())
+        return record
+
+
+def versions() -> dict[str, str]:
+    """Python, processor and package versions: the same bits are promised for the same ones."""
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    return found | {name: version(name) for name in PACKAGES}
+
+
+def create(folder: Path, config: Config, resume: bool = False) -> Run:
+    """A new run in a folder, or the one that is there if it is to be resumed.
+
+    Raises:
+        RunError: the folder holds a run and ``resume`` is False, or a run with another config, or
+            something else.
+    """
+    path = folder / "config.json"
+    record = {"config": to_json(config), "versions": versions()}
+    if path.exists():
+        if not resume:
+            raise RunError(
+                f"{folder} already holds a run. Continue it with --resume, or choose another "
+                "folder with --run"
+            )
+        run = open_run(folder)
+        if run.config != config:
+            raise RunError(
+                f"{folder} holds a run with another configuration ({path}); resume it with the "
+                "options it was started with, or choose another folder with --run"
+            )
+        return run
+    if folder.exists() and any(folder.iterdir()):
+        raise RunError(f"{folder} is not empty and holds no run; choose another folder with --run")
+    (folder / "policies").mkdir(parents=True, exist_ok=True)
+    write_atomic(path, json.dumps(record, indent=1).encode())
+    return Run(folder, config)
+
+
+def open_run(folder: Path) -> Run:
+    """Open an existing run.
+
+    Raises:
+        RunError: there is no run, or its config cannot be read.
+    """
+    path = folder / "config.json"
+    if not path.exists():
+        raise RunError(f"{folder} holds no run (no {path.name}); `surefoot train` makes one")
+    try:
+        config = from_json(json.loads(path.read_text())["config"])
+    except (ValueError, KeyError) as error:
+        raise RunError(f"{path} cannot be read: {error}") from error
+    os.makedirs(folder / "policies", exist_ok=True)
+    return Run(folder, config)
