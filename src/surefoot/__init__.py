@@ -1,1 +1,44 @@
-"""Distil a model predictive controller into a 1 kHz neural policy for a legged robot, safely."""
+"""Distil a model predictive controller into a 1 kHz neural policy for a legged robot, safely.
+
+The whole public API; everything is imported when it is first used, so that learning runs where
+there is no robotics stack.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+_HOME = {
+    "config": ("Config", "preset"),
+    "types": ("Command", "State", "MotionPlan", "Controller"),
+    "robot": ("RobotModel", "solo12", "standing"),
+    "mpc.planner": ("Planner",),
+    "mpc.expert": ("Expert", "make_expert"),
+    "sim": ("Simulator", "make_simulator"),
+    "starts": ("Starts", "load_starts"),
+    "perturb": ("perturb",),
+    "safety": ("Outcome", "SafetyMonitor", "HandBack"),
+    "rollout": ("rollout", "Rollout", "Arbiter", "ExpertOnly", "PolicyOnly", "SafetySwitch"),
+    "dataset": ("Dataset", "Frames"),
+    "policy": ("Policy", "PolicyNetwork", "load", "save"),
+    "train": ("fit",),
+    "run": ("Run", "create", "open_run"),
+    "methods.behavior_cloning": ("behavior_cloning",),
+    "methods.loco_safe_dagger": ("loco_safe_dagger",),
+    "evaluate": ("evaluate",),
+}
+_MODULE = {name: module for module, names in _HOME.items() for name in names}
+
+__version__ = "0.1.0"
+__all__ = sorted(_MODULE)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE:
+        raise AttributeError(f"surefoot has no {name!r}; it has {', '.join(__all__)}")
+    return getattr(import_module(f"surefoot.{_MODULE[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

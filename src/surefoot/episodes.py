@@ -23,7 +23,14 @@ from surefoot.rotations import heading, rotation, to_heading
 from surefoot.safety import strictly_stepping
 from surefoot.sim import make_simulator
 from surefoot.starts import Starts
-from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, to_ticks
+from surefoot.types import (
+    TICKS_PER_SECOND,
+    Array,
+    BoolArray,
+    IntArray,
+    PlanFunction,
+    to_ticks,
+)
 from surefoot.workers import map_chunks
 
 Keep = Callable[[Rollout], BoolArray]
@@ -43,6 +50,7 @@ class Job:
         tail: [s] of expert driving at the end.
         policy: file of the policy, where the arbiter needs one.
         keep: the frames to return; none without it.
+        plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
     """
 
     config: Config
@@ -53,6 +61,7 @@ class Job:
     tail: float = 0.0
     policy: Path | None = None
     keep: Keep | None = None
+    plan: PlanFunction | None = None
 
 
 @dataclass(frozen=True)
@@ -124,9 +133,9 @@ def run_chunk(job: Job) -> tuple[Summary, Frames]:
     return summarise(record, job, expert, frames), frames
 
 
-def play_out(job: Job) -> tuple[Rollout, Expert]:
+def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple[Rollout, Expert]:
     """The rollout of a job's episodes, all in lockstep, and the expert that took part."""
-    robot, expert = _team(job.config)
+    robot, expert = _team(job.config, job.plan)
     simulator = make_simulator(robot, len(job.starts), job.config.simulation)
     policy = None if job.policy is None else load(job.policy, robot.name)
     record = rollout(
@@ -139,14 +148,15 @@ def play_out(job: Job) -> tuple[Rollout, Expert]:
         policy,
         job.tail,
         job.config.safety,
+        progress,
     )
     return record, expert
 
 
 @lru_cache(maxsize=4)
-def _team(config: Config) -> tuple[RobotModel, Expert]:
+def _team(config: Config, plan: PlanFunction | None) -> tuple[RobotModel, Expert]:
     robot = solo12(config.robot)
-    return robot, make_expert(robot, config)
+    return robot, make_expert(robot, config, plan)
 
 
 def velocities(record: Rollout) -> Array:
@@ -185,7 +195,7 @@ def summarise(record: Rollout, job: Job, expert: Expert, frames: Frames) -> Summ
         strict=strictly_stepping(
             record.feet[:, :T, :, 2],
             record.contacts[:, :T],
-            _team(job.config)[0].foot_radius,
+            _team(job.config, job.plan)[0].foot_radius,
             to_ticks(job.config.gait.period),
         ),
         mean_velocity=_mean(velocity, proper),

@@ -17,12 +17,18 @@ from surefoot.episodes import Job, Summary, run_episodes
 from surefoot.rollout import ExpertOnly, PolicyOnly
 from surefoot.safety import Outcome
 from surefoot.starts import load_starts
+from surefoot.types import PlanFunction
 
 AXES = ("vx", "vy", "yaw_rate")
 
 
 def evaluate(
-    config: Config, policy: Path | None, split: str, workers: int, label: str
+    config: Config,
+    policy: Path | None,
+    split: str,
+    workers: int,
+    label: str,
+    plan: PlanFunction | None = None,
 ) -> tuple[dict[str, Any], Summary]:
     """Run a policy, or the expert, from stored starts.
 
@@ -32,6 +38,7 @@ def evaluate(
         split: `select` to choose a policy, `test` to report.
         workers: processes.
         label: of the progress bar.
+        plan: the expert's MPC; without it the BiConMP-style planner.
 
     Returns:
         The figures (see `figures_of`), and the episodes they sum up.
@@ -45,6 +52,7 @@ def evaluate(
         ExpertOnly() if policy is None else PolicyOnly(),
         config.evaluation.duration,
         policy=policy,
+        plan=plan,
     )
     summary, _ = run_episodes(job, workers, label)
     return {"starts_hash": starts.hash, "split": split, **figures_of(summary)}, summary

@@ -74,7 +74,9 @@ def lowest_points(robot: RobotModel, data: pin.Data, q: Array) -> tuple[Array, A
         link = data.oMf[robot.model.getFrameId(shape.link)]
         ends = np.array([link.act(np.array(point)) for point in (shape.start, shape.end)])
         reach = (
-            np.abs(link.rotation[2]) @ np.array(shape.size) if len(shape.size) == 3 else shape.size[0]
+            np.abs(link.rotation[2]) @ np.array(shape.size)
+            if len(shape.size) == 3
+            else shape.size[0]
         )
         lowest.append(ends[:, 2].min() - reach)
     return np.array(lowest[: len(LEGS)]), np.array(lowest[len(LEGS) :])

@@ -76,9 +76,7 @@ def stance_jacobian(robot: RobotModel, data: pin.Data, q: Array, stance: BoolArr
     rows = []
     for foot in np.array(robot.feet)[stance]:
         pin.updateFramePlacement(robot.model, data, int(foot))
-        rows.append(
-            pin.getFrameJacobian(robot.model, data, int(foot), pin.LOCAL_WORLD_ALIGNED)[:3]
-        )
+        rows.append(pin.getFrameJacobian(robot.model, data, int(foot), pin.LOCAL_WORLD_ALIGNED)[:3])
     return np.concatenate([np.empty((0, 18)), *rows])
 
 

@@ -51,9 +51,7 @@ class RobotModel:
         object.__setattr__(
             self, "feet", tuple(self.model.getFrameId(f"{leg}_FOOT") for leg in LEGS)
         )
-        object.__setattr__(
-            self, "hips", tuple(self.model.getJointId(f"{leg}_HFE") for leg in LEGS)
-        )
+        object.__setattr__(self, "hips", tuple(self.model.getJointId(f"{leg}_HFE") for leg in LEGS))
 
     @property
     def mass(self) -> float:
@@ -74,7 +72,9 @@ def solo12(config: RobotConfig | None = None) -> RobotModel:
     try:
         data = distribution("example-robot-data")
     except PackageNotFoundError as error:
-        raise ImportError("Solo12's description is missing: pip install example-robot-data") from error
+        raise ImportError(
+            "Solo12's description is missing: pip install example-robot-data"
+        ) from error
     share = Path(str(data.locate_file("cmeel.prefix/share")))
     urdf = share / "example-robot-data/robots/solo_description/robots/solo12.urdf"
     model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())

@@ -84,7 +84,7 @@ class Rollout:
         expert_drove: ``(B, T)`` True where the expert drove.
         starts: the B starts.
         length: ``(B,)`` ticks simulated.
-        outcome: ``(B,)`` int8 of `Outcome`.
+        outcome: ``(B,)`` of `Outcome`.
         duration: ticks of the episode proper; what follows is the tail.
     """
 
@@ -139,7 +139,7 @@ def rollout(
     policy: Controller | None = None,
     tail: float = 0.0,
     safety: SafetyConfig | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], object] | None = None,
 ) -> Rollout:
     """Run one episode of every robot from its start; a failure ends that robot's episode only.
 

@@ -76,9 +76,10 @@ class Run:
         return next((r for r in self.metrics if (r["stage"], r["iteration"]) == key), None)
 
     def record(self, stage: str, iteration: int, **figures: Any) -> dict[str, Any]:
-        """Write a stage down as done."""
+        """Write a stage down as done; JSON knows no NaN, what is not a number becomes None."""
         record = {"stage": stage, "iteration": iteration, **figures}
-        lines = [json.dumps(line, allow_nan=True) for line in [*self.metrics, record]]
+        record = json.loads(json.dumps(record), parse_constant=lambda _: None)
+        lines = [json.dumps(line, allow_nan=False) for line in [*self.metrics, record]]
         write_atomic(self.folder / "metrics.jsonl", "\n".join([*lines, ""]).encode())
         return record
 
@@ -111,10 +112,12 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
                 "options it was started with, or choose another folder with --run"
             )
         return run
-    if folder.exists() and any(folder.iterdir()):
+    # A kill in the very first moment leaves an empty folder, or a temporary file in it.
+    if folder.exists() and any(not part.name.endswith(".tmp") for part in folder.iterdir()):
         raise RunError(f"{folder} is not empty and holds no run; choose another folder with --run")
-    (folder / "policies").mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     write_atomic(path, json.dumps(record, indent=1).encode())
+    (folder / "policies").mkdir(exist_ok=True)
     return Run(folder, config)
 
 
@@ -129,7 +132,7 @@ def open_run(folder: Path) -> Run:
         raise RunError(f"{folder} holds no run (no {path.name}); `surefoot train` makes one")
     try:
         config = from_json(json.loads(path.read_text())["config"])
-    except (ValueError, KeyError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise RunError(f"{path} cannot be read: {error}") from error
     os.makedirs(folder / "policies", exist_ok=True)
     return Run(folder, config)

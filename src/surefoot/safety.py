@@ -89,8 +89,7 @@ class SafetyMonitor:
         clock = np.where(self._blocked_for >= 0, self._blocked_for + 1, -1)
         if self._hand_back is HandBack.EVERY_VIOLATION_RESTARTS:
             clock[violation] = 0
-            release = clock >= self._block
-        elif self._hand_back is HandBack.SAFE_OR_BLOCKED:
+        if self._hand_back is HandBack.SAFE_OR_BLOCKED:
             release = (clock >= 0) & (~violation | (clock >= self._block))
         else:
             release = ~violation & (clock >= self._block)

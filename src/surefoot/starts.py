@@ -103,7 +103,8 @@ def load_starts(path: Path | None = None) -> StartSet:
     try:
         with np.load(BytesIO(content), allow_pickle=False) as stored:
             arrays = {key: stored[key] for key in stored.files}
-        bounds = np.cumsum([0, *(np.prod(arrays["shapes"], axis=1))])
+        shapes = [(int(a), int(b), int(c)) for a, b, c in arrays["shapes"]]
+        bounds = np.cumsum([0, *(np.prod(shapes, axis=1))])
         everything = Starts(
             arrays["q"],
             arrays["v"],
@@ -111,17 +112,21 @@ def load_starts(path: Path | None = None) -> StartSet:
             arrays["command"],
             np.arange(bounds[-1]),
         )
-    except (ValueError, KeyError, OSError) as error:
-        raise ValueError(f"{path or name} is not a set of starts ({error}); write it again") from error
+        expected = {"q": (19,), "v": (18,), "tick": (), "command": (3,)}
+        for key, shape in expected.items():
+            if arrays[key].shape != (bounds[-1], *shape) or len(shapes) != len(SPLITS):
+                raise ValueError(f"{key} has shape {arrays[key].shape}")
+    except FileNotFoundError:
+        raise
+    except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
+        raise ValueError(
+            f"{path or name} is not a set of starts ({error}); write it again"
+        ) from error
     grid = {
         split: everything[slice(start, stop)]
         for split, start, stop in zip(SPLITS, bounds[:-1], bounds[1:], strict=True)
     }
-    shape = {
-        split: (int(a), int(b), int(c))
-        for split, (a, b, c) in zip(SPLITS, arrays["shapes"], strict=True)
-    }
-    return StartSet(name, grid, shape)
+    return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)))
 
 
 def save_starts(starts: StartSet, path: Path) -> None:

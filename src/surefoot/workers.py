@@ -60,8 +60,8 @@ def map_chunks(
             if not missing:
                 break
             executor = get_reusable_executor(workers, env=one_thread, timeout=300)
-            futures = {executor.submit(function, chunks[n]): n for n in missing}
             try:
+                futures = {executor.submit(function, chunks[n]): n for n in missing}
                 for future in as_completed(futures):
                     results[futures[future]] = future.result()
                     bar.update()

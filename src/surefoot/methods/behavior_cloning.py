@@ -1,7 +1,7 @@
 """Behaviour cloning (paper, II-A): the expert drives, the policy imitates.
 
-    D <- collect rollout data from the expert
-    train pi on D
+D <- collect rollout data from the expert
+train pi on D
 """
 
 from __future__ import annotations
@@ -9,16 +9,19 @@ from __future__ import annotations
 from pathlib import Path
 
 from surefoot.config import BehaviorCloningConfig
+from surefoot.episodes import Job
 from surefoot.methods.stages import best, collect, expert_rollouts, train, validate
 from surefoot.run import Run
+from surefoot.types import PlanFunction
 
 
-def behavior_cloning(run: Run, workers: int) -> Path:
+def behavior_cloning(run: Run, workers: int, plan: PlanFunction | None = None) -> Path:
     """Clone the expert; the run's folder gets data, policy and metrics.
 
     Args:
         run: an open run, new or to be resumed.
         workers: processes for the rollouts; the result does not depend on it.
+        plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
 
     Returns:
         File of the policy.
@@ -26,12 +29,24 @@ def behavior_cloning(run: Run, workers: int) -> Path:
     Raises:
         TypeError: the run was configured for another method.
     """
-    method = run.config.method
-    if not isinstance(method, BehaviorCloningConfig):
-        raise TypeError(f"this run is configured for {run.method}, not for behavior_cloning")
-
-    collect(run, 0, expert_rollouts(run.config, method.data), workers)
+    method = parameters(run)
+    collect(run, 0, collection(run, 0, plan), workers)
     train(run, 0, method.epochs)
     validate(run, 0, workers)
     best(run, 0)
     return run.best_policy
+
+
+def parameters(run: Run) -> BehaviorCloningConfig:
+    """The method's parameters; TypeError if the run was configured for another."""
+    method = run.config.method
+    if not isinstance(method, BehaviorCloningConfig):
+        raise TypeError(f"this run is configured for {run.method}, not for behavior_cloning")
+    return method
+
+
+def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
+    """The expert rollouts to clone; there is only iteration 0."""
+    if i != 0:
+        raise ValueError(f"behaviour cloning collects once; there is no iteration {i}")
+    return expert_rollouts(run.config, parameters(run).data, plan)

@@ -1,12 +1,12 @@
 """LocoSafeDAGGER (paper, Algorithm 4): the policy drives, the expert rescues it, the rescue teaches.
 
-    Pre-training: D <- expert rollouts; train pi_0 on D
-    for i = 1 .. N:
-        roll out pi_{i-1} for T; where pi_safety says unsafe, the expert drives for T_block
-            and D <- D u {its frames}
-        the expert drives T_end more, D <- D u {its frames}
-        train pi_i on D
-    return the best pi_i on validation
+Pre-training: D <- expert rollouts; train pi_0 on D
+for i = 1 .. N:
+    roll out pi_{i-1} for T; where pi_safety says unsafe, the expert drives for T_block
+        and D <- D u {its frames}
+    the expert drives T_end more, D <- D u {its frames}
+    train pi_i on D
+return the best pi_i on validation
 """
 
 from __future__ import annotations
@@ -15,22 +15,31 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.config import Config, LocoSafeDaggerConfig
+from surefoot.config import LocoSafeDaggerConfig
 from surefoot.episodes import Job
-from surefoot.methods.stages import best, collect, episode_ids, expert_rollouts, train, validate
+from surefoot.methods.stages import (
+    best,
+    collect,
+    episode_ids,
+    equally_spaced,
+    expert_rollouts,
+    train,
+    validate,
+)
 from surefoot.rollout import Rollout, SafetySwitch
 from surefoot.run import Run
 from surefoot.safety import HandBack, Outcome, SafetyMonitor
 from surefoot.starts import Starts, load_starts
-from surefoot.types import BoolArray
+from surefoot.types import BoolArray, PlanFunction
 
 
-def loco_safe_dagger(run: Run, workers: int) -> Path:
+def loco_safe_dagger(run: Run, workers: int, plan: PlanFunction | None = None) -> Path:
     """Train a policy with LocoSafeDAGGER; the run's folder gets data, policies and metrics.
 
     Args:
         run: an open run, new or to be resumed.
         workers: processes for the rollouts; the result does not depend on it.
+        plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
 
     Returns:
         File of the policy that did best on the `select` starts.
@@ -38,30 +47,16 @@ def loco_safe_dagger(run: Run, workers: int) -> Path:
     Raises:
         TypeError: the run was configured for another method.
     """
-    config, method = run.config, run.config.method
-    if not isinstance(method, LocoSafeDaggerConfig):
-        raise TypeError(f"this run is configured for {run.method}, not for loco_safe_dagger")
+    method = parameters(run)
 
     # Pre-training (behaviour cloning)
-    collect(run, 0, expert_rollouts(config, method.pretraining), workers)
+    collect(run, 0, collection(run, 0, plan), workers)
     train(run, 0, method.pretraining_epochs)
     validate(run, 0, workers)
 
     for i in range(1, method.iterations + 1):
         # Policy rollout + data collection, and the extra data collection of T_end
-        monitor = SafetyMonitor(config.safety, method.T_block, HandBack(method.hand_back))
-        starts = draw_starts(config, method, np.random.default_rng(run.seed("starts", i)))
-        job = Job(
-            config,
-            starts,
-            episode_ids(i, len(starts)),
-            SafetySwitch(monitor),
-            method.T,
-            tail=method.T_end,
-            policy=run.policy(i - 1),
-            keep=expert_frames,
-        )
-        collect(run, i, job, workers)
+        collect(run, i, collection(run, i, plan), workers)
         train(run, i, method.epochs)
         validate(run, i, workers)
 
@@ -69,7 +64,35 @@ def loco_safe_dagger(run: Run, workers: int) -> Path:
     return run.best_policy
 
 
-def draw_starts(config: Config, method: LocoSafeDaggerConfig, rng: np.random.Generator) -> Starts:
+def parameters(run: Run) -> LocoSafeDaggerConfig:
+    """The method's parameters; TypeError if the run was configured for another."""
+    method = run.config.method
+    if not isinstance(method, LocoSafeDaggerConfig):
+        raise TypeError(f"this run is configured for {run.method}, not for loco_safe_dagger")
+    return method
+
+
+def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
+    """The rollouts of iteration i: who drives, how long, what is kept; fixed by the run's seed."""
+    config, method = run.config, parameters(run)
+    if i == 0:
+        return expert_rollouts(config, method.pretraining, plan)
+    monitor = SafetyMonitor(config.safety, method.T_block, HandBack(method.hand_back))
+    starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
+    return Job(
+        config,
+        starts,
+        episode_ids(i, len(starts)),
+        SafetySwitch(monitor),
+        method.T,
+        tail=method.T_end,
+        policy=run.policy(i - 1),
+        keep=expert_frames,
+        plan=plan,
+    )
+
+
+def draw_starts(method: LocoSafeDaggerConfig, rng: np.random.Generator) -> Starts:
     """Starts of one iteration: every velocity, at one random phase, with random perturbations.
 
     The first perturbation of the stored ones belongs to the pre-training.
@@ -77,9 +100,8 @@ def draw_starts(config: Config, method: LocoSafeDaggerConfig, rng: np.random.Gen
     stored = load_starts()
     grid = stored.rows("train")
     perturbations, phases, velocities = grid.shape
-    chosen = np.round(np.linspace(0, velocities - 1, method.velocities)).astype(np.int64)
     rows = []
-    for velocity in chosen:
+    for velocity in equally_spaced(velocities, method.velocities):
         phase = rng.integers(phases)
         which = 1 + rng.choice(perturbations - 1, method.perturbations, replace=False)
         rows.extend(grid[which, phase, velocity])

@@ -21,7 +21,7 @@ from surefoot.run import Run
 from surefoot.safety import Outcome
 from surefoot.starts import Starts, StartSet, load_starts
 from surefoot.train import fit
-from surefoot.types import TICKS_PER_SECOND, BoolArray, IntArray, to_ticks
+from surefoot.types import TICKS_PER_SECOND, BoolArray, IntArray, PlanFunction, to_ticks
 
 EPISODES_PER_ITERATION = 100_000
 """Episode ids: iteration * this + index."""
@@ -32,19 +32,23 @@ def episode_ids(iteration: int, count: int) -> IntArray:
     return iteration * EPISODES_PER_ITERATION + np.arange(count)
 
 
-def expert_rollouts(config: Config, data: ExpertData) -> Job:
+def expert_rollouts(
+    config: Config, data: ExpertData, plan: PlanFunction | None = None
+) -> Job:
     """Expert rollouts to clone, from the `train` starts; failed rollouts are dropped whole."""
     stored = load_starts()
     rows = expert_rows(stored, data)
     parts = [stored["train"][rows]]
     if data.nominal:
         nominal = stored.rows("nominal")[0, 0]
-        parts.insert(0, stored["nominal"][nominal[_spread(len(nominal), data.velocities)]])
+        parts.insert(0, stored["nominal"][nominal[equally_spaced(len(nominal), data.velocities)]])
     starts = Starts(
         *(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0]))
     )
     ids = episode_ids(0, len(starts))
-    return Job(config, starts, ids, ExpertOnly(), data.duration, keep=keep_unless_failed)
+    return Job(
+        config, starts, ids, ExpertOnly(), data.duration, keep=keep_unless_failed, plan=plan
+    )
 
 
 def expert_rows(stored: StartSet, data: ExpertData) -> IntArray:
@@ -55,10 +59,10 @@ def expert_rows(stored: StartSet, data: ExpertData) -> IntArray:
             f"{data.perturbations} perturbations asked for, the starts {stored.name!r} hold "
             f"{grid.shape[0]} of each velocity and phase"
         )
-    return grid[: data.perturbations, :, _spread(grid.shape[2], data.velocities)].ravel()
+    return grid[: data.perturbations, :, equally_spaced(grid.shape[2], data.velocities)].ravel()
 
 
-def _spread(available: int, wanted: int) -> IntArray:
+def equally_spaced(available: int, wanted: int) -> IntArray:
     """Indices of ``wanted`` equally spaced velocities, both ends included."""
     if not 1 <= wanted <= available:
         raise ValueError(f"{wanted} velocities asked for, the stored starts hold {available}")
@@ -117,9 +121,7 @@ def collection_figures(summary: Summary) -> dict[str, Any]:
         "plans": int(summary.plans.sum()),
         "invalid_plans": int(summary.invalid_plans.sum()),
         "frames_kept": int(summary.kept.sum()),
-        "failed_episodes": summary.episode[
-            fell | (summary.outcome == Outcome.DIVERGED)
-        ].tolist(),
+        "failed_episodes": summary.episode[fell | (summary.outcome == Outcome.DIVERGED)].tolist(),
     }
 
 
@@ -168,8 +170,8 @@ def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
         seconds=time.perf_counter() - began,
     )
     tqdm.write(
-        f"iteration {iteration}: {epochs} epochs on {len(frames)} frames, L1 {record['train_loss']:.4f}"
-        f" rad, held out {record['validation_loss']:.4f} rad"
+        f"iteration {iteration}: {epochs} epochs on {len(frames)} frames, "
+        f"L1 {result.train_loss[-1]:.4f} rad, held out {result.validation_loss[-1]:.4f} rad"
     )
     return record
 

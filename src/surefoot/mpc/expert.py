@@ -10,7 +10,7 @@ import numpy as np
 
 from surefoot.config import Config
 from surefoot.mpc.gait import GRID
-from surefoot.mpc.planner import Planner
+from surefoot.mpc.planner import PLAN_TICKS, Planner
 from surefoot.robot import RobotModel
 from surefoot.types import Array, BoolArray, Command, IntArray, PlanFunction, State
 
@@ -26,7 +26,8 @@ class Expert:
     takeover, the expert gives up on the robot: joint damping, and `diverged` is True.
 
     Args:
-        plan: the MPC, one robot at a time.
+        plan: the MPC, one robot at a time. Of more than 100 ticks the rest is never used; the last
+            of fewer is held.
         kp: proportional gain [Nm/rad].
         kd: derivative gain [Nms/rad].
 
@@ -47,7 +48,7 @@ class Expert:
         self._diverged = np.zeros(batch, dtype=bool)
         self._driven_at = np.full(batch, -2)
         self._planned_at = np.zeros(batch, dtype=np.int64)
-        self._reference = np.zeros((batch, 0, 36))
+        self._reference = np.zeros((batch, PLAN_TICKS, 36))
         self._last_failed = np.zeros(batch, dtype=bool)
 
     @property
@@ -56,14 +57,19 @@ class Expert:
         return self._diverged
 
     def torque(self, state: State, tick: IntArray, command: Array, mask: BoolArray) -> Array:
-        """Torques ``(B, 12)`` [Nm] of the robots in ``mask``; see `Controller`."""
+        """Torques ``(B, 12)`` [Nm] of the robots in ``mask``; see `Controller`.
+
+        Raises:
+            ValueError: if B is not what `reset` was told, or a plan's arrays are not (ticks, 12).
+        """
+        if len(tick) != len(self.plans):
+            raise ValueError(f"{len(tick)} robots, but reset was told {len(self.plans)}")
         takeover = mask & (self._driven_at != tick - 1)
         self._driven_at = np.where(mask, tick, self._driven_at)
-        for robot in np.flatnonzero(mask & ~self._diverged & (takeover | (tick % GRID == 0))):
+        asked = mask & ~self._diverged & (takeover | (tick % GRID == 0))
+        for robot in np.flatnonzero(asked).tolist():
             self._replan(robot, state[robot], int(tick[robot]), command[robot], takeover[robot])
-        if not self._reference.shape[1]:
-            return -DAMPING * state.v[:, 6:]
-        row = np.clip(tick - self._planned_at, 0, self._reference.shape[1] - 1)
+        row = np.clip(tick - self._planned_at, 0, PLAN_TICKS - 1)
         q_ref, v_ref, tau = np.split(self._reference[np.arange(len(row)), row], 3, axis=1)
         q, v = state.q[:, 7:], state.v[:, 6:]
         torque = tau + self._kp * (q_ref - q) + self._kd * (v_ref - v)
@@ -71,14 +77,15 @@ class Expert:
 
     def _replan(self, robot: int, state: State, tick: int, command: Array, takeover: bool) -> None:
         plan = self._plan(state, tick, Command(*map(float, command)))
-        arrays = np.concatenate(
-            [plan.joint_position, plan.joint_velocity, plan.torque], axis=1, dtype=np.float64
-        )
+        parts = [plan.joint_position, plan.joint_velocity, plan.torque]
+        ticks = len(plan.joint_position)
+        if not ticks or any(np.shape(part) != (ticks, 12) for part in parts):
+            shapes = [np.shape(part) for part in parts]
+            raise ValueError(f"a plan's arrays are {shapes}, expected (ticks, 12) each")
+        arrays = np.concatenate(parts, axis=1, dtype=np.float64)
         self.plans[robot] += 1
         if plan.valid and np.isfinite(arrays).all():
-            if not self._reference.shape[1]:
-                self._reference = np.zeros((len(self.plans), *arrays.shape))
-            self._reference[robot] = arrays
+            self._reference[robot] = arrays[np.minimum(np.arange(PLAN_TICKS), ticks - 1)]
             self._planned_at[robot] = tick
             self._last_failed[robot] = False
             return
@@ -87,7 +94,8 @@ class Expert:
         self._last_failed[robot] = True
 
 
-def make_expert(robot: RobotModel, config: Config) -> Expert:
-    """The BiConMP-style expert of a configuration."""
-    planner = Planner(robot, config.gait, config.expert, config.simulation.friction)
-    return Expert(planner.plan, config.expert.kp, config.expert.kd)
+def make_expert(robot: RobotModel, config: Config, plan: PlanFunction | None = None) -> Expert:
+    """The expert of a configuration: its gains around the BiConMP-style planner, or your own plan."""
+    if plan is None:
+        plan = Planner(robot, config.gait, config.expert, config.simulation.friction).plan
+    return Expert(plan, config.expert.kp, config.expert.kd)

@@ -54,11 +54,19 @@ class Planner:
         gait: timing and posture.
         config: horizon, weights, iterations.
         friction: coefficient of the force cone; the simulator's.
+
+    Raises:
+        ValueError: if the horizon does not cover a plan's ticks.
     """
 
     def __init__(
         self, robot: RobotModel, gait: Gait, config: ExpertConfig, friction: float
     ) -> None:
+        if not LAST_NODE < config.kinematic.nodes <= config.centroidal.nodes:
+            raise ValueError(
+                f"kinematic.nodes is {config.kinematic.nodes}, must be more than {LAST_NODE} "
+                f"and at most centroidal.nodes, {config.centroidal.nodes}"
+            )
         self._robot = robot
         self._gait = gait
         self._config = config
@@ -78,7 +86,8 @@ class Planner:
             tick: gait clock [ms]; off the 50-ms grid the first node ends on the grid.
             command: in the heading frame.
         """
-        return self.solve(state, tick, command).motion
+        with np.errstate(all="ignore"):  # what is not finite shows in `valid`
+            return self.solve(state, tick, command).motion
 
     def solve(self, state: State, tick: int, command: Command) -> PlanStages:
         """All stages of one plan."""

@@ -67,11 +67,11 @@ def riccati(
         W, w = M[:, NV : 3 * NV].copy(), M[:, 3 * NV].copy()
         V -= W.T @ W
         g -= W.T @ w
-        decrease += w @ w
+        decrease += np.sum(w * w)
         _substitute_back(M)
         K[t] = -M[:, NV : 3 * NV]
         k[t] = -M[:, 3 * NV]
-    return k, K, decrease
+    return k, K, float(decrease)
 
 
 @njit(cache=True, error_model="numpy")

@@ -164,9 +164,9 @@ def difference_jacobian(twist: Array) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _exponential(s: float) -> tuple[float, float, float, float]:
-    """Coefficients a = (1 - cos) / angle^2, b = (angle - sin) / angle^3 and their derivatives over angle.
+    """Coefficients a = (1 - cos) / angle^2 and b = (angle - sin) / angle^3 for angle^2 = ``s``.
 
-    ``s`` is the squared angle.
+    And their derivatives with respect to the angle, over the angle.
     """
     if s < SMALL:
         a, b = 0.5 - s / 24.0 + s * s / 720.0, 1.0 / 6.0 - s / 120.0 + s * s / 5040.0
@@ -180,7 +180,7 @@ def _exponential(s: float) -> tuple[float, float, float, float]:
 
 @njit(cache=True, error_model="numpy")
 def _logarithm(s: float) -> tuple[float, float]:
-    """Coefficient c = (1 - h cot h) / angle^2 with h = angle / 2, and its derivative over angle."""
+    """Coefficient c = (1 - h cot h) / angle^2 with h = angle / 2; its derivative over the angle."""
     if s < SMALL:
         return 1.0 / 12.0 + s / 720.0, 1.0 / 360.0 + s / 7560.0
     h = 0.5 * np.sqrt(s)

@@ -1,0 +1,420 @@
+"""The command line: doctor, walk, train, evaluate, play, bench.
+
+Commands parse, call the package and print; every figure comes from the modules they call. Options
+come from the config dataclasses. ``--json FILE`` writes the figures for machines: one flat object,
+its keys documented at the command.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from surefoot.config import Config, preset
+from surefoot.files import write_atomic
+from surefoot.types import TICKS_PER_SECOND, Command
+from surefoot.workers import default_workers
+
+
+@dataclass(frozen=True)
+class Doctor:
+    """Check this machine: versions, a plan, the simulator, training, rendering; how to mend it."""
+
+    def __call__(self) -> int:
+        """Print the report; 1 if something essential is broken."""
+        from surefoot.doctor import examine
+
+        return 0 if examine() else 1
+
+
+@dataclass(frozen=True)
+class Walk:
+    """The expert walks, from standing.
+
+    JSON: fell; command, mean_velocity [vx m/s, vy m/s, yaw rate rad/s, heading frame, from 1 s on];
+    base_height, base_height_std [m, from 1 s on]; max_torque [Nm]; plans, invalid_plans; seconds.
+    """
+
+    vx: float = 0.2
+    """[m/s] forward."""
+    vy: float = 0.0
+    """[m/s] to the left."""
+    yaw_rate: float = 0.0
+    """[rad/s] to the left."""
+    seconds: float = 10.0
+    """How long."""
+    video: bool = True
+    """Film it."""
+    out: Path = Path("walk.mp4")
+    """The video."""
+    json: Path | None = None
+    """Write the figures here."""
+    config: Config = field(default_factory=Config)
+
+    def __call__(self) -> int:
+        """Walk, print, film; 1 if the robot fell."""
+        from surefoot.episodes import Job, play_out, velocities
+        from surefoot.rollout import ExpertOnly
+        from surefoot.safety import Outcome
+
+        command = Command(self.vx, self.vy, self.yaw_rate)
+        job = Job(
+            self.config, standing_start(command), np.zeros(1, int), ExpertOnly(), self.seconds
+        )
+        with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
+            record, expert = play_out(job, progress=bar.update)
+        length = int(record.length[0])
+        settled = slice(min(TICKS_PER_SECOND, length // 2), length)
+        height = record.q[0, settled, 2]
+        figures = {
+            "fell": bool(record.outcome[0] in (Outcome.FELL, Outcome.DIVERGED)),
+            "outcome": Outcome(int(record.outcome[0])).name,
+            "command": list(command),
+            "mean_velocity": velocities(record)[0, settled].mean(axis=0).tolist(),
+            "base_height": float(height.mean()),
+            "base_height_std": float(height.std()),
+            "max_torque": float(np.abs(record.torque[0, :length]).max()),
+            "plans": int(expert.plans[0]),
+            "invalid_plans": int(expert.invalid_plans[0]),
+            "seconds": length / TICKS_PER_SECOND,
+        }
+        show(figures, self.json)
+        if self.video:
+            film_episode(self.config, record.q[0, :length], self.out)
+        return int(figures["fell"])
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train a policy: `surefoot train loco_safe_dagger --preset quick --run runs/mine`.
+
+    JSON: the metrics of every stage, and the best iteration.
+    """
+
+    method: Annotated[str, tyro.conf.Positional]
+    """behavior_cloning or loco_safe_dagger."""
+    preset: str = "quick"
+    """quick: minutes. default and paper: not yet available."""
+    run: Path | None = None
+    """Folder of the run; runs/METHOD-PRESET without it."""
+    resume: bool = False
+    """Go on with the run in that folder, from the first stage that is not done."""
+    workers: int = field(default_factory=default_workers)
+    """Processes for rollouts; results do not depend on it."""
+    json: Path | None = None
+    """Write the metrics here."""
+    config: Config = field(default_factory=Config)
+
+    def __call__(self) -> int:
+        """Train, then draw the learning curves into the run's folder."""
+        from surefoot.figures import learning_curves
+        from surefoot.run import create
+
+        folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
+        run = create(folder, self.config, self.resume)
+        print(f"{self.method}, preset {self.preset}, seed {run.config.seed}, in {folder}")
+        policy = getattr(method_module(self.method), self.method)(run, self.workers)
+        curves = learning_curves(run.metrics, folder / "curves.png")
+        if self.json:
+            write_json(self.json, {"run": str(folder), "metrics": run.metrics})
+        print(f"best policy: {policy}\ncurves:      {curves}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Robustness and tracking of a policy, and of the expert on the same stored starts.
+
+    JSON: episodes, successes, success_rate, success_interval (Wilson 95 %), falls, stalls, diverged,
+    strict_successes, mse and settled_mse [vx, vy, yaw_rate; m^2/s^2, rad^2/s^2], max_torque [Nm],
+    plans, starts_hash, split; the same for the expert under `expert`.
+    """
+
+    target: Annotated[Path, tyro.conf.Positional]
+    """Folder of a run (its best policy), or a policy file."""
+    split: Literal["select", "test"] = "test"
+    """Starts to use; a policy is reported on `test`, once."""
+    expert: bool = True
+    """Evaluate the expert too."""
+    episodes: int | None = None
+    """How many starts; 100 without it."""
+    workers: int = field(default_factory=default_workers)
+    """Processes; results do not depend on it."""
+    json: Path | None = None
+    """Write the figures here."""
+
+    def __call__(self) -> int:
+        """Run both and print them side by side."""
+        from surefoot.evaluate import evaluate
+
+        policy, config = find_policy(self.target)
+        check_policy(policy, config)
+        if self.episodes:
+            config = replace(config, evaluation=replace(config.evaluation, episodes=self.episodes))
+        figures, _ = evaluate(config, policy, self.split, self.workers, "policy")
+        figures["policy"] = str(policy)
+        show_evaluation("policy", figures)
+        if self.expert:
+            figures["expert"], _ = evaluate(config, None, self.split, self.workers, "expert")
+            show_evaluation("expert", figures["expert"])
+        if self.target.is_dir():
+            write_json(self.target / f"evaluation-{self.split}.json", figures)
+        if self.json:
+            write_json(self.json, figures)
+        return 0
+
+
+@dataclass(frozen=True)
+class Play:
+    """Film a policy, or one recorded episode of a run.
+
+    JSON: outcome; command, mean_velocity [m/s, m/s, rad/s]; max_torque [Nm]; seconds; episode.
+    """
+
+    target: Annotated[Path, tyro.conf.Positional]
+    """Folder of a run (its best policy), or a policy file."""
+    vx: float = 0.2
+    """[m/s] forward."""
+    vy: float = 0.0
+    """[m/s] to the left."""
+    yaw_rate: float = 0.0
+    """[rad/s] to the left."""
+    seconds: float = 8.0
+    """How long."""
+    episode: int | None = None
+    """Replay this episode of the run instead, bit for bit (ids of failures: metrics.jsonl)."""
+    out: Path | None = None
+    """The video; play.mp4 in the run's folder or beside the policy without it."""
+    json: Path | None = None
+    """Write the figures here."""
+
+    def __call__(self) -> int:
+        """Play, print, film; 1 if the robot fell."""
+        from surefoot.episodes import Job, play_out, velocities
+        from surefoot.policy import check_command, load
+        from surefoot.rollout import PolicyOnly
+        from surefoot.safety import Outcome
+
+        if self.episode is not None:
+            job = recorded_episode(self.target, self.episode)
+            out = self.out or self.target / f"episode_{self.episode}.mp4"
+        else:
+            policy, config = find_policy(self.target)
+            check_policy(policy, config)
+            command = Command(self.vx, self.vy, self.yaw_rate)
+            check_command(load(policy), np.array(command))
+            start = standing_start(command)
+            job = Job(config, start, np.zeros(1, int), PolicyOnly(), self.seconds, policy=policy)
+            folder = self.target if self.target.is_dir() else self.target.parent
+            out = self.out or folder / "play.mp4"
+        record, _ = play_out(job)
+        length = int(record.length[0])
+        figures = {
+            "outcome": Outcome(int(record.outcome[0])).name,
+            "command": job.starts.command[0].tolist(),
+            "mean_velocity": velocities(record)[0, :length].mean(axis=0).tolist(),
+            "max_torque": float(np.abs(record.torque[0, :length]).max()),
+            "seconds": length / TICKS_PER_SECOND,
+            "episode": self.episode,
+        }
+        show(figures, self.json)
+        film_episode(job.config, record.q[0, :length], out)
+        return int(record.outcome[0] in (Outcome.FELL, Outcome.DIVERGED))
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure speed on one core, beside its floor.
+
+    JSON: plan: plan_ms (median, p99, stages) [ms], plans, nodes; engine: robot_ms_per_s,
+    floor_robot_ms_per_s, ratio, batch; train: step_ms, floor_step_ms, ratio, batch.
+    """
+
+    what: Annotated[Literal["plan", "engine", "train"], tyro.conf.Positional]
+    """plan, engine or train."""
+    json: Path | None = None
+    """Write the figures here."""
+    config: Config = field(default_factory=Config)
+
+    def __call__(self) -> int:
+        """Measure and print."""
+        from surefoot import bench
+
+        measure = {
+            "plan": bench.bench_plan,
+            "engine": bench.bench_engine,
+            "train": bench.bench_train,
+        }[self.what]
+        show(measure(self.config), self.json)
+        return 0
+
+
+def method_module(name: str) -> ModuleType:
+    """The method's file; it holds a function of the same name, and `collection`."""
+    return import_module(f"surefoot.methods.{name}")
+
+
+def standing_start(command: Command) -> Any:
+    """One robot at rest in its nominal pose, at the beginning of the gait cycle."""
+    from surefoot.robot import solo12, standing
+    from surefoot.starts import Starts
+
+    zero = np.zeros(1, dtype=np.int64)
+    q = standing(solo12())[None]
+    return Starts(q, np.zeros((1, 18)), zero, np.array([command], dtype=float), zero)
+
+
+def find_policy(target: Path) -> tuple[Path, Config]:
+    """A run's best policy and config, or a policy file and the config of its run, if it lies in one.
+
+    Raises:
+        RunError: the folder holds no finished run.
+        FileNotFoundError: there is neither a folder nor a file.
+    """
+    from surefoot.run import open_run
+
+    if target.is_dir():
+        run = open_run(target)
+        return run.best_policy, run.config
+    if not target.exists():
+        raise FileNotFoundError(f"{target}: there is no such run folder or policy file")
+    folder = target.parent.parent
+    config = open_run(folder).config if (folder / "config.json").exists() else Config()
+    return target, config
+
+
+def check_policy(policy: Path, config: Config) -> None:
+    """Fail now, not in a worker, if a policy file is damaged or made for something else."""
+    from surefoot.policy import load
+    from surefoot.robot import solo12
+
+    load(policy, solo12(config.robot).name)
+
+
+def recorded_episode(folder: Path, episode: int) -> Any:
+    """The job that repeats one episode of a run.
+
+    Raises:
+        ValueError: the run has no such episode.
+    """
+    from surefoot.methods.stages import EPISODES_PER_ITERATION
+    from surefoot.run import open_run
+
+    run = open_run(folder)
+    iteration = episode // EPISODES_PER_ITERATION
+    if run.done("collect", iteration) is None:
+        raise ValueError(
+            f"{folder} has collected nothing in iteration {iteration}, so no episode {episode}"
+        )
+    job = method_module(run.method).collection(run, iteration)
+    row = np.flatnonzero(job.episode == episode)
+    if not len(row):
+        raise ValueError(
+            f"{folder} has no episode {episode}; iteration {iteration} has {job.episode[0]} to "
+            f"{job.episode[-1]}"
+        )
+    return replace(job, starts=job.starts[row], episode=job.episode[row])
+
+
+def film_episode(config: Config, q: np.ndarray, out: Path) -> None:
+    """Film configurations ``(T, 19)``; where nothing can be rendered, say so and go on."""
+    from surefoot.robot import solo12
+    from surefoot.viewer import RenderingUnavailable, film
+
+    try:
+        print(f"video: {film(solo12(config.robot), config.simulation, q, out)}")
+    except RenderingUnavailable as error:
+        print(f"no video: {error}", file=sys.stderr)
+
+
+def show_evaluation(name: str, figures: dict[str, Any]) -> None:
+    """One evaluation in three lines."""
+    low, high = figures["success_interval"]
+    print(
+        f"{name}: {figures['successes']} of {figures['episodes']} {figures['split']} starts "
+        f"({100 * low:.1f} to {100 * high:.1f} %), {figures['falls']} fell, "
+        f"{figures['stalls']} stalled, {figures['diverged']} diverged"
+    )
+    for key, meaning in (("mse", "successes"), ("settled_mse", "all, from 1 s on")):
+        values = ", ".join("-" if x is None else f"{x:.5f}" for x in figures[key])
+        print(f"  velocity MSE vx, vy, yaw rate ({meaning}): {values}")
+
+
+def show(figures: dict[str, Any], path: Path | None) -> None:
+    """Print figures, and write them as JSON where asked."""
+    for key, value in figures.items():
+        print(f"{key:<22} {json.dumps(value, default=float)}")
+    if path:
+        write_json(path, figures)
+
+
+def write_json(path: Path, figures: dict[str, Any]) -> None:
+    """Write figures whole or not at all; NaN becomes null."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(path, json.dumps(figures, indent=1).encode())
+
+
+Commands = (
+    Annotated[Doctor, tyro.conf.subcommand("doctor")]
+    | Annotated[Walk, tyro.conf.subcommand("walk")]
+    | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Play, tyro.conf.subcommand("play")]
+    | Annotated[Bench, tyro.conf.subcommand("bench")]
+)
+
+
+def parse(args: Sequence[str]) -> Any:
+    """The command of an argument list; a method and preset set the defaults of its options.
+
+    Raises:
+        ValueError: unknown method or preset.
+    """
+    if args[:1] == ["train"] and len(args) > 1 and not args[1].startswith("-"):
+        name = preset_argument(args)
+        default = Train(args[1], name, config=preset(args[1], name))
+        kind = Annotated[Train, tyro.conf.AvoidSubcommands]
+        return tyro.cli(kind, args=args[1:], default=default, prog="surefoot train")
+    return tyro.cli(Annotated[Commands, tyro.conf.AvoidSubcommands], args=args, prog="surefoot")
+
+
+def preset_argument(args: Sequence[str]) -> str:
+    """The value of --preset, `quick` without it."""
+    for option, value in zip(args, [*args[1:], ""], strict=True):
+        if option == "--preset":
+            return value
+        if option.startswith("--preset="):
+            return option.removeprefix("--preset=")
+    return "quick"
+
+
+def main() -> int:
+    """Entry point; 0 done, 1 the robot fell or something is broken, 2 bad input."""
+    try:
+        return parse(sys.argv[1:])()
+    except KeyboardInterrupt:
+        print(
+            "\ninterrupted; what is finished is on disk (train: go on with --resume)",
+            file=sys.stderr,
+        )
+        return 130
+    except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
+        if os.environ.get("SUREFOOT_TRACEBACK"):
+            raise
+        print(f"surefoot: {error}", file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

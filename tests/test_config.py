@@ -1,0 +1,155 @@
+"""The configuration: JSON there and back, presets, and errors that name the nearest."""
+
+import json
+from dataclasses import fields, replace
+
+import pytest
+
+from surefoot.config import (
+    METHODS,
+    BehaviorCloningConfig,
+    Config,
+    ExpertData,
+    LocoSafeDaggerConfig,
+    PolicyConfig,
+    SafetyConfig,
+    from_json,
+    method_name,
+    preset,
+    to_json,
+    unknown,
+)
+
+
+def there_and_back(config: Config) -> Config:
+    return from_json(json.loads(json.dumps(to_json(config))))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_json_gives_the_same_configuration_back(method):
+    config = preset(method)
+    assert there_and_back(config) == config
+    assert there_and_back(replace(Config(), method=METHODS[method]())).method == METHODS[method]()
+
+
+def test_json_keeps_what_was_changed_in_every_corner():
+    config = replace(
+        Config(),
+        method=LocoSafeDaggerConfig(
+            pretraining=ExpertData(3, 2, False, 0.7), T=2.5, hand_back="safe_or_blocked"
+        ),
+        seed=17,
+        chunk=4,
+        policy=PolicyConfig(hidden=(8, 9, 10, 11), kp=1.5),
+        safety=SafetyConfig(com_height=(0.1, 0.9), roll_pitch=20.0),
+    )
+    back = there_and_back(config)
+    assert back == config
+    assert back != replace(config, seed=18)
+    # Tuples come back as tuples: a configuration is hashable, which the caches rely on.
+    assert hash(back) == hash(config)
+    assert back.policy.hidden == (8, 9, 10, 11)
+
+
+def test_json_holds_every_field_and_names_the_method():
+    record = to_json(Config())
+    assert set(record) == {field.name for field in fields(Config)}
+    assert record["method"]["name"] == "loco_safe_dagger"
+    assert record["method"]["pretraining"]["duration"] == 1.5
+    assert record["expert"]["kinematic"]["nodes"] == 10
+
+
+def test_what_is_absent_keeps_its_default():
+    assert from_json({}) == Config()
+    config = from_json({"method": {"name": "behavior_cloning", "epochs": 3}, "gait": {"duty": 0.7}})
+    assert config.method == BehaviorCloningConfig(epochs=3)
+    assert config.gait.duty == 0.7
+    assert config.gait.period == Config().gait.period
+
+
+def test_an_integer_serves_as_a_float():
+    config = from_json({"expert": {"kp": 4}, "safety": {"com_height": [0, 1]}})
+    assert type(config.expert.kp) is float
+    assert config.expert.kp == 4.0
+    assert config.safety.com_height == (0.0, 1.0)
+    assert all(type(bound) is float for bound in config.safety.com_height)
+
+
+@pytest.mark.parametrize(
+    ("record", "words"),
+    [
+        ({"sede": 1}, ["'sede'", "'seed'"]),
+        ({"policy": {"hiden": [3]}}, ["'policy.hiden'", "'policy.hidden'"]),
+        ({"expert": {"centroidal": {"node": 3}}}, ["expert.centroidal.node'", "nodes'"]),
+        ({"method": {"name": "loco_safe_dagger", "t_block": 1.0}}, ["method.t_block", "T_block'"]),
+        ({"method": {"name": "loco_safe_daggr"}}, ["'loco_safe_daggr'", "'loco_safe_dagger'"]),
+        ({"method": {"name": "behaviour_cloning"}}, ["'behavior_cloning'"]),
+        ({"method": {}}, ["method", "behavior_cloning", "loco_safe_dagger"]),
+    ],
+)
+def test_an_unknown_name_names_the_nearest(record, words):
+    with pytest.raises(ValueError, match="did you mean|Known:") as error:
+        from_json(record)
+    assert all(word in str(error.value) for word in words)
+
+
+@pytest.mark.parametrize(
+    ("record", "path"),
+    [
+        ({"seed": "1"}, "seed is '1', expected int"),
+        ({"seed": True}, "seed is True, expected int"),
+        ({"seed": 1.0}, "seed is 1.0, expected int"),
+        ({"expert": {"kp": "3"}}, "expert.kp is '3', expected float"),
+        ({"expert": {"kp": False}}, "expert.kp is False, expected float"),
+        ({"simulation": {"backend": 3}}, "simulation.backend is 3, expected str"),
+        ({"policy": {"hidden": "512"}}, "policy.hidden is '512', expected a list"),
+        ({"policy": {"hidden": 512}}, "policy.hidden is 512, expected a list"),
+        ({"policy": {"hidden": [16, 16.5]}}, r"policy.hidden\[1\] is 16.5, expected int"),
+        ({"safety": {"knee": [1.0]}}, r"safety.knee is \[1.0\], expected 2"),
+        ({"safety": {"knee": [-160.0, "0"]}}, r"safety.knee\[1\] is '0', expected float"),
+        ({"gait": None}, "gait is None, expected an object"),
+        ({"expert": {"centroidal": [20]}}, r"expert.centroidal is \[20\], expected an object"),
+        ({"method": "loco_safe_dagger"}, "method is 'loco_safe_dagger', expected an object"),
+        (
+            {"method": {"name": "behavior_cloning", "data": {"velocities": 3}}},
+            "method.data lacks duration, nominal, perturbations",
+        ),
+        ([1, 2], "the configuration is"),
+    ],
+)
+def test_a_value_of_the_wrong_type_is_a_clear_error(record, path):
+    with pytest.raises(ValueError, match=path):
+        from_json(record)
+
+
+def test_quick_is_a_difference_from_the_default():
+    quick = preset("loco_safe_dagger", "quick")
+    assert quick.method == LocoSafeDaggerConfig(pretraining_epochs=12, iterations=3, epochs=4)
+    cloning = preset("behavior_cloning").method
+    assert isinstance(cloning, BehaviorCloningConfig)
+    # Both methods start from the same data, so that they can be compared.
+    assert cloning.data == quick.method.pretraining
+    assert quick.safety == SafetyConfig()
+
+
+@pytest.mark.parametrize("name", ["default", "paper"])
+@pytest.mark.parametrize("method", METHODS)
+def test_presets_to_come_say_so(method, name):
+    with pytest.raises(ValueError, match=f"'{name}' is not yet available; use --preset quick"):
+        preset(method, name)
+
+
+def test_unknown_preset_or_method_names_the_nearest():
+    with pytest.raises(ValueError, match="no preset 'quik'; did you mean 'quick'"):
+        preset("loco_safe_dagger", "quik")
+    with pytest.raises(ValueError, match="no method 'loco_dagger'; did you mean 'loco_safe_dagger'"):
+        preset("loco_dagger")
+
+
+def test_a_name_unlike_any_other_gets_the_list_alone():
+    assert unknown("cat", "zzz", ["tom", "kit"]) == "there is no cat 'zzz'. Known: tom, kit"
+
+
+@pytest.mark.parametrize(("name", "kind"), METHODS.items())
+def test_a_method_knows_its_name(name, kind):
+    assert method_name(replace(Config(), method=kind())) == name
