@@ -1,7 +1,6 @@
 """The shapes that meet the ground: lowest points against points sampled on their surfaces."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from surefoot.geometry import contact_shapes, lowest_points
@@ -94,4 +93,3 @@ def test_a_sphere_is_a_capsule_without_length():
     for shape in SHAPES[:4]:
         assert shape.start == shape.end
     assert all(shape.start != shape.end for shape in SHAPES[5:])
-    assert isinstance(pin.SE3.Identity().act(np.array(SHAPES[0].start)), np.ndarray)

@@ -136,9 +136,9 @@ class Train:
 class Evaluate:
     """Robustness and tracking of a policy, and of the expert on the same stored starts.
 
-    JSON: episodes, successes, success_rate, success_interval (Wilson 95 %), falls, stalls, diverged,
-    strict_successes, mse and settled_mse [vx, vy, yaw_rate; m^2/s^2, rad^2/s^2], max_torque [Nm],
-    plans, starts_hash, split; the same for the expert under `expert`.
+    JSON: episodes, successes, success_rate, success_interval (Wilson 95 %), falls, stalls,
+    diverged, strict_successes, mse and settled_mse [vx, vy, yaw_rate; m^2/s^2, rad^2/s^2],
+    max_torque [Nm], plans, starts_hash, split; the same for the expert under `expert`.
     """
 
     target: Annotated[Path, tyro.conf.Positional]
@@ -276,7 +276,7 @@ def standing_start(command: Command) -> Any:
 
 
 def find_policy(target: Path) -> tuple[Path, Config]:
-    """A run's best policy and config, or a policy file and the config of its run, if it lies in one.
+    """A run's best policy and config; or a policy file, and the config of the run it lies in.
 
     Raises:
         RunError: the folder holds no finished run.

@@ -41,7 +41,7 @@ class SimulationConfig:
 
 @dataclass(frozen=True)
 class Gait:
-    """Timing and posture of a periodic gait on the global grid of 50 ticks; the default is a trot."""
+    """Timing and posture of a periodic gait on the grid of 50 ticks; the default is a trot."""
 
     name: str = "trot"
     period: float = 0.5
@@ -134,7 +134,7 @@ class ExpertConfig:
 
 @dataclass(frozen=True)
 class PerturbationConfig:
-    """Contact-consistent perturbation of a start; sigmas before the null-space projection (paper)."""
+    """Contact-consistent perturbation of a start; sigmas before its projection (paper)."""
 
     base_position: float = 0.1
     """[m]"""
@@ -150,7 +150,7 @@ class PerturbationConfig:
 
 @dataclass(frozen=True)
 class SafetyConfig:
-    """When the expert takes over, and what counts as a fall or as standing still (paper, Table I)."""
+    """When the expert takes over (paper, Table I), and what counts as a fall."""
 
     com_height: tuple[float, float] = (0.15, 1.0)
     """[m]"""

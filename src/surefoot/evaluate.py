@@ -61,10 +61,11 @@ def evaluate(
 def figures_of(summary: Summary) -> dict[str, Any]:
     """The paper's figures of n episodes, flat.
 
-    ``episodes``, ``successes``, ``falls``, ``stalls``, ``diverged`` count episodes; ``success_rate``
-    has its Wilson 95 % interval; ``strict_successes`` also step in every window of 1.5 periods;
-    ``mse`` is over the successes and the whole episode (paper), ``settled_mse`` over all episodes
-    from 1 s on, both ``[vx, vy, yaw_rate]`` in m^2/s^2 and rad^2/s^2; ``max_torque`` in Nm.
+    ``episodes``, ``successes``, ``falls``, ``stalls``, ``diverged`` count them; ``success_rate``
+    has its Wilson 95 % interval, ``success_interval``; ``strict_successes`` also step in every
+    window of 1.5 periods; ``mse`` is over the successes and the whole episode (paper),
+    ``settled_mse`` over all episodes from 1 s on, both ``[vx, vy, yaw_rate]`` in m^2/s^2 and
+    rad^2/s^2; ``max_torque`` in Nm; ``plans`` counts MPC solves.
     """
     n, success = len(summary.outcome), summary.outcome == Outcome.SUCCESS
     successes = int(success.sum())

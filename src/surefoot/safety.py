@@ -1,4 +1,4 @@
-"""When the expert takes over and when a robot has failed: the paper's table, blocking, falls, stalls.
+"""When the expert takes over, and when a robot has failed: bounds, blocking, falls, stalls.
 
 `unsafe` is the paper's Table I; `SafetyMonitor` adds the blocking of Algorithm 4. `fallen` ends an
 episode; `stepping` decides afterwards whether the robot kept walking. All array code over B robots.
@@ -7,6 +7,7 @@ episode; `stepping` decides afterwards whether the robot kept walking. All array
 from __future__ import annotations
 
 from enum import Enum, IntEnum
+from itertools import pairwise
 
 import numpy as np
 
@@ -138,7 +139,7 @@ def strictly_stepping(
         for leg in range(4):
             down = touchdowns(feet_height[b, :, leg] - foot_radius, contacts[b, :, leg])
             edges = np.concatenate([[-1], down, [T]])
-            for start, end in zip(edges[:-1], edges[1:], strict=True):
+            for start, end in pairwise(edges):
                 if end - start > window:
                     busy[start + 1 : end] = False
         result[b] = busy.mean() >= 2 / 3
@@ -146,7 +147,7 @@ def strictly_stepping(
 
 
 AIRBORNE, CLEARANCE, GROUNDED = 40, 0.005, 20
-"""A touchdown: at least 40 ms without contact, with at least 5 mm of clearance, then 20 ms of it."""
+"""A touchdown: 40 ms without contact, at least 5 mm of clearance in them, 20 ms of contact."""
 
 
 def touchdowns(clearance: Array, contact: BoolArray) -> Array:

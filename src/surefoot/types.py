@@ -2,8 +2,8 @@
 
 Arrays follow Pinocchio's conventions: ``q = [x y z, qx qy qz qw, 12 joints]``, ``v = [base linear
 and angular velocity in the base frame, 12 joint rates]``; legs FL, FR, HL, HR; joints HAA, HFE, KFE
-of each leg. SI units, radians; time is an integer tick of 1 ms. ``...`` stands for a batch axis that
-may be absent: one ``State`` serves one robot and a batch alike. Needs numpy only, so that learning
+of each leg. SI units, radians; time is an integer tick of 1 ms. ``...`` is a batch axis that may be
+absent: one ``State`` serves one robot and a batch alike. Needs numpy only, so that learning
 runs where there is no robotics stack.
 """
 

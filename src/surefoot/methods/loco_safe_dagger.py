@@ -1,4 +1,4 @@
-"""LocoSafeDAGGER (paper, Algorithm 4): the policy drives, the expert rescues it, the rescue teaches.
+"""LocoSafeDAGGER (paper, Algorithm 4): the policy drives, the expert rescues, rescues teach.
 
 Pre-training: D <- expert rollouts; train pi_0 on D
 for i = 1 .. N:

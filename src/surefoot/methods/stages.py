@@ -32,9 +32,7 @@ def episode_ids(iteration: int, count: int) -> IntArray:
     return iteration * EPISODES_PER_ITERATION + np.arange(count)
 
 
-def expert_rollouts(
-    config: Config, data: ExpertData, plan: PlanFunction | None = None
-) -> Job:
+def expert_rollouts(config: Config, data: ExpertData, plan: PlanFunction | None = None) -> Job:
     """Expert rollouts to clone, from the `train` starts; failed rollouts are dropped whole."""
     stored = load_starts()
     rows = expert_rows(stored, data)
@@ -46,9 +44,7 @@ def expert_rollouts(
         *(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0]))
     )
     ids = episode_ids(0, len(starts))
-    return Job(
-        config, starts, ids, ExpertOnly(), data.duration, keep=keep_unless_failed, plan=plan
-    )
+    return Job(config, starts, ids, ExpertOnly(), data.duration, keep=keep_unless_failed, plan=plan)
 
 
 def expert_rows(stored: StartSet, data: ExpertData) -> IntArray:
