@@ -12,9 +12,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -65,6 +63,7 @@ class Walk:
     def __call__(self) -> int:
         """Walk, print, film; 1 if the robot fell."""
         from surefoot.episodes import Job, play_out, velocities
+        from surefoot.replay import standing_start
         from surefoot.rollout import ExpertOnly
         from surefoot.safety import Outcome
 
@@ -119,6 +118,7 @@ class Train:
     def __call__(self) -> int:
         """Train, then draw the learning curves into the run's folder."""
         from surefoot.figures import learning_curves
+        from surefoot.replay import method_module
         from surefoot.run import create
 
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
@@ -157,9 +157,9 @@ class Evaluate:
     def __call__(self) -> int:
         """Run both and print them side by side."""
         from surefoot.evaluate import evaluate
+        from surefoot.replay import find_policy
 
         policy, config = find_policy(self.target)
-        check_policy(policy, config)
         if self.episodes:
             config = replace(config, evaluation=replace(config.evaluation, episodes=self.episodes))
         figures, _ = evaluate(config, policy, self.split, self.workers, "policy")
@@ -203,6 +203,7 @@ class Play:
         """Play, print, film; 1 if the robot fell."""
         from surefoot.episodes import Job, play_out, velocities
         from surefoot.policy import check_command, load
+        from surefoot.replay import find_policy, recorded_episode, standing_start
         from surefoot.rollout import PolicyOnly
         from surefoot.safety import Outcome
 
@@ -211,7 +212,6 @@ class Play:
             out = self.out or self.target / f"episode_{self.episode}.mp4"
         else:
             policy, config = find_policy(self.target)
-            check_policy(policy, config)
             command = Command(self.vx, self.vy, self.yaw_rate)
             check_command(load(policy), np.array(command))
             start = standing_start(command)
@@ -258,73 +258,6 @@ class Bench:
         }[self.what]
         show(measure(self.config), self.json)
         return 0
-
-
-def method_module(name: str) -> ModuleType:
-    """The method's file; it holds a function of the same name, and `collection`."""
-    return import_module(f"surefoot.methods.{name}")
-
-
-def standing_start(command: Command) -> Any:
-    """One robot at rest in its nominal pose, at the beginning of the gait cycle."""
-    from surefoot.robot import solo12, standing
-    from surefoot.starts import Starts
-
-    zero = np.zeros(1, dtype=np.int64)
-    q = standing(solo12())[None]
-    return Starts(q, np.zeros((1, 18)), zero, np.array([command], dtype=float), zero)
-
-
-def find_policy(target: Path) -> tuple[Path, Config]:
-    """A run's best policy and config; or a policy file, and the config of the run it lies in.
-
-    Raises:
-        RunError: the folder holds no finished run.
-        FileNotFoundError: there is neither a folder nor a file.
-    """
-    from surefoot.run import open_run
-
-    if target.is_dir():
-        run = open_run(target)
-        return run.best_policy, run.config
-    if not target.exists():
-        raise FileNotFoundError(f"{target}: there is no such run folder or policy file")
-    folder = target.parent.parent
-    config = open_run(folder).config if (folder / "config.json").exists() else Config()
-    return target, config
-
-
-def check_policy(policy: Path, config: Config) -> None:
-    """Fail now, not in a worker, if a policy file is damaged or made for something else."""
-    from surefoot.policy import load
-    from surefoot.robot import solo12
-
-    load(policy, solo12(config.robot).name)
-
-
-def recorded_episode(folder: Path, episode: int) -> Any:
-    """The job that repeats one episode of a run.
-
-    Raises:
-        ValueError: the run has no such episode.
-    """
-    from surefoot.methods.stages import EPISODES_PER_ITERATION
-    from surefoot.run import open_run
-
-    run = open_run(folder)
-    iteration = episode // EPISODES_PER_ITERATION
-    if run.done("collect", iteration) is None:
-        raise ValueError(
-            f"{folder} has collected nothing in iteration {iteration}, so no episode {episode}"
-        )
-    job = method_module(run.method).collection(run, iteration)
-    row = np.flatnonzero(job.episode == episode)
-    if not len(row):
-        raise ValueError(
-            f"{folder} has no episode {episode}; iteration {iteration} has {job.episode[0]} to "
-            f"{job.episode[-1]}"
-        )
-    return replace(job, starts=job.starts[row], episode=job.episode[row])
 
 
 def film_episode(config: Config, q: np.ndarray, out: Path) -> None:

@@ -104,8 +104,10 @@ class KinematicConfig:
     """Centroidal momentum, linear and angular."""
     base_height: float = 0.25
     """[m] regularised height of the base frame."""
-    max_iterations: int = 10
-    """Gauss-Newton iterations; 4 is the median to convergence, stopping at 10 does no harm."""
+    max_iterations: int = 3
+    """Gauss-Newton iterations. In a settled cycle 3 end 3e-7 above the optimal cost (median), 2 end
+    7e-5 above. From 200 starts half as far again from the cycle as the default ones, 3 lost no
+    robot and 2 lost two; with 1 the robot does not walk."""
     tolerance: float = 1e-6
     """Stops when an iteration lowers the cost by less than this share."""
 
@@ -354,7 +356,8 @@ def _fill(kind: type, record: dict[str, Any], path: str) -> Any:
     for key, value in record.items():
         if key not in hints:
             raise ValueError(unknown("option", path + key, (path + name for name in hints)))
-        if is_dataclass(hint := hints[key]):
+        hint = hints[key]
+        if isinstance(hint, type) and is_dataclass(hint):
             values[key] = _fill(hint, _mapping(value, path + key), f"{path}{key}.")
         else:
             values[key] = _value(hint, value, path + key)

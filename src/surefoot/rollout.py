@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from surefoot.config import SafetyConfig
 from surefoot.dataset import Frames
@@ -206,8 +207,22 @@ def rollout(
         if progress is not None and elapsed % 100 == 99:
             progress(100)
 
-    proper = [np.swapaxes(part[:T], 0, 1) for part in (feet[..., 2], contacts)]
-    standing = ~stepping(*proper, robot.foot_radius)
+    def by_robot(recorded: NDArray) -> NDArray:
+        return np.swapaxes(recorded, 0, 1)
+
+    height, contact = by_robot(feet[:T, :, :, 2]), by_robot(contacts[:T])
+    standing = ~stepping(height, contact, robot.foot_radius)
     outcome[standing & (outcome == Outcome.SUCCESS)] = Outcome.STALLED
-    recorded = [np.swapaxes(part, 0, 1) for part in (q, v, com, feet, contacts, torques, drove)]
-    return Rollout(*recorded, starts=starts, length=length, outcome=outcome, duration=T)
+    return Rollout(
+        q=by_robot(q),
+        v=by_robot(v),
+        com=by_robot(com),
+        feet=by_robot(feet),
+        contacts=by_robot(contacts),
+        torque=by_robot(torques),
+        expert_drove=by_robot(drove),
+        starts=starts,
+        length=length,
+        outcome=outcome,
+        duration=T,
+    )

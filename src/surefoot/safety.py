@@ -13,7 +13,7 @@ import numpy as np
 
 from surefoot.config import SafetyConfig
 from surefoot.rotations import roll_pitch_yaw
-from surefoot.types import Array, BoolArray, State, to_ticks
+from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
 
 LEFT_RIGHT = np.array([1.0, -1.0, 1.0, -1.0])
 FRONT_HIND = np.array([1.0, 1.0, -1.0, -1.0])
@@ -150,7 +150,7 @@ AIRBORNE, CLEARANCE, GROUNDED = 40, 0.005, 20
 """A touchdown: 40 ms without contact, at least 5 mm of clearance in them, 20 ms of contact."""
 
 
-def touchdowns(clearance: Array, contact: BoolArray) -> Array:
+def touchdowns(clearance: Array, contact: BoolArray) -> IntArray:
     """Ticks at which one foot touches down for good.
 
     A trembling foot of a standing robot passes anything weaker than the rule above.
