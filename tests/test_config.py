@@ -88,7 +88,7 @@ def test_an_integer_serves_as_a_float():
     ],
 )
 def test_an_unknown_name_names_the_nearest(record, words):
-    with pytest.raises(ValueError, match="did you mean|Known:") as error:
+    with pytest.raises(ValueError, match=r"did you mean|Known:") as error:
         from_json(record)
     assert all(word in str(error.value) for word in words)
 
@@ -128,6 +128,7 @@ def test_quick_is_a_difference_from_the_default():
     cloning = preset("behavior_cloning").method
     assert isinstance(cloning, BehaviorCloningConfig)
     # Both methods start from the same data, so that they can be compared.
+    assert isinstance(quick.method, LocoSafeDaggerConfig)
     assert cloning.data == quick.method.pretraining
     assert quick.safety == SafetyConfig()
 
@@ -142,7 +143,9 @@ def test_presets_to_come_say_so(method, name):
 def test_unknown_preset_or_method_names_the_nearest():
     with pytest.raises(ValueError, match="no preset 'quik'; did you mean 'quick'"):
         preset("loco_safe_dagger", "quik")
-    with pytest.raises(ValueError, match="no method 'loco_dagger'; did you mean 'loco_safe_dagger'"):
+    with pytest.raises(
+        ValueError, match="no method 'loco_dagger'; did you mean 'loco_safe_dagger'"
+    ):
         preset("loco_dagger")
 
 

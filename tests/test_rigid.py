@@ -67,6 +67,8 @@ def test_jacobians_match_the_exponential_series():
 
 def test_jacobians_match_pinocchio():
     for q, d in zip(configurations(300), displacements(), strict=True):
+        if np.linalg.norm(d[3:6]) < 0.05:
+            continue  # cancellation leaves Pinocchio's Jacobians up to 4e-5 off at small angles
         A, E = integrate_jacobians(d[:6])
         D = difference_jacobian(d[:6])
         end = pin.integrate(MODEL, q, d)
@@ -75,8 +77,8 @@ def test_jacobians_match_pinocchio():
             (E, pin.dIntegrate(MODEL, q, d, pin.ARG1)),
             (D, pin.dDifference(MODEL, q, end, pin.ARG1)),
         )
-        for block, full in expected:  # near zero angle Pinocchio itself is 1e-6 off
-            np.testing.assert_allclose(block, full[:6, :6], atol=1e-5)
+        for block, full in expected:
+            np.testing.assert_allclose(block, full[:6, :6], atol=1e-9)
             np.testing.assert_allclose(full[6:, 6:], np.eye(12), atol=1e-15)
 
 
@@ -88,9 +90,7 @@ def test_feet_and_their_jacobians_match_pinocchio(leg):
     for t in range(len(q)):
         pin.framesForwardKinematics(MODEL, data, q[t])
         foot = ROBOT.feet[leg]
-        expected = pin.computeFrameJacobian(
-            MODEL, data, q[t], foot, pin.LOCAL_WORLD_ALIGNED
-        )[:3]
+        expected = pin.computeFrameJacobian(MODEL, data, q[t], foot, pin.LOCAL_WORLD_ALIGNED)[:3]
         np.testing.assert_allclose(position[t, leg], data.oMf[foot].translation, atol=1e-14)
         np.testing.assert_allclose(J[t, leg], expected[:, own], atol=1e-14)
         assert not np.delete(expected, own, axis=1).any()

@@ -171,7 +171,7 @@ def velocities(record: Rollout) -> Array:
 def summarise(record: Rollout, job: Job, expert: Expert, frames: Frames) -> Summary:
     """The figures of a rollout."""
     B, T = len(record.length), record.duration
-    proper = record.happened[:, :T]
+    proper, by_expert = record.happened[:, :T], record.expert_drove & record.happened
     last = np.maximum(record.length - 1, 0)
     before = np.maximum(record.length - 1 - TICKS_PER_SECOND // 2, 0)
     robots = np.arange(B)
@@ -186,9 +186,9 @@ def summarise(record: Rollout, job: Job, expert: Expert, frames: Frames) -> Summ
         outcome=record.outcome,
         ticks=record.length,
         proper_ticks=proper.sum(axis=1),
-        expert_ticks=(record.expert_drove[:, :T] & proper).sum(axis=1),
-        expert_drove_last=record.expert_drove[robots, last],
-        expert_drove_before=record.expert_drove[robots, before],
+        expert_ticks=by_expert[:, :T].sum(axis=1),
+        expert_drove_last=by_expert[robots, last],
+        expert_drove_before=by_expert[robots, before],
         plans=expert.plans.copy(),
         invalid_plans=expert.invalid_plans.copy(),
         kept=np.array([(frames.episode == episode).sum() for episode in job.episode]),

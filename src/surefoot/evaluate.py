@@ -42,9 +42,18 @@ def evaluate(
 
     Returns:
         The figures (see `figures_of`), and the episodes they sum up.
+
+    Raises:
+        KeyError: there is no such split.
+        ValueError: the split holds fewer starts than the episodes asked for.
     """
-    starts = load_starts()
-    some = starts[split][: config.evaluation.episodes]
+    starts, episodes = load_starts(), config.evaluation.episodes
+    some = starts[split][:episodes]
+    if not 1 <= episodes == len(some):
+        raise ValueError(
+            f"{episodes} episodes asked for, the starts {starts.name!r} hold {len(starts[split])} "
+            f"in {split!r}; use 1 to {len(starts[split])}"
+        )
     job = Job(
         config,
         some,

@@ -46,8 +46,11 @@ def loco_safe_dagger(run: Run, workers: int, plan: PlanFunction | None = None) -
 
     Raises:
         TypeError: the run was configured for another method.
+        ValueError: a parameter cannot be had, such as a hand-back rule that does not exist.
     """
     method = parameters(run)
+    if method.iterations:
+        collection(run, 1, plan)  # what cannot be had is an error now, not after the pre-training
 
     # Pre-training (behaviour cloning)
     collect(run, 0, collection(run, 0, plan), workers)
@@ -100,6 +103,11 @@ def draw_starts(method: LocoSafeDaggerConfig, rng: np.random.Generator) -> Start
     stored = load_starts()
     grid = stored.rows("train")
     perturbations, phases, velocities = grid.shape
+    if not 1 <= method.perturbations < perturbations:
+        raise ValueError(
+            f"{method.perturbations} perturbations asked for, the starts {stored.name!r} hold "
+            f"{perturbations - 1} of each velocity and phase for the iterations"
+        )
     rows = []
     for velocity in equally_spaced(velocities, method.velocities):
         phase = rng.integers(phases)

@@ -95,7 +95,7 @@ class Expert:
 
 
 def make_expert(robot: RobotModel, config: Config, plan: PlanFunction | None = None) -> Expert:
-    """The expert of a configuration: its gains around the BiConMP-style planner, or your own plan."""
+    """The expert of a configuration: its gains around its planner, or around your own plan."""
     if plan is None:
         plan = Planner(robot, config.gait, config.expert, config.simulation.friction).plan
     return Expert(plan, config.expert.kp, config.expert.kd)

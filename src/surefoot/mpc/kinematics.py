@@ -138,7 +138,7 @@ class KinematicSolver:
         Input that is not finite comes back as a plan whose cost is not finite.
         """
         config, p = self._config, self._prepare(problem)
-        q, v, u = _first_guess(problem.q0, problem.v0, p)
+        q, v, u = _first_guess(np.array(problem.q0), np.array(problem.v0), p)
         cost, residuals = self._evaluate(p, q, v, u)
         damping, iteration = LEAST_DAMPING, 0
         while iteration < config.max_iterations and np.isfinite(cost):
@@ -170,7 +170,7 @@ class KinematicSolver:
     def gradient(self, problem: KinematicProblem, u: Array) -> Array:
         """Gradient ``(N, 18)`` of the objective with respect to the controls, by the adjoint."""
         p = self._prepare(problem)
-        q, v = simulate(problem.q0, problem.v0, u, p.dt)
+        q, v = simulate(np.array(problem.q0), np.array(problem.v0), u, p.dt)
         _, gx, A, E = self._linearise(p, q, v, self._evaluate(p, q, v, u)[1])
         gradient = np.empty_like(u)
         to_q, to_v = gx[-1, :NV], gx[-1, NV:]
@@ -315,9 +315,12 @@ def _gauss_newton(
         H[t] = p.momentum_weight * (J.T @ J)
         g[t] = p.momentum_weight * (J.T @ r.momentum[t])
         D = difference_jacobian(r.state[t, :6])
-        WD = p.state_weight[:6].reshape(6, 1) * D
-        H[t, :6, :6] += D.T @ WD
-        g[t, :6] += WD.T @ r.state[t, :6]
+        for k in range(6):
+            for i in range(6):
+                weighted = p.state_weight[k] * D[k, i]
+                g[t, i] += weighted * r.state[t, k]
+                for j in range(6):
+                    H[t, i, j] += weighted * D[k, j]
         for i in range(6, 2 * NV):
             H[t, i, i] += p.state_weight[i]
             g[t, i] += p.state_weight[i] * r.state[t, i]
@@ -326,7 +329,8 @@ def _gauss_newton(
         for leg in range(4):
             if not p.tracked[t, leg]:
                 continue
-            own[6:] = 6 + 3 * leg + np.arange(3)
+            for i in range(3):
+                own[6 + i] = 6 + 3 * leg + i
             for axis in range(3):
                 row = r.foot_jacobian[t, leg, axis]
                 for i in range(9):

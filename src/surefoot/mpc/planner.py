@@ -9,6 +9,7 @@ stages are public and can be called alone. Next: `expert`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from time import perf_counter
 
 import numpy as np
 import pinocchio as pin
@@ -38,12 +39,14 @@ class PlanStages:
         centroidal: centre of mass, momentum and forces.
         kinematic: whole-body motion at the nodes.
         motion: the arrays the robot follows.
+        seconds: wall time of each stage; the only field that differs between equal plans.
     """
 
     contacts: ContactPlan
     centroidal: CentroidalPlan
     kinematic: KinematicPlan
     motion: MotionPlan
+    seconds: dict[str, float]
 
 
 class Planner:
@@ -91,6 +94,7 @@ class Planner:
 
     def solve(self, state: State, tick: int, command: Command) -> PlanStages:
         """All stages of one plan."""
+        clock = [perf_counter()]
         q, v = to_heading_frame(state.q), state.v
         velocity = Command(
             self._config.speed_gain * command.vx,
@@ -108,14 +112,20 @@ class Planner:
             tick,
             velocity,
         )
+        clock.append(perf_counter())
         reference = self.centroidal_reference(q, x0, contacts, velocity)
         centroidal = solve_centroidal(
             contacts, x0, reference, self._mass, self._friction, self._config.centroidal
         )
+        clock.append(perf_counter())
         problem = self.kinematic_problem(q, v, contacts, centroidal, velocity)
         kinematic = self._kinematics.solve(problem)
+        clock.append(perf_counter())
         motion = self.to_ticks(contacts, centroidal, kinematic)
-        return PlanStages(contacts, centroidal, kinematic, motion)
+        clock.append(perf_counter())
+        stages = ("contacts", "centroidal", "kinematics", "inverse_dynamics")
+        seconds = dict(zip(stages, np.diff(clock).tolist(), strict=True))
+        return PlanStages(contacts, centroidal, kinematic, motion, seconds)
 
     def measure(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Centroidal state ``(9,)`` (com, its velocity, momentum / mass) and feet ``(4, 3)``."""
@@ -211,7 +221,7 @@ class Planner:
         tau = np.empty((len(q), 18))
         for t in range(len(q)):
             tau[t] = pin.rnea(model, data, q[t], v[t], a[t])
-        subtract_contacts(tau, feet(q, self._legs)[1], force)
+        subtract_contacts(tau, feet(np.ascontiguousarray(q), self._legs)[1], force)
         return tau
 
     def _inertia_about_the_vertical(self) -> float:

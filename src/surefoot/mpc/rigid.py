@@ -138,7 +138,7 @@ def difference(start: Array, end: Array) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def integrate_jacobians(twist: Array) -> tuple[Array, Array]:
-    """Base blocks ``(6, 6)`` of d integrate(q, d) / dq and / dd; the joints' are the identity."""
+    """Base blocks ``(6, 6)`` of d integrate(q, d) / dq and / dd; the joints are the identity."""
     v, w = vector(twist[:3]), vector(twist[3:6])
     a, b, da, db = _exponential(dot(w, w))
     E = _dual(v, w, -a, b, -da, db)

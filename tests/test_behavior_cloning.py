@@ -1,0 +1,152 @@
+"""Behaviour cloning in the small: what is kept, the same bits always, and kills at any stage."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import surefoot.methods.stages
+from surefoot.config import (
+    BehaviorCloningConfig,
+    Config,
+    EvaluationConfig,
+    ExpertData,
+    LocoSafeDaggerConfig,
+    PolicyConfig,
+    TrainingConfig,
+)
+from surefoot.dataset import DatasetError
+from surefoot.episodes import play_out
+from surefoot.methods.behavior_cloning import behavior_cloning, collection
+from surefoot.methods.stages import expert_rollouts, keep_unless_failed
+from surefoot.rollout import Rollout
+from surefoot.run import Run, create, open_run
+from surefoot.safety import Outcome
+from surefoot.starts import Starts
+
+CONFIG = replace(
+    Config(),
+    method=BehaviorCloningConfig(data=ExpertData(2, 1, False, 0.1), epochs=2),
+    chunk=6,
+    policy=PolicyConfig(hidden=(16, 16)),
+    training=TrainingConfig(batch=64, schedule="cosine"),
+    evaluation=EvaluationConfig(duration=0.05, episodes=3),
+)
+STAGES = [("collect", 0), ("train", 0), ("validate", 0), ("best", 0)]
+
+
+def fingerprint(run: Run) -> tuple:
+    metrics = [{k: v for k, v in line.items() if k != "seconds"} for line in run.metrics]
+    return run.dataset.hash, run.policy(0).read_bytes(), metrics
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Run:
+    run = create(tmp_path_factory.mktemp("finished") / "run", CONFIG)
+    assert behavior_cloning(run, workers=1) == run.policy(0)
+    return run
+
+
+def test_the_run_holds_the_experts_rollouts(finished):
+    assert [(line["stage"], line["iteration"]) for line in finished.metrics] == STAGES
+    record, _ = play_out(collection(finished, 0))
+    frames = finished.dataset.load()
+    assert len(frames) == 20 * 100
+    np.testing.assert_array_equal(frames.q, record.q.reshape(-1, 19))
+    np.testing.assert_array_equal(frames.torque, record.torque.reshape(-1, 12))
+    np.testing.assert_array_equal(frames.episode, np.repeat(np.arange(20), 100))
+    assert frames.expert_drove.all()
+    figures = finished.done("collect", 0)
+    assert figures["expert_share"] == figures["expert_share_with_tail"] == 1.0
+    assert figures["expert_seconds"] == 2.0
+    assert figures["plans"] == 40
+    assert figures["failed_episodes"] == []
+
+
+def test_the_same_run_again_has_the_same_bits(finished, tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    behavior_cloning(run, workers=2)
+    assert fingerprint(run) == fingerprint(finished)
+
+
+class Killed(BaseException):
+    """Nothing in the package may catch this."""
+
+
+@pytest.mark.parametrize("function", ["run_episodes", "fit", "save", "evaluate"])
+def test_a_run_killed_inside_a_stage_ends_with_the_same_bits(
+    finished, tmp_path, monkeypatch, function
+):
+    """Killed right after the stage's main work, with nothing written down."""
+    original = getattr(surefoot.methods.stages, function)
+
+    def work_and_die(*args, **kwargs):
+        original(*args, **kwargs)
+        raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(surefoot.methods.stages, function, work_and_die)
+        with pytest.raises(Killed):
+            behavior_cloning(create(tmp_path / "run", CONFIG), workers=1)
+    run = open_run(tmp_path / "run")
+    assert len(run.metrics) < len(STAGES)
+    behavior_cloning(run, workers=1)
+    assert fingerprint(run) == fingerprint(finished)
+
+
+def test_resuming_over_other_data_is_refused(finished, tmp_path, monkeypatch):
+    """A shard of other frames under the name that the stage wants is never silently taken."""
+    other = replace(CONFIG, method=replace(CONFIG.method, data=ExpertData(1, 1, False, 0.1)))
+    run = create(tmp_path / "run", CONFIG)
+    run.dataset.append("iteration_000", finished.dataset.load()[:100])
+    with pytest.raises(DatasetError, match="already holds other frames"):
+        surefoot.methods.stages.collect(run, 0, collection(Run(run.folder, other), 0), 1)
+    assert run.metrics == []
+
+
+def test_starts_are_velocities_by_phases_by_perturbations():
+    job = expert_rollouts(Config(), ExpertData(4, 2, True, 1.0))
+    assert len(job.starts) == 4 * (1 + 2 * 10)
+    assert len(np.unique(job.episode)) == len(job.starts)
+    assert len(np.unique(job.starts.id)) == len(job.starts)
+    speeds, counts = np.unique(np.round(job.starts.command[:, 0], 6), return_counts=True)
+    assert len(speeds) == 4
+    assert (speeds[0], speeds[-1]) == (0.0, 0.3)
+    assert (counts == 21).all()
+    assert len(np.unique(job.starts.tick)) == 10
+    one = expert_rollouts(Config(), ExpertData(1, 1, False, 1.0))
+    assert len(one.starts) == 10
+
+
+def test_failed_rollouts_are_dropped_whole():
+    B, T = 4, 6
+    starts = Starts(
+        np.zeros((B, 19)), np.zeros((B, 18)), np.zeros(B, int), np.zeros((B, 3)), np.arange(B)
+    )
+    shapes = ((19,), (18,), (3,), (4, 3), (4,), (12,), ())
+    record = Rollout(
+        *(np.zeros((B, T, *shape)) for shape in shapes),  # pyright: ignore[reportArgumentType]
+        starts=starts,
+        length=np.array([6, 4, 6, 3]),
+        outcome=np.array([Outcome.SUCCESS, Outcome.FELL, Outcome.STALLED, Outcome.DIVERGED]),
+        duration=T,
+    )
+    np.testing.assert_array_equal(
+        keep_unless_failed(record), np.repeat([[True], [False], [True], [False]], T, axis=1)
+    )
+
+
+def test_a_run_of_another_method_is_refused(tmp_path):
+    run = create(tmp_path / "run", replace(CONFIG, method=LocoSafeDaggerConfig()))
+    with pytest.raises(
+        TypeError, match="configured for loco_safe_dagger, not for behavior_cloning"
+    ):
+        behavior_cloning(run, workers=1)
+    with pytest.raises(TypeError, match="loco_safe_dagger"):
+        collection(run, 0)
+    assert run.metrics == []
+
+
+def test_there_is_one_collection_only(finished):
+    with pytest.raises(ValueError, match="no iteration 1"):
+        collection(finished, 1)

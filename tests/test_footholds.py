@@ -1,0 +1,118 @@
+"""Where feet are planned to land, and when."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from surefoot.config import ExpertConfig, Gait
+from surefoot.mpc.footholds import GRAVITY, hip_offsets, plan_contacts
+from surefoot.mpc.gait import in_stance, node_ticks, swing_fraction
+from surefoot.robot import solo12
+from surefoot.types import Command
+
+ROBOT, TROT, CONFIG = solo12(), Gait(), ExpertConfig()
+HIPS = hip_offsets(ROBOT, CONFIG.hip_outward)
+COM = np.array([0.013, -0.007, 0.21])
+FEET = np.column_stack([HIPS * 1.1 + COM[:2], np.full(4, 0.02)])
+REST = Command()
+TICKS = [0, 50, 113, 249, 441, 495]
+
+
+def contacts(tick: int = 0, velocity: Command = REST, com=COM, feet=FEET, gait=TROT):
+    return plan_contacts(gait, CONFIG, HIPS, ROBOT.foot_radius, com, feet, tick, velocity)
+
+
+def landings(plan):
+    """Nodes and legs where a foot comes down."""
+    before = np.roll(plan.active, 1, axis=0)
+    before[0] = True
+    return np.argwhere(plan.active & ~before)
+
+
+def test_footholds_lie_outward_of_the_hips():
+    # Solo12's hips (HFE axes) in the nominal pose, plus 4 cm outward.
+    expected = [[0.195, 0.141], [0.195, -0.142], [-0.194, 0.141], [-0.194, -0.142]]
+    np.testing.assert_allclose(HIPS, expected, atol=1.5e-3)
+    bare = hip_offsets(ROBOT, 0.0)
+    np.testing.assert_allclose(HIPS - bare, 0.04 * np.array([[0, 1], [0, -1]] * 2), atol=1e-15)
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_shapes_flags_and_durations(tick):
+    plan, ticks = contacts(tick), node_ticks(tick, CONFIG.centroidal.nodes)
+    nodes = CONFIG.centroidal.nodes
+    assert plan.active.shape == plan.via.shape == (nodes, 4)
+    assert plan.position.shape == (nodes, 4, 3)
+    np.testing.assert_array_equal(plan.active, in_stance(TROT, ticks[:-1]))
+    np.testing.assert_allclose(plan.dt, np.diff(ticks) / 1000)
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_at_rest_feet_land_under_the_hips_at_ground_height(tick):
+    plan = contacts(tick)
+    for node, leg in landings(plan):
+        np.testing.assert_allclose(plan.position[node, leg, :2], COM[:2] + HIPS[leg], atol=1e-15)
+        assert plan.position[node, leg, 2] == ROBOT.foot_radius
+    assert len(landings(plan)) >= 6
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_first_node_is_the_measured_foot(tick):
+    plan = contacts(tick, Command(0.3, 0.1, 0.2))
+    np.testing.assert_array_equal(plan.position[0], FEET)
+    assert not plan.via[0].any()
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_a_foot_in_stance_stays(tick):
+    plan = contacts(tick, Command(0.3, -0.1, 0.5))
+    staying = plan.active[1:] & plan.active[:-1]
+    np.testing.assert_array_equal(plan.position[1:][staying], plan.position[:-1][staying])
+    assert staying.any()
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_touchdown_travels_with_the_base_and_half_a_stance_further(tick):
+    velocity = np.array([0.3, -0.1])
+    plan, rest = contacts(tick, Command(*velocity)), contacts(tick)
+    time = np.concatenate([[0.0], np.cumsum(plan.dt)])
+    for node, leg in landings(plan):
+        travel = plan.position[node, leg] - rest.position[node, leg]
+        expected = velocity * (time[node] + 0.5 * TROT.duty * TROT.period)
+        np.testing.assert_allclose(travel, [*expected, 0.0], atol=1e-15)
+
+
+def test_turning_follows_the_published_rule():
+    v, w, tick = np.array([0.2, 0.1, 0.0]), 0.7, 113
+    plan = contacts(tick, Command(v[0], v[1], w))
+    start = np.concatenate([[0.0], np.cumsum(plan.dt)])
+    for node, leg in landings(plan):
+        t = start[node]
+        R = np.array([[np.cos(w * t), -np.sin(w * t)], [np.sin(w * t), np.cos(w * t)]])
+        expected = COM[:2] + R @ HIPS[leg] + t * v[:2] + 0.15 * v[:2]
+        expected += 0.5 * np.sqrt(COM[2] / GRAVITY) * np.cross(v, [0.0, 0.0, w])[:2]
+        np.testing.assert_allclose(plan.position[node, leg, :2], expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_swinging_feet_have_a_via_point_in_the_first_half(tick):
+    plan = contacts(tick, Command(0.2))
+    fraction = swing_fraction(TROT, node_ticks(tick, CONFIG.centroidal.nodes)[:-1])
+    expected = ~plan.active & (fraction < CONFIG.via_until)
+    expected[0] = False
+    np.testing.assert_array_equal(plan.via, expected)
+    assert np.all(plan.position[plan.via][:, 2] == TROT.step_height)
+    assert not np.any(plan.via & plan.active)
+
+
+def test_plan_moves_with_the_robot():
+    shift = np.array([0.4, -0.3, 0.0])
+    plan = contacts(113, Command(0.2, 0.0, 0.3))
+    moved = contacts(113, Command(0.2, 0.0, 0.3), COM + shift, FEET + shift)
+    np.testing.assert_allclose(moved.position, plan.position + shift, atol=1e-14)
+
+
+def test_step_height_is_the_gaits():
+    plan = contacts(0, gait=replace(TROT, step_height=0.05))
+    assert np.all(plan.position[plan.via][:, 2] == 0.05)

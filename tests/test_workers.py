@@ -1,0 +1,137 @@
+"""Chunks over processes: order, a dead worker, errors, and nobody left behind after Ctrl-C."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from surefoot.workers import RETRIES, default_workers, map_chunks
+
+
+def square(number):
+    return number**2
+
+
+def slow_first(number):
+    time.sleep(0.3 if number == 0 else 0.0)
+    return number, os.getpid()
+
+
+def count_and_die(argument):
+    """Leaves a mark for every try, and dies as often as told."""
+    number, folder, deaths = argument
+    tries = len(list(folder.glob(f"{number}.*")))
+    (folder / f"{number}.{tries}").touch()
+    if tries < deaths:
+        os._exit(3)
+    return 10 * number
+
+
+def refuse(number):
+    if number == 3:
+        raise LookupError(f"no chunk {number}")
+    return number
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_come_in_the_order_of_the_chunks(workers):
+    assert map_chunks(square, list(range(7)), workers, "squares") == [0, 1, 4, 9, 16, 25, 36]
+    results = map_chunks(slow_first, list(range(6)), workers, "slow")
+    assert [number for number, _ in results] == list(range(6))
+    assert (os.getpid() in {pid for _, pid in results}) == (workers == 1)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_nothing_to_do_is_no_result(workers):
+    assert map_chunks(square, [], workers, "nothing") == []
+
+
+def test_a_single_chunk_stays_in_this_process():
+    assert map_chunks(slow_first, [5], 4, "one") == [(5, os.getpid())]
+
+
+def test_a_chunk_whose_process_dies_is_run_again(tmp_path):
+    chunks = [(number, tmp_path, 1 if number == 2 else 0) for number in range(5)]
+    assert map_chunks(count_and_die, chunks, 2, "dies once") == [0, 10, 20, 30, 40]
+    assert len(list(tmp_path.glob("2.*"))) == 2
+    # And the next call has a pool that works.
+    assert map_chunks(square, [1, 2, 3], 2, "after") == [1, 4, 9]
+
+
+def test_a_chunk_that_always_dies_is_an_error(tmp_path):
+    chunks = [(number, tmp_path, 100 if number == 1 else 0) for number in range(3)]
+    with pytest.raises(RuntimeError, match=r"always: a process died 3 times.*fewer --workers"):
+        map_chunks(count_and_die, chunks, 2, "always")
+    assert len(list(tmp_path.glob("1.*"))) == RETRIES + 1
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_error_in_a_chunk_is_passed_on(workers):
+    with pytest.raises(LookupError, match="no chunk 3"):
+        map_chunks(refuse, list(range(6)), workers, "refuses")
+    assert map_chunks(square, [4, 5], workers, "after") == [16, 25]
+
+
+def test_workers_are_at_least_one_and_those_we_may_use():
+    assert default_workers() == len(os.sched_getaffinity(0)) >= 1
+
+
+SCRIPT = """
+import os, sys, time
+from pathlib import Path
+
+def sleep(folder):
+    (Path(folder) / f"{os.getpid()}.pid").touch()
+    time.sleep(120)
+
+if __name__ == "__main__":
+    from surefoot.workers import map_chunks
+    try:
+        map_chunks(sleep, [sys.argv[1]] * 4, 2, "asleep")
+    except KeyboardInterrupt:
+        (Path(sys.argv[1]) / "interrupted").touch()
+        raise
+"""
+
+
+def alive(pid: int) -> bool:
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
+def test_ctrl_c_ends_the_workers_too(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+
+    def until(condition):
+        for _ in range(600):
+            if condition():
+                return True
+            time.sleep(0.1)
+        return False
+
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(tmp_path)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        assert until(lambda: len(list(tmp_path.glob("*.pid"))) == 2)
+        pids = [int(path.stem) for path in tmp_path.glob("*.pid")]
+        assert process.pid not in pids
+        assert all(alive(pid) for pid in pids)
+        process.send_signal(signal.SIGINT)
+        # The chunks sleep for two minutes: whoever is gone before was ended.
+        assert process.wait(timeout=60) != 0
+        assert (tmp_path / "interrupted").exists()
+        assert until(lambda: not any(alive(pid) for pid in pids))
+    finally:
+        process.kill()
+        process.wait()
