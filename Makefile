@@ -22,10 +22,11 @@ $(VENV)/.complete: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[viz,dev]'
+	$(BIN)/surefoot doctor
 	@touch $@
 
 demo: venv  ## train a policy with LocoSafeDAGGER, evaluate it, film it (about ten minutes)
-	$(BIN)/surefoot train loco_safe_dagger --preset quick --run $(RUN)
+	$(BIN)/surefoot train loco_safe_dagger --preset quick --run $(RUN) --resume
 	$(BIN)/surefoot evaluate $(RUN)
 	$(BIN)/surefoot play $(RUN)
 
@@ -51,7 +52,7 @@ bench: venv  ## plan, engine and training speed, each beside its floor
 	$(BIN)/surefoot bench train
 
 system:  ## Debian packages for headless rendering (needs root)
-	apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri libgles2
+	apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri
 
 clean:  ## remove the environment and caches, never runs
 	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis

@@ -90,7 +90,8 @@ class Walk:
         }
         show(figures, self.json)
         if self.video:
-            film_episode(self.config, record.q[0, :length], self.out)
+            title = f"expert, vx {self.vx:.2f} m/s"
+            film_episode(self.config, record.q[0, :length], self.out, title)
         return int(figures["fell"])
 
 
@@ -190,7 +191,7 @@ class Play:
     """[m/s] to the left."""
     yaw_rate: float = 0.0
     """[rad/s] to the left."""
-    seconds: float = 8.0
+    seconds: float = 5.0
     """How long."""
     episode: int | None = None
     """Replay this episode of the run instead, bit for bit (ids of failures: metrics.jsonl)."""
@@ -229,7 +230,9 @@ class Play:
             "episode": self.episode,
         }
         show(figures, self.json)
-        film_episode(job.config, record.q[0, :length], out)
+        driver = "policy" if self.episode is None else f"episode {self.episode}"
+        title = f"{driver}, vx {job.starts.command[0, 0]:.2f} m/s"
+        film_episode(job.config, record.q[0, :length], out, title)
         return int(record.outcome[0] in (Outcome.FELL, Outcome.DIVERGED))
 
 
@@ -260,13 +263,17 @@ class Bench:
         return 0
 
 
-def film_episode(config: Config, q: np.ndarray, out: Path) -> None:
+def film_episode(config: Config, q: np.ndarray, out: Path, title: str) -> None:
     """Film configurations ``(T, 19)``; where nothing can be rendered, say so and go on."""
     from surefoot.robot import solo12
-    from surefoot.viewer import RenderingUnavailable, film
+    from surefoot.viewer import RenderingUnavailable, contact_sheet, film
 
+    robot = solo12(config.robot)
+    out.parent.mkdir(parents=True, exist_ok=True)
     try:
-        print(f"video: {film(solo12(config.robot), config.simulation, q, out)}")
+        sheet = contact_sheet(robot, config.simulation, q, out.with_suffix(".png"))
+        print(f"frames: {sheet}")
+        print(f"video:  {film(robot, config.simulation, q, out, title=title)}")
     except RenderingUnavailable as error:
         print(f"no video: {error}", file=sys.stderr)
 

@@ -14,7 +14,7 @@ from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from subprocess import PIPE, Popen
-from tempfile import TemporaryFile
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import Any
 
 import mujoco
@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 from surefoot.config import SimulationConfig
 from surefoot.files import write_atomic
-from surefoot.robot import RobotModel
+from surefoot.robot import RobotModel, solo12
 from surefoot.rotations import heading, rotation
 from surefoot.sim.mujoco import build_model, to_mujoco
 from surefoot.types import TICKS_PER_SECOND, Array, IntArray
@@ -73,6 +73,18 @@ def film(
         captioned = (_captioned(picture, title or "", int(tick)) for tick, picture in bar)
         write_atomic(path, lambda target: _encode(captioned, target, rate, size))
     return path
+
+
+def check_rendering() -> None:
+    """Film two frames and throw them away.
+
+    Raises:
+        RenderingUnavailable: there is no OpenGL without a screen, or no ffmpeg.
+    """
+    robot = solo12()
+    with TemporaryDirectory() as folder:
+        q = np.tile(robot.nominal, (40, 1))
+        film(robot, SimulationConfig(), q, Path(folder) / "check.mp4", size=(64, 48))
 
 
 def contact_sheet(
@@ -128,14 +140,13 @@ def _pictures(
     environment = {**os.environ, "MUJOCO_GL": system}
     command = [sys.executable, "-c", "from surefoot.viewer import _draw; _draw()"]
     count = 3 * size[0] * size[1]
-    with TemporaryFile() as job:
-        pickle.dump((model, qpos, camera, size), job)
-        job.seek(0)
-        with _child(command, failure, stdin=job, stdout=PIPE, env=environment) as child:
-            for _ in q:
-                if len(pixels := child.stdout.read(count)) < count:
-                    raise BrokenPipeError
-                yield Image.frombytes("RGB", size, pixels)
+    with _child(command, failure, stdin=PIPE, stdout=PIPE, env=environment) as child:
+        pickle.dump((model, qpos, camera, size), child.stdin)
+        child.stdin.flush()
+        for _ in q:
+            if len(pixels := child.stdout.read(count)) < count:
+                raise BrokenPipeError
+            yield Image.frombytes("RGB", size, pixels)
 
 
 def _draw() -> None:
