@@ -14,7 +14,7 @@ from tqdm import tqdm
 from surefoot.config import Config
 from surefoot.mpc.expert import make_expert
 from surefoot.mpc.gait import GRID, in_stance
-from surefoot.perturb import perturb
+from surefoot.perturbation import perturb
 from surefoot.robot import clip_torque, solo12, standing
 from surefoot.sim import make_simulator
 from surefoot.starts import SPLITS, Starts, StartSet, save_starts

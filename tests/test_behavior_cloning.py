@@ -16,10 +16,10 @@ from surefoot.config import (
     TrainingConfig,
 )
 from surefoot.dataset import DatasetError
+from surefoot.engine import Rollout
 from surefoot.episodes import play_out
 from surefoot.methods.behavior_cloning import behavior_cloning, collection
 from surefoot.methods.stages import expert_rollouts, keep_unless_failed
-from surefoot.rollout import Rollout
 from surefoot.run import Run, create, open_run
 from surefoot.safety import Outcome
 from surefoot.starts import Starts

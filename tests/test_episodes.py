@@ -9,11 +9,11 @@ import pytest
 
 from surefoot.config import Config, EvaluationConfig, PolicyConfig
 from surefoot.dataset import concatenate
+from surefoot.engine import ExpertOnly, PolicyOnly, Rollout, SafetySwitch
 from surefoot.episodes import Job, Summary, play_out, run_chunk, run_episodes, summarise, velocities
 from surefoot.mpc.expert import Expert
 from surefoot.policy import Policy, PolicyNetwork, save
 from surefoot.robot import solo12, standing
-from surefoot.rollout import ExpertOnly, PolicyOnly, Rollout, SafetySwitch
 from surefoot.safety import HandBack, Outcome, SafetyMonitor
 from surefoot.starts import Starts, load_starts
 from surefoot.types import MotionPlan

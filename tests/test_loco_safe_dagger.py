@@ -15,6 +15,7 @@ from surefoot.config import (
     PolicyConfig,
     TrainingConfig,
 )
+from surefoot.engine import Rollout
 from surefoot.episodes import play_out
 from surefoot.methods.loco_safe_dagger import (
     collection,
@@ -24,7 +25,6 @@ from surefoot.methods.loco_safe_dagger import (
 )
 from surefoot.methods.stages import EPISODES_PER_ITERATION, best, episode_ids
 from surefoot.policy import PolicyNetwork, load
-from surefoot.rollout import Rollout
 from surefoot.run import Run, create, open_run
 from surefoot.safety import Outcome
 from surefoot.starts import Starts, load_starts

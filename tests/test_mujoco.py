@@ -424,4 +424,4 @@ def test_unusable_arguments_are_refused():
     with pytest.raises(ValueError, match="at least one"):
         make_simulator(ROBOT, 0)
     with pytest.raises(ValueError, match="mujoco"):
-        make_simulator(ROBOT, 1, SimulationConfig(backend="mujco"))
+        make_simulator(ROBOT, 1, SimulationConfig(backend="mujco"))  # pyright: ignore

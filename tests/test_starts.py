@@ -10,7 +10,7 @@ import pytest
 
 from surefoot.config import Config
 from surefoot.mpc.gait import in_stance
-from surefoot.perturb import acceptable, stance_feet, stance_jacobian
+from surefoot.perturbation import acceptable, stance_feet, stance_jacobian
 from surefoot.robot import solo12
 from surefoot.safety import fallen
 from surefoot.starts import PACKAGED, SPLITS, Starts, StartSet, load_starts, save_starts

@@ -17,16 +17,16 @@ _HOME = {
     "mpc.expert": ("Expert", "make_expert"),
     "sim": ("Simulator", "make_simulator"),
     "starts": ("Starts", "load_starts"),
-    "perturb": ("perturb",),
+    "perturbation": ("perturb",),
     "safety": ("Outcome", "SafetyMonitor", "HandBack"),
-    "rollout": ("rollout", "Rollout", "Arbiter", "ExpertOnly", "PolicyOnly", "SafetySwitch"),
+    "engine": ("rollout", "Rollout", "Arbiter", "ExpertOnly", "PolicyOnly", "SafetySwitch"),
     "dataset": ("Dataset", "Frames"),
     "policy": ("Policy", "PolicyNetwork", "load", "save"),
     "train": ("fit",),
     "run": ("Run", "create", "open_run"),
     "methods.behavior_cloning": ("behavior_cloning",),
     "methods.loco_safe_dagger": ("loco_safe_dagger",),
-    "evaluate": ("evaluate",),
+    "evaluation": ("evaluate",),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 

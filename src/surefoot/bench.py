@@ -16,11 +16,11 @@ import torch
 
 from surefoot.config import Config, SafetyConfig, TrainingConfig
 from surefoot.dataset import Frames
+from surefoot.engine import PolicyOnly, rollout
 from surefoot.mpc.planner import Planner
 from surefoot.observation import INPUT_SIZE
 from surefoot.policy import Policy, PolicyNetwork
 from surefoot.robot import RobotModel, solo12
-from surefoot.rollout import PolicyOnly, rollout
 from surefoot.safety import Outcome
 from surefoot.sim import make_simulator
 from surefoot.starts import load_starts

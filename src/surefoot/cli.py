@@ -62,9 +62,9 @@ class Walk:
 
     def __call__(self) -> int:
         """Walk, print, film; 1 if the robot fell."""
+        from surefoot.engine import ExpertOnly
         from surefoot.episodes import Job, play_out, velocities
         from surefoot.replay import standing_start
-        from surefoot.rollout import ExpertOnly
         from surefoot.safety import Outcome
 
         command = Command(self.vx, self.vy, self.yaw_rate)
@@ -157,7 +157,7 @@ class Evaluate:
 
     def __call__(self) -> int:
         """Run both and print them side by side."""
-        from surefoot.evaluate import evaluate
+        from surefoot.evaluation import evaluate
         from surefoot.replay import find_policy
 
         policy, config = find_policy(self.target)
@@ -202,10 +202,10 @@ class Play:
 
     def __call__(self) -> int:
         """Play, print, film; 1 if the robot fell."""
+        from surefoot.engine import PolicyOnly
         from surefoot.episodes import Job, play_out, velocities
         from surefoot.policy import check_command, load
         from surefoot.replay import find_policy, recorded_episode, standing_start
-        from surefoot.rollout import PolicyOnly
         from surefoot.safety import Outcome
 
         if self.episode is not None:

@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import MISSING, asdict, dataclass, field, fields, is_dataclass, replace
 from difflib import get_close_matches
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class RobotConfig:
 class SimulationConfig:
     """Contact physics, common to all simulators. Time step 1 ms."""
 
-    backend: str = "mujoco"
+    backend: Literal["mujoco"] = "mujoco"
     """The physics engine: `mujoco`."""
     friction: float = 0.5
     """Coefficient of the foot-ground pair, after the simulator's combination rule (BiConMP's demo);
@@ -192,7 +192,7 @@ class TrainingConfig:
     """(paper)."""
     batch: int = 256
     """Frames a step; the last incomplete batch is dropped (paper)."""
-    schedule: str = "constant"
+    schedule: Literal["constant", "cosine"] = "constant"
     """`constant` (paper) or `cosine` to zero over a fit."""
     validation: float = 0.1
     """Share of episodes held out, chosen by episode id."""
@@ -243,7 +243,9 @@ class LocoSafeDaggerConfig:
     """[s] the expert drives at least, once it has taken over (paper)."""
     T_end: float = 1.0
     """[s] of the expert's tail after a rollout (paper)."""
-    hand_back: str = "safe_and_blocked"
+    hand_back: Literal["safe_and_blocked", "every_violation_restarts", "safe_or_blocked"] = (
+        "safe_and_blocked"
+    )
     """`safe_and_blocked`, `every_violation_restarts` or `safe_or_blocked`: see `HandBack`."""
     epochs: int = 15
     """of an iteration (paper)."""
@@ -386,6 +388,10 @@ def _value(hint: Any, value: Any, path: str) -> Any:
             raise ValueError(f"{path} is {value!r}, expected {len(kinds)} numbers")
         pairs = enumerate(zip(kinds, value, strict=True))
         return tuple(_value(kind, item, f"{path}[{index}]") for index, (kind, item) in pairs)
+    if get_origin(hint) is Literal:
+        if value not in get_args(hint):
+            raise ValueError(unknown(path, str(value), get_args(hint)))
+        return value
     if hint is float and type(value) is int:
         return float(value)
     if type(value) is not hint:

@@ -15,10 +15,10 @@ import numpy as np
 
 from surefoot.config import Config
 from surefoot.dataset import Frames, concatenate
+from surefoot.engine import Arbiter, Rollout, rollout
 from surefoot.mpc.expert import Expert, make_expert
 from surefoot.policy import load
 from surefoot.robot import RobotModel, solo12
-from surefoot.rollout import Arbiter, Rollout, rollout
 from surefoot.rotations import heading, rotation, to_heading
 from surefoot.safety import strictly_stepping
 from surefoot.sim import make_simulator

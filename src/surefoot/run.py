@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import warnings
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -110,6 +111,12 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
             raise RunError(
                 f"{folder} holds a run with another configuration ({path}); resume it with the "
                 "options it was started with, or choose another folder with --run"
+            )
+        if (before := json.loads(path.read_text()).get("versions")) != record["versions"]:
+            warnings.warn(
+                f"{folder} was begun with other versions ({before}); what follows will not be the "
+                "same bits as if it had gone on with them",
+                stacklevel=2,
             )
         return run
     # A kill in the very first moment leaves an empty folder, or a temporary file in it.

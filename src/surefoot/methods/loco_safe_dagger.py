@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.config import LocoSafeDaggerConfig
+from surefoot.engine import Rollout, SafetySwitch
 from surefoot.episodes import Job
 from surefoot.methods.stages import (
     best,
@@ -26,7 +27,6 @@ from surefoot.methods.stages import (
     train,
     validate,
 )
-from surefoot.rollout import Rollout, SafetySwitch
 from surefoot.run import Run
 from surefoot.safety import HandBack, Outcome, SafetyMonitor
 from surefoot.starts import Starts, load_starts

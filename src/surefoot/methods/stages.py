@@ -13,12 +13,12 @@ import numpy as np
 from tqdm import tqdm
 
 from surefoot.config import Config, ExpertData
+from surefoot.engine import ExpertOnly, Rollout
 from surefoot.episodes import Job, Summary, run_episodes
-from surefoot.evaluate import evaluate
+from surefoot.evaluation import evaluate
 from surefoot.policy import Policy, PolicyNetwork, load, save
-from surefoot.rollout import ExpertOnly, Rollout
 from surefoot.run import Run
-from surefoot.safety import Outcome
+from surefoot.safety import GROUNDED, Outcome
 from surefoot.starts import Starts, StartSet, load_starts
 from surefoot.train import fit
 from surefoot.types import TICKS_PER_SECOND, BoolArray, IntArray, PlanFunction, to_ticks
@@ -79,6 +79,8 @@ def collect(run: Run, iteration: int, job: Job, workers: int) -> dict[str, Any]:
     summary, frames = run_episodes(job, workers, f"iteration {iteration}: collect")
     run.dataset.append(f"iteration_{iteration:03d}", frames)
     figures = collection_figures(summary)
+    if to_ticks(job.duration) < 3 * (to_ticks(run.config.gait.period) + GROUNDED):
+        figures["stalls"] = None  # the last third is too short for a touchdown of every foot
     record = run.record(
         "collect",
         iteration,

@@ -124,7 +124,7 @@ class Planner:
         motion = self.to_ticks(contacts, centroidal, kinematic)
         clock.append(perf_counter())
         stages = ("contacts", "centroidal", "kinematics", "inverse_dynamics")
-        seconds = dict(zip(stages, np.diff(clock).tolist(), strict=True))
+        seconds: dict[str, float] = dict(zip(stages, np.diff(clock).tolist(), strict=True))
         return PlanStages(contacts, centroidal, kinematic, motion, seconds)
 
     def measure(self, q: Array, v: Array) -> tuple[Array, Array]:

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.stats import binomtest
 
 from surefoot.config import Config
+from surefoot.engine import ExpertOnly, PolicyOnly
 from surefoot.episodes import Job, Summary, run_episodes
-from surefoot.rollout import ExpertOnly, PolicyOnly
 from surefoot.safety import Outcome
 from surefoot.starts import load_starts
 from surefoot.types import PlanFunction

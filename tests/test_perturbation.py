@@ -8,7 +8,7 @@ import pytest
 
 from surefoot.config import PerturbationConfig, SafetyConfig
 from surefoot.geometry import lowest_points
-from surefoot.perturb import (
+from surefoot.perturbation import (
     acceptable,
     perturb,
     project,
@@ -114,7 +114,7 @@ def test_sigmas_hold_before_the_projection(monkeypatch):
     """Every draw is white; sigmas multiply it group by group; only then comes the projection."""
     handed_over = []
     monkeypatch.setattr(
-        "surefoot.perturb.project",
+        "surefoot.perturbation.project",
         lambda J, change: handed_over.append(change) or project(J, change),
     )
     config = PerturbationConfig(0.03, 0.05, 0.07, 0.11)

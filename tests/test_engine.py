@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config, PolicyConfig, SafetyConfig
+from surefoot.engine import ExpertOnly, PolicyOnly, Rollout, SafetySwitch, rollout
 from surefoot.mpc.expert import Expert, make_expert
 from surefoot.policy import Policy, PolicyNetwork
 from surefoot.robot import clip_torque, solo12, standing
-from surefoot.rollout import ExpertOnly, PolicyOnly, Rollout, SafetySwitch, rollout
 from surefoot.safety import HandBack, Outcome, SafetyMonitor
 from surefoot.sim import make_simulator
 from surefoot.starts import Starts, load_starts

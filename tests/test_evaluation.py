@@ -8,7 +8,7 @@ import pytest
 
 from surefoot.config import Config, EvaluationConfig, PolicyConfig
 from surefoot.episodes import Summary
-from surefoot.evaluate import evaluate, figures_of, mean_rows
+from surefoot.evaluation import evaluate, figures_of, mean_rows
 from surefoot.policy import Policy, PolicyNetwork, save
 from surefoot.safety import Outcome
 from surefoot.starts import load_starts
