@@ -101,7 +101,7 @@ def test_an_unknown_name_names_the_nearest(record, words):
         ({"seed": 1.0}, "seed is 1.0, expected int"),
         ({"expert": {"kp": "3"}}, "expert.kp is '3', expected float"),
         ({"expert": {"kp": False}}, "expert.kp is False, expected float"),
-        ({"simulation": {"backend": 3}}, "simulation.backend is 3, expected str"),
+        ({"simulation": {"backend": 3}}, "no simulation.backend '3'. Known: mujoco"),
         ({"policy": {"hidden": "512"}}, "policy.hidden is '512', expected a list"),
         ({"policy": {"hidden": 512}}, "policy.hidden is 512, expected a list"),
         ({"policy": {"hidden": [16, 16.5]}}, r"policy.hidden\[1\] is 16.5, expected int"),
@@ -124,11 +124,14 @@ def test_a_value_of_the_wrong_type_is_a_clear_error(record, path):
 
 def test_quick_is_a_difference_from_the_default():
     quick = preset("loco_safe_dagger", "quick")
-    assert quick.method == LocoSafeDaggerConfig(pretraining_epochs=12, iterations=3, epochs=4)
+    assert isinstance(quick.method, LocoSafeDaggerConfig)
+    paper = LocoSafeDaggerConfig()
+    assert quick.method != paper
+    for name in ("T_block", "T_end", "hand_back", "velocities", "perturbations"):
+        assert getattr(quick.method, name) == getattr(paper, name)
     cloning = preset("behavior_cloning").method
     assert isinstance(cloning, BehaviorCloningConfig)
     # Both methods start from the same data, so that they can be compared.
-    assert isinstance(quick.method, LocoSafeDaggerConfig)
     assert cloning.data == quick.method.pretraining
     assert quick.safety == SafetyConfig()
 

@@ -310,7 +310,7 @@ def preset(method: str, name: str = "quick") -> Config:
         raise ValueError(f"preset {name!r} is not yet available; use --preset quick")
     # Twenty robots to a batch halve the cost of the network on a machine of few cores.
     config = Config(chunk=20, training=TrainingConfig(schedule="cosine"))
-    # Many short recoveries teach more than few long ones: the second half of 1.5 s is a settled trot.
+    # Many short recoveries teach more than few long ones: after 0.8 s the trot has settled.
     data = ExpertData(velocities=10, perturbations=2, nominal=True, duration=0.8)
     if method == "behavior_cloning":
         return replace(config, method=BehaviorCloningConfig(data, epochs=8))
