@@ -1,0 +1,152 @@
+"""The command line: figures as JSON, clear errors, nothing lost on bad input."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from surefoot import cli
+from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig, PolicyConfig
+from surefoot.methods.loco_safe_dagger import loco_safe_dagger
+from surefoot.policy import Policy, PolicyNetwork, save
+from surefoot.replay import recorded_episode
+from surefoot.run import create
+
+
+def surefoot(monkeypatch, *args: object) -> int:
+    """Exit status of a command, as the entry point gives it."""
+    monkeypatch.setattr(sys, "argv", ["surefoot", *map(str, args)])
+    try:
+        return cli.main()
+    except SystemExit as stop:
+        return int(stop.code or 0)
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory) -> Path:
+    """A finished run, too small to have learned anything."""
+    method = LocoSafeDaggerConfig(
+        pretraining=ExpertData(2, 1, False, 0.3),
+        pretraining_epochs=1,
+        iterations=1,
+        velocities=2,
+        perturbations=1,
+        T=0.3,
+        T_end=0.1,
+        epochs=1,
+    )
+    config = Config(method=method, policy=PolicyConfig(hidden=(16, 16)))
+    config = replace(config, evaluation=replace(config.evaluation, duration=0.2, episodes=4))
+    run = create(tmp_path_factory.mktemp("run") / "tiny", config)
+    loco_safe_dagger(run, workers=1)
+    return run.folder
+
+
+def test_walk_writes_its_figures(monkeypatch, tmp_path):
+    file = tmp_path / "walk.json"
+    args = ("--vx", 0.2, "--seconds", 2, "--no-video", "--json", file)
+    assert surefoot(monkeypatch, "walk", *args) == 0
+    figures = json.loads(file.read_text())
+    assert figures["fell"] is False
+    assert figures["command"] == [0.2, 0.0, 0.0]
+    assert figures["mean_velocity"][0] == pytest.approx(0.2, abs=0.03)
+    assert 0 < figures["max_torque"] <= 2.7
+    assert (figures["plans"], figures["invalid_plans"]) == (40, 0)
+
+
+def test_evaluate_reports_policy_and_expert_on_the_same_starts(monkeypatch, run_folder):
+    file = run_folder / "figures.json"
+    args = ("evaluate", run_folder, "--episodes", 4, "--workers", 1, "--json", file)
+    assert surefoot(monkeypatch, *args) == 0
+    figures = json.loads(file.read_text())
+    for part in (figures, figures["expert"]):
+        assert part["episodes"] == 4
+        assert part["successes"] + part["falls"] + part["stalls"] + part["diverged"] == 4
+        assert len(part["success_interval"]) == 2
+        assert {"success_rate", "mse"} <= part.keys()
+    assert figures["starts_hash"] == figures["expert"]["starts_hash"]
+
+
+def test_a_recorded_episode_repeats_bit_for_bit(run_folder):
+    from surefoot.episodes import play_out
+    from surefoot.run import open_run
+
+    frames = open_run(run_folder).dataset.load(["iteration_001"])
+    episode = int(frames.episode[-1])
+    mine = frames[frames.episode == episode]
+    record, _ = play_out(recorded_episode(run_folder, episode))
+    rows = mine.tick - record.starts.tick[0]
+    np.testing.assert_array_equal(record.q[0, rows], mine.q)
+    np.testing.assert_array_equal(record.torque[0, rows], mine.torque)
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("train", "loco_safe_dager"), "did you mean 'loco_safe_dagger'"),
+        (("train", "behavior_cloning", "--preset", "quik"), "did you mean 'quick'"),
+        (("train", "behavior_cloning", "--preset=paper"), "not yet available"),
+        (("evaluate", "nowhere"), "no such run folder or policy file"),
+        (("play", "nowhere", "--episode", "3"), "holds no run"),
+    ],
+)
+def test_bad_input_gets_a_clear_error(monkeypatch, capsys, tmp_path, args, message):
+    monkeypatch.chdir(tmp_path)
+    assert surefoot(monkeypatch, *args) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Traceback" not in error
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unknown_option_names_the_nearest(monkeypatch, capsys):
+    status = surefoot(monkeypatch, "train", "behavior_cloning", "--config.trainig.batch", 3)
+    assert status == 2
+    assert "--config.training.batch" in "".join(capsys.readouterr())
+
+
+def test_a_folder_with_a_run_is_left_alone(monkeypatch, capsys, run_folder):
+    before = {path: path.read_bytes() for path in run_folder.rglob("*") if path.is_file()}
+    assert surefoot(monkeypatch, "train", "loco_safe_dagger", "--run", run_folder) == 2
+    assert "already holds a run" in capsys.readouterr().err
+    assert before == {path: path.read_bytes() for path in before}
+
+
+def test_policies_that_do_not_fit_are_refused(monkeypatch, capsys, tmp_path, run_folder):
+    whole = (run_folder / "policies/000.safetensors").read_bytes()
+    cut = tmp_path / "cut.safetensors"
+    cut.write_bytes(whole[: len(whole) // 2])
+    network = PolicyNetwork(PolicyConfig(hidden=(8,)))
+    other = Policy(network, PolicyConfig(hidden=(8,)), 500, np.zeros((2, 3)), robot="a1")
+    save(other, tmp_path / "other.safetensors")
+    layout = tmp_path / "layout.safetensors"
+    layout.write_bytes(whole.replace(b"base_height", b"base_heigth"))
+    for name, message in (("cut", "not a whole"), ("other", "robot"), ("layout", "observation")):
+        assert surefoot(monkeypatch, "evaluate", tmp_path / f"{name}.safetensors") == 2
+        assert message in capsys.readouterr().err
+
+
+def test_a_command_outside_the_training_warns(monkeypatch, tmp_path, run_folder):
+    policy = tmp_path / "policy.safetensors"
+    shutil.copy(run_folder / "policies/001.safetensors", policy)
+    monkeypatch.setattr(cli, "film_episode", lambda *_: None)
+    with pytest.warns(UserWarning, match="outside what the policy was trained on"):
+        surefoot(monkeypatch, "play", policy, "--vx", 1.5, "--seconds", 0.1)
+
+
+def test_help_of_every_command():
+    for command in ("doctor", "walk", "train", "evaluate", "play", "bench"):
+        child = subprocess.run(
+            [sys.executable, "-m", "surefoot.cli", command, "--help"],
+            capture_output=True,
+            text=True,
+            env={**os.environ, "COLUMNS": "100"},
+        )
+        assert child.returncode == 0, child.stderr
+        assert "options" in child.stdout
