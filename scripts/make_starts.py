@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.config import Config
+from surefoot.config import Config, PerturbationConfig
 from surefoot.mpc.expert import make_expert
 from surefoot.mpc.gait import GRID, in_stance
 from surefoot.perturbation import perturb
@@ -20,7 +20,7 @@ from surefoot.sim import make_simulator
 from surefoot.starts import SPLITS, Starts, StartSet, save_starts
 from surefoot.types import Array, to_ticks
 
-SEED = 20240711
+SEED = 20240711  # any number; the stored set depends on it
 SETTLE = 2.0  # [s] whole gait periods
 VELOCITIES = {"nominal": 20, "train": 20, "select": 10, "test": 10}
 PERTURBATIONS = {"nominal": 1, "train": 8, "select": 2, "test": 10}
@@ -66,7 +66,9 @@ def main(path: Path) -> None:
                     q, v = (part[phase, speed] for part in cycles[speeds])
                     if split != "nominal":
                         stance = in_stance(config.gait, phase * GRID)
-                        q, v = perturb(robot, q, v, stance, config.perturbation, config.safety, rng)
+                        q, v = perturb(
+                            robot, q, v, stance, PerturbationConfig(), config.safety, rng
+                        )
                     rows.append((q, v, phase * GRID, np.linspace(0, TOP_SPEED, speeds)[speed]))
         q, v, tick, vx = (np.array(column) for column in zip(*rows, strict=True))
         q[:, :2] = 0.0

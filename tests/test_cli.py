@@ -143,7 +143,7 @@ def test_a_command_outside_the_training_warns(monkeypatch, tmp_path, run_folder)
 def test_help_of_every_command():
     for command in ("doctor", "walk", "train", "evaluate", "play", "bench"):
         child = subprocess.run(
-            [sys.executable, "-m", "surefoot.cli", command, "--help"],
+            [sys.executable, "-m", "surefoot", command, "--help"],
             capture_output=True,
             text=True,
             env={**os.environ, "COLUMNS": "100"},

@@ -15,10 +15,10 @@ from surefoot.config import (
     SafetyConfig,
     from_json,
     method_name,
-    preset,
     to_json,
     unknown,
 )
+from surefoot.presets import preset
 
 
 def there_and_back(config: Config) -> Config:

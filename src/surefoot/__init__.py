@@ -10,7 +10,8 @@ from importlib import import_module
 from typing import Any
 
 _HOME = {
-    "config": ("Config", "preset"),
+    "config": ("Config",),
+    "presets": ("preset",),
     "types": ("Command", "State", "MotionPlan", "Controller"),
     "robot": ("RobotModel", "solo12", "standing"),
     "mpc.planner": ("Planner",),

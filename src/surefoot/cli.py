@@ -1,8 +1,8 @@
 """The command line: doctor, walk, train, evaluate, play, bench.
 
 Commands parse, call the package and print; every figure comes from the modules they call. Options
-come from the config dataclasses. ``--json FILE`` writes the figures for machines: one flat object,
-its keys documented at the command.
+come from the config dataclasses. ``--json FILE`` writes the figures for machines: one object, its
+keys documented at the command.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,8 +20,9 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from surefoot.config import Config, preset
+from surefoot.config import METHODS, Config
 from surefoot.files import write_atomic
+from surefoot.presets import preset
 from surefoot.types import TICKS_PER_SECOND, Command
 from surefoot.workers import default_workers
 
@@ -40,8 +42,9 @@ class Doctor:
 class Walk:
     """The expert walks, from standing.
 
-    JSON: fell; command, mean_velocity [vx m/s, vy m/s, yaw rate rad/s, heading frame, from 1 s on];
-    base_height, base_height_std [m, from 1 s on]; max_torque [Nm]; plans, invalid_plans; seconds.
+    JSON: fell, outcome; command, mean_velocity [vx m/s, vy m/s, yaw rate rad/s, heading frame, from
+    1 s on]; base_height, base_height_std [m, from 1 s on]; max_torque [Nm]; plans, invalid_plans;
+    seconds.
     """
 
     vx: float = 0.2
@@ -74,7 +77,7 @@ class Walk:
         with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
             record, expert = play_out(job, progress=bar.update)
         length = int(record.length[0])
-        settled = slice(min(TICKS_PER_SECOND, length // 2), length)
+        settled = settled_part(length)
         height = record.q[0, settled, 2]
         figures = {
             "fell": bool(record.outcome[0] in (Outcome.FELL, Outcome.DIVERGED)),
@@ -139,7 +142,8 @@ class Evaluate:
 
     JSON: episodes, successes, success_rate, success_interval (Wilson 95 %), falls, stalls,
     diverged, strict_successes, mse and settled_mse [vx, vy, yaw_rate; m^2/s^2, rad^2/s^2],
-    max_torque [Nm], plans, starts_hash, split; the same for the expert under `expert`.
+    max_torque [Nm], robot_seconds, plans, invalid_plans, starts_hash, split, policy (its file); the
+    same for the expert under `expert`.
     """
 
     target: Annotated[Path, tyro.conf.Positional]
@@ -161,7 +165,7 @@ class Evaluate:
         from surefoot.replay import find_policy
 
         policy, config = find_policy(self.target)
-        if self.episodes:
+        if self.episodes is not None:
             config = replace(config, evaluation=replace(config.evaluation, episodes=self.episodes))
         figures, _ = evaluate(config, policy, self.split, self.workers, "policy")
         figures["policy"] = str(policy)
@@ -169,7 +173,7 @@ class Evaluate:
         if self.expert:
             figures["expert"], _ = evaluate(config, None, self.split, self.workers, "expert")
             show_evaluation("expert", figures["expert"])
-        if self.target.is_dir():
+        if self.target.is_dir() and self.expert and self.episodes is None:
             write_json(self.target / f"evaluation-{self.split}.json", figures)
         if self.json:
             write_json(self.json, figures)
@@ -180,7 +184,8 @@ class Evaluate:
 class Play:
     """Film a policy, or one recorded episode of a run.
 
-    JSON: outcome; command, mean_velocity [m/s, m/s, rad/s]; max_torque [Nm]; seconds; episode.
+    JSON: outcome; command, mean_velocity [vx m/s, vy m/s, yaw rate rad/s, heading frame, from 1 s
+    on]; max_torque [Nm]; seconds; episode.
     """
 
     target: Annotated[Path, tyro.conf.Positional]
@@ -224,7 +229,7 @@ class Play:
         figures = {
             "outcome": Outcome(int(record.outcome[0])).name,
             "command": job.starts.command[0].tolist(),
-            "mean_velocity": velocities(record)[0, :length].mean(axis=0).tolist(),
+            "mean_velocity": velocities(record)[0, settled_part(length)].mean(axis=0).tolist(),
             "max_torque": float(np.abs(record.torque[0, :length]).max()),
             "seconds": length / TICKS_PER_SECOND,
             "episode": self.episode,
@@ -261,6 +266,11 @@ class Bench:
         }[self.what]
         show(measure(self.config), self.json)
         return 0
+
+
+def settled_part(length: int) -> slice:
+    """The ticks of an episode from 1 s on; the second half of a shorter one."""
+    return slice(min(TICKS_PER_SECOND, length // 2), length)
 
 
 def film_episode(config: Config, q: np.ndarray, out: Path, title: str) -> None:
@@ -302,7 +312,8 @@ def show(figures: dict[str, Any], path: Path | None) -> None:
 def write_json(path: Path, figures: dict[str, Any]) -> None:
     """Write figures whole or not at all; NaN becomes null."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomic(path, json.dumps(figures, indent=1).encode())
+    plain = json.loads(json.dumps(figures, default=float), parse_constant=lambda _: None)
+    write_atomic(path, json.dumps(plain, indent=1, allow_nan=False).encode())
 
 
 Commands = (
@@ -321,12 +332,27 @@ def parse(args: Sequence[str]) -> Any:
     Raises:
         ValueError: unknown method or preset.
     """
-    if args[:1] == ["train"] and len(args) > 1 and not args[1].startswith("-"):
-        name = preset_argument(args)
-        default = Train(args[1], name, config=preset(args[1], name))
+    if args[:1] == ["train"] and not {"-h", "--help"} & set(args[:2]):
+        name, method = preset_argument(args), method_argument(args)
+        default = Train(method, name, config=preset(method, name))
         kind = Annotated[Train, tyro.conf.AvoidSubcommands]
         return tyro.cli(kind, args=args[1:], default=default, prog="surefoot train")
     return tyro.cli(Annotated[Commands, tyro.conf.AvoidSubcommands], args=args, prog="surefoot")
+
+
+def method_argument(args: Sequence[str]) -> str:
+    """The method, wherever it stands among the options.
+
+    Raises:
+        ValueError: there is none.
+    """
+    options_with_value = {a for a in args if a.startswith("--") and "=" not in a} - {"--resume"}
+    for before, value in pairwise(args):
+        if value in METHODS and before not in options_with_value:
+            return value
+    if len(args) > 1 and not args[1].startswith("-"):
+        return args[1]
+    raise ValueError(f"train what? Name a method: {', '.join(METHODS)}")
 
 
 def preset_argument(args: Sequence[str]) -> str:
@@ -349,12 +375,8 @@ def main() -> int:
             file=sys.stderr,
         )
         return 130
-    except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
+    except (ValueError, ArithmeticError, OSError, ImportError, RuntimeError) as error:
         if os.environ.get("SUREFOOT_TRACEBACK"):
             raise
         print(f"surefoot: {error}", file=sys.stderr)
         return 2
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,4 +1,4 @@
-"""Every number a run depends on, as frozen dataclasses with units and sources; presets; JSON.
+"""Every number a run depends on, as frozen dataclasses with units and sources; to and from JSON.
 
 "Paper" is *Safe Learning of Locomotion Skills from MPC* (Pua and Khadiv); "BiConMP" is Meduri et
 al., T-RO 2023, and its public trot for Solo12. Durations are in seconds here, and in ticks of 1 ms
@@ -43,7 +43,6 @@ class SimulationConfig:
 class Gait:
     """Timing and posture of a periodic gait on the grid of 50 ticks; the default is a trot."""
 
-    name: str = "trot"
     period: float = 0.5
     """[s] (BiConMP)."""
     duty: float = 0.6
@@ -170,6 +169,9 @@ class SafetyConfig:
     """[deg] roll or pitch beyond this is a fall (the paper's research code)."""
     grace: float = 0.5
     """[s] falls are not tested earlier than this (the paper's research code)."""
+    stepping_from: float = 1.56
+    """[s] shorter episodes are not judged for stepping: in their last third, even a perfect trot
+    (period 0.5 s, touchdown 20 ms) has not touched down with every foot."""
 
 
 @dataclass(frozen=True)
@@ -276,7 +278,6 @@ class Config:
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     gait: Gait = field(default_factory=Gait)
     expert: ExpertConfig = field(default_factory=ExpertConfig)
-    perturbation: PerturbationConfig = field(default_factory=PerturbationConfig)
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
@@ -288,34 +289,6 @@ METHODS: dict[str, type] = {
     "loco_safe_dagger": LocoSafeDaggerConfig,
 }
 """Methods and their parameters."""
-
-PRESETS = ("quick", "default", "paper")
-
-
-def preset(method: str, name: str = "quick") -> Config:
-    """The configuration of a method under a preset: differences from the defaults, all here.
-
-    Args:
-        method: a key of `METHODS`.
-        name: `quick` takes minutes; `default` and `paper` are not yet available.
-
-    Raises:
-        ValueError: there is no such method or preset, or it is not yet available.
-    """
-    if method not in METHODS:
-        raise ValueError(unknown("method", method, METHODS))
-    if name not in PRESETS:
-        raise ValueError(unknown("preset", name, PRESETS))
-    if name != "quick":
-        raise ValueError(f"preset {name!r} is not yet available; use --preset quick")
-    # Twenty robots to a batch halve the cost of the network on a machine of few cores.
-    config = Config(chunk=20, training=TrainingConfig(schedule="cosine"))
-    # Many short recoveries teach more than few long ones: after 0.8 s the trot has settled.
-    data = ExpertData(velocities=10, perturbations=2, nominal=True, duration=0.8)
-    if method == "behavior_cloning":
-        return replace(config, method=BehaviorCloningConfig(data, epochs=8))
-    dagger = LocoSafeDaggerConfig(data, pretraining_epochs=8, iterations=3, T=5.0, epochs=3)
-    return replace(config, method=dagger)
 
 
 def unknown(what: str, given: str, allowed: Iterable[str]) -> str:

@@ -102,6 +102,11 @@ class Rollout:
     duration: int
 
     @property
+    def failed(self) -> BoolArray:
+        """``(B,)`` True for robots that fell, or that the expert gave up on."""
+        return (self.outcome == Outcome.FELL) | (self.outcome == Outcome.DIVERGED)
+
+    @property
     def happened(self) -> BoolArray:
         """``(B, T)`` True for ticks that were simulated."""
         return np.arange(self.q.shape[1]) < self.length[:, None]
@@ -112,8 +117,17 @@ class Rollout:
         Args:
             keep: ``(B, T)``; ticks that did not happen are left out anyway.
             episode: ``(B,)`` ids, unique in the dataset.
+
+        Raises:
+            ValueError: a frame to keep was not driven by the expert, so that its torque is not the
+                expert's.
         """
         keep = keep & self.happened
+        if (keep & ~self.expert_drove).any():
+            raise ValueError(
+                "frames that the policy drove hold the policy's torque, not the expert's: keep "
+                "frames of expert_drove only"
+            )
         robot, elapsed = np.nonzero(keep)
         return Frames(
             q=self.q[keep],
@@ -157,13 +171,18 @@ def rollout(
         progress: is called with the number of ticks done.
 
     Raises:
-        ValueError: the simulator has another number of robots than there are starts.
+        ValueError: the simulator has another number of robots than there are starts, or there is
+            nothing to simulate, or a command is not a number.
     """
     safety = safety or SafetyConfig()
     B, T = len(starts), to_ticks(duration)
     total, grace = T + to_ticks(tail), to_ticks(safety.grace)
     if simulator.batch != B:
         raise ValueError(f"{B} starts for a simulator of {simulator.batch} robots; make it {B}")
+    if T < 1 or tail < 0:
+        raise ValueError(f"a rollout of {duration} s with a tail of {tail} s; use at least 0.001 s")
+    if not np.isfinite(starts.command).all():
+        raise ValueError(f"commands must be finite numbers, not {starts.command.tolist()}")
     simulator.reset(starts.q, starts.v)
     for part in (arbiter, expert, *([policy] if policy else [])):
         part.reset(B)
@@ -211,8 +230,9 @@ def rollout(
         return np.swapaxes(recorded, 0, 1)
 
     height, contact = by_robot(feet[:T, :, :, 2]), by_robot(contacts[:T])
-    standing = ~stepping(height, contact, robot.foot_radius)
-    outcome[standing & (outcome == Outcome.SUCCESS)] = Outcome.STALLED
+    if to_ticks(safety.stepping_from) <= T:
+        standing = ~stepping(height, contact, robot.foot_radius)
+        outcome[standing & (outcome == Outcome.SUCCESS)] = Outcome.STALLED
     return Rollout(
         q=by_robot(q),
         v=by_robot(v),

@@ -19,8 +19,6 @@ from surefoot.safety import Outcome
 from surefoot.starts import load_starts
 from surefoot.types import PlanFunction
 
-AXES = ("vx", "vy", "yaw_rate")
-
 
 def evaluate(
     config: Config,

@@ -11,12 +11,12 @@ import numpy as np
 
 from surefoot.config import Config
 from surefoot.episodes import Job
-from surefoot.methods.stages import EPISODES_PER_ITERATION
+from surefoot.methods.stages import EPISODES_PER_ITERATION, expert_name
 from surefoot.policy import load
 from surefoot.robot import solo12, standing
 from surefoot.run import open_run
 from surefoot.starts import Starts
-from surefoot.types import Command
+from surefoot.types import Command, to_ticks
 
 
 def method_module(name: str) -> ModuleType:
@@ -43,12 +43,21 @@ def find_policy(target: Path) -> tuple[Path, Config]:
         run = open_run(target)
         policy, config = run.best_policy, run.config
     elif target.exists():
-        folder = target.parent.parent
-        policy = target
-        config = open_run(folder).config if (folder / "config.json").exists() else Config()
+        policy = target.resolve()
+        folder = policy.parent.parent
+        if (folder / "config.json").exists():
+            config = open_run(folder).config
+        else:
+            config = Config()
+            print(f"{target} lies in no run: simulator and expert as by default")
     else:
         raise FileNotFoundError(f"{target}: there is no such run folder or policy file")
-    load(policy, solo12(config.robot).name)  # fails here, not later in a worker
+    loaded = load(policy, solo12(config.robot).name)  # fails here, not later in a worker
+    if loaded.period_ticks != to_ticks(config.gait.period):
+        raise ValueError(
+            f"{policy} was trained for a gait period of {loaded.period_ticks} ms, the "
+            f"configuration has {to_ticks(config.gait.period)} ms"
+        )
     return policy, config
 
 
@@ -61,7 +70,7 @@ def recorded_episode(folder: Path, episode: int) -> Job:
     """
     run = open_run(folder)
     iteration = episode // EPISODES_PER_ITERATION
-    if run.done("collect", iteration) is None:
+    if (done := run.done("collect", iteration)) is None:
         raise ValueError(
             f"{folder} has collected nothing in iteration {iteration}, so no episode {episode}"
         )
@@ -71,5 +80,10 @@ def recorded_episode(folder: Path, episode: int) -> Job:
         raise ValueError(
             f"{folder} has no episode {episode}; iteration {iteration} has {job.episode[0]} to "
             f"{job.episode[-1]}"
+        )
+    if done["expert"] != expert_name(job):
+        raise ValueError(
+            f"the expert of {folder} was your own {done['expert']}: replay it from Python, with "
+            "methods...collection(run, iteration, plan) and episodes.play_out"
         )
     return replace(job, starts=job.starts[row], episode=job.episode[row])

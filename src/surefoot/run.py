@@ -11,7 +11,7 @@ import json
 import os
 import platform
 import warnings
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -87,8 +87,24 @@ class Run:
 
 def versions() -> dict[str, str]:
     """Python, processor and package versions: the same bits are promised for the same ones."""
-    found = {"python": platform.python_version(), "machine": platform.machine()}
-    return found | {name: version(name) for name in PACKAGES}
+    found = {"python": platform.python_version(), "processor": processor()}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "missing"
+    return found
+
+
+def processor() -> str:
+    """Model of the processor; floating-point results are promised for one model only."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.machine()
+    names = ("model name", "cpu family", "model\t")
+    parts = [next((line for line in lines if line.startswith(name)), "") for name in names]
+    return ", ".join(part.partition(":")[2].strip() for part in parts) or platform.machine()
 
 
 def create(folder: Path, config: Config, resume: bool = False) -> Run:
@@ -101,12 +117,15 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
     path = folder / "config.json"
     record = {"config": to_json(config), "versions": versions()}
     if path.exists():
-        if not resume:
+        if not resume and (folder / "metrics.jsonl").exists():
             raise RunError(
                 f"{folder} already holds a run. Continue it with --resume, or choose another "
                 "folder with --run"
             )
         run = open_run(folder)
+        if run.config != config and not run.metrics:  # nothing is lost: the first try was a slip
+            write_atomic(path, json.dumps(record, indent=1).encode())
+            return Run(folder, config)
         if run.config != config:
             raise RunError(
                 f"{folder} holds a run with another configuration ({path}); resume it with the "

@@ -21,6 +21,8 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 TICKS_PER_SECOND = 1000
+GRAVITY = 9.81
+"""[m/s^2] in planner and simulators alike."""
 LEGS = ("FL", "FR", "HL", "HR")
 JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("HAA", "HFE", "KFE"))
 

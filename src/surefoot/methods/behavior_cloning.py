@@ -10,7 +10,7 @@ from pathlib import Path
 
 from surefoot.config import BehaviorCloningConfig
 from surefoot.episodes import Job
-from surefoot.methods.stages import best, collect, expert_rollouts, train, validate
+from surefoot.methods.stages import best, check, collect, expert_rollouts, train, validate
 from surefoot.run import Run
 from surefoot.types import PlanFunction
 
@@ -30,6 +30,7 @@ def behavior_cloning(run: Run, workers: int, plan: PlanFunction | None = None) -
         TypeError: the run was configured for another method.
     """
     method = parameters(run)
+    check(run.config)
     collect(run, 0, collection(run, 0, plan), workers)
     train(run, 0, method.epochs)
     validate(run, 0, workers)

@@ -20,6 +20,7 @@ from surefoot.engine import Rollout, SafetySwitch
 from surefoot.episodes import Job
 from surefoot.methods.stages import (
     best,
+    check,
     collect,
     episode_ids,
     equally_spaced,
@@ -28,7 +29,7 @@ from surefoot.methods.stages import (
     validate,
 )
 from surefoot.run import Run
-from surefoot.safety import HandBack, Outcome, SafetyMonitor
+from surefoot.safety import HandBack, SafetyMonitor
 from surefoot.starts import Starts, load_starts
 from surefoot.types import BoolArray, PlanFunction
 
@@ -49,8 +50,8 @@ def loco_safe_dagger(run: Run, workers: int, plan: PlanFunction | None = None) -
         ValueError: a parameter cannot be had, such as a hand-back rule that does not exist.
     """
     method = parameters(run)
-    if method.iterations:
-        collection(run, 1, plan)  # what cannot be had is an error now, not after the pre-training
+    check(run.config)
+    collection(run, 1, plan)  # what cannot be had is an error now, not after the pre-training
 
     # Pre-training (behaviour cloning)
     collect(run, 0, collection(run, 0, plan), workers)
@@ -98,20 +99,20 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
 def draw_starts(method: LocoSafeDaggerConfig, rng: np.random.Generator) -> Starts:
     """Starts of one iteration: every velocity, at one random phase, with random perturbations.
 
-    The first perturbation of the stored ones belongs to the pre-training.
+    The first perturbations of the stored ones belong to the pre-training.
     """
     stored = load_starts()
-    grid = stored.rows("train")
+    grid = stored.rows("train")[method.pretraining.perturbations :]
     perturbations, phases, velocities = grid.shape
-    if not 1 <= method.perturbations < perturbations:
+    if not 1 <= method.perturbations <= perturbations:
         raise ValueError(
             f"{method.perturbations} perturbations asked for, the starts {stored.name!r} hold "
-            f"{perturbations - 1} of each velocity and phase for the iterations"
+            f"{perturbations} of each velocity and phase beyond those of the pre-training"
         )
     rows = []
     for velocity in equally_spaced(velocities, method.velocities):
         phase = rng.integers(phases)
-        which = 1 + rng.choice(perturbations - 1, method.perturbations, replace=False)
+        which = rng.choice(perturbations, method.perturbations, replace=False)
         rows.extend(grid[which, phase, velocity])
     return stored["train"][np.array(rows)]
 
@@ -123,8 +124,7 @@ def expert_frames(record: Rollout) -> BoolArray:
     fall. Earlier blocks of that rollout ended well and are kept.
     """
     keep = record.expert_drove & record.happened
-    failed = (record.outcome == Outcome.FELL) | (record.outcome == Outcome.DIVERGED)
-    for robot in np.flatnonzero(failed):
+    for robot in np.flatnonzero(record.failed):
         tick = record.length[robot] - 1
         while tick >= 0 and keep[robot, tick]:
             keep[robot, tick] = False

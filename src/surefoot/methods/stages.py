@@ -12,19 +12,53 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.config import Config, ExpertData
+from surefoot.config import Config, ExpertData, Gait
 from surefoot.engine import ExpertOnly, Rollout
 from surefoot.episodes import Job, Summary, run_episodes
 from surefoot.evaluation import evaluate
 from surefoot.policy import Policy, PolicyNetwork, load, save
 from surefoot.run import Run
-from surefoot.safety import GROUNDED, Outcome
+from surefoot.safety import Outcome
 from surefoot.starts import Starts, StartSet, load_starts
 from surefoot.train import fit
 from surefoot.types import TICKS_PER_SECOND, BoolArray, IntArray, PlanFunction, to_ticks
 
 EPISODES_PER_ITERATION = 100_000
 """Episode ids: iteration * this + index."""
+
+
+def check(config: Config) -> None:
+    """What would fail hours later fails before any work.
+
+    Raises:
+        ValueError: a number that cannot be worked with, and what it may be.
+    """
+    stored = load_starts()
+    if config.gait != Gait():
+        raise ValueError(
+            f"the starts {stored.name!r} are of the default gait, the configuration asks for "
+            f"{config.gait}: write a set of starts for it first (scripts/make_starts.py)"
+        )
+    checks = (
+        ("chunk", config.chunk, 1, 10_000),
+        ("training.batch", config.training.batch, 2, 1_000_000),
+        ("training.threads", config.training.threads, 1, 1024),
+        ("training.learning_rate", config.training.learning_rate, 1e-12, 1.0),
+        ("training.validation", config.training.validation, 0.0, 0.9),
+        ("evaluation.episodes", config.evaluation.episodes, 1, len(stored["select"])),
+        ("evaluation.duration", config.evaluation.duration, 0.001, 3600.0),
+        ("method.iterations", getattr(config.method, "iterations", 0), 0, 10_000),
+        ("method.epochs", config.method.epochs, 1, 1_000_000),
+        ("method.T", getattr(config.method, "T", 1.0), 0.001, 3600.0),
+    )
+    for name, value, least, most in checks:
+        if not least <= value <= most:
+            raise ValueError(f"{name} is {value}; use {least} to {most}")
+
+
+def expert_name(job: Job) -> str:
+    """Whose plans a job's expert follows: the package's planner, or a function by its name."""
+    return "surefoot.mpc.planner" if job.plan is None else job.plan.__qualname__
 
 
 def episode_ids(iteration: int, count: int) -> IntArray:
@@ -67,23 +101,27 @@ def equally_spaced(available: int, wanted: int) -> IntArray:
 
 def keep_unless_failed(record: Rollout) -> BoolArray:
     """All frames of rollouts that neither fell nor diverged."""
-    failed = (record.outcome == Outcome.FELL) | (record.outcome == Outcome.DIVERGED)
-    return record.happened & ~failed[:, None]
+    return record.happened & ~record.failed[:, None]
 
 
 def collect(run: Run, iteration: int, job: Job, workers: int) -> dict[str, Any]:
     """D <- D u D': run the episodes of a job and append the frames that its rule keeps."""
-    if done := run.done("collect", iteration):
+    if (done := run.done("collect", iteration)) is not None:
+        if done["expert"] != expert_name(job):
+            raise ValueError(
+                f"{run.folder} was begun with the expert {done['expert']}, not with "
+                f"{expert_name(job)}; resume it with the same one, or begin another run"
+            )
         return done
     began = time.perf_counter()
     summary, frames = run_episodes(job, workers, f"iteration {iteration}: collect")
     run.dataset.append(f"iteration_{iteration:03d}", frames)
     figures = collection_figures(summary)
-    if to_ticks(job.duration) < 3 * (to_ticks(run.config.gait.period) + GROUNDED):
-        figures["stalls"] = None  # the last third is too short for a touchdown of every foot
     record = run.record(
         "collect",
         iteration,
+        expert=expert_name(job),
+        starts_hash=load_starts().hash,
         **figures,
         dataset_frames=run.dataset.frames,
         dataset_hash=run.dataset.hash,

@@ -22,9 +22,8 @@ from numba import njit
 
 from surefoot.config import CentroidalConfig
 from surefoot.mpc.footholds import ContactPlan
-from surefoot.types import Array, BoolArray
+from surefoot.types import GRAVITY, Array, BoolArray
 
-GRAVITY = 9.81  # [m/s^2]
 PENALTY = (1e4, 0.2, 2.0)
 """ADMM penalty, in units of ``rho``, on the rows of position and start, velocity, and momentum. It
 sets the pace, not the optimum: 1, 1, 1 takes 2.8 times the iterations and stops farther from it."""

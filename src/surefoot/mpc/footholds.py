@@ -16,9 +16,7 @@ import pinocchio as pin
 from surefoot.config import ExpertConfig, Gait
 from surefoot.mpc.gait import in_stance, node_ticks, swing_fraction
 from surefoot.robot import RobotModel
-from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, Command
-
-GRAVITY = 9.81
+from surefoot.types import GRAVITY, TICKS_PER_SECOND, Array, BoolArray, Command
 
 
 @dataclass(frozen=True)

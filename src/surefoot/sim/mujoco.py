@@ -21,7 +21,7 @@ from surefoot.geometry import contact_shapes
 from surefoot.robot import RobotModel, standing
 from surefoot.rotations import rotation
 from surefoot.sim import CONTACT_FORCE, TIME_STEP
-from surefoot.types import LEGS, Array, BoolArray, State
+from surefoot.types import GRAVITY, LEGS, Array, BoolArray, State
 
 # Bad numbers in position, velocity and acceleration are neighbours in MuJoCo's list of warnings.
 _BAD_NUMBERS = slice(
@@ -103,7 +103,7 @@ def build_model(
         _decorate(spec)
 
     option = spec.option
-    option.timestep, option.gravity = TIME_STEP, [0.0, 0.0, -9.81]
+    option.timestep, option.gravity = TIME_STEP, [0.0, 0.0, -GRAVITY]
     option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, config.impratio
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     # Auto-reset would put a robot that blew up back to its start and say nothing. Islands only
