@@ -39,5 +39,5 @@ def preset(method: str, name: str = "quick") -> Config:
     data = ExpertData(velocities=10, perturbations=2, nominal=True, duration=0.8)
     if method == "behavior_cloning":
         return replace(config, method=BehaviorCloningConfig(data, epochs=8))
-    dagger = LocoSafeDaggerConfig(data, pretraining_epochs=8, iterations=3, T=5.0, epochs=3)
+    dagger = LocoSafeDaggerConfig(data, pretraining_epochs=8, iterations=2, T=5.0, epochs=3)
     return replace(config, method=dagger)
