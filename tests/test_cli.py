@@ -15,6 +15,7 @@ from surefoot import cli
 from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig, PolicyConfig
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.policy import Policy, PolicyNetwork, save
+from surefoot.presets import preset
 from surefoot.replay import recorded_episode
 from surefoot.run import create
 
@@ -92,6 +93,9 @@ def test_a_recorded_episode_repeats_bit_for_bit(run_folder):
         (("train", "loco_safe_dager"), "did you mean 'loco_safe_dagger'"),
         (("train", "behavior_cloning", "--preset", "quik"), "did you mean 'quick'"),
         (("train", "behavior_cloning", "--preset=paper"), "not yet available"),
+        (("train", "--preset", "paper", "behavior_cloning"), "not yet available"),
+        (("train", "--resume"), "Name a method"),
+        (("walk", "--seconds", "0", "--no-video"), "at least 0.001 s"),
         (("evaluate", "nowhere"), "no such run folder or policy file"),
         (("play", "nowhere", "--episode", "3"), "holds no run"),
     ],
@@ -109,6 +113,21 @@ def test_an_unknown_option_names_the_nearest(monkeypatch, capsys):
     status = surefoot(monkeypatch, "train", "behavior_cloning", "--config.trainig.batch", 3)
     assert status == 2
     assert "--config.training.batch" in "".join(capsys.readouterr())
+
+
+def test_options_may_stand_before_the_method():
+    first = cli.parse(["train", "--preset", "quick", "--run", "r", "behavior_cloning"])
+    second = cli.parse(["train", "behavior_cloning", "--preset=quick", "--run", "r"])
+    assert first == second
+    assert first.config == preset("behavior_cloning")
+
+
+def test_a_slip_does_not_occupy_the_folder(monkeypatch, capsys, tmp_path):
+    folder = tmp_path / "run"
+    args = ("train", "loco_safe_dagger", "--run", folder)
+    assert surefoot(monkeypatch, *args, "--config.method.velocities", 50) == 2
+    assert "50 velocities asked for" in capsys.readouterr().err
+    assert create(folder, Config()).config == Config()  # nothing was collected, nothing is lost
 
 
 def test_a_folder_with_a_run_is_left_alone(monkeypatch, capsys, run_folder):

@@ -316,11 +316,11 @@ def test_stepping_is_judged_without_the_tail():
 
     def outcome(walks):
         simulator = Stops(1, walks)
-        record = rollout(simulator, ROBOT, starts_of([0]), 1.5, ExpertOnly(), Fake(0.0), tail=1.5)
+        record = rollout(simulator, ROBOT, starts_of([0]), 1.6, ExpertOnly(), Fake(0.0), tail=1.6)
         return record.outcome.tolist()
 
-    assert outcome(lambda ticks: ticks < 1500) == [Outcome.SUCCESS]  # stands in the tail only
-    assert outcome(lambda ticks: ticks >= 1500) == [Outcome.STALLED]  # walks in the tail only
+    assert outcome(lambda ticks: ticks < 1600) == [Outcome.SUCCESS]  # stands in the tail only
+    assert outcome(lambda ticks: ticks >= 1600) == [Outcome.STALLED]  # walks in the tail only
 
 
 def test_another_number_of_starts_is_an_error():
@@ -365,7 +365,8 @@ def test_frames_come_episode_by_episode_in_time_and_hold_the_record():
     script = Script(*("".join(rng.choice(["X", "."], 600)) for _ in range(3)))
     starts = starts_of([50, 400, 0], [[0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]])
     record = rollout(simulator, ROBOT, starts, 0.6, script, Fake(1.0), Fake(-1.0))
-    keep = rng.random((3, 600)) < 0.3
+    keep = (rng.random((3, 600)) < 0.3) & record.expert_drove
+    keep[1, 510:] = True
     episode = np.array([12, 5, 900])
     frames = record.frames(keep, episode)
 
@@ -379,6 +380,23 @@ def test_frames_come_episode_by_episode_in_time_and_hold_the_record():
         np.testing.assert_array_equal(frames.command[row], starts.command[b])
         assert frames.episode[row] == episode[b]
         assert frames.outcome[row] == record.outcome[b]
+
+
+def test_frames_of_the_policy_are_no_frames_of_the_expert():
+    script = Script("XX..XX")
+    starts = starts_of([0])
+    record = rollout(FakeSimulator(1), ROBOT, starts, 0.006, script, Fake(0.0), Fake(1.0))
+    with pytest.raises(ValueError, match="the policy's torque, not the expert's"):
+        record.frames(np.ones((1, 6), bool), np.array([0]))
+    assert len(record.frames(record.expert_drove, np.array([0]))) == 4
+
+
+def test_a_rollout_needs_a_duration_and_a_command():
+    arguments = (ExpertOnly(), Fake(0.0))
+    with pytest.raises(ValueError, match="use at least"):
+        rollout(FakeSimulator(1), ROBOT, starts_of([0]), 0.0, *arguments)
+    with pytest.raises(ValueError, match="finite numbers"):
+        rollout(FakeSimulator(1), ROBOT, starts_of([0], [[np.nan, 0, 0]]), 0.1, *arguments)
 
 
 def test_nothing_kept_is_no_frames():
@@ -431,7 +449,7 @@ def test_a_robot_that_blows_up_is_lost_at_once_and_no_other_notices(fault):
 def test_a_standing_trembling_robot_has_stalled():
     starts = starts_of([0] * 4, [[x, 0, 0] for x in (0.0, 0.1, 0.2, 0.3)])
     for tremor in (0.0, 1.0):
-        record = run(starts, 1.2, ExpertOnly(), Shaking(tremor))
+        record = run(starts, 1.6, ExpertOnly(), Shaking(tremor))
         assert record.outcome.tolist() == [Outcome.STALLED] * 4
     # The strongest tremor does break contacts.
     assert (np.diff(record.contacts.astype(int), axis=1) != 0).sum() > 50

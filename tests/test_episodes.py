@@ -228,6 +228,7 @@ def test_expert_ticks_stop_where_the_robot_fell():
 
 def test_kept_frames_are_counted_by_episode():
     record = synthetic(T=100)
+    record.expert_drove[:] = True
     keep = np.zeros((2, 100), bool)
     keep[0, 3:10] = True
     keep[1, ::4] = True

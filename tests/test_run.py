@@ -29,7 +29,7 @@ def test_a_new_run_stands_in_its_folder_and_can_be_opened(tmp_path):
     assert opened.policy(3).parent.is_dir()
     record = json.loads((run.folder / "config.json").read_text())
     assert record["versions"] == versions()
-    assert {"python", "machine", *PACKAGES} <= set(record["versions"])
+    assert {"python", "processor", *PACKAGES} <= set(record["versions"])
 
 
 def test_an_existing_run_is_neither_overwritten_nor_resumed_unasked(tmp_path):

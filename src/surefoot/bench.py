@@ -40,7 +40,7 @@ def bench_plan(config: Config, plans: int = 300) -> dict[str, Any]:
     states = _states(robot, starts.q, starts.v)
     total, stages = [], []
     for warm_up in (True, False):
-        for row in range(10 if warm_up else len(starts)):
+        for row in range(min(10, len(starts)) if warm_up else len(starts)):
             began = time.perf_counter()
             plan = planner.solve(states[row], int(starts.tick[row]), Command(*starts.command[row]))
             if not warm_up:
