@@ -25,6 +25,7 @@ from surefoot.methods.loco_safe_dagger import (
 )
 from surefoot.methods.stages import EPISODES_PER_ITERATION, best, episode_ids
 from surefoot.policy import PolicyNetwork, load
+from surefoot.robot import solo12, standing
 from surefoot.run import Run, create, open_run
 from surefoot.safety import Outcome
 from surefoot.starts import Starts, load_starts
@@ -131,7 +132,11 @@ def test_pretraining_starts_are_nominal_and_first_perturbations(finished):
     assert len(job.starts) == 2 * (1 + 10)
     rows = stored.rows("train")[0][:, [0, 19]]
     assert set(job.starts.id[2:]) == set(stored["train"].id[rows.ravel()])
-    np.testing.assert_array_equal(job.starts.id[:2], stored["nominal"].id[[0, 19]])
+    # The nominal ones stand still.
+    np.testing.assert_array_equal(job.starts.q[:2], np.tile(standing(solo12()), (2, 1)))
+    np.testing.assert_array_equal(job.starts.v[:2], 0.0)
+    np.testing.assert_array_equal(job.starts.tick[:2], 0)
+    np.testing.assert_array_equal(job.starts.command[:2, 0], [0.0, 0.3])
     np.testing.assert_array_equal(job.starts.tick[:2], 0)
     pretraining = finished.dataset.load(["iteration_000"])
     assert pretraining.expert_drove.all()

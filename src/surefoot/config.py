@@ -211,7 +211,7 @@ class ExpertData:
     perturbations: int
     """Perturbed starts for each velocity and each of the ten phases of the gait cycle."""
     nominal: bool
-    """Also one unperturbed rollout for each velocity."""
+    """Also one unperturbed rollout for each velocity, from standing still."""
     duration: float
     """[s] of each rollout."""
 

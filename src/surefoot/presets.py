@@ -38,6 +38,6 @@ def preset(method: str, name: str = "quick") -> Config:
     # Many short recoveries teach more than few long ones: after 0.8 s the trot has settled.
     data = ExpertData(velocities=10, perturbations=2, nominal=True, duration=0.8)
     if method == "behavior_cloning":
-        return replace(config, method=BehaviorCloningConfig(data, epochs=8))
-    dagger = LocoSafeDaggerConfig(data, pretraining_epochs=8, iterations=2, T=5.0, epochs=3)
+        return replace(config, method=BehaviorCloningConfig(data, epochs=12))
+    dagger = LocoSafeDaggerConfig(data, pretraining_epochs=12, iterations=2, T=5.0, epochs=4)
     return replace(config, method=dagger)

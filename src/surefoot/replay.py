@@ -15,7 +15,7 @@ from surefoot.methods.stages import EPISODES_PER_ITERATION, expert_name
 from surefoot.policy import load
 from surefoot.robot import solo12, standing
 from surefoot.run import open_run
-from surefoot.starts import Starts
+from surefoot.starts import Starts, at_rest
 from surefoot.types import Command, to_ticks
 
 
@@ -26,9 +26,7 @@ def method_module(name: str) -> ModuleType:
 
 def standing_start(command: Command) -> Starts:
     """One robot at rest in its nominal pose, at the beginning of the gait cycle."""
-    zero = np.zeros(1, dtype=np.int64)
-    q = standing(solo12())[None]
-    return Starts(q, np.zeros((1, 18)), zero, np.array([command], dtype=float), zero)
+    return at_rest(standing(solo12()), np.array([command]))
 
 
 def find_policy(target: Path) -> tuple[Path, Config]:

@@ -50,6 +50,18 @@ class Starts:
         return Starts(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
+def at_rest(q: Array, commands: Array) -> Starts:
+    """Starts at rest in one configuration, at the beginning of the gait cycle; in no stored set.
+
+    Args:
+        q: ``(19,)`` configuration.
+        commands: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s].
+    """
+    n = len(commands)
+    zero = np.zeros(n, dtype=np.int64)
+    return Starts(np.tile(q, (n, 1)), np.zeros((n, 18)), zero, np.array(commands, float), zero - 1)
+
+
 @dataclass(frozen=True)
 class StartSet:
     """A stored set of starts.

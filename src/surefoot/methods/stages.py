@@ -17,9 +17,10 @@ from surefoot.engine import ExpertOnly, Rollout
 from surefoot.episodes import Job, Summary, run_episodes
 from surefoot.evaluation import evaluate
 from surefoot.policy import Policy, PolicyNetwork, load, save
+from surefoot.robot import solo12, standing
 from surefoot.run import Run
 from surefoot.safety import Outcome
-from surefoot.starts import Starts, StartSet, load_starts
+from surefoot.starts import Starts, StartSet, at_rest, load_starts
 from surefoot.train import fit
 from surefoot.types import TICKS_PER_SECOND, BoolArray, IntArray, PlanFunction, to_ticks
 
@@ -69,11 +70,11 @@ def episode_ids(iteration: int, count: int) -> IntArray:
 def expert_rollouts(config: Config, data: ExpertData, plan: PlanFunction | None = None) -> Job:
     """Expert rollouts to clone, from the `train` starts; failed rollouts are dropped whole."""
     stored = load_starts()
-    rows = expert_rows(stored, data)
-    parts = [stored["train"][rows]]
+    parts = [stored["train"][expert_rows(stored, data)]]
     if data.nominal:
-        nominal = stored.rows("nominal")[0, 0]
-        parts.insert(0, stored["nominal"][nominal[equally_spaced(len(nominal), data.velocities)]])
+        # From standing still, as a robot is switched on: no other start teaches that.
+        speeds = np.unique(parts[0].command, axis=0)
+        parts.insert(0, at_rest(standing(solo12(config.robot)), speeds))
     starts = Starts(
         *(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0]))
     )
