@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from surefoot.config import Config
+from surefoot.config import Config, PerturbationConfig
 from surefoot.mpc.gait import in_stance
 from surefoot.perturbation import acceptable, stance_feet, stance_jacobian
 from surefoot.robot import solo12
@@ -113,7 +113,7 @@ def test_perturbed_starts_agree_with_the_contacts_of_their_phase(split):
     for q, v, feet in zip(starts.q, starts.v, stance, strict=True):
         slip = stance_jacobian(ROBOT, data, q, feet) @ v
         assert np.abs(slip).max() < 1e-9
-        assert acceptable(ROBOT, data, q, CONFIG.perturbation, CONFIG.safety)
+        assert acceptable(ROBOT, data, q, PerturbationConfig(), CONFIG.safety)
 
 
 @pytest.mark.parametrize("split", PERTURBED)

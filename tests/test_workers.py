@@ -81,7 +81,7 @@ def test_workers_are_at_least_one_and_those_we_may_use():
 
 
 SCRIPT = """
-import os, sys, time
+import os, signal, sys, time
 from pathlib import Path
 
 def sleep(folder):
@@ -90,6 +90,8 @@ def sleep(folder):
 
 if __name__ == "__main__":
     from surefoot.workers import map_chunks
+    # Whoever starts the tests in the background has children that ignore Ctrl-C.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         map_chunks(sleep, [sys.argv[1]] * 4, 2, "asleep")
     except KeyboardInterrupt:
