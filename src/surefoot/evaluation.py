@@ -73,7 +73,7 @@ def figures_of(summary: Summary) -> dict[str, Any]:
     window of 1.5 periods; ``mse`` is over the successes and the whole episode (paper),
     ``settled_mse`` from 1 s on over all episodes that lasted so long, each with the same weight;
     both ``[vx, vy, yaw_rate]`` in m^2/s^2 and rad^2/s^2; ``max_torque`` in Nm; ``plans`` counts MPC
-    solves, ``invalid_plans`` those of them that were not valid; ``robot_seconds`` is simulated time.
+    solves, ``invalid_plans`` those that were not valid; ``robot_seconds`` is simulated time.
     """
     n, success = len(summary.outcome), summary.outcome == Outcome.SUCCESS
     successes = int(success.sum())
