@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from surefoot.mpc.rigid import (
+from surefoot.rigid import (
     difference,
     difference_jacobian,
     feet,

@@ -24,7 +24,7 @@ from numba import njit
 from surefoot.config import KinematicConfig
 from surefoot.mpc.footholds import ContactPlan
 from surefoot.mpc.riccati import NV, riccati
-from surefoot.mpc.rigid import (
+from surefoot.rigid import (
     difference,
     difference_jacobian,
     feet,

@@ -20,7 +20,7 @@ from surefoot.mpc.centroidal import CentroidalPlan, solve_centroidal
 from surefoot.mpc.footholds import ContactPlan, hip_offsets, plan_contacts
 from surefoot.mpc.gait import GRID
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
-from surefoot.mpc.rigid import feet, legs_of
+from surefoot.rigid import feet, legs_of
 from surefoot.robot import RobotModel
 from surefoot.types import TICKS_PER_SECOND, Array, Command, MotionPlan, State
 

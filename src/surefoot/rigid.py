@@ -6,7 +6,7 @@ Pinocchio's: a displacement ``d (18,)`` moves ``q`` by the twist d[:6] (linear, 
 frame.
 
 A twist is a dual vector w + e v, so the Jacobians of SO(3), 1 + x [w] + y [w]^2 with x, y functions
-of |w|, give those of SE(3) by differentiating with respect to w along v. Next: `kinematics`.
+of |w|, give those of SE(3) by differentiating with respect to w along v. Next: `mpc.kinematics`.
 """
 
 from __future__ import annotations
