@@ -1,11 +1,13 @@
 """Write the stored set of starts: settled gait cycles of the expert, and perturbed neighbours.
 
 Each velocity's expert walks until its gait has settled; the states at the ten replanning instants
-of the next gait cycle are the nominal starts, and are perturbed contact-consistently. Run once per
-set; a set is never overwritten. Usage: python scripts/make_starts.py OUT.npz
+of the next gait cycle are the nominal starts, and are perturbed contact-consistently, with the
+paper's standard deviations times SCALE. Run once per set; a set is never overwritten. Usage:
+python scripts/make_starts.py OUT.npz [SCALE]
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,9 +51,11 @@ def settled_cycle(config: Config, velocity: Array) -> tuple[Array, Array]:
     return np.array(q), np.array(v)
 
 
-def main(path: Path) -> None:
+def main(path: Path, scale: float) -> None:
     """Make all splits and write them."""
-    config = Config()
+    config, paper = Config(), PerturbationConfig()
+    sigmas = ("base_position", "base_orientation", "joint_position", "velocity")
+    perturbation = replace(paper, **{name: scale * getattr(paper, name) for name in sigmas})
     robot = solo12(config.robot)
     phases = to_ticks(config.gait.period) // GRID
     cycles = {n: settled_cycle(config, np.linspace(0, TOP_SPEED, n)) for n in (10, 20)}
@@ -67,7 +71,7 @@ def main(path: Path) -> None:
                     if split != "nominal":
                         stance = in_stance(config.gait, phase * GRID)
                         q, v = perturb(
-                            robot, q, v, stance, PerturbationConfig(), config.safety, rng
+                            robot, q, v, stance, perturbation, config.safety, rng
                         )
                     rows.append((q, v, phase * GRID, np.linspace(0, TOP_SPEED, speeds)[speed]))
         q, v, tick, vx = (np.array(column) for column in zip(*rows, strict=True))
@@ -83,4 +87,4 @@ def main(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else 1.0)

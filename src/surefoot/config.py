@@ -264,6 +264,30 @@ class EvaluationConfig:
 
 
 @dataclass(frozen=True)
+class PushConfig:
+    """Push recovery: impulses on the base of a trotting robot (paper, IV-F)."""
+
+    before: float = 0.25
+    """[s] of settled trot before the push."""
+    after: float = 1.75
+    """[s] that the robot has to stay up and stepping from then on."""
+    duration: float = 0.01
+    """[s] of the force."""
+    directions: int = 8
+    """Equally spaced, in the heading frame."""
+    success: float = 0.8
+    """Share of the robots that have to survive a level (the paper's research code)."""
+    fall_angle: float = 60.0
+    """[deg] roll or pitch beyond this is a fall here (the paper's research code)."""
+    speeds: int = 4
+    """Forward speeds between 0 and 0.3 m/s, each at the ten phases of the gait cycle."""
+    resolution: float = 0.1
+    """[Ns] between levels."""
+    levels: int = 31
+    """The strongest push tried is this times the resolution."""
+
+
+@dataclass(frozen=True)
 class Config:
     """Everything that fixes a result, apart from the versions of what computes it."""
 
@@ -282,6 +306,7 @@ class Config:
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+    push: PushConfig = field(default_factory=PushConfig)
 
 
 METHODS: dict[str, type] = {

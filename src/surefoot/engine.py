@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from surefoot.config import SafetyConfig
 from surefoot.dataset import Frames
 from surefoot.robot import RobotModel, clip_torque
+from surefoot.rotations import heading, rotation, to_heading
 from surefoot.safety import Outcome, SafetyMonitor, fallen, stepping
 from surefoot.sim import Simulator
 from surefoot.starts import Starts
@@ -69,6 +70,30 @@ class SafetySwitch:
     def choose(self, state: State, tick: IntArray) -> BoolArray:
         """True while blocking."""
         return self._monitor.blocking(state)
+
+
+@dataclass(frozen=True)
+class Pushes:
+    """One push on the base of each of B robots.
+
+    Attributes:
+        impulse: ``(B, 3)`` in the robot's heading frame at the time [Ns]; zero is no push.
+        tick: ``(B,)`` of the episode at which it begins [ms].
+        duration: ticks over which the impulse is spread evenly.
+    """
+
+    impulse: Array
+    tick: IntArray
+    duration: int
+
+    def __getitem__(self, rows: slice | NDArray) -> Pushes:
+        """Those of some of the robots."""
+        return Pushes(self.impulse[rows], self.tick[rows], self.duration)
+
+    def during(self, elapsed: int) -> BoolArray:
+        """``(B,)`` True where a push acts during this tick of the episode."""
+        since = elapsed - self.tick
+        return (since >= 0) & (since < self.duration) & self.impulse.any(axis=1)
 
 
 @dataclass(frozen=True)
@@ -154,6 +179,7 @@ def rollout(
     policy: Controller | None = None,
     tail: float = 0.0,
     safety: SafetyConfig | None = None,
+    pushes: Pushes | None = None,
     progress: Callable[[int], object] | None = None,
 ) -> Rollout:
     """Run one episode of every robot from its start; a failure ends that robot's episode only.
@@ -168,6 +194,7 @@ def rollout(
         policy: drives elsewhere; may be missing if the arbiter never asks for it.
         tail: [s] that the expert drives at the end, if the robot is still up.
         safety: the fall bounds.
+        pushes: of the B robots; without them, nobody is pushed.
         progress: is called with the number of ticks done.
 
     Raises:
@@ -222,6 +249,11 @@ def rollout(
         q[elapsed], v[elapsed], com[elapsed] = state.q, state.v, state.com
         feet[elapsed], contacts[elapsed] = state.feet, state.contacts
         torques[elapsed], drove[elapsed] = torque, choice
+        if pushes is not None and (pushed := pushes.during(elapsed) & active).any():
+            back = heading(rotation(state.q[:, 3:7])) * (1.0, -1.0)  # heading to world
+            impulse = pushes.impulse / pushes.duration
+            impulse[:, :2] = to_heading(impulse[:, :2], back)
+            simulator.push(impulse, pushed)
         simulator.step(torque, active)
         if progress is not None and elapsed % 100 == 99:
             progress(100)

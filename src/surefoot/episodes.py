@@ -12,10 +12,11 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from surefoot.config import Config
 from surefoot.dataset import Frames, concatenate
-from surefoot.engine import Arbiter, Rollout, rollout
+from surefoot.engine import Arbiter, Pushes, Rollout, rollout
 from surefoot.mpc.expert import Expert, make_expert
 from surefoot.policy import load
 from surefoot.robot import RobotModel, solo12
@@ -51,6 +52,7 @@ class Job:
         policy: file of the policy, where the arbiter needs one.
         keep: the frames to return; none without it.
         plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
+        pushes: of the episodes, if they are pushed.
     """
 
     config: Config
@@ -62,6 +64,12 @@ class Job:
     policy: Path | None = None
     keep: Keep | None = None
     plan: PlanFunction | None = None
+    pushes: Pushes | None = None
+
+    def __getitem__(self, rows: slice | NDArray) -> Job:
+        """Some of the episodes."""
+        pushes = None if self.pushes is None else self.pushes[rows]
+        return replace(self, starts=self.starts[rows], episode=self.episode[rows], pushes=pushes)
 
 
 @dataclass(frozen=True)
@@ -110,10 +118,7 @@ class Summary:
 def run_episodes(job: Job, workers: int, label: str) -> tuple[Summary, Frames]:
     """Run all episodes of a job; the same results, bit for bit, for any number of workers."""
     size = job.config.chunk
-    chunks = [
-        replace(job, starts=job.starts[rows], episode=job.episode[rows])
-        for rows in (slice(first, first + size) for first in range(0, len(job.starts), size))
-    ]
+    chunks = [job[first : first + size] for first in range(0, len(job.starts), size)]
     summaries, frames = zip(*map_chunks(run_chunk, chunks, workers, label), strict=True)
     summary = Summary(
         *(
@@ -148,6 +153,7 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
         policy,
         job.tail,
         job.config.safety,
+        job.pushes,
         progress,
     )
     return record, expert

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -84,4 +83,4 @@ def recorded_episode(folder: Path, episode: int) -> Job:
             f"the expert of {folder} was your own {done['expert']}: replay it from Python, with "
             "methods...collection(run, iteration, plan) and episodes.play_out"
         )
-    return replace(job, starts=job.starts[row], episode=job.episode[row])
+    return job[row]

@@ -16,12 +16,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.config import unknown
 from surefoot.files import write_atomic
 from surefoot.types import Array, IntArray
 
 SPLITS = ("nominal", "train", "select", "test")
-PACKAGED = "solo12-trot-v1"
-"""The set that comes with the package: Solo12, trot, 0 to 0.3 m/s forward."""
+PACKAGED = ("solo12-trot-v1", "solo12-trot-v1-wide")
+"""The sets that come with the package: Solo12, trot, 0 to 0.3 m/s forward, perturbed with the
+paper's standard deviations; and with 1.5 times those."""
 
 
 @dataclass(frozen=True)
@@ -100,18 +102,20 @@ class StartSet:
         return sha.hexdigest()
 
 
-def load_starts(path: Path | None = None) -> StartSet:
-    """Read a set of starts; without a path, the one that comes with the package.
+def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:
+    """Read a set of starts: one that comes with the package, by its name, or a file.
 
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: the file is not a set of starts.
     """
-    if path is None:
-        content = files("surefoot").joinpath(f"data/starts/{PACKAGED}.npz").read_bytes()
-        name = PACKAGED
+    name = Path(which).stem
+    if which in PACKAGED:
+        content = files("surefoot").joinpath(f"data/starts/{name}.npz").read_bytes()
+    elif Path(which).is_file():
+        content = Path(which).read_bytes()
     else:
-        content, name = path.read_bytes(), path.stem
+        raise FileNotFoundError(unknown("set of starts (or file)", str(which), PACKAGED))
     try:
         with np.load(BytesIO(content), allow_pickle=False) as stored:
             arrays = {key: stored[key] for key in stored.files}
@@ -132,7 +136,7 @@ def load_starts(path: Path | None = None) -> StartSet:
         raise
     except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
         raise ValueError(
-            f"{path or name} is not a set of starts ({error}); write it again"
+            f"{which} is not a set of starts ({error}); write it again"
         ) from error
     grid = {
         split: everything[slice(start, stop)]
