@@ -1,64 +1,14 @@
-"""The MuJoCo backend: conventions, physics, determinism, and what happens when numbers run away."""
+"""The MuJoCo backend: its model, its conventions and its contacts."""
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 import pytest
 
+from robots import GRAVITY, REST, ROBOT, STANDING, random_states, record, shaken
 from surefoot.config import SimulationConfig
 from surefoot.geometry import contact_shapes
-from surefoot.robot import solo12, standing
-from surefoot.sim import make_simulator
 from surefoot.sim.mujoco import MujocoSimulator, build_model, from_mujoco, to_mujoco
-from surefoot.types import JOINTS, LEGS, State
-
-ROBOT = solo12()
-STANDING = standing(ROBOT)
-GRAVITY = 9.81
-REST = np.zeros((1, 18))
-
-
-def random_states(count: int, height: float = 2.0, seed: int = 0):
-    rng = np.random.default_rng(seed)
-    q = np.empty((count, 19))
-    q[:, :3] = rng.normal(0.0, 0.3, (count, 3))
-    q[:, 2] += height
-    quaternion = rng.normal(size=(count, 4))
-    q[:, 3:7] = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
-    q[:, 7:] = STANDING[7:] + rng.uniform(-1.0, 1.0, (count, 12))
-    return q, rng.normal(0.0, 1.0, (count, 18))
-
-
-def pd(state: State, kp: float = 3.0, kd: float = 0.05):
-    return kp * (STANDING[7:] - state.q[:, 7:]) - kd * state.v[:, 6:]
-
-
-def shaken(state: State, tick: int, seed: int = 7):
-    """A PD law that makes every robot stamp in its own way: contacts open, close and slide."""
-    rng = np.random.default_rng(seed)
-    phase = rng.uniform(0.0, 2 * np.pi, (64, 12))[: len(state.q)]
-    return pd(state) + 1.2 * np.sin(2 * np.pi * 3.0 * tick / 1000 + phase)
-
-
-def stand(batch: int = 1, ticks: int = 2000, kp: float = 10.0, kd: float = 0.2, **kwargs):
-    simulator = MujocoSimulator(ROBOT, batch, **kwargs)
-    for _ in range(ticks):
-        simulator.step(pd(simulator.state, kp, kd))
-    return simulator
-
-
-def record(simulator, ticks: int, start: int = 0):
-    """All bits a rollout could see."""
-    rows = []
-    for tick in range(start, start + ticks):
-        state = simulator.state
-        force = simulator.contact_force
-        rows.append(np.hstack([state.q, state.v, state.com, state.feet.reshape(-1, 12), force]))
-        simulator.step(shaken(state, tick))
-    return np.array(rows)
-
-
-# Model and conventions
+from surefoot.types import JOINTS, LEGS
 
 
 def test_model_is_the_urdf():
@@ -83,78 +33,6 @@ def test_conversion_round_trip():
     back_q, back_v = from_mujoco(qpos, qvel)
     np.testing.assert_array_equal(back_q, q)
     np.testing.assert_allclose(back_v, v, atol=1e-14)
-    simulator = MujocoSimulator(ROBOT, 200)
-    simulator.reset(q, v)
-    np.testing.assert_array_equal(simulator.state.q, q)
-    np.testing.assert_allclose(simulator.state.v, v, atol=1e-14)
-
-
-def test_velocity_is_pinocchios():
-    """Pinocchio's difference of two configurations a tick apart is the velocity between them."""
-    q, v = random_states(20)
-    simulator = MujocoSimulator(ROBOT, 20)
-    simulator.reset(q, v)
-    simulator.step(np.zeros((20, 12)))
-    after = simulator.state
-    # MuJoCo moves the configuration with the new velocity (semi-implicit Euler).
-    for row in range(20):
-        difference = pin.difference(ROBOT.model, q[row], after.q[row]) / 1e-3
-        np.testing.assert_allclose(difference[6:], after.v[row, 6:], atol=1e-9)
-        np.testing.assert_allclose(difference[3:6], after.v[row, 3:6], atol=1e-9)
-        # The base frame turns during the tick, by |w| * 1 ms: first order in the tick.
-        np.testing.assert_allclose(difference[:3], after.v[row, :3], atol=2e-2)
-        world = pin.Quaternion(after.q[row, 3:7]).matrix() @ after.v[row, :3]
-        np.testing.assert_allclose(world, (after.q[row, :3] - q[row, :3]) / 1e-3, atol=1e-9)
-
-
-def test_com_and_feet_are_pinocchios_at_every_tick():
-    q, v = random_states(5, height=0.4)
-    simulator = MujocoSimulator(ROBOT, 5)
-    simulator.reset(q, v)
-    data = ROBOT.model.createData()
-    for tick in range(200):
-        state = simulator.state
-        for row in range(5):
-            com = pin.centerOfMass(ROBOT.model, data, state.q[row])
-            pin.updateFramePlacements(ROBOT.model, data)
-            feet = [data.oMf[foot].translation for foot in ROBOT.feet]
-            np.testing.assert_allclose(state.com[row], com, atol=1e-9)
-            np.testing.assert_allclose(state.feet[row], feet, atol=1e-9)
-        simulator.step(shaken(state, tick))
-    assert simulator.contact_force.any()
-
-
-def test_dynamics_are_pinocchios():
-    """Joint accelerations in the air, with velocities and torques, against forward dynamics."""
-    q, v = random_states(20)
-    torque = np.random.default_rng(1).normal(0.0, 0.1, (20, 12))
-    simulator = MujocoSimulator(ROBOT, 20)
-    simulator.reset(q, v)
-    v = simulator.state.v
-    simulator.step(torque)
-    data = ROBOT.model.createData()
-    for row in range(20):
-        effort = np.concatenate([np.zeros(6), torque[row]])
-        acceleration = pin.aba(ROBOT.model, data, q[row], v[row], effort)
-        measured = (simulator.state.v[row] - v[row]) / 1e-3
-        np.testing.assert_allclose(measured[3:], acceleration[3:], rtol=1e-8, atol=1e-6)
-
-
-def test_free_fall():
-    q, _ = random_states(3)
-    simulator = MujocoSimulator(ROBOT, 3)
-    simulator.reset(q, np.zeros((3, 18)))
-    heights = [simulator.state.com]
-    for _ in range(100):
-        simulator.step(np.zeros((3, 12)))
-        heights.append(simulator.state.com)
-    acceleration = np.diff(heights, n=2, axis=0) / 1e-6
-    np.testing.assert_allclose(acceleration.mean(axis=0), [[0, 0, -GRAVITY]] * 3, atol=1e-3)
-    assert not simulator.state.contacts.any()
-    assert not simulator.contact_force.any()
-
-
-# Contact
 
 
 def test_touch_is_the_sum_of_contact_normals():
@@ -183,34 +61,6 @@ def test_touch_is_the_sum_of_contact_normals():
         seen += int((expected > 0).sum())
     assert seen > 100
     assert others > 0
-
-
-def test_standing_carries_the_weight():
-    simulator = stand()
-    state, force = simulator.state, simulator.contact_force
-    assert force.sum() == pytest.approx(ROBOT.mass * GRAVITY, rel=0.01)
-    assert state.contacts.all()
-    assert (state.feet[..., 2] > 0.0170).all()
-    assert (state.feet[..., 2] < 0.0185).all()
-
-
-def test_contacts_are_known_right_after_reset():
-    simulator = make_simulator(ROBOT, 2)
-    assert simulator.state.contacts.all()
-    q = np.tile(STANDING, (2, 1))
-    q[1, 2] += 0.1
-    simulator.reset(q, np.zeros((2, 18)))
-    assert simulator.state.contacts.all(axis=1).tolist() == [True, False]
-    assert not simulator.state.contacts[1].any()
-
-
-def test_standing_feet_do_not_creep():
-    simulator = stand(ticks=1000, kp=3.0, kd=0.05)
-    before = simulator.state.feet
-    for _ in range(2000):
-        simulator.step(pd(simulator.state))
-    slip = np.linalg.norm((simulator.state.feet - before)[..., :2], axis=-1)
-    assert slip.max() < 1.2e-3
 
 
 @pytest.mark.parametrize("friction", [0.3, 0.5, 0.8])
@@ -252,176 +102,9 @@ def test_robot_meets_the_floor_only():
     assert touching == {shape.link for shape in contact_shapes(ROBOT)}
 
 
-# Push
-
-
-def test_push_adds_its_impulse_to_the_momentum():
-    simulator = MujocoSimulator(ROBOT, 3)
-    q = np.tile(STANDING, (3, 1))
-    q[:, 2] = 1.0
-    q[2] = random_states(1)[0][0]
-    simulator.reset(q, np.zeros((3, 18)))
-    impulse = np.array([[0.3, -0.2, 0.1], [9.0, 9.0, 9.0], [0.0, 0.5, 0.0]])
-    data = ROBOT.model.createData()
-
-    def momentum():
-        state = simulator.state
-        rows = []
-        for row in range(3):
-            pin.computeCentroidalMomentum(ROBOT.model, data, state.q[row], state.v[row])
-            rows.append(np.concatenate([data.hg.linear, data.hg.angular]))
-        return np.array(rows)
-
-    before, state = momentum(), simulator.state
-    for _ in range(10):
-        simulator.push(impulse / 10, np.array([True, False, True]))
-        simulator.step(np.zeros((3, 12)))
-    fall = np.array([0.0, 0.0, -ROBOT.mass * GRAVITY * 0.01])
-    impulse[1] = 0.0
-    after = momentum()
-    np.testing.assert_allclose(after[:, :3] - before[:, :3], impulse + fall, atol=3e-4)
-    # The lever is that of the base's origin, not of the centre of mass.
-    turn = np.cross(state.q[:, :3] - state.com, impulse)
-    np.testing.assert_allclose(after[:, 3:] - before[:, 3:], turn, atol=1e-3)
-    assert np.abs(turn).max() > 4e-3
-    simulator.step(np.zeros((3, 12)))
-    np.testing.assert_allclose(momentum()[:, :3] - after[:, :3], [fall / 10] * 3, atol=1e-4)
-
-
-def test_push_waits_for_a_robot_that_is_not_stepped_and_is_forgotten_by_reset():
-    simulator = MujocoSimulator(ROBOT, 2)
-    q = np.tile(STANDING, (2, 1))
-    q[:, 2] = 1.0
-    simulator.reset(q, np.zeros((2, 18)))
-    simulator.push(np.array([0.5, 0.0, 0.0]))
-    simulator.step(np.zeros((2, 12)), np.array([True, False]))
-    assert simulator.state.v[0, 0] > 0.1
-    simulator.step(np.zeros((2, 12)))
-    assert simulator.state.v[1, 0] == pytest.approx(simulator.state.v[0, 0], rel=1e-2)
-    simulator.push(np.array([0.5, 0.0, 0.0]))
-    simulator.reset(q, np.zeros((2, 18)))
-    simulator.step(np.zeros((2, 12)))
-    assert np.abs(simulator.state.v[:, 0]).max() < 1e-9
-
-
-# Determinism
-
-
-def test_an_episode_repeats_bit_for_bit_whatever_came_before():
-    fresh = MujocoSimulator(ROBOT, 4)
-    q, v = random_states(4, height=0.3, seed=5)
-    q[:, 3:7] = STANDING[3:7]
-    fresh.reset(q, v)
-    first = record(fresh, 400)
-    used = MujocoSimulator(ROBOT, 4)
-    record(used, 250)
-    used.push(np.ones(3))
-    used.step(np.full((4, 12), np.nan), np.array([False, True, False, True]))
-    assert used.blown_up.tolist() == [False, True, False, True]
-    used.reset(q, v)
-    assert not used.blown_up.any()
-    assert used.data(0).time == 0.0
-    np.testing.assert_array_equal(record(used, 400), first)
-
-
-def test_reset_of_some_leaves_the_others_alone():
-    reference, simulator = MujocoSimulator(ROBOT, 3), MujocoSimulator(ROBOT, 3)
-    first = record(reference, 100)
-    mask = np.array([False, True, False])
-    for tick in range(100):
-        if tick == 50:
-            q = np.where(mask[:, None], STANDING, np.nan)  # rows outside the mask are not read
-            simulator.reset(q, np.zeros((3, 18)), mask)
-            np.testing.assert_array_equal(simulator.state.q[1], STANDING)
-        state = simulator.state
-        np.testing.assert_array_equal(state.q[~mask], first[tick][~mask, :19])
-        simulator.step(shaken(state, tick))
-
-
-def test_rows_of_a_batch_are_single_robots():
-    """Also with neighbours that are not stepped: masked rows keep every bit."""
-    batch = MujocoSimulator(ROBOT, 6)
-    q, v = random_states(6, height=0.28, seed=8)
-    q[:, 3:7] = STANDING[3:7]
-    v *= 0.2
-    batch.reset(q, v)
-    singles = [MujocoSimulator(ROBOT, 1) for _ in range(6)]
-    for row, single in enumerate(singles):
-        single.reset(q[row : row + 1], v[row : row + 1])
-    rng = np.random.default_rng(2)
-    for tick in range(300):
-        state = batch.state
-        for row, single in enumerate(singles):
-            alone = single.state[0]
-            for name in ("q", "v", "com", "feet", "contacts"):
-                np.testing.assert_array_equal(getattr(state[row], name), getattr(alone, name))
-            np.testing.assert_array_equal(batch.contact_force[row], single.contact_force[0])
-        torque, mask = shaken(state, tick), rng.random(6) < 0.7
-        batch.step(torque, mask)
-        for row in np.flatnonzero(mask):
-            singles[row].step(torque[row : row + 1])
-
-
-def test_state_is_the_callers():
-    simulator = MujocoSimulator(ROBOT, 2)
-    state, force = simulator.state, simulator.contact_force
-    kept = state.q.copy(), state.v.copy(), state.com.copy(), state.feet.copy(), force.copy()
-    for _ in range(5):
-        simulator.step(np.ones((2, 12)))
-    now = state.q, state.v, state.com, state.feet, force
-    for before, after in zip(kept, now, strict=True):
-        np.testing.assert_array_equal(before, after)
-    assert not np.array_equal(simulator.state.q, state.q)
-
-
 def test_pictures_do_not_change_the_physics():
     plain, pretty = MujocoSimulator(ROBOT, 1), MujocoSimulator(ROBOT, 1, visual=True)
     assert plain.model.nmesh == 0
     assert pretty.model.nmesh > 0
     assert pretty.model.camera("track").id >= 0
     np.testing.assert_array_equal(record(plain, 300), record(pretty, 300))
-
-
-# Blow-ups
-
-
-@pytest.mark.parametrize("cause", ["nan torque", "huge torque", "huge velocity", "nan start"])
-def test_a_blow_up_is_seen_and_stays_alone(cause, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    reference, simulator = MujocoSimulator(ROBOT, 5), MujocoSimulator(ROBOT, 5)
-    q, v = np.tile(STANDING, (5, 1)), np.zeros((5, 18))
-    reference.reset(q, v)
-    bad, others = 2, [0, 1, 3, 4]
-    if cause == "huge velocity":
-        v[bad] = 1e11
-    if cause == "nan start":
-        q[bad, 8] = np.nan
-    simulator.reset(q, v)
-    ended = None
-    for tick in range(200):
-        expected, state = reference.state, simulator.state
-        for name in ("q", "v", "com", "feet", "contacts"):
-            wanted, found = getattr(expected, name), getattr(state, name)
-            np.testing.assert_array_equal(found[others], wanted[others])
-        torque = shaken(expected, tick)
-        reference.step(torque)
-        if tick == 50 and "torque" in cause:
-            torque[bad] = np.nan if cause == "nan torque" else 1e12
-        simulator.step(torque)
-        if simulator.blown_up[bad] and ended is None:
-            ended = tick, simulator.state.q[bad].copy()
-    assert simulator.blown_up.tolist() == [False, False, True, False, False]
-    assert ended is not None
-    assert ended[0] == (50 if "torque" in cause else 0)
-    np.testing.assert_array_equal(simulator.state.q[bad], ended[1])
-    assert list(tmp_path.iterdir()) == []
-    simulator.reset(np.tile(STANDING, (5, 1)), np.zeros((5, 18)), simulator.blown_up)
-    assert not simulator.blown_up.any()
-    assert np.isfinite(simulator.state.q).all()
-
-
-def test_unusable_arguments_are_refused():
-    with pytest.raises(ValueError, match="at least one"):
-        make_simulator(ROBOT, 0)
-    with pytest.raises(ValueError, match="mujoco"):
-        make_simulator(ROBOT, 1, SimulationConfig(backend="mujco"))  # pyright: ignore

@@ -236,7 +236,7 @@ class BulletSimulator:
             self._q[rows], self._v[rows] = to_bullet(q[rows], v[rows])
         self._push[rows], self._force[rows] = 0.0, 0.0
         self._blown_up = np.where(rows, ~self._sane(), self._blown_up)
-        for row in np.flatnonzero(rows & ~self._blown_up):
+        for row in np.flatnonzero(rows & ~self._blown_up).tolist():
             # PyBullet knows no forces before it has made a step; make one, then begin anew.
             self._place(row)
             pybullet.stepSimulation(physicsClientId=self.clients[row])
@@ -292,7 +292,7 @@ class BulletSimulator:
 
     def _sane(self) -> BoolArray:
         """``(B,)`` False where a number is NaN or has run away."""
-        return (np.abs(self._q) <= RUN_AWAY).all(axis=1) & (np.abs(self._v) <= RUN_AWAY).all(axis=1)
+        return np.all(np.abs(np.hstack([self._q, self._v])) <= RUN_AWAY, axis=1)
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""
