@@ -267,7 +267,7 @@ class Play(OnSimulator):
 
 @dataclass(frozen=True)
 class Bench(OnSimulator):
-    """Measure speed on one core, beside its floor.
+    """Measure speed on one core, beside its floor; the simulator matters to the engine only.
 
     JSON: plan: plan_ms (median, p99, stages) [ms], plans, nodes; engine: robot_ms_per_s,
     floor_robot_ms_per_s, ratio, batch; train: step_ms, floor_step_ms, ratio, batch.

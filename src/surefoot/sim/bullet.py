@@ -2,8 +2,8 @@
 
 What PyBullet measures of a robot is read after each tick, in PyBullet's own convention, and turned
 into a ``State`` for the whole batch at once: ``to_bullet`` and ``from_bullet`` are the only layout
-conversions. A tick costs about three times MuJoCo's, most of it in Bullet's solver and in the calls
-themselves. Read ``surefoot.sim`` first; ``surefoot.sim.mujoco`` is the default.
+conversions. A walking robot's tick costs about four times MuJoCo's, two thirds of it inside
+``stepSimulation``; a client takes 28 MB and a reset 7 ms. Read ``surefoot.sim`` first.
 """
 
 from __future__ import annotations
@@ -268,8 +268,8 @@ class BulletSimulator:
         pybullet.setJointMotorControlArray(
             body, self.joints, pybullet.TORQUE_CONTROL, forces=torque, physicsClientId=client
         )
-        if self._pushed:
-            force, origin = self._push[row].tolist(), self._q[row, :3].tolist()
+        if self._pushed and any(force := self._push[row].tolist()):
+            origin = self._q[row, :3].tolist()
             pybullet.applyExternalForce(
                 body, -1, force, origin, pybullet.WORLD_FRAME, physicsClientId=client
             )
