@@ -200,6 +200,25 @@ def test_a_base_with_another_inertial_frame_is_refused(tmp_path):
 
 
 @needs_pybullet
+def test_too_many_robots_are_refused(monkeypatch):
+    import pybullet
+
+    real, opened = pybullet.connect, []
+
+    def connect(method):
+        if len(opened) == 2:
+            raise pybullet.error("Exceeding maximum number of physics connections.")
+        opened.append(real(method))
+        return opened[-1]
+
+    monkeypatch.setattr(pybullet, "connect", connect)
+    with pytest.raises(RuntimeError, match="refuses robot 3 of 5"):
+        bullet(5)
+    gc.collect()
+    assert not any(pybullet.isConnected(client) for client in opened)
+
+
+@needs_pybullet
 def test_clients_end_with_their_simulator():
     import pybullet
 

@@ -152,12 +152,13 @@ class BulletSimulator:
         self.clients: list[int] = []
         weakref.finalize(self, _close, self.clients, folder)
         for _ in range(batch):
-            if (client := pybullet.connect(pybullet.DIRECT)) < 0:
+            try:
+                self.clients.append(pybullet.connect(pybullet.DIRECT))
+            except pybullet.error as error:
                 raise RuntimeError(
-                    f"PyBullet refuses robot {len(self.clients) + 1} of {batch}; simulate fewer "
-                    "together"
-                )
-            self.clients.append(client)
+                    f"PyBullet refuses robot {len(self.clients) + 1} of {batch} ({error}); it "
+                    "holds 1024 in one process: simulate fewer together"
+                ) from error
         self.body = self._build(self.clients[0])
         self.joints, self.foot_links = self._indices(robot)
         self._q, self._v = np.zeros((batch, 19)), np.zeros((batch, 18))
