@@ -187,9 +187,8 @@ class Evaluate(OnSimulator):
             figures["expert"], _ = evaluate(config, None, self.split, self.workers, "expert")
             show_evaluation("expert", figures["expert"])
         if self.target.is_dir() and self.expert and self.episodes is None:
-            # Sim to sim: the evaluation on the run's own simulator is another one.
-            other = config.simulation.backend != trained_on.simulation.backend
-            name = f"{self.split}-{self.sim}" if other else self.split
+            # On another simulator than the run's own, it is another evaluation.
+            name = self.split if config == trained_on else f"{self.split}-{self.sim}"
             write_json(self.target / f"evaluation-{name}.json", figures)
         if self.json:
             write_json(self.json, figures)
@@ -231,23 +230,16 @@ class Play(OnSimulator):
 
         if self.episode is not None:
             job = recorded_episode(self.target, self.episode)
-            job = replace(job, config=self.simulated(job.config))
             out = self.out or self.target / f"episode_{self.episode}.mp4"
         else:
             policy, config = find_policy(self.target)
             command = Command(self.vx, self.vy, self.yaw_rate)
             check_command(load(policy), np.array(command))
             start = standing_start(command)
-            job = Job(
-                self.simulated(config),
-                start,
-                np.zeros(1, int),
-                PolicyOnly(),
-                self.seconds,
-                policy=policy,
-            )
+            job = Job(config, start, np.zeros(1, int), PolicyOnly(), self.seconds, policy=policy)
             folder = self.target if self.target.is_dir() else self.target.parent
             out = self.out or folder / "play.mp4"
+        job = replace(job, config=self.simulated(job.config))
         record, _ = play_out(job)
         length = int(record.length[0])
         figures = {

@@ -196,7 +196,6 @@ class BulletSimulator:
             -1,
             linearDamping=0.0,
             angularDamping=0.0,
-            jointDamping=0.0,
             maxJointVelocity=NO_LIMIT,
             physicsClientId=client,
         )
