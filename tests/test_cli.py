@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robots import needs_pybullet
 from surefoot import cli
 from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig, PolicyConfig
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
@@ -72,6 +73,52 @@ def test_evaluate_reports_policy_and_expert_on_the_same_starts(monkeypatch, run_
         assert len(part["success_interval"]) == 2
         assert {"success_rate", "mse"} <= part.keys()
     assert figures["starts_hash"] == figures["expert"]["starts_hash"]
+
+
+@needs_pybullet
+def test_sim_overrides_the_configuration(monkeypatch, tmp_path):
+    file = tmp_path / "walk.json"
+    figures = []
+    for sim in (("--sim", "bullet"), ("--config.simulation.backend", "bullet"), ()):
+        args = ("--seconds", 0.3, "--no-video", "--json", file, *sim)
+        assert surefoot(monkeypatch, "walk", *args) == 0
+        figures.append(json.loads(file.read_text()))
+    assert figures[0] == figures[1]
+    assert figures[0]["base_height"] != figures[2]["base_height"]
+    for command in ("train", "evaluate", "play", "bench", "doctor"):
+        target = {"train": ["behavior_cloning"], "bench": ["plan"], "doctor": []}
+        parsed = cli.parse([command, *target.get(command, ["run"]), "--sim", "bullet"])
+        assert parsed.simulated(Config()).simulation.backend == "bullet"
+        assert parsed.simulated(Config()) != Config()
+        assert replace(parsed, sim=None).simulated(Config()) == Config()
+
+
+@needs_pybullet
+def test_sim_to_sim_leaves_the_runs_own_evaluation_alone(monkeypatch, run_folder, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(run_folder, folder)
+    written = []
+    for sim in ((), ("--sim", "mujoco"), ("--sim", "bullet")):
+        assert surefoot(monkeypatch, "evaluate", folder, "--workers", 1, *sim) == 0
+        files = sorted(path.name for path in folder.glob("evaluation-*.json"))
+        written.append((files, (folder / "evaluation-test.json").read_bytes()))
+    assert [files for files, _ in written] == [
+        ["evaluation-test.json"],
+        ["evaluation-test.json"],
+        ["evaluation-test-bullet.json", "evaluation-test.json"],
+    ]
+    assert written[0][1] == written[1][1] == written[2][1]
+    other = json.loads((folder / "evaluation-test-bullet.json").read_text())
+    assert other["simulator"] == "bullet"
+    assert other["starts_hash"] == json.loads(written[0][1])["starts_hash"]
+    monkeypatch.setattr(cli, "film_episode", lambda *_: None)
+    file = tmp_path / "play.json"
+    played = []
+    for sim in ("mujoco", "bullet"):
+        args = ("play", folder, "--seconds", 0.05, "--sim", sim, "--json", file)
+        assert surefoot(monkeypatch, *args) == 0
+        played.append(json.loads(file.read_text())["mean_velocity"])
+    assert played[0] != played[1]
 
 
 def test_a_recorded_episode_repeats_bit_for_bit(run_folder):

@@ -101,7 +101,7 @@ def test_an_unknown_name_names_the_nearest(record, words):
         ({"seed": 1.0}, "seed is 1.0, expected int"),
         ({"expert": {"kp": "3"}}, "expert.kp is '3', expected float"),
         ({"expert": {"kp": False}}, "expert.kp is False, expected float"),
-        ({"simulation": {"backend": 3}}, "no simulation.backend '3'. Known: mujoco"),
+        ({"simulation": {"backend": 3}}, "no simulation.backend '3'. Known: mujoco, bullet"),
         ({"policy": {"hidden": "512"}}, "policy.hidden is '512', expected a list"),
         ({"policy": {"hidden": 512}}, "policy.hidden is 512, expected a list"),
         ({"policy": {"hidden": [16, 16.5]}}, r"policy.hidden\[1\] is 16.5, expected int"),

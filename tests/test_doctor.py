@@ -25,9 +25,18 @@ def test_only_essential_checks_decide(monkeypatch, capsys):
     picture = Check("render", "raise RuntimeError('no EGL')", "install EGL", essential=False)
     monkeypatch.setattr(doctor, "CHECKS", (fine, picture))
     assert examine()
+    assert examine("bullet")
     report = capsys.readouterr().out
     assert "no EGL" in report and "mend: install EGL" in report
     broken = Check("plan", "raise ImportError('no pin')", "pip install pin")
     monkeypatch.setattr(doctor, "CHECKS", (fine, broken))
     assert not examine()
     assert "pip install pin" in capsys.readouterr().out
+
+
+def test_the_second_simulator_is_essential_to_who_asks_for_it(monkeypatch, capsys):
+    missing = Check("bullet", "raise ImportError('no wheel')", "use MuJoCo", essential=False)
+    monkeypatch.setattr(doctor, "CHECKS", (missing,))
+    assert examine()
+    assert not examine("bullet")
+    assert "no wheel" in capsys.readouterr().out

@@ -5,12 +5,14 @@ import pinocchio as pin
 import pytest
 
 from surefoot.rigid import (
+    centre_of_mass,
     difference,
     difference_jacobian,
     feet,
     integrate,
     integrate_jacobians,
     legs_of,
+    masses_of,
 )
 from surefoot.robot import solo12
 
@@ -94,3 +96,10 @@ def test_feet_and_their_jacobians_match_pinocchio(leg):
         np.testing.assert_allclose(position[t, leg], data.oMf[foot].translation, atol=1e-14)
         np.testing.assert_allclose(J[t, leg], expected[:, own], atol=1e-14)
         assert not np.delete(expected, own, axis=1).any()
+
+
+def test_centre_of_mass_matches_pinocchio():
+    q, data = configurations(), MODEL.createData()
+    com = centre_of_mass(q, legs_of(ROBOT), masses_of(ROBOT))
+    for t in range(len(q)):
+        np.testing.assert_allclose(com[t], pin.centerOfMass(MODEL, data, q[t]), atol=1e-14)

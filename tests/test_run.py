@@ -30,6 +30,8 @@ def test_a_new_run_stands_in_its_folder_and_can_be_opened(tmp_path):
     record = json.loads((run.folder / "config.json").read_text())
     assert record["versions"] == versions()
     assert {"python", "processor", *PACKAGES} <= set(record["versions"])
+    # PyBullet's version counts only where it is the simulator.
+    assert set(versions("bullet")) - set(record["versions"]) == {"pybullet"}
 
 
 def test_an_existing_run_is_neither_overwritten_nor_resumed_unasked(tmp_path):

@@ -20,26 +20,40 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from surefoot.config import METHODS, Config
+from surefoot.config import METHODS, Backend, Config
 from surefoot.files import write_atomic
 from surefoot.presets import preset
 from surefoot.types import TICKS_PER_SECOND, Command
 from surefoot.workers import default_workers
 
 
+@dataclass(frozen=True, kw_only=True)
+class OnSimulator:
+    """A command whose robots walk on either simulator."""
+
+    sim: Backend | None = None
+    """The simulator; that of the configuration without it."""
+
+    def simulated(self, config: Config) -> Config:
+        """The configuration, with the simulator asked for."""
+        if self.sim is None:
+            return config
+        return replace(config, simulation=replace(config.simulation, backend=self.sim))
+
+
 @dataclass(frozen=True)
-class Doctor:
-    """Check this machine: versions, a plan, the simulator, training, rendering; how to mend it."""
+class Doctor(OnSimulator):
+    """Check this machine: versions, a plan, the simulators, training, rendering; how to mend it."""
 
     def __call__(self) -> int:
         """Print the report; 1 if something essential is broken."""
         from surefoot.doctor import examine
 
-        return 0 if examine() else 1
+        return 0 if examine(self.sim or "mujoco") else 1
 
 
 @dataclass(frozen=True)
-class Walk:
+class Walk(OnSimulator):
     """The expert walks, from standing.
 
     JSON: fell, outcome; command, mean_velocity [vx m/s, vy m/s, yaw rate rad/s, heading frame, from
@@ -70,10 +84,8 @@ class Walk:
         from surefoot.replay import standing_start
         from surefoot.safety import Outcome
 
-        command = Command(self.vx, self.vy, self.yaw_rate)
-        job = Job(
-            self.config, standing_start(command), np.zeros(1, int), ExpertOnly(), self.seconds
-        )
+        command, config = Command(self.vx, self.vy, self.yaw_rate), self.simulated(self.config)
+        job = Job(config, standing_start(command), np.zeros(1, int), ExpertOnly(), self.seconds)
         with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
             record, expert = play_out(job, progress=bar.update)
         length = int(record.length[0])
@@ -94,12 +106,12 @@ class Walk:
         show(figures, self.json)
         if self.video:
             title = f"expert, vx {self.vx:.2f} m/s"
-            film_episode(self.config, record.q[0, :length], self.out, title)
+            film_episode(config, record.q[0, :length], self.out, title)
         return int(figures["fell"])
 
 
 @dataclass(frozen=True)
-class Train:
+class Train(OnSimulator):
     """Train a policy: `surefoot train loco_safe_dagger --preset quick --run runs/mine`.
 
     JSON: the metrics of every stage, and the best iteration.
@@ -126,7 +138,7 @@ class Train:
         from surefoot.run import create
 
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
-        run = create(folder, self.config, self.resume)
+        run = create(folder, self.simulated(self.config), self.resume)
         print(f"{self.method}, preset {self.preset}, seed {run.config.seed}, in {folder}")
         policy = getattr(method_module(self.method), self.method)(run, self.workers)
         curves = learning_curves(run.metrics, folder / "curves.png")
@@ -137,13 +149,13 @@ class Train:
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class Evaluate(OnSimulator):
     """Robustness and tracking of a policy, and of the expert on the same stored starts.
 
     JSON: episodes, successes, success_rate, success_interval (Wilson 95 %), falls, stalls,
     diverged, strict_successes, mse and settled_mse [vx, vy, yaw_rate; m^2/s^2, rad^2/s^2],
-    max_torque [Nm], robot_seconds, plans, invalid_plans, starts_hash, split, policy (its file); the
-    same for the expert under `expert`.
+    max_torque [Nm], robot_seconds, plans, invalid_plans, starts_hash, split, policy (its file),
+    simulator; the same for the expert under `expert`.
     """
 
     target: Annotated[Path, tyro.conf.Positional]
@@ -164,24 +176,27 @@ class Evaluate:
         from surefoot.evaluation import evaluate
         from surefoot.replay import find_policy
 
-        policy, config = find_policy(self.target)
+        policy, trained_on = find_policy(self.target)
+        config = self.simulated(trained_on)
         if self.episodes is not None:
             config = replace(config, evaluation=replace(config.evaluation, episodes=self.episodes))
         figures, _ = evaluate(config, policy, self.split, self.workers, "policy")
-        figures["policy"] = str(policy)
+        figures.update(policy=str(policy), simulator=config.simulation.backend)
         show_evaluation("policy", figures)
         if self.expert:
             figures["expert"], _ = evaluate(config, None, self.split, self.workers, "expert")
             show_evaluation("expert", figures["expert"])
         if self.target.is_dir() and self.expert and self.episodes is None:
-            write_json(self.target / f"evaluation-{self.split}.json", figures)
+            # On another simulator than the run's own, it is another evaluation.
+            name = self.split if config == trained_on else f"{self.split}-{self.sim}"
+            write_json(self.target / f"evaluation-{name}.json", figures)
         if self.json:
             write_json(self.json, figures)
         return 0
 
 
 @dataclass(frozen=True)
-class Play:
+class Play(OnSimulator):
     """Film a policy, or one recorded episode of a run.
 
     JSON: outcome; command, mean_velocity [vx m/s, vy m/s, yaw rate rad/s, heading frame, from 1 s
@@ -224,6 +239,7 @@ class Play:
             job = Job(config, start, np.zeros(1, int), PolicyOnly(), self.seconds, policy=policy)
             folder = self.target if self.target.is_dir() else self.target.parent
             out = self.out or folder / "play.mp4"
+        job = replace(job, config=self.simulated(job.config))
         record, _ = play_out(job)
         length = int(record.length[0])
         figures = {
@@ -242,8 +258,8 @@ class Play:
 
 
 @dataclass(frozen=True)
-class Bench:
-    """Measure speed on one core, beside its floor.
+class Bench(OnSimulator):
+    """Measure speed on one core, beside its floor; the simulator matters to the engine only.
 
     JSON: plan: plan_ms (median, p99, stages) [ms], plans, nodes; engine: robot_ms_per_s,
     floor_robot_ms_per_s, ratio, batch; train: step_ms, floor_step_ms, ratio, batch.
@@ -264,7 +280,7 @@ class Bench:
             "engine": bench.bench_engine,
             "train": bench.bench_train,
         }[self.what]
-        show(measure(self.config), self.json)
+        show(measure(self.simulated(self.config)), self.json)
         return 0
 
 

@@ -22,12 +22,19 @@ class RobotConfig:
     """[Nm] at the joint: the peak torque of Solo12's actuator module (Grimminger et al., 2020)."""
 
 
+Backend = Literal["mujoco", "bullet"]
+"""Names of the physics engines."""
+
+
 @dataclass(frozen=True)
 class SimulationConfig:
-    """Contact physics, common to all simulators. Time step 1 ms."""
+    """Contact physics, one for each simulator; friction is common to all. Time step 1 ms.
 
-    backend: Literal["mujoco"] = "mujoco"
-    """The physics engine: `mujoco`."""
+    MuJoCo only: `impratio`, `solref`. PyBullet only: `solver_iterations`, `contact_erp`.
+    """
+
+    backend: Backend = "mujoco"
+    """The physics engine: `mujoco`, or `bullet` (the paper's; needs the extra pybullet)."""
     friction: float = 0.5
     """Coefficient of the foot-ground pair, after the simulator's combination rule (BiConMP's demo);
     the planner's friction cone uses the same number."""
@@ -37,6 +44,10 @@ class SimulationConfig:
     100 makes a tick a third dearer than 10."""
     solref: tuple[float, float] = (0.004, 1.0)
     """MuJoCo: contact time constant [s] and damping ratio."""
+    solver_iterations: int = 50
+    """PyBullet: sweeps of the contact solver in a tick (PyBullet's default, BiConMP's demo)."""
+    contact_erp: float = 0.08
+    """PyBullet: share of a penetration that is mended in a tick (PyBullet's default)."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Is this machine fit? Versions, a small solve and a rendered frame, each in a process of its own.
+"""Is this machine fit? Versions, a solve, simulators, a rendered frame, each in its own process.
 
 A compiled package that does not fit its neighbours does not raise, it kills the process; so every
 check runs in a child, and the report says what is wrong and how to mend it.
@@ -12,6 +12,7 @@ import sys
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
+from surefoot.config import Backend
 from surefoot.run import PACKAGES
 
 TIMEOUT = 900.0
@@ -26,13 +27,27 @@ class Check:
         name: what is checked.
         code: Python that succeeds if it works, and prints one line.
         remedy: what to do if it does not.
-        essential: False for what only videos need.
+        essential: False for what only videos or the second simulator need.
     """
 
     name: str
     code: str
     remedy: str
     essential: bool = True
+
+
+def simulate(backend: Backend) -> str:
+    """Code of the check of a simulator."""
+    return (
+        "import numpy as np\n"
+        "from surefoot.config import SimulationConfig\n"
+        "from surefoot.robot import solo12\n"
+        "from surefoot.sim import make_simulator\n"
+        f"simulator = make_simulator(solo12(), 2, SimulationConfig({backend!r}))\n"
+        "for _ in range(10): simulator.step(np.zeros((2, 12)))\n"
+        "assert np.isfinite(simulator.state.q).all(), 'the state is not finite'\n"
+        "print('10 ticks of two robots')"
+    )
 
 
 CHECKS = (
@@ -56,15 +71,16 @@ CHECKS = (
         "pip install -c constraints.txt --force-reinstall pin example-robot-data numba",
     ),
     Check(
-        "simulate",
-        "import numpy as np\n"
-        "from surefoot.robot import solo12\n"
-        "from surefoot.sim import make_simulator\n"
-        "simulator = make_simulator(solo12(), 2)\n"
-        "for _ in range(10): simulator.step(np.zeros((2, 12)))\n"
-        "assert np.isfinite(simulator.state.q).all(), 'the state is not finite'\n"
-        "print('10 ticks of two robots')",
+        "mujoco",
+        simulate("mujoco"),
         "reinstall MuJoCo: pip install -c constraints.txt --force-reinstall mujoco",
+    ),
+    Check(
+        "bullet",
+        simulate("bullet"),
+        "the paper's simulator is optional, and has wheels up to Python 3.11 only: "
+        "pip install 'surefoot[pybullet]'",
+        essential=False,
     ),
     Check(
         "train",
@@ -103,8 +119,8 @@ def run_check(check: Check) -> tuple[bool, str]:
     return child.returncode == 0, lines[-1] if lines else "no output"
 
 
-def examine() -> bool:
-    """Print the report; True if everything essential works."""
+def examine(backend: Backend = "mujoco") -> bool:
+    """Print the report; True if everything essential works, the chosen simulator included."""
     print(f"Python {platform.python_version()} on {platform.platform()}")
     for package in PACKAGES:
         try:
@@ -117,6 +133,6 @@ def examine() -> bool:
         print(f"{'ok  ' if works else 'FAIL'}  {check.name:<9} {line}")
         if not works:
             print(f"      mend: {check.remedy}")
-            healthy = healthy and not check.essential
+            healthy = healthy and not (check.essential or check.name == backend)
     print("surefoot is ready" if healthy else "surefoot cannot work here yet: see above")
     return healthy

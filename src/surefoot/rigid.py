@@ -41,6 +41,22 @@ class Legs(NamedTuple):
     foot: Array
 
 
+class Masses(NamedTuple):
+    """Mass and first moment of mass of what moves, base frame, joints at zero.
+
+    Attributes:
+        base: [kg] of the base.
+        base_moment: ``(3,)`` mass times centre of mass of the base [kg m].
+        link: ``(4, 3)`` of what each joint turns by itself [kg].
+        link_moment: ``(4, 3, 3)`` mass times centre of mass of each [kg m].
+    """
+
+    base: float
+    base_moment: Array
+    link: Array
+    link_moment: Array
+
+
 def legs_of(robot: RobotModel) -> Legs:
     """Geometry of a robot's legs."""
     model, data = robot.model, robot.model.createData()
@@ -49,6 +65,17 @@ def legs_of(robot: RobotModel) -> Legs:
     centre = np.array([data.oMi[joint].translation for joint in range(2, model.njoints)])
     foot = np.array([data.oMf[frame].translation for frame in robot.feet])
     return Legs(axis.reshape(4, 3, 3).copy(), centre.reshape(4, 3, 3), foot)
+
+
+def masses_of(robot: RobotModel) -> Masses:
+    """Masses of a robot's base and legs."""
+    model, data = robot.model, robot.model.createData()
+    pin.forwardKinematics(model, data, pin.neutral(model))
+    bodies = range(1, model.njoints)
+    mass = np.array([model.inertias[body].mass for body in bodies])
+    centre = np.array([data.oMi[body].act(model.inertias[body].lever) for body in bodies])
+    moment = mass[:, None] * centre
+    return Masses(mass[0], moment[0], mass[1:].reshape(4, 3), moment[1:].reshape(4, 3, 3))
 
 
 @njit(cache=True, error_model="numpy")
@@ -88,6 +115,34 @@ def feet(q: Array, legs: Legs) -> tuple[Array, Array]:
                 for j in range(3):
                     J[t, leg, i, 6 + j] = dot(R[i], vector(by_joint[j]))
     return position, J
+
+
+@njit(cache=True, error_model="numpy")
+def centre_of_mass(q: Array, legs: Legs, masses: Masses) -> Array:
+    """``(T, 3)`` centres of mass in the world frame [m] at T configurations ``q (T, 19)``.
+
+    As in `feet`, each joint turns all that hangs below it: here the moments of mass, summed up
+    from the foot.
+    """
+    T = len(q)
+    com = np.empty((T, 3))
+    for t in range(T):
+        total, moment = masses.base, vector(masses.base_moment)
+        for leg in range(4):
+            hanging, p = 0.0, (0.0, 0.0, 0.0)
+            for i in range(2, -1, -1):
+                axis, centre = vector(legs.axis[leg, i]), vector(legs.centre[leg, i])
+                angle = q[t, 7 + 3 * leg + i]
+                hanging += masses.link[leg, i]
+                p = combine(1.0, p, 1.0, vector(masses.link_moment[leg, i]))
+                arm = combine(1.0, p, -hanging, centre)
+                p = combine(hanging, centre, 1.0, turned(arm, axis, np.sin(angle), np.cos(angle)))
+            total += hanging
+            moment = combine(1.0, moment, 1.0, p)
+        R = rotation(q[t])
+        for i in range(3):
+            com[t, i] = q[t, i] + dot(R[i], moment) / total
+    return com
 
 
 @njit(cache=True, error_model="numpy")

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from surefoot.config import Config, from_json, to_json
+from surefoot.config import Backend, Config, from_json, to_json
 from surefoot.dataset import Dataset
 from surefoot.files import write_atomic
 
@@ -85,10 +85,14 @@ class Run:
         return record
 
 
-def versions() -> dict[str, str]:
-    """Python, processor and package versions: the same bits are promised for the same ones."""
+def versions(backend: Backend = "mujoco") -> dict[str, str]:
+    """Python, processor and package versions: the same bits are promised for the same ones.
+
+    Args:
+        backend: PyBullet's version counts where it is the simulator.
+    """
     found = {"python": platform.python_version(), "processor": processor()}
-    for name in PACKAGES:
+    for name in (*PACKAGES, *(["pybullet"] if backend == "bullet" else [])):
         try:
             found[name] = version(name)
         except PackageNotFoundError:
@@ -115,7 +119,7 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
             something else.
     """
     path = folder / "config.json"
-    record = {"config": to_json(config), "versions": versions()}
+    record = {"config": to_json(config), "versions": versions(config.simulation.backend)}
     if path.exists():
         if not resume and (folder / "metrics.jsonl").exists():
             raise RunError(

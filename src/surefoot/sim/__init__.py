@@ -1,16 +1,15 @@
 """Simulators: B robots of one kind, advanced together by ticks of 1 ms.
 
 A simulator knows nothing of gaits, planners or policies: it takes joint torques and gives back
-``State``. What every backend must agree on is here: the protocol, and the contact geometry of the
-robot. The physics engine itself is imported by its own module only; ``surefoot.sim.mujoco`` is the
-default and the one to read next.
+``State``. What every backend must agree on is here. A physics engine is imported by its own module
+only; ``surefoot.sim.mujoco`` is the default and the one to read next.
 """
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, get_args
 
-from surefoot.config import SimulationConfig
+from surefoot.config import Backend, SimulationConfig, unknown
 from surefoot.robot import RobotModel
 from surefoot.types import Array, BoolArray, State
 
@@ -90,4 +89,13 @@ def make_simulator(
         from surefoot.sim.mujoco import MujocoSimulator
 
         return MujocoSimulator(robot, batch, config)
-    raise ValueError(f"no simulator {config.backend!r}; there is: 'mujoco'")
+    if config.backend == "bullet":
+        try:
+            from surefoot.sim.bullet import BulletSimulator
+        except ImportError as error:
+            raise ImportError(
+                f"the simulator 'bullet' needs PyBullet ({error}), which has wheels up to Python "
+                "3.11 only: pip install 'surefoot[pybullet]'"
+            ) from error
+        return BulletSimulator(robot, batch, config)
+    raise ValueError(unknown("simulator", config.backend, get_args(Backend)))

@@ -1,0 +1,330 @@
+"""PyBullet backend, the paper's simulator: one physics client per robot, nothing shared.
+
+What PyBullet measures of a robot is read after each tick, in PyBullet's own convention, and turned
+into a ``State`` for the whole batch at once: ``to_bullet`` and ``from_bullet`` are the only layout
+conversions. A walking robot's tick costs about four times MuJoCo's, two thirds of it inside
+``stepSimulation``; a client takes 28 MB and a reset 7 ms. Read ``surefoot.sim`` first.
+"""
+
+from __future__ import annotations
+
+import os
+import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from xml.etree import ElementTree
+
+import numpy as np
+
+from surefoot.config import SimulationConfig
+from surefoot.geometry import Shape, contact_shapes
+from surefoot.rigid import centre_of_mass, feet, legs_of, masses_of
+from surefoot.robot import RobotModel, standing
+from surefoot.rotations import rotation
+from surefoot.sim import CONTACT_FORCE, TIME_STEP
+from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
+
+
+@contextmanager
+def _without_greeting() -> Iterator[None]:
+    """PyBullet greets on the process's standard error when it is imported; here it does not."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+with _without_greeting():
+    import pybullet
+
+RUN_AWAY = 1e10
+"""A robot with a larger number in its state has blown up: MuJoCo's limit (mjMAXVAL)."""
+NO_LIMIT = 1e30
+"""[rad/s] PyBullet caps joint rates at 100 rad/s by itself, and calls that a simulation."""
+
+
+def to_bullet(q: Array, v: Array) -> tuple[Array, Array]:
+    """Pinocchio's ``(B, 19)`` and ``(B, 18)`` to PyBullet's: base velocities in the world frame.
+
+    Quaternions are xyzw in both. PyBullet's base is the inertial frame of the base link, which is
+    the base frame itself for the robots that `BulletSimulator` accepts.
+    """
+    world = v.copy()
+    R = rotation(q[:, 3:7])
+    for part in (slice(0, 3), slice(3, 6)):
+        world[:, part] = (R * v[:, None, part]).sum(axis=2)
+    return q.copy(), world
+
+
+def from_bullet(q: Array, v: Array) -> tuple[Array, Array]:
+    """PyBullet's numbers ``(B, 19)`` and ``(B, 18)`` to Pinocchio's q and v, in new arrays."""
+    base = v.copy()
+    R = rotation(q[:, 3:7])
+    for part in (slice(0, 3), slice(3, 6)):
+        base[:, part] = (R * v[:, part, None]).sum(axis=1)
+    return q.copy(), base
+
+
+def build_urdf(robot: RobotModel, config: SimulationConfig) -> str:
+    """The robot's URDF with the shapes of `contact_shapes` for its collision meshes.
+
+    Joints turn without limits (those of the URDF, 10 rad, would only hide a broken controller) and
+    without damping.
+    """
+    root = ElementTree.fromstring(robot.urdf.read_text())
+    shapes: dict[str, Shape] = {shape.link: shape for shape in contact_shapes(robot)}
+    for link in root.iter("link"):
+        for tag in ("visual", "collision", "contact"):
+            for element in link.findall(tag):
+                link.remove(element)
+        if (shape := shapes.get(link.get("name", ""))) is None:
+            continue
+        # Of the friction of two bodies PyBullet takes the product; the floor has 1.
+        contact = ElementTree.SubElement(link, "contact")
+        coefficients = {"lateral_friction": config.friction}
+        for name in ("lateral_friction", "rolling_friction", "spinning_friction", "restitution"):
+            value = str(coefficients.get(name, 0.0))
+            ElementTree.SubElement(contact, name, {"value": value})
+        link.append(_collision(shape))
+    for joint in root.iter("joint"):
+        if joint.get("type") == "revolute":
+            joint.set("type", "continuous")
+        for tag in ("limit", "dynamics"):
+            for element in joint.findall(tag):
+                joint.remove(element)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _collision(shape: Shape) -> ElementTree.Element:
+    """A shape as an URDF element; capsules lie along z, so they are turned into place."""
+    start, end = np.array(shape.start), np.array(shape.end)
+    axis, length = end - start, float(np.linalg.norm(end - start))
+    roll = pitch = 0.0
+    if len(shape.size) == 3:
+        kind, size = "box", {"size": " ".join(repr(2 * half) for half in shape.size)}
+    elif length == 0.0:
+        kind, size = "sphere", {"radius": repr(shape.size[0])}
+    else:
+        kind, size = "capsule", {"radius": repr(shape.size[0]), "length": repr(length)}
+        # Ry(pitch) Rx(roll) takes z to this axis.
+        roll, pitch = -np.arcsin(axis[1] / length), np.arctan2(axis[0], axis[2])
+    collision = ElementTree.Element("collision")
+    middle = " ".join(repr(float(x)) for x in (start + end) / 2)
+    origin = {"xyz": middle, "rpy": f"{float(roll)!r} {float(pitch)!r} 0"}
+    ElementTree.SubElement(collision, "origin", origin)
+    ElementTree.SubElement(ElementTree.SubElement(collision, "geometry"), kind, size)
+    return collision
+
+
+class BulletSimulator:
+    """``Simulator`` on PyBullet.
+
+    Attributes:
+        batch: number of robots B.
+        clients: PyBullet's ``physicsClientId`` of each robot, for whoever needs more than the
+            protocol; a reset builds a client's world anew.
+        body: PyBullet's id of the robot, in every client; the floor is body 0.
+        joints: PyBullet's joint indices, in the order of ``JOINTS``.
+        foot_links: PyBullet's link indices of the feet, in the order of ``LEGS``.
+    """
+
+    def __init__(
+        self, robot: RobotModel, batch: int, config: SimulationConfig | None = None
+    ) -> None:
+        """``batch`` robots standing in the nominal pose.
+
+        Raises:
+            ValueError: the base's inertial frame is not its frame.
+            RuntimeError: PyBullet has no room for so many robots in one process.
+        """
+        self.batch = batch
+        self._config = config or SimulationConfig()
+        self._legs, self._masses = legs_of(robot), masses_of(robot)
+        folder = TemporaryDirectory(prefix="surefoot-")
+        self._urdf = Path(folder.name) / f"{robot.name}.urdf"
+        self._urdf.write_text(build_urdf(robot, self._config))
+        self.clients: list[int] = []
+        weakref.finalize(self, _close, self.clients, folder)
+        for _ in range(batch):
+            try:
+                self.clients.append(pybullet.connect(pybullet.DIRECT))
+            except pybullet.error as error:
+                raise RuntimeError(
+                    f"PyBullet refuses robot {len(self.clients) + 1} of {batch} ({error}); it "
+                    "holds 1024 in one process: simulate fewer together"
+                ) from error
+        self.body = self._build(self.clients[0])
+        self.joints, self.foot_links = self._indices(robot)
+        self._q, self._v = np.zeros((batch, 19)), np.zeros((batch, 18))
+        self._force = np.zeros((batch, 4))
+        self._push = np.zeros((batch, 3))
+        self._pushed = False
+        self._blown_up: BoolArray = np.zeros(batch, dtype=bool)
+        self._state: State | None = None
+        self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, 18)))
+
+    def _build(self, client: int) -> int:
+        """A new world for one client: nothing of what was simulated before is left."""
+        pybullet.resetSimulation(physicsClientId=client)
+        pybullet.setPhysicsEngineParameter(
+            fixedTimeStep=TIME_STEP,
+            numSolverIterations=self._config.solver_iterations,
+            contactERP=self._config.contact_erp,
+            contactSlop=0.0,  # as in MuJoCo, feet carry as soon as they touch, not 10 um deeper
+            deterministicOverlappingPairs=1,
+            physicsClientId=client,
+        )
+        pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=client)
+        plane = pybullet.createCollisionShape(
+            pybullet.GEOM_PLANE, planeNormal=[0, 0, 1], physicsClientId=client
+        )
+        floor = pybullet.createMultiBody(0.0, plane, physicsClientId=client)
+        smooth = {"restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0}
+        pybullet.changeDynamics(floor, -1, lateralFriction=1.0, **smooth, physicsClientId=client)
+        # Without a flag for it, links of a robot do not touch each other.
+        body = pybullet.loadURDF(
+            str(self._urdf), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
+        )
+        pybullet.changeDynamics(
+            body,
+            -1,
+            linearDamping=0.0,
+            angularDamping=0.0,
+            maxJointVelocity=NO_LIMIT,
+            physicsClientId=client,
+        )
+        return body
+
+    def _indices(self, robot: RobotModel) -> tuple[list[int], list[int]]:
+        """PyBullet's indices of the twelve joints and of the four feet."""
+        client, joints, links = self.clients[0], {}, {}
+        for index in range(pybullet.getNumJoints(self.body, physicsClientId=client)):
+            info = pybullet.getJointInfo(self.body, index, physicsClientId=client)
+            joints[info[1].decode()], links[info[12].decode()] = index, index
+        base = pybullet.getDynamicsInfo(self.body, -1, physicsClientId=client)
+        if any(base[3]) or base[4] != (0.0, 0.0, 0.0, 1.0):
+            raise ValueError(
+                f"{robot.name}: the inertial frame of its base is not the base frame, which "
+                "PyBullet would take for it; use MuJoCo"
+            )
+        return [joints[name] for name in JOINTS], [links[f"{leg}_FOOT"] for leg in LEGS]
+
+    def _place(self, row: int) -> None:
+        """Put one robot into a new world, with the position and velocity in its row."""
+        client = self.clients[row]
+        body = self._build(client)
+        q, v = self._q[row].tolist(), self._v[row].tolist()
+        pybullet.resetBasePositionAndOrientation(body, q[:3], q[3:7], physicsClientId=client)
+        pybullet.resetBaseVelocity(body, v[:3], v[3:6], physicsClientId=client)
+        for joint, angle, rate in zip(self.joints, q[7:], v[6:], strict=True):
+            pybullet.resetJointState(body, joint, angle, rate, physicsClientId=client)
+        # Joints are born with a motor that holds them.
+        pybullet.setJointMotorControlArray(
+            body, self.joints, pybullet.VELOCITY_CONTROL, forces=[0.0] * 12, physicsClientId=client
+        )
+
+    def reset(self, q: Array, v: Array, mask: BoolArray | None = None) -> None:
+        """See ``Simulator``. Until the first tick, foot forces are those under zero torque."""
+        rows = np.ones(self.batch, dtype=bool) if mask is None else mask
+        with np.errstate(invalid="ignore", over="ignore"):
+            self._q[rows], self._v[rows] = to_bullet(q[rows], v[rows])
+        self._push[rows], self._force[rows] = 0.0, 0.0
+        self._blown_up = np.where(rows, ~self._sane(), self._blown_up)
+        for row in np.flatnonzero(rows & ~self._blown_up).tolist():
+            # PyBullet knows no forces before it has made a step; make one, then begin anew.
+            self._place(row)
+            pybullet.stepSimulation(physicsClientId=self.clients[row])
+            self._read_forces(row)
+            self._place(row)
+        self._state = None
+
+    def step(self, torque: Array, mask: BoolArray | None = None) -> None:
+        """See ``Simulator``."""
+        rows = ~self._blown_up if mask is None else mask & ~self._blown_up
+        # What is not a number must not reach PyBullet's collision detection.
+        finite = np.isfinite(torque).all(axis=1) & np.isfinite(self._push).all(axis=1)
+        self._blown_up |= rows & ~finite
+        torques = torque.tolist()
+        for row in np.flatnonzero(rows & finite).tolist():
+            try:
+                self._tick(row, torques[row])
+            except pybullet.error:
+                self._blown_up[row] = True
+        self._blown_up |= rows & ~self._sane()
+        if self._pushed:
+            self._push[rows] = 0.0
+            self._pushed = bool(self._push.any())
+        self._state = None
+
+    def _tick(self, row: int, torque: list[float]) -> None:
+        """Advance one robot, and read what it did."""
+        client, body = self.clients[row], self.body
+        pybullet.setJointMotorControlArray(
+            body, self.joints, pybullet.TORQUE_CONTROL, forces=torque, physicsClientId=client
+        )
+        if self._pushed and any(force := self._push[row].tolist()):
+            origin = self._q[row, :3].tolist()
+            pybullet.applyExternalForce(
+                body, -1, force, origin, pybullet.WORLD_FRAME, physicsClientId=client
+            )
+        pybullet.stepSimulation(physicsClientId=client)
+        base = pybullet.getBasePositionAndOrientation(body, physicsClientId=client)
+        velocity = pybullet.getBaseVelocity(body, physicsClientId=client)
+        joints = pybullet.getJointStates(body, self.joints, physicsClientId=client)
+        self._q[row] = (*base[0], *base[1], *[joint[0] for joint in joints])
+        self._v[row] = (*velocity[0], *velocity[1], *[joint[1] for joint in joints])
+        self._read_forces(row)
+
+    def _read_forces(self, row: int) -> None:
+        """Sums of the normal forces of each foot in the last step of one robot."""
+        force = dict.fromkeys(self.foot_links, 0.0)
+        for contact in pybullet.getContactPoints(self.body, physicsClientId=self.clients[row]):
+            link, normal_force = contact[3], contact[9]
+            if link in force:
+                force[link] += normal_force
+        self._force[row] = list(force.values())
+
+    def _sane(self) -> BoolArray:
+        """``(B,)`` False where a number is NaN or has run away."""
+        return np.all(np.abs(np.hstack([self._q, self._v])) <= RUN_AWAY, axis=1)
+
+    def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
+        """See ``Simulator``."""
+        rows = slice(None) if mask is None else mask
+        self._push[rows] += (np.broadcast_to(impulse, (self.batch, 3)) / TIME_STEP)[rows]
+        self._pushed = True
+
+    @property
+    def state(self) -> State:
+        """See ``Simulator``; computed once a tick."""
+        if self._state is None:
+            # A robot that blew up may hold infinities; its rows are not numbers, nobody else's.
+            with np.errstate(invalid="ignore", over="ignore"):
+                q, v = from_bullet(self._q, self._v)
+                foot, _ = feet(q, self._legs)
+                com = centre_of_mass(q, self._legs, self._masses)
+            self._state = State(q, v, com, foot, self._force > CONTACT_FORCE)
+        return self._state
+
+    @property
+    def contact_force(self) -> Array:
+        """See ``Simulator``."""
+        return self._force.copy()
+
+    @property
+    def blown_up(self) -> BoolArray:
+        """See ``Simulator``: a number that is NaN or beyond 1e10, or PyBullet gave up."""
+        return self._blown_up.copy()
+
+
+def _close(clients: list[int], folder: TemporaryDirectory[str]) -> None:
+    """End the clients of a simulator that is no longer used."""
+    for client in clients:
+        pybullet.disconnect(physicsClientId=client)
+    folder.cleanup()
