@@ -70,9 +70,7 @@ def main(path: Path, scale: float) -> None:
                     q, v = (part[phase, speed] for part in cycles[speeds])
                     if split != "nominal":
                         stance = in_stance(config.gait, phase * GRID)
-                        q, v = perturb(
-                            robot, q, v, stance, perturbation, config.safety, rng
-                        )
+                        q, v = perturb(robot, q, v, stance, perturbation, config.safety, rng)
                     rows.append((q, v, phase * GRID, np.linspace(0, TOP_SPEED, speeds)[speed]))
         q, v, tick, vx = (np.array(column) for column in zip(*rows, strict=True))
         q[:, :2] = 0.0

@@ -19,8 +19,20 @@ REST = Command()
 TICKS = [0, 50, 113, 249, 441, 495]
 
 
-def contacts(tick: int = 0, velocity: Command = REST, com=COM, feet=FEET, gait=TROT):
-    return plan_contacts(gait, CONFIG, HIPS, ROBOT.foot_radius, com, feet, tick, velocity)
+PUBLISHED = replace(CONFIG, foothold_rule="published")
+STILL = np.zeros(2)
+
+
+def contacts(
+    tick=0,
+    velocity=REST,
+    com=COM,
+    feet=FEET,
+    gait=TROT,
+    excess=STILL,
+    config: ExpertConfig = CONFIG,
+):
+    return plan_contacts(gait, config, HIPS, ROBOT.foot_radius, com, feet, tick, velocity, excess)
 
 
 def landings(plan):
@@ -83,16 +95,42 @@ def test_touchdown_travels_with_the_base_and_half_a_stance_further(tick):
         np.testing.assert_allclose(travel, [*expected, 0.0], atol=1e-15)
 
 
-def test_turning_follows_the_published_rule():
+@pytest.mark.parametrize("rule", ["published", "capture"])
+def test_turning(rule):
     v, w, tick = np.array([0.2, 0.1, 0.0]), 0.7, 113
-    plan = contacts(tick, Command(v[0], v[1], w))
+    plan = contacts(tick, Command(v[0], v[1], w), config=replace(CONFIG, foothold_rule=rule))
     start = np.concatenate([[0.0], np.cumsum(plan.dt)])
+    stride = 0.15 * v[:2] + 0.5 * np.sqrt(COM[2] / GRAVITY) * np.cross(v, [0.0, 0.0, w])[:2]
+
+    def heading(t):
+        return np.array([[np.cos(w * t), -np.sin(w * t)], [np.sin(w * t), np.cos(w * t)]])
+
     for node, leg in landings(plan):
         t = start[node]
-        R = np.array([[np.cos(w * t), -np.sin(w * t)], [np.sin(w * t), np.cos(w * t)]])
-        expected = COM[:2] + R @ HIPS[leg] + t * v[:2] + 0.15 * v[:2]
-        expected += 0.5 * np.sqrt(COM[2] / GRAVITY) * np.cross(v, [0.0, 0.0, w])[:2]
-        np.testing.assert_allclose(plan.position[node, leg, :2], expected, atol=1e-14)
+        way = np.mean([heading(t * (k + 0.5) / 1000) @ v[:2] for k in range(1000)], axis=0) * t
+        expected = COM[:2] + heading(t) @ HIPS[leg]
+        expected += t * v[:2] + stride if rule == "published" else way + heading(t) @ stride
+        np.testing.assert_allclose(plan.position[node, leg, :2], expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_excess_velocity_moves_landings_to_where_it_carries_the_robot(tick):
+    excess = np.array([0.5, -1.2])  # 1.3 m/s
+    plan, calm = contacts(tick, excess=excess), contacts(tick)
+    time = np.concatenate([[0.0], np.cumsum(plan.dt)])
+    for node, leg in landings(plan):
+        moved = plan.position[node, leg] - calm.position[node, leg]
+        expected = (
+            (time[node] + CONFIG.capture_time) * excess * (1.3 - CONFIG.capture_deadband) / 1.3
+        )
+        np.testing.assert_allclose(moved, [*expected, 0.0], atol=1e-14)
+
+
+@pytest.mark.parametrize("config", [CONFIG, PUBLISHED])
+def test_velocity_of_a_settled_gait_moves_no_foothold(config):
+    speed = 0.99 * CONFIG.capture_deadband if config is CONFIG else 2.0
+    plan, calm = contacts(113, excess=speed * np.array([0.6, 0.8]), config=config), contacts(113)
+    np.testing.assert_array_equal(plan.position, calm.position)
 
 
 @pytest.mark.parametrize("tick", TICKS)

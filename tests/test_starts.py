@@ -48,16 +48,18 @@ def small(seed=0) -> StartSet:
     return StartSet("small", grid, shapes)
 
 
-def test_packaged_set_has_the_splits_the_methods_need():
-    assert STORED.name == PACKAGED
-    assert STORED.shape == {
+@pytest.mark.parametrize("name", PACKAGED)
+def test_packaged_sets_have_the_splits_the_methods_need(name):
+    stored = load_starts(name)
+    assert stored.name == name
+    assert stored.shape == {
         "nominal": (1, 10, 20),
         "train": (8, 10, 20),
         "select": (2, 10, 10),
         "test": (10, 10, 10),
     }
-    for split, shape in STORED.shape.items():
-        starts, n = STORED[split], int(np.prod(shape))
+    for split, shape in stored.shape.items():
+        starts, n = stored[split], int(np.prod(shape))
         assert len(starts) == n
         assert starts.q.shape == (n, 19)
         assert starts.v.shape == (n, 18)

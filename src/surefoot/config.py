@@ -130,12 +130,20 @@ class ExpertConfig:
     """[Nm/rad] (BiConMP)."""
     kd: float = 0.05
     """[Nms/rad] (BiConMP)."""
-    speed_gain: float = 1.15
-    """Commanded linear speed is scaled by this inside the planner: the published foothold rule
-    feeds nothing back, and the trot reaches only 87 % of the speed it plans (measured at 0.1, 0.2
-    and 0.3 m/s on MuJoCo; the share is the same)."""
+    command_gain: tuple[float, float, float] = (1.15, 1.08, 1.28)
+    """Commanded vx, vy and yaw rate are scaled by these inside the planner: of what it plans, the
+    trot reaches 87, 92 and 78 % (measured at 0.1 to 0.3 m/s, 0.1 m/s and 0.3 rad/s in both
+    simulators; BiConMP: 1, 1, 1)."""
     hip_outward: float = 0.04
     """[m] footholds lie this far outside the hip (BiConMP)."""
+    foothold_rule: Literal["published", "capture"] = "capture"
+    """`published` takes no notice of the measured velocity (BiConMP); `capture` moves a foothold by
+    (time to touchdown + `capture_time`) times the velocity in excess of the command."""
+    capture_time: float = 0.15
+    """[s] about sqrt(z / g) = 0.143 s, where the capture point lies."""
+    capture_deadband: float = 0.1
+    """[m/s] of excess velocity that belongs to a settled gait and moves no foothold: feedback on it
+    would multiply every small bias of the walking speed by four."""
     via_until: float = 0.52
     """A swing foot is drawn to its via point up to this share of the swing (BiConMP)."""
     max_residual: float = 1e-2

@@ -135,9 +135,7 @@ def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:
     except FileNotFoundError:
         raise
     except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
-        raise ValueError(
-            f"{which} is not a set of starts ({error}); write it again"
-        ) from error
+        raise ValueError(f"{which} is not a set of starts ({error}); write it again") from error
     grid = {
         split: everything[slice(start, stop)]
         for split, start, stop in zip(SPLITS, bounds[:-1], bounds[1:], strict=True)

@@ -1,9 +1,12 @@
-"""Contact plan of a horizon: who stands, where feet land, how high they swing (BiConMP's rule).
+"""Contact plan of a horizon: who stands, where feet land, how high they swing.
 
-A foot that lands at time t is put under its hip as the base is expected to stand then, plus half a
-stance of travel: p = c + R(w t) o + v t + v T_stance / 2 + sqrt(z / g) / 2 (v x w), with o the hip
-offset moved outward, v the planned velocity, w the yaw rate. There is no spline: a swing foot is
-drawn to one via point. Next: `centroidal`.
+BiConMP's rule puts a foot that lands at time t under its hip as the base is expected to stand then,
+plus half a stance of travel: p = c + R(w t) o + v t + v T_stance / 2 + sqrt(z / g) / 2 (v x w),
+with o the hip offset moved outward, v the planned velocity, w the yaw rate. It takes no notice of
+the measured velocity. The capture rule moves p by (t + t_c) e, e the velocity in excess of the
+command: that is how much farther the robot will have come, and where it can stop from there (the
+capture point, Pratt et al. 2006). There is no spline: a swing foot is drawn to one via point.
+Next: `centroidal`.
 """
 
 from __future__ import annotations
@@ -55,6 +58,7 @@ def plan_contacts(
     feet: Array,
     tick: int,
     velocity: Command,
+    excess: Array,
 ) -> ContactPlan:
     """Contacts over the centroidal horizon.
 
@@ -67,6 +71,7 @@ def plan_contacts(
         feet: ``(4, 3)`` measured foot positions, planning frame [m].
         tick: gait clock of the first node [ms].
         velocity: planned velocity in the heading frame [m/s, rad/s].
+        excess: ``(2,)`` horizontal velocity measured beyond the one commanded [m/s].
     """
     ticks = node_ticks(tick, config.centroidal.nodes)
     active = in_stance(gait, ticks[:-1])
@@ -75,18 +80,10 @@ def plan_contacts(
     via[0] = False
 
     time = (ticks[:-1] - tick)[:, None, None] / TICKS_PER_SECOND
-    vx, vy, w = velocity
-    v = np.array([vx, vy])
-    s, c = np.sin(w * time), np.cos(w * time)
-    turned = c * hips + s * hips[:, ::-1] * (-1.0, 1.0)
-    under_hip = com[:2] + turned + time * v
-    half_stance = 0.5 * gait.duty * gait.period * v
-    centrifugal = 0.5 * np.sqrt(max(com[2], 0.0) / GRAVITY) * w * np.array([vy, -vx])
-
-    late = (fraction >= 0.5)[:, :, None]
+    below_hip, landing = footholds(gait, config, hips, com, time, velocity, excess)
+    early = (~active & (fraction < 0.5))[:, :, None]
     position = np.empty((len(active), 4, 3))
-    position[:, :, :2] = under_hip + np.where(active[:, :, None] | late, half_stance, 0.0)
-    position[:, :, :2] += np.where(active[:, :, None], centrifugal, 0.0)
+    position[:, :, :2] = np.where(early, below_hip, landing)
     position[:, :, 2] = np.where(active, foot_radius, gait.step_height)
     position[0] = feet
     # A foot that stays in stance stays where it was first.
@@ -94,3 +91,46 @@ def plan_contacts(
     first = np.maximum.accumulate(np.where(active & np.roll(active, 1, axis=0), 0, node))
     position = position[first, np.arange(4)]
     return ContactPlan(active, position, np.diff(ticks) / TICKS_PER_SECOND, via)
+
+
+def footholds(
+    gait: Gait,
+    config: ExpertConfig,
+    hips: Array,
+    com: Array,
+    time: Array,
+    velocity: Command,
+    excess: Array,
+) -> tuple[Array, Array]:
+    """Points ``(N, 4, 2)`` below the hips after ``time (N, 1, 1)`` [s], and where feet land then.
+
+    Other arguments are those of `plan_contacts`.
+    """
+    v, w = np.array(velocity[:2]), velocity.yaw_rate
+    stride = 0.5 * gait.duty * gait.period * v
+    stride = stride + 0.5 * np.sqrt(max(com[2], 0.0) / GRAVITY) * w * np.array([v[1], -v[0]])
+    below_hip = com[:2] + turned(hips, w * time)
+    if config.foothold_rule == "published":
+        below_hip = below_hip + time * v
+        return below_hip, below_hip + stride
+    below_hip = below_hip + travelled(v, w, time)
+    capture = (time + config.capture_time) * beyond(excess, config.capture_deadband)
+    return below_hip, below_hip + turned(stride, w * time) + capture
+
+
+def beyond(vector: Array, size: float) -> Array:
+    """The part of a vector that is longer than ``size``; zero if it is shorter."""
+    length = np.hypot(*vector)
+    return vector * (1.0 - size / max(length, size)) if size > 0.0 else vector
+
+
+def turned(vector: Array, angle: Array) -> Array:
+    """``(..., 2)`` vectors turned by ``angle (..., 1)`` [rad]."""
+    s, c = np.sin(angle), np.cos(angle)
+    return c * vector + s * vector[..., ::-1] * (-1.0, 1.0)
+
+
+def travelled(v: Array, w: float, time: Array) -> Array:
+    """``(..., 2)`` way made in ``time (..., 1)`` at a velocity ``v (2,)`` that turns at ``w``."""
+    half = 0.5 * w * time
+    return time * np.sinc(half / np.pi) * turned(v, half)

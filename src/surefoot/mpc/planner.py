@@ -17,7 +17,7 @@ from numba import njit
 
 from surefoot.config import ExpertConfig, Gait
 from surefoot.mpc.centroidal import CentroidalPlan, solve_centroidal
-from surefoot.mpc.footholds import ContactPlan, hip_offsets, plan_contacts
+from surefoot.mpc.footholds import ContactPlan, hip_offsets, plan_contacts, travelled, turned
 from surefoot.mpc.gait import GRID
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
 from surefoot.rigid import feet, legs_of
@@ -96,11 +96,7 @@ class Planner:
         """All stages of one plan."""
         clock = [perf_counter()]
         q, v = to_heading_frame(state.q), state.v
-        velocity = Command(
-            self._config.speed_gain * command.vx,
-            self._config.speed_gain * command.vy,
-            command.yaw_rate,
-        )
+        velocity = Command(*np.multiply(self._config.command_gain, command))
         x0, foot_positions = self.measure(q, v)
         contacts = plan_contacts(
             self._gait,
@@ -111,6 +107,7 @@ class Planner:
             foot_positions,
             tick,
             velocity,
+            x0[3:5] - command[:2],
         )
         clock.append(perf_counter())
         reference = self.centroidal_reference(q, x0, contacts, velocity)
@@ -143,11 +140,11 @@ class Planner:
         rate asked for about the vertical.
         """
         time = np.concatenate([[0.0], np.cumsum(contacts.dt)])
-        v = np.array([velocity.vx, velocity.vy, 0.0])
+        v, w = np.array(velocity[:2]), velocity.yaw_rate
         reference = np.zeros((len(time), 9))
-        reference[:, :3] = x0[:3] + time[:, None] * v
+        reference[:, :2] = x0[:2] + travelled(v, w, time[:, None])
         reference[:, 2] = self._gait.com_height
-        reference[:, 3:6] = v
+        reference[:, 3:5] = turned(v, w * time[:, None])
         error = pin.log3(pin.Quaternion(q[3:7]).matrix().T)
         reference[:-1, 6:] = np.array(self._config.centroidal.orientation_gain) * error
         reference[-1, 6:] = error
