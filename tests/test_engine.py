@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config, PolicyConfig, SafetyConfig
-from surefoot.engine import ExpertOnly, PolicyOnly, Rollout, SafetySwitch, rollout
+from surefoot.engine import ExpertOnly, PolicyOnly, Pushes, Rollout, SafetySwitch, rollout
 from surefoot.mpc.expert import Expert, make_expert
 from surefoot.policy import Policy, PolicyNetwork
 from surefoot.robot import clip_torque, solo12, standing
@@ -36,7 +36,7 @@ class FakeSimulator:
     def __init__(self, batch, z=None, blown_up_at=None):
         self.batch = batch
         self.z, self.blown_up_at = z or {}, blown_up_at or {}
-        self.applied, self.masks = [], []
+        self.applied, self.masks, self.pushes = [], [], []
 
     def reset(self, q, v, mask=None):
         self.q, self.v = q.copy(), v.copy()
@@ -76,7 +76,7 @@ class FakeSimulator:
         raise NotImplementedError
 
     def push(self, impulse, mask=None):
-        raise NotImplementedError
+        self.pushes.append((self.ticks.max(), impulse.copy(), mask.copy()))
 
 
 class Fake:
@@ -505,3 +505,35 @@ def test_recorded_torques_replay_the_motion():
         np.testing.assert_array_equal(simulator.state.contacts, record.contacts[:, tick])
         simulator.step(record.torque[:, tick])
     np.testing.assert_array_equal(record.torque, clip_torque(record.torque, LIMIT))
+
+
+def test_a_push_acts_on_its_robot_at_its_time_in_its_heading():
+    simulator = FakeSimulator(3, z={2: (4, 0.05)})
+    starts = starts_of([0, 0, 0])
+    starts.q[1, 3:7] = [0.0, 0.0, np.sin(np.pi / 4), np.cos(np.pi / 4)]  # heads along y
+    impulse = np.array([[0.0, 0.0, 0.0], [1.0, 0.5, 0.2], [3.0, 0.0, 0.0]])
+    pushes = Pushes(impulse, np.array([3, 3, 3]), 5)
+    safety = replace(CONFIG.safety, grace=0.0)
+    limp = np.zeros((100, 12))
+    still = Expert(lambda *_: MotionPlan(limp, limp, limp), 0.0, 0.0)
+    rollout(simulator, ROBOT, starts, 0.02, ExpertOnly(), still, safety=safety, pushes=pushes)
+    assert [int(tick) for tick, _, _ in simulator.pushes] == [3, 4, 5, 6, 7]
+    for tick, given, mask in simulator.pushes:
+        # Nobody pushes the first robot, nor the third once it has fallen.
+        assert mask.tolist() == [False, True, tick < 4]
+        np.testing.assert_allclose(given[1], np.array([-0.5, 1.0, 0.2]) / 5, atol=1e-15)
+
+
+def test_a_push_of_nothing_changes_no_bit():
+    starts = STORED["nominal"][:2]
+    simulator = make_simulator(ROBOT, 2)
+    expert = make_expert(ROBOT, CONFIG)
+    none = Pushes(np.zeros((2, 3)), np.array([5, 30]), 10)
+    tiny = Pushes(np.full((2, 3), 1e-9), np.array([5, 30]), 10)
+    plain, zero, pushed = (
+        rollout(simulator, ROBOT, starts, 0.1, ExpertOnly(), expert, pushes=pushes)
+        for pushes in (None, none, tiny)
+    )
+    np.testing.assert_array_equal(plain.q, zero.q)
+    np.testing.assert_array_equal(plain.torque, zero.torque)
+    assert not np.array_equal(plain.q, pushed.q)

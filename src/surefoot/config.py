@@ -302,7 +302,7 @@ class PushConfig:
     """Forward speeds between 0 and 0.3 m/s, each at the ten phases of the gait cycle."""
     resolution: float = 0.1
     """[Ns] between levels."""
-    levels: int = 31
+    levels: int = 50
     """The strongest push tried is this times the resolution."""
 
 

@@ -16,7 +16,7 @@ from surefoot.config import Config
 from surefoot.engine import ExpertOnly, PolicyOnly
 from surefoot.episodes import Job, Summary, run_episodes
 from surefoot.safety import Outcome
-from surefoot.starts import load_starts
+from surefoot.starts import StartSet, load_starts
 from surefoot.types import PlanFunction
 
 
@@ -27,6 +27,7 @@ def evaluate(
     workers: int,
     label: str,
     plan: PlanFunction | None = None,
+    stored: StartSet | None = None,
 ) -> tuple[dict[str, Any], Summary]:
     """Run a policy, or the expert, from stored starts.
 
@@ -37,6 +38,7 @@ def evaluate(
         workers: processes.
         label: of the progress bar.
         plan: the expert's MPC; without it the BiConMP-style planner.
+        stored: the set of starts; without it the package's first.
 
     Returns:
         The figures (see `figures_of`), and the episodes they sum up.
@@ -45,7 +47,7 @@ def evaluate(
         KeyError: there is no such split.
         ValueError: the split holds fewer starts than the episodes asked for.
     """
-    starts, episodes = load_starts(), config.evaluation.episodes
+    starts, episodes = stored or load_starts(), config.evaluation.episodes
     some = starts[split][:episodes]
     if not 1 <= episodes == len(some):
         raise ValueError(
@@ -62,7 +64,8 @@ def evaluate(
         plan=plan,
     )
     summary, _ = run_episodes(job, workers, label)
-    return {"starts_hash": starts.hash, "split": split, **figures_of(summary)}, summary
+    figures = {"starts": starts.name, "starts_hash": starts.hash, "split": split}
+    return {**figures, **figures_of(summary)}, summary
 
 
 def figures_of(summary: Summary) -> dict[str, Any]:

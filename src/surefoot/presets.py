@@ -41,3 +41,9 @@ def preset(method: str, name: str = "quick") -> Config:
         return replace(config, method=BehaviorCloningConfig(data, epochs=12))
     dagger = LocoSafeDaggerConfig(data, pretraining_epochs=12, iterations=2, T=5.0, epochs=4)
     return replace(config, method=dagger)
+
+
+def published_rules(config: Config) -> Config:
+    """The expert's rules as BiConMP publishes them: footholds and commands without feedback."""
+    expert = replace(config.expert, foothold_rule="published", command_gain=(1.0, 1.0, 1.0))
+    return replace(config, expert=expert)

@@ -1,0 +1,340 @@
+"""The commands: doctor, walk, train, evaluate, play, bench; their fields are their options.
+
+A command calls the package and prints; every figure comes from the modules it calls. ``--json
+FILE`` writes the figures for machines: one object, its keys documented at the command. Next: `cli`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from surefoot.config import Backend, Config
+from surefoot.files import write_atomic
+from surefoot.types import TICKS_PER_SECOND, Command
+from surefoot.workers import default_workers
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnSimulator:
+    """A command whose robots walk on either simulator."""
+
+    sim: Backend | None = None
+    """The simulator; that of the configuration without it."""
+
+    def simulated(self, config: Config) -> Config:
+        """The configuration, with the simulator asked for."""
+        if self.sim is None:
+            return config
+        return replace(config, simulation=replace(config.simulation, backend=self.sim))
+
+
+@dataclass(frozen=True)
+class Doctor(OnSimulator):
+    """Check this machine: versions, a plan, the simulators, training, rendering; how to mend it."""
+
+    def __call__(self) -> int:
+        """Print the report; 1 if something essential is broken."""
+        from surefoot.doctor import examine
+
+        return 0 if examine(self.sim or "mujoco") else 1
+
+
+@dataclass(frozen=True)
+class Walk(OnSimulator):
+    """The expert walks, from standing.
+
+    JSON: fell, outcome; command, mean_velocity [vx m/s, vy m/s, yaw rate rad/s, heading frame, from
+    1 s on]; base_height, base_height_std [m, from 1 s on]; max_torque [Nm]; plans, invalid_plans;
+    seconds.
+    """
+
+    vx: float = 0.2
+    """[m/s] forward."""
+    vy: float = 0.0
+    """[m/s] to the left."""
+    yaw_rate: float = 0.0
+    """[rad/s] to the left."""
+    seconds: float = 10.0
+    """How long."""
+    video: bool = True
+    """Film it."""
+    out: Path = Path("walk.mp4")
+    """The video."""
+    json: Path | None = None
+    """Write the figures here."""
+    config: Config = field(default_factory=Config)
+
+    def __call__(self) -> int:
+        """Walk, print, film; 1 if the robot fell."""
+        from surefoot.engine import ExpertOnly
+        from surefoot.episodes import Job, play_out, velocities
+        from surefoot.replay import standing_start
+        from surefoot.safety import Outcome
+
+        command, config = Command(self.vx, self.vy, self.yaw_rate), self.simulated(self.config)
+        job = Job(config, standing_start(command), np.zeros(1, int), ExpertOnly(), self.seconds)
+        with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
+            record, expert = play_out(job, progress=bar.update)
+        length = int(record.length[0])
+        settled = settled_part(length)
+        height = record.q[0, settled, 2]
+        figures = {
+            "fell": bool(record.outcome[0] in (Outcome.FELL, Outcome.DIVERGED)),
+            "outcome": Outcome(int(record.outcome[0])).name,
+            "command": list(command),
+            "mean_velocity": velocities(record)[0, settled].mean(axis=0).tolist(),
+            "base_height": float(height.mean()),
+            "base_height_std": float(height.std()),
+            "max_torque": float(np.abs(record.torque[0, :length]).max()),
+            "plans": int(expert.plans[0]),
+            "invalid_plans": int(expert.invalid_plans[0]),
+            "seconds": length / TICKS_PER_SECOND,
+        }
+        show(figures, self.json)
+        if self.video:
+            title = f"expert, vx {self.vx:.2f} m/s"
+            film_episode(config, record.q[0, :length], self.out, title)
+        return int(figures["fell"])
+
+
+@dataclass(frozen=True)
+class Train(OnSimulator):
+    """Train a policy: `surefoot train loco_safe_dagger --preset quick --run runs/mine`.
+
+    JSON: the metrics of every stage, and the best iteration.
+    """
+
+    method: Annotated[str, tyro.conf.Positional]
+    """behavior_cloning or loco_safe_dagger."""
+    preset: str = "quick"
+    """quick: minutes. default and paper: not yet available."""
+    run: Path | None = None
+    """Folder of the run; runs/METHOD-PRESET without it."""
+    resume: bool = False
+    """Go on with the run in that folder, from the first stage that is not done."""
+    workers: int = field(default_factory=default_workers)
+    """Processes for rollouts; results do not depend on it."""
+    json: Path | None = None
+    """Write the metrics here."""
+    config: Config = field(default_factory=Config)
+
+    def __call__(self) -> int:
+        """Train, then draw the learning curves into the run's folder."""
+        from surefoot.figures import learning_curves
+        from surefoot.replay import method_module
+        from surefoot.run import create
+
+        folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
+        run = create(folder, self.simulated(self.config), self.resume)
+        print(f"{self.method}, preset {self.preset}, seed {run.config.seed}, in {folder}")
+        policy = getattr(method_module(self.method), self.method)(run, self.workers)
+        curves = learning_curves(run.metrics, folder / "curves.png")
+        if self.json:
+            write_json(self.json, {"run": str(folder), "metrics": run.metrics})
+        print(f"best policy: {policy}\ncurves:      {curves}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Evaluate(OnSimulator):
+    """Robustness and tracking of a policy, and of the expert on the same stored starts.
+
+    JSON: episodes, successes, success_rate, success_interval (Wilson 95 %), falls, stalls,
+    diverged, strict_successes, mse and settled_mse [vx, vy, yaw_rate; m^2/s^2, rad^2/s^2],
+    max_torque [Nm], robot_seconds, plans, invalid_plans, starts_hash, split, policy (its file),
+    simulator; the same for the expert under `expert`.
+    """
+
+    target: Annotated[Path, tyro.conf.Positional]
+    """Folder of a run (its best policy), or a policy file."""
+    split: Literal["select", "test"] = "test"
+    """Starts to use; a policy is reported on `test`, once."""
+    expert: bool = True
+    """Evaluate the expert too."""
+    episodes: int | None = None
+    """How many starts; 100 without it."""
+    workers: int = field(default_factory=default_workers)
+    """Processes; results do not depend on it."""
+    json: Path | None = None
+    """Write the figures here."""
+
+    def __call__(self) -> int:
+        """Run both and print them side by side."""
+        from surefoot.evaluation import evaluate
+        from surefoot.replay import find_policy
+
+        policy, trained_on = find_policy(self.target)
+        config = self.simulated(trained_on)
+        if self.episodes is not None:
+            config = replace(config, evaluation=replace(config.evaluation, episodes=self.episodes))
+        figures, _ = evaluate(config, policy, self.split, self.workers, "policy")
+        figures.update(policy=str(policy), simulator=config.simulation.backend)
+        show_evaluation("policy", figures)
+        if self.expert:
+            figures["expert"], _ = evaluate(config, None, self.split, self.workers, "expert")
+            show_evaluation("expert", figures["expert"])
+        if self.target.is_dir() and self.expert and self.episodes is None:
+            # On another simulator than the run's own, it is another evaluation.
+            name = self.split if config == trained_on else f"{self.split}-{self.sim}"
+            write_json(self.target / f"evaluation-{name}.json", figures)
+        if self.json:
+            write_json(self.json, figures)
+        return 0
+
+
+@dataclass(frozen=True)
+class Play(OnSimulator):
+    """Film a policy, or one recorded episode of a run.
+
+    JSON: outcome; command, mean_velocity [vx m/s, vy m/s, yaw rate rad/s, heading frame, from 1 s
+    on]; max_torque [Nm]; seconds; episode.
+    """
+
+    target: Annotated[Path, tyro.conf.Positional]
+    """Folder of a run (its best policy), or a policy file."""
+    vx: float = 0.2
+    """[m/s] forward."""
+    vy: float = 0.0
+    """[m/s] to the left."""
+    yaw_rate: float = 0.0
+    """[rad/s] to the left."""
+    seconds: float = 5.0
+    """How long."""
+    episode: int | None = None
+    """Replay this episode of the run instead, bit for bit (ids of failures: metrics.jsonl)."""
+    out: Path | None = None
+    """The video; play.mp4 in the run's folder or beside the policy without it."""
+    json: Path | None = None
+    """Write the figures here."""
+
+    def __call__(self) -> int:
+        """Play, print, film; 1 if the robot fell."""
+        from surefoot.engine import PolicyOnly
+        from surefoot.episodes import Job, play_out, velocities
+        from surefoot.policy import check_command, load
+        from surefoot.replay import find_policy, recorded_episode, standing_start
+        from surefoot.safety import Outcome
+
+        if self.episode is not None:
+            job = recorded_episode(self.target, self.episode)
+            out = self.out or self.target / f"episode_{self.episode}.mp4"
+        else:
+            policy, config = find_policy(self.target)
+            command = Command(self.vx, self.vy, self.yaw_rate)
+            check_command(load(policy), np.array(command))
+            start = standing_start(command)
+            job = Job(config, start, np.zeros(1, int), PolicyOnly(), self.seconds, policy=policy)
+            folder = self.target if self.target.is_dir() else self.target.parent
+            out = self.out or folder / "play.mp4"
+        job = replace(job, config=self.simulated(job.config))
+        record, _ = play_out(job)
+        length = int(record.length[0])
+        figures = {
+            "outcome": Outcome(int(record.outcome[0])).name,
+            "command": job.starts.command[0].tolist(),
+            "mean_velocity": velocities(record)[0, settled_part(length)].mean(axis=0).tolist(),
+            "max_torque": float(np.abs(record.torque[0, :length]).max()),
+            "seconds": length / TICKS_PER_SECOND,
+            "episode": self.episode,
+        }
+        show(figures, self.json)
+        driver = "policy" if self.episode is None else f"episode {self.episode}"
+        title = f"{driver}, vx {job.starts.command[0, 0]:.2f} m/s"
+        film_episode(job.config, record.q[0, :length], out, title)
+        return int(record.outcome[0] in (Outcome.FELL, Outcome.DIVERGED))
+
+
+@dataclass(frozen=True)
+class Bench(OnSimulator):
+    """Measure speed on one core, beside its floor; or what the expert survives.
+
+    JSON: plan: plan_ms (median, p99, stages) [ms], plans, nodes; engine: robot_ms_per_s,
+    floor_robot_ms_per_s, ratio, batch; train: step_ms, floor_step_ms, ratio, batch; expert: one
+    object of `surefoot.survey` for each simulator, horizon and set of rules, under `cells`, and
+    the starts that all of them lose, under `lost_by_all`.
+    """
+
+    what: Annotated[Literal["plan", "engine", "train", "expert"], tyro.conf.Positional]
+    """plan, engine, train; or expert: survival, tracking and pushes, both simulators (an hour)."""
+    episodes: int = 1000
+    """expert: starts of each set."""
+    workers: int = field(default_factory=default_workers)
+    """expert: processes; results do not depend on it."""
+    json: Path | None = None
+    """Write the figures here; `bench expert` goes on with what the file holds already."""
+    config: Config = field(default_factory=Config)
+
+    def __call__(self) -> int:
+        """Measure and print."""
+        from surefoot import bench
+
+        if self.what == "expert":
+            from surefoot.survey import survey, table
+
+            record = survey(self.config, self.sim, self.episodes, self.workers, self.json)
+            print(table(record))
+            return 0
+
+        measure = {
+            "plan": bench.bench_plan,
+            "engine": bench.bench_engine,
+            "train": bench.bench_train,
+        }[self.what]
+        show(measure(self.simulated(self.config)), self.json)
+        return 0
+
+
+def settled_part(length: int) -> slice:
+    """The ticks of an episode from 1 s on; the second half of a shorter one."""
+    return slice(min(TICKS_PER_SECOND, length // 2), length)
+
+
+def film_episode(config: Config, q: np.ndarray, out: Path, title: str) -> None:
+    """Film configurations ``(T, 19)``; where nothing can be rendered, say so and go on."""
+    from surefoot.robot import solo12
+    from surefoot.viewer import RenderingUnavailable, contact_sheet, film
+
+    robot = solo12(config.robot)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        sheet = contact_sheet(robot, config.simulation, q, out.with_suffix(".png"))
+        print(f"frames: {sheet}")
+        print(f"video:  {film(robot, config.simulation, q, out, title=title)}")
+    except RenderingUnavailable as error:
+        print(f"no video: {error}", file=sys.stderr)
+
+
+def show_evaluation(name: str, figures: dict[str, Any]) -> None:
+    """One evaluation in three lines."""
+    low, high = figures["success_interval"]
+    print(
+        f"{name}: {figures['successes']} of {figures['episodes']} {figures['split']} starts "
+        f"({100 * low:.1f} to {100 * high:.1f} %), {figures['falls']} fell, "
+        f"{figures['stalls']} stalled, {figures['diverged']} diverged"
+    )
+    for key, meaning in (("mse", "successes"), ("settled_mse", "all, from 1 s on")):
+        values = ", ".join("-" if x is None else f"{x:.5f}" for x in figures[key])
+        print(f"  velocity MSE vx, vy, yaw rate ({meaning}): {values}")
+
+
+def show(figures: dict[str, Any], path: Path | None) -> None:
+    """Print figures, and write them as JSON where asked."""
+    for key, value in figures.items():
+        print(f"{key:<22} {json.dumps(value, default=float)}")
+    if path:
+        write_json(path, figures)
+
+
+def write_json(path: Path, figures: dict[str, Any]) -> None:
+    """Write figures whole or not at all; NaN becomes null."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    plain = json.loads(json.dumps(figures, default=float), parse_constant=lambda _: None)
+    write_atomic(path, json.dumps(plain, indent=1, allow_nan=False).encode())

@@ -1,0 +1,169 @@
+"""The expert under test: both simulators, two horizons, published and own rules, on equal terms.
+
+Every variant starts from the same stored `test` starts, perturbed with the paper's standard
+deviations and with 1.5 times those, and takes the same pushes. What is measured is written down at
+once: a survey that is interrupted goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from surefoot.bench import bench_plan
+from surefoot.config import Config, to_json
+from surefoot.evaluation import evaluate
+from surefoot.files import write_atomic
+from surefoot.presets import published_rules
+from surefoot.push import push_recovery
+from surefoot.safety import Outcome
+from surefoot.starts import PACKAGED, load_starts
+
+SIMULATORS = ("mujoco", "bullet")
+HORIZONS = ((20, 10), (10, 5))
+"""Centroidal and kinematic nodes of 50 ms."""
+RULES: dict[str, Callable[[Config], Config]] = {
+    "published": published_rules,
+    "own": lambda config: config,
+}
+
+
+def survey(
+    config: Config, simulator: str | None, episodes: int, workers: int, path: Path | None
+) -> dict[str, Any]:
+    """Measure every variant of the expert.
+
+    Args:
+        config: what the variants have in common, and the own rules.
+        simulator: one of `SIMULATORS`; both without it.
+        episodes: starts of each set, 5 s each.
+        workers: processes.
+        path: file to write to after each measurement, and to go on with.
+
+    Returns:
+        ``cells``: for each variant ``simulator``, ``nodes``, ``rules``; ``plan_ms`` (see
+        `bench_plan`); for the starts and, after ``wide_``, for those with 1.5 times the deviations
+        ``episodes``, ``survived``, ``survived_interval`` (Wilson 95 %), ``stalls``, ``lost`` (ids),
+        ``invalid_plans``, ``mse`` (vx, vy, yaw rate, from 1 s on) and ``starts_hash``; ``push``
+        (see `push_recovery`). ``lost_by_all``: for each simulator and set the starts that every
+        variant loses.
+
+    Raises:
+        ValueError: the file holds a survey of another configuration.
+    """
+    record: dict[str, Any] = {"config": to_json(config), "episodes": episodes, "cells": []}
+    if path is not None and path.exists():
+        found = json.loads(path.read_text())
+        if any(found.get(key) != record[key] for key in ("config", "episodes")):
+            raise ValueError(f"{path} holds a survey of another configuration; name another file")
+        record = found
+
+    def keep(cell: dict[str, Any], **figures: Any) -> None:
+        cell.update(figures)
+        record["lost_by_all"] = lost_by_all(record["cells"])
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomic(path, json.dumps(record, indent=1, default=float).encode())
+
+    for name, nodes, rules in product(
+        SIMULATORS if simulator is None else (simulator,), HORIZONS, RULES
+    ):
+        variant = variant_of(config, name, nodes, rules, episodes)
+        which = {"simulator": name, "nodes": list(nodes), "rules": rules}
+        cell = next((c for c in record["cells"] if which.items() <= c.items()), None)
+        if cell is None:
+            cell = which
+            record["cells"].append(cell)
+        label = f"{name}, {nodes[0]}/{nodes[1]} nodes, {rules} rules"
+        if "plan_ms" not in cell:
+            keep(cell, plan_ms=bench_plan(variant)["plan_ms"])
+        for prefix, stored in zip(("", "wide_"), PACKAGED, strict=True):
+            if f"{prefix}survived" not in cell:
+                keep(cell, **survival(variant, stored, workers, label, prefix))
+                tqdm.write(f"{label}: {cell[prefix + 'survived']} of {episodes}, {stored}")
+        if "push" not in cell:
+            keep(cell, push=push_recovery(variant, None, workers, label))
+            tqdm.write(f"{label}: {cell['push']['mean_fitted_impulse']:.2f} Ns")
+    return record
+
+
+def variant_of(
+    config: Config, simulator: Any, nodes: tuple[int, int], rules: str, episodes: int
+) -> Config:
+    """One variant of the expert."""
+    expert = replace(
+        config.expert,
+        centroidal=replace(config.expert.centroidal, nodes=nodes[0]),
+        kinematic=replace(config.expert.kinematic, nodes=nodes[1]),
+    )
+    return RULES[rules](
+        replace(
+            config,
+            simulation=replace(config.simulation, backend=simulator),
+            expert=expert,
+            evaluation=replace(config.evaluation, episodes=episodes),
+        )
+    )
+
+
+def survival(config: Config, stored: str, workers: int, label: str, prefix: str) -> dict[str, Any]:
+    """The figures of one variant on one set of starts, their keys after ``prefix``."""
+    figures, summary = evaluate(config, None, "test", workers, label, stored=load_starts(stored))
+    lost = (summary.outcome == Outcome.FELL) | (summary.outcome == Outcome.DIVERGED)
+    named = {
+        "episodes": figures["episodes"],
+        "survived": int((~lost).sum()),
+        "stalls": figures["stalls"],
+        "lost": summary.start[lost].tolist(),
+        "invalid_plans": figures["invalid_plans"],
+        "mse": figures["settled_mse"],
+        "starts_hash": figures["starts_hash"],
+    }
+    return {f"{prefix}{key}": value for key, value in named.items()}
+
+
+def lost_by_all(cells: list[dict[str, Any]]) -> dict[str, list[int]]:
+    """Ids of the starts that every variant measured so far loses, for each simulator and set."""
+    result = {}
+    for simulator, (prefix, stored) in product(
+        SIMULATORS, zip(("", "wide_"), PACKAGED, strict=True)
+    ):
+        lost = [
+            set(cell[f"{prefix}lost"])
+            for cell in cells
+            if cell["simulator"] == simulator and f"{prefix}lost" in cell
+        ]
+        if lost:
+            result[f"{simulator} {stored}"] = sorted(set.intersection(*lost))
+    return result
+
+
+def table(record: dict[str, Any]) -> str:
+    """The survey as a Markdown table."""
+    head = (
+        "| simulator | nodes | rules | survived | survived, sigmas x 1.5 | RMS error vx, vy [m/s]"
+        " | push at 80 %, mean [Ns] (least, most) | plan [ms], p99 |"
+    )
+    rows = [head, "|---" * (head.count("|") - 1) + "|"]
+    for cell in record["cells"]:
+        errors = ", ".join(f"{np.sqrt(value):.3f}" for value in cell["mse"][:2])
+        push, plan = cell["push"]["fitted_impulse"], cell["plan_ms"]
+        columns = [
+            cell["simulator"],
+            "/".join(map(str, cell["nodes"])),
+            cell["rules"],
+            f"{cell['survived']} of {cell['episodes']}",
+            f"{cell['wide_survived']} of {cell['wide_episodes']}",
+            errors,
+            f"{np.mean(push):.2f} ({min(push):.2f}, {max(push):.2f})",
+            f"{plan['median']:.2f}, {plan['p99']:.2f}",
+        ]
+        rows.append("| " + " | ".join(columns) + " |")
+    return "\n".join(rows)
