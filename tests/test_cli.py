@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from robots import needs_pybullet
-from surefoot import cli
+from surefoot import cli, commands
 from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig, PolicyConfig
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.policy import Policy, PolicyNetwork, save
@@ -111,7 +111,7 @@ def test_sim_to_sim_leaves_the_runs_own_evaluation_alone(monkeypatch, run_folder
     other = json.loads((folder / "evaluation-test-bullet.json").read_text())
     assert other["simulator"] == "bullet"
     assert other["starts_hash"] == json.loads(written[0][1])["starts_hash"]
-    monkeypatch.setattr(cli, "film_episode", lambda *_: None)
+    monkeypatch.setattr(commands, "film_episode", lambda *_: None)
     file = tmp_path / "play.json"
     played = []
     for sim in ("mujoco", "bullet"):
@@ -201,7 +201,7 @@ def test_policies_that_do_not_fit_are_refused(monkeypatch, capsys, tmp_path, run
 def test_a_command_outside_the_training_warns(monkeypatch, tmp_path, run_folder):
     policy = tmp_path / "policy.safetensors"
     shutil.copy(run_folder / "policies/001.safetensors", policy)
-    monkeypatch.setattr(cli, "film_episode", lambda *_: None)
+    monkeypatch.setattr(commands, "film_episode", lambda *_: None)
     with pytest.warns(UserWarning, match="outside what the policy was trained on"):
         surefoot(monkeypatch, "play", policy, "--vx", 1.5, "--seconds", 0.1)
 
