@@ -76,6 +76,7 @@ class FakeSimulator:
         raise NotImplementedError
 
     def push(self, impulse, mask=None):
+        assert mask is not None
         self.pushes.append((self.ticks.max(), impulse.copy(), mask.copy()))
 
 

@@ -92,6 +92,7 @@ def test_every_direction_pushes_every_start():
     np.testing.assert_array_equal(job.starts.id, np.tile(starts.id, 2))
     np.testing.assert_array_equal(job.episode, np.arange(6))
     part = job[np.array([4])]
+    assert part.pushes is not None
     np.testing.assert_array_equal(part.pushes.impulse, job.pushes.impulse[[4]])
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from surefoot.config import Config, SafetyConfig, TrainingConfig
+from surefoot.config import Config, SafetyConfig
 from surefoot.dataset import Frames
 from surefoot.engine import PolicyOnly, rollout
 from surefoot.mpc.planner import Planner
