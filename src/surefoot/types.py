@@ -71,7 +71,8 @@ class MotionPlan:
         joint_position: ``(100, 12)`` reference joint angles [rad].
         joint_velocity: ``(100, 12)`` reference joint rates [rad/s].
         torque: ``(100, 12)`` feed-forward joint torques [Nm].
-        valid: False when the planner does not vouch for the arrays (not finite, not converged).
+        valid: False when the planner does not vouch for the arrays (not finite, not converged, not
+            to be followed by any robot).
     """
 
     joint_position: Array
