@@ -59,8 +59,8 @@ def instance(seed):
     return ContactPlan(active, position, dt, ~active), x0, reference
 
 
-def solve(contacts, x0, reference, config=CONFIG):
-    return solve_centroidal(contacts, x0, reference, MASS, FRICTION, config)
+def solve(contacts, x0, reference, config=CONFIG, guess=None):
+    return solve_centroidal(contacts, x0, reference, MASS, FRICTION, config, guess)
 
 
 def violation(X, F, contacts, x0):
@@ -138,8 +138,9 @@ def ipopt():
     return solution
 
 
+@pytest.mark.parametrize("start", ["cold", "the plan of another instance"])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_cost_is_that_of_the_true_optimum(seed, ipopt):
+def test_cost_is_that_of_the_true_optimum(seed, start, ipopt):
     """The plan's states violate the dynamics a little, so its own cost may lie below the optimum.
 
     The honest number is the cost of what the forces do: states integrated from them without any
@@ -148,7 +149,8 @@ def test_cost_is_that_of_the_true_optimum(seed, ipopt):
     are compared too.
     """
     contacts, x0, reference = instance(seed)
-    plan = solve(contacts, x0, reference)
+    guess = None if start == "cold" else solve(*instance(seed + 1))
+    plan = solve(contacts, x0, reference, guess=guess)
     best_states, best_forces = ipopt(contacts, x0, reference)
     best = cost(best_states, best_forces, reference)
     F = plan.forces / MASS
@@ -177,6 +179,25 @@ def test_instances_reach_the_cone():
         ratio = np.hypot(F[..., 0], F[..., 1]) / np.maximum(F[..., 2], 1e-3)
         saturated += np.any(ratio > FRICTION - 1e-6)
     assert 4 <= saturated < len(SEEDS)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_its_own_plan_is_a_guess_that_needs_one_iteration(seed):
+    plan = solve(*instance(seed))
+    again = solve(*instance(seed), guess=plan)
+    assert again.iterations == 1
+    assert again.residual < plan.residual
+    np.testing.assert_allclose(again.forces / MASS, plan.forces / MASS, atol=0.02)
+
+
+@pytest.mark.parametrize("spoil", [np.nan, 1e4])
+def test_a_guess_that_leads_nowhere_is_followed_by_a_cold_start(spoil):
+    cold = solve(*instance(0))
+    guess = replace(cold, dual=cold.dual + spoil)
+    plan = solve(*instance(0), guess=guess)
+    assert np.array_equal(plan.forces, cold.forces)
+    assert np.array_equal(states(plan), states(cold))
+    assert plan.iterations > cold.iterations
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -85,6 +85,28 @@ def test_default_iterations_are_enough_on_nominal_states():
     assert np.median(excess) < 2e-3
 
 
+def test_a_guess_does_no_harm_and_a_good_one_saves_iterations():
+    """A wrong guess: another instance's motion. A good one: the solution's; kept where it helps."""
+    subject, once = solver(), solver(max_iterations=1)
+    lower = 0
+    for i in range(COUNT):
+        problem, other = known_problem(i), known_problem((i + 7) % COUNT)
+        solution = subject.solve(problem)
+        wrong = subject.solve(problem, subject.solve(other).q)
+        assert wrong.cost < 1.2 * solution.cost
+        lower += once.solve(problem, solution.q).cost < once.solve(problem).cost
+    assert lower > 0.8 * COUNT
+
+
+@pytest.mark.parametrize("spoil", [np.nan, np.inf, 1e6])
+def test_a_guess_that_costs_more_than_the_cold_start_is_not_taken(spoil):
+    problem = known_problem(0)
+    cold = solver().solve(problem)
+    guess = cold.q.copy()
+    guess[4, 9] = spoil
+    assert np.array_equal(solver().solve(problem, guess).acceleration, cold.acceleration)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_gradient_matches_central_differences(seed):
     subject, problem = solver(), random_problem(seed)

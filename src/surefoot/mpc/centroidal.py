@@ -41,6 +41,8 @@ class CentroidalPlan:
         com_velocity: ``(N+1, 3)`` its velocity [m/s].
         angular_momentum: ``(N+1, 3)`` about the centre of mass [kg m^2/s].
         forces: ``(N, 4, 3)`` on the feet, constant over a node; exactly 0 for a swing foot [N].
+        dual: ``(N+1, 9)`` scaled dual of the dynamics, the last row that of the start; with the
+            states, all that a warm start needs.
         residual: 2-norm of the violation of dynamics and start, per mass; ``inf`` on failure.
         iterations: ADMM iterations done.
     """
@@ -49,6 +51,7 @@ class CentroidalPlan:
     com_velocity: Array
     angular_momentum: Array
     forces: Array
+    dual: Array
     residual: float
     iterations: int
 
@@ -72,8 +75,9 @@ def solve_centroidal(
     mass: float,
     friction: float,
     config: CentroidalConfig,
+    guess: CentroidalPlan | None = None,
 ) -> CentroidalPlan:
-    """Optimal forces and centroidal motion for given contacts, from a cold start.
+    """Optimal forces and centroidal motion for given contacts.
 
     The same input gives the same bits, whatever was solved before. The published method also boxes
     the centre of mass around the feet; in a trot that is almost never active, and is left out.
@@ -85,6 +89,8 @@ def solve_centroidal(
         mass: of the robot [kg].
         friction: coefficient mu of the cone |f_xy| <= mu f_z.
         config: weights (on the forces: positive), penalty and stopping rule.
+        guess: plan of N nodes whose states (but the first) and dual to start from; where that does
+            not lead to the tolerance, and without one, the start is cold: at rest in ``x0``.
 
     Returns:
         The plan. If input is not finite: residual ``inf``, zero forces, the state held at ``x0``.
@@ -107,17 +113,27 @@ def solve_centroidal(
         float(friction),
         *(np.array(array, np.float64, order="C") for array in arrays),
     )
-    X, F = np.tile(problem.x0, (nodes + 1, 1)), np.zeros((nodes, 4, 3))
-    residual, iterations = _admm(X, F, problem, w.max_iterations, w.tolerance)
+    F, residual, iterations = np.zeros((nodes, 4, 3)), np.inf, 0
+    if guess is not None:
+        X = np.hstack((guess.com, guess.com_velocity, guess.angular_momentum / mass))
+        X[0], P = problem.x0, guess.dual.copy()
+        residual, iterations = _admm(X, P, F, problem, w.max_iterations, w.tolerance)
+    if not residual < w.tolerance:
+        X, P = np.tile(problem.x0, (nodes + 1, 1)), np.zeros((nodes + 1, 9))
+        residual, more = _admm(X, P, F, problem, w.max_iterations, w.tolerance)
+        iterations += more
     if not (np.isfinite(residual) and np.isfinite(mass)):
-        X[:], F[:], mass, residual = x0, 0.0, 1.0, np.inf
-    return CentroidalPlan(X[:, 0:3], X[:, 3:6], mass * X[:, 6:9], mass * F, residual, iterations)
+        X[:], P[:], F[:], mass, residual = x0, 0.0, 0.0, 1.0, np.inf
+    com, velocity, momentum = np.split(X, 3, axis=1)
+    return CentroidalPlan(com, velocity, mass * momentum, mass * F, P, residual, iterations)
 
 
 @njit(cache=True, error_model="numpy")
-def _admm(X: Array, F: Array, problem: _Problem, most: int, tolerance: float) -> tuple[float, int]:
+def _admm(
+    X: Array, P: Array, F: Array, problem: _Problem, most: int, tolerance: float
+) -> tuple[float, int]:
     """Alternates force and state step from X on; P is the scaled dual of the dynamics."""
-    P, wrench, residual, iteration = np.zeros(X.shape), np.zeros((len(F), 6)), np.inf, 0
+    wrench, residual, iteration = np.zeros((len(F), 6)), np.inf, 0
     while iteration < most and residual >= tolerance:
         iteration += 1
         _force_step(F, wrench, X, P, problem)

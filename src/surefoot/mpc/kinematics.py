@@ -102,7 +102,7 @@ class _Residuals(NamedTuple):
 
 
 class KinematicSolver:
-    """Solves kinematic problems of one robot, each from a cold start.
+    """Solves kinematic problems of one robot.
 
     Args:
         robot: its model.
@@ -132,14 +132,24 @@ class KinematicSolver:
             ]
         )
 
-    def solve(self, problem: KinematicProblem) -> KinematicPlan:
+    def solve(self, problem: KinematicProblem, guess: Array | None = None) -> KinematicPlan:
         """Minimise by Gauss-Newton; every iterate satisfies the dynamics.
 
         Input that is not finite comes back as a plan whose cost is not finite.
+
+        Args:
+            problem: the instance.
+            guess: ``(N+1, 19)`` configurations whose postures to start from, where that costs less
+                than the cold start from the regularised ones.
         """
         config, p = self._config, self._prepare(problem)
-        q, v, u = _first_guess(np.array(problem.q0), np.array(problem.v0), p)
+        q, v, u = _first_guess(np.array(problem.q0), np.array(problem.v0), p.q_ref, p.dt)
         cost, residuals = self._evaluate(p, q, v, u)
+        if guess is not None:
+            warm = _first_guess(q[0], v[0], guess, p.dt)
+            warm_cost, warm_residuals = self._evaluate(p, *warm)
+            if warm_cost < cost:
+                (q, v, u), cost, residuals = warm, warm_cost, warm_residuals
         damping, iteration = LEAST_DAMPING, 0
         while iteration < config.max_iterations and np.isfinite(cost):
             iteration += 1
@@ -234,20 +244,20 @@ def simulate(q0: Array, v0: Array, u: Array, dt: Array) -> tuple[Array, Array]:
 
 
 @njit(cache=True, error_model="numpy")
-def _first_guess(q0: Array, v0: Array, p: _Problem) -> tuple[Array, Array, Array]:
-    """A motion that takes the regularised posture in its first node.
+def _first_guess(q0: Array, v0: Array, posture: Array, dt: Array) -> tuple[Array, Array, Array]:
+    """A motion that takes the posture of ``posture (N+1, 19)`` in its first node and keeps to it.
 
-    Not one at constant velocity: half a second of a swinging leg's rate turns its knee inside out,
-    and Gauss-Newton stays in that local minimum.
+    The base goes on at its velocity. The joints do not: half a second of a swinging leg's rate
+    turns its knee inside out, and Gauss-Newton stays in that local minimum.
     """
-    N = len(p.dt)
+    N = len(dt)
     q, v, u = np.empty((N + 1, NV + 1)), np.empty((N + 1, NV)), np.empty((N, NV))
     q[0], v[0] = q0, v0
     for t in range(N):
-        v[t + 1] = difference(q[t], p.q_ref[t + 1]) / p.dt[t]
+        v[t + 1] = difference(q[t], posture[t + 1]) / dt[t]
         v[t + 1, :3] = v[0, :3]
-        u[t] = (v[t + 1] - v[t]) / p.dt[t]
-        q[t + 1] = integrate(q[t], p.dt[t] * v[t + 1])
+        u[t] = (v[t + 1] - v[t]) / dt[t]
+        q[t + 1] = integrate(q[t], dt[t] * v[t + 1])
     return q, v, u
 
 

@@ -2,13 +2,14 @@
 
 `Planner.plan` is a pure function of (state, tick, command): every stage starts cold, so the same
 input gives the same bits whatever was solved before. It plans in the heading frame, with the origin
-below the base, so a plan depends on neither x, y nor yaw; yaw rate is regulated, yaw is not. The
-stages are public and can be called alone. Next: `expert`.
+below the base, so a plan depends on neither x, y nor yaw; yaw rate is regulated, yaw is not. For
+real-time use `Planner.solve` can start from an earlier plan; never for data, where the bits would
+depend on it. The stages are public and can be called alone. Next: `expert`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -18,7 +19,7 @@ from numba import njit
 from surefoot.config import ExpertConfig, Gait
 from surefoot.mpc.centroidal import CentroidalPlan, solve_centroidal
 from surefoot.mpc.footholds import ContactPlan, hip_offsets, plan_contacts, travelled, turned
-from surefoot.mpc.gait import GRID
+from surefoot.mpc.gait import GRID, node_ticks
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
 from surefoot.rigid import feet, legs_of
 from surefoot.robot import RobotModel
@@ -42,6 +43,7 @@ class PlanStages:
     """Everything between state and torque, for those who want to look inside.
 
     Attributes:
+        tick: gait clock the plan was asked for at [ms].
         contacts: over the centroidal horizon, heading frame below the base.
         centroidal: centre of mass, momentum and forces.
         kinematic: whole-body motion at the nodes.
@@ -49,6 +51,7 @@ class PlanStages:
         seconds: wall time of each stage; the only field that differs between equal plans.
     """
 
+    tick: int
     contacts: ContactPlan
     centroidal: CentroidalPlan
     kinematic: KinematicPlan
@@ -99,8 +102,18 @@ class Planner:
         with np.errstate(all="ignore"):  # what is not finite shows in `valid`
             return self.solve(state, tick, command).motion
 
-    def solve(self, state: State, tick: int, command: Command) -> PlanStages:
-        """All stages of one plan."""
+    def solve(
+        self, state: State, tick: int, command: Command, previous: PlanStages | None = None
+    ) -> PlanStages:
+        """All stages of one plan.
+
+        Args:
+            state: of one robot, in any heading.
+            tick: gait clock [ms].
+            command: in the heading frame.
+            previous: a plan to start from, for real-time use; the result then agrees with the cold
+                one within the solvers' tolerances. See `warm_start`.
+        """
         clock = [perf_counter()]
         q, v = to_heading_frame(state.q), state.v
         velocity = Command(*np.multiply(self._config.command_gain, command))
@@ -118,18 +131,54 @@ class Planner:
         )
         clock.append(perf_counter())
         reference = self.centroidal_reference(q, x0, contacts, velocity)
+        guess, postures = self.warm_start(previous, tick, x0)
         centroidal = solve_centroidal(
-            contacts, x0, reference, self._mass, self._friction, self._config.centroidal
+            contacts, x0, reference, self._mass, self._friction, self._config.centroidal, guess
         )
         clock.append(perf_counter())
         problem = self.kinematic_problem(q, v, contacts, centroidal, velocity)
-        kinematic = self._kinematics.solve(problem)
+        kinematic = self._kinematics.solve(problem, postures)
         clock.append(perf_counter())
         motion = self.to_ticks(contacts, centroidal, kinematic)
         clock.append(perf_counter())
         stages = ("contacts", "centroidal", "kinematics", "inverse_dynamics")
         seconds: dict[str, float] = dict(zip(stages, np.diff(clock).tolist(), strict=True))
-        return PlanStages(contacts, centroidal, kinematic, motion, seconds)
+        return PlanStages(tick, contacts, centroidal, kinematic, motion, seconds)
+
+    def warm_start(
+        self, previous: PlanStages | None, tick: int, x0: Array
+    ) -> tuple[CentroidalPlan | None, Array | None]:
+        """First guesses of both solvers for a plan at ``tick``: the rows of an earlier plan.
+
+        The nodes of both plans lie on one grid but for the first, where the state is measured; so
+        nothing is interpolated. Beyond the old horizon its last row is repeated. The centre of mass
+        is moved to the measured one; the little that the heading has turned is neglected.
+
+        Returns:
+            Centroidal plan, and ``(kinematic nodes + 1, 19)`` configurations; None, a cold start,
+            if the earlier plan is not valid, has other nodes or none of its ticks is this one.
+        """
+        N, M = self._config.centroidal.nodes, self._config.kinematic.nodes
+        if (
+            previous is None
+            or not previous.motion.valid
+            or not 0 <= tick - previous.tick < PLAN_TICKS
+            or (len(previous.contacts.dt), len(previous.kinematic.acceleration)) != (N, M)
+        ):
+            return None, None
+        old, new = node_ticks(previous.tick, N), node_ticks(tick, N)
+        row = np.minimum(np.searchsorted(old, new, side="right") - 1, N)
+        plan = previous.centroidal
+        com = plan.com[row]
+        com[:, :2] += x0[:2] - com[0, :2]
+        guess = replace(
+            plan,
+            com=com,
+            com_velocity=plan.com_velocity[row],
+            angular_momentum=plan.angular_momentum[row],
+            dual=plan.dual[np.append(np.minimum(row[:-1], N - 1), N)],
+        )
+        return guess, previous.kinematic.q[np.minimum(row[: M + 1], M)]
 
     def measure(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Centroidal state ``(9,)`` (com, its velocity, momentum / mass) and feet ``(4, 3)``."""
