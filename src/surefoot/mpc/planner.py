@@ -32,7 +32,7 @@ LAST_NODE = 3
 MOST_TORQUE = 10.0
 """Times the motor limit that a valid plan may ask for. What no motor gives, no robot follows; but a
 plan that will be clipped can still save a robot that has no other. Measured: 1.7 times at starts
-perturbed 1.5 times as much as the paper's, 3.4 after pushes of 5 Ns, which every second survives.
+perturbed 1.5 times as much as the paper's; 3.4 after pushes of 5 Ns, half of which end in a fall.
 """
 FARTHEST_JOINT = 2.0 * np.pi
 """[rad] from the nominal angle in a valid plan: beyond a turn a leg would have to unwind."""
