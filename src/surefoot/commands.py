@@ -283,12 +283,11 @@ class Bench(OnSimulator):
             print(table(record))
             return 0
 
-        measure = {
-            "plan": bench.bench_plan,
-            "engine": bench.bench_engine,
-            "train": bench.bench_train,
-        }[self.what]
-        show(measure(self.simulated(self.config)), self.json)
+        measure = getattr(bench, f"bench_{self.what}")
+        figures = measure(self.simulated(self.config))
+        if self.what == "plan":
+            print(bench.plan_table(figures))
+        show(figures, self.json)
         return 0
 
 
