@@ -1,63 +1,146 @@
 """Speed, each beside what it could be at best, measured in the same run on one core.
 
-A plan by stage; the engine beside bare physics plus bare matrix products; a training step beside
-its matrix products. Figures of one machine and moment: trust the ratios.
+A plan by stage, cold and warm; the engine beside bare physics plus bare matrix products; a training
+step beside its matrix products. Figures of one machine and moment: trust the ratios.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
 
-from surefoot.config import Config, SafetyConfig
+from surefoot.config import Config, ExpertConfig, SafetyConfig
 from surefoot.dataset import Frames
 from surefoot.engine import PolicyOnly, rollout
-from surefoot.mpc.planner import Planner
+from surefoot.mpc.gait import GRID
+from surefoot.mpc.planner import LAST_NODE, Planner, PlanStages
 from surefoot.observation import INPUT_SIZE
 from surefoot.policy import Policy, PolicyNetwork
-from surefoot.robot import RobotModel, solo12
+from surefoot.robot import solo12
 from surefoot.safety import Outcome
-from surefoot.sim import make_simulator
+from surefoot.sim import Simulator, make_simulator
 from surefoot.starts import load_starts
 from surefoot.train import fit
-from surefoot.types import TICKS_PER_SECOND, Command, State, to_ticks
+from surefoot.types import (
+    TICKS_PER_SECOND,
+    Array,
+    Command,
+    IntArray,
+    MotionPlan,
+    State,
+    to_ticks,
+)
+
+WARM_INTERVALS = 4
+"""Grid intervals, from a perturbed start on, after each of which warm plans are timed."""
 
 
 def bench_plan(config: Config, plans: int = 300) -> dict[str, Any]:
-    """Time of cold-started plans from `test` starts, one core.
+    """Time of plans from `test` starts, one core: over the horizon and half of it, cold and warm.
+
+    The robots follow their plans in the simulator for `WARM_INTERVALS` grid intervals; the warm
+    plans are the replans on the way, each from the plan before.
 
     Returns:
-        ``plan_ms``: ``median``, ``p99`` and ``stages`` (median of each) [ms]; ``plans``.
+        ``plan_ms`` (cold), ``warm_plan_ms``, and both again of half the horizon, as
+        ``half_plan_ms`` and ``half_warm_plan_ms``: each ``median``, ``p99`` and ``stages`` (median
+        of each) [ms]; ``iterations`` and so on: mean of ADMM's; ``nodes``, ``half_nodes``:
+        centroidal and kinematic; ``plans``.
     """
     robot = solo12(config.robot)
-    planner = Planner(robot, config.gait, config.expert, config.simulation.friction)
     starts = load_starts()["test"][:plans]
-    states = _states(robot, starts.q, starts.v)
-    total, stages = [], []
-    for warm_up in (True, False):
-        for row in range(min(10, len(starts)) if warm_up else len(starts)):
-            began = time.perf_counter()
-            plan = planner.solve(states[row], int(starts.tick[row]), Command(*starts.command[row]))
-            if not warm_up:
-                total.append(1e3 * (time.perf_counter() - began))
-                stages.append(plan.seconds)
-    return {
-        "plans": len(total),
-        "nodes": [config.expert.centroidal.nodes, config.expert.kinematic.nodes],
-        "plan_ms": {
-            "median": float(np.median(total)),
-            "p99": float(np.percentile(total, 99)),
-            "stages": {
-                stage: 1e3 * float(np.median([record[stage] for record in stages]))
-                for stage in stages[0]
-            },
-        },
-    }
+    figures: dict[str, Any] = {"plans": len(starts)}
+    for prefix, expert in (("", config.expert), ("half_", _half_horizon(config.expert))):
+        planner = Planner(robot, config.gait, expert, config.simulation.friction)
+        simulator = make_simulator(robot, len(starts), config.simulation)
+        simulator.reset(starts.q, starts.v)
+        cold = latest = _plan_each(planner, simulator.state, starts.tick, starts.command)
+        warm = []
+        for interval in range(1, WARM_INTERVALS + 1):
+            earlier = [stages for _, stages in latest]
+            _follow(simulator, expert, [stages.motion for stages in earlier])
+            tick = starts.tick + interval * GRID
+            latest = _plan_each(planner, simulator.state, tick, starts.command, earlier)
+            warm += latest
+        figures[prefix + "nodes"] = [expert.centroidal.nodes, expert.kinematic.nodes]
+        for name, timed in (("", cold), ("warm_", warm)):
+            ms = np.array([seconds for seconds, _ in timed]) * 1e3
+            stages = {
+                stage: 1e3 * float(np.median([plan.seconds[stage] for _, plan in timed]))
+                for stage in timed[0][1].seconds
+            }
+            iterations = [plan.centroidal.iterations for _, plan in timed]
+            figures[f"{prefix}{name}plan_ms"] = {
+                "median": float(np.median(ms)),
+                "p99": float(np.percentile(ms, 99)),
+                "stages": stages,
+            }
+            figures[f"{prefix}{name}iterations"] = float(np.mean(iterations))
+    return figures
+
+
+def plan_table(figures: dict[str, Any]) -> str:
+    """The figures of `bench_plan` as a table."""
+    stages = list(figures["plan_ms"]["stages"])
+    columns = "".join(f"{stage:>18}" for stage in stages)
+    lines = [f"{'nodes':<7}{'start':<6}{'median':>8}{'p99':>8}{columns}{'ADMM':>7}   [ms]"]
+    for prefix in ("", "half_"):
+        nodes = "/".join(map(str, figures[prefix + "nodes"]))
+        for start, name in (("cold", prefix), ("warm", prefix + "warm_")):
+            times = figures[name + "plan_ms"]
+            row = "".join(f"{times['stages'][stage]:>18.2f}" for stage in stages)
+            lines.append(
+                f"{nodes:<7}{start:<6}{times['median']:>8.2f}{times['p99']:>8.2f}{row}"
+                f"{figures[name + 'iterations']:>7.1f}"
+            )
+    return "\n".join(lines)
+
+
+def _half_horizon(expert: ExpertConfig) -> ExpertConfig:
+    """Half the nodes, but no fewer than a plan needs."""
+    kinematic = max(LAST_NODE + 1, expert.kinematic.nodes // 2)
+    centroidal = max(kinematic, expert.centroidal.nodes // 2)
+    return replace(
+        expert,
+        centroidal=replace(expert.centroidal, nodes=centroidal),
+        kinematic=replace(expert.kinematic, nodes=kinematic),
+    )
+
+
+def _plan_each(
+    planner: Planner,
+    state: State,
+    tick: IntArray,
+    command: Array,
+    earlier: Sequence[PlanStages | None] = (),
+) -> list[tuple[float, PlanStages]]:
+    """Time [s] and stages of a plan for each robot, after a few that warm up."""
+    earlier = earlier or [None] * len(tick)
+
+    def plan(row: int) -> tuple[float, PlanStages]:
+        began = time.perf_counter()
+        clock, wish = int(tick[row]), Command(*command[row])
+        stages = planner.solve(state[row], clock, wish, earlier[row])
+        return time.perf_counter() - began, stages
+
+    for row in range(min(10, len(tick))):
+        plan(row)
+    return [plan(row) for row in range(len(tick))]
+
+
+def _follow(simulator: Simulator, expert: ExpertConfig, plans: list[MotionPlan]) -> None:
+    """Robots follow their plans for one grid interval."""
+    reference = np.array([[p.torque, p.joint_position, p.joint_velocity] for p in plans])
+    for row in range(GRID):
+        state = simulator.state
+        torque, q, v = np.moveaxis(reference[:, :, row], 1, 0)
+        torque = torque + expert.kp * (q - state.q[:, 7:]) + expert.kd * (v - state.v[:, 6:])
+        simulator.step(torque)
 
 
 def bench_engine(config: Config, batch: int = 20, seconds: float = 2.0) -> dict[str, Any]:
@@ -171,13 +254,6 @@ def _seconds(function: Callable[[], None], repeats: int) -> float:
         function()
         times.append(time.perf_counter() - began)
     return float(np.median(times))
-
-
-def _states(robot: RobotModel, q: np.ndarray, v: np.ndarray) -> State:
-    """Measured states of n robots."""
-    simulator = make_simulator(robot, len(q))
-    simulator.reset(q, v)
-    return simulator.state
 
 
 def _random_frames(n: int) -> Frames:

@@ -256,10 +256,11 @@ class Play(OnSimulator):
 class Bench(OnSimulator):
     """Measure speed on one core, beside its floor; or what the expert survives.
 
-    JSON: plan: plan_ms (median, p99, stages) [ms], plans, nodes; engine: robot_ms_per_s,
-    floor_robot_ms_per_s, ratio, batch; train: step_ms, floor_step_ms, ratio, batch; expert: one
-    object of `surefoot.survey` for each simulator, horizon and set of rules, under `cells`, and
-    the starts that all of them lose, under `lost_by_all`.
+    JSON: plan: plan_ms (median, p99, stages) [ms], iterations (mean of ADMM's), nodes, plans; the
+    same of warm plans, warm_plan_ms and so on, and of half the horizon, half_plan_ms and
+    half_warm_plan_ms; engine: robot_ms_per_s, floor_robot_ms_per_s, ratio, batch; train: step_ms,
+    floor_step_ms, ratio, batch; expert: one object of `surefoot.survey` for each simulator,
+    horizon and set of rules, under `cells`, and the starts that all lose, under `lost_by_all`.
     """
 
     what: Annotated[Literal["plan", "engine", "train", "expert"], tyro.conf.Positional]
@@ -283,12 +284,11 @@ class Bench(OnSimulator):
             print(table(record))
             return 0
 
-        measure = {
-            "plan": bench.bench_plan,
-            "engine": bench.bench_engine,
-            "train": bench.bench_train,
-        }[self.what]
-        show(measure(self.simulated(self.config)), self.json)
+        measure = getattr(bench, f"bench_{self.what}")
+        figures = measure(self.simulated(self.config))
+        if self.what == "plan":
+            print(bench.plan_table(figures))
+        show(figures, self.json)
         return 0
 
 
