@@ -297,7 +297,7 @@ def test_wrong_shapes_are_named():
 
 def problem(seed):
     contacts, x0, reference = instance(seed)
-    rho = CONFIG.rho * np.array(centroidal.PENALTY)
+    rho = CONFIG.rho * np.repeat(centroidal.PENALTY, 3)
     return contacts, centroidal._Problem(
         contacts.active,
         FRICTION,

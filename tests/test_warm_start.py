@@ -48,7 +48,8 @@ def test_warm_plans_of_a_trot_need_fewer_admm_iterations(trot):
     warm = [stages for _, _, _, stages in trot]
     pairs = zip(cold, warm, strict=True)
     fewer = [c.centroidal.iterations - w.centroidal.iterations for c, w in pairs]
-    assert np.mean(fewer) > 1.5  # 2.4 measured, of 12
+    assert np.mean(fewer) > 3.0  # 4.5 measured, of 17
+    assert np.min(fewer) >= 0
 
 
 def test_warm_plans_of_a_trot_agree_with_cold_ones(trot):
@@ -57,9 +58,7 @@ def test_warm_plans_of_a_trot_agree_with_cold_ones(trot):
         cold = PLANNER.solve(state, tick, FORWARD)
         assert warm.motion.valid
         assert warm.centroidal.residual < TOLERANCE
-        forces = warm.centroidal.forces - cold.centroidal.forces
-        assert np.abs(forces).max() < 0.5  # [N]; the robot weighs 25
-        assert np.abs(forces[:3]).max() < 0.2
+        np.testing.assert_allclose(warm.centroidal.forces, cold.centroidal.forces, atol=0.2)
         # Where the robot will be in y after a second hardly matters to the objective; here it does.
         np.testing.assert_allclose(warm.centroidal.com[:4], cold.centroidal.com[:4], atol=5e-4)
         torque.append(np.abs(warm.motion.torque - cold.motion.torque).max())
@@ -90,7 +89,8 @@ def test_off_the_grid_plans_agree_too(trot, later):
         cold = PLANNER.solve(state, clock, FORWARD)
         warm = PLANNER.solve(state, clock, FORWARD, previous)
         assert warm.centroidal.residual < TOLERANCE
-        np.testing.assert_allclose(warm.centroidal.forces, cold.centroidal.forces, atol=0.5)
+        assert warm.centroidal.iterations <= cold.centroidal.iterations
+        np.testing.assert_allclose(warm.centroidal.forces, cold.centroidal.forces, atol=0.3)
         previous = cold
 
 
