@@ -13,11 +13,10 @@ from surefoot.config import (
     LocoSafeDaggerConfig,
     PolicyConfig,
     SafetyConfig,
-    from_json,
     method_name,
-    to_json,
     unknown,
 )
+from surefoot.config_json import from_json, to_json
 from surefoot.presets import preset
 
 

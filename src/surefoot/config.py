@@ -1,4 +1,4 @@
-"""Every number a run depends on, as frozen dataclasses with units and sources; to and from JSON.
+"""Every number a run depends on, as frozen dataclasses with units and sources.
 
 "Paper" is *Safe Learning of Locomotion Skills from MPC* (Pua and Khadiv); "BiConMP" is Meduri et
 al., T-RO 2023, and its public trot for Solo12. Durations are in seconds here, and in ticks of 1 ms
@@ -7,11 +7,10 @@ everywhere else. The command line, its help and the saved JSON all come from the
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
-from dataclasses import MISSING, asdict, dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -346,71 +345,3 @@ def unknown(what: str, given: str, allowed: Iterable[str]) -> str:
 def method_name(config: Config) -> str:
     """The key in `METHODS` of the configured method."""
     return next(name for name, kind in METHODS.items() if type(config.method) is kind)
-
-
-def to_json(config: Config) -> dict[str, Any]:
-    """The configuration as JSON values; `from_json` gives it back."""
-    record = json.loads(json.dumps(asdict(config)))
-    return {"method": {"name": method_name(config), **record.pop("method")}, **record}
-
-
-def from_json(record: dict[str, Any]) -> Config:
-    """The configuration of a JSON record; what is absent keeps its default.
-
-    Raises:
-        ValueError: an unknown key or method, or a value of the wrong type.
-    """
-    record = {"method": {"name": "loco_safe_dagger"}, **_mapping(record, "the configuration")}
-    method = dict(_mapping(record.pop("method"), "method"))
-    name = str(method.pop("name", None))
-    if name not in METHODS:
-        raise ValueError(unknown("method", name, METHODS))
-    return replace(_fill(Config, record, ""), method=_fill(METHODS[name], method, "method."))
-
-
-def _fill(kind: type, record: dict[str, Any], path: str) -> Any:
-    """An instance of a config class from JSON values, checked key by key and type by type."""
-    hints = get_type_hints(kind)
-    values = {}
-    for key, value in record.items():
-        if key not in hints:
-            raise ValueError(unknown("option", path + key, (path + name for name in hints)))
-        hint = hints[key]
-        if isinstance(hint, type) and is_dataclass(hint):
-            values[key] = _fill(hint, _mapping(value, path + key), f"{path}{key}.")
-        else:
-            values[key] = _value(hint, value, path + key)
-    required = {f.name for f in fields(kind) if f.default is f.default_factory is MISSING}
-    if missing := sorted(required - values.keys()):
-        raise ValueError(f"{path[:-1]} lacks {', '.join(missing)}")
-    return kind(**values)
-
-
-def _mapping(value: Any, path: str) -> dict[str, Any]:
-    """The value itself, if it has keys."""
-    if not isinstance(value, dict):
-        raise ValueError(f"{path} is {value!r}, expected an object with keys")
-    return value
-
-
-def _value(hint: Any, value: Any, path: str) -> Any:
-    """A JSON value as the type of its field: a scalar, or a tuple of them."""
-    if get_origin(hint) is tuple:
-        kinds = get_args(hint)
-        if not isinstance(value, list | tuple):
-            raise ValueError(f"{path} is {value!r}, expected a list")
-        if kinds[-1] is Ellipsis:
-            kinds = kinds[:1] * len(value)
-        if len(value) != len(kinds):
-            raise ValueError(f"{path} is {value!r}, expected {len(kinds)} numbers")
-        pairs = enumerate(zip(kinds, value, strict=True))
-        return tuple(_value(kind, item, f"{path}[{index}]") for index, (kind, item) in pairs)
-    if get_origin(hint) is Literal:
-        if value not in get_args(hint):
-            raise ValueError(unknown(path, str(value), get_args(hint)))
-        return value
-    if hint is float and type(value) is int:
-        return float(value)
-    if type(value) is not hint:
-        raise ValueError(f"{path} is {value!r}, expected {hint.__name__}")
-    return value

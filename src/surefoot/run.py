@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from surefoot.config import Backend, Config, from_json, to_json
+from surefoot.config import Backend, Config
+from surefoot.config_json import from_json, to_json
 from surefoot.dataset import Dataset
 from surefoot.files import write_atomic
 

@@ -18,7 +18,8 @@ import numpy as np
 from tqdm import tqdm
 
 from surefoot.bench import bench_plan
-from surefoot.config import Config, to_json
+from surefoot.config import Config
+from surefoot.config_json import to_json
 from surefoot.evaluation import evaluate
 from surefoot.files import write_atomic
 from surefoot.presets import published_rules
