@@ -538,3 +538,23 @@ def test_a_push_of_nothing_changes_no_bit():
     np.testing.assert_array_equal(plain.q, zero.q)
     np.testing.assert_array_equal(plain.torque, zero.torque)
     assert not np.array_equal(plain.q, pushed.q)
+
+
+@pytest.mark.parametrize(
+    ("impulse", "tick", "duration", "message"),
+    [
+        (np.zeros((1, 3)), np.zeros(2, int), 10, "impulse"),
+        (np.full((2, 3), np.nan), np.zeros(2, int), 10, "finite"),
+        (np.ones((2, 3)), np.zeros(2, int), 0, "at least 1 ms"),
+    ],
+)
+def test_pushes_that_make_no_sense(impulse, tick, duration, message):
+    with pytest.raises(ValueError, match=message):
+        Pushes(impulse, tick, duration)
+
+
+def test_as_many_pushes_as_robots():
+    pushes = Pushes(np.ones((3, 3)), np.zeros(3, int), 10)
+    expert = make_expert(ROBOT, CONFIG)
+    with pytest.raises(ValueError, match="3 pushes for 1 robots"):
+        rollout(FakeSimulator(1), ROBOT, starts_of([0]), 0.1, ExpertOnly(), expert, pushes=pushes)

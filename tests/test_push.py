@@ -18,17 +18,16 @@ CONFIG = Config()
 STORED = load_starts()
 
 
-def pretend(monkeypatch, limit, share=1.0):
-    """Robots that survive up to ``limit(angle)`` [Ns]; beyond it, only so many of them."""
+def pretend(monkeypatch, limit, unpushed=Outcome.SUCCESS):
+    """Robots that survive up to ``limit(angle)`` [Ns]."""
     rounds = []
 
     def run_episodes(job, workers, label):
-        outcome = np.full(len(job.episode), Outcome.SUCCESS)
+        outcome = np.full(len(job.episode), unpushed if job.pushes is None else Outcome.SUCCESS)
         if job.pushes is not None:
             x, y, _ = job.pushes.impulse.T
             strong = np.hypot(x, y) > limit(np.arctan2(y, x)) + 1e-9
-            dice = np.random.default_rng(0).random(len(strong)) < 1.0 - share
-            outcome[strong | dice] = Outcome.FELL
+            outcome[strong] = Outcome.FELL
         rounds.append(len(outcome))
         return SimpleNamespace(outcome=outcome), None
 
@@ -47,15 +46,18 @@ def test_search_finds_the_limit_of_every_direction(monkeypatch):
     )
     assert np.all(np.abs(np.array(figures["fitted_impulse"]) - limits) <= resolution)
     assert figures["mean_max_impulse"] == pytest.approx(np.mean(figures["max_impulse"]))
-    assert figures["unpushed_successes"] == figures["unpushed_episodes"] == 40
-    # Bisection: seven rounds for fifty levels, and the unpushed arm.
-    assert len(rounds) <= 8
+    assert figures["unpushed_successes"] == figures["episodes"] == 40
+    assert len(rounds) == 7  # bisection: six rounds for fifty levels, and the unpushed arm
 
 
 def test_limits_of_the_search(monkeypatch):
     pretend(monkeypatch, lambda angle: 0.0 * angle)
     figures = push_recovery(CONFIG, None, 1, "test")
     assert figures["max_impulse"] == [0.0] * 8
+    rounds = pretend(monkeypatch, lambda angle: 2.0 + 0.0 * angle, unpushed=Outcome.STALLED)
+    figures = push_recovery(CONFIG, None, 1, "test")
+    assert figures["max_impulse"] == figures["fitted_impulse"] == [0.0] * 8
+    assert len(rounds) == 1  # who fails unpushed is not pushed
     pretend(monkeypatch, lambda angle: 1e9 + 0.0 * angle)
     figures = push_recovery(CONFIG, None, 1, "test")
     strongest = CONFIG.push.levels * CONFIG.push.resolution

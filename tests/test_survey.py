@@ -47,11 +47,12 @@ def pretend(monkeypatch, stop_after=1000):
         count("push", config)
         return {"fitted_impulse": [1.0, 3.0], "mean_fitted_impulse": 2.0}
 
-    def bench_plan(config):
+    def cold_plans(config):
         count("plan", config)
-        return {"plan_ms": {"median": 2.0, "p99": 3.0, "stages": {}}}
+        stages = SimpleNamespace(seconds={"contacts": 1e-3, "kinematics": 2e-3})
+        return [(3e-3, stages), (4e-3, stages)]
 
-    for function in (evaluate, push_recovery, bench_plan):
+    for function in (evaluate, push_recovery, cold_plans):
         monkeypatch.setattr(survey_module, function.__name__, function)
     return calls
 
@@ -70,10 +71,8 @@ def test_every_variant_is_measured_on_equal_terms(monkeypatch, tmp_path):
     assert len(record["lost_by_all"]) == 4
     lines = table(record).splitlines()
     assert len(lines) == 10
-    assert (
-        "| mujoco | 20/10 | published | 1 of 3 | 1 of 3 | 0.100, 0.000 | 2.00 (1.00, 3.00) |"
-        in (lines[2])
-    )
+    assert lines[2].startswith("| mujoco | 20/10 | published | 1 of 3 (6.1 to 79.2 %) | 1 of 3 (")
+    assert lines[2].endswith("| 0.100, 0.000 | 2.00 (1.00, 3.00) | 3.50 (3.99): 1.00, 2.00 |")
 
 
 @pytest.mark.parametrize("stop", [0, 1, 6, 13])
@@ -96,9 +95,15 @@ def test_a_survey_of_another_configuration_is_not_mixed_in(monkeypatch, tmp_path
     survey(CONFIG, "mujoco", 3, 1, path)
     before = path.read_bytes()
     other = replace(CONFIG, expert=replace(CONFIG.expert, kp=4.0))
-    with pytest.raises(ValueError, match="another configuration; name another file"):
+    with pytest.raises(ValueError, match="other config; name another file"):
         survey(other, "mujoco", 3, 1, path)
     assert path.read_bytes() == before
+
+
+def test_an_unfinished_survey_has_a_table():
+    cell = {"simulator": "mujoco", "nodes": [20, 10], "rules": "own"}
+    row = table({"cells": [cell]}).splitlines()[-1]
+    assert row == "| mujoco | 20/10 | own | - | - | - | - | - |"
 
 
 def test_variants_differ_in_simulator_horizon_and_rules_only():

@@ -1,4 +1,4 @@
-"""Starting from an earlier plan: faster along a trot, the same plan, and no harm if it is wrong."""
+"""Starting from an earlier plan: fewer ADMM iterations, the same plan, no harm if it is wrong."""
 
 from dataclasses import replace
 

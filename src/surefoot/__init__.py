@@ -11,7 +11,7 @@ from typing import Any
 
 _HOME = {
     "config": ("Config",),
-    "presets": ("preset",),
+    "presets": ("preset", "published_rules"),
     "types": ("Command", "State", "MotionPlan", "Controller"),
     "robot": ("RobotModel", "solo12", "standing"),
     "mpc.planner": ("Planner",),
@@ -20,7 +20,15 @@ _HOME = {
     "starts": ("Starts", "load_starts"),
     "perturbation": ("perturb",),
     "safety": ("Outcome", "SafetyMonitor", "HandBack"),
-    "engine": ("rollout", "Rollout", "Arbiter", "ExpertOnly", "PolicyOnly", "SafetySwitch"),
+    "engine": (
+        "rollout",
+        "Rollout",
+        "Arbiter",
+        "ExpertOnly",
+        "PolicyOnly",
+        "SafetySwitch",
+        "Pushes",
+    ),
     "dataset": ("Dataset", "Frames"),
     "policy": ("Policy", "PolicyNetwork", "load", "save"),
     "train": ("fit",),
@@ -28,6 +36,7 @@ _HOME = {
     "methods.behavior_cloning": ("behavior_cloning",),
     "methods.loco_safe_dagger": ("loco_safe_dagger",),
     "evaluation": ("evaluate",),
+    "push": ("push_recovery",),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 

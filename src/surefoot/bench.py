@@ -7,7 +7,7 @@ step beside its matrix products. Figures of one machine and moment: trust the ra
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -16,72 +16,97 @@ import torch
 
 from surefoot.config import Config, ExpertConfig, SafetyConfig
 from surefoot.dataset import Frames
-from surefoot.engine import PolicyOnly, rollout
-from surefoot.mpc.gait import GRID
-from surefoot.mpc.planner import LAST_NODE, Planner, PlanStages
+from surefoot.engine import ExpertOnly, PolicyOnly, rollout
+from surefoot.mpc.expert import Expert, make_planner
+from surefoot.mpc.planner import LAST_NODE, PlanStages
 from surefoot.observation import INPUT_SIZE
 from surefoot.policy import Policy, PolicyNetwork
 from surefoot.robot import solo12
 from surefoot.safety import Outcome
-from surefoot.sim import Simulator, make_simulator
+from surefoot.sim import make_simulator
 from surefoot.starts import load_starts
 from surefoot.train import fit
-from surefoot.types import (
-    TICKS_PER_SECOND,
-    Array,
-    Command,
-    IntArray,
-    MotionPlan,
-    State,
-    to_ticks,
-)
+from surefoot.types import TICKS_PER_SECOND, Command, MotionPlan, State, to_ticks
 
-WARM_INTERVALS = 4
-"""Grid intervals, from a perturbed start on, after each of which warm plans are timed."""
+WARM_ROBOTS, WARM_SECONDS = 12, 0.5
+"""Warm plans are the replans of so many robots, each for so long from a perturbed start on."""
+
+Timed = list[tuple[float, PlanStages]]
+"""Wall time [s] and result of plans."""
 
 
 def bench_plan(config: Config, plans: int = 300) -> dict[str, Any]:
     """Time of plans from `test` starts, one core: over the horizon and half of it, cold and warm.
 
-    The robots follow their plans in the simulator for `WARM_INTERVALS` grid intervals; the warm
-    plans are the replans on the way, each from the plan before.
-
     Returns:
         ``plan_ms`` (cold), ``warm_plan_ms``, and both again of half the horizon, as
-        ``half_plan_ms`` and ``half_warm_plan_ms``: each ``median``, ``p99`` and ``stages`` (median
-        of each) [ms]; ``iterations`` and so on: mean of ADMM's; ``nodes``, ``half_nodes``:
-        centroidal and kinematic; ``plans``.
+        ``half_plan_ms`` and ``half_warm_plan_ms``: see `times_of`; ``iterations`` and so on: mean
+        of ADMM's; ``nodes``, ``half_nodes``: centroidal and kinematic; ``plans``.
     """
-    robot = solo12(config.robot)
-    starts = load_starts()["test"][:plans]
-    figures: dict[str, Any] = {"plans": len(starts)}
+    figures: dict[str, Any] = {"plans": len(load_starts()["test"][:plans])}
     for prefix, expert in (("", config.expert), ("half_", _half_horizon(config.expert))):
-        planner = Planner(robot, config.gait, expert, config.simulation.friction)
-        simulator = make_simulator(robot, len(starts), config.simulation)
-        simulator.reset(starts.q, starts.v)
-        cold = latest = _plan_each(planner, simulator.state, starts.tick, starts.command)
-        warm = []
-        for interval in range(1, WARM_INTERVALS + 1):
-            earlier = [stages for _, stages in latest]
-            _follow(simulator, expert, [stages.motion for stages in earlier])
-            tick = starts.tick + interval * GRID
-            latest = _plan_each(planner, simulator.state, tick, starts.command, earlier)
-            warm += latest
+        horizon = replace(config, expert=expert)
         figures[prefix + "nodes"] = [expert.centroidal.nodes, expert.kinematic.nodes]
-        for name, timed in (("", cold), ("warm_", warm)):
-            ms = np.array([seconds for seconds, _ in timed]) * 1e3
-            stages = {
-                stage: 1e3 * float(np.median([plan.seconds[stage] for _, plan in timed]))
-                for stage in timed[0][1].seconds
-            }
+        for name, timed in (("", cold_plans(horizon, plans)), ("warm_", warm_plans(horizon))):
             iterations = [plan.centroidal.iterations for _, plan in timed]
-            figures[f"{prefix}{name}plan_ms"] = {
-                "median": float(np.median(ms)),
-                "p99": float(np.percentile(ms, 99)),
-                "stages": stages,
-            }
+            figures[f"{prefix}{name}plan_ms"] = times_of(timed)
             figures[f"{prefix}{name}iterations"] = float(np.mean(iterations))
     return figures
+
+
+def cold_plans(config: Config, plans: int = 300) -> Timed:
+    """A plan for each of the first `test` starts, after a few that warm up the machine."""
+    planner = make_planner(solo12(config.robot), config)
+    starts = load_starts()["test"][:plans]
+    nothing = np.zeros((len(starts), 4, 3))  # a plan depends on q and v only
+    states = State(starts.q, starts.v, nothing[:, 0], nothing, nothing[..., 0] > 0)
+
+    def plan(row: int) -> tuple[float, PlanStages]:
+        began = time.perf_counter()
+        stages = planner.solve(states[row], int(starts.tick[row]), Command(*starts.command[row]))
+        return time.perf_counter() - began, stages
+
+    for row in range(min(10, len(starts))):
+        plan(row)
+    return [plan(row) for row in range(len(starts))]
+
+
+def warm_plans(config: Config) -> Timed:
+    """Replans of walking robots, each from the robot's plan before."""
+    robot = solo12(config.robot)
+    planner, starts = make_planner(robot, config), load_starts()["test"]
+    simulator = make_simulator(robot, 1, config.simulation)
+    timed: Timed = []
+    previous: PlanStages | None = None
+
+    def plan(state: State, tick: int, command: Command) -> MotionPlan:
+        nonlocal previous
+        began = time.perf_counter()
+        stages = planner.solve(state, tick, command, previous)
+        if previous is not None and previous.motion.valid:
+            timed.append((time.perf_counter() - began, stages))
+        previous = stages
+        return stages.motion
+
+    expert = Expert(plan, config.expert.kp, config.expert.kd)
+    for row in range(WARM_ROBOTS):
+        previous = None
+        rollout(simulator, robot, starts[row : row + 1], WARM_SECONDS, ExpertOnly(), expert)
+    return timed
+
+
+def times_of(timed: Timed) -> dict[str, Any]:
+    """``median``, ``p99`` and ``stages`` (median of each) of the wall time of plans [ms]."""
+    ms = np.array([seconds for seconds, _ in timed]) * 1e3
+    stages = timed[0][1].seconds
+    return {
+        "median": float(np.median(ms)),
+        "p99": float(np.percentile(ms, 99)),
+        "stages": {
+            stage: 1e3 * float(np.median([plan.seconds[stage] for _, plan in timed]))
+            for stage in stages
+        },
+    }
 
 
 def plan_table(figures: dict[str, Any]) -> str:
@@ -110,37 +135,6 @@ def _half_horizon(expert: ExpertConfig) -> ExpertConfig:
         centroidal=replace(expert.centroidal, nodes=centroidal),
         kinematic=replace(expert.kinematic, nodes=kinematic),
     )
-
-
-def _plan_each(
-    planner: Planner,
-    state: State,
-    tick: IntArray,
-    command: Array,
-    earlier: Sequence[PlanStages | None] = (),
-) -> list[tuple[float, PlanStages]]:
-    """Time [s] and stages of a plan for each robot, after a few that warm up."""
-    earlier = earlier or [None] * len(tick)
-
-    def plan(row: int) -> tuple[float, PlanStages]:
-        began = time.perf_counter()
-        clock, wish = int(tick[row]), Command(*command[row])
-        stages = planner.solve(state[row], clock, wish, earlier[row])
-        return time.perf_counter() - began, stages
-
-    for row in range(min(10, len(tick))):
-        plan(row)
-    return [plan(row) for row in range(len(tick))]
-
-
-def _follow(simulator: Simulator, expert: ExpertConfig, plans: list[MotionPlan]) -> None:
-    """Robots follow their plans for one grid interval."""
-    reference = np.array([[p.torque, p.joint_position, p.joint_velocity] for p in plans])
-    for row in range(GRID):
-        state = simulator.state
-        torque, q, v = np.moveaxis(reference[:, :, row], 1, 0)
-        torque = torque + expert.kp * (q - state.q[:, 7:]) + expert.kd * (v - state.v[:, 6:])
-        simulator.step(torque)
 
 
 def bench_engine(config: Config, batch: int = 20, seconds: float = 2.0) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import tyro
 from tqdm import tqdm
 
 from surefoot.config import Backend, Config
-from surefoot.files import write_atomic
+from surefoot.files import write_json
 from surefoot.types import TICKS_PER_SECOND, Command
 from surefoot.workers import default_workers
 
@@ -27,7 +27,8 @@ class OnSimulator:
     """A command whose robots walk on either simulator."""
 
     sim: Backend | None = None
-    """The simulator; that of the configuration without it."""
+    """The simulator; without it that of the configuration or of the run (doctor: mujoco; bench
+    expert: both)."""
 
     def simulated(self, config: Config) -> Config:
         """The configuration, with the simulator asked for."""
@@ -52,8 +53,8 @@ class Walk(OnSimulator):
     """The expert walks, from standing.
 
     JSON: fell, outcome; command, mean_velocity [vx m/s, vy m/s, yaw rate rad/s, heading frame, from
-    1 s on]; base_height, base_height_std [m, from 1 s on]; max_torque [Nm]; plans, invalid_plans;
-    seconds.
+    1 s on]; heading_drift [deg, from the heading commanded, at the end]; base_height,
+    base_height_std [m, from 1 s on]; max_torque [Nm]; plans, invalid_plans; seconds.
     """
 
     vx: float = 0.2
@@ -91,6 +92,7 @@ class Walk(OnSimulator):
             "outcome": Outcome(int(record.outcome[0])).name,
             "command": list(command),
             "mean_velocity": velocities(record)[0, settled].mean(axis=0).tolist(),
+            "heading_drift": heading_drift(record.q[0, :length], command),
             "base_height": float(height.mean()),
             "base_height_std": float(height.std()),
             "max_torque": float(np.abs(record.torque[0, :length]).max()),
@@ -266,9 +268,9 @@ class Bench(OnSimulator):
     what: Annotated[Literal["plan", "engine", "train", "expert"], tyro.conf.Positional]
     """plan, engine, train; or expert: survival, tracking and pushes, both simulators (an hour)."""
     episodes: int = 1000
-    """expert: starts of each set."""
+    """Starts of each set (bench expert only)."""
     workers: int = field(default_factory=default_workers)
-    """expert: processes; results do not depend on it."""
+    """Processes (bench expert only; the others measure one core)."""
     json: Path | None = None
     """Write the figures here; `bench expert` goes on with what the file holds already."""
     config: Config = field(default_factory=Config)
@@ -295,6 +297,14 @@ class Bench(OnSimulator):
 def settled_part(length: int) -> slice:
     """The ticks of an episode from 1 s on; the second half of a shorter one."""
     return slice(min(TICKS_PER_SECOND, length // 2), length)
+
+
+def heading_drift(q: np.ndarray, command: Command) -> float:
+    """Degrees by which configurations ``(T, 19)`` end off the heading that was commanded."""
+    from surefoot.rotations import roll_pitch_yaw
+
+    yaw = np.unwrap(roll_pitch_yaw(q[:, 3:7])[:, 2])
+    return float(np.degrees(yaw[-1] - yaw[0] - command.yaw_rate * len(q) / TICKS_PER_SECOND))
 
 
 def film_episode(config: Config, q: np.ndarray, out: Path, title: str) -> None:
@@ -331,10 +341,3 @@ def show(figures: dict[str, Any], path: Path | None) -> None:
         print(f"{key:<22} {json.dumps(value, default=float)}")
     if path:
         write_json(path, figures)
-
-
-def write_json(path: Path, figures: dict[str, Any]) -> None:
-    """Write figures whole or not at all; NaN becomes null."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    plain = json.loads(json.dumps(figures, default=float), parse_constant=lambda _: None)
-    write_atomic(path, json.dumps(plain, indent=1, allow_nan=False).encode())

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from surefoot.config import SafetyConfig
 from surefoot.dataset import Frames
 from surefoot.robot import RobotModel, clip_torque
-from surefoot.rotations import heading, rotation, to_heading
+from surefoot.rotations import from_heading, heading, rotation
 from surefoot.safety import Outcome, SafetyMonitor, fallen, stepping
 from surefoot.sim import Simulator
 from surefoot.starts import Starts
@@ -80,11 +80,22 @@ class Pushes:
         impulse: ``(B, 3)`` in the robot's heading frame at the time [Ns]; zero is no push.
         tick: ``(B,)`` of the episode at which it begins [ms].
         duration: ticks over which the impulse is spread evenly.
+
+    Raises:
+        ValueError: shapes that do not agree, an impulse that is not finite, no duration.
     """
 
     impulse: Array
     tick: IntArray
     duration: int
+
+    def __post_init__(self) -> None:
+        """Nobody is pushed by accident, or not at all."""
+        B = len(self.tick)
+        if self.impulse.shape != (B, 3) or not np.isfinite(self.impulse).all():
+            raise ValueError(f"pushes: impulse {self.impulse.shape} must be finite and {(B, 3)}")
+        if self.duration < 1:
+            raise ValueError(f"pushes: a duration of {self.duration} ms; use at least 1 ms")
 
     def __getitem__(self, rows: slice | NDArray) -> Pushes:
         """Those of some of the robots."""
@@ -208,6 +219,8 @@ def rollout(
         raise ValueError(f"{B} starts for a simulator of {simulator.batch} robots; make it {B}")
     if T < 1 or tail < 0:
         raise ValueError(f"a rollout of {duration} s with a tail of {tail} s; use at least 0.001 s")
+    if pushes is not None and len(pushes.tick) != B:
+        raise ValueError(f"{len(pushes.tick)} pushes for {B} robots")
     if not np.isfinite(starts.command).all():
         raise ValueError(f"commands must be finite numbers, not {starts.command.tolist()}")
     simulator.reset(starts.q, starts.v)
@@ -250,9 +263,8 @@ def rollout(
         feet[elapsed], contacts[elapsed] = state.feet, state.contacts
         torques[elapsed], drove[elapsed] = torque, choice
         if pushes is not None and (pushed := pushes.during(elapsed) & active).any():
-            back = heading(rotation(state.q[:, 3:7])) * (1.0, -1.0)  # heading to world
             impulse = pushes.impulse / pushes.duration
-            impulse[:, :2] = to_heading(impulse[:, :2], back)
+            impulse[:, :2] = from_heading(impulse[:, :2], heading(rotation(state.q[:, 3:7])))
             simulator.push(impulse, pushed)
         simulator.step(torque, active)
         if progress is not None and elapsed % 100 == 99:

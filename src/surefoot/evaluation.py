@@ -80,12 +80,11 @@ def figures_of(summary: Summary) -> dict[str, Any]:
     """
     n, success = len(summary.outcome), summary.outcome == Outcome.SUCCESS
     successes = int(success.sum())
-    interval = binomtest(successes, n).proportion_ci(method="wilson")
     return {
         "episodes": n,
         "successes": successes,
         "success_rate": successes / n,
-        "success_interval": [float(interval.low), float(interval.high)],
+        "success_interval": wilson(successes, n),
         "falls": int((summary.outcome == Outcome.FELL).sum()),
         "stalls": int((summary.outcome == Outcome.STALLED).sum()),
         "diverged": int((summary.outcome == Outcome.DIVERGED).sum()),
@@ -97,6 +96,12 @@ def figures_of(summary: Summary) -> dict[str, Any]:
         "plans": int(summary.plans.sum()),
         "invalid_plans": int(summary.invalid_plans.sum()),
     }
+
+
+def wilson(successes: int, n: int) -> list[float]:
+    """Wilson's 95 % interval of a share."""
+    interval = binomtest(successes, n).proportion_ci(method="wilson")
+    return [float(interval.low), float(interval.high)]
 
 
 def mean_rows(rows: np.ndarray) -> list[float | None]:

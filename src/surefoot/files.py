@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 
 def write_atomic(path: Path | str, content: bytes | Callable[[Path], None]) -> None:
@@ -40,3 +42,10 @@ def _flush(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def write_json(path: Path, figures: Mapping[str, Any]) -> None:
+    """Write figures whole or not at all; NaN becomes null."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    plain = json.loads(json.dumps(figures, default=float), parse_constant=lambda _: None)
+    write_atomic(path, json.dumps(plain, indent=1, allow_nan=False).encode())

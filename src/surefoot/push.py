@@ -42,7 +42,8 @@ def push_recovery(
         ``direction_deg`` (0 is forward, 90 to the left), and for each of them ``max_impulse`` [Ns],
         the largest level survived, and ``fitted_impulse`` [Ns], where a monotone fit meets the
         share asked for; their means; ``levels``, ``episodes`` and ``successes`` of all that was
-        tried; ``unpushed_successes`` of ``unpushed_episodes``.
+        tried, ``unpushed_successes`` among them. Robots that fail even
+        unpushed get 0; those that survive the strongest level get that.
     """
     push, stored = config.push, load_starts()
     starts = pushed_starts(push, stored)
@@ -59,8 +60,11 @@ def push_recovery(
     unpushed, _ = run_episodes(base, workers, f"{label}: unpushed")
     angles = 2 * np.pi * np.arange(push.directions) / push.directions
     # Level k is k * resolution; the search keeps a level that passed and one that failed.
-    passed, failed = np.zeros(len(angles), int), np.full(len(angles), push.levels + 1)
-    tried: list[dict[int, int]] = [{0: int(success(unpushed.outcome).sum())} for _ in angles]
+    unpushed_successes = int(success(unpushed.outcome).sum())
+    stands = unpushed_successes >= push.success * len(starts)
+    passed = np.zeros(len(angles), int)
+    failed = np.full(len(angles), push.levels + 1 if stands else 0)
+    tried: list[dict[int, int]] = [{0: unpushed_successes} for _ in angles]
     while (open_ := np.flatnonzero(failed - passed > 1)).size:
         level = (passed + failed)[open_] // 2
         job = pushed(base, angles[open_], level * push.resolution)
@@ -82,8 +86,7 @@ def push_recovery(
         "episodes": len(starts),
         "levels": [[k * push.resolution for k in sorted(record)] for record in tried],
         "successes": [[record[k] for k in sorted(record)] for record in tried],
-        "unpushed_episodes": len(starts),
-        "unpushed_successes": int(success(unpushed.outcome).sum()),
+        "unpushed_successes": unpushed_successes,
     }
 
 

@@ -67,6 +67,11 @@ def to_heading(vectors: Array, heading: Array) -> Array:
     return turned
 
 
+def from_heading(vectors: Array, heading: Array) -> Array:
+    """World x, y components of vectors ``(..., 2)`` in the heading frame; undoes `to_heading`."""
+    return to_heading(vectors, heading * (1.0, -1.0))
+
+
 def roll_pitch_yaw(quat: Array) -> Array:
     """``(..., 3)`` roll, pitch, yaw [rad]: R = Rz(yaw) Ry(pitch) Rx(roll), pitch in +-pi/2.
 

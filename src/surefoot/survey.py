@@ -12,22 +12,22 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.bench import bench_plan
-from surefoot.config import Config
+from surefoot.bench import cold_plans, times_of
+from surefoot.config import Backend, Config
 from surefoot.config_json import to_json
-from surefoot.evaluation import evaluate
-from surefoot.files import write_atomic
+from surefoot.evaluation import evaluate, wilson
+from surefoot.files import write_json
 from surefoot.presets import published_rules
 from surefoot.push import push_recovery
+from surefoot.run import versions
 from surefoot.safety import Outcome
 from surefoot.starts import PACKAGED, load_starts
 
-SIMULATORS = ("mujoco", "bullet")
 HORIZONS = ((20, 10), (10, 5))
 """Centroidal and kinematic nodes of 50 ms."""
 RULES: dict[str, Callable[[Config], Config]] = {
@@ -37,45 +37,50 @@ RULES: dict[str, Callable[[Config], Config]] = {
 
 
 def survey(
-    config: Config, simulator: str | None, episodes: int, workers: int, path: Path | None
+    config: Config, simulator: Backend | None, episodes: int, workers: int, path: Path | None
 ) -> dict[str, Any]:
     """Measure every variant of the expert.
 
     Args:
         config: what the variants have in common, and the own rules.
-        simulator: one of `SIMULATORS`; both without it.
+        simulator: the only one to measure; both without it.
         episodes: starts of each set, 5 s each.
         workers: processes.
         path: file to write to after each measurement, and to go on with.
 
     Returns:
         ``cells``: for each variant ``simulator``, ``nodes``, ``rules``; ``plan_ms`` (see
-        `bench_plan`); for the starts and, after ``wide_``, for those with 1.5 times the deviations
+        `times_of`); for the starts and, after ``wide_``, for those with 1.5 times the deviations
         ``episodes``, ``survived``, ``survived_interval`` (Wilson 95 %), ``stalls``, ``lost`` (ids),
         ``invalid_plans``, ``mse`` (vx, vy, yaw rate, from 1 s on) and ``starts_hash``; ``push``
         (see `push_recovery`). ``lost_by_all``: for each simulator and set the starts that every
         variant loses.
 
     Raises:
-        ValueError: the file holds a survey of another configuration.
+        ValueError: the file holds a survey of another configuration, of other versions or starts.
     """
-    record: dict[str, Any] = {"config": to_json(config), "episodes": episodes, "cells": []}
+    simulators = get_args(Backend) if simulator is None else (simulator,)
+    record: dict[str, Any] = {
+        "config": to_json(config),
+        "episodes": episodes,
+        "versions": versions(),
+        "starts": {name: load_starts(name).hash for name in PACKAGED},
+        "cells": [],
+    }
     if path is not None and path.exists():
         found = json.loads(path.read_text())
-        if any(found.get(key) != record[key] for key in ("config", "episodes")):
-            raise ValueError(f"{path} holds a survey of another configuration; name another file")
+        for key in ("config", "episodes", "versions", "starts"):
+            if found.get(key) != record[key]:
+                raise ValueError(f"{path} holds a survey of other {key}; name another file")
         record = found
 
     def keep(cell: dict[str, Any], **figures: Any) -> None:
         cell.update(figures)
         record["lost_by_all"] = lost_by_all(record["cells"])
         if path is not None:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomic(path, json.dumps(record, indent=1, default=float).encode())
+            write_json(path, record)
 
-    for name, nodes, rules in product(
-        SIMULATORS if simulator is None else (simulator,), HORIZONS, RULES
-    ):
+    for name, nodes, rules in product(simulators, HORIZONS, RULES):
         variant = variant_of(config, name, nodes, rules, episodes)
         which = {"simulator": name, "nodes": list(nodes), "rules": rules}
         cell = next((c for c in record["cells"] if which.items() <= c.items()), None)
@@ -84,7 +89,7 @@ def survey(
             record["cells"].append(cell)
         label = f"{name}, {nodes[0]}/{nodes[1]} nodes, {rules} rules"
         if "plan_ms" not in cell:
-            keep(cell, plan_ms=bench_plan(variant)["plan_ms"])
+            keep(cell, plan_ms=times_of(cold_plans(variant)))
         for prefix, stored in zip(("", "wide_"), PACKAGED, strict=True):
             if f"{prefix}survived" not in cell:
                 keep(cell, **survival(variant, stored, workers, label, prefix))
@@ -96,7 +101,7 @@ def survey(
 
 
 def variant_of(
-    config: Config, simulator: Any, nodes: tuple[int, int], rules: str, episodes: int
+    config: Config, simulator: Backend, nodes: tuple[int, int], rules: str, episodes: int
 ) -> Config:
     """One variant of the expert."""
     expert = replace(
@@ -121,6 +126,7 @@ def survival(config: Config, stored: str, workers: int, label: str, prefix: str)
     named = {
         "episodes": figures["episodes"],
         "survived": int((~lost).sum()),
+        "survived_interval": wilson(int((~lost).sum()), len(lost)),
         "stalls": figures["stalls"],
         "lost": summary.start[lost].tolist(),
         "invalid_plans": figures["invalid_plans"],
@@ -134,7 +140,7 @@ def lost_by_all(cells: list[dict[str, Any]]) -> dict[str, list[int]]:
     """Ids of the starts that every variant measured so far loses, for each simulator and set."""
     result = {}
     for simulator, (prefix, stored) in product(
-        SIMULATORS, zip(("", "wide_"), PACKAGED, strict=True)
+        get_args(Backend), zip(("", "wide_"), PACKAGED, strict=True)
     ):
         lost = [
             set(cell[f"{prefix}lost"])
@@ -150,21 +156,28 @@ def table(record: dict[str, Any]) -> str:
     """The survey as a Markdown table."""
     head = (
         "| simulator | nodes | rules | survived | survived, sigmas x 1.5 | RMS error vx, vy [m/s]"
-        " | push at 80 %, mean [Ns] (least, most) | plan [ms], p99 |"
+        " | push at 80 %, mean [Ns] (least, most) |"
+        " plan [ms] (p99): contacts, centroidal, kinematics, inverse dynamics |"
     )
     rows = [head, "|---" * (head.count("|") - 1) + "|"]
     for cell in record["cells"]:
-        errors = ", ".join(f"{np.sqrt(value):.3f}" for value in cell["mse"][:2])
-        push, plan = cell["push"]["fitted_impulse"], cell["plan_ms"]
-        columns = [
-            cell["simulator"],
-            "/".join(map(str, cell["nodes"])),
-            cell["rules"],
-            f"{cell['survived']} of {cell['episodes']}",
-            f"{cell['wide_survived']} of {cell['wide_episodes']}",
-            errors,
-            f"{np.mean(push):.2f} ({min(push):.2f}, {max(push):.2f})",
-            f"{plan['median']:.2f}, {plan['p99']:.2f}",
-        ]
+        nodes = "/".join(map(str, cell["nodes"]))
+        columns = [cell["simulator"], nodes, cell["rules"], *(["-"] * 5)]
+        for column, prefix in ((3, ""), (4, "wide_")):
+            if f"{prefix}survived" in cell:
+                low, high = cell[f"{prefix}survived_interval"]
+                columns[column] = (
+                    f"{cell[f'{prefix}survived']} of {cell[f'{prefix}episodes']} "
+                    f"({100 * low:.1f} to {100 * high:.1f} %)"
+                )
+        if None not in cell.get("mse", [None]):
+            columns[5] = ", ".join(f"{np.sqrt(value):.3f}" for value in cell["mse"][:2])
+        if "push" in cell:
+            push = cell["push"]["fitted_impulse"]
+            columns[6] = f"{np.mean(push):.2f} ({min(push):.2f}, {max(push):.2f})"
+        if "plan_ms" in cell:
+            plan = cell["plan_ms"]
+            stages = ", ".join(f"{value:.2f}" for value in plan["stages"].values())
+            columns[7] = f"{plan['median']:.2f} ({plan['p99']:.2f}): {stages}"
         rows.append("| " + " | ".join(columns) + " |")
     return "\n".join(rows)

@@ -94,8 +94,13 @@ class Expert:
         self._last_failed[robot] = True
 
 
+def make_planner(robot: RobotModel, config: Config) -> Planner:
+    """The planner of a configuration; its friction is the simulator's."""
+    return Planner(robot, config.gait, config.expert, config.simulation.friction)
+
+
 def make_expert(robot: RobotModel, config: Config, plan: PlanFunction | None = None) -> Expert:
     """The expert of a configuration: its gains around its planner, or around your own plan."""
     if plan is None:
-        plan = Planner(robot, config.gait, config.expert, config.simulation.friction).plan
+        plan = make_planner(robot, config).plan
     return Expert(plan, config.expert.kp, config.expert.kd)

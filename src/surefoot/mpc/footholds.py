@@ -4,8 +4,9 @@ BiConMP's rule puts a foot that lands at time t under its hip as the base is exp
 plus half a stance of travel: p = c + R(w t) o + v t + v T_stance / 2 + sqrt(z / g) / 2 (v x w),
 with o the hip offset moved outward, v the planned velocity, w the yaw rate. It takes no notice of
 the measured velocity. The capture rule moves p by (t + t_c) e, e the velocity in excess of the
-command: that is how much farther the robot will have come, and where it can stop from there (the
-capture point, Pratt et al. 2006). There is no spline: a swing foot is drawn to one via point.
+command beyond a deadband: that is how much farther the robot will have come, and where it can stop
+from there (the capture point, Pratt et al. 2006). It also takes v t along the arc of a turn, and
+turns the last two terms by w t. There is no spline: a swing foot is drawn to one via point.
 Next: `centroidal`.
 """
 
