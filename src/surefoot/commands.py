@@ -266,7 +266,7 @@ class Bench(OnSimulator):
     """
 
     what: Annotated[Literal["plan", "engine", "train", "expert"], tyro.conf.Positional]
-    """plan, engine, train; or expert: survival, tracking and pushes, both simulators (over an hour)."""
+    """plan, engine, train; or expert: survival, tracking, pushes, both simulators (an hour)."""
     episodes: int = 1000
     """Starts of each set (bench expert only)."""
     workers: int = field(default_factory=default_workers)
