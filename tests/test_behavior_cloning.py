@@ -15,7 +15,7 @@ from surefoot.config import (
     PolicyConfig,
     TrainingConfig,
 )
-from surefoot.dataset import DatasetError
+from surefoot.dataset import Dataset, DatasetError
 from surefoot.engine import Rollout
 from surefoot.episodes import play_out
 from surefoot.methods.behavior_cloning import behavior_cloning, collection
@@ -23,6 +23,7 @@ from surefoot.methods.stages import expert_rollouts, keep_unless_failed
 from surefoot.run import Run, create, open_run
 from surefoot.safety import Outcome
 from surefoot.starts import Starts
+from surefoot.types import MotionPlan
 
 CONFIG = replace(
     Config(),
@@ -73,7 +74,7 @@ class Killed(BaseException):
     """Nothing in the package may catch this."""
 
 
-@pytest.mark.parametrize("function", ["run_episodes", "fit", "save", "evaluate"])
+@pytest.mark.parametrize("function", ["run_and_store", "fit", "save", "evaluate"])
 def test_a_run_killed_inside_a_stage_ends_with_the_same_bits(
     finished, tmp_path, monkeypatch, function
 ):
@@ -94,11 +95,56 @@ def test_a_run_killed_inside_a_stage_ends_with_the_same_bits(
     assert fingerprint(run) == fingerprint(finished)
 
 
+def test_chunks_that_are_done_are_not_run_again(finished, tmp_path, monkeypatch):
+    """Killed when the second of four chunks is stored, in the middle of a collection."""
+    ran, run_chunk, append = [], surefoot.methods.stages.run_chunk, Dataset.append
+
+    def counted(job):
+        ran.append(job.episode[0])
+        return run_chunk(job)
+
+    def store_and_die(dataset, name, frames):
+        append(dataset, name, frames)
+        if name == "iteration_000-001":
+            raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Dataset, "append", store_and_die)
+        with pytest.raises(Killed):
+            behavior_cloning(create(tmp_path / "run", CONFIG), workers=1)
+    monkeypatch.setattr(surefoot.methods.stages, "run_chunk", counted)
+    run = open_run(tmp_path / "run")
+    assert run.dataset.episodes == 12 and run.metrics == []
+    behavior_cloning(run, workers=1)
+    assert ran == [12, 18]
+    assert fingerprint(run) == fingerprint(finished)
+
+
+def stiff(state, tick, command):
+    """A user's own MPC: stand, stiffly."""
+    rows = np.zeros((100, 12))
+    return MotionPlan(np.tile(state.q[7:], (100, 1)), rows, rows)
+
+
+def test_a_collection_begun_by_another_expert_is_refused(tmp_path, monkeypatch):
+    def store_and_die(dataset, name, frames):
+        append(dataset, name, frames)
+        raise Killed
+
+    append = Dataset.append
+    with monkeypatch.context() as patch:
+        patch.setattr(Dataset, "append", store_and_die)
+        with pytest.raises(Killed):
+            behavior_cloning(create(tmp_path / "run", CONFIG), workers=1, plan=stiff)
+    with pytest.raises(ValueError, match=r"by another expert than surefoot.mpc.planner"):
+        behavior_cloning(open_run(tmp_path / "run"), workers=1)
+
+
 def test_resuming_over_other_data_is_refused(finished, tmp_path, monkeypatch):
     """A shard of other frames under the name that the stage wants is never silently taken."""
     other = replace(CONFIG, method=replace(CONFIG.method, data=ExpertData(1, 1, False, 0.1)))
     run = create(tmp_path / "run", CONFIG)
-    run.dataset.append("iteration_000", finished.dataset.load()[:100])
+    run.dataset.append("iteration_000-000", finished.dataset.load()[:100])
     with pytest.raises(DatasetError, match="already holds other frames"):
         surefoot.methods.stages.collect(run, 0, collection(Run(run.folder, other), 0), 1)
     assert run.metrics == []

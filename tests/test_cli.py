@@ -125,7 +125,7 @@ def test_a_recorded_episode_repeats_bit_for_bit(run_folder):
     from surefoot.episodes import play_out
     from surefoot.run import open_run
 
-    frames = open_run(run_folder).dataset.load(["iteration_001"])
+    frames = open_run(run_folder).dataset.load()
     episode = int(frames.episode[-1])
     mine = frames[frames.episode == episode]
     record, _ = play_out(recorded_episode(run_folder, episode))

@@ -10,13 +10,26 @@ import pytest
 from surefoot.config import Config, EvaluationConfig, PolicyConfig
 from surefoot.dataset import concatenate
 from surefoot.engine import ExpertOnly, PolicyOnly, Rollout, SafetySwitch
-from surefoot.episodes import Job, Summary, play_out, run_chunk, run_episodes, summarise, velocities
+from surefoot.episodes import (
+    Job,
+    Summary,
+    chunks_of,
+    join,
+    load_summary,
+    play_out,
+    run_chunk,
+    run_episodes,
+    save_summary,
+    summarise,
+    velocities,
+)
 from surefoot.mpc.expert import Expert
 from surefoot.policy import Policy, PolicyNetwork, save
 from surefoot.robot import solo12, standing
 from surefoot.safety import HandBack, Outcome, SafetyMonitor
 from surefoot.starts import Starts, load_starts
 from surefoot.types import MotionPlan
+from surefoot.workers import map_chunks
 
 CONFIG = replace(Config(), chunk=2, evaluation=EvaluationConfig(duration=0.3, episodes=5))
 HIDDEN = PolicyConfig(hidden=(16, 16))
@@ -60,6 +73,13 @@ def equal(a: Summary, b: Summary):
         )
 
 
+def collected(job, workers):
+    """Summary and frames of all chunks of a job."""
+    parts = map_chunks(run_chunk, chunks_of(job), workers, "chunks")
+    summaries, frames = zip(*parts, strict=True)
+    return join(summaries), concatenate(frames)
+
+
 def equal_frames(a, b):
     for field in fields(a):
         np.testing.assert_array_equal(
@@ -69,18 +89,18 @@ def equal_frames(a, b):
 
 def test_results_do_not_depend_on_workers_or_chunks(policy):
     """Rescued rollouts of a policy: takeovers off the grid, tail, frames, and all figures."""
-    summary, frames = run_episodes(job_of(policy), 1, "one")
+    summary, frames = collected(job_of(policy), 1)
     assert 0 < summary.expert_ticks.sum() < summary.proper_ticks.sum()
     assert len(frames) == summary.kept.sum() > 0
     for workers, chunk in ((2, 2), (1, 5), (1, 3)):
-        other, other_frames = run_episodes(job_of(policy, chunk), workers, "other")
+        other, other_frames = collected(job_of(policy, chunk), workers)
         equal(summary, other)
         equal_frames(frames, other_frames)
 
 
 def test_episodes_keep_their_order_and_ids(policy):
     job = job_of(policy, arbiter=PolicyOnly(), tail=0.0)
-    summary, frames = run_episodes(job, 1, "ids")
+    summary, frames = collected(job, 1)
     np.testing.assert_array_equal(summary.episode, 300 + np.arange(5))
     np.testing.assert_array_equal(summary.start, job.starts.id)
     np.testing.assert_array_equal(summary.command, job.starts.command)
@@ -115,12 +135,24 @@ def test_one_episode_alone_is_the_one_of_the_batch(policy):
 
 def test_summary_counts_plans_of_each_robot():
     job = job_of(episodes=2, duration=0.11, tail=0.0)
-    summary, _ = run_episodes(job, 1, "plans")
+    summary = run_episodes(job, 1, "plans")
     offsets = job.starts.tick % 50
     assert not offsets.any()
     np.testing.assert_array_equal(summary.plans, [3, 3])
     np.testing.assert_array_equal(summary.expert_ticks, [110, 110])
     assert summary.expert_drove_last.all()
+
+
+def test_a_summary_comes_back_from_its_file_to_the_bit(policy, tmp_path):
+    summary = run_episodes(job_of(policy, episodes=2), 1, "file")
+    path = tmp_path / "episodes" / "part.npz"
+    save_summary(path, summary)
+    equal(summary, load_summary(path))
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ValueError, match=r"part.npz is damaged.*delete it"):
+        load_summary(path)
+    with pytest.raises(FileNotFoundError):
+        load_summary(tmp_path / "none.npz")
 
 
 # --- figures of synthetic rollouts
@@ -272,7 +304,7 @@ def stiff(state, tick, command):
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_users_own_plan_drives_as_the_expert(workers):
     job = job_of(plan=stiff, duration=0.06, tail=0.0)
-    summary, frames = run_episodes(job, workers, "own")
+    summary, frames = collected(job, workers)
     kp, kd = CONFIG.expert.kp, CONFIG.expert.kd
     tau = (
         kp * (STANDING[7:] - frames.q[:, 7:]) - kd * frames.v[:, 6:] + 0.01 * frames.command[:, :1]

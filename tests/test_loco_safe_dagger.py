@@ -15,6 +15,7 @@ from surefoot.config import (
     PolicyConfig,
     TrainingConfig,
 )
+from surefoot.dataset import Frames
 from surefoot.engine import Rollout
 from surefoot.episodes import play_out
 from surefoot.methods.loco_safe_dagger import (
@@ -78,8 +79,17 @@ def test_stages_follow_the_algorithm(finished):
         "001.safetensors",
         "002.safetensors",
     ]
-    assert finished.dataset.shards == ("iteration_000", "iteration_001", "iteration_002")
+    # One shard a chunk of three episodes.
+    chunks = {"iteration_000": 8, "iteration_001": 2, "iteration_002": 2}
+    assert finished.dataset.shards == tuple(
+        f"{i}-{n:03d}" for i in chunks for n in range(chunks[i])
+    )
     assert finished.best_policy in [finished.policy(i) for i in range(3)]
+
+
+def of_iterations(run: Run, iterations) -> Frames:
+    frames = run.dataset.load()
+    return frames[np.isin(frames.episode // 100_000, list(iterations))]
 
 
 def figures_of(run: Run, stage: str, iteration: int) -> dict:
@@ -108,7 +118,7 @@ def test_each_policy_is_what_training_the_last_one_on_that_data_gives(finished, 
         network = PolicyNetwork(CONFIG.policy, seed)
     else:
         network = load(finished.policy(i - 1)).network
-    frames = finished.dataset.load([f"iteration_{n:03d}" for n in range(i + 1)])
+    frames = of_iterations(finished, range(i + 1))
     order = int(finished.seed("order", i).generate_state(1)[0])
     result = fit(network, frames, CONFIG.training, CONFIG.policy, 1, order, 500)
     trained = load(finished.policy(i)).network.state_dict()
@@ -138,7 +148,7 @@ def test_pretraining_starts_are_nominal_and_first_perturbations(finished):
     np.testing.assert_array_equal(job.starts.tick[:2], 0)
     np.testing.assert_array_equal(job.starts.command[:2, 0], [0.0, 0.3])
     np.testing.assert_array_equal(job.starts.tick[:2], 0)
-    pretraining = finished.dataset.load(["iteration_000"])
+    pretraining = of_iterations(finished, [0])
     assert pretraining.expert_drove.all()
     assert len(pretraining) == 22 * 120
 
@@ -193,7 +203,7 @@ def test_a_run_killed_at_every_stage_ends_with_the_same_bits(
 def test_a_finished_run_is_not_touched_again(finished, monkeypatch):
     before = fingerprint(finished)
     times = {path: path.stat().st_mtime_ns for path in finished.folder.rglob("*")}
-    monkeypatch.setattr("surefoot.methods.stages.run_episodes", None)
+    monkeypatch.setattr("surefoot.methods.stages.run_chunk", None)
     monkeypatch.setattr("surefoot.methods.stages.fit", None)
     assert loco_safe_dagger(open_run(finished.folder), workers=1) == finished.best_policy
     assert fingerprint(finished) == before
@@ -205,7 +215,7 @@ def test_only_what_the_expert_drove_enters_the_dataset(finished, iteration):
     """Against the rollouts themselves, played once more; blocks are told apart by hand."""
     job = collection(finished, iteration)
     record, _ = play_out(job)
-    shard = finished.dataset.load([f"iteration_{iteration:03d}"])
+    shard = of_iterations(finished, [iteration])
     assert shard.expert_drove.all()
     fell = 0
     for robot, episode in enumerate(job.episode):
@@ -411,7 +421,7 @@ def test_a_run_of_another_method_is_refused(tmp_path):
     ],
 )
 def test_what_cannot_be_had_is_an_error_before_any_work(tmp_path, monkeypatch, change, message):
-    monkeypatch.setattr("surefoot.methods.stages.run_episodes", None)
+    monkeypatch.setattr("surefoot.methods.stages.run_chunk", None)
     run = create(tmp_path / "run", replace(CONFIG, method=replace(METHOD, **change)))
     with pytest.raises(ValueError, match=message):
         loco_safe_dagger(run, workers=1)

@@ -46,7 +46,7 @@ def trained(config=SMALL, seed=0) -> Any:
     torch.manual_seed(seed)
     network = PolicyNetwork(config, seed)
     inputs = torch.randn(500, INPUT_SIZE) * torch.rand(INPUT_SIZE) * 3 + torch.randn(INPUT_SIZE)
-    network.fit_normalisers(inputs[:, :42], inputs[:, 42:])
+    network.set_normalisers(inputs.double().mean(0), inputs.double().std(0, correction=0))
     optimizer = torch.optim.Adam(network.parameters(), lr=1e-2)
     for _ in range(20):
         optimizer.zero_grad()
@@ -114,7 +114,7 @@ def test_normalisers():
     inputs[:, 45] = 0.0
     network = PolicyNetwork(SMALL)
     assert not network.has_normalisers
-    network.fit_normalisers(inputs[:, :42], inputs[:, 42:])
+    network.set_normalisers(inputs.double().mean(0), inputs.double().std(0, correction=0))
     assert network.has_normalisers
     assert network.scale[4] == 1 and network.scale[45] == 1
     normal = (inputs - network.mean) / network.scale

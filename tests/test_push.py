@@ -29,7 +29,7 @@ def pretend(monkeypatch, limit, unpushed=Outcome.SUCCESS):
             strong = np.hypot(x, y) > limit(np.arctan2(y, x)) + 1e-9
             outcome[strong] = Outcome.FELL
         rounds.append(len(outcome))
-        return SimpleNamespace(outcome=outcome), None
+        return SimpleNamespace(outcome=outcome)
 
     monkeypatch.setattr(push_module, "run_episodes", run_episodes)
     return rounds

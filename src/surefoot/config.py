@@ -218,7 +218,16 @@ class TrainingConfig:
     validation: float = 0.1
     """Share of episodes held out, chosen by episode id."""
     threads: int = 1
-    """Torch threads: a constant, because the bits depend on it."""
+    """Torch threads: a constant, because the bits depend on it. Two are faster on an idle machine,
+    and slower than one where a neighbour holds a core."""
+    precision: Literal["float32", "bfloat16"] = "bfloat16"
+    """of the products of the hidden layers, in training only. `bfloat16` is used where the
+    processor has instructions for it; weights, sums, the last layer and all else are float32."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """`auto` takes a GPU if there is one."""
+    memory: int = 1024
+    """[MB] that examples take at most; more go through a temporary file. 1024 hold 4.5 million
+    frames."""
 
 
 @dataclass(frozen=True)

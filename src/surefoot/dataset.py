@@ -1,7 +1,7 @@
 """Recorded frames: arrays in memory, and a folder of immutable HDF5 shards with a manifest on disk.
 
 A frame is what the robot measured at one tick and the expert's torque there. What the network sees
-and what it should answer are derived from frames when training (``train.examples``), so that an
+and what it should answer are derived from frames when training (``examples.derive``), so that an
 observation or a gain can change without new rollouts.
 
 A shard counts once the manifest names it. A kill between the two leaves a file that the next
@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -159,7 +159,6 @@ class Dataset:
                     f"episode {min(shared, key=int)} of {name!r} is already in shard {other!r} of "
                     f"{self.folder}; give every episode of a dataset an id of its own"
                 )
-        self.folder.mkdir(parents=True, exist_ok=True)
         write_atomic(self._file(name), lambda path: _write(path, frames))
         shards[name] = {"frames": len(frames), "sha256": _combine(digests), "episodes": digests}
         manifest = {"format": FORMAT, "shards": dict(sorted(shards.items()))}
@@ -173,21 +172,27 @@ class Dataset:
         Raises:
             DatasetError: no such shard, or a file is missing, cut short or changed.
         """
-        entries = self._shards()
-        names = list(entries if shards is None else dict.fromkeys(shards))
-        if missing := [name for name in names if name not in entries]:
-            raise DatasetError(
-                f"{self.folder} has no shards {missing}; it has {sorted(entries) or 'none'}"
-            )
-        # By first episode, so that the usual shards of consecutive episodes need no sorting.
-        names.sort(key=lambda name: min(map(int, entries[name]["episodes"]), default=-1))
-        arrays = _blank(sum(entries[name]["frames"] for name in names))
+        entries = self._ordered(shards)
+        arrays = _blank(sum(entry["frames"] for entry in entries.values()))
         start = 0
-        for name in names:
-            part = slice(start, start + entries[name]["frames"])
+        for name, entry in entries.items():
+            part = slice(start, start + entry["frames"])
             start = part.stop
-            self._read(name, entries[name], {key: array[part] for key, array in arrays.items()})
+            self._read(name, entry, {key: array[part] for key, array in arrays.items()})
         return _by_episode(Frames(**arrays))
+
+    def parts(self) -> Iterator[Frames]:
+        """The frames shard by shard, one in memory at a time, in the order of first episodes.
+
+        Every shard is checked against its hash in the manifest.
+
+        Raises:
+            DatasetError: a file is missing, cut short or changed.
+        """
+        for name, entry in self._ordered().items():
+            arrays = _blank(entry["frames"])
+            self._read(name, entry, arrays)
+            yield Frames(**arrays)
 
     @property
     def shards(self) -> tuple[str, ...]:
@@ -233,6 +238,17 @@ class Dataset:
                 f"{FORMAT}; use the version of surefoot that wrote it"
             )
         return manifest["shards"]
+
+    def _ordered(self, shards: Sequence[str] | None = None) -> dict[str, dict[str, Any]]:
+        """Entries of the named shards, or of all, by their first episodes."""
+        entries = self._shards()
+        names = list(entries if shards is None else dict.fromkeys(shards))
+        if missing := [name for name in names if name not in entries]:
+            raise DatasetError(
+                f"{self.folder} has no shards {missing}; it has {sorted(entries) or 'none'}"
+            )
+        names.sort(key=lambda name: min(map(int, entries[name]["episodes"]), default=-1))
+        return {name: entries[name] for name in names}
 
     def _read(self, name: str, entry: dict[str, Any], arrays: dict[str, NDArray]) -> None:
         """Fill the arrays from a shard and check them."""

@@ -6,9 +6,10 @@ builds robot and expert once. Methods and evaluation are written on `run_episode
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from surefoot.config import Config
 from surefoot.dataset import Frames, concatenate
 from surefoot.engine import Arbiter, Pushes, Rollout, rollout
+from surefoot.files import write_atomic
 from surefoot.mpc.expert import Expert, make_expert
 from surefoot.policy import load
 from surefoot.robot import RobotModel, solo12
@@ -79,6 +81,7 @@ class Summary:
     Attributes:
         episode: ``(n,)`` ids.
         start: ``(n,)`` ids of the starts.
+        expert: ``(n,)`` `expert_name`.
         command: ``(n, 3)`` [m/s, m/s, rad/s].
         outcome: ``(n,)`` of `Outcome`.
         ticks: ``(n,)`` simulated [ms], tail included.
@@ -98,6 +101,7 @@ class Summary:
 
     episode: IntArray
     start: IntArray
+    expert: NDArray[np.str_]
     command: Array
     outcome: IntArray
     ticks: IntArray
@@ -115,18 +119,50 @@ class Summary:
     max_torque: Array
 
 
-def run_episodes(job: Job, workers: int, label: str) -> tuple[Summary, Frames]:
+def expert_name(job: Job) -> str:
+    """Whose plans a job's expert follows: the package's planner, or a function by its name."""
+    return "surefoot.mpc.planner" if job.plan is None else job.plan.__qualname__
+
+
+def run_episodes(job: Job, workers: int, label: str) -> Summary:
     """Run all episodes of a job; the same results, bit for bit, for any number of workers."""
+    results = map_chunks(run_chunk, chunks_of(job), workers, label)
+    return join([summary for summary, _ in results])
+
+
+def chunks_of(job: Job) -> list[Job]:
+    """The job cut into what is simulated together; depends on nothing but the job."""
     size = job.config.chunk
-    chunks = [job[first : first + size] for first in range(0, len(job.starts), size)]
-    summaries, frames = zip(*map_chunks(run_chunk, chunks, workers, label), strict=True)
-    summary = Summary(
-        *(
-            np.concatenate([getattr(part, field.name) for part in summaries])
-            for field in fields(Summary)
-        )
-    )
-    return summary, concatenate(frames)
+    return [job[first : first + size] for first in range(0, len(job.starts), size)]
+
+
+def join(parts: Sequence[Summary]) -> Summary:
+    """Episodes of several summaries, one after another."""
+    names = [field.name for field in fields(Summary)]
+    return Summary(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def save_summary(path: Path, summary: Summary) -> None:
+    """Write a summary, whole or not at all."""
+    buffer = BytesIO()
+    np.savez(buffer, **vars(summary))
+    write_atomic(path, buffer.getvalue())
+
+
+def load_summary(path: Path) -> Summary:
+    """Read a summary back, to the bit.
+
+    Raises:
+        FileNotFoundError: there is none.
+        ValueError: the file is damaged.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return Summary(**{name: stored[name] for name in stored.files})
+    except FileNotFoundError:
+        raise
+    except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
+        raise ValueError(f"{path} is damaged ({error}); delete it to collect it again") from error
 
 
 def run_chunk(job: Job) -> tuple[Summary, Frames]:
@@ -188,6 +224,7 @@ def summarise(record: Rollout, job: Job, expert: Expert, frames: Frames) -> Summ
     return Summary(
         episode=job.episode,
         start=record.starts.id,
+        expert=np.full(B, expert_name(job)),
         command=record.starts.command,
         outcome=record.outcome,
         ticks=record.length,

@@ -63,7 +63,7 @@ def evaluate(
         policy=policy,
         plan=plan,
     )
-    summary, _ = run_episodes(job, workers, label)
+    summary = run_episodes(job, workers, label)
     figures = {"starts": starts.name, "starts_hash": starts.hash, "split": split}
     return {**figures, **figures_of(summary)}, summary
 

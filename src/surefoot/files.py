@@ -17,10 +17,11 @@ def write_atomic(path: Path | str, content: bytes | Callable[[Path], None]) -> N
     a hidden ``.NAME.PID.tmp`` may stay behind.
 
     Args:
-        path: the file; its folder must exist.
+        path: the file; its folder is made if it is not there.
         content: the bytes, or a function that writes them to the path it is given.
     """
     path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         if callable(content):
@@ -46,6 +47,5 @@ def _flush(path: Path) -> None:
 
 def write_json(path: Path, figures: Mapping[str, Any]) -> None:
     """Write figures whole or not at all; NaN becomes null."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     plain = json.loads(json.dumps(figures, default=float), parse_constant=lambda _: None)
     write_atomic(path, json.dumps(plain, indent=1, allow_nan=False).encode())

@@ -80,17 +80,13 @@ class PolicyNetwork(nn.Module):
             self.linear.append(layer)
         self.norm = nn.ModuleList(nn.BatchNorm1d(size) for size in config.hidden)
 
-    def fit_normalisers(self, observation: Tensor, goal: Tensor) -> None:
-        """Take mean and standard deviation of every input; a constant input gets scale 1.
+    def set_normalisers(self, mean: Tensor, deviation: Tensor) -> None:
+        """Centre and scale every input; one that is constant gets scale 1.
 
         Args:
-            observation: ``(n, 42)``.
-            goal: ``(n, 5)``.
+            mean: ``(47,)`` of observation and goal, float64.
+            deviation: ``(47,)`` their standard deviations, float64.
         """
-        inputs = torch.cat([observation, goal], 1)
-        mean = inputs.mean(0, dtype=torch.float64)
-        # Centred before the squares are summed: float32 inputs, so float32 rounding is the noise.
-        deviation = (inputs - mean.float()).square().mean(0, dtype=torch.float64).sqrt()
         constant = deviation <= 1e-6 * mean.abs().clamp(min=1.0)
         self.mean.copy_(mean)
         self.scale.copy_(torch.where(constant, 1.0, deviation))
@@ -101,7 +97,10 @@ class PolicyNetwork(nn.Module):
         x = (inputs - self.mean) / self.scale
         for linear, norm in zip(self.linear, self.norm, strict=False):
             x = torch.relu(norm(linear(x)))
-        return self.linear[-1](x)
+        # Never in a shorter type, as the layers above may be in training: bfloat16 would round a
+        # target of 1 rad to 4 mrad.
+        with torch.autocast(x.device.type, enabled=False):
+            return self.linear[-1](x.float())
 
     @torch.no_grad()
     def folded(self) -> list[tuple[Tensor, Tensor]]:

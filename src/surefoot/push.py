@@ -57,7 +57,7 @@ def push_recovery(
         policy=policy,
         plan=plan,
     )
-    unpushed, _ = run_episodes(base, workers, f"{label}: unpushed")
+    unpushed = run_episodes(base, workers, f"{label}: unpushed")
     angles = 2 * np.pi * np.arange(push.directions) / push.directions
     # Level k is k * resolution; the search keeps a level that passed and one that failed.
     unpushed_successes = int(success(unpushed.outcome).sum())
@@ -68,7 +68,7 @@ def push_recovery(
     while (open_ := np.flatnonzero(failed - passed > 1)).size:
         level = (passed + failed)[open_] // 2
         job = pushed(base, angles[open_], level * push.resolution)
-        summary, _ = run_episodes(job, workers, f"{label}: pushes, {len(open_)} directions")
+        summary = run_episodes(job, workers, f"{label}: pushes, {len(open_)} directions")
         survived = success(summary.outcome).reshape(len(open_), len(starts)).sum(axis=1)
         for direction, k, count in zip(open_, level, survived, strict=True):
             tried[direction][int(k)] = int(count)

@@ -8,7 +8,6 @@ goes on with the first stage that is not done, and ends with the same bits.
 from __future__ import annotations
 
 import json
-import os
 import platform
 import warnings
 from importlib.metadata import PackageNotFoundError, version
@@ -40,6 +39,10 @@ class Run:
     def policy(self, iteration: int) -> Path:
         """File of the policy that an iteration trained; iteration 0 is the pre-training."""
         return self.folder / "policies" / f"{iteration:03d}.safetensors"
+
+    def summary(self, shard: str) -> Path:
+        """File of what is known of a shard's episodes besides their frames."""
+        return self.folder / "episodes" / f"{shard}.npz"
 
     @property
     def best_policy(self) -> Path:
@@ -146,9 +149,7 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
     # A kill in the very first moment leaves an empty folder, or a temporary file in it.
     if folder.exists() and any(not part.name.endswith(".tmp") for part in folder.iterdir()):
         raise RunError(f"{folder} is not empty and holds no run; choose another folder with --run")
-    folder.mkdir(parents=True, exist_ok=True)
     write_atomic(path, json.dumps(record, indent=1).encode())
-    (folder / "policies").mkdir(exist_ok=True)
     return Run(folder, config)
 
 
@@ -165,5 +166,4 @@ def open_run(folder: Path) -> Run:
         config = from_json(json.loads(path.read_text())["config"])
     except (ValueError, KeyError, TypeError) as error:
         raise RunError(f"{path} cannot be read: {error}") from error
-    os.makedirs(folder / "policies", exist_ok=True)
     return Run(folder, config)

@@ -6,7 +6,7 @@ A chunk is fixed by its argument alone, so results are the same for any number o
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
 from typing import TypeVar
 
@@ -22,6 +22,16 @@ RETRIES = 2
 def default_workers() -> int:
     """The cores this process may use."""
     return len(os.sched_getaffinity(0))
+
+
+def each_chunk(
+    function: Callable[[Argument], Result],
+    chunks: Sequence[Argument],
+    workers: int,
+    label: str,
+) -> Iterator[tuple[int, Result]]:
+    """``(number, function(chunk))`` of every chunk as it is done, in any order."""
+    yield from enumerate(map_chunks(function, chunks, workers, label))
 
 
 def map_chunks(

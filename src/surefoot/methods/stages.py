@@ -14,7 +14,16 @@ from tqdm import tqdm
 
 from surefoot.config import Config, ExpertData, Gait
 from surefoot.engine import ExpertOnly, Rollout
-from surefoot.episodes import Job, Summary, run_episodes
+from surefoot.episodes import (
+    Job,
+    Summary,
+    chunks_of,
+    expert_name,
+    join,
+    load_summary,
+    run_chunk,
+    save_summary,
+)
 from surefoot.evaluation import evaluate
 from surefoot.policy import Policy, PolicyNetwork, load, save
 from surefoot.robot import solo12, standing
@@ -23,6 +32,7 @@ from surefoot.safety import Outcome
 from surefoot.starts import Starts, StartSet, at_rest, load_starts
 from surefoot.train import fit
 from surefoot.types import TICKS_PER_SECOND, BoolArray, IntArray, PlanFunction, to_ticks
+from surefoot.workers import each_chunk
 
 EPISODES_PER_ITERATION = 100_000
 """Episode ids: iteration * this + index."""
@@ -55,11 +65,6 @@ def check(config: Config) -> None:
     for name, value, least, most in checks:
         if not least <= value <= most:
             raise ValueError(f"{name} is {value}; use {least} to {most}")
-
-
-def expert_name(job: Job) -> str:
-    """Whose plans a job's expert follows: the package's planner, or a function by its name."""
-    return "surefoot.mpc.planner" if job.plan is None else job.plan.__qualname__
 
 
 def episode_ids(iteration: int, count: int) -> IntArray:
@@ -115,9 +120,7 @@ def collect(run: Run, iteration: int, job: Job, workers: int) -> dict[str, Any]:
             )
         return done
     began = time.perf_counter()
-    summary, frames = run_episodes(job, workers, f"iteration {iteration}: collect")
-    run.dataset.append(f"iteration_{iteration:03d}", frames)
-    figures = collection_figures(summary)
+    figures = collection_figures(run_and_store(run, iteration, job, workers))
     record = run.record(
         "collect",
         iteration,
@@ -135,6 +138,34 @@ def collect(run: Run, iteration: int, job: Job, workers: int) -> dict[str, Any]:
         f"{figures['frames_kept']} frames kept, {run.dataset.frames} in all"
     )
     return record
+
+
+def run_and_store(run: Run, iteration: int, job: Job, workers: int) -> Summary:
+    """Run the chunks of a job that are not stored yet, and store each as soon as it is done.
+
+    Raises:
+        ValueError: the run's folder holds chunks of another job.
+    """
+    chunks = chunks_of(job)
+    names = [f"iteration_{iteration:03d}-{number:03d}" for number in range(len(chunks))]
+    stored = {name for name in run.dataset.shards if run.summary(name).exists()}
+    missing = [number for number, name in enumerate(names) if name not in stored]
+    label = f"iteration {iteration}: collect"
+    for done, (summary, frames) in each_chunk(
+        run_chunk, [chunks[number] for number in missing], workers, label
+    ):
+        # The summary first: a shard that the dataset knows is a chunk that is done.
+        name = names[missing[done]]
+        save_summary(run.summary(name), summary)
+        run.dataset.append(name, frames)
+    summary = join([load_summary(run.summary(name)) for name in names])
+    same = len(summary.episode) == len(job.episode) and (summary.start == job.starts.id).all()
+    if not same or (summary.expert != expert_name(job)).any():
+        raise ValueError(
+            f"{run.folder} holds rollouts of iteration {iteration} from other starts or by another "
+            f"expert than {expert_name(job)}; resume it as it was begun, or begin another run"
+        )
+    return summary
 
 
 def collection_figures(summary: Summary) -> dict[str, Any]:
@@ -173,7 +204,7 @@ def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
         network = PolicyNetwork(config.policy, seed)
     else:
         network = load(run.policy(iteration - 1)).network
-    frames = run.dataset.load()
+    checkpoint = run.folder / "checkpoints" / f"{iteration:03d}.safetensors"
     period = to_ticks(config.gait.period)
     with tqdm(total=epochs, desc=f"iteration {iteration}: train", unit="epoch", leave=False) as bar:
 
@@ -183,7 +214,15 @@ def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
 
         order = int(run.seed("order", iteration).generate_state(1)[0])
         result = fit(
-            network, frames, config.training, config.policy, epochs, order, period, progress
+            network,
+            run.dataset,
+            config.training,
+            config.policy,
+            epochs,
+            order,
+            period,
+            progress,
+            checkpoint,
         )
     provenance = {
         "run": run.folder.name,
@@ -193,7 +232,7 @@ def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
         "dataset_hash": run.dataset.hash,
     }
     policy = Policy(
-        result.network, config.policy, period, frames.command_range, provenance=provenance
+        result.network, config.policy, period, result.command_range, provenance=provenance
     )
     save(policy, run.policy(iteration))
     record = run.record(
@@ -201,13 +240,15 @@ def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
         iteration,
         epochs=epochs,
         steps=result.steps,
-        frames=len(frames),
+        frames=result.frames,
+        device=result.device,
         train_loss=result.train_loss[-1],
         validation_loss=result.validation_loss[-1],
         seconds=time.perf_counter() - began,
     )
+    checkpoint.unlink(missing_ok=True)
     tqdm.write(
-        f"iteration {iteration}: {epochs} epochs on {len(frames)} frames, "
+        f"iteration {iteration}: {epochs} epochs on {result.frames} frames, "
         f"L1 {result.train_loss[-1]:.4f} rad, held out {result.validation_loss[-1]:.4f} rad"
     )
     return record
