@@ -139,8 +139,7 @@ def test_a_recorded_episode_repeats_bit_for_bit(run_folder):
     [
         (("train", "loco_safe_dager"), "did you mean 'loco_safe_dagger'"),
         (("train", "behavior_cloning", "--preset", "quik"), "did you mean 'quick'"),
-        (("train", "behavior_cloning", "--preset=paper"), "not yet available"),
-        (("train", "--preset", "paper", "behavior_cloning"), "not yet available"),
+        (("train", "--preset", "papr", "behavior_cloning"), "did you mean 'paper'"),
         (("train", "--resume"), "Name a method"),
         (("walk", "--seconds", "0", "--no-video"), "at least 0.001 s"),
         (("evaluate", "nowhere"), "no such run folder or policy file"),
@@ -166,7 +165,7 @@ def test_options_may_stand_before_the_method():
     first = cli.parse(["train", "--preset", "quick", "--run", "r", "behavior_cloning"])
     second = cli.parse(["train", "behavior_cloning", "--preset=quick", "--run", "r"])
     assert first == second
-    assert first.config == preset("behavior_cloning")
+    assert first.config == preset("behavior_cloning", "quick")
 
 
 def test_a_slip_does_not_occupy_the_folder(monkeypatch, capsys, tmp_path):

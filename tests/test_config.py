@@ -121,25 +121,42 @@ def test_a_value_of_the_wrong_type_is_a_clear_error(record, path):
         from_json(record)
 
 
-def test_quick_is_a_difference_from_the_default():
-    quick = preset("loco_safe_dagger", "quick")
-    assert isinstance(quick.method, LocoSafeDaggerConfig)
+@pytest.mark.parametrize("name", ["default", "quick"])
+def test_tuned_presets_keep_the_papers_protocol(name):
+    dagger, cloning = preset("loco_safe_dagger", name), preset("behavior_cloning", name)
     paper = LocoSafeDaggerConfig()
-    assert quick.method != paper
-    for name in ("T_block", "T_end", "hand_back", "velocities", "perturbations"):
-        assert getattr(quick.method, name) == getattr(paper, name)
-    cloning = preset("behavior_cloning").method
-    assert isinstance(cloning, BehaviorCloningConfig)
-    # Both methods start from the same data, so that they can be compared.
-    assert cloning.data == quick.method.pretraining
-    assert quick.safety == SafetyConfig()
+    for field in ("T_block", "T_end", "hand_back", "velocities", "perturbations"):
+        assert getattr(dagger.method, field) == getattr(paper, field)
+    assert dagger.safety == SafetyConfig()
+    assert dagger.training == cloning.training
+    if name == "default":
+        assert (dagger.method.iterations, dagger.method.T) == (paper.iterations, paper.T)
+    else:
+        # Both methods start from the same data, so that they can be compared.
+        assert cloning.method.data == dagger.method.pretraining
 
 
-@pytest.mark.parametrize("name", ["default", "paper"])
-@pytest.mark.parametrize("method", METHODS)
-def test_presets_to_come_say_so(method, name):
-    with pytest.raises(ValueError, match=f"'{name}' is not yet available; use --preset quick"):
-        preset(method, name)
+def test_paper_is_the_papers():
+    """Numbers of the paper and of its research code, written down once more."""
+    config = preset("loco_safe_dagger", "paper")
+    assert config.simulation.backend == "bullet"
+    assert config.simulation.friction == 0.5
+    method, training = config.method, config.training
+    assert isinstance(method, LocoSafeDaggerConfig)
+    assert method.pretraining == ExpertData(10, 1, True, 1.5)
+    assert (method.pretraining_epochs, method.epochs, method.iterations) == (150, 15, 10)
+    assert (method.velocities, method.perturbations, method.T) == (20, 2, 10.0)
+    assert (method.T_block, method.T_end) == (2.0, 1.0)
+    assert (training.learning_rate, training.batch, training.schedule) == (2e-3, 256, "constant")
+    assert training.validation == 0.1
+    assert config.policy == PolicyConfig((512, 512, 512), 2.0, 0.1)
+    assert (config.expert.kp, config.expert.kd) == (3.0, 0.05)
+    assert (config.expert.foothold_rule, config.expert.command_gain) == ("published", (1, 1, 1))
+    assert (config.expert.centroidal.nodes, config.expert.kinematic.nodes) == (20, 10)
+    assert (config.gait.period, config.gait.duty, config.gait.step_height) == (0.5, 0.6, 0.075)
+    assert (config.evaluation.episodes, config.evaluation.duration) == (100, 5.0)
+    cloning = preset("behavior_cloning", "paper").method
+    assert cloning == BehaviorCloningConfig(ExpertData(20, 2, False, 3.0), 150)
 
 
 def test_unknown_preset_or_method_names_the_nearest():

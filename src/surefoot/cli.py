@@ -54,13 +54,13 @@ def method_argument(args: Sequence[str]) -> str:
 
 
 def preset_argument(args: Sequence[str]) -> str:
-    """The value of --preset, `quick` without it."""
+    """The value of --preset, `default` without it."""
     for option, value in zip(args, [*args[1:], ""], strict=True):
         if option == "--preset":
             return value
         if option.startswith("--preset="):
             return option.removeprefix("--preset=")
-    return "quick"
+    return "default"
 
 
 def main() -> int:

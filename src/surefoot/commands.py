@@ -116,10 +116,12 @@ class Train(OnSimulator):
 
     method: Annotated[str, tyro.conf.Positional]
     """behavior_cloning or loco_safe_dagger."""
-    preset: str = "quick"
-    """quick: minutes. default and paper: not yet available."""
+    preset: str = "default"
+    """default; quick: minutes; paper: the paper's numbers and simulator, over an hour."""
     run: Path | None = None
     """Folder of the run; runs/METHOD-PRESET without it."""
+    device: Literal["auto", "cpu", "cuda"] | None = None
+    """What to train the network on; without it as configured: a GPU if there is one."""
     resume: bool = False
     """Go on with the run in that folder, from the first stage that is not done."""
     workers: int = field(default_factory=default_workers)
@@ -135,7 +137,10 @@ class Train(OnSimulator):
         from surefoot.run import create
 
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
-        run = create(folder, self.simulated(self.config), self.resume)
+        config = self.simulated(self.config)
+        if self.device is not None:
+            config = replace(config, training=replace(config.training, device=self.device))
+        run = create(folder, config, self.resume)
         print(f"{self.method}, preset {self.preset}, seed {run.config.seed}, in {folder}")
         policy = getattr(method_module(self.method), self.method)(run, self.workers)
         curves = learning_curves(run.metrics, folder / "curves.png")

@@ -30,7 +30,7 @@ from surefoot.robot import solo12, standing
 from surefoot.run import Run
 from surefoot.safety import Outcome
 from surefoot.starts import Starts, StartSet, at_rest, load_starts
-from surefoot.train import fit
+from surefoot.train import choose_device, fit
 from surefoot.types import TICKS_PER_SECOND, BoolArray, IntArray, PlanFunction, to_ticks
 from surefoot.workers import each_chunk
 
@@ -55,6 +55,7 @@ def check(config: Config) -> None:
         ("training.batch", config.training.batch, 2, 1_000_000),
         ("training.threads", config.training.threads, 1, 1024),
         ("training.learning_rate", config.training.learning_rate, 1e-12, 1.0),
+        ("training.memory", config.training.memory, 1, 1_000_000_000),
         ("training.validation", config.training.validation, 0.0, 0.9),
         ("evaluation.episodes", config.evaluation.episodes, 1, len(stored["select"])),
         ("evaluation.duration", config.evaluation.duration, 0.001, 3600.0),
@@ -65,6 +66,7 @@ def check(config: Config) -> None:
     for name, value, least, most in checks:
         if not least <= value <= most:
             raise ValueError(f"{name} is {value}; use {least} to {most}")
+    choose_device(config.training.device)
 
 
 def episode_ids(iteration: int, count: int) -> IntArray:
