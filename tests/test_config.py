@@ -149,7 +149,7 @@ def test_paper_is_the_papers():
     assert (method.T_block, method.T_end) == (2.0, 1.0)
     assert (training.learning_rate, training.batch, training.schedule) == (2e-3, 256, "constant")
     assert training.validation == 0.1
-    assert config.policy == PolicyConfig((512, 512, 512), 2.0, 0.1)
+    assert config.policy == PolicyConfig((512, 512, 512), 2.0, 0.1, "fraction")
     assert (config.expert.kp, config.expert.kd) == (3.0, 0.05)
     assert (config.expert.foothold_rule, config.expert.command_gain) == ("published", (1, 1, 1))
     assert (config.expert.centroidal.nodes, config.expert.kinematic.nodes) == (20, 10)

@@ -165,3 +165,10 @@ def test_learning_needs_no_robotics_stack():
     code += "".join(f"sys.modules[{name!r}] = None\n" for name in blocked)
     code += "".join(f"import surefoot.{name}\n" for name in modules)
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+def test_the_phase_as_a_fraction_of_the_period():
+    tick, command = np.array([0, 125, 499, 500_000_125]), np.array([0.3, -0.1, 0.2])
+    g = goal(tick, command, 500, "fraction")
+    np.testing.assert_allclose(g[:, GOAL["phase"]], [[0, 0], [0.25, 0], [0.998, 0], [0.25, 0]])
+    np.testing.assert_array_equal(g[:, GOAL["command"]], goal(tick, command, 500)[:, 2:])

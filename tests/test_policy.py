@@ -4,6 +4,7 @@ import json
 import pickle
 import struct
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -207,6 +208,23 @@ def test_check_command():
         assert check_command(policy, np.array([[0.0, 0.1, 0.0], [0.3, -0.1, 0.0]]))
     with pytest.warns(UserWarning, match=r"outside what the policy was trained on.*0\.3"):
         assert not check_command(policy, [0.5, 0.0, 0.0])
+
+
+def test_a_policy_that_sees_the_phase_as_a_fraction(tmp_path):
+    circle = make_policy()
+    config = replace(SMALL, phase="fraction")
+    policy = Policy(circle.network, config, 500, COMMANDS)
+    save(policy, tmp_path / "policy.safetensors")
+    loaded = load(tmp_path / "policy.safetensors")
+    assert loaded.config == config
+    state, tick, command = arguments(20)
+    np.testing.assert_array_equal(
+        loaded.target(state, tick, command), policy.target(state, tick, command)
+    )
+    assert (
+        np.abs(loaded.target(state, tick, command) - circle.target(state, tick, command)).max()
+        > 0.01
+    )
 
 
 def test_save_and_load(tmp_path):

@@ -203,6 +203,9 @@ class PolicyConfig:
     """[Nm/rad] (the paper's research code)."""
     kd: float = 0.1
     """[Nms/rad] (the paper's research code)."""
+    phase: Literal["circle", "fraction"] = "circle"
+    """What the network sees of the gait clock: sine and cosine of the phase, or the phase itself,
+    which jumps from 1 to 0 (paper)."""
 
 
 @dataclass(frozen=True)

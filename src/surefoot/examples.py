@@ -119,7 +119,7 @@ def derive(frames: Frames, config: PolicyConfig, period_ticks: int) -> NDArray[n
 
     Args:
         frames: n recorded ticks.
-        config: kp and kd, for the labels.
+        config: kp and kd, for the labels, and how the phase is given.
         period_ticks: gait period [ms].
 
     Raises:
@@ -129,7 +129,8 @@ def derive(frames: Frames, config: PolicyConfig, period_ticks: int) -> NDArray[n
     for start in range(0, len(frames), _ROWS):
         part, out = frames[start : start + _ROWS], rows[start : start + _ROWS]
         with np.errstate(over="ignore", invalid="ignore"):  # found below, and named
-            network_input(part.state, part.tick, part.command, period_ticks, out[:, :INPUT_SIZE])
+            inputs = out[:, :INPUT_SIZE]
+            network_input(part.state, part.tick, part.command, period_ticks, config.phase, inputs)
             out[:, INPUT_SIZE:] = label(part.torque, part.q, part.v, config)
         finite = np.ones(len(part), bool)
         for array in (part.q, part.v, part.com, part.feet, part.command, part.torque, out):

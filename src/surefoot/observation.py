@@ -7,6 +7,8 @@ The network's input is the observation followed by the goal.
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,7 +30,10 @@ in its own frame [m/s, rad/s]; joint angles [rad] and rates [rad/s]; x, y of the
 to the centre of mass in the heading frame [m]."""
 
 GOAL_SIZES = {"phase": 2, "command": 3}
-"""Sine and cosine of the gait phase; vx, vy [m/s] and yaw rate [rad/s] in the heading frame."""
+"""Gait phase, as sine and cosine, or as a fraction of the period and a zero; vx, vy [m/s] and yaw
+rate [rad/s] in the heading frame."""
+
+Phase = Literal["circle", "fraction"]
 
 
 def _slices(sizes: dict[str, int]) -> dict[str, slice]:
@@ -72,7 +77,11 @@ def observe(state: State, out: Float32Array | None = None) -> Float32Array:
 
 
 def goal(
-    tick: IntArray | int, command: Array, period_ticks: int, out: Float32Array | None = None
+    tick: IntArray | int,
+    command: Array,
+    period_ticks: int,
+    phase: Phase = "circle",
+    out: Float32Array | None = None,
 ) -> Float32Array:
     """The goal: where the gait is, and where to go.
 
@@ -80,6 +89,7 @@ def goal(
         tick: ``(...)`` gait clock [ms].
         command: ``(..., 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
         period_ticks: gait period [ms].
+        phase: as ``PolicyConfig.phase``.
         out: ``(..., 5)`` array to write into.
 
     Returns:
@@ -89,9 +99,13 @@ def goal(
     if out is None:
         shape = np.broadcast_shapes(np.shape(tick), command.shape[:-1])
         out = np.empty((*shape, GOAL_SIZE), np.float32)
-    phase = np.asarray(tick) % period_ticks * (2.0 * np.pi / period_ticks)
-    out[..., GOAL["phase"].start] = np.sin(phase)
-    out[..., GOAL["phase"].start + 1] = np.cos(phase)
+    first, second = GOAL["phase"].start, GOAL["phase"].start + 1
+    within = np.asarray(tick) % period_ticks
+    if phase == "circle":
+        angle = within * (2.0 * np.pi / period_ticks)
+        out[..., first], out[..., second] = np.sin(angle), np.cos(angle)
+    else:
+        out[..., first], out[..., second] = within / period_ticks, 0.0
     out[..., GOAL["command"]] = command
     return out
 
@@ -101,6 +115,7 @@ def network_input(
     tick: IntArray | int,
     command: Array,
     period_ticks: int,
+    phase: Phase = "circle",
     out: Float32Array | None = None,
 ) -> Float32Array:
     """``(..., 47)`` observation and goal side by side, as the network takes them.
@@ -110,10 +125,11 @@ def network_input(
         tick: ``(...)`` gait clock [ms].
         command: ``(..., 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
         period_ticks: gait period [ms].
+        phase: as ``PolicyConfig.phase``.
         out: ``(..., 47)`` array to write into.
     """
     if out is None:
         out = np.empty((*state.q.shape[:-1], INPUT_SIZE), np.float32)
     observe(state, out[..., :OBSERVATION_SIZE])
-    goal(tick, command, period_ticks, out[..., OBSERVATION_SIZE:])
+    goal(tick, command, period_ticks, phase, out[..., OBSERVATION_SIZE:])
     return out

@@ -134,7 +134,7 @@ class Policy:
 
     Args:
         network: is copied: training it further does not change the policy.
-        config: kp and kd.
+        config: kp and kd, and how the phase is given.
         period_ticks: gait period [ms].
         command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
         robot: name of the robot.
@@ -169,7 +169,8 @@ class Policy:
         # PyTorch's memory is aligned, NumPy's need not be, and the alignment can change last bits.
         inputs = torch.zeros(max(batch, _MINIMUM_ROWS), INPUT_SIZE)
         with np.errstate(over="ignore", invalid="ignore"):  # of a robot that has blown up
-            network_input(state, tick, command, self.period_ticks, inputs.numpy()[:batch])
+            rows = inputs.numpy()[:batch]
+            network_input(state, tick, command, self.period_ticks, self.config.phase, rows)
         return _forward(self._layers, inputs)[:batch].numpy()
 
     def torque(self, state: State, tick: IntArray, command: Array, mask: BoolArray) -> Array:
@@ -224,6 +225,7 @@ def save(policy: Policy, path: Path | str) -> None:
         "hidden": policy.network.hidden,
         "kp": policy.config.kp,
         "kd": policy.config.kd,
+        "phase": policy.config.phase,
         "period_ticks": policy.period_ticks,
         "command_range": policy.command_range.tolist(),
         "provenance": policy.provenance,
@@ -258,7 +260,10 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
                 "made for this, or train one"
             )
     try:
-        config = PolicyConfig(tuple(record["hidden"]), record["kp"], record["kd"])
+        hidden, phase = tuple(record["hidden"]), record.get("phase", "circle")
+        if phase not in ("circle", "fraction"):
+            raise ValueError(f"a phase given as {phase!r}")
+        config = PolicyConfig(hidden, record["kp"], record["kd"], phase)
         network = PolicyNetwork(config)
         network.load_state_dict(tensors)
         if not all(tensor.isfinite().all() for tensor in tensors.values()):

@@ -14,6 +14,8 @@ from surefoot.config import (
     Config,
     ExpertData,
     LocoSafeDaggerConfig,
+    PolicyConfig,
+    SimulationConfig,
     TrainingConfig,
     unknown,
 )
@@ -43,9 +45,12 @@ def preset(method: str, name: str = "default") -> Config:
 
 def paper(method: str) -> Config:
     """The paper's numbers, its simulator, and its expert's rules."""
-    config = replace(Config(), method=METHODS[method]())
-    simulation = replace(config.simulation, backend="bullet")
-    return published_rules(replace(config, simulation=simulation))
+    config = Config(
+        method=METHODS[method](),
+        simulation=SimulationConfig(backend="bullet"),
+        policy=PolicyConfig(phase="fraction"),
+    )
+    return published_rules(config)
 
 
 def default(method: str) -> Config:

@@ -188,6 +188,7 @@ def collection_figures(summary: Summary) -> dict[str, Any]:
         "expert_share": float(summary.expert_ticks.sum() / summary.proper_ticks.sum()),
         "expert_share_with_tail": with_tail / robot_ticks,
         "expert_seconds": with_tail / TICKS_PER_SECOND,
+        "robot_seconds": robot_ticks / TICKS_PER_SECOND,
         "plans": int(summary.plans.sum()),
         "invalid_plans": int(summary.invalid_plans.sum()),
         "frames_kept": int(summary.kept.sum()),
