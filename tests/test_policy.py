@@ -8,11 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import onnx
 import pytest
 import torch
 
 from surefoot.config import PolicyConfig
 from surefoot.observation import INPUT_SIZE, network_input
+from surefoot.onnx_graph import onnx_graph
 from surefoot.policy import (
     Policy,
     PolicyFileError,
@@ -192,6 +194,19 @@ def test_policy_keeps_its_network():
         network.linear[0].weight.zero_()
     np.testing.assert_array_equal(policy.target(*arguments(5)), before)
     assert policy.network.state_dict()["linear.0.weight"].any()
+
+
+def test_the_graph_that_runs_is_the_network(tmp_path):
+    """Whatever ONNX runtime reads it: plain operators, checked, and the network's numbers."""
+    policy = make_policy()
+    layers = [(weight.numpy(), bias.numpy()) for weight, bias in policy.network.folded()]
+    model = onnx.load_from_string(onnx_graph(layers))
+    onnx.checker.check_model(model, full_check=True)
+    assert {node.op_type for node in model.graph.node} == {"Gemm", "Relu"}
+    inputs = np.random.default_rng(5).normal(size=(30, INPUT_SIZE)).astype(np.float32)
+    with torch.no_grad():
+        expected = policy.network(torch.from_numpy(inputs)).numpy()
+    np.testing.assert_allclose(policy.forward(inputs), expected, rtol=1e-5, atol=1e-5)
 
 
 def test_policy_travels_to_workers():

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from surefoot.config import SafetyConfig
 from surefoot.dataset import Frames
 from surefoot.robot import RobotModel, clip_torque
-from surefoot.rotations import from_heading, heading, rotation
+from surefoot.rotations import from_heading
 from surefoot.safety import Outcome, SafetyMonitor, fallen, stepping
 from surefoot.sim import Simulator
 from surefoot.starts import Starts
@@ -230,14 +230,14 @@ def rollout(
     q, v = np.zeros((total, B, 19)), np.zeros((total, B, 18))
     com, feet = np.zeros((total, B, 3)), np.zeros((total, B, 4, 3))
     contacts, drove = np.zeros((total, B, 4), dtype=bool), np.zeros((total, B), dtype=bool)
-    torques = np.zeros((total, B, 12))
+    torques, nothing = np.zeros((total, B, 12)), np.zeros((B, 12))
     active, length = np.ones(B, dtype=bool), np.full(B, total)
     outcome = np.full(B, Outcome.SUCCESS, dtype=np.int64)
 
     def end(which: BoolArray, as_outcome: Outcome, elapsed: int) -> None:
-        which = which & active
-        outcome[which], length[which] = as_outcome, elapsed
-        active[which] = False
+        if which.any() and (which := which & active).any():
+            outcome[which], length[which] = as_outcome, elapsed
+            active[which] = False
 
     for elapsed in range(total + 1):
         state = simulator.state
@@ -249,22 +249,22 @@ def rollout(
             break
         tick = starts.tick + elapsed
         choice = arbiter.choose(state, tick) if elapsed < T else np.ones(B, dtype=bool)
-        torque = np.zeros((B, 12))
-        if (by_expert := choice & active).any():
-            given = expert.torque(state, tick, starts.command, by_expert)
-            end(by_expert & expert.diverged, Outcome.DIVERGED, elapsed)
-            torque[by_expert] = given[by_expert]
+        torque = nothing
         if (by_policy := ~choice & active).any():
             if policy is None:
                 raise ValueError("the arbiter asks for a policy, but none was given")
-            torque[by_policy] = policy.torque(state, tick, starts.command, by_policy)[by_policy]
+            torque = policy.torque(state, tick, starts.command, by_policy)
+        if (by_expert := choice & active).any():
+            given = expert.torque(state, tick, starts.command, by_expert)
+            end(by_expert & expert.diverged, Outcome.DIVERGED, elapsed)
+            torque = np.where(by_expert[:, None], given, torque)
         torque = clip_torque(torque, robot.torque_limit)
         q[elapsed], v[elapsed], com[elapsed] = state.q, state.v, state.com
         feet[elapsed], contacts[elapsed] = state.feet, state.contacts
         torques[elapsed], drove[elapsed] = torque, choice
         if pushes is not None and (pushed := pushes.during(elapsed) & active).any():
             impulse = pushes.impulse / pushes.duration
-            impulse[:, :2] = from_heading(impulse[:, :2], heading(rotation(state.q[:, 3:7])))
+            impulse[:, :2] = from_heading(impulse[:, :2], state.heading)
             simulator.push(impulse, pushed)
         simulator.step(torque, active)
         if progress is not None and elapsed % 100 == 99:

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.rotations import heading, rotation, to_heading
+from surefoot.rotations import to_heading
 from surefoot.types import Array, IntArray, State
 
 Float32Array = NDArray[np.float32]
@@ -64,11 +64,10 @@ def observe(state: State, out: Float32Array | None = None) -> Float32Array:
     q, v = state.q, state.v
     if out is None:
         out = np.empty((*q.shape[:-1], OBSERVATION_SIZE), np.float32)
-    R = rotation(q[..., 3:7])
     feet = state.feet[..., :2] - state.com[..., None, :2]
-    feet = to_heading(feet, heading(R)[..., None, :])
+    feet = to_heading(feet, state.heading[..., None, :])
     out[..., OBSERVATION["base_height"]] = q[..., 2:3]
-    out[..., OBSERVATION["gravity"]] = -R[..., 2, :]
+    out[..., OBSERVATION["gravity"]] = -state.rotation[..., 2, :]
     out[..., OBSERVATION["base_velocity"]] = v[..., :6]
     out[..., OBSERVATION["joint_position"]] = q[..., 7:]
     out[..., OBSERVATION["joint_velocity"]] = v[..., 6:]

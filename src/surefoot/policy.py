@@ -11,6 +11,8 @@ from __future__ import annotations
 import copy
 import json
 import warnings
+from collections.abc import Callable
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,7 @@ from torch import Tensor, nn
 from surefoot.config import PolicyConfig
 from surefoot.files import write_atomic
 from surefoot.observation import GOAL_SIZES, INPUT_SIZE, OBSERVATION_SIZES, network_input
+from surefoot.onnx_graph import onnx_graph, runner
 from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray, State
 
 FORMAT = 1
@@ -156,8 +159,17 @@ class Policy:
         self.command_range = np.array(command_range, float).reshape(2, 3)
         self.robot = robot
         self.provenance = provenance or {}
-        self._layers = self.network.folded()
+        self._model = onnx_graph([(w.numpy(), b.numpy()) for w, b in self.network.folded()])
         self._batch = 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For other processes, which make their own session."""
+        return {name: value for name, value in vars(self).items() if name != "forward"}
+
+    @cached_property
+    def forward(self) -> Callable[[NDArray[np.float32]], NDArray[np.float32]]:
+        """The network alone, ``(n, 47)`` inputs to ``(n, 12)`` joint targets [rad]."""
+        return runner(self._model)
 
     def reset(self, batch: int) -> None:
         """``batch`` robots follow."""
@@ -166,12 +178,11 @@ class Policy:
     def target(self, state: State, tick: IntArray, command: Array) -> NDArray[np.float32]:
         """Joint targets ``(B, 12)`` [rad]; the arguments are those of ``torque``."""
         batch = len(state.q)
-        # PyTorch's memory is aligned, NumPy's need not be, and the alignment can change last bits.
-        inputs = torch.zeros(max(batch, _MINIMUM_ROWS), INPUT_SIZE)
+        inputs = np.zeros((max(batch, _MINIMUM_ROWS), INPUT_SIZE), np.float32)
         with np.errstate(over="ignore", invalid="ignore"):  # of a robot that has blown up
-            rows = inputs.numpy()[:batch]
+            rows = inputs[:batch]
             network_input(state, tick, command, self.period_ticks, self.config.phase, rows)
-        return _forward(self._layers, inputs)[:batch].numpy()
+        return self.forward(inputs)[:batch]
 
     def torque(self, state: State, tick: IntArray, command: Array, mask: BoolArray) -> Array:
         """Torques ``(B, 12)`` [Nm], before any clipping; rows outside the mask are arbitrary."""
@@ -183,20 +194,6 @@ class Policy:
     def diverged(self) -> BoolArray:
         """``(B,)`` all False: a policy always answers."""
         return np.zeros(self._batch, bool)
-
-
-def _forward(layers: list[tuple[Tensor, Tensor]], x: Tensor) -> Tensor:
-    """The folded network, on one thread: the bits may depend on the number of threads."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with torch.inference_mode():
-            for weight, bias in layers[:-1]:
-                x = torch.addmm(bias, x, weight).relu_()
-            weight, bias = layers[-1]
-            return torch.addmm(bias, x, weight)
-    finally:
-        torch.set_num_threads(threads)
 
 
 def check_command(policy: Policy, command: ArrayLike) -> bool:

@@ -102,4 +102,5 @@ def clip_torque(torque: Array, limit: float) -> Array:
 
     A torque that is not a number becomes zero, so that a broken controller goes limp.
     """
-    return np.clip(np.nan_to_num(torque, nan=0.0), -limit, limit)
+    clipped = np.minimum(np.maximum(torque, -limit), limit)
+    return np.where(np.isnan(clipped), 0.0, clipped)

@@ -8,8 +8,9 @@ robot's result never depends on its neighbours in the batch.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from surefoot.types import Array
+Array = NDArray[np.float64]
 
 # Each entry of the matrix, row by row, is an entry of the identity plus two signed products of
 # quaternion components: R = eye + SIGNS[0] * quat[A] * quat[B] + SIGNS[1] * quat[C] * quat[D].
@@ -49,7 +50,9 @@ def heading(rotation: Array) -> Array:
     forward = rotation[..., :2, 0]
     length = np.hypot(forward[..., 0], forward[..., 1])[..., None]
     vertical = length <= 1e-9
-    return np.where(vertical, (1.0, 0.0), forward / np.where(vertical, 1.0, length))
+    if vertical.any():
+        forward, length = np.where(vertical, (1.0, 0.0), forward), np.where(vertical, 1.0, length)
+    return forward / length
 
 
 def to_heading(vectors: Array, heading: Array) -> Array:
@@ -59,12 +62,9 @@ def to_heading(vectors: Array, heading: Array) -> Array:
         vectors: ``(..., 2)`` horizontal parts of world vectors.
         heading: ``(..., 2)`` cos and sin of the yaw; broadcasts to ``vectors``.
     """
-    x, y = vectors[..., 0], vectors[..., 1]
-    cos, sin = heading[..., 0], heading[..., 1]
-    turned = np.empty_like(vectors)
-    turned[..., 0] = cos * x + sin * y
-    turned[..., 1] = cos * y - sin * x
-    return turned
+    # A vector as the number x + iy, divided by cos + i sin: one product.
+    plane = np.ascontiguousarray(vectors).view(np.complex128)
+    return (plane * np.ascontiguousarray(heading * (1.0, -1.0)).view(np.complex128)).view(float)
 
 
 def from_heading(vectors: Array, heading: Array) -> Array:
@@ -72,14 +72,25 @@ def from_heading(vectors: Array, heading: Array) -> Array:
     return to_heading(vectors, heading * (1.0, -1.0))
 
 
+def roll_pitch(rotation: Array) -> Array:
+    """``(..., 2)`` roll and pitch [rad]: R = Rz(yaw) Ry(pitch) Rx(roll), pitch in +-pi/2.
+
+    Args:
+        rotation: ``(..., 3, 3)`` base frame to world frame.
+    """
+    last = rotation[..., 2, :]
+    angles = np.empty((*rotation.shape[:-2], 2))
+    angles[..., 0] = np.arctan2(last[..., 1], last[..., 2])
+    angles[..., 1] = np.arcsin(np.minimum(np.maximum(-last[..., 0], -1.0), 1.0))
+    return angles
+
+
 def roll_pitch_yaw(quat: Array) -> Array:
-    """``(..., 3)`` roll, pitch, yaw [rad]: R = Rz(yaw) Ry(pitch) Rx(roll), pitch in +-pi/2.
+    """``(..., 3)`` roll, pitch, yaw [rad].
 
     Args:
         quat: ``(..., 4)`` unit quaternion, scalar last.
     """
     R = rotation(quat)
-    roll = np.arctan2(R[..., 2, 1], R[..., 2, 2])
-    pitch = np.arcsin(np.clip(-R[..., 2, 0], -1.0, 1.0))
     yaw = np.arctan2(R[..., 1, 0], R[..., 0, 0])
-    return np.stack([roll, pitch, yaw], axis=-1)
+    return np.concatenate([roll_pitch(R), yaw[..., None]], axis=-1)

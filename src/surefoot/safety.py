@@ -7,12 +7,12 @@ episode; `stepping` decides afterwards whether the robot kept walking. All array
 from __future__ import annotations
 
 from enum import Enum, IntEnum
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
 from surefoot.config import SafetyConfig
-from surefoot.rotations import roll_pitch_yaw
 from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
 
 LEFT_RIGHT = np.array([1.0, -1.0, 1.0, -1.0])
@@ -42,27 +42,30 @@ class HandBack(Enum):
 
 def unsafe(state: State, config: SafetyConfig) -> BoolArray:
     """``(B,)`` True where a robot is outside the paper's Table I."""
-    joints = np.degrees(state.q[..., 7:]).reshape(*state.q.shape[:-1], 4, 3)
-    roll_pitch = np.degrees(roll_pitch_yaw(state.q[..., 3:7])[..., :2])
-    inside = (
-        _between(state.com[..., 2], config.com_height)
-        & (np.abs(roll_pitch) <= config.roll_pitch).all(axis=-1)
-        & _between(joints[..., 0] * LEFT_RIGHT, config.hip_abduction).all(axis=-1)
-        & _between(joints[..., 1] * FRONT_HIND, config.hip_flexion).all(axis=-1)
-        & _between(joints[..., 2] * FRONT_HIND, config.knee).all(axis=-1)
-    )
-    return ~inside
+    low, high = _table(config)
+    values = np.concatenate([state.com[..., 2:], state.roll_pitch, state.q[..., 7:]], axis=-1)
+    return ~np.logical_and.reduce((values >= low) & (values <= high), axis=-1)
 
 
 def fallen(state: State, config: SafetyConfig) -> BoolArray:
     """``(B,)`` True where base height, roll or pitch is that of a robot that has fallen."""
-    roll_pitch = np.degrees(roll_pitch_yaw(state.q[..., 3:7])[..., :2])
-    upright = (np.abs(roll_pitch) <= config.fall_angle).all(axis=-1)
-    return ~(upright & _between(state.q[..., 2], config.fall_height))
+    low, high = config.fall_height
+    height = state.q[..., 2]
+    upright = (np.abs(state.roll_pitch) <= np.radians(config.fall_angle)).all(axis=-1)
+    return ~(upright & (height >= low) & (height <= high))
 
 
-def _between(value: Array, bounds: tuple[float, float]) -> BoolArray:
-    return (value >= bounds[0]) & (value <= bounds[1])
+@lru_cache
+def _table(config: SafetyConfig) -> tuple[Array, Array]:
+    """Bounds ``(15,)`` of the centre of mass's height [m], roll, pitch and the joints [rad]."""
+    hip, thigh, knee = config.hip_abduction, config.hip_flexion, config.knee
+    rows = [(-config.roll_pitch, config.roll_pitch)] * 2
+    for side, end in zip(LEFT_RIGHT, FRONT_HIND, strict=True):
+        for sign, bounds in ((side, hip), (end, thigh), (end, knee)):
+            low, high = sorted(sign * bound for bound in bounds)
+            rows.append((low, high))
+    low, high = np.radians(rows).T
+    return np.append(config.com_height[0], low), np.append(config.com_height[1], high)
 
 
 class SafetyMonitor:
@@ -82,11 +85,13 @@ class SafetyMonitor:
 
     def reset(self, batch: int) -> None:
         """No robot of ``batch`` is blocked."""
-        self._blocked_for = np.full(batch, -1)
+        self._blocked_for, self._anyone = np.full(batch, -1), False
 
     def blocking(self, state: State) -> BoolArray:
         """``(B,)`` True where the expert must drive during this tick; call once a tick."""
         violation = unsafe(state, self._config)
+        if not self._anyone and not violation.any():
+            return violation
         clock = np.where(self._blocked_for >= 0, self._blocked_for + 1, -1)
         if self._hand_back is HandBack.EVERY_VIOLATION_RESTARTS:
             clock[violation] = 0
@@ -96,8 +101,9 @@ class SafetyMonitor:
             release = ~violation & (clock >= self._block)
         clock[release] = -1
         clock[violation & (clock < 0) & ~release] = 0
-        self._blocked_for = clock
-        return clock >= 0
+        self._blocked_for, blocked = clock, clock >= 0
+        self._anyone = bool(blocked.any())
+        return blocked
 
 
 def stepping(feet_height: Array, contacts: BoolArray, foot_radius: float) -> BoolArray:

@@ -11,12 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from surefoot import rotations
+from surefoot.rotations import Array
+
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
@@ -44,6 +47,8 @@ class Command(NamedTuple):
 class State:
     """What a simulator measures of one robot, or of B robots in lockstep.
 
+    What follows from it is computed once, when it is first asked for.
+
     Attributes:
         q: ``(..., 19)`` configuration [m, unit quaternion, rad].
         v: ``(..., 18)`` velocity [m/s, rad/s], base part in the base frame.
@@ -61,6 +66,21 @@ class State:
     def __getitem__(self, index: int | slice | NDArray) -> State:
         """One robot of a batch, or a part of the batch."""
         return State(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    @cached_property
+    def rotation(self) -> Array:
+        """``(..., 3, 3)`` base frame to world frame."""
+        return rotations.rotation(self.q[..., 3:7])
+
+    @cached_property
+    def heading(self) -> Array:
+        """``(..., 2)`` cos and sin of the yaw."""
+        return rotations.heading(self.rotation)
+
+    @cached_property
+    def roll_pitch(self) -> Array:
+        """``(..., 2)`` roll and pitch [rad]."""
+        return rotations.roll_pitch(self.rotation)
 
 
 @dataclass(frozen=True)

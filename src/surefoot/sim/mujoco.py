@@ -15,7 +15,9 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
+from numba import njit
 
+from surefoot import rigid
 from surefoot.config import SimulationConfig
 from surefoot.geometry import contact_shapes
 from surefoot.robot import RobotModel, standing
@@ -46,12 +48,27 @@ def to_mujoco(q: Array, v: Array) -> tuple[Array, Array]:
     return qpos, qvel
 
 
-def from_mujoco(qpos: Array, qvel: Array) -> tuple[Array, Array]:
-    """MuJoCo's qpos ``(B, 19)`` and qvel ``(B, 18)`` to Pinocchio's q and v, in new arrays."""
-    q, v = qpos.copy(), qvel.copy()
-    q[:, 3:6], q[:, 6] = qpos[:, 4:7], qpos[:, 3]
-    v[:, :3] = (rotation(q[:, 3:7]) * qvel[:, :3, None]).sum(axis=1)
-    return q, v
+def from_mujoco(qpos: Array, qvel: Array, com: Array, feet: Array, contacts: BoolArray) -> State:
+    """A state of MuJoCo's qpos ``(B, 19)`` and qvel ``(B, 18)``, copied to Pinocchio's order."""
+    state = State(np.empty_like(qpos), np.empty_like(qvel), com, feet, contacts)
+    # The rotation is needed here, and known to the state from now on.
+    vars(state)["rotation"] = np.empty((len(qpos), 3, 3))
+    _convert(qpos, qvel, state.q, state.v, state.rotation)
+    return state
+
+
+@njit(cache=True, error_model="numpy")
+def _convert(qpos: Array, qvel: Array, q: Array, v: Array, R: Array) -> None:
+    """Fill q, v and the rotation; compiled, because it is done at every tick."""
+    for robot in range(len(q)):
+        q[robot], v[robot] = qpos[robot], qvel[robot]
+        q[robot, 3:6], q[robot, 6] = qpos[robot, 4:7], qpos[robot, 3]
+        rows = rigid.rotation(q[robot])
+        for i in range(3):
+            R[robot, i, 0], R[robot, i, 1], R[robot, i, 2] = rows[i]
+        world = rigid.vector(qvel[robot])
+        for j in range(3):
+            v[robot, j] = rows[0][j] * world[0] + rows[1][j] * world[1] + rows[2][j] * world[2]
 
 
 def build_model(
@@ -268,13 +285,10 @@ class MujocoSimulator:
     def state(self) -> State:
         """See ``Simulator``; computed once a tick."""
         if self._state is None:
-            # A robot that blew up may hold infinities; its rows are not numbers, nobody else's.
-            with np.errstate(invalid="ignore", over="ignore"):
-                q, v = from_mujoco(self._qpos, self._qvel)
             sensors = self._sensors.copy()
             feet = sensors[:, _FEET].reshape(self.batch, 4, 3)
             contacts = sensors[:, _FORCE] > CONTACT_FORCE
-            self._state = State(q, v, sensors[:, _COM], feet, contacts)
+            self._state = from_mujoco(self._qpos, self._qvel, sensors[:, _COM], feet, contacts)
         return self._state
 
     @property
