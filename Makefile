@@ -8,7 +8,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: help venv demo test test-slow check format bench system clean
+.PHONY: help venv demo test test-slow check format bench peers system clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -51,8 +51,17 @@ bench: venv  ## plan, engine and training speed, each beside its floor
 	$(BIN)/surefoot bench engine
 	$(BIN)/surefoot bench train
 
+peers: .venv-peers/.complete  ## collection speed beside imitation and Stable-Baselines3 (three minutes)
+	.venv-peers/bin/python benchmarks/peers/compare.py $(if $(JSON),--json-file $(JSON))
+
+.venv-peers/.complete: benchmarks/peers/requirements.txt pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv-peers
+	.venv-peers/bin/python -m pip install --quiet --upgrade pip
+	.venv-peers/bin/python -m pip install --quiet -c constraints.txt -e . -r $<
+	@touch $@
+
 system:  ## Debian packages for headless rendering (needs root)
 	apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri
 
 clean:  ## remove the environment and caches, never runs
-	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-peers .pytest_cache .ruff_cache .hypothesis
