@@ -24,6 +24,7 @@ from surefoot.run import Run, create, open_run
 from surefoot.safety import Outcome
 from surefoot.starts import Starts
 from surefoot.types import MotionPlan
+from surefoot.workers import Workers
 
 CONFIG = replace(
     Config(),
@@ -44,7 +45,7 @@ def fingerprint(run: Run) -> tuple:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Run:
     run = create(tmp_path_factory.mktemp("finished") / "run", CONFIG)
-    assert behavior_cloning(run, workers=1) == run.policy(0)
+    assert behavior_cloning(run, workers=Workers(1)) == run.policy(0)
     return run
 
 
@@ -66,7 +67,7 @@ def test_the_run_holds_the_experts_rollouts(finished):
 
 def test_the_same_run_again_has_the_same_bits(finished, tmp_path):
     run = create(tmp_path / "run", CONFIG)
-    behavior_cloning(run, workers=2)
+    behavior_cloning(run, workers=Workers(2))
     assert fingerprint(run) == fingerprint(finished)
 
 
@@ -88,10 +89,10 @@ def test_a_run_killed_inside_a_stage_ends_with_the_same_bits(
     with monkeypatch.context() as patch:
         patch.setattr(surefoot.methods.stages, function, work_and_die)
         with pytest.raises(Killed):
-            behavior_cloning(create(tmp_path / "run", CONFIG), workers=1)
+            behavior_cloning(create(tmp_path / "run", CONFIG), workers=Workers(1))
     run = open_run(tmp_path / "run")
     assert len(run.metrics) < len(STAGES)
-    behavior_cloning(run, workers=1)
+    behavior_cloning(run, workers=Workers(1))
     assert fingerprint(run) == fingerprint(finished)
 
 
@@ -111,11 +112,11 @@ def test_chunks_that_are_done_are_not_run_again(finished, tmp_path, monkeypatch)
     with monkeypatch.context() as patch:
         patch.setattr(Dataset, "append", store_and_die)
         with pytest.raises(Killed):
-            behavior_cloning(create(tmp_path / "run", CONFIG), workers=1)
+            behavior_cloning(create(tmp_path / "run", CONFIG), workers=Workers(1))
     monkeypatch.setattr(surefoot.methods.stages, "run_chunk", counted)
     run = open_run(tmp_path / "run")
     assert run.dataset.episodes == 12 and run.metrics == []
-    behavior_cloning(run, workers=1)
+    behavior_cloning(run, workers=Workers(1))
     assert ran == [12, 18]
     assert fingerprint(run) == fingerprint(finished)
 
@@ -135,9 +136,9 @@ def test_a_collection_begun_by_another_expert_is_refused(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(Dataset, "append", store_and_die)
         with pytest.raises(Killed):
-            behavior_cloning(create(tmp_path / "run", CONFIG), workers=1, plan=stiff)
+            behavior_cloning(create(tmp_path / "run", CONFIG), workers=Workers(1), plan=stiff)
     with pytest.raises(ValueError, match=r"by another expert than surefoot.mpc.planner"):
-        behavior_cloning(open_run(tmp_path / "run"), workers=1)
+        behavior_cloning(open_run(tmp_path / "run"), workers=Workers(1))
 
 
 def test_resuming_over_other_data_is_refused(finished, tmp_path, monkeypatch):
@@ -146,7 +147,7 @@ def test_resuming_over_other_data_is_refused(finished, tmp_path, monkeypatch):
     run = create(tmp_path / "run", CONFIG)
     run.dataset.append("iteration_000-000", finished.dataset.load()[:100])
     with pytest.raises(DatasetError, match="already holds other frames"):
-        surefoot.methods.stages.collect(run, 0, collection(Run(run.folder, other), 0), 1)
+        surefoot.methods.stages.collect(run, 0, collection(Run(run.folder, other), 0), Workers(1))
     assert run.metrics == []
 
 
@@ -189,7 +190,7 @@ def test_a_run_of_another_method_is_refused(tmp_path):
     with pytest.raises(
         TypeError, match="configured for loco_safe_dagger, not for behavior_cloning"
     ):
-        behavior_cloning(run, workers=1)
+        behavior_cloning(run, workers=Workers(1))
     with pytest.raises(TypeError, match="loco_safe_dagger"):
         collection(run, 0)
     assert run.metrics == []

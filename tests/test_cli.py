@@ -19,6 +19,7 @@ from surefoot.policy import Policy, PolicyNetwork, save
 from surefoot.presets import preset
 from surefoot.replay import recorded_episode
 from surefoot.run import create
+from surefoot.workers import Workers
 
 
 def surefoot(monkeypatch, *args: object) -> int:
@@ -46,7 +47,7 @@ def run_folder(tmp_path_factory) -> Path:
     config = Config(method=method, policy=PolicyConfig(hidden=(16, 16)))
     config = replace(config, evaluation=replace(config.evaluation, duration=0.2, episodes=4))
     run = create(tmp_path_factory.mktemp("run") / "tiny", config)
-    loco_safe_dagger(run, workers=1)
+    loco_safe_dagger(run, workers=Workers(1))
     return run.folder
 
 

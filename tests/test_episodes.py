@@ -29,7 +29,7 @@ from surefoot.robot import solo12, standing
 from surefoot.safety import HandBack, Outcome, SafetyMonitor
 from surefoot.starts import Starts, load_starts
 from surefoot.types import MotionPlan
-from surefoot.workers import map_chunks
+from surefoot.workers import Workers, map_chunks
 
 CONFIG = replace(Config(), chunk=2, evaluation=EvaluationConfig(duration=0.3, episodes=5))
 HIDDEN = PolicyConfig(hidden=(16, 16))
@@ -75,7 +75,7 @@ def equal(a: Summary, b: Summary):
 
 def collected(job, workers):
     """Summary and frames of all chunks of a job."""
-    parts = map_chunks(run_chunk, chunks_of(job), workers, "chunks")
+    parts = map_chunks(run_chunk, chunks_of(job), Workers(workers), "chunks")
     summaries, frames = zip(*parts, strict=True)
     return join(summaries), concatenate(frames)
 
@@ -135,7 +135,7 @@ def test_one_episode_alone_is_the_one_of_the_batch(policy):
 
 def test_summary_counts_plans_of_each_robot():
     job = job_of(episodes=2, duration=0.11, tail=0.0)
-    summary = run_episodes(job, 1, "plans")
+    summary = run_episodes(job, Workers(1), "plans")
     offsets = job.starts.tick % 50
     assert not offsets.any()
     np.testing.assert_array_equal(summary.plans, [3, 3])
@@ -144,7 +144,7 @@ def test_summary_counts_plans_of_each_robot():
 
 
 def test_a_summary_comes_back_from_its_file_to_the_bit(policy, tmp_path):
-    summary = run_episodes(job_of(policy, episodes=2), 1, "file")
+    summary = run_episodes(job_of(policy, episodes=2), Workers(1), "file")
     path = tmp_path / "episodes" / "part.npz"
     save_summary(path, summary)
     equal(summary, load_summary(path))

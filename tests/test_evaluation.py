@@ -12,6 +12,7 @@ from surefoot.evaluation import evaluate, figures_of, mean_rows
 from surefoot.policy import Policy, PolicyNetwork, save
 from surefoot.safety import Outcome
 from surefoot.starts import load_starts
+from surefoot.workers import Workers
 
 SUCCESS, FELL, STALLED, DIVERGED = Outcome
 
@@ -127,7 +128,7 @@ def policy(tmp_path_factory):
 
 def test_a_random_policy_falls_and_is_written_down(policy):
     config = replace(Config(), chunk=4, evaluation=EvaluationConfig(duration=1.2, episodes=8))
-    figures, summary = evaluate(config, policy, "select", 1, "random")
+    figures, summary = evaluate(config, policy, "select", Workers(1), "random")
     stored = load_starts()
     assert figures["episodes"] == 8
     assert figures["split"] == "select"
@@ -139,15 +140,15 @@ def test_a_random_policy_falls_and_is_written_down(policy):
     assert not summary.kept.any()
     assert strict_json(figures) == figures
     # The same twice, and on another split other starts.
-    again, _ = evaluate(config, policy, "select", 2, "again")
+    again, _ = evaluate(config, policy, "select", Workers(2), "again")
     assert again == figures
-    _, other = evaluate(config, policy, "test", 1, "test")
+    _, other = evaluate(config, policy, "test", Workers(1), "test")
     assert not set(other.start) & set(summary.start)
 
 
 def test_without_a_policy_the_expert_is_evaluated():
     config = replace(Config(), chunk=2, evaluation=EvaluationConfig(duration=0.1, episodes=2))
-    figures, summary = evaluate(config, None, "select", 1, "expert")
+    figures, summary = evaluate(config, None, "select", Workers(1), "expert")
     assert summary.expert_ticks.tolist() == summary.proper_ticks.tolist() == [100, 100]
     assert figures["plans"] == 4
     assert figures["falls"] == 0
@@ -159,9 +160,9 @@ def test_without_a_policy_the_expert_is_evaluated():
 def test_more_episodes_than_there_are_starts_is_an_error(policy, episodes):
     config = replace(Config(), evaluation=EvaluationConfig(episodes=episodes))
     with pytest.raises(ValueError, match=f"{episodes} episodes asked.*hold 200 in 'select'"):
-        evaluate(config, policy, "select", 1, "too many")
+        evaluate(config, policy, "select", Workers(1), "too many")
 
 
 def test_an_unknown_split_is_an_error(policy):
     with pytest.raises(KeyError, match="no split 'exam'"):
-        evaluate(Config(), policy, "exam", 1, "exam")
+        evaluate(Config(), policy, "exam", Workers(1), "exam")

@@ -31,6 +31,7 @@ from surefoot.run import Run, create, open_run
 from surefoot.safety import Outcome
 from surefoot.starts import Starts, load_starts
 from surefoot.train import fit
+from surefoot.workers import Workers
 
 METHOD = LocoSafeDaggerConfig(
     pretraining=ExpertData(2, 1, True, 0.12),
@@ -68,7 +69,7 @@ def fingerprint(run: Run) -> dict:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Run:
     run = create(tmp_path_factory.mktemp("finished") / "run", CONFIG)
-    loco_safe_dagger(run, workers=1)
+    loco_safe_dagger(run, workers=Workers(1))
     return run
 
 
@@ -153,16 +154,17 @@ def test_pretraining_starts_are_nominal_and_first_perturbations(finished):
     assert len(pretraining) == 22 * 120
 
 
-def test_the_same_run_again_has_the_same_bits(finished, tmp_path):
-    """With two processes, too."""
+@pytest.mark.parametrize("workers", [2, 4])
+def test_the_same_run_again_has_the_same_bits(finished, tmp_path, workers):
+    """With more processes, too."""
     run = create(tmp_path / "run", CONFIG)
-    loco_safe_dagger(run, workers=2)
+    loco_safe_dagger(run, Workers(workers))
     assert fingerprint(run) == fingerprint(finished)
 
 
 def test_another_seed_gives_other_data(finished, tmp_path):
     run = create(tmp_path / "run", replace(CONFIG, seed=12, method=replace(METHOD, iterations=0)))
-    loco_safe_dagger(run, workers=1)
+    loco_safe_dagger(run, workers=Workers(1))
     # The stored starts of the pre-training are the same for every seed; the network is not.
     hashes = [figures_of(each, "collect", 0)["dataset_hash"] for each in (run, finished)]
     assert hashes[0] == hashes[1]
@@ -194,8 +196,8 @@ def test_a_run_killed_at_every_stage_ends_with_the_same_bits(
     monkeypatch.setattr(Run, "record", record_and_die)
     for _ in range(len(STAGES)):
         with pytest.raises(Killed):
-            loco_safe_dagger(create(tmp_path / "run", CONFIG, resume=True), workers=1)
-    loco_safe_dagger(create(tmp_path / "run", CONFIG, resume=True), workers=1)
+            loco_safe_dagger(create(tmp_path / "run", CONFIG, resume=True), workers=Workers(1))
+    loco_safe_dagger(create(tmp_path / "run", CONFIG, resume=True), workers=Workers(1))
     assert killed == STAGES
     assert fingerprint(open_run(tmp_path / "run")) == fingerprint(finished)
 
@@ -205,7 +207,7 @@ def test_a_finished_run_is_not_touched_again(finished, monkeypatch):
     times = {path: path.stat().st_mtime_ns for path in finished.folder.rglob("*")}
     monkeypatch.setattr("surefoot.methods.stages.run_chunk", None)
     monkeypatch.setattr("surefoot.methods.stages.fit", None)
-    assert loco_safe_dagger(open_run(finished.folder), workers=1) == finished.best_policy
+    assert loco_safe_dagger(open_run(finished.folder), workers=Workers(1)) == finished.best_policy
     assert fingerprint(finished) == before
     assert {path: path.stat().st_mtime_ns for path in finished.folder.rglob("*")} == times
 
@@ -401,7 +403,7 @@ def test_the_best_policy(tmp_path, successes, errors, winner):
 def test_a_run_of_another_method_is_refused(tmp_path):
     run = create(tmp_path / "run", replace(CONFIG, method=BehaviorCloningConfig()))
     with pytest.raises(TypeError, match="configured for behavior_cloning, not for loco_safe"):
-        loco_safe_dagger(run, workers=1)
+        loco_safe_dagger(run, workers=Workers(1))
     assert run.metrics == []
 
 
@@ -424,5 +426,5 @@ def test_what_cannot_be_had_is_an_error_before_any_work(tmp_path, monkeypatch, c
     monkeypatch.setattr("surefoot.methods.stages.run_chunk", None)
     run = create(tmp_path / "run", replace(CONFIG, method=replace(METHOD, **change)))
     with pytest.raises(ValueError, match=message):
-        loco_safe_dagger(run, workers=1)
+        loco_safe_dagger(run, workers=Workers(1))
     assert run.metrics == []

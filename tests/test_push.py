@@ -13,6 +13,7 @@ from surefoot.episodes import Job
 from surefoot.push import level_at, push_recovery, pushed, pushed_starts
 from surefoot.safety import Outcome
 from surefoot.starts import load_starts
+from surefoot.workers import Workers
 
 CONFIG = Config()
 STORED = load_starts()
@@ -37,7 +38,7 @@ def pretend(monkeypatch, limit, unpushed=Outcome.SUCCESS):
 
 def test_search_finds_the_limit_of_every_direction(monkeypatch):
     rounds = pretend(monkeypatch, lambda angle: 2.0 + np.cos(angle))
-    figures = push_recovery(CONFIG, None, 1, "test")
+    figures = push_recovery(CONFIG, None, Workers(1), "test")
     assert figures["direction_deg"] == [0, 45, 90, 135, 180, 225, 270, 315]
     resolution = CONFIG.push.resolution
     limits = 2.0 + np.cos(np.radians(figures["direction_deg"]))
@@ -52,14 +53,14 @@ def test_search_finds_the_limit_of_every_direction(monkeypatch):
 
 def test_limits_of_the_search(monkeypatch):
     pretend(monkeypatch, lambda angle: 0.0 * angle)
-    figures = push_recovery(CONFIG, None, 1, "test")
+    figures = push_recovery(CONFIG, None, Workers(1), "test")
     assert figures["max_impulse"] == [0.0] * 8
     rounds = pretend(monkeypatch, lambda angle: 2.0 + 0.0 * angle, unpushed=Outcome.STALLED)
-    figures = push_recovery(CONFIG, None, 1, "test")
+    figures = push_recovery(CONFIG, None, Workers(1), "test")
     assert figures["max_impulse"] == figures["fitted_impulse"] == [0.0] * 8
     assert len(rounds) == 1  # who fails unpushed is not pushed
     pretend(monkeypatch, lambda angle: 1e9 + 0.0 * angle)
-    figures = push_recovery(CONFIG, None, 1, "test")
+    figures = push_recovery(CONFIG, None, Workers(1), "test")
     strongest = CONFIG.push.levels * CONFIG.push.resolution
     assert figures["max_impulse"] == [strongest] * 8
     assert figures["fitted_impulse"] == [strongest] * 8
@@ -100,6 +101,6 @@ def test_every_direction_pushes_every_start():
 
 def test_expert_stands_small_pushes_and_falls_from_large_ones():
     few = replace(CONFIG.push, speeds=1, directions=1, resolution=3.0, levels=3)
-    figures = push_recovery(replace(CONFIG, push=few, chunk=20), None, 1, "test")
+    figures = push_recovery(replace(CONFIG, push=few, chunk=20), None, Workers(1), "test")
     assert figures["max_impulse"] == [3.0]
     assert figures["unpushed_successes"] == 10

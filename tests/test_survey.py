@@ -11,6 +11,7 @@ from surefoot import survey as survey_module
 from surefoot.config import Config
 from surefoot.safety import Outcome
 from surefoot.survey import lost_by_all, survey, table, variant_of
+from surefoot.workers import Workers
 
 CONFIG = Config()
 
@@ -59,7 +60,7 @@ def pretend(monkeypatch, stop_after=1000):
 
 def test_every_variant_is_measured_on_equal_terms(monkeypatch, tmp_path):
     calls = pretend(monkeypatch)
-    record = survey(CONFIG, None, 3, 1, tmp_path / "survey.json")
+    record = survey(CONFIG, None, 3, Workers(1), tmp_path / "survey.json")
     assert len(record["cells"]) == 8
     assert len(set(calls)) == 4 * 2 * 2  # four measurements, two simulators, two rules
     assert len(calls) == 32
@@ -78,13 +79,13 @@ def test_every_variant_is_measured_on_equal_terms(monkeypatch, tmp_path):
 @pytest.mark.parametrize("stop", [0, 1, 6, 13])
 def test_an_interrupted_survey_goes_on_where_it_stopped(monkeypatch, tmp_path, stop):
     pretend(monkeypatch)
-    whole = survey(CONFIG, "mujoco", 3, 1, tmp_path / "whole.json")
+    whole = survey(CONFIG, "mujoco", 3, Workers(1), tmp_path / "whole.json")
     path = tmp_path / "survey.json"
     pretend(monkeypatch, stop_after=stop)
     with pytest.raises(Interrupted):
-        survey(CONFIG, "mujoco", 3, 1, path)
+        survey(CONFIG, "mujoco", 3, Workers(1), path)
     calls = pretend(monkeypatch)
-    assert survey(CONFIG, "mujoco", 3, 1, path) == whole
+    assert survey(CONFIG, "mujoco", 3, Workers(1), path) == whole
     assert len(calls) == 16 - stop
     assert json.loads(path.read_text()) == json.loads((tmp_path / "whole.json").read_text())
 
@@ -92,11 +93,11 @@ def test_an_interrupted_survey_goes_on_where_it_stopped(monkeypatch, tmp_path, s
 def test_a_survey_of_another_configuration_is_not_mixed_in(monkeypatch, tmp_path):
     pretend(monkeypatch)
     path = tmp_path / "survey.json"
-    survey(CONFIG, "mujoco", 3, 1, path)
+    survey(CONFIG, "mujoco", 3, Workers(1), path)
     before = path.read_bytes()
     other = replace(CONFIG, expert=replace(CONFIG.expert, kp=4.0))
     with pytest.raises(ValueError, match="other config; name another file"):
-        survey(other, "mujoco", 3, 1, path)
+        survey(other, "mujoco", 3, Workers(1), path)
     assert path.read_bytes() == before
 
 

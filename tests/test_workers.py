@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from surefoot.workers import RETRIES, default_workers, map_chunks
+from surefoot.workers import RETRIES, Workers, default_workers, each_chunk, map_chunks
 
 
 def square(number):
@@ -39,41 +39,79 @@ def refuse(number):
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_come_in_the_order_of_the_chunks(workers):
-    assert map_chunks(square, list(range(7)), workers, "squares") == [0, 1, 4, 9, 16, 25, 36]
-    results = map_chunks(slow_first, list(range(6)), workers, "slow")
+    assert map_chunks(square, list(range(7)), Workers(workers), "squares") == [
+        0,
+        1,
+        4,
+        9,
+        16,
+        25,
+        36,
+    ]
+    results = map_chunks(slow_first, list(range(6)), Workers(workers), "slow")
     assert [number for number, _ in results] == list(range(6))
     assert (os.getpid() in {pid for _, pid in results}) == (workers == 1)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_nothing_to_do_is_no_result(workers):
-    assert map_chunks(square, [], workers, "nothing") == []
+    assert map_chunks(square, [], Workers(workers), "nothing") == []
 
 
 def test_a_single_chunk_stays_in_this_process():
-    assert map_chunks(slow_first, [5], 4, "one") == [(5, os.getpid())]
+    assert map_chunks(slow_first, [5], Workers(4), "one") == [(5, os.getpid())]
 
 
 def test_a_chunk_whose_process_dies_is_run_again(tmp_path):
     chunks = [(number, tmp_path, 1 if number == 2 else 0) for number in range(5)]
-    assert map_chunks(count_and_die, chunks, 2, "dies once") == [0, 10, 20, 30, 40]
+    assert map_chunks(count_and_die, chunks, Workers(2), "dies once") == [0, 10, 20, 30, 40]
     assert len(list(tmp_path.glob("2.*"))) == 2
     # And the next call has a pool that works.
-    assert map_chunks(square, [1, 2, 3], 2, "after") == [1, 4, 9]
+    assert map_chunks(square, [1, 2, 3], Workers(2), "after") == [1, 4, 9]
 
 
 def test_a_chunk_that_always_dies_is_an_error(tmp_path):
     chunks = [(number, tmp_path, 100 if number == 1 else 0) for number in range(3)]
-    with pytest.raises(RuntimeError, match=r"always: a process died 3 times.*fewer --workers"):
-        map_chunks(count_and_die, chunks, 2, "always")
+    with pytest.raises(
+        RuntimeError, match=r"always: a worker died 3 times while chunk .*fewer --workers"
+    ):
+        map_chunks(count_and_die, chunks, Workers(2), "always")
     assert len(list(tmp_path.glob("1.*"))) == RETRIES + 1
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_error_in_a_chunk_is_passed_on(workers):
     with pytest.raises(LookupError, match="no chunk 3"):
-        map_chunks(refuse, list(range(6)), workers, "refuses")
-    assert map_chunks(square, [4, 5], workers, "after") == [16, 25]
+        map_chunks(refuse, list(range(6)), Workers(workers), "refuses")
+    assert map_chunks(square, [4, 5], Workers(workers), "after") == [16, 25]
+
+
+def test_results_are_handed_over_as_they_come():
+    """The first chunk sleeps; the others do not wait for it."""
+    results = each_chunk(slow_first, [0, 1, 2, 3], Workers(2), "any order")
+    arrived = [number for number, _ in results]
+    assert sorted(arrived) == [0, 1, 2, 3]
+    assert arrived[0] != 0
+
+
+def mark(argument):
+    number, folder = argument
+    (folder / str(number)).touch()
+    return number
+
+
+def test_few_chunks_are_under_way_at_a_time(tmp_path):
+    """However slowly the results are taken."""
+    chunks = [(number, tmp_path) for number in range(20)]
+    for taken, _ in enumerate(each_chunk(mark, chunks, Workers(2), "few"), 1):
+        time.sleep(0.02)
+        assert len(list(tmp_path.iterdir())) <= taken + 4
+    assert taken == 20
+
+
+def test_no_workers_is_an_error():
+    with pytest.raises(ValueError, match="0 workers; use at least 1"):
+        map_chunks(square, [1], Workers(0), "none")
 
 
 def test_workers_are_at_least_one_and_those_we_may_use():
@@ -89,11 +127,11 @@ def sleep(folder):
     time.sleep(120)
 
 if __name__ == "__main__":
-    from surefoot.workers import map_chunks
+    from surefoot.workers import Workers, map_chunks
     # Whoever starts the tests in the background has children that ignore Ctrl-C.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        map_chunks(sleep, [sys.argv[1]] * 4, 2, "asleep")
+        map_chunks(sleep, [sys.argv[1]] * 4, Workers(2), "asleep")
     except KeyboardInterrupt:
         (Path(sys.argv[1]) / "interrupted").touch()
         raise

@@ -20,7 +20,7 @@ from surefoot.config import Config
 from surefoot.observation import INPUT_SIZE, Float32Array, goal, network_input
 from surefoot.sim import CONTACT_FORCE
 from surefoot.sim.mujoco import from_mujoco
-from surefoot.types import Array, State, to_ticks
+from surefoot.types import Array, to_ticks
 
 _FORCE, _FEET, _COM = slice(0, 4), slice(4, 16), slice(16, 19)
 """Where ``build_model`` puts foot forces and positions and centre of mass among the sensors."""
@@ -138,9 +138,9 @@ class UsualSolo12Env(Solo12Env):
     """The same with the observation as most would write it: by array functions."""
 
     def _observe(self, R: list[float]) -> Float32Array:
-        q, v = from_mujoco(self._qpos[None], self._qvel[None])
         sensors = self._data.sensordata
         contacts = sensors[None, _FORCE] > CONTACT_FORCE
         feet = sensors[_FEET].reshape(1, 4, 3)
-        state = State(q, v, sensors[None, _COM], feet, contacts)
+        com = sensors[None, _COM]
+        state = from_mujoco(self._qpos[None], self._qvel[None], com, feet, contacts)
         return network_input(state, self._tick, np.zeros(3), self._period)[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from itertools import pairwise
@@ -65,6 +66,8 @@ def preset_argument(args: Sequence[str]) -> str:
 
 def main() -> int:
     """Entry point; 0 done, 1 the robot fell or something is broken, 2 bad input."""
+    # A cluster's batch system asks to stop with SIGTERM: stop as after Ctrl-C.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         return parse(sys.argv[1:])()
     except KeyboardInterrupt:

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from surefoot.config import Backend, Config
 from surefoot.files import write_json
 from surefoot.types import TICKS_PER_SECOND, Command
-from surefoot.workers import default_workers
+from surefoot.workers import Workers, default_workers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +35,23 @@ class OnSimulator:
         if self.sim is None:
             return config
         return replace(config, simulation=replace(config.simulation, backend=self.sim))
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnWorkers:
+    """A command whose rollouts are spread over processes; results do not depend on it."""
+
+    workers: int = field(default_factory=default_workers)
+    """Processes; with Ray, tasks at a time."""
+    backend: Literal["loky", "ray"] = "loky"
+    """loky: processes of this machine; ray: tasks on a cluster (needs the extra ray)."""
+    ray_address: str | None = None
+    """Of a running Ray cluster, auto or host:port; without it Ray is started here."""
+
+    @property
+    def spread(self) -> Workers:
+        """Who does the work."""
+        return Workers(self.workers, self.backend, self.ray_address)
 
 
 @dataclass(frozen=True)
@@ -108,7 +125,7 @@ class Walk(OnSimulator):
 
 
 @dataclass(frozen=True)
-class Train(OnSimulator):
+class Train(OnWorkers, OnSimulator):
     """Train a policy: `surefoot train loco_safe_dagger --preset quick --run runs/mine`.
 
     JSON: the metrics of every stage, and the best iteration.
@@ -124,8 +141,6 @@ class Train(OnSimulator):
     """What to train the network on; without it as configured: a GPU if there is one."""
     resume: bool = False
     """Go on with the run in that folder, from the first stage that is not done."""
-    workers: int = field(default_factory=default_workers)
-    """Processes for rollouts; results do not depend on it."""
     json: Path | None = None
     """Write the metrics here."""
     config: Config = field(default_factory=Config)
@@ -142,7 +157,7 @@ class Train(OnSimulator):
             config = replace(config, training=replace(config.training, device=self.device))
         run = create(folder, config, self.resume)
         print(f"{self.method}, preset {self.preset}, seed {run.config.seed}, in {folder}")
-        policy = getattr(method_module(self.method), self.method)(run, self.workers)
+        policy = getattr(method_module(self.method), self.method)(run, self.spread)
         curves = learning_curves(run.metrics, folder / "curves.png")
         if self.json:
             write_json(self.json, {"run": str(folder), "metrics": run.metrics})
@@ -151,7 +166,7 @@ class Train(OnSimulator):
 
 
 @dataclass(frozen=True)
-class Evaluate(OnSimulator):
+class Evaluate(OnWorkers, OnSimulator):
     """Robustness and tracking of a policy, and of the expert on the same stored starts.
 
     JSON: episodes, successes, success_rate, success_interval (Wilson 95 %), falls, stalls,
@@ -168,8 +183,6 @@ class Evaluate(OnSimulator):
     """Evaluate the expert too."""
     episodes: int | None = None
     """How many starts; 100 without it."""
-    workers: int = field(default_factory=default_workers)
-    """Processes; results do not depend on it."""
     json: Path | None = None
     """Write the figures here."""
 
@@ -182,11 +195,11 @@ class Evaluate(OnSimulator):
         config = self.simulated(trained_on)
         if self.episodes is not None:
             config = replace(config, evaluation=replace(config.evaluation, episodes=self.episodes))
-        figures, _ = evaluate(config, policy, self.split, self.workers, "policy")
+        figures, _ = evaluate(config, policy, self.split, self.spread, "policy")
         figures.update(policy=str(policy), simulator=config.simulation.backend)
         show_evaluation("policy", figures)
         if self.expert:
-            figures["expert"], _ = evaluate(config, None, self.split, self.workers, "expert")
+            figures["expert"], _ = evaluate(config, None, self.split, self.spread, "expert")
             show_evaluation("expert", figures["expert"])
         if self.target.is_dir() and self.expert and self.episodes is None:
             # On another simulator than the run's own, it is another evaluation.
@@ -260,7 +273,7 @@ class Play(OnSimulator):
 
 
 @dataclass(frozen=True)
-class Bench(OnSimulator):
+class Bench(OnWorkers, OnSimulator):
     """Measure speed on one core, beside its floor; or what the expert survives.
 
     JSON: plan: plan_ms (median, p99, stages) [ms], iterations (mean of ADMM's), nodes, plans; the
@@ -274,8 +287,6 @@ class Bench(OnSimulator):
     """plan, engine, train; or expert: survival, tracking, pushes, both simulators (an hour)."""
     episodes: int = 1000
     """Starts of each set (bench expert only)."""
-    workers: int = field(default_factory=default_workers)
-    """Processes (bench expert only; the others measure one core)."""
     json: Path | None = None
     """Write the figures here; `bench expert` goes on with what the file holds already."""
     config: Config = field(default_factory=Config)
@@ -287,7 +298,7 @@ class Bench(OnSimulator):
         if self.what == "expert":
             from surefoot.survey import survey, table
 
-            record = survey(self.config, self.sim, self.episodes, self.workers, self.json)
+            record = survey(self.config, self.sim, self.episodes, self.spread, self.json)
             print(table(record))
             return 0
 

@@ -20,7 +20,7 @@ from surefoot.dataset import Frames, concatenate
 from surefoot.engine import Arbiter, Pushes, Rollout, rollout
 from surefoot.files import write_atomic
 from surefoot.mpc.expert import Expert, make_expert
-from surefoot.policy import load
+from surefoot.policy import Policy, load
 from surefoot.robot import RobotModel, solo12
 from surefoot.rotations import heading, rotation, to_heading
 from surefoot.safety import strictly_stepping
@@ -34,7 +34,7 @@ from surefoot.types import (
     PlanFunction,
     to_ticks,
 )
-from surefoot.workers import map_chunks
+from surefoot.workers import Workers, map_chunks
 
 Keep = Callable[[Rollout], BoolArray]
 """A method's rule: ``(B, T)`` True for the frames of a rollout that go into the dataset."""
@@ -51,7 +51,7 @@ class Job:
         arbiter: who drives.
         duration: T [s].
         tail: [s] of expert driving at the end.
-        policy: file of the policy, where the arbiter needs one.
+        policy: the policy or its file, where the arbiter needs one.
         keep: the frames to return; none without it.
         plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
         pushes: of the episodes, if they are pushed.
@@ -63,7 +63,7 @@ class Job:
     arbiter: Arbiter
     duration: float
     tail: float = 0.0
-    policy: Path | None = None
+    policy: Path | Policy | None = None
     keep: Keep | None = None
     plan: PlanFunction | None = None
     pushes: Pushes | None = None
@@ -124,15 +124,18 @@ def expert_name(job: Job) -> str:
     return "surefoot.mpc.planner" if job.plan is None else job.plan.__qualname__
 
 
-def run_episodes(job: Job, workers: int, label: str) -> Summary:
+def run_episodes(job: Job, workers: Workers, label: str) -> Summary:
     """Run all episodes of a job; the same results, bit for bit, for any number of workers."""
     results = map_chunks(run_chunk, chunks_of(job), workers, label)
     return join([summary for summary, _ in results])
 
 
 def chunks_of(job: Job) -> list[Job]:
-    """The job cut into what is simulated together; depends on nothing but the job."""
-    size = job.config.chunk
+    """The job cut into what is simulated together; depends on nothing but the job.
+
+    The policy comes with every chunk, for workers that cannot see its file.
+    """
+    job, size = replace(job, policy=_policy(job)), job.config.chunk
     return [job[first : first + size] for first in range(0, len(job.starts), size)]
 
 
@@ -178,7 +181,6 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
     """The rollout of a job's episodes, all in lockstep, and the expert that took part."""
     robot, expert = _team(job.config, job.plan)
     simulator = make_simulator(robot, len(job.starts), job.config.simulation)
-    policy = None if job.policy is None else load(job.policy, robot.name)
     record = rollout(
         simulator,
         robot,
@@ -186,13 +188,20 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
         job.duration,
         job.arbiter,
         expert,
-        policy,
+        _policy(job),
         job.tail,
         job.config.safety,
         job.pushes,
         progress,
     )
     return record, expert
+
+
+def _policy(job: Job) -> Policy | None:
+    """The job's policy, read if it is a file."""
+    if isinstance(job.policy, Path):
+        return load(job.policy, _team(job.config, job.plan)[0].name)
+    return job.policy
 
 
 @lru_cache(maxsize=4)

@@ -18,13 +18,14 @@ from surefoot.episodes import Job, Summary, run_episodes
 from surefoot.safety import Outcome
 from surefoot.starts import StartSet, load_starts
 from surefoot.types import PlanFunction
+from surefoot.workers import Workers
 
 
 def evaluate(
     config: Config,
     policy: Path | None,
     split: str,
-    workers: int,
+    workers: Workers,
     label: str,
     plan: PlanFunction | None = None,
     stored: StartSet | None = None,
@@ -35,7 +36,7 @@ def evaluate(
         config: of robot, simulator, expert; duration and number of episodes.
         policy: file of the policy; None evaluates the expert.
         split: `select` to choose a policy, `test` to report.
-        workers: processes.
+        workers: who runs the episodes.
         label: of the progress bar.
         plan: the expert's MPC; without it the BiConMP-style planner.
         stored: the set of starts; without it the package's first.

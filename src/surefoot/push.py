@@ -20,12 +20,13 @@ from surefoot.episodes import Job, run_episodes
 from surefoot.safety import Outcome
 from surefoot.starts import Starts, StartSet, load_starts
 from surefoot.types import Array, BoolArray, IntArray, PlanFunction, to_ticks
+from surefoot.workers import Workers
 
 
 def push_recovery(
     config: Config,
     policy: Path | None,
-    workers: int,
+    workers: Workers,
     label: str,
     plan: PlanFunction | None = None,
 ) -> dict[str, Any]:
@@ -34,7 +35,7 @@ def push_recovery(
     Args:
         config: of robot, simulator, expert, and of the pushes.
         policy: file of the policy; None pushes the expert.
-        workers: processes.
+        workers: who runs the episodes.
         label: of the progress bars.
         plan: the expert's MPC; without it the BiConMP-style planner.
 

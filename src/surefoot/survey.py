@@ -27,6 +27,7 @@ from surefoot.push import push_recovery
 from surefoot.run import versions
 from surefoot.safety import Outcome
 from surefoot.starts import PACKAGED, load_starts
+from surefoot.workers import Workers
 
 HORIZONS = ((20, 10), (10, 5))
 """Centroidal and kinematic nodes of 50 ms."""
@@ -37,7 +38,7 @@ RULES: dict[str, Callable[[Config], Config]] = {
 
 
 def survey(
-    config: Config, simulator: Backend | None, episodes: int, workers: int, path: Path | None
+    config: Config, simulator: Backend | None, episodes: int, workers: Workers, path: Path | None
 ) -> dict[str, Any]:
     """Measure every variant of the expert.
 
@@ -45,7 +46,7 @@ def survey(
         config: what the variants have in common, and the own rules.
         simulator: the only one to measure; both without it.
         episodes: starts of each set, 5 s each.
-        workers: processes.
+        workers: who runs the episodes.
         path: file to write to after each measurement, and to go on with.
 
     Returns:
@@ -119,7 +120,9 @@ def variant_of(
     )
 
 
-def survival(config: Config, stored: str, workers: int, label: str, prefix: str) -> dict[str, Any]:
+def survival(
+    config: Config, stored: str, workers: Workers, label: str, prefix: str
+) -> dict[str, Any]:
     """The figures of one variant on one set of starts, their keys after ``prefix``."""
     figures, summary = evaluate(config, None, "test", workers, label, stored=load_starts(stored))
     lost = (summary.outcome == Outcome.FELL) | (summary.outcome == Outcome.DIVERGED)

@@ -13,14 +13,15 @@ from surefoot.episodes import Job
 from surefoot.methods.stages import best, check, collect, expert_rollouts, train, validate
 from surefoot.run import Run
 from surefoot.types import PlanFunction
+from surefoot.workers import Workers
 
 
-def behavior_cloning(run: Run, workers: int, plan: PlanFunction | None = None) -> Path:
+def behavior_cloning(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
     """Clone the expert; the run's folder gets data, policy and metrics.
 
     Args:
         run: an open run, new or to be resumed.
-        workers: processes for the rollouts; the result does not depend on it.
+        workers: who runs the rollouts; the result does not depend on it.
         plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
 
     Returns:

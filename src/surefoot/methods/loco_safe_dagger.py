@@ -32,14 +32,15 @@ from surefoot.run import Run
 from surefoot.safety import HandBack, SafetyMonitor
 from surefoot.starts import Starts, load_starts
 from surefoot.types import BoolArray, PlanFunction
+from surefoot.workers import Workers
 
 
-def loco_safe_dagger(run: Run, workers: int, plan: PlanFunction | None = None) -> Path:
+def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
     """Train a policy with LocoSafeDAGGER; the run's folder gets data, policies and metrics.
 
     Args:
         run: an open run, new or to be resumed.
-        workers: processes for the rollouts; the result does not depend on it.
+        workers: who runs the rollouts; the result does not depend on it.
         plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
 
     Returns:

@@ -32,7 +32,7 @@ from surefoot.safety import Outcome
 from surefoot.starts import Starts, StartSet, at_rest, load_starts
 from surefoot.train import choose_device, fit
 from surefoot.types import TICKS_PER_SECOND, BoolArray, IntArray, PlanFunction, to_ticks
-from surefoot.workers import each_chunk
+from surefoot.workers import Workers, each_chunk
 
 EPISODES_PER_ITERATION = 100_000
 """Episode ids: iteration * this + index."""
@@ -112,7 +112,7 @@ def keep_unless_failed(record: Rollout) -> BoolArray:
     return record.happened & ~record.failed[:, None]
 
 
-def collect(run: Run, iteration: int, job: Job, workers: int) -> dict[str, Any]:
+def collect(run: Run, iteration: int, job: Job, workers: Workers) -> dict[str, Any]:
     """D <- D u D': run the episodes of a job and append the frames that its rule keeps."""
     if (done := run.done("collect", iteration)) is not None:
         if done["expert"] != expert_name(job):
@@ -142,7 +142,7 @@ def collect(run: Run, iteration: int, job: Job, workers: int) -> dict[str, Any]:
     return record
 
 
-def run_and_store(run: Run, iteration: int, job: Job, workers: int) -> Summary:
+def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summary:
     """Run the chunks of a job that are not stored yet, and store each as soon as it is done.
 
     Raises:
@@ -257,7 +257,7 @@ def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
     return record
 
 
-def validate(run: Run, iteration: int, workers: int) -> dict[str, Any]:
+def validate(run: Run, iteration: int, workers: Workers) -> dict[str, Any]:
     """Robustness of pi_i on the `select` starts: the figure a policy is chosen by."""
     if done := run.done("validate", iteration):
         return done

@@ -1,0 +1,108 @@
+"""Ray: the same bits as processes of one machine, also when a node of the cluster is lost."""
+
+import os
+import sys
+import time
+from dataclasses import replace
+
+import pytest
+
+from surefoot.episodes import chunks_of, run_chunk
+from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
+from surefoot.methods.stages import collect
+from surefoot.run import Run, create
+from surefoot.workers import Workers, each_chunk, map_chunks
+from test_loco_safe_dagger import CONFIG, fingerprint
+
+ray = pytest.importorskip("ray", reason="the extra ray is not installed")
+from ray.cluster_utils import Cluster  # noqa: E402
+
+# Workers cannot import this file: its functions travel with the tasks.
+ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
+
+RAY = Workers(2, "ray")
+
+
+@pytest.fixture
+def fresh():
+    """No Ray before, none after."""
+    ray.shutdown()
+    yield
+    ray.shutdown()
+
+
+def die_once(argument):
+    number, folder = argument
+    if number == 1 and not (folder / "died").exists():
+        (folder / "died").touch()
+        os._exit(3)
+    return number
+
+
+def refuse(number):
+    raise LookupError(f"no chunk {number}")
+
+
+def threads(_):
+    return os.environ.get("OMP_NUM_THREADS")
+
+
+def test_a_run_on_ray_has_the_bits_of_one_in_this_process(fresh, tmp_path):
+    """And chunks whose worker dies are run again; errors come as they are."""
+    here, there = (create(tmp_path / name / "run", CONFIG) for name in ("here", "there"))
+    loco_safe_dagger(here, Workers(1))
+    loco_safe_dagger(there, RAY)
+    assert fingerprint(here) == fingerprint(there)
+    chunks = [(number, tmp_path) for number in range(4)]
+    assert map_chunks(die_once, chunks, RAY, "dies once") == [0, 1, 2, 3]
+    assert (tmp_path / "died").exists()
+    with pytest.raises(LookupError, match="no chunk 0"):
+        map_chunks(refuse, [0], RAY, "refuses")
+    assert map_chunks(threads, [0], RAY, "threads") == ["1"]
+
+
+def test_no_cluster_is_a_clear_error(fresh):
+    with pytest.raises(ValueError, match=r"no Ray cluster at .*ray start --head"):
+        map_chunks(threads, [0], Workers(1, "ray", "auto"), "nowhere")
+
+
+def slowly(job):
+    time.sleep(1.0)
+    return run_chunk(job)
+
+
+def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch):
+    """Two nodes of one core each; one is killed while both collect."""
+    config = replace(CONFIG, chunk=2)
+    undisturbed = create(tmp_path / "undisturbed", config)
+    collect(undisturbed, 0, collection(undisturbed, 0), Workers(1))
+
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    lost = cluster.add_node(num_cpus=1)
+    cluster.wait_for_nodes()
+    workers = Workers(2, "ray", cluster.address)
+    where = []
+
+    def then_kill(function, chunks, workers, label):
+        for done in each_chunk(slowly, chunks, workers, label):
+            if not where:
+                where.append(len([node for node in ray.nodes() if node["Alive"]]))
+                cluster.remove_node(lost, allow_graceful=False)
+            yield done
+
+    monkeypatch.setattr("surefoot.methods.stages.each_chunk", then_kill)
+    disturbed = create(tmp_path / "disturbed", config)
+    try:
+        collect(disturbed, 0, collection(disturbed, 0), workers)
+        assert where == [2]
+        assert not lost.any_processes_alive()
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
+    assert len(chunks_of(collection(disturbed, 0))) == 11
+    assert disturbed.dataset.hash == undisturbed.dataset.hash
+    assert figures(disturbed) == figures(undisturbed)
+
+
+def figures(run: Run) -> dict:
+    return {key: value for key, value in run.metrics[0].items() if key != "seconds"}
