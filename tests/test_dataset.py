@@ -9,7 +9,7 @@ import pytest
 
 from surefoot import dataset as module
 from surefoot.dataset import Dataset, DatasetError, Frames, concatenate
-from surefoot.files import write_atomic
+from surefoot.files import WriteError, write_atomic
 
 
 def make_frames(episodes, each=5, seed=None):
@@ -254,7 +254,7 @@ def test_write_atomic_keeps_the_old_file_when_the_new_one_fails(tmp_path):
         temporary.write_bytes(b"ne")
         raise RuntimeError("disk full")
 
-    with pytest.raises(RuntimeError):
+    with pytest.raises(WriteError, match="disk full"):
         write_atomic(path, fail)
     assert path.read_bytes() == b"old"
     assert [p.name for p in tmp_path.iterdir()] == ["file"]

@@ -148,9 +148,11 @@ class Dataset:
         shards = self._shards()
         if name in shards:
             if shards[name]["episodes"] == digests:
+                if not self.file(name).exists():  # lost since; nothing else changes
+                    write_atomic(self.file(name), lambda path: _write(path, frames))
                 return
             raise DatasetError(
-                f"{self._file(name)} already holds other frames under the name {name!r}; shards "
+                f"{self.file(name)} already holds other frames under the name {name!r}; shards "
                 "are never changed: append under a new name, or start a new dataset folder"
             )
         for other, entry in shards.items():
@@ -159,7 +161,7 @@ class Dataset:
                     f"episode {min(shared, key=int)} of {name!r} is already in shard {other!r} of "
                     f"{self.folder}; give every episode of a dataset an id of its own"
                 )
-        write_atomic(self._file(name), lambda path: _write(path, frames))
+        write_atomic(self.file(name), lambda path: _write(path, frames))
         shards[name] = {"frames": len(frames), "sha256": _combine(digests), "episodes": digests}
         manifest = {"format": FORMAT, "shards": dict(sorted(shards.items()))}
         write_atomic(self._manifest, json.dumps(manifest, indent=1).encode())
@@ -218,7 +220,8 @@ class Dataset:
     def _manifest(self) -> Path:
         return self.folder / "manifest.json"
 
-    def _file(self, name: str) -> Path:
+    def file(self, name: str) -> Path:
+        """File of a shard."""
         return self.folder / f"{name}.h5"
 
     def _shards(self) -> dict[str, dict[str, Any]]:
@@ -230,7 +233,7 @@ class Dataset:
         except ValueError as error:
             raise DatasetError(
                 f"{self._manifest} is not readable JSON ({error}); restore it from a copy, or "
-                "delete the dataset folder and collect again"
+                "delete it: `surefoot train ... --resume` collects again, to the same bits"
             ) from error
         if manifest.get("format") != FORMAT:
             raise DatasetError(
@@ -252,7 +255,7 @@ class Dataset:
 
     def _read(self, name: str, entry: dict[str, Any], arrays: dict[str, NDArray]) -> None:
         """Fill the arrays from a shard and check them."""
-        path = self._file(name)
+        path = self.file(name)
         try:
             with h5py.File(path, "r") as file:
                 for key, array in arrays.items():
@@ -266,7 +269,7 @@ class Dataset:
         except (OSError, KeyError, RuntimeError) as error:
             raise DatasetError(
                 f"shard {path} is missing or damaged ({error}); restore the file from a copy, or "
-                f"delete it and its entry in {self._manifest.name} and let the run collect it again"
+                "delete it: `surefoot train ... --resume` collects it again, to the same bits"
             ) from error
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import IO
 
@@ -21,6 +22,7 @@ from torch import Tensor
 
 from surefoot.config import PolicyConfig
 from surefoot.dataset import Frames
+from surefoot.files import writing
 from surefoot.observation import INPUT_SIZE, network_input
 from surefoot.policy import label
 from surefoot.types import JOINTS, BoolArray, IntArray
@@ -58,17 +60,31 @@ class Examples:
         return self._file is None
 
     def append(self, rows: NDArray[np.float32]) -> None:
-        """Add rows ``(k, 59)``."""
+        """Add rows ``(k, 59)``.
+
+        Raises:
+            WriteError: the disk is full.
+        """
         end = self._count + len(rows)
         if self._file is None and end > len(self._memory):
-            self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115
-            self._file.write(self._memory[: self._count].numpy().data)
+            with self._writing():
+                self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115
+            self._write(self._file, self._memory[: self._count].numpy())
         if self._file is None:
             self._memory[self._count : end] = torch.from_numpy(rows)
         else:
-            self._file.seek(0, 2)
-            self._file.write(np.ascontiguousarray(rows).data)
+            self._write(self._file, rows)
         self._count = end
+
+    def _write(self, file: IO[bytes], rows: NDArray[np.float32]) -> None:
+        """Append to the temporary file; flushed, so that a full disk shows here."""
+        with self._writing():
+            file.seek(0, 2)
+            file.write(np.ascontiguousarray(rows).data)
+            file.flush()
+
+    def _writing(self) -> AbstractContextManager[None]:
+        return writing(f"a temporary file in {self._folder or tempfile.gettempdir()}")
 
     def buffers(self, order: torch.Generator | None = None) -> Iterator[Tensor]:
         """Every row once, as many together as fit in memory; each buffer overwrites the last.

@@ -4,9 +4,26 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+
+class WriteError(OSError):
+    """A file cannot be written: the disk is full, or the folder is not ours to write to."""
+
+
+@contextmanager
+def writing(what: Path | str) -> Iterator[None]:
+    """Whatever goes wrong inside is an error that names the file and says what to do."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:  # HDF5 says RuntimeError when it cannot close a file
+        raise WriteError(
+            f"{what} cannot be written ({error}). Nothing that was complete is lost: free some "
+            "space or mend the folder's permissions, then go on (train: with --resume)"
+        ) from error
 
 
 def write_atomic(path: Path | str, content: bytes | Callable[[Path], None]) -> None:
@@ -19,21 +36,25 @@ def write_atomic(path: Path | str, content: bytes | Callable[[Path], None]) -> N
     Args:
         path: the file; its folder is made if it is not there.
         content: the bytes, or a function that writes them to the path it is given.
+
+    Raises:
+        WriteError: the disk is full, or read-only.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        if callable(content):
-            content(temporary)
-        else:
-            temporary.write_bytes(content)
-        _flush(temporary)
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-    _flush(path.parent)
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            if callable(content):
+                content(temporary)
+            else:
+                temporary.write_bytes(content)
+            _flush(temporary)
+            os.replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+        _flush(path.parent)
 
 
 def _flush(path: Path) -> None:

@@ -7,21 +7,22 @@ goes on with the first stage that is not done, and ends with the same bits.
 
 from __future__ import annotations
 
+import fcntl
 import json
 import platform
 import warnings
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from surefoot.config import Backend, Config
 from surefoot.config_json import from_json, to_json
 from surefoot.dataset import Dataset
-from surefoot.files import write_atomic
+from surefoot.files import write_atomic, writing
 
-PACKAGES = ("surefoot", "numpy", "scipy", "pin", "mujoco", "numba", "torch", "h5py")
+PACKAGES = ("surefoot", "numpy", "scipy", "pin", "mujoco", "numba", "torch", "onnxruntime", "h5py")
 
 
 class RunError(ValueError):
@@ -35,6 +36,25 @@ class Run:
         self.folder = folder
         self.config = config
         self.dataset = Dataset(folder / "data")
+        self._claim: IO[str] | None = None
+
+    def claim(self) -> None:
+        """Keep other processes from training in the folder, until this one ends, however it ends.
+
+        Raises:
+            RunError: another process does.
+            WriteError: the folder cannot be written to.
+        """
+        path = self.folder / ".lock"
+        with writing(path):
+            self._claim = path.open("a")
+        try:
+            fcntl.lockf(self._claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise RunError(
+                f"another process trains in {self.folder}; wait for it, or choose another folder "
+                "with --run"
+            ) from error
 
     def policy(self, iteration: int) -> Path:
         """File of the policy that an iteration trained; iteration 0 is the pre-training."""
@@ -73,7 +93,17 @@ class Run:
     def metrics(self) -> list[dict[str, Any]]:
         """One record per stage done, in the order they were done."""
         path = self.folder / "metrics.jsonl"
-        return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+        lines = path.read_text().splitlines() if path.exists() else []
+        records = []
+        for number, line in enumerate(lines, 1):
+            try:
+                records.append(json.loads(line))
+            except ValueError as error:
+                raise RunError(
+                    f"line {number} of {path} is not JSON ({error}); delete it and all lines "
+                    "after it: `surefoot train ... --resume` does those stages again"
+                ) from error
+        return records
 
     def done(self, stage: str, iteration: int) -> dict[str, Any] | None:
         """The record of a stage, or None if it is not done."""
@@ -116,9 +146,10 @@ def processor() -> str:
 
 
 def create(folder: Path, config: Config, resume: bool = False) -> Run:
-    """A new run in a folder, or the one that is there if it is to be resumed.
+    """A new run in a folder, or the one that is there if it is to be resumed; for this process.
 
     Raises:
+        WriteError: the folder cannot be written to.
         RunError: the folder holds a run and ``resume`` is False, or a run with another config, or
             something else.
     """
@@ -131,9 +162,12 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
                 "folder with --run"
             )
         run = open_run(folder)
-        if run.config != config and not run.metrics:  # nothing is lost: the first try was a slip
+        run.claim()
+        if run.config != config and not run.metrics and not run.dataset.shards:
+            # Nothing is lost: the first try was a slip.
             write_atomic(path, json.dumps(record, indent=1).encode())
-            return Run(folder, config)
+            run.config = config
+            return run
         if run.config != config:
             raise RunError(
                 f"{folder} holds a run with another configuration ({path}); resume it with the "
@@ -150,7 +184,9 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
     if folder.exists() and any(not part.name.endswith(".tmp") for part in folder.iterdir()):
         raise RunError(f"{folder} is not empty and holds no run; choose another folder with --run")
     write_atomic(path, json.dumps(record, indent=1).encode())
-    return Run(folder, config)
+    run = Run(folder, config)
+    run.claim()
+    return run
 
 
 def open_run(folder: Path) -> Run:

@@ -120,6 +120,7 @@ def collect(run: Run, iteration: int, job: Job, workers: Workers) -> dict[str, A
                 f"{run.folder} was begun with the expert {done['expert']}, not with "
                 f"{expert_name(job)}; resume it with the same one, or begin another run"
             )
+        run_and_store(run, iteration, job, workers)  # only what has been lost since
         return done
     began = time.perf_counter()
     figures = collection_figures(run_and_store(run, iteration, job, workers))
@@ -150,7 +151,11 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
     """
     chunks = chunks_of(job)
     names = [f"iteration_{iteration:03d}-{number:03d}" for number in range(len(chunks))]
-    stored = {name for name in run.dataset.shards if run.summary(name).exists()}
+    stored = {
+        name
+        for name in run.dataset.shards
+        if run.summary(name).exists() and run.dataset.file(name).exists()
+    }
     missing = [number for number, name in enumerate(names) if name not in stored]
     label = f"iteration {iteration}: collect"
     for done, (summary, frames) in each_chunk(

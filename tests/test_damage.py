@@ -1,0 +1,191 @@
+"""Full disks, read-only folders, damaged files: a clear error, nothing lost, the same bits."""
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import surefoot.files
+from surefoot import cli
+from surefoot.config import Config
+from surefoot.dataset import DatasetError
+from surefoot.examples import BLOCK, WIDTH, Examples
+from surefoot.files import WriteError
+from surefoot.methods.behavior_cloning import behavior_cloning
+from surefoot.policy import PolicyFileError
+from surefoot.run import Run, RunError, create, open_run
+from surefoot.workers import Workers
+from test_behavior_cloning import CONFIG, fingerprint
+
+ONE = Workers(1)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Run:
+    run = create(tmp_path_factory.mktemp("finished") / "run", CONFIG)
+    behavior_cloning(run, ONE)
+    return run
+
+
+def resume(folder: Path) -> Run:
+    run = create(folder, CONFIG, resume=True)
+    behavior_cloning(run, ONE)
+    return run
+
+
+@pytest.fixture
+def copy(finished, tmp_path) -> Run:
+    """A finished run of one's own to damage."""
+    shutil.copytree(finished.folder, tmp_path / "run")
+    return open_run(tmp_path / "run")
+
+
+FILES = ["iteration_000-002.h5", "manifest.json", "iteration_000-002.npz"]
+FILES += ["000.safetensors", "metrics.jsonl"]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_disk_that_is_full_for_a_file(finished, tmp_path, monkeypatch, name):
+    flush, calls = surefoot.files._flush, []
+
+    def full(path):
+        if name in path.name:
+            calls.append(path)
+            if len(calls) == 2 or name in FILES[:1] + FILES[2:3]:
+                raise OSError(errno.ENOSPC, "No space left on device")
+        flush(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(surefoot.files, "_flush", full)
+        message = rf"{name} cannot be written.*No space left.*free some space.*--resume"
+        with pytest.raises(WriteError, match=message):
+            behavior_cloning(create(tmp_path / "run", CONFIG), ONE)
+    assert not list(tmp_path.rglob("*.tmp"))
+    assert fingerprint(resume(tmp_path / "run")) == fingerprint(finished)
+
+
+def test_no_space_for_the_temporary_file_of_training(tmp_path, monkeypatch):
+    examples = Examples(BLOCK * WIDTH * 4, tmp_path)
+    full = Path("/dev/full").open("r+b", 0)  # noqa: SIM115
+    monkeypatch.setattr("tempfile.TemporaryFile", lambda dir: full)
+    rows = examples._memory.numpy()[:200]
+    examples.append(rows)
+    with pytest.raises(WriteError, match=r"a temporary file in .* cannot be written.*No space"):
+        examples.append(rows)
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of 700 kB, as root only."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=700k", "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("cannot mount a small disk here")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def remount(folder: Path, option: str) -> None:
+    subprocess.run(["mount", "-o", f"remount,{option}", str(folder)], check=True)
+
+
+def test_a_real_disk_that_is_full_and_one_that_is_read_only(
+    finished, small_disk, monkeypatch, capsys
+):
+    def train() -> int:
+        monkeypatch.setattr(cli, "preset", lambda method, name: CONFIG)
+        arguments = ["train", "behavior_cloning", "--run", str(small_disk / "run")]
+        monkeypatch.setattr(sys, "argv", ["surefoot", *arguments, "--resume", "--workers", "1"])
+        return cli.main()
+
+    assert train() == 2
+    error = capsys.readouterr().err
+    assert "cannot be written" in error and "--resume" in error and "Traceback" not in error
+    stored = open_run(small_disk / "run").dataset.episodes
+    assert stored > 0
+    remount(small_disk, "size=50m")
+    remount(small_disk, "ro")
+    assert train() == 2
+    error = capsys.readouterr().err
+    assert ".lock cannot be written" in error and "permissions" in error
+    remount(small_disk, "rw")
+    assert open_run(small_disk / "run").dataset.episodes == stored
+    assert train() == 0
+    assert fingerprint(open_run(small_disk / "run")) == fingerprint(finished)
+
+
+def test_a_folder_that_cannot_be_written_to_is_an_error_before_any_work(tmp_path, monkeypatch):
+    def refused(*_, **__):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(Path, "mkdir", refused)
+    with pytest.raises(WriteError, match=r"config.json cannot be written.*Read-only"):
+        create(tmp_path / "run", Config())
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[-100] ^= 1
+    path.write_bytes(bytes(content))
+
+
+@pytest.mark.parametrize("damage", [cut, flip, Path.unlink])
+def test_a_damaged_shard_is_named_and_collected_again_once_deleted(finished, copy, damage):
+    shard = copy.dataset.file("iteration_000-001")
+    damage(shard)
+    with pytest.raises(DatasetError, match=r"iteration_000-001.h5 is missing or damaged.*delete"):
+        copy.dataset.load()
+    shard.unlink(missing_ok=True)
+    run = resume(copy.folder)
+    assert fingerprint(run) == fingerprint(finished)
+    assert len(run.dataset.load()) == run.dataset.frames
+
+
+def test_a_damaged_manifest_is_named_and_made_again_once_deleted(finished, copy):
+    manifest = copy.dataset.folder / "manifest.json"
+    cut(manifest)
+    with pytest.raises(DatasetError, match=r"manifest.json is not readable.*delete it"):
+        resume(copy.folder)
+    manifest.unlink()
+    assert fingerprint(resume(copy.folder)) == fingerprint(finished)
+
+
+def test_a_damaged_line_of_the_metrics_is_named_and_done_again_once_deleted(finished, copy):
+    path = copy.folder / "metrics.jsonl"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:2], lines[2][:40], *lines[3:], ""]))
+    with pytest.raises(RunError, match=r"line 3 of .*metrics.jsonl is not JSON.*delete it"):
+        resume(copy.folder)
+    path.write_text("\n".join([*lines[:2], ""]))
+    assert fingerprint(resume(copy.folder)) == fingerprint(finished)
+
+
+def test_a_summary_that_is_lost_is_made_again_and_a_damaged_one_named(finished, copy):
+    summary = copy.summary("iteration_000-003")
+    cut(summary)
+    with pytest.raises(ValueError, match=r"iteration_000-003.npz is damaged.*delete it"):
+        resume(copy.folder)
+    summary.unlink()
+    assert fingerprint(resume(copy.folder)) == fingerprint(finished)
+    assert summary.exists()
+
+
+def test_a_damaged_policy_or_configuration_is_named(copy, monkeypatch, capsys):
+    cut(copy.policy(0))
+    monkeypatch.setattr(sys, "argv", ["surefoot", "evaluate", str(copy.folder), "--workers", "1"])
+    assert cli.main() == 2
+    error = capsys.readouterr().err
+    assert "000.safetensors is not a whole surefoot policy file" in error
+    assert PolicyFileError.__name__ not in error
+    cut(copy.folder / "config.json")
+    with pytest.raises(RunError, match=r"config.json cannot be read"):
+        resume(copy.folder)
