@@ -4,10 +4,21 @@ from dataclasses import replace
 
 import pytest
 
-from surefoot.bench import bench_engine, bench_plan, bench_train, plan_table
-from surefoot.config import Config, PolicyConfig
+from surefoot.bench import bench_engine, bench_train
+from surefoot.bench_plan import bench_plan, plan_table
+from surefoot.bench_run import STAGES, bench_end_to_end, bench_evaluation, bench_table
+from surefoot.config import (
+    BehaviorCloningConfig,
+    Config,
+    EvaluationConfig,
+    ExpertData,
+    PolicyConfig,
+)
+from surefoot.workers import Workers
 
+METHOD = BehaviorCloningConfig(ExpertData(2, 1, False, 0.1), epochs=2)
 SMALL = replace(Config(), policy=PolicyConfig(hidden=(32, 32)))
+SHORT = replace(SMALL, method=METHOD, evaluation=EvaluationConfig(duration=0.1, episodes=20))
 
 
 def test_a_plan_is_timed_by_stage_horizon_and_start():
@@ -39,6 +50,7 @@ def test_a_plan_is_timed_by_stage_horizon_and_start():
     [
         (lambda: bench_engine(SMALL, batch=5, seconds=0.1), "robot_ms_per_s", None),
         (lambda: bench_train(SMALL, steps=5), "step_ms", "floor_step_ms"),
+        (lambda: bench_evaluation(SHORT, Workers(2)), "seconds", "floor_seconds"),
     ],
 )
 def test_figures_stand_beside_their_floor(measure, ours, floor):
@@ -48,3 +60,20 @@ def test_figures_stand_beside_their_floor(measure, ours, floor):
     assert figures["ratio"] == pytest.approx(ratio)
     assert figures[ours] > 0
     assert least > 0
+
+
+def test_engine_tells_processes_and_the_share_of_plans():
+    figures = bench_engine(SMALL, batch=5, seconds=0.1)
+    assert 0.5 < figures["two_processes"] < 4.0
+    assert 0.0 < figures["plan_share"] < 1.0
+    assert 0.0 < figures["floor_plan_share"] < 1.0
+
+
+def test_end_to_end_accounts_for_the_whole_run():
+    figures = bench_end_to_end(SHORT, Workers(2))
+    spent = sum(figures[stage]["seconds"] for stage in STAGES) + figures["other_seconds"]
+    assert spent == pytest.approx(figures["seconds"])
+    assert all(figures[stage]["floor_seconds"] > 0 for stage in STAGES)
+    assert figures["method"] == "behavior_cloning"
+    rows = bench_table("end_to_end", figures).splitlines()
+    assert [row.split()[0] for row in rows] == ["stage", *STAGES, "other", "all"]

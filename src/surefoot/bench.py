@@ -1,7 +1,8 @@
-"""Speed, each beside what it could be at best, measured in the same run on one core.
+"""Speed of engine and training, each beside what it could be at best, measured in the same run.
 
-A plan by stage, cold and warm; the engine beside bare physics plus bare matrix products; a training
-step beside its matrix products. Figures of one machine and moment: trust the ratios.
+The engine beside bare physics plus the bare network; a training step beside PyTorch's eager one and
+its matrix products. Figures of one machine and moment: trust the ratios. See also ``bench_plan``
+and ``bench_run``.
 """
 
 from __future__ import annotations
@@ -14,127 +15,19 @@ from typing import Any
 import numpy as np
 import torch
 
-from surefoot.config import Config, ExpertConfig
+from surefoot.config import Config, TrainingConfig
 from surefoot.dataset import Frames
 from surefoot.engine import ExpertOnly, PolicyOnly, SafetySwitch, rollout
 from surefoot.mpc.expert import Expert, make_planner
-from surefoot.mpc.planner import LAST_NODE, PlanStages
 from surefoot.observation import INPUT_SIZE
 from surefoot.policy import Policy, PolicyNetwork
-from surefoot.robot import solo12
+from surefoot.robot import solo12, standing
 from surefoot.safety import HandBack, Outcome, SafetyMonitor
 from surefoot.sim import make_simulator
-from surefoot.starts import load_starts
-from surefoot.train import fit
+from surefoot.starts import Starts, at_rest, load_starts
+from surefoot.train import fit, has_bfloat16
 from surefoot.types import TICKS_PER_SECOND, Command, MotionPlan, State, to_ticks
-
-WARM_ROBOTS, WARM_SECONDS = 12, 0.5
-"""Warm plans are the replans of so many robots, each for so long from a perturbed start on."""
-
-Timed = list[tuple[float, PlanStages]]
-"""Wall time [s] and result of plans."""
-
-
-def bench_plan(config: Config, plans: int = 300) -> dict[str, Any]:
-    """Time of plans from `test` starts, one core: over the horizon and half of it, cold and warm.
-
-    Returns:
-        ``plan_ms`` (cold), ``warm_plan_ms``, and both again of half the horizon, as
-        ``half_plan_ms`` and ``half_warm_plan_ms``: see `times_of`; ``iterations`` and so on: mean
-        of ADMM's; ``nodes``, ``half_nodes``: centroidal and kinematic; ``plans``.
-    """
-    figures: dict[str, Any] = {"plans": len(load_starts()["test"][:plans])}
-    for prefix, expert in (("", config.expert), ("half_", _half_horizon(config.expert))):
-        horizon = replace(config, expert=expert)
-        figures[prefix + "nodes"] = [expert.centroidal.nodes, expert.kinematic.nodes]
-        for name, timed in (("", cold_plans(horizon, plans)), ("warm_", warm_plans(horizon))):
-            iterations = [plan.centroidal.iterations for _, plan in timed]
-            figures[f"{prefix}{name}plan_ms"] = times_of(timed)
-            figures[f"{prefix}{name}iterations"] = float(np.mean(iterations))
-    return figures
-
-
-def cold_plans(config: Config, plans: int = 300) -> Timed:
-    """A plan for each of the first `test` starts, after a few that warm up the machine."""
-    planner = make_planner(solo12(config.robot), config)
-    starts = load_starts()["test"][:plans]
-    nothing = np.zeros((len(starts), 4, 3))  # a plan depends on q and v only
-    states = State(starts.q, starts.v, nothing[:, 0], nothing, nothing[..., 0] > 0)
-
-    def plan(row: int) -> tuple[float, PlanStages]:
-        began = time.perf_counter()
-        stages = planner.solve(states[row], int(starts.tick[row]), Command(*starts.command[row]))
-        return time.perf_counter() - began, stages
-
-    for row in range(min(10, len(starts))):
-        plan(row)
-    return [plan(row) for row in range(len(starts))]
-
-
-def warm_plans(config: Config) -> Timed:
-    """Replans of walking robots, each from the robot's plan before."""
-    robot = solo12(config.robot)
-    planner, starts = make_planner(robot, config), load_starts()["test"]
-    simulator = make_simulator(robot, 1, config.simulation)
-    timed: Timed = []
-    previous: PlanStages | None = None
-
-    def plan(state: State, tick: int, command: Command) -> MotionPlan:
-        nonlocal previous
-        began = time.perf_counter()
-        stages = planner.solve(state, tick, command, previous)
-        if previous is not None and previous.motion.valid:
-            timed.append((time.perf_counter() - began, stages))
-        previous = stages
-        return stages.motion
-
-    expert = Expert(plan, config.expert.kp, config.expert.kd)
-    for row in range(WARM_ROBOTS):
-        previous = None
-        rollout(simulator, robot, starts[row : row + 1], WARM_SECONDS, ExpertOnly(), expert)
-    return timed
-
-
-def times_of(timed: Timed) -> dict[str, Any]:
-    """``median``, ``p99`` and ``stages`` (median of each) of the wall time of plans [ms]."""
-    ms = np.array([seconds for seconds, _ in timed]) * 1e3
-    stages = timed[0][1].seconds
-    return {
-        "median": float(np.median(ms)),
-        "p99": float(np.percentile(ms, 99)),
-        "stages": {
-            stage: 1e3 * float(np.median([plan.seconds[stage] for _, plan in timed]))
-            for stage in stages
-        },
-    }
-
-
-def plan_table(figures: dict[str, Any]) -> str:
-    """The figures of `bench_plan` as a table."""
-    stages = list(figures["plan_ms"]["stages"])
-    columns = "".join(f"{stage:>18}" for stage in stages)
-    lines = [f"{'nodes':<7}{'start':<6}{'median':>8}{'p99':>8}{columns}{'ADMM':>7}   [ms]"]
-    for prefix in ("", "half_"):
-        nodes = "/".join(map(str, figures[prefix + "nodes"]))
-        for start, name in (("cold", prefix), ("warm", prefix + "warm_")):
-            times = figures[name + "plan_ms"]
-            row = "".join(f"{times['stages'][stage]:>18.2f}" for stage in stages)
-            lines.append(
-                f"{nodes:<7}{start:<6}{times['median']:>8.2f}{times['p99']:>8.2f}{row}"
-                f"{figures[name + 'iterations']:>7.1f}"
-            )
-    return "\n".join(lines)
-
-
-def _half_horizon(expert: ExpertConfig) -> ExpertConfig:
-    """Half the nodes, but no fewer than a plan needs."""
-    kinematic = max(LAST_NODE + 1, expert.kinematic.nodes // 2)
-    centroidal = max(kinematic, expert.centroidal.nodes // 2)
-    return replace(
-        expert,
-        centroidal=replace(expert.centroidal, nodes=centroidal),
-        kinematic=replace(expert.kinematic, nodes=kinematic),
-    )
+from surefoot.workers import Workers, map_chunks
 
 
 def bench_engine(config: Config, batch: int = 20, seconds: float = 2.0) -> dict[str, Any]:
@@ -146,18 +39,16 @@ def bench_engine(config: Config, batch: int = 20, seconds: float = 2.0) -> dict[
 
     Returns:
         ``robot_ms_per_s``, ``floor_robot_ms_per_s``, ``ratio`` (our time over the
-        floor's, 1 at best), ``batch``.
+        floor's, 1 at best), ``batch``; ``two_processes``: how many times more two processes do
+        than one; ``plan_share``: share of the time that goes into plans where the expert drives
+        all the time, ``floor_plan_share`` if there were only plans and bare steps.
     """
     robot, policy = solo12(config.robot), standing_policy(config)
-    stored = load_starts()["nominal"]
-    starts = stored[np.arange(batch) % len(stored)]
-    simulator = make_simulator(robot, batch, config.simulation)
-    arbiter = SafetySwitch(SafetyMonitor(config.safety, 2.0, HandBack.SAFE_AND_BLOCKED))
+    starts, simulator = _standing(batch), make_simulator(robot, batch, config.simulation)
     # Who would take over is not asked: the robots stand within the bounds.
-    settled = rollout(simulator, robot, starts, 0.5, PolicyOnly(), policy, policy)
-    starts = replace(starts, q=settled.q[:, -1], v=settled.v[:, -1])
+    arbiter = SafetySwitch(SafetyMonitor(config.safety, 2.0, HandBack.SAFE_AND_BLOCKED))
     network = _network_alone(policy, batch)
-    ours, floor = [], []
+    ours, floor, steps = [], [], []
     for _ in range(5):
         began = time.perf_counter()
         record = rollout(simulator, robot, starts, seconds, arbiter, policy, policy)
@@ -172,6 +63,7 @@ def bench_engine(config: Config, batch: int = 20, seconds: float = 2.0) -> dict[
             began = time.perf_counter()
             simulator.step(torque)
             physics += time.perf_counter() - began
+        steps.append(physics)
         floor.append(physics + ticks * _seconds(network, 400))
     robot_ms = batch * seconds * TICKS_PER_SECOND
     mine, least = float(np.median(ours)), float(np.median(floor))
@@ -180,7 +72,55 @@ def bench_engine(config: Config, batch: int = 20, seconds: float = 2.0) -> dict[
         "robot_ms_per_s": robot_ms / mine,
         "floor_robot_ms_per_s": robot_ms / least,
         "ratio": mine / least,
+        "two_processes": _two_processes(config, batch),
+        **_expert_shares(config, batch, float(np.median(steps)) / seconds),
     }
+
+
+def _two_processes(config: Config, batch: int, seconds: float = 4.0) -> float:
+    """Throughput of two processes over that of one."""
+    chunks = [(config, batch, seconds)] * 2
+    for _ in map_chunks(_standing_rate, [(config, batch, 0.1)] * 4, Workers(2), "warming up"):
+        pass
+    one = map_chunks(_standing_rate, chunks[:1], Workers(1), "one process")
+    two = map_chunks(_standing_rate, chunks, Workers(2), "two processes")
+    return sum(two) / one[0]
+
+
+def _standing_rate(chunk: tuple[Config, int, float]) -> float:
+    """Robot-ms per second of one process."""
+    config, batch, seconds = chunk
+    robot, policy, starts = solo12(config.robot), standing_policy(config), _standing(batch)
+    simulator = make_simulator(robot, batch, config.simulation)
+    began = time.perf_counter()
+    rollout(simulator, robot, starts, seconds, PolicyOnly(), policy, policy)
+    return batch * seconds * TICKS_PER_SECOND / (time.perf_counter() - began)
+
+
+def _expert_shares(config: Config, batch: int, steps: float) -> dict[str, float]:
+    """Where the time goes when the expert drives; ``steps``: bare ones, per simulated second."""
+    robot, planner, spent = solo12(config.robot), make_planner(solo12(config.robot), config), 0.0
+
+    def plan(state: State, tick: int, command: Command) -> MotionPlan:
+        nonlocal spent
+        began = time.perf_counter()
+        result = planner.plan(state, tick, command)
+        spent += time.perf_counter() - began
+        return result
+
+    expert = Expert(plan, config.expert.kp, config.expert.kd)
+    simulator = make_simulator(robot, batch, config.simulation)
+    starts = load_starts()["nominal"][np.arange(batch)]
+    rollout(simulator, robot, starts, 0.1, ExpertOnly(), expert)
+    spent, began = 0.0, time.perf_counter()
+    rollout(simulator, robot, starts, 1.0, ExpertOnly(), expert)
+    whole = time.perf_counter() - began
+    return {"plan_share": spent / whole, "floor_plan_share": spent / (spent + steps)}
+
+
+def _standing(batch: int) -> Starts:
+    """Robots at rest on their feet."""
+    return at_rest(standing(solo12()), np.zeros((batch, 3)))
 
 
 def standing_policy(config: Config) -> Policy:
@@ -200,46 +140,52 @@ def _network_alone(policy: Policy, batch: int) -> Callable[[], object]:
 
 
 def bench_train(config: Config, steps: int = 100) -> dict[str, Any]:
-    """Time of a training step, one thread, beside its matrix products (forward and backward).
+    """Time of a training step, one thread, beside PyTorch's eager float32 and its matrix products.
 
     Returns:
-        ``step_ms``, ``floor_step_ms``, ``ratio``, ``batch``.
+        ``step_ms`` in the configured precision; ``eager_step_ms``, the same step in float32, and
+        ``ratio_to_eager``; ``floor_step_ms``, the products of a step in the configured precision,
+        forward and backward, and ``ratio`` to it; ``batch``, ``precision``.
     """
-    batch = config.training.batch
-    training = replace(config.training, validation=0.0, threads=1)
+    batch, period = config.training.batch, to_ticks(config.gait.period)
+    training = replace(config.training, validation=0.0, threads=1, device="cpu")
     frames = _random_frames(steps * batch)
     network = PolicyNetwork(config.policy)
-    mine, floor = [], []
-    for _ in range(3):
+    short = training.precision == "bfloat16" and has_bfloat16(torch.device("cpu"))
+
+    def step_of(training: TrainingConfig) -> float:
         # The second epoch is steps only; before the first, inputs and labels are derived.
         ends: list[float] = []
-        period = to_ticks(config.gait.period)
-        fit(
-            network,
-            frames,
-            training,
-            config.policy,
-            2,
-            seed=0,
-            period_ticks=period,
-            progress=lambda *_, ends=ends: ends.append(time.perf_counter()),
+        progress = lambda *_: ends.append(time.perf_counter())  # noqa: E731
+        fit(network, frames, training, config.policy, 2, 0, period, progress)
+        return (ends[1] - ends[0]) / steps
+
+    rounds = [
+        (
+            step_of(training),
+            step_of(replace(training, precision="float32")),
+            # Backward: one product for the inputs, one for the weights.
+            3 * _seconds(_network_products(network, batch, short), 30),
         )
-        mine.append((ends[1] - ends[0]) / steps)
-        forward = _seconds(_network_products(network, batch), 30)
-        floor.append(3 * forward)  # backward: one product for the inputs, one for the weights
-    step, least = float(np.median(mine)), float(np.median(floor))
+        for _ in range(3)
+    ]
+    step, eager, least = (1e3 * float(np.median(times)) for times in zip(*rounds, strict=True))
     return {
         "batch": batch,
-        "step_ms": 1e3 * step,
-        "floor_step_ms": 1e3 * least,
+        "precision": "bfloat16" if short else "float32",
+        "step_ms": step,
+        "eager_step_ms": eager,
+        "ratio_to_eager": step / eager,
+        "floor_step_ms": least,
         "ratio": step / least,
     }
 
 
-def _network_products(network: PolicyNetwork, batch: int) -> Callable[[], None]:
+def _network_products(network: PolicyNetwork, batch: int, short: bool) -> Callable[[], None]:
     """The matrix products of one forward pass and nothing else, on one thread."""
-    weights = [weight for weight, _ in network.folded()]
-    inputs = [torch.randn(batch, size) for size in (INPUT_SIZE, *network.hidden)]
+    kind = torch.bfloat16 if short else torch.float32
+    weights = [weight.to(kind) for weight, _ in network.folded()]
+    inputs = [torch.randn(batch, size, dtype=kind) for size in (INPUT_SIZE, *network.hidden)]
     torch.set_num_threads(1)
 
     def products() -> None:

@@ -274,39 +274,49 @@ class Play(OnSimulator):
 
 @dataclass(frozen=True)
 class Bench(OnWorkers, OnSimulator):
-    """Measure speed on one core, beside its floor; or what the expert survives.
+    """Measure speed, beside its floor on this machine; or what the expert survives.
 
-    JSON: plan: plan_ms (median, p99, stages) [ms], iterations (mean of ADMM's), nodes, plans; the
-    same of warm plans, warm_plan_ms and so on, and of half the horizon, half_plan_ms and
-    half_warm_plan_ms; engine: robot_ms_per_s, floor_robot_ms_per_s, ratio, batch; train: step_ms,
-    floor_step_ms, ratio, batch; expert: one object of `surefoot.survey` for each simulator,
-    horizon and set of rules, under `cells`, and the starts that all lose, under `lost_by_all`.
+    Without a name: plan, engine, train, evaluation and end_to_end, some minutes. JSON: an object
+    with one key of each, the figures that `bench_plan.bench_plan`, `bench.bench_engine`,
+    `bench.bench_train`, `bench_run.bench_evaluation` and `bench_run.bench_end_to_end` document;
+    expert: one object of `surefoot.survey` for each simulator, horizon and set of rules, under
+    `cells`, and the starts that all lose, under `lost_by_all`.
     """
 
-    what: Annotated[Literal["plan", "engine", "train", "expert"], tyro.conf.Positional]
-    """plan, engine, train; or expert: survival, tracking, pushes, both simulators (an hour)."""
+    what: Annotated[
+        Literal["all", "plan", "engine", "train", "evaluation", "end_to_end", "expert"],
+        tyro.conf.Positional,
+    ] = "all"
+    """plan, engine, train: one core; evaluation, end_to_end: all workers; expert: survival,
+    tracking, pushes, both simulators (an hour)."""
+    preset: str = "quick"
+    """Of loco_safe_dagger (end_to_end only)."""
     episodes: int = 1000
-    """Starts of each set (bench expert only)."""
+    """Starts of each set (expert only)."""
     json: Path | None = None
     """Write the figures here; `bench expert` goes on with what the file holds already."""
     config: Config = field(default_factory=Config)
 
     def __call__(self) -> int:
         """Measure and print."""
-        from surefoot import bench
-
         if self.what == "expert":
             from surefoot.survey import survey, table
 
-            record = survey(self.config, self.sim, self.episodes, self.spread, self.json)
-            print(table(record))
+            print(table(survey(self.config, self.sim, self.episodes, self.spread, self.json)))
             return 0
 
-        measure = getattr(bench, f"bench_{self.what}")
-        figures = measure(self.simulated(self.config))
-        if self.what == "plan":
-            print(bench.plan_table(figures))
-        show(figures, self.json)
+        from surefoot.bench_run import MEASURES, bench_table
+        from surefoot.presets import preset
+
+        figures = {}
+        for what in MEASURES if self.what == "all" else [self.what]:
+            config = (
+                preset("loco_safe_dagger", self.preset) if what == "end_to_end" else self.config
+            )
+            figures[what] = MEASURES[what](self.simulated(config), self.spread)
+            print(bench_table(what, figures[what]), flush=True)
+        if self.json:
+            write_json(self.json, figures)
         return 0
 
 

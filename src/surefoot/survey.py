@@ -17,7 +17,7 @@ from typing import Any, get_args
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.bench import cold_plans, times_of
+from surefoot.bench_plan import cold_plans, times_of
 from surefoot.config import Backend, Config
 from surefoot.config_json import to_json
 from surefoot.evaluation import evaluate, wilson
