@@ -146,7 +146,9 @@ def alive(pid: int) -> bool:
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
-def test_ctrl_c_ends_the_workers_too(tmp_path):
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGKILL])
+def test_nobody_outlives_the_parent(tmp_path, ending):
+    """Neither after Ctrl-C nor after a kill."""
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
 
@@ -167,10 +169,10 @@ def test_ctrl_c_ends_the_workers_too(tmp_path):
         pids = [int(path.stem) for path in tmp_path.glob("*.pid")]
         assert process.pid not in pids
         assert all(alive(pid) for pid in pids)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(ending)
         # The chunks sleep for two minutes: whoever is gone before was ended.
         assert process.wait(timeout=60) != 0
-        assert (tmp_path / "interrupted").exists()
+        assert (tmp_path / "interrupted").exists() == (ending == signal.SIGINT)
         assert until(lambda: not any(alive(pid) for pid in pids))
     finally:
         process.kill()

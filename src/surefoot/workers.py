@@ -7,8 +7,10 @@ grow with their number. A chunk whose worker dies is run again.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
+import sys
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -21,6 +23,9 @@ Result = TypeVar("Result")
 
 RETRIES = 2
 """How often a chunk is tried again when its worker dies."""
+
+_PR_SET_PDEATHSIG = 1
+"""Of Linux's prctl: the signal to a process whose parent ends."""
 
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
@@ -102,7 +107,11 @@ def _on_processes(
     while waiting:
         running: dict[Future, int] = {}
         executor = get_reusable_executor(
-            count, env=_ONE_THREAD, timeout=300, initializer=_leave_ctrl_c_to_the_parent
+            count,
+            env=_ONE_THREAD,
+            timeout=300,
+            initializer=_follow_the_parent,
+            initargs=(os.getpid(),),
         )
         try:
             while waiting or running:
@@ -188,6 +197,13 @@ def _died(number: int, label: str) -> str:
     )
 
 
-def _leave_ctrl_c_to_the_parent() -> None:
-    """It ends its workers itself; they would only print where they were."""
+def _follow_the_parent(parent: int) -> None:
+    """In a worker: end with the parent, however it ends, and leave Ctrl-C to it.
+
+    It ends its workers itself; they would only print where they were.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it is gone already
+        os._exit(1)
