@@ -11,6 +11,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
+from numba import njit
 
 from surefoot.config import SafetyConfig
 from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
@@ -42,17 +43,34 @@ class HandBack(Enum):
 
 def unsafe(state: State, config: SafetyConfig) -> BoolArray:
     """``(B,)`` True where a robot is outside the paper's Table I."""
-    low, high = _table(config)
-    values = np.concatenate([state.com[..., 2:], state.roll_pitch, state.q[..., 7:]], axis=-1)
-    return ~np.logical_and.reduce((values >= low) & (values <= high), axis=-1)
+    return _outside(state.com[:, 2], state.roll_pitch, state.q[:, 7:], *_table(config))
 
 
 def fallen(state: State, config: SafetyConfig) -> BoolArray:
     """``(B,)`` True where base height, roll or pitch is that of a robot that has fallen."""
-    low, high = config.fall_height
-    height = state.q[..., 2]
-    upright = (np.abs(state.roll_pitch) <= np.radians(config.fall_angle)).all(axis=-1)
-    return ~(upright & (height >= low) & (height <= high))
+    no_joints = state.q[:, 7:7]
+    return _outside(state.q[:, 2], state.roll_pitch, no_joints, *_fall_bounds(config))
+
+
+@njit(cache=True)
+def _outside(height: Array, roll_pitch: Array, joints: Array, low: Array, high: Array) -> BoolArray:
+    """Where a number is outside its bounds, or none; compiled, because it is asked every tick."""
+    result = np.empty(len(height), np.bool_)
+    for robot in range(len(height)):
+        inside = low[0] <= height[robot] <= high[0]
+        for i in range(2):
+            inside &= low[1 + i] <= roll_pitch[robot, i] <= high[1 + i]
+        for i in range(joints.shape[1]):
+            inside &= low[3 + i] <= joints[robot, i] <= high[3 + i]
+        result[robot] = not inside
+    return result
+
+
+@lru_cache
+def _fall_bounds(config: SafetyConfig) -> tuple[Array, Array]:
+    """Bounds ``(3,)`` of the base's height [m], roll and pitch [rad]."""
+    (low, high), angle = config.fall_height, np.radians(config.fall_angle)
+    return np.array([low, -angle, -angle]), np.array([high, angle, angle])
 
 
 @lru_cache
