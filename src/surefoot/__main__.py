@@ -11,8 +11,10 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 def main() -> int:
     """Run the command line."""
-    from surefoot.cli import main as command_line
-
+    try:
+        from surefoot.cli import main as command_line
+    except KeyboardInterrupt:  # loading takes a second or two
+        return 130
     return command_line()
 
 
