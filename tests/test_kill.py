@@ -1,4 +1,4 @@
-"""`kill -9` at random instants of a real `surefoot train`: the same bits as if left alone."""
+"""Ctrl-C and `kill -9` in the midst of a real `surefoot train`: the same bits as if left alone."""
 
 import json
 import os
@@ -70,6 +70,8 @@ def start(folder: Path, options: list[str]) -> subprocess.Popen:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # Whoever starts the tests in the background has children that ignore Ctrl-C.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )
 
@@ -108,9 +110,24 @@ def stage(folder: Path) -> str:
     )
 
 
+def interrupt(folder: Path, options: list[str]) -> None:
+    """Ctrl-C in the middle of a collection, as a terminal sends it: to all processes."""
+    process = start(folder, options)
+    while not list(folder.glob("**/*.h5")):
+        assert process.poll() is None
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "go on with --resume" in errors
+    assert "Traceback" not in errors
+    print(f"Ctrl-C: {stage(folder)}")
+
+
 def kill_until_done(tmp_path: Path, options: list[str], kills: int, seed: int) -> None:
     undisturbed = finish(tmp_path / "undisturbed" / "run", options)
     rng, folder, killed = random.Random(seed), tmp_path / "killed" / "run", 0
+    interrupt(folder, options)
     for attempt in range(10 * kills):
         process = start(folder, options)
         begun(process)

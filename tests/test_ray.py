@@ -1,6 +1,7 @@
 """Ray: the same bits as processes of one machine, also when a node of the cluster is lost."""
 
 import os
+import signal
 import sys
 import time
 from dataclasses import replace
@@ -11,7 +12,7 @@ from surefoot.episodes import chunks_of, run_chunk
 from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
 from surefoot.methods.stages import collect
 from surefoot.run import Run, create
-from surefoot.workers import Workers, each_chunk, map_chunks
+from surefoot.workers import RETRIES, Workers, each_chunk, map_chunks
 from test_loco_safe_dagger import CONFIG, fingerprint
 
 ray = pytest.importorskip("ray", reason="the extra ray is not installed")
@@ -39,6 +40,14 @@ def die_once(argument):
     return number
 
 
+def always_die(argument):
+    number, folder = argument
+    if number == 1:
+        (folder / f"{time.monotonic_ns()}.tried").touch()
+        os._exit(3)
+    return number
+
+
 def refuse(number):
     raise LookupError(f"no chunk {number}")
 
@@ -47,8 +56,9 @@ def threads(_):
     return os.environ.get("OMP_NUM_THREADS")
 
 
-def test_a_run_on_ray_has_the_bits_of_one_in_this_process(fresh, tmp_path):
+def test_a_run_on_ray_has_the_bits_of_one_in_this_process(fresh, tmp_path, capsys):
     """And chunks whose worker dies are run again; errors come as they are."""
+    answer = signal.getsignal(signal.SIGTERM)
     here, there = (create(tmp_path / name / "run", CONFIG) for name in ("here", "there"))
     loco_safe_dagger(here, Workers(1))
     loco_safe_dagger(there, RAY)
@@ -56,9 +66,14 @@ def test_a_run_on_ray_has_the_bits_of_one_in_this_process(fresh, tmp_path):
     chunks = [(number, tmp_path) for number in range(4)]
     assert map_chunks(die_once, chunks, RAY, "dies once") == [0, 1, 2, 3]
     assert (tmp_path / "died").exists()
+    assert "dies once: a worker died; run again: chunk 1\n" in capsys.readouterr().out
+    with pytest.raises(RuntimeError, match="always: a worker died 3 times while chunk 1 was under"):
+        map_chunks(always_die, chunks, RAY, "always")
+    assert len(list(tmp_path.glob("*.tried"))) == RETRIES + 1
     with pytest.raises(LookupError, match="no chunk 0"):
         map_chunks(refuse, [0], RAY, "refuses")
     assert map_chunks(threads, [0], RAY, "threads") == ["1"]
+    assert signal.getsignal(signal.SIGTERM) == answer  # Ray would take it
 
 
 def test_no_cluster_is_a_clear_error(fresh):
@@ -66,12 +81,13 @@ def test_no_cluster_is_a_clear_error(fresh):
         map_chunks(threads, [0], Workers(1, "ray", "auto"), "nowhere")
 
 
-def slowly(job):
+def slowly(job, marks):
+    (marks / ray.get_runtime_context().get_node_id()).touch()
     time.sleep(1.0)
     return run_chunk(job)
 
 
-def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch):
+def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, capsys):
     """Two nodes of one core each; one is killed while both collect."""
     config = replace(CONFIG, chunk=2)
     undisturbed = create(tmp_path / "undisturbed", config)
@@ -81,12 +97,15 @@ def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch):
     lost = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
     workers = Workers(2, "ray", cluster.address)
-    where = []
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    killed_after = []
 
     def then_kill(function, chunks, workers, label):
-        for done in each_chunk(slowly, chunks, workers, label):
-            if not where:
-                where.append(len([node for node in ray.nodes() if node["Alive"]]))
+        on_a_node = lambda job: slowly(job, marks)  # noqa: E731
+        for count, done in enumerate(each_chunk(on_a_node, chunks, workers, label), 1):
+            if not killed_after and (marks / lost.node_id).exists():
+                killed_after.append(count)
                 cluster.remove_node(lost, allow_graceful=False)
             yield done
 
@@ -94,11 +113,12 @@ def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch):
     disturbed = create(tmp_path / "disturbed", config)
     try:
         collect(disturbed, 0, collection(disturbed, 0), workers)
-        assert where == [2]
+        assert killed_after
         assert not lost.any_processes_alive()
     finally:
         ray.shutdown()
         cluster.shutdown()
+    assert "collect: a worker died; run again: chunk" in capsys.readouterr().out
     assert len(chunks_of(collection(disturbed, 0))) == 11
     assert disturbed.dataset.hash == undisturbed.dataset.hash
     assert figures(disturbed) == figures(undisturbed)

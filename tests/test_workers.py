@@ -1,6 +1,7 @@
 """Chunks over processes: order, a dead worker, errors, and nobody left behind after Ctrl-C."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -70,13 +71,68 @@ def test_a_chunk_whose_process_dies_is_run_again(tmp_path):
     assert map_chunks(square, [1, 2, 3], Workers(2), "after") == [1, 4, 9]
 
 
-def test_a_chunk_that_always_dies_is_an_error(tmp_path):
-    chunks = [(number, tmp_path, 100 if number == 1 else 0) for number in range(3)]
-    with pytest.raises(
-        RuntimeError, match=r"always: a worker died 3 times while chunk .*fewer --workers"
-    ):
-        map_chunks(count_and_die, chunks, Workers(2), "always")
-    assert len(list(tmp_path.glob("1.*"))) == RETRIES + 1
+def test_a_process_that_dies_is_said(tmp_path, capsys):
+    chunks = [(number, tmp_path, 1 if number == 2 else 0) for number in range(5)]
+    map_chunks(count_and_die, chunks, Workers(2), "dies once")
+    assert re.search(r"dies once: a worker died; run again: chunks? .*2", capsys.readouterr().out)
+
+
+def test_no_chunk_is_lost_when_its_pool_breaks_while_nobody_looks(tmp_path):
+    """The next chunk is handed to a pool that broke while a result was being stored."""
+    chunks = [(number, tmp_path, 1 if number == 1 else 0) for number in range(8)]
+    results = each_chunk(count_and_die, chunks, Workers(2), "breaks")
+    arrived = dict([next(results)])
+    while not list(tmp_path.glob("1.*")):
+        time.sleep(0.01)
+    time.sleep(1.0)  # for the executor to notice
+    arrived.update(results)
+    assert arrived == {number: 10 * number for number in range(8)}
+
+
+def die_beside_others(argument):
+    number, folder = argument
+    if number == 1:
+        (folder / f"{time.monotonic_ns()}.tried").touch()
+        time.sleep(0.1)
+        os._exit(3)
+    time.sleep(0.5)
+    return number
+
+
+def test_a_chunk_that_always_dies_is_an_error_that_names_it(tmp_path):
+    """The others that were under way are not blamed."""
+    chunks = [(number, tmp_path) for number in range(3)]
+    with pytest.raises(RuntimeError, match="always: a worker died 3 times while chunk 1 was under"):
+        map_chunks(die_beside_others, chunks, Workers(2), "always")
+    assert len(list(tmp_path.glob("*.tried"))) == RETRIES + 1
+
+
+def test_results_before_an_error_are_handed_over(tmp_path):
+    chunks = [(number, tmp_path, 100 if number == 5 else 0) for number in range(6)]
+    kept = []
+    with pytest.raises(RuntimeError, match="while chunk 5 was under way"):
+        for number, result in each_chunk(count_and_die, chunks, Workers(2), "kept"):
+            assert result == 10 * number
+            kept.append(number)
+    assert sorted(kept) == [0, 1, 2, 3, 4]
+
+
+class TwoWordsError(Exception):
+    """Cannot be unpickled: its arguments are not those of its constructor."""
+
+    def __init__(self, first, second):
+        super().__init__(first)
+
+
+def refuse_in_two_words(folder):
+    (folder / f"{time.monotonic_ns()}.tried").touch()
+    raise TwoWordsError("one", "two")
+
+
+def test_an_error_that_cannot_be_unpickled_is_no_death(tmp_path):
+    with pytest.raises(RuntimeError, match="picklable"):
+        map_chunks(refuse_in_two_words, [tmp_path] * 2, Workers(2), "two words")
+    assert len(list(tmp_path.glob("*.tried"))) <= 2
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -145,6 +201,11 @@ def alive(pid: int) -> bool:
         return False
 
 
+def holds_back_ctrl_c(pid: int) -> bool:
+    blocked = Path(f"/proc/{pid}/status").read_text().split("SigBlk:")[1].split()[0]
+    return bool(int(blocked, 16) & 1 << (signal.SIGINT - 1))
+
+
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGKILL])
 def test_nobody_outlives_the_parent(tmp_path, ending):
@@ -169,6 +230,9 @@ def test_nobody_outlives_the_parent(tmp_path, ending):
         pids = [int(path.stem) for path in tmp_path.glob("*.pid")]
         assert process.pid not in pids
         assert all(alive(pid) for pid in pids)
+        # A terminal sends Ctrl-C to all; only the parent answers.
+        assert all(holds_back_ctrl_c(pid) for pid in pids)
+        assert not holds_back_ctrl_c(process.pid)
         process.send_signal(ending)
         # The chunks sleep for two minutes: whoever is gone before was ended.
         assert process.wait(timeout=60) != 0

@@ -248,7 +248,8 @@ class _Cluster:
 
     def __init__(self, function: Callable[[Any], Any], workers: Workers) -> None:
         self.ray, self.count = _connected(workers), workers.count
-        # Ray would try again by itself, but without a word, and forever where memory is short.
+        # `_spread` tries again and says so; Ray itself would be quiet about it, and try forever
+        # where memory is short (its task_oom_retries is -1, and 0 for a task without retries).
         self.task: Any = self.ray.remote(function).options(
             max_retries=0, runtime_env={"env_vars": _ONE_THREAD}
         )
