@@ -56,10 +56,11 @@ SHORT = [
     "--config.method.T",
     "2.0",
     "--config.evaluation.episodes",
-    "50",
+    "10",
     "--config.evaluation.duration",
-    "2.0",
+    "0.5",
 ]
+"""An evaluation is repeated whole: a longer one would take most of the kills."""
 
 
 def start(folder: Path, options: list[str]) -> subprocess.Popen:
@@ -98,12 +99,13 @@ def bits(folder: Path) -> dict:
 
 
 def stage(folder: Path) -> str:
-    """Where a run that was killed stands: its last record, shards, checkpoint."""
+    """Where a run that was killed stands: the stage, shards, checkpoint."""
     run = open_run(folder)
-    last = run.metrics[-1] if run.metrics else {"stage": "nothing", "iteration": 0}
+    stages = ("collect", "train", "validate")
+    iteration, which = divmod(len(run.metrics), len(stages))
     checkpoints = len(list(folder.glob("checkpoints/*")))
     return (
-        f"after {last['stage']} {last['iteration']}, {len(run.dataset.shards)} shards, "
+        f"in {stages[which]} {iteration}, {len(run.dataset.shards)} shards, "
         f"{checkpoints} checkpoints"
     )
 
