@@ -252,7 +252,7 @@ def test_write_atomic_keeps_the_old_file_when_the_new_one_fails(tmp_path):
 
     def fail(temporary):
         temporary.write_bytes(b"ne")
-        raise RuntimeError("disk full")
+        raise OSError("disk full")
 
     with pytest.raises(WriteError, match="disk full"):
         write_atomic(path, fail)

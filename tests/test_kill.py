@@ -116,7 +116,8 @@ def kill_until_done(tmp_path: Path, options: list[str], kills: int, seed: int) -
     for attempt in range(10 * kills):
         process = start(folder, options)
         begun(process)
-        delay = rng.uniform(0.0, 2.0) * undisturbed / kills
+        # In all less than the whole, lest it be done before the last kill.
+        delay = rng.uniform(0.0, 1.0) * undisturbed / kills
         try:
             process.communicate(timeout=delay)
             assert process.returncode == 0
@@ -134,7 +135,7 @@ def kill_until_done(tmp_path: Path, options: list[str], kills: int, seed: int) -
             finish(folder, options)
             break
     print(f"{killed} kills, undisturbed {undisturbed:.1f} s, dataset {bits(folder)['data'][:16]}")
-    assert killed >= min(kills, 3)
+    assert killed >= kills // 2
     assert bits(folder) == bits(tmp_path / "undisturbed" / "run")
 
 

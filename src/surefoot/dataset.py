@@ -291,10 +291,13 @@ class Dataset:
 
 def _write(path: Path, frames: Frames) -> None:
     """Write a shard: one HDF5 dataset per array, uncompressed."""
-    with h5py.File(path, "w") as file:
-        file.attrs["format"] = FORMAT
-        for name in _FIELDS:
-            file.create_dataset(name, data=getattr(frames, name))
+    try:
+        with h5py.File(path, "w") as file:
+            file.attrs["format"] = FORMAT
+            for name in _FIELDS:
+                file.create_dataset(name, data=getattr(frames, name))
+    except RuntimeError as error:  # what HDF5 says when a full disk keeps it from closing a file
+        raise OSError(str(error)) from error
 
 
 def _by_episode(frames: Frames) -> Frames:
