@@ -46,10 +46,8 @@ format: venv  ## format and mend what ruff can
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: venv  ## plan, engine and training speed, each beside its floor
-	$(BIN)/surefoot bench plan
-	$(BIN)/surefoot bench engine
-	$(BIN)/surefoot bench train
+bench: venv  ## plan, engine, training, evaluation and a whole quick run, each beside its floor
+	$(BIN)/surefoot bench
 
 peers: .venv-peers/.complete  ## collection speed beside imitation and Stable-Baselines3 (three minutes)
 	.venv-peers/bin/python benchmarks/peers/compare.py $(if $(JSON),--json-file $(JSON))

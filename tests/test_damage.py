@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import surefoot.files
+import surefoot.methods.stages
 from surefoot import cli
 from surefoot.config import Config
 from surefoot.dataset import DatasetError
@@ -44,8 +45,9 @@ def copy(finished, tmp_path) -> Run:
     return open_run(tmp_path / "run")
 
 
-FILES = ["iteration_000-002.h5", "manifest.json", "iteration_000-002.npz"]
-FILES += ["000.safetensors", "metrics.jsonl"]
+ONCE = ["iteration_000-002.h5", "iteration_000-002.npz", "policies/000.safetensors"]
+"""Written once; of the others the second version does not fit."""
+FILES = [*ONCE, "manifest.json", "checkpoints/000.safetensors", "metrics.jsonl"]
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -53,9 +55,9 @@ def test_a_disk_that_is_full_for_a_file(finished, tmp_path, monkeypatch, name):
     flush, calls = surefoot.files._flush, []
 
     def full(path):
-        if name in path.name:
+        if name in str(path).replace("/.", "/"):  # a temporary file's name begins with a dot
             calls.append(path)
-            if len(calls) == 2 or name in FILES[:1] + FILES[2:3]:
+            if len(calls) == 2 or name in ONCE:
                 raise OSError(errno.ENOSPC, "No space left on device")
         flush(path)
 
@@ -124,7 +126,7 @@ def test_a_folder_that_cannot_be_written_to_is_an_error_before_any_work(tmp_path
         raise OSError(errno.EROFS, "Read-only file system")
 
     monkeypatch.setattr(Path, "mkdir", refused)
-    with pytest.raises(WriteError, match=r"config.json cannot be written.*Read-only"):
+    with pytest.raises(WriteError, match=r".lock cannot be written.*Read-only"):
         create(tmp_path / "run", Config())
 
 
@@ -179,6 +181,37 @@ def test_a_summary_that_is_lost_is_made_again_and_a_damaged_one_named(finished, 
     assert summary.exists()
 
 
+def test_a_policy_is_trained_again_once_deleted(finished, copy):
+    path = copy.folder / "metrics.jsonl"
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:2]))
+    cut(copy.policy(0))
+    with pytest.raises(PolicyFileError, match=r"000.safetensors is not a whole.*delete"):
+        resume(copy.folder)
+    copy.policy(0).unlink()
+    assert fingerprint(resume(copy.folder)) == fingerprint(finished)
+
+
+@pytest.mark.parametrize("damage", [cut, flip])
+def test_a_damaged_checkpoint_costs_its_epochs_and_no_bits(finished, tmp_path, monkeypatch, damage):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(surefoot.methods.stages, "save", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            resume(tmp_path / "run")
+    (checkpoint,) = (tmp_path / "run" / "checkpoints").iterdir()
+    damage(checkpoint)
+    assert fingerprint(resume(tmp_path / "run")) == fingerprint(finished)
+
+
+def test_metrics_that_are_not_text_are_named(copy):
+    path = copy.folder / "metrics.jsonl"
+    path.write_bytes(b"\xff" + path.read_bytes())
+    with pytest.raises(RunError, match=r"line 1 of .*metrics.jsonl is not JSON"):
+        resume(copy.folder)
+
+
 def test_a_damaged_policy_or_configuration_is_named(copy, monkeypatch, capsys):
     cut(copy.policy(0))
     monkeypatch.setattr(sys, "argv", ["surefoot", "evaluate", str(copy.folder), "--workers", "1"])
@@ -187,5 +220,5 @@ def test_a_damaged_policy_or_configuration_is_named(copy, monkeypatch, capsys):
     assert "000.safetensors is not a whole surefoot policy file" in error
     assert PolicyFileError.__name__ not in error
     cut(copy.folder / "config.json")
-    with pytest.raises(RunError, match=r"config.json cannot be read"):
+    with pytest.raises(RunError, match=r"config.json cannot be read.*Restore it"):
         resume(copy.folder)

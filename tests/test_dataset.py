@@ -252,7 +252,7 @@ def test_write_atomic_keeps_the_old_file_when_the_new_one_fails(tmp_path):
 
     def fail(temporary):
         temporary.write_bytes(b"ne")
-        raise RuntimeError("disk full")
+        raise OSError("disk full")
 
     with pytest.raises(WriteError, match="disk full"):
         write_atomic(path, fail)
@@ -264,3 +264,17 @@ def test_write_atomic_keeps_the_old_file_when_the_new_one_fails(tmp_path):
 
     write_atomic(path, succeed)
     assert path.read_bytes() == b"new"
+
+
+def test_a_view_of_what_was_there_before_an_episode(tmp_path):
+    data = Dataset(tmp_path)
+    data.append("one", make_frames([1, 2]))
+    before = data.hash
+    data.append("two", make_frames([5]))
+    view = data.before(5)
+    assert (view.shards, view.episodes, view.hash) == (("one",), 2, before)
+    assert_same(view.load(), make_frames([1, 2]))
+    assert len(concatenate(list(view.parts()))) == view.frames == 10
+    with pytest.raises(DatasetError, match="only read"):
+        view.append("three", make_frames([3]))
+    assert data.shards == ("one", "two")

@@ -56,10 +56,11 @@ SHORT = [
     "--config.method.T",
     "2.0",
     "--config.evaluation.episodes",
-    "50",
+    "10",
     "--config.evaluation.duration",
-    "2.0",
+    "0.5",
 ]
+"""An evaluation is repeated whole: a longer one would take most of the kills."""
 
 
 def start(folder: Path, options: list[str]) -> subprocess.Popen:
@@ -100,12 +101,13 @@ def bits(folder: Path) -> dict:
 
 
 def stage(folder: Path) -> str:
-    """Where a run that was killed stands: its last record, shards, checkpoint."""
+    """Where a run that was killed stands: the stage, shards, checkpoint."""
     run = open_run(folder)
-    last = run.metrics[-1] if run.metrics else {"stage": "nothing", "iteration": 0}
+    stages = ("collect", "train", "validate")
+    iteration, which = divmod(len(run.metrics), len(stages))
     checkpoints = len(list(folder.glob("checkpoints/*")))
     return (
-        f"after {last['stage']} {last['iteration']}, {len(run.dataset.shards)} shards, "
+        f"in {stages[which]} {iteration}, {len(run.dataset.shards)} shards, "
         f"{checkpoints} checkpoints"
     )
 
@@ -131,7 +133,8 @@ def kill_until_done(tmp_path: Path, options: list[str], kills: int, seed: int) -
     for attempt in range(10 * kills):
         process = start(folder, options)
         begun(process)
-        delay = rng.uniform(0.0, 2.0) * undisturbed / kills
+        # In all less than the whole, lest it be done before the last kill.
+        delay = rng.uniform(0.0, 1.0) * undisturbed / kills
         try:
             process.communicate(timeout=delay)
             assert process.returncode == 0
@@ -149,7 +152,7 @@ def kill_until_done(tmp_path: Path, options: list[str], kills: int, seed: int) -
             finish(folder, options)
             break
     print(f"{killed} kills, undisturbed {undisturbed:.1f} s, dataset {bits(folder)['data'][:16]}")
-    assert killed >= min(kills, 3)
+    assert killed >= kills // 2
     assert bits(folder) == bits(tmp_path / "undisturbed" / "run")
 
 

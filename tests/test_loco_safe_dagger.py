@@ -1,6 +1,7 @@
 """LocoSafeDAGGER in the small: what enters D, the same bits always, and kills at any stage."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -428,3 +429,23 @@ def test_what_cannot_be_had_is_an_error_before_any_work(tmp_path, monkeypatch, c
     with pytest.raises(ValueError, match=message):
         loco_safe_dagger(run, workers=Workers(1))
     assert run.metrics == []
+
+
+@pytest.mark.parametrize("lines", range(len(STAGES)))
+def test_stages_whose_records_are_lost_are_done_again_to_the_same_bits(finished, tmp_path, lines):
+    """Though the dataset holds the frames of later iterations by then."""
+    shutil.copytree(finished.folder, tmp_path / "run")
+    path = tmp_path / "run" / "metrics.jsonl"
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:lines]))
+    run = create(tmp_path / "run", CONFIG, resume=True)
+    loco_safe_dagger(run, workers=Workers(1))
+    assert fingerprint(run) == fingerprint(finished)
+
+
+@pytest.mark.parametrize("iteration", [0, 1, 2])
+def test_a_policy_that_is_lost_is_trained_again_to_the_same_bits(finished, tmp_path, iteration):
+    shutil.copytree(finished.folder, tmp_path / "run")
+    open_run(tmp_path / "run").policy(iteration).unlink()
+    run = create(tmp_path / "run", CONFIG, resume=True)
+    loco_safe_dagger(run, workers=Workers(1))
+    assert fingerprint(run) == fingerprint(finished)

@@ -197,3 +197,15 @@ def test_best_policy_is_known_once_the_run_is_finished(tmp_path):
     run.record("best", 0, best_iteration=2)
     assert run.best_policy == run.policy(2)
     assert isinstance(run, Run)
+
+
+def test_a_run_is_claimed_before_its_config_is_written(tmp_path, monkeypatch):
+    def taken(*_):
+        raise BlockingIOError
+
+    monkeypatch.setattr("fcntl.lockf", taken)
+    with pytest.raises(RunError, match="another process trains"):
+        create(tmp_path / "run", CONFIG)
+    assert [path.name for path in (tmp_path / "run").iterdir()] == [".lock"]
+    monkeypatch.undo()
+    assert create(tmp_path / "run", CONFIG).metrics == []  # a lock left by a kill is no run

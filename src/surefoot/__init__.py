@@ -32,6 +32,7 @@ _HOME = {
     "dataset": ("Dataset", "Frames"),
     "policy": ("Policy", "PolicyNetwork", "load", "save"),
     "train": ("fit",),
+    "workers": ("Workers",),
     "run": ("Run", "create", "open_run"),
     "methods.behavior_cloning": ("behavior_cloning",),
     "methods.loco_safe_dagger": ("loco_safe_dagger",),

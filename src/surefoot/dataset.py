@@ -126,10 +126,16 @@ class Dataset:
 
     Args:
         folder: is created by the first ``append``.
+        before: leave out shards with episodes of this id or above; such a view is only read.
     """
 
-    def __init__(self, folder: Path | str) -> None:
+    def __init__(self, folder: Path | str, before: int | None = None) -> None:
         self.folder = Path(folder)
+        self._before = before
+
+    def before(self, episode: int) -> Dataset:
+        """The dataset as it was before that episode, if ids grow with time."""
+        return Dataset(self.folder, episode)
 
     def append(self, name: str, frames: Frames) -> None:
         """Add frames as a shard, whole or not at all; the same frames again change nothing.
@@ -139,8 +145,11 @@ class Dataset:
             frames: whole episodes, none of which lies in another shard; may be empty.
 
         Raises:
-            DatasetError: the name is taken by other frames, or an episode by another shard.
+            DatasetError: the name is taken by other frames, or an episode by another shard, or
+                this is a view.
         """
+        if self._before is not None:  # its manifest would lose the shards that it leaves out
+            raise DatasetError(f"a view of {self.folder} is only read: append to the whole")
         if not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
             raise DatasetError(f"shard name {name!r}: use letters, digits, '_', '-' and dots")
         frames = _by_episode(frames)
@@ -240,7 +249,14 @@ class Dataset:
                 f"{self._manifest} has format {manifest.get('format')}, this version reads format "
                 f"{FORMAT}; use the version of surefoot that wrote it"
             )
-        return manifest["shards"]
+        shards = manifest["shards"]
+        if self._before is None:
+            return shards
+        return {
+            name: entry
+            for name, entry in shards.items()
+            if all(int(episode) < self._before for episode in entry["episodes"])
+        }
 
     def _ordered(self, shards: Sequence[str] | None = None) -> dict[str, dict[str, Any]]:
         """Entries of the named shards, or of all, by their first episodes."""
@@ -275,10 +291,13 @@ class Dataset:
 
 def _write(path: Path, frames: Frames) -> None:
     """Write a shard: one HDF5 dataset per array, uncompressed."""
-    with h5py.File(path, "w") as file:
-        file.attrs["format"] = FORMAT
-        for name in _FIELDS:
-            file.create_dataset(name, data=getattr(frames, name))
+    try:
+        with h5py.File(path, "w") as file:
+            file.attrs["format"] = FORMAT
+            for name in _FIELDS:
+                file.create_dataset(name, data=getattr(frames, name))
+    except RuntimeError as error:  # what HDF5 says when a full disk keeps it from closing a file
+        raise OSError(str(error)) from error
 
 
 def _by_episode(frames: Frames) -> Frames:

@@ -19,7 +19,7 @@ def writing(what: Path | str) -> Iterator[None]:
     """Whatever goes wrong inside is an error that names the file and says what to do."""
     try:
         yield
-    except (OSError, RuntimeError) as error:  # HDF5 says RuntimeError when it cannot close a file
+    except OSError as error:
         raise WriteError(
             f"{what} cannot be written ({error}). Nothing that was complete is lost: free some "
             "space or mend the folder's permissions, then go on (train: with --resume)"

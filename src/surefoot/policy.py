@@ -247,8 +247,8 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
         raise PolicyFileError(
-            f"{path} is not a whole surefoot policy file ({error}); copy it again, or save the "
-            "policy again"
+            f"{path} is not a whole surefoot policy file ({error}); copy it again, or delete "
+            "it in its run's folder: `surefoot train ... --resume` trains it again, bit for bit"
         ) from error
     for key, expected in _interface(robot).items():
         if record.get(key) != expected:

@@ -54,7 +54,7 @@ def paper(method: str) -> Config:
 
 
 def default(method: str) -> Config:
-    """The paper's protocol with training that costs an eighth: see benchmarks/README.md."""
+    """The paper's protocol with a quarter of its training steps: see benchmarks/README.md."""
     # A rate that falls to zero may begin at four times the paper's, and needs fewer epochs.
     # Twenty robots to a batch halve the cost of the network on a machine of few cores.
     config = Config(chunk=20, training=TrainingConfig(learning_rate=8e-3, schedule="cosine"))

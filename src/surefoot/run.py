@@ -47,6 +47,7 @@ class Run:
         """
         path = self.folder / ".lock"
         with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
             self._claim = path.open("a")
         try:
             fcntl.lockf(self._claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -93,7 +94,7 @@ class Run:
     def metrics(self) -> list[dict[str, Any]]:
         """One record per stage done, in the order they were done."""
         path = self.folder / "metrics.jsonl"
-        lines = path.read_text().splitlines() if path.exists() else []
+        lines = path.read_bytes().splitlines() if path.exists() else []
         records = []
         for number, line in enumerate(lines, 1):
             try:
@@ -180,12 +181,17 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
                 stacklevel=2,
             )
         return run
-    # A kill in the very first moment leaves an empty folder, or a temporary file in it.
-    if folder.exists() and any(not part.name.endswith(".tmp") for part in folder.iterdir()):
-        raise RunError(f"{folder} is not empty and holds no run; choose another folder with --run")
-    write_atomic(path, json.dumps(record, indent=1).encode())
+    # A kill in the very first moment leaves an empty folder, or a lock or temporary file in it.
+    if folder.exists() and any(
+        part.name != ".lock" and not part.name.endswith(".tmp") for part in folder.iterdir()
+    ):
+        raise RunError(
+            f"{folder} is not empty and holds no run (no {path.name}); choose another folder with "
+            f"--run, or restore {path.name} from a copy if it has been lost"
+        )
     run = Run(folder, config)
-    run.claim()
+    run.claim()  # first: of two that begin together, only one may write its config
+    write_atomic(path, json.dumps(record, indent=1).encode())
     return run
 
 
@@ -201,5 +207,8 @@ def open_run(folder: Path) -> Run:
     try:
         config = from_json(json.loads(path.read_text())["config"])
     except (ValueError, KeyError, TypeError) as error:
-        raise RunError(f"{path} cannot be read: {error}") from error
+        raise RunError(
+            f"{path} cannot be read: {error}. Restore it from a copy, or from another run with the "
+            "same options; what lies beside it is not touched"
+        ) from error
     return Run(folder, config)

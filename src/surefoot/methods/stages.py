@@ -13,6 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from surefoot.config import Config, ExpertData, Gait
+from surefoot.dataset import Dataset
 from surefoot.engine import ExpertOnly, Rollout
 from surefoot.episodes import (
     Job,
@@ -124,23 +125,29 @@ def collect(run: Run, iteration: int, job: Job, workers: Workers) -> dict[str, A
         return done
     began = time.perf_counter()
     figures = collection_figures(run_and_store(run, iteration, job, workers))
+    data = dataset(run, iteration)
     record = run.record(
         "collect",
         iteration,
         expert=expert_name(job),
         starts_hash=load_starts().hash,
         **figures,
-        dataset_frames=run.dataset.frames,
-        dataset_hash=run.dataset.hash,
+        dataset_frames=data.frames,
+        dataset_hash=data.hash,
         seconds=time.perf_counter() - began,
     )
     tqdm.write(
         f"iteration {iteration}: {figures['episodes']} rollouts, {figures['falls']} fell, "
         f"{figures['diverged']} diverged, expert share {100 * figures['expert_share']:.1f} % "
         f"(with tail {100 * figures['expert_share_with_tail']:.1f} %), "
-        f"{figures['frames_kept']} frames kept, {run.dataset.frames} in all"
+        f"{figures['frames_kept']} frames kept, {data.frames} in all"
     )
     return record
+
+
+def dataset(run: Run, iteration: int) -> Dataset:
+    """D of iteration i. Later shards are there if an earlier stage has to be done again."""
+    return run.dataset.before((iteration + 1) * EPISODES_PER_ITERATION)
 
 
 def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summary:
@@ -203,10 +210,11 @@ def collection_figures(summary: Summary) -> dict[str, Any]:
 
 def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
     """Train pi_i on D, starting from pi_{i-1}; the first starts from random weights."""
-    if done := run.done("train", iteration):
+    done = run.done("train", iteration)
+    if done and run.policy(iteration).exists():
         return done
     began = time.perf_counter()
-    config = run.config
+    config, data = run.config, dataset(run, iteration)
     if iteration == 0:
         seed = int(run.seed("network", 0).generate_state(1)[0])
         network = PolicyNetwork(config.policy, seed)
@@ -223,7 +231,7 @@ def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
         order = int(run.seed("order", iteration).generate_state(1)[0])
         result = fit(
             network,
-            run.dataset,
+            data,
             config.training,
             config.policy,
             epochs,
@@ -237,13 +245,13 @@ def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
         "method": run.method,
         "iteration": iteration,
         "seed": config.seed,
-        "dataset_hash": run.dataset.hash,
+        "dataset_hash": data.hash,
     }
     policy = Policy(
         result.network, config.policy, period, result.command_range, provenance=provenance
     )
     save(policy, run.policy(iteration))
-    record = run.record(
+    record = done or run.record(
         "train",
         iteration,
         epochs=epochs,
