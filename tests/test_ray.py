@@ -82,8 +82,10 @@ def test_no_cluster_is_a_clear_error(fresh):
 
 
 def slowly(job, marks):
-    (marks / ray.get_runtime_context().get_node_id()).touch()
-    time.sleep(1.0)
+    mark = marks / f"{ray.get_runtime_context().get_node_id()}.{os.getpid()}"
+    mark.touch()
+    time.sleep(0.5)
+    mark.unlink()
     return run_chunk(job)
 
 
@@ -99,22 +101,30 @@ def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, capsy
     workers = Workers(2, "ray", cluster.address)
     marks = tmp_path / "marks"
     marks.mkdir()
-    killed_after = []
+    killed = []
+
+    def kill(worker):
+        """As a loss of power: node and worker, which may report its result otherwise."""
+        raylet = lost.all_processes["raylet"][0].process
+        for pid in (raylet.pid, worker):
+            os.kill(pid, signal.SIGKILL)
+        raylet.wait()
+        killed.append(worker)
 
     def then_kill(function, chunks, workers, label):
         on_a_node = lambda job: slowly(job, marks)  # noqa: E731
-        for count, done in enumerate(each_chunk(on_a_node, chunks, workers, label), 1):
-            if not killed_after and (marks / lost.node_id).exists():
-                killed_after.append(count)
-                cluster.remove_node(lost, allow_graceful=False)
+        for done in each_chunk(on_a_node, chunks, workers, label):
+            for _ in range(50):
+                if not killed and (at_work := list(marks.glob(f"{lost.node_id}.*"))):
+                    kill(int(at_work[0].suffix[1:]))
+                time.sleep(0.0 if killed else 0.01)
             yield done
 
     monkeypatch.setattr("surefoot.methods.stages.each_chunk", then_kill)
     disturbed = create(tmp_path / "disturbed", config)
     try:
         collect(disturbed, 0, collection(disturbed, 0), workers)
-        assert killed_after
-        assert not lost.any_processes_alive()
+        assert killed
     finally:
         ray.shutdown()
         cluster.shutdown()
