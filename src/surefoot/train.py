@@ -231,7 +231,7 @@ class _Step:
     def _compute(self) -> None:
         inputs, labels = self._rows[:, :INPUT_SIZE], self._rows[:, INPUT_SIZE:]
         self._optimizer.zero_grad()
-        with torch.autocast(self._device.type, torch.bfloat16, enabled=self._short):
+        with torch.autocast(self._device.type, torch.bfloat16, self._short, cache_enabled=False):
             targets = self._network(inputs)
         loss = torch.nn.functional.l1_loss(targets, labels)
         loss.backward()
