@@ -299,7 +299,7 @@ def rewrite(path, change):
         ("goal", [["phase", 1], ["command", 3]]),
         ("joints", ["a", "b"]),
         ("rate", 500),
-        ("format", 2),
+        ("format", 1),
     ],
 )
 def test_other_interface(tmp_path, key, value):
@@ -315,7 +315,17 @@ def test_incomplete_record(tmp_path, key):
     path = tmp_path / "policy.safetensors"
     save(make_policy(), path)
     rewrite(path, lambda record: record.pop(key))
-    with pytest.raises(PolicyFileError, match=f"not a complete policy.*{key}"):
+    with pytest.raises(PolicyFileError, match=r"not a complete policy.*match their hash"):
+        load(path)
+
+
+def test_a_changed_bit_is_noticed(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    content = bytearray(path.read_bytes())
+    content[-50] ^= 1
+    path.write_bytes(bytes(content))
+    with pytest.raises(PolicyFileError, match=r"match their hash.*--resume"):
         load(path)
 
 

@@ -266,6 +266,23 @@ def test_a_checkpoint_of_another_fit_or_cut_short_is_not_taken(tmp_path):
     assert torch.equal(weights(other.network), weights(again.network))
 
 
+def test_a_changed_bit_of_a_checkpoint_changes_no_weights(tmp_path):
+    path = tmp_path / "fit.safetensors"
+    whole = run(epochs=3)
+
+    def flip_and_die(done, *_):
+        if done == 1:
+            content = bytearray(path.read_bytes())
+            content[-5000] ^= 1
+            path.write_bytes(bytes(content))
+            raise Killed
+
+    with pytest.raises(Killed):
+        run(epochs=3, checkpoint=path, progress=flip_and_die)
+    again = run(epochs=3, checkpoint=path)
+    assert torch.equal(weights(again.network), weights(whole.network))
+
+
 def test_a_checkpoint_holds_losses_that_are_not_numbers(tmp_path):
     config, path = replace(TRAINING, validation=0.0), tmp_path / "fit.safetensors"
     run(epochs=2, config=config, checkpoint=path)

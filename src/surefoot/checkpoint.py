@@ -10,6 +10,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
 
 from surefoot.files import write_atomic
+from surefoot.policy import digest
 
 Losses = list[tuple[float, float]]
 """Training and validation loss [rad] of every epoch done."""
@@ -25,7 +26,7 @@ def save_checkpoint(
     tensors = {name: tensor.detach().contiguous().cpu() for name, tensor in tensors.items()}
     # As text, because JSON has no NaN.
     record = {"key": key, "losses": json.dumps([list(map(float.hex, pair)) for pair in losses])}
-    write_atomic(path, to_bytes(tensors, record))
+    write_atomic(path, to_bytes(tensors, {**record, "sha256": digest(tensors, record)}))
 
 
 def load_checkpoint(
@@ -33,17 +34,18 @@ def load_checkpoint(
 ) -> Losses:
     """Put network and optimizer where the checkpoint left them; the losses of the epochs done.
 
-    A file that is not there, not whole, or of another fit changes nothing: no epoch is done.
+    A file that is not there, damaged, or of another fit changes nothing: no epoch is done.
     """
     if not path.is_file():
         return []
     try:
         with safe_open(path, framework="pt") as file:
-            record = file.metadata()
+            record = dict(file.metadata() or {})
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError):
         return []
-    if not record or record.get("key") != key:
+    whole = record.pop("sha256", None) == digest(tensors, record)
+    if not whole or record.get("key") != key:
         return []
     weights, state = {}, {}
     for name, tensor in tensors.items():

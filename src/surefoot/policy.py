@@ -9,9 +9,10 @@ that running it needs: weights, normalisers, layouts, gains, rate, gait period a
 from __future__ import annotations
 
 import copy
+import hashlib
 import json
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -30,7 +31,7 @@ from surefoot.observation import GOAL_SIZES, INPUT_SIZE, OBSERVATION_SIZES, netw
 from surefoot.onnx_graph import onnx_graph, runner
 from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray, State
 
-FORMAT = 1
+FORMAT = 2
 """Version of the policy file."""
 
 _MINIMUM_ROWS = 8
@@ -228,7 +229,17 @@ def save(policy: Policy, path: Path | str) -> None:
         "provenance": policy.provenance,
     }
     tensors = {name: t.contiguous().cpu() for name, t in policy.network.state_dict().items()}
+    record["sha256"] = digest(tensors, record)
     write_atomic(path, to_bytes(tensors, {"surefoot": json.dumps(record)}))
+
+
+def digest(tensors: Mapping[str, Tensor], record: Mapping[str, Any]) -> str:
+    """SHA-256 of all that a file holds: safetensors notices a cut file, not a changed bit."""
+    sha = hashlib.sha256(json.dumps(record, sort_keys=True).encode())
+    for name in sorted(tensors):
+        sha.update(name.encode())
+        sha.update(tensors[name].numpy().tobytes())
+    return sha.hexdigest()
 
 
 def load(path: Path | str, robot: str = "solo12") -> Policy:
@@ -257,6 +268,8 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
                 "made for this, or train one"
             )
     try:
+        if record.pop("sha256", None) != digest(tensors, record):
+            raise ValueError("its contents do not match their hash")
         hidden, phase = tuple(record["hidden"]), record.get("phase", "circle")
         if phase not in ("circle", "fraction"):
             raise ValueError(f"a phase given as {phase!r}")
@@ -275,7 +288,8 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
         )
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise PolicyFileError(
-            f"{path} is not a complete policy ({error}); save the policy again"
+            f"{path} is not a complete policy ({error}); copy it again, or delete it in its run's "
+            "folder: `surefoot train ... --resume` trains it again, bit for bit"
         ) from error
 
 

@@ -24,6 +24,9 @@ from surefoot.files import write_atomic, writing
 
 PACKAGES = ("surefoot", "numpy", "scipy", "pin", "mujoco", "numba", "torch", "onnxruntime", "h5py")
 
+_claims: list[IO[str]] = []
+"""Locked files: a process loses its lock as soon as it closes any of its handles of the file."""
+
 
 class RunError(ValueError):
     """A run folder cannot be used as asked."""
@@ -36,7 +39,6 @@ class Run:
         self.folder = folder
         self.config = config
         self.dataset = Dataset(folder / "data")
-        self._claim: IO[str] | None = None
 
     def claim(self) -> None:
         """Keep other processes from training in the folder, until this one ends, however it ends.
@@ -48,9 +50,9 @@ class Run:
         path = self.folder / ".lock"
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._claim = path.open("a")
+            _claims.append(path.open("a"))
         try:
-            fcntl.lockf(self._claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.lockf(_claims[-1], fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise RunError(
                 f"another process trains in {self.folder}; wait for it, or choose another folder "
