@@ -127,7 +127,7 @@ def stiff(state, tick, command):
     return MotionPlan(np.tile(state.q[7:], (100, 1)), rows, rows)
 
 
-def test_a_collection_begun_by_another_expert_is_refused(tmp_path, monkeypatch):
+def test_a_collection_begun_by_another_expert_is_refused(finished, tmp_path, monkeypatch):
     def store_and_die(dataset, name, frames):
         append(dataset, name, frames)
         raise Killed
@@ -136,9 +136,12 @@ def test_a_collection_begun_by_another_expert_is_refused(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(Dataset, "append", store_and_die)
         with pytest.raises(Killed):
-            behavior_cloning(create(tmp_path / "run", CONFIG), workers=Workers(1), plan=stiff)
-    with pytest.raises(ValueError, match=r"by another expert than surefoot.mpc.planner"):
-        behavior_cloning(open_run(tmp_path / "run"), workers=Workers(1))
+            behavior_cloning(create(tmp_path / "run", CONFIG), workers=Workers(1))
+    with pytest.raises(ValueError, match="another expert than stiff"):
+        behavior_cloning(open_run(tmp_path / "run"), workers=Workers(1), plan=stiff)
+    # And nothing of the other was stored: the first one goes on.
+    behavior_cloning(open_run(tmp_path / "run"), workers=Workers(1))
+    assert fingerprint(open_run(tmp_path / "run")) == fingerprint(finished)
 
 
 def test_resuming_over_other_data_is_refused(finished, tmp_path, monkeypatch):

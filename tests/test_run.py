@@ -209,3 +209,15 @@ def test_a_run_is_claimed_before_its_config_is_written(tmp_path, monkeypatch):
     assert [path.name for path in (tmp_path / "run").iterdir()] == [".lock"]
     monkeypatch.undo()
     assert create(tmp_path / "run", CONFIG).metrics == []  # a lock left by a kill is no run
+
+
+def test_what_a_killed_process_was_writing_is_cleared_away(tmp_path):
+    folder = tmp_path / "run"
+    create(folder, CONFIG)
+    left = [folder / ".config.json.7.tmp", folder / "data" / ".part.h5.7.tmp"]
+    for path in left:
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    create(folder, CONFIG, resume=True)
+    assert not any(path.exists() for path in left)
+    assert (folder / "config.json").exists()

@@ -155,6 +155,11 @@ def test_too_few_frames():
         run(FRAMES[:0])
 
 
+def test_a_batch_that_does_not_fit_in_memory():
+    with pytest.raises(ValueError, match=r"batch of 20000 .* does not fit in training.memory"):
+        run(toy_frames(range(250)), config=replace(TRAINING, batch=20_000, memory=1))
+
+
 def test_options_are_checked():
     with pytest.raises(ValueError, match=r"'linear' is unknown; use one of .*constant.*cosine"):
         run(config=replace(TRAINING, schedule="linear"))
@@ -258,7 +263,9 @@ def test_a_fit_killed_after_an_epoch_goes_on_to_the_same_bits(tmp_path, schedule
 
 def test_a_checkpoint_of_another_fit_or_cut_short_is_not_taken(tmp_path):
     path = tmp_path / "fit.safetensors"
-    run(epochs=2, checkpoint=path)
+    run(replace(FRAMES, torque=2.0 * FRAMES.torque), epochs=2, checkpoint=path)
+    here = run(epochs=2, checkpoint=path)
+    assert torch.equal(weights(here.network), weights(run(epochs=2).network))
     other = run(epochs=2, seed=1, checkpoint=path)
     assert torch.equal(weights(other.network), weights(run(epochs=2, seed=1).network))
     path.write_bytes(path.read_bytes()[:-9])
@@ -337,7 +344,8 @@ def test_learning_runs_where_there_is_no_robotics_stack():
     """In a process in which nothing of it can be imported."""
     program = """
 import sys
-for name in ("pinocchio", "mujoco", "pybullet", "numba", "example_robot_data", "loky", "ray"):
+robotics = "pinocchio mujoco pybullet numba example_robot_data loky ray onnx onnxruntime"
+for name in robotics.split():
     sys.modules[name] = None
 import surefoot as sf
 from learning import SMALL, toy_frames

@@ -42,7 +42,7 @@ class OnWorkers:
     """A command whose rollouts are spread over processes; results do not depend on it."""
 
     workers: int = field(default_factory=default_workers)
-    """Processes; with Ray, tasks at a time."""
+    """Processes; of a running Ray cluster all cores are used."""
     backend: Literal["loky", "ray"] = "loky"
     """loky: processes of this machine; ray: tasks on a cluster (needs the extra ray)."""
     ray_address: str | None = None

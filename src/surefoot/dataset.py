@@ -105,6 +105,11 @@ class Frames:
         return State(self.q, self.v, self.com, self.feet, self.contacts)
 
     @property
+    def hash(self) -> str:
+        """SHA-256 of all arrays, episode by episode, as `Dataset.hash`."""
+        return _combine(_digests(_by_episode(self)))
+
+    @property
     def command_range(self) -> Array:
         """``(2, 3)`` smallest and largest vx, vy [m/s] and yaw rate [rad/s] among the frames."""
         return np.stack([self.command.min(0), self.command.max(0)])

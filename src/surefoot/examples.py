@@ -118,7 +118,12 @@ class Examples:
 
     def moments(self) -> tuple[Tensor, Tensor]:
         """Mean and standard deviation ``(59,)`` of every column, float64."""
-        total = sum(rows.sum(0, dtype=torch.float64) for rows in self.buffers())
+        # In parts, because a sum in float64 first makes a copy in float64.
+        total = sum(
+            part.sum(0, dtype=torch.float64)
+            for rows in self.buffers()
+            for part in rows.split(_ROWS)
+        )
         mean = torch.as_tensor(total) / len(self)
         # Centred before the squares are summed: float32 rows, so float32 rounding is the noise.
         centre = mean.float()

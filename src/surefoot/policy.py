@@ -160,7 +160,6 @@ class Policy:
         self.command_range = np.array(command_range, float).reshape(2, 3)
         self.robot = robot
         self.provenance = provenance or {}
-        self._model = onnx_graph([(w.numpy(), b.numpy()) for w, b in self.network.folded()])
         self._batch = 0
 
     def __getstate__(self) -> dict[str, Any]:
@@ -170,7 +169,8 @@ class Policy:
     @cached_property
     def forward(self) -> Callable[[NDArray[np.float32]], NDArray[np.float32]]:
         """The network alone, ``(n, 47)`` inputs to ``(n, 12)`` joint targets [rad]."""
-        return runner(self._model)
+        layers = [(weight.numpy(), bias.numpy()) for weight, bias in self.network.folded()]
+        return runner(onnx_graph(layers))
 
     def reset(self, batch: int) -> None:
         """``batch`` robots follow."""
@@ -270,7 +270,7 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
     try:
         if record.pop("sha256", None) != digest(tensors, record):
             raise ValueError("its contents do not match their hash")
-        hidden, phase = tuple(record["hidden"]), record.get("phase", "circle")
+        hidden, phase = tuple(record["hidden"]), record["phase"]
         if phase not in ("circle", "fraction"):
             raise ValueError(f"a phase given as {phase!r}")
         config = PolicyConfig(hidden, record["kp"], record["kd"], phase)

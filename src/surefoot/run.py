@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import fcntl
 import json
+import os
 import platform
 import warnings
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,8 +25,8 @@ from surefoot.files import write_atomic, writing
 
 PACKAGES = ("surefoot", "numpy", "scipy", "pin", "mujoco", "numba", "torch", "onnxruntime", "h5py")
 
-_claims: list[IO[str]] = []
-"""Locked files: a process loses its lock as soon as it closes any of its handles of the file."""
+_claims: list[int] = []
+"""Descriptors of locked files, never closed: closing any of a file loses the lock."""
 
 
 class RunError(ValueError):
@@ -50,7 +51,7 @@ class Run:
         path = self.folder / ".lock"
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            _claims.append(path.open("a"))
+            _claims.append(os.open(path, os.O_CREAT | os.O_RDWR))
         try:
             fcntl.lockf(_claims[-1], fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -158,43 +159,45 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
     """
     path = folder / "config.json"
     record = {"config": to_json(config), "versions": versions(config.simulation.backend)}
-    if path.exists():
-        if not resume and (folder / "metrics.jsonl").exists():
-            raise RunError(
-                f"{folder} already holds a run. Continue it with --resume, or choose another "
-                "folder with --run"
-            )
-        run = open_run(folder)
-        run.claim()
-        if run.config != config and not run.metrics and not run.dataset.shards:
-            # Nothing is lost: the first try was a slip.
-            write_atomic(path, json.dumps(record, indent=1).encode())
-            run.config = config
-            return run
-        if run.config != config:
-            raise RunError(
-                f"{folder} holds a run with another configuration ({path}); resume it with the "
-                "options it was started with, or choose another folder with --run"
-            )
-        if (before := json.loads(path.read_text()).get("versions")) != record["versions"]:
-            warnings.warn(
-                f"{folder} was begun with other versions ({before}); what follows will not be the "
-                "same bits as if it had gone on with them",
-                stacklevel=2,
-            )
-        return run
     # A kill in the very first moment leaves an empty folder, or a lock or temporary file in it.
-    if folder.exists() and any(
-        part.name != ".lock" and not part.name.endswith(".tmp") for part in folder.iterdir()
-    ):
+    ours = path.exists() or not folder.exists()
+    if not ours and not all(_left_over(part) or part.name == ".lock" for part in folder.iterdir()):
         raise RunError(
             f"{folder} is not empty and holds no run (no {path.name}); choose another folder with "
             f"--run, or restore {path.name} from a copy if it has been lost"
         )
+    if not resume and (folder / "metrics.jsonl").exists():
+        raise RunError(
+            f"{folder} already holds a run. Continue it with --resume, or choose another "
+            "folder with --run"
+        )
     run = Run(folder, config)
-    run.claim()  # first: of two that begin together, only one may write its config
+    run.claim()  # first: of two that begin together, only one may read and write what follows
+    for part in filter(_left_over, [*folder.glob(".*"), *folder.glob("*/.*")]):
+        part.unlink()
+    if path.exists():
+        before = open_run(folder)
+        begun = before.metrics or before.dataset.shards  # if not, the first try was a slip
+        if before.config != config and begun:
+            raise RunError(
+                f"{folder} holds a run with another configuration ({path}); resume it with the "
+                "options it was started with, or choose another folder with --run"
+            )
+        if before.config == config:
+            if (then := json.loads(path.read_text()).get("versions")) != record["versions"]:
+                warnings.warn(
+                    f"{folder} was begun with other versions ({then}); what follows will not be "
+                    "the same bits as if it had gone on with them",
+                    stacklevel=2,
+                )
+            return run
     write_atomic(path, json.dumps(record, indent=1).encode())
     return run
+
+
+def _left_over(path: Path) -> bool:
+    """Whether a file is what a killed process was writing."""
+    return path.name.startswith(".") and path.name.endswith(".tmp")
 
 
 def open_run(folder: Path) -> Run:

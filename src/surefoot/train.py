@@ -87,13 +87,15 @@ def fit(
         seed: of the order of the frames.
         period_ticks: gait period [ms].
         progress: is called after each epoch.
-        checkpoint: file that each epoch leaves; a fit of the same data, network and arguments goes
-            on from it.
+        checkpoint: file that each epoch leaves; a fit of the same data, network and arguments, on
+            the same kind of device, goes on from it.
 
     Raises:
         ValueError: too few frames, numbers that are not finite, an unknown schedule, or no such
             device.
         FloatingPointError: the loss is not finite.
+        DatasetError: a shard is damaged.
+        WriteError: the disk is full.
     """
     if config.schedule not in SCHEDULES:
         raise ValueError(f"schedule {config.schedule!r} is unknown; use one of {SCHEDULES}")
@@ -102,12 +104,20 @@ def fit(
     device = choose_device(config.device)
     training, held, command_range = split(data, config, policy_config, period_ticks)
     frames, batches = len(training) + len(held), training.batches(config.batch)
+    if batches == 0 and len(training) >= config.batch:
+        raise ValueError(
+            f"a batch of {config.batch} examples does not fit in training.memory, "
+            f"{config.memory} MB; use more memory or a smaller batch"
+        )
     if batches == 0:
         raise ValueError(
             f"{frames} frames, {len(training)} of them for training, are less than one "
             f"batch of {config.batch}: collect more episodes or use a smaller batch"
         )
-    key = _fingerprint(network, data, config, policy_config, epochs, seed, period_ticks)
+    key = ""
+    if checkpoint is not None:
+        where = [torch.__version__, _name(device), has_bfloat16(device)]
+        key = _fingerprint(network, data, config, policy_config, epochs, seed, period_ticks, where)
     network = copy.deepcopy(network).to(device)
     with _threads(config.threads):
         if not network.has_normalisers:
@@ -299,13 +309,12 @@ def _generator(seed: int, epoch: int) -> torch.Generator:
 
 
 def _fingerprint(network: PolicyNetwork, data: Frames | Dataset, *arguments: Any) -> str:
-    """What a fit's result depends on, as a hash; of frames in memory only the number."""
+    """What a fit's result depends on, as a hash."""
     sha = hashlib.sha256()
     for tensor in network.state_dict().values():
         sha.update(tensor.cpu().numpy().tobytes())
     plain = [asdict(a) if hasattr(a, "__dataclass_fields__") else a for a in arguments]
-    known = data.hash if isinstance(data, Dataset) else len(data)
-    sha.update(json.dumps([known, *plain]).encode())
+    sha.update(json.dumps([data.hash, *plain]).encode())
     return sha.hexdigest()
 
 

@@ -13,7 +13,7 @@ import signal
 import sys
 import threading
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, TypeVar
@@ -42,7 +42,7 @@ class Workers:
     """Who does the work; results never depend on it.
 
     Attributes:
-        count: processes; one stays in this process. On Ray, tasks at a time on this machine.
+        count: processes; one stays in this process. Of a Ray cluster all cores are used.
         backend: ``loky`` (processes of this machine) or ``ray`` (tasks on a cluster).
         ray_address: of a running cluster, ``auto`` or host:port; without it Ray is started here.
     """
@@ -68,7 +68,7 @@ def each_chunk(
     chunks: Sequence[Argument],
     workers: Workers,
     label: str,
-) -> Iterator[tuple[int, Result]]:
+) -> Generator[tuple[int, Result], None, None]:
     """``(number, function(chunk))`` of every chunk as it is done, in any order.
 
     Args:

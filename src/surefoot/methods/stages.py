@@ -7,6 +7,7 @@ done again.
 from __future__ import annotations
 
 import time
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from surefoot.episodes import (
 from surefoot.evaluation import evaluate
 from surefoot.policy import Policy, PolicyNetwork, load, save
 from surefoot.robot import solo12, standing
-from surefoot.run import Run
+from surefoot.run import Run, RunError
 from surefoot.safety import Outcome
 from surefoot.starts import Starts, StartSet, at_rest, load_starts
 from surefoot.train import choose_device, fit
@@ -164,22 +165,29 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
         if run.summary(name).exists() and run.dataset.file(name).exists()
     }
     missing = [number for number, name in enumerate(names) if name not in stored]
+    for chunk, name in zip(chunks, names, strict=True):
+        if name in stored and not _ran(load_summary(run.summary(name)), chunk):
+            raise ValueError(
+                f"{run.folder} holds rollouts of iteration {iteration} from other starts or by "
+                f"another expert than {expert_name(job)}; resume it as it was begun, or begin "
+                "another run"
+            )
     label = f"iteration {iteration}: collect"
-    for done, (summary, frames) in each_chunk(
-        run_chunk, [chunks[number] for number in missing], workers, label
-    ):
-        # The summary first: a shard that the dataset knows is a chunk that is done.
-        name = names[missing[done]]
-        save_summary(run.summary(name), summary)
-        run.dataset.append(name, frames)
-    summary = join([load_summary(run.summary(name)) for name in names])
-    same = len(summary.episode) == len(job.episode) and (summary.start == job.starts.id).all()
-    if not same or (summary.expert != expert_name(job)).any():
-        raise ValueError(
-            f"{run.folder} holds rollouts of iteration {iteration} from other starts or by another "
-            f"expert than {expert_name(job)}; resume it as it was begun, or begin another run"
-        )
-    return summary
+    results = each_chunk(run_chunk, [chunks[number] for number in missing], workers, label)
+    with closing(results):  # whatever goes wrong here, the workers end with it
+        for done, (summary, frames) in results:
+            # The summary first: a shard that the dataset knows is a chunk that is done.
+            name = names[missing[done]]
+            save_summary(run.summary(name), summary)
+            run.dataset.append(name, frames)
+    return join([load_summary(run.summary(name)) for name in names])
+
+
+def _ran(summary: Summary, chunk: Job) -> bool:
+    """Whether a summary is of these episodes, by this expert."""
+    same = np.array_equal(summary.episode, chunk.episode)
+    same = same and np.array_equal(summary.start, chunk.starts.id)
+    return same and bool((summary.expert == expert_name(chunk)).all())
 
 
 def collection_figures(summary: Summary) -> dict[str, Any]:
@@ -211,7 +219,9 @@ def collection_figures(summary: Summary) -> dict[str, Any]:
 def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
     """Train pi_i on D, starting from pi_{i-1}; the first starts from random weights."""
     done = run.done("train", iteration)
+    checkpoint = run.folder / "checkpoints" / f"{iteration:03d}.safetensors"
     if done and run.policy(iteration).exists():
+        checkpoint.unlink(missing_ok=True)  # of a run that was killed just before
         return done
     began = time.perf_counter()
     config, data = run.config, dataset(run, iteration)
@@ -220,7 +230,6 @@ def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
         network = PolicyNetwork(config.policy, seed)
     else:
         network = load(run.policy(iteration - 1)).network
-    checkpoint = run.folder / "checkpoints" / f"{iteration:03d}.safetensors"
     period = to_ticks(config.gait.period)
     with tqdm(total=epochs, desc=f"iteration {iteration}: train", unit="epoch", leave=False) as bar:
 
@@ -239,6 +248,12 @@ def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
             period,
             progress,
             checkpoint,
+        )
+    if done and done["train_loss"] != result.train_loss[-1]:
+        raise RunError(
+            f"{run.policy(iteration)} is lost, and training it again gave a loss of "
+            f"{result.train_loss[-1]} instead of {done['train_loss']} rad, on {result.device} "
+            f"instead of {done['device']}: do it where it was trained, or restore it from a copy"
         )
     provenance = {
         "run": run.folder.name,
