@@ -25,7 +25,7 @@ $(VENV)/.complete: pyproject.toml constraints.txt
 	$(BIN)/surefoot doctor
 	@touch $@
 
-demo: venv  ## train a policy with LocoSafeDAGGER, evaluate it, film it (about ten minutes)
+demo: venv  ## train a policy with LocoSafeDAGGER, evaluate it, film it (minutes)
 	$(BIN)/surefoot train loco_safe_dagger --preset quick --run $(RUN) --resume
 	$(BIN)/surefoot evaluate $(RUN)
 	$(BIN)/surefoot play $(RUN)
