@@ -165,6 +165,14 @@ def test_few_chunks_are_under_way_at_a_time(tmp_path):
     assert taken == 20
 
 
+def threads(_):
+    return [os.environ.get(f"{name}_NUM_THREADS") for name in ("OMP", "OPENBLAS", "MKL")]
+
+
+def test_workers_have_one_thread_each():
+    assert map_chunks(threads, [0, 1], Workers(2), "threads") == [["1"] * 3] * 2
+
+
 def test_no_workers_is_an_error():
     with pytest.raises(ValueError, match="0 workers; use at least 1"):
         map_chunks(square, [1], Workers(0), "none")
