@@ -168,7 +168,7 @@ def test_kills_at_a_few_random_instants(tmp_path):
 @pytest.mark.slow
 def test_kills_at_twenty_random_instants(tmp_path):
     """With `-s`, says where each kill struck."""
-    kill_until_done(tmp_path, SHORT, kills=20, seed=2, longest=0.25)
+    kill_until_done(tmp_path, SHORT, kills=20, seed=2, longest=0.15)
 
 
 def test_a_second_training_in_the_same_folder_is_refused(tmp_path):
