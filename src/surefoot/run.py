@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from surefoot.config import Backend, Config
+from surefoot.config import Backend, Config, method_name
 from surefoot.config_json import from_json, to_json
 from surefoot.dataset import Dataset
 from surefoot.files import write_atomic, writing
@@ -86,7 +86,7 @@ class Run:
     @property
     def method(self) -> str:
         """Name of the run's method."""
-        return to_json(self.config)["method"]["name"]
+        return method_name(self.config)
 
     def seed(self, stage: str, iteration: int) -> np.random.SeedSequence:
         """Randomness of a stage: fixed by the root seed, never by who computes it."""
