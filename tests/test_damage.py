@@ -1,6 +1,7 @@
 """Full disks, read-only folders, damaged files: a clear error, nothing lost, the same bits."""
 
 import errno
+import json
 import os
 import shutil
 import subprocess
@@ -213,6 +214,18 @@ def test_metrics_that_are_not_text_are_named(copy):
     path.write_bytes(b"\xff" + path.read_bytes())
     with pytest.raises(RunError, match=r"line 1 of .*metrics.jsonl is not JSON"):
         resume(copy.folder)
+
+
+def test_a_lost_policy_that_cannot_be_made_again_is_not_replaced(copy):
+    """As on another processor, where the same training ends with another loss."""
+    path = copy.folder / "metrics.jsonl"
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    next(line for line in lines if line["stage"] == "train")["train_loss"] += 1e-9
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    copy.policy(0).unlink()
+    with pytest.raises(RunError, match=r"000.safetensors is lost.*restore it from a copy"):
+        resume(copy.folder)
+    assert not copy.policy(0).exists()
 
 
 def test_a_damaged_policy_or_configuration_is_named(copy, monkeypatch, capsys):

@@ -73,7 +73,7 @@ class FakeSimulator:
 
     @property
     def contact_force(self):
-        raise NotImplementedError
+        raise NotImplementedError  # the engine never asks for forces
 
     def push(self, impulse, mask=None):
         assert mask is not None

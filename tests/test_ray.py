@@ -63,6 +63,7 @@ def test_a_run_on_ray_has_the_bits_of_one_in_this_process(fresh, tmp_path, capsy
     loco_safe_dagger(here, Workers(1))
     loco_safe_dagger(there, RAY)
     assert fingerprint(here) == fingerprint(there)
+    assert map_chunks(refuse, [], RAY, "nothing to do") == []
     chunks = [(number, tmp_path) for number in range(4)]
     assert map_chunks(die_once, chunks, RAY, "dies once") == [0, 1, 2, 3]
     assert (tmp_path / "died").exists()

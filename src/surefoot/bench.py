@@ -33,15 +33,36 @@ from surefoot.workers import Workers, map_chunks
 def bench_engine(config: Config, batch: int = 20, seconds: float = 2.0) -> dict[str, Any]:
     """Throughput of policy-driven robots, one core, watched by the monitor and recorded.
 
-    The policy holds the nominal pose, whatever its hidden layers compute, so that the robots stand.
-    The floor is the simulator's bare step under the same torques plus the network alone, timed
-    right after.
-
     Returns:
         ``robot_ms_per_s``, ``floor_robot_ms_per_s``, ``ratio`` (our time over the
         floor's, 1 at best), ``batch``; ``two_processes``: how many times more two processes do
         than one; ``plan_share``: share of the time that goes into plans where the expert drives
         all the time, ``floor_plan_share`` if there were only plans and bare steps.
+    """
+    mine, least, steps = _engine_times(config, batch, seconds)
+    robot_ms = batch * seconds * TICKS_PER_SECOND
+    return {
+        "batch": batch,
+        "robot_ms_per_s": robot_ms / mine,
+        "floor_robot_ms_per_s": robot_ms / least,
+        "ratio": mine / least,
+        "two_processes": _two_processes(config, batch),
+        **_expert_shares(config, batch, steps / seconds),
+    }
+
+
+def engine_floor(config: Config, batch: int = 20, seconds: float = 2.0) -> float:
+    """Robot-ms per second of bare steps and the bare network, one core."""
+    _, least, _ = _engine_times(config, batch, seconds)
+    return batch * seconds * TICKS_PER_SECOND / least
+
+
+def _engine_times(config: Config, batch: int, seconds: float) -> tuple[float, float, float]:
+    """Wall time [s] of a rollout, of its floor, and of the bare steps in that.
+
+    The policy holds the nominal pose, whatever its hidden layers compute, so that the robots stand.
+    The floor is the simulator's bare step under the same torques plus the network alone, timed
+    right after.
     """
     robot, policy = solo12(config.robot), standing_policy(config)
     starts, simulator = _standing(batch), make_simulator(robot, batch, config.simulation)
@@ -65,16 +86,7 @@ def bench_engine(config: Config, batch: int = 20, seconds: float = 2.0) -> dict[
             physics += time.perf_counter() - began
         steps.append(physics)
         floor.append(physics + ticks * _seconds(network, 400))
-    robot_ms = batch * seconds * TICKS_PER_SECOND
-    mine, least = float(np.median(ours)), float(np.median(floor))
-    return {
-        "batch": batch,
-        "robot_ms_per_s": robot_ms / mine,
-        "floor_robot_ms_per_s": robot_ms / least,
-        "ratio": mine / least,
-        "two_processes": _two_processes(config, batch),
-        **_expert_shares(config, batch, float(np.median(steps)) / seconds),
-    }
+    return float(np.median(ours)), float(np.median(floor)), float(np.median(steps))
 
 
 def _two_processes(config: Config, batch: int, seconds: float = 4.0) -> float:

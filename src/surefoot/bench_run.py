@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from surefoot.bench import bench_engine, bench_train, standing_policy
+from surefoot.bench import bench_engine, bench_train, engine_floor, standing_policy
 from surefoot.bench_plan import bench_plan, cold_plans, plan_table, times_of
 from surefoot.config import Config, method_name
 from surefoot.engine import PolicyOnly
@@ -39,7 +39,7 @@ def bench_evaluation(config: Config, workers: Workers) -> dict[str, Any]:
     episodes = config.evaluation.episodes
     stored = load_starts()["nominal"]
     starts = stored[np.arange(episodes) % len(stored)]
-    rate = bench_engine(config)["floor_robot_ms_per_s"]
+    rate = engine_floor(config)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "standing.safetensors"
         save(standing_policy(config), file)
@@ -75,7 +75,7 @@ def bench_end_to_end(
         ``method``, ``workers``.
     """
     plan_ms = times_of(cold_plans(config, 100))["median"]
-    rate = bench_engine(config)["floor_robot_ms_per_s"]
+    rate = engine_floor(config)
     step_ms = bench_train(config)["floor_step_ms"]
     with tempfile.TemporaryDirectory() as temporary:
         run = create(folder or Path(temporary) / "run", config)

@@ -85,6 +85,8 @@ def each_chunk(
     """
     if workers.count < 1:
         raise ValueError(f"{workers.count} workers; use at least 1")
+    if not chunks:  # a resumed run has many such stages: start nothing for them
+        return
     if workers.backend == "ray":
         results = _spread(_Cluster(function, workers), chunks, label)
     elif workers.count == 1 or len(chunks) == 1:
