@@ -6,20 +6,13 @@ import numpy as np
 import pytest
 
 import surefoot.methods.stages
-from surefoot.config import (
-    BehaviorCloningConfig,
-    Config,
-    EvaluationConfig,
-    ExpertData,
-    LocoSafeDaggerConfig,
-    PolicyConfig,
-    TrainingConfig,
-)
+from surefoot.config import Config, EvaluationConfig, PolicyConfig, TrainingConfig
 from surefoot.dataset import Dataset, DatasetError
 from surefoot.engine import Rollout
 from surefoot.episodes import play_out
+from surefoot.method_config import BehaviorCloningConfig, ExpertData, LocoSafeDaggerConfig
 from surefoot.methods.behavior_cloning import behavior_cloning, collection
-from surefoot.methods.stages import expert_rollouts, keep_unless_failed
+from surefoot.methods.rollouts import expert_rollouts, keep_unless_failed
 from surefoot.run import Run, create, open_run
 from surefoot.safety import Outcome
 from surefoot.starts import Starts

@@ -7,13 +7,8 @@ import pytest
 from surefoot.bench import bench_engine, bench_train
 from surefoot.bench_plan import bench_plan, plan_table
 from surefoot.bench_run import STAGES, bench_end_to_end, bench_evaluation, bench_table
-from surefoot.config import (
-    BehaviorCloningConfig,
-    Config,
-    EvaluationConfig,
-    ExpertData,
-    PolicyConfig,
-)
+from surefoot.config import Config, EvaluationConfig, PolicyConfig
+from surefoot.method_config import BehaviorCloningConfig, ExpertData
 from surefoot.workers import Workers
 
 METHOD = BehaviorCloningConfig(ExpertData(2, 1, False, 0.1), epochs=2)

@@ -13,7 +13,8 @@ import pytest
 
 from robots import needs_pybullet
 from surefoot import cli, commands
-from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig, PolicyConfig
+from surefoot.config import Config, PolicyConfig
+from surefoot.method_config import ExpertData, LocoSafeDaggerConfig
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.policy import Policy, PolicyNetwork, save
 from surefoot.presets import preset

@@ -5,18 +5,9 @@ from dataclasses import fields, replace
 
 import pytest
 
-from surefoot.config import (
-    METHODS,
-    BehaviorCloningConfig,
-    Config,
-    ExpertData,
-    LocoSafeDaggerConfig,
-    PolicyConfig,
-    SafetyConfig,
-    method_name,
-    unknown,
-)
+from surefoot.config import Config, PolicyConfig, SafetyConfig, method_name, unknown
 from surefoot.config_json import from_json, to_json
+from surefoot.method_config import METHODS, BehaviorCloningConfig, ExpertData, LocoSafeDaggerConfig
 from surefoot.presets import preset
 
 
@@ -163,7 +154,7 @@ def test_unknown_preset_or_method_names_the_nearest():
     with pytest.raises(ValueError, match="no preset 'quik'; did you mean 'quick'"):
         preset("loco_safe_dagger", "quik")
     with pytest.raises(
-        ValueError, match="no method 'loco_dagger'; did you mean 'loco_safe_dagger'"
+        ValueError, match="no method 'locosafedagger'; did you mean 'loco_safe_dagger'"
     ):
         preset("loco_dagger")
 

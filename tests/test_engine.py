@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from surefoot.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
 from surefoot.config import Config, PolicyConfig, SafetyConfig
-from surefoot.engine import ExpertOnly, PolicyOnly, Pushes, Rollout, SafetySwitch, rollout
+from surefoot.disturbance import Disturbance, Pushes
+from surefoot.engine import Rollout, rollout
 from surefoot.mpc.expert import Expert, make_expert
 from surefoot.policy import Policy, PolicyNetwork
 from surefoot.robot import clip_torque, solo12, standing
-from surefoot.safety import HandBack, Outcome, SafetyMonitor
+from surefoot.safety import Bounds, Outcome, SafetyMonitor
 from surefoot.sim import make_simulator
 from surefoot.starts import Starts, load_starts
 from surefoot.types import MotionPlan, State
@@ -107,10 +109,10 @@ class Script:
     def __init__(self, *rows):
         self.rows = np.array([[mark == "X" for mark in row] for row in rows])
 
-    def reset(self, batch):
+    def reset(self, episode):
         self.ticks = []
 
-    def choose(self, state, tick):
+    def choose(self, state, tick, command):
         self.ticks.append(tick.copy())
         return self.rows[:, len(self.ticks) - 1]
 
@@ -387,7 +389,7 @@ def test_frames_of_the_policy_are_no_frames_of_the_expert():
     script = Script("XX..XX")
     starts = starts_of([0])
     record = rollout(FakeSimulator(1), ROBOT, starts, 0.006, script, Fake(0.0), Fake(1.0))
-    with pytest.raises(ValueError, match="the policy's torque, not the expert's"):
+    with pytest.raises(ValueError, match="the expert was not asked"):
         record.frames(np.ones((1, 6), bool), np.array([0]))
     assert len(record.frames(record.expert_drove, np.array([0]))) == 4
 
@@ -482,7 +484,7 @@ def test_an_episode_is_the_same_in_any_batch_and_place():
     expert = make_expert(ROBOT, CONFIG)
 
     def episodes(rows):
-        switch = SafetySwitch(SafetyMonitor(CONFIG.safety, 0.06, HandBack.SAFE_AND_BLOCKED))
+        switch = SafetySwitch(SafetyMonitor(Bounds(CONFIG.safety), 0.06))
         return run(starts[np.array(rows)], 0.25, switch, expert, policy, tail=0.03)
 
     record = episodes([0, 1, 2, 3, 4])
@@ -513,11 +515,11 @@ def test_a_push_acts_on_its_robot_at_its_time_in_its_heading():
     starts = starts_of([0, 0, 0])
     starts.q[1, 3:7] = [0.0, 0.0, np.sin(np.pi / 4), np.cos(np.pi / 4)]  # heads along y
     impulse = np.array([[0.0, 0.0, 0.0], [1.0, 0.5, 0.2], [3.0, 0.0, 0.0]])
-    pushes = Pushes(impulse, np.array([3, 3, 3]), 5)
+    pushes = Disturbance(Pushes(impulse[:, None], np.full((3, 1), 3), 5))
     safety = replace(CONFIG.safety, grace=0.0)
     limp = np.zeros((100, 12))
     still = Expert(lambda *_: MotionPlan(limp, limp, limp), 0.0, 0.0)
-    rollout(simulator, ROBOT, starts, 0.02, ExpertOnly(), still, safety=safety, pushes=pushes)
+    rollout(simulator, ROBOT, starts, 0.02, ExpertOnly(), still, None, 0.0, safety, pushes)
     assert [int(tick) for tick, _, _ in simulator.pushes] == [3, 4, 5, 6, 7]
     for tick, given, mask in simulator.pushes:
         # Nobody pushes the first robot, nor the third once it has fallen.
@@ -529,10 +531,11 @@ def test_a_push_of_nothing_changes_no_bit():
     starts = STORED["nominal"][:2]
     simulator = make_simulator(ROBOT, 2)
     expert = make_expert(ROBOT, CONFIG)
-    none = Pushes(np.zeros((2, 3)), np.array([5, 30]), 10)
-    tiny = Pushes(np.full((2, 3), 1e-9), np.array([5, 30]), 10)
+    at = np.array([[5], [30]])
+    none = Disturbance(Pushes(np.zeros((2, 1, 3)), at, 10))
+    tiny = Disturbance(Pushes(np.full((2, 1, 3), 1e-9), at, 10))
     plain, zero, pushed = (
-        rollout(simulator, ROBOT, starts, 0.1, ExpertOnly(), expert, pushes=pushes)
+        rollout(simulator, ROBOT, starts, 0.1, ExpertOnly(), expert, disturbance=pushes)
         for pushes in (None, none, tiny)
     )
     np.testing.assert_array_equal(plain.q, zero.q)
@@ -543,9 +546,10 @@ def test_a_push_of_nothing_changes_no_bit():
 @pytest.mark.parametrize(
     ("impulse", "tick", "duration", "message"),
     [
-        (np.zeros((1, 3)), np.zeros(2, int), 10, "impulse"),
-        (np.full((2, 3), np.nan), np.zeros(2, int), 10, "finite"),
-        (np.ones((2, 3)), np.zeros(2, int), 0, "at least 1 ms"),
+        (np.zeros((1, 1, 3)), np.zeros((2, 1), int), 10, "impulse"),
+        (np.zeros((2, 3)), np.zeros(2, int), 10, "impulse"),
+        (np.full((2, 1, 3), np.nan), np.zeros((2, 1), int), 10, "finite"),
+        (np.ones((2, 1, 3)), np.zeros((2, 1), int), 0, "at least 1 ms"),
     ],
 )
 def test_pushes_that_make_no_sense(impulse, tick, duration, message):
@@ -554,7 +558,9 @@ def test_pushes_that_make_no_sense(impulse, tick, duration, message):
 
 
 def test_as_many_pushes_as_robots():
-    pushes = Pushes(np.ones((3, 3)), np.zeros(3, int), 10)
+    pushes = Disturbance(Pushes(np.ones((3, 1, 3)), np.zeros((3, 1), int), 10))
     expert = make_expert(ROBOT, CONFIG)
-    with pytest.raises(ValueError, match="3 pushes for 1 robots"):
-        rollout(FakeSimulator(1), ROBOT, starts_of([0]), 0.1, ExpertOnly(), expert, pushes=pushes)
+    with pytest.raises(ValueError, match="pushes of 3 robots for 1 robots"):
+        rollout(
+            FakeSimulator(1), ROBOT, starts_of([0]), 0.1, ExpertOnly(), expert, disturbance=pushes
+        )

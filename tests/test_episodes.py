@@ -1,34 +1,22 @@
 """Many episodes: the same for any number of workers, and figures with known answers."""
 
 from dataclasses import fields, replace
-from typing import cast
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from surefoot.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
 from surefoot.config import Config, EvaluationConfig, PolicyConfig
 from surefoot.dataset import concatenate
-from surefoot.engine import ExpertOnly, PolicyOnly, Rollout, SafetySwitch
-from surefoot.episodes import (
-    Job,
-    Summary,
-    chunks_of,
-    join,
-    load_summary,
-    play_out,
-    run_chunk,
-    run_episodes,
-    save_summary,
-    summarise,
-    velocities,
-)
-from surefoot.mpc.expert import Expert
+from surefoot.engine import Rollout
+from surefoot.episodes import Job, chunks_of, play_out, run_chunk, run_episodes
 from surefoot.policy import Policy, PolicyNetwork, save
 from surefoot.robot import solo12, standing
-from surefoot.safety import HandBack, Outcome, SafetyMonitor
+from surefoot.safety import Bounds, Outcome, SafetyMonitor
 from surefoot.starts import Starts, load_starts
-from surefoot.types import MotionPlan
+from surefoot.summary import Summary, join, load_summary, save_summary, summarise, velocities
+from surefoot.types import MotionPlan, State
 from surefoot.workers import Workers, map_chunks
 
 CONFIG = replace(Config(), chunk=2, evaluation=EvaluationConfig(duration=0.3, episodes=5))
@@ -52,7 +40,7 @@ def job_of(policy=None, chunk=2, episodes=5, **changes):
     starts = STORED["select"][10 : 10 + episodes]
     arbiter = ExpertOnly()
     if policy is not None:
-        arbiter = SafetySwitch(SafetyMonitor(CONFIG.safety, 0.05, HandBack.SAFE_AND_BLOCKED))
+        arbiter = SafetySwitch(SafetyMonitor(Bounds(CONFIG.safety), 0.05))
     job = Job(
         replace(CONFIG, chunk=chunk),
         starts,
@@ -165,14 +153,21 @@ def synthetic(T=2000, tail=0, B=2, command=((0.2, 0.1, 0.3),) * 2, length=None, 
     starts = Starts(
         np.zeros((B, 19)), np.zeros((B, 18)), np.zeros(B, int), np.array(command), np.arange(B) + 40
     )
+    states = State(
+        quaternion if q is None else q,
+        np.zeros((B, total, 18)) if v is None else v,
+        np.zeros((B, total, 3)),
+        np.zeros((B, total, 4, 3)),
+        np.ones((B, total, 4), bool),
+    )
+    drove, torque = np.zeros((B, total), bool), np.zeros((B, total, 12))
     return Rollout(
-        q=quaternion if q is None else q,
-        v=np.zeros((B, total, 18)) if v is None else v,
-        com=np.zeros((B, total, 3)),
-        feet=np.zeros((B, total, 4, 3)),
-        contacts=np.ones((B, total, 4), bool),
-        torque=np.zeros((B, total, 12)),
-        expert_drove=np.zeros((B, total), bool),
+        **vars(states),
+        seen=states,
+        torque=torque,
+        expert_torque=torque,
+        expert_drove=drove,
+        expert_asked=drove,
         starts=starts,
         length=np.full(B, total) if length is None else np.array(length),
         outcome=np.zeros(B, np.int64),
@@ -180,16 +175,20 @@ def synthetic(T=2000, tail=0, B=2, command=((0.2, 0.1, 0.3),) * 2, length=None, 
     )
 
 
-class Counted:
-    def __init__(self, plans, invalid):
-        self.plans, self.invalid_plans = np.array(plans), np.array(invalid)
-
-
 def figures(record, frames=None):
     B = len(record.length)
-    job = Job(Config(), record.starts, 7 + np.arange(B), ExpertOnly(), record.duration / 1000)
-    expert = cast(Expert, Counted([3] * B, [1] * B))
-    return summarise(record, job, expert, concatenate([]) if frames is None else frames)
+    return summarise(
+        record,
+        concatenate([]) if frames is None else frames,
+        episode=7 + np.arange(B),
+        query=False,
+        expert="somebody",
+        plans=np.full(B, 3),
+        invalid_plans=np.ones(B, int),
+        foot_radius=0.02,
+        gait_period=500,
+        safety=CONFIG.safety,
+    )
 
 
 def test_velocities_are_those_of_the_heading_frame():

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config, EvaluationConfig, PolicyConfig
-from surefoot.episodes import Summary
 from surefoot.evaluation import evaluate, figures_of, mean_rows
 from surefoot.policy import Policy, PolicyNetwork, save
 from surefoot.safety import Outcome
 from surefoot.starts import load_starts
+from surefoot.summary import Summary
 from surefoot.workers import Workers
 
 SUCCESS, FELL, STALLED, DIVERGED = Outcome

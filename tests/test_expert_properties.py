@@ -17,8 +17,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays as array_of
 
 from plans import FORWARD, FRICTION, MODEL, PLANNER, ROBOT, arrays, planner, same_bits, state_of
+from surefoot.arbiters import ExpertOnly
 from surefoot.config import Config, Gait, PerturbationConfig
-from surefoot.engine import ExpertOnly, Pushes, rollout
+from surefoot.disturbance import Disturbance, Pushes
+from surefoot.engine import rollout
 from surefoot.mpc.expert import DAMPING, make_expert
 from surefoot.push import pushed_starts
 from surefoot.robot import standing
@@ -205,7 +207,7 @@ def test_robots_that_recover_from_a_push_have_a_plan_at_any_time():
     starts = pushed_starts(config.push, load_starts())[2 * np.arange(20)]
     angle = 2 * np.pi * np.arange(20) / 20
     impulse = 3.0 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    at = np.full(20, to_ticks(config.push.before))
+    at = np.full((20, 1), to_ticks(config.push.before))
     record = rollout(
         make_simulator(ROBOT, 20, config.simulation),
         ROBOT,
@@ -214,7 +216,7 @@ def test_robots_that_recover_from_a_push_have_a_plan_at_any_time():
         ExpertOnly(),
         EXPERT,
         safety=replace(config.safety, fall_angle=config.push.fall_angle),
-        pushes=Pushes(impulse, at, to_ticks(config.push.duration)),
+        disturbance=Disturbance(Pushes(impulse[:, None], at, to_ticks(config.push.duration))),
     )
     assert (record.outcome == Outcome.SUCCESS).sum() >= 15
     assert EXPERT.plans.sum() > 700

@@ -7,31 +7,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import (
-    BehaviorCloningConfig,
-    Config,
-    EvaluationConfig,
-    ExpertData,
-    LocoSafeDaggerConfig,
-    PolicyConfig,
-    TrainingConfig,
-)
+from surefoot.config import Config, EvaluationConfig, PolicyConfig, TrainingConfig
 from surefoot.dataset import Frames
 from surefoot.engine import Rollout
 from surefoot.episodes import play_out
-from surefoot.methods.loco_safe_dagger import (
-    collection,
+from surefoot.method_config import BehaviorCloningConfig, ExpertData, LocoSafeDaggerConfig
+from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
+from surefoot.methods.rollouts import (
+    EPISODES_PER_ITERATION,
     draw_starts,
+    episode_ids,
     expert_frames,
-    loco_safe_dagger,
 )
-from surefoot.methods.stages import EPISODES_PER_ITERATION, best, episode_ids
+from surefoot.methods.stages import best
 from surefoot.policy import PolicyNetwork, load
 from surefoot.robot import solo12, standing
 from surefoot.run import Run, create, open_run
 from surefoot.safety import Outcome
 from surefoot.starts import Starts, load_starts
 from surefoot.train import fit
+from surefoot.types import State
 from surefoot.workers import Workers
 
 METHOD = LocoSafeDaggerConfig(
@@ -276,15 +271,22 @@ def synthetic(rows, outcomes, duration=None) -> Rollout:
     starts = Starts(
         np.zeros((B, 19)), np.zeros((B, 18)), np.zeros(B, int), np.zeros((B, 3)), np.arange(B)
     )
+    states = State(
+        np.zeros((B, T, 19)),
+        np.zeros((B, T, 18)),
+        np.zeros((B, T, 3)),
+        np.zeros((B, T, 4, 3)),
+        np.zeros((B, T, 4), bool),
+    )
+    # What stands after the end is undefined: the worst is that it looks like the expert's.
+    drove = np.array([[mark in "X " for mark in row] for row in rows])
     return Rollout(
-        q=np.zeros((B, T, 19)),
-        v=np.zeros((B, T, 18)),
-        com=np.zeros((B, T, 3)),
-        feet=np.zeros((B, T, 4, 3)),
-        contacts=np.zeros((B, T, 4), bool),
+        **vars(states),
+        seen=states,
         torque=np.zeros((B, T, 12)),
-        # What stands after the end is undefined: the worst is that it looks like the expert's.
-        expert_drove=np.array([[mark in "X " for mark in row] for row in rows]),
+        expert_torque=np.zeros((B, T, 12)),
+        expert_drove=drove,
+        expert_asked=drove,
         starts=starts,
         length=np.array([len(row.rstrip()) for row in rows]),
         outcome=np.array(outcomes),

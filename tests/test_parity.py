@@ -7,12 +7,13 @@ import pinocchio as pin
 import pytest
 
 from robots import BACKENDS, GRAVITY, ROBOT, needs_pybullet, random_states, stand
+from surefoot.arbiters import ExpertOnly
 from surefoot.config import Config, SimulationConfig
-from surefoot.engine import ExpertOnly
-from surefoot.episodes import Job, play_out, velocities
+from surefoot.episodes import Job, play_out
 from surefoot.replay import standing_start
 from surefoot.safety import Outcome
 from surefoot.sim import make_simulator
+from surefoot.summary import velocities
 from surefoot.types import Command
 
 

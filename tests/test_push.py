@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from surefoot import push as push_module
+from surefoot.arbiters import ExpertOnly
 from surefoot.config import Config, PushConfig
-from surefoot.engine import ExpertOnly
 from surefoot.episodes import Job
 from surefoot.push import level_at, push_recovery, pushed, pushed_starts
 from surefoot.safety import Outcome

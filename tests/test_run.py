@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import surefoot.files
-from surefoot.config import BehaviorCloningConfig, Config, LocoSafeDaggerConfig
+from surefoot.config import Config
+from surefoot.method_config import BehaviorCloningConfig, LocoSafeDaggerConfig
 from surefoot.run import PACKAGES, Run, RunError, create, open_run, versions
 
 CONFIG = replace(Config(), seed=5, method=LocoSafeDaggerConfig(iterations=2))

@@ -6,15 +6,18 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import surefoot.safety
 from surefoot.config import SafetyConfig
 from surefoot.robot import solo12, standing
 from surefoot.safety import (
+    AnyOf,
+    Bounds,
     HandBack,
     SafetyMonitor,
     fallen,
+    margin,
     stepping,
     strictly_stepping,
+    tightened,
     touchdowns,
     unsafe,
 )
@@ -116,13 +119,29 @@ def test_falls_by_height():
 # --- the hand-back rules
 
 
-def driven(monkeypatch, violations, hand_back, block=0.005):
+NOW = state_of(np.tile(STANDING, (1, 1))), np.zeros(1, int), np.zeros((1, 3))
+
+
+class Signal:
+    """A gate that says what it was told, tick by tick."""
+
+    def __init__(self, signal):
+        self.signal = signal
+
+    def reset(self, batch):
+        self.tick = -1
+
+    def unsafe(self, state, tick, command):
+        self.tick += 1
+        return self.signal[:, self.tick]
+
+
+def driven(violations, hand_back, block=0.005):
     """Who drives on a scripted signal; X: violation or expert, dot: safe or policy."""
     signal = np.array([[mark == "X" for mark in row] for row in violations])
-    monkeypatch.setattr(surefoot.safety, "unsafe", lambda state, config: signal[:, state])
-    monitor = SafetyMonitor(CONFIG, block, hand_back)
+    monitor = SafetyMonitor(Signal(signal), block, hand_back)
     monitor.reset(len(signal))
-    ticks = [monitor.blocking(t) for t in range(signal.shape[1])]  # pyright: ignore
+    ticks = [monitor.blocking(*NOW) for _ in range(signal.shape[1])]
     return ["".join(".X"[int(x)] for x in row) for row in np.array(ticks).T]
 
 
@@ -160,46 +179,47 @@ AND = HandBack.SAFE_AND_BLOCKED
         (".............", OR, "............."),
     ],
 )
-def test_hand_back_tick_by_tick(monkeypatch, violations, rule, expert):
-    assert driven(monkeypatch, [violations], rule) == [expert]
+def test_hand_back_tick_by_tick(violations, rule, expert):
+    assert driven([violations], rule) == [expert]
 
 
 @pytest.mark.parametrize("rule", HandBack)
-def test_robots_of_a_batch_are_blocked_on_their_own(monkeypatch, rule):
+def test_robots_of_a_batch_are_blocked_on_their_own(rule):
     rows = ["..X.....X....", ".............", "XXXXXXXXX....", "..X..X......."]
-    together = driven(monkeypatch, rows, rule)
-    assert together == [driven(monkeypatch, [row], rule)[0] for row in rows]
+    together = driven(rows, rule)
+    assert together == [driven([row], rule)[0] for row in rows]
     assert len(set(together)) == 4
 
 
 @pytest.mark.parametrize("rule", HandBack)
-def test_reset_forgets_every_block(monkeypatch, rule):
-    monkeypatch.setattr(surefoot.safety, "unsafe", lambda state, config: state)
-    monitor = SafetyMonitor(CONFIG, 0.005, rule)
-    safe, violation = np.zeros(2, bool), np.array([True, False])
+def test_reset_forgets_every_block(rule):
+    signal = np.array([[True, False], [False, False]])
+    monitor = SafetyMonitor(Signal(signal), 0.005, rule)
     monitor.reset(2)
-    np.testing.assert_array_equal(monitor.blocking(violation), violation)  # pyright: ignore
+    np.testing.assert_array_equal(monitor.blocking(*NOW), [True, False])
     monitor.reset(2)
-    assert not monitor.blocking(safe).any()  # pyright: ignore
+    signal[:] = False
+    assert not monitor.blocking(*NOW).any()
 
 
 @pytest.mark.parametrize("rule", [EVERY, AND])
-def test_without_blocking_the_expert_drives_while_it_is_unsafe(monkeypatch, rule):
-    assert driven(monkeypatch, ["..XXX..X."], rule, block=0.0) == ["..XXX..X."]
+def test_without_blocking_the_expert_drives_while_it_is_unsafe(rule):
+    assert driven(["..XXX..X."], rule, block=0.0) == ["..XXX..X."]
 
 
 def test_a_rule_goes_by_its_name():
     assert HandBack("safe_and_blocked") is AND
     with pytest.raises(ValueError, match="sometimes"):
-        SafetyMonitor(CONFIG, 2.0, "sometimes")  # pyright: ignore[reportArgumentType]
+        SafetyMonitor(Bounds(CONFIG), 2.0, "sometimes")  # pyright: ignore[reportArgumentType]
 
 
 def test_monitor_looks_at_the_state():
-    monitor = SafetyMonitor(CONFIG, 0.003, AND)
+    monitor = SafetyMonitor(Bounds(CONFIG), 0.003, AND)
     monitor.reset(2)
     good, bad = turned(), turned(roll=26)
     drives = [
-        monitor.blocking(state_of(np.array([good, q]))) for q in (good, bad, good, good, good)
+        monitor.blocking(state_of(np.array([good, q])), *NOW[1:])
+        for q in (good, bad, good, good, good)
     ]
     np.testing.assert_array_equal(np.array(drives).T, [[0, 0, 0, 0, 0], [0, 1, 1, 1, 0]])
 
@@ -355,3 +375,30 @@ def test_a_robot_in_the_air_does_not_step():
     height, contact = np.full((1, T, 4), 0.5), np.zeros((1, T, 4), bool)
     assert stepping(height, contact, RADIUS).tolist() == [False]
     assert strictly_stepping(height, contact, RADIUS, 500).tolist() == [False]
+
+
+def test_any_of_several_gates_takes_over_and_all_are_asked_always():
+    one, other = (np.array([[mark == "X" for mark in row]]) for row in ("X..X.", ".X.X."))
+    gate = AnyOf([Signal(one), Signal(other)])
+    gate.reset(1)
+    assert [bool(gate.unsafe(*NOW)[0]) for _ in range(5)] == [True, True, False, True, False]
+
+
+def test_relaxing_bounds_start_tight_and_end_as_in_the_table():
+    level, tilted = state_of(turned()), state_of(turned(roll=20))
+    tight = tightened(CONFIG, 0.6)
+    assert tight.roll_pitch == pytest.approx(15.0)
+    assert tight.com_height == pytest.approx((0.17, 1.0))
+    assert unsafe(tilted, tight)[0]
+    assert not unsafe(tilted, CONFIG)[0]
+    assert not unsafe(level, tight)[0]
+    assert tightened(CONFIG, 1.0) == CONFIG
+
+
+def test_margin_is_the_distance_to_the_nearest_bound():
+    angle, height = np.radians(5.0), 0.01
+    states = state_of(np.array([turned(roll=x) for x in (24, 26, 0)]))
+    margins = margin(states, CONFIG, angle, height)
+    np.testing.assert_allclose(margins[:2], [1 / 5, -1 / 5], atol=1e-9)
+    outside = unsafe(states, CONFIG)
+    np.testing.assert_array_equal(margins < 0, outside)

@@ -12,7 +12,7 @@ from surefoot.robot import solo12
 from surefoot.safety import Outcome
 from surefoot.sim import make_simulator
 from surefoot.starts import load_starts
-from surefoot.types import IntArray, State
+from surefoot.types import Array, IntArray, State
 
 OFFSETS = 50
 
@@ -23,10 +23,10 @@ class HandOver:
 
     at: IntArray
 
-    def reset(self, batch: int) -> None:
-        assert batch == len(self.at)
+    def reset(self, episode: IntArray) -> None:
+        assert len(episode) == len(self.at)
 
-    def choose(self, state: State, tick: IntArray) -> np.ndarray:
+    def choose(self, state: State, tick: IntArray, command: Array) -> np.ndarray:
         return tick >= self.at
 
 

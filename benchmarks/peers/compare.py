@@ -35,12 +35,13 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
+from surefoot.arbiters import SafetySwitch
 from surefoot.config import Config
-from surefoot.engine import Rollout, SafetySwitch, rollout
+from surefoot.engine import Rollout, rollout
 from surefoot.observation import INPUT_SIZE, network_input
 from surefoot.policy import Policy, PolicyNetwork
 from surefoot.robot import RobotModel, clip_torque, solo12, standing
-from surefoot.safety import HandBack, Outcome, SafetyMonitor
+from surefoot.safety import Bounds, Outcome, SafetyMonitor
 from surefoot.sim import make_simulator
 from surefoot.sim.mujoco import build_model, to_mujoco
 from surefoot.starts import at_rest
@@ -79,7 +80,7 @@ def surefoot_contender(config: Config, robot: RobotModel, robots: int, seconds: 
     policy = Policy(network, config.policy, to_ticks(config.gait.period), np.zeros((2, 3)))
     simulator = make_simulator(robot, robots, config.simulation)
     starts = at_rest(standing(robot), np.zeros((robots, 3)))
-    arbiter = SafetySwitch(SafetyMonitor(config.safety, 2.0, HandBack.SAFE_AND_BLOCKED))
+    arbiter = SafetySwitch(SafetyMonitor(Bounds(config.safety), 2.0))
 
     def collect() -> Rollout:
         # A standing robot violates no bound, so that the expert, here the policy, is never asked.

@@ -15,14 +15,15 @@ from typing import Any
 import numpy as np
 import torch
 
+from surefoot.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
 from surefoot.config import Config, TrainingConfig
 from surefoot.dataset import Frames
-from surefoot.engine import ExpertOnly, PolicyOnly, SafetySwitch, rollout
+from surefoot.engine import rollout
 from surefoot.mpc.expert import Expert, make_planner
 from surefoot.observation import INPUT_SIZE
 from surefoot.policy import Policy, PolicyNetwork
 from surefoot.robot import solo12, standing
-from surefoot.safety import HandBack, Outcome, SafetyMonitor
+from surefoot.safety import Bounds, Outcome, SafetyMonitor
 from surefoot.sim import make_simulator
 from surefoot.starts import Starts, at_rest, load_starts
 from surefoot.train import fit, has_bfloat16
@@ -67,7 +68,7 @@ def _engine_times(config: Config, batch: int, seconds: float) -> tuple[float, fl
     robot, policy = solo12(config.robot), standing_policy(config)
     starts, simulator = _standing(batch), make_simulator(robot, batch, config.simulation)
     # Who would take over is not asked: the robots stand within the bounds.
-    arbiter = SafetySwitch(SafetyMonitor(config.safety, 2.0, HandBack.SAFE_AND_BLOCKED))
+    arbiter = SafetySwitch(SafetyMonitor(Bounds(config.safety), 2.0))
     network = _network_alone(policy, batch)
     ours, floor, steps = [], [], []
     for _ in range(5):

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.arbiters import ExpertOnly
 from surefoot.config import Config, ExpertConfig
-from surefoot.engine import ExpertOnly, rollout
+from surefoot.engine import rollout
 from surefoot.mpc.expert import Expert, make_planner
 from surefoot.mpc.planner import LAST_NODE, PlanStages
 from surefoot.robot import solo12

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.arbiters import PolicyOnly
 from surefoot.bench import bench_engine, bench_train, engine_floor, standing_policy
 from surefoot.bench_plan import bench_plan, cold_plans, plan_table, times_of
 from surefoot.config import Config, method_name
-from surefoot.engine import PolicyOnly
 from surefoot.episodes import Job, run_episodes
 from surefoot.policy import save
 from surefoot.replay import method_module

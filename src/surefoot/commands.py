@@ -92,10 +92,11 @@ class Walk(OnSimulator):
 
     def __call__(self) -> int:
         """Walk, print, film; 1 if the robot fell."""
-        from surefoot.engine import ExpertOnly
-        from surefoot.episodes import Job, play_out, velocities
+        from surefoot.arbiters import ExpertOnly
+        from surefoot.episodes import Job, play_out
         from surefoot.replay import standing_start
         from surefoot.safety import Outcome
+        from surefoot.summary import velocities
 
         command, config = Command(self.vx, self.vy, self.yaw_rate), self.simulated(self.config)
         job = Job(config, standing_start(command), np.zeros(1, int), ExpertOnly(), self.seconds)
@@ -237,11 +238,12 @@ class Play(OnSimulator):
 
     def __call__(self) -> int:
         """Play, print, film; 1 if the robot fell."""
-        from surefoot.engine import PolicyOnly
-        from surefoot.episodes import Job, play_out, velocities
+        from surefoot.arbiters import PolicyOnly
+        from surefoot.episodes import Job, play_out
         from surefoot.policy import check_command, load
         from surefoot.replay import find_policy, recorded_episode, standing_start
         from surefoot.safety import Outcome
+        from surefoot.summary import velocities
 
         if self.episode is not None:
             job = recorded_episode(self.target, self.episode)

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Literal
 
+from surefoot.method_config import METHODS, LocoSafeDaggerConfig, MethodConfig
+
 
 @dataclass(frozen=True)
 class RobotConfig:
@@ -234,54 +236,40 @@ class TrainingConfig:
 
 
 @dataclass(frozen=True)
-class ExpertData:
-    """Expert rollouts to clone: velocities x phases x perturbations, and nominal ones."""
+class NoiseConfig:
+    """Standard deviations of white noise on what a robot measures, anew at every tick."""
 
-    velocities: int
-    """Equally spaced forward speeds."""
-    perturbations: int
-    """Perturbed starts for each velocity and each of the ten phases of the gait cycle."""
-    nominal: bool
-    """Also one unperturbed rollout for each velocity, from standing still."""
-    duration: float
-    """[s] of each rollout."""
-
-
-@dataclass(frozen=True)
-class BehaviorCloningConfig:
-    """Behaviour cloning (paper, II-A and IV-E)."""
-
-    data: ExpertData = field(default_factory=lambda: ExpertData(20, 2, False, 3.0))
-    """400 x 3 s (paper, IV-F)."""
-    epochs: int = 150
-    """(paper, IV-F)."""
+    base_height: float = 0.0
+    """[m]"""
+    base_orientation: float = 0.0
+    """[rad] about each axis of the base."""
+    base_linear_velocity: float = 0.0
+    """[m/s] base frame."""
+    base_angular_velocity: float = 0.0
+    """[rad/s] base frame."""
+    joint_position: float = 0.0
+    """[rad]"""
+    joint_velocity: float = 0.0
+    """[rad/s]"""
 
 
 @dataclass(frozen=True)
-class LocoSafeDaggerConfig:
-    """LocoSafeDAGGER (paper, Algorithm 4 and IV-E)."""
+class DisturbanceConfig:
+    """What disturbs a robot, drawn anew for each episode from its id; nothing by default."""
 
-    pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
-    """10 velocities x (1 nominal + 10 perturbed) x 1.5 s (paper, IV-E)."""
-    pretraining_epochs: int = 150
-    """As for behaviour cloning; the paper does not say."""
-    iterations: int = 10
-    """N (paper)."""
-    velocities: int = 20
-    """Rollouts of an iteration: velocities x one random phase x perturbations."""
-    perturbations: int = 2
-    T: float = 10.0
-    """[s] of a rollout (paper)."""
-    T_block: float = 2.0
-    """[s] the expert drives at least, once it has taken over (paper)."""
-    T_end: float = 1.0
-    """[s] of the expert's tail after a rollout (paper)."""
-    hand_back: Literal["safe_and_blocked", "every_violation_restarts", "safe_or_blocked"] = (
-        "safe_and_blocked"
-    )
-    """`safe_and_blocked`, `every_violation_restarts` or `safe_or_blocked`: see `HandBack`."""
-    epochs: int = 15
-    """of an iteration (paper)."""
+    pushes: int = 0
+    """Pushes on the base in an episode, from any horizontal direction, at any time."""
+    impulse: tuple[float, float] = (0.5, 1.5)
+    """[Ns] smallest and largest push."""
+    push_duration: float = 0.01
+    """[s] of the force (paper, IV-F)."""
+    friction: tuple[float, float] = (1.0, 1.0)
+    """Smallest and largest factor on `simulation.friction`; the planner does not know of it."""
+    mass: tuple[float, float] = (1.0, 1.0)
+    """Smallest and largest factor on mass and inertia of the base; neither does it of this."""
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    delay: int = 0
+    """[ms] from a torque's command to its action."""
 
 
 @dataclass(frozen=True)
@@ -292,6 +280,8 @@ class EvaluationConfig:
     """[s] (paper)."""
     episodes: int = 100
     """The first so many of a split: 10 velocities x 10 phases each hundred."""
+    disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
+    """Axes of realism: friction, mass, sensor noise, late torques, pushes; the paper has none."""
 
 
 @dataclass(frozen=True)
@@ -327,9 +317,7 @@ class PushConfig:
 class Config:
     """Everything that fixes a result, apart from the versions of what computes it."""
 
-    method: BehaviorCloningConfig | LocoSafeDaggerConfig = field(
-        default_factory=LocoSafeDaggerConfig
-    )
+    method: MethodConfig = field(default_factory=LocoSafeDaggerConfig)
     seed: int = 0
     """Root of all randomness."""
     chunk: int = 10
@@ -341,15 +329,10 @@ class Config:
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
+    collection: DisturbanceConfig = field(default_factory=DisturbanceConfig)
+    """Disturbances while data is collected; the pre-training of iterative methods has none."""
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     push: PushConfig = field(default_factory=PushConfig)
-
-
-METHODS: dict[str, type] = {
-    "behavior_cloning": BehaviorCloningConfig,
-    "loco_safe_dagger": LocoSafeDaggerConfig,
-}
-"""Methods and their parameters."""
 
 
 def unknown(what: str, given: str, allowed: Iterable[str]) -> str:

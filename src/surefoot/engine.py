@@ -6,105 +6,23 @@ rollout is kept is the method's decision, taken afterwards (`Rollout.frames`).
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.arbiters import Arbiter
 from surefoot.config import SafetyConfig
 from surefoot.dataset import Frames
+from surefoot.disturbance import Disturbance, senses
 from surefoot.robot import RobotModel, clip_torque
 from surefoot.rotations import from_heading
-from surefoot.safety import Outcome, SafetyMonitor, fallen, stepping
+from surefoot.safety import Outcome, fallen, stepping
 from surefoot.sim import Simulator
 from surefoot.starts import Starts
 from surefoot.types import Array, BoolArray, Controller, IntArray, State, to_ticks
-
-
-class Arbiter(Protocol):
-    """Decides who drives each robot, anew at every tick."""
-
-    def reset(self, batch: int) -> None:
-        """A new episode of ``batch`` robots begins."""
-        ...
-
-    def choose(self, state: State, tick: IntArray) -> BoolArray:
-        """``(B,)`` True where the expert drives during this tick; called once a tick."""
-        ...
-
-
-class ExpertOnly:
-    """The expert drives, always (behaviour cloning)."""
-
-    def reset(self, batch: int) -> None:
-        """Nothing to forget."""
-
-    def choose(self, state: State, tick: IntArray) -> BoolArray:
-        """All True."""
-        return np.ones(len(tick), dtype=bool)
-
-
-class PolicyOnly:
-    """The policy drives, always (evaluation)."""
-
-    def reset(self, batch: int) -> None:
-        """Nothing to forget."""
-
-    def choose(self, state: State, tick: IntArray) -> BoolArray:
-        """All False."""
-        return np.zeros(len(tick), dtype=bool)
-
-
-class SafetySwitch:
-    """The policy drives; the expert does while the monitor blocks (Algorithm 4)."""
-
-    def __init__(self, monitor: SafetyMonitor) -> None:
-        self._monitor = monitor
-
-    def reset(self, batch: int) -> None:
-        """No robot is blocked."""
-        self._monitor.reset(batch)
-
-    def choose(self, state: State, tick: IntArray) -> BoolArray:
-        """True while blocking."""
-        return self._monitor.blocking(state)
-
-
-@dataclass(frozen=True)
-class Pushes:
-    """One push on the base of each of B robots.
-
-    Attributes:
-        impulse: ``(B, 3)`` in the robot's heading frame at the time [Ns]; zero is no push.
-        tick: ``(B,)`` of the episode at which it begins [ms].
-        duration: ticks over which the impulse is spread evenly.
-
-    Raises:
-        ValueError: shapes that do not agree, an impulse that is not finite, no duration.
-    """
-
-    impulse: Array
-    tick: IntArray
-    duration: int
-
-    def __post_init__(self) -> None:
-        """Nobody is pushed by accident, or not at all."""
-        B = len(self.tick)
-        if self.impulse.shape != (B, 3) or not np.isfinite(self.impulse).all():
-            raise ValueError(f"pushes: impulse {self.impulse.shape} must be finite and {(B, 3)}")
-        if self.duration < 1:
-            raise ValueError(f"pushes: a duration of {self.duration} ms; use at least 1 ms")
-
-    def __getitem__(self, rows: slice | NDArray) -> Pushes:
-        """Those of some of the robots."""
-        return Pushes(self.impulse[rows], self.tick[rows], self.duration)
-
-    def during(self, elapsed: int) -> BoolArray:
-        """``(B,)`` True where a push acts during this tick of the episode."""
-        since = elapsed - self.tick
-        return (since >= 0) & (since < self.duration) & self.impulse.any(axis=1)
 
 
 @dataclass(frozen=True)
@@ -117,8 +35,12 @@ class Rollout:
         com: ``(B, T, 3)`` centre of mass [m].
         feet: ``(B, T, 4, 3)`` foot positions [m].
         contacts: ``(B, T, 4)`` foot contacts.
-        torque: ``(B, T, 12)`` applied torque [Nm], clipped to the motor limit.
+        seen: the states ``(B, T, ...)`` as the robots measured them; the same arrays without noise.
+        torque: ``(B, T, 12)`` torque commanded by who drove [Nm], clipped to the motor limit.
+        expert_torque: ``(B, T, 12)`` the expert's, where it was asked; the same array if it was
+            asked only where it drove.
         expert_drove: ``(B, T)`` True where the expert drove.
+        expert_asked: ``(B, T)`` True where the expert gave a torque that it vouches for.
         starts: the B starts.
         length: ``(B,)`` ticks simulated.
         outcome: ``(B,)`` of `Outcome`.
@@ -130,8 +52,11 @@ class Rollout:
     com: Array
     feet: Array
     contacts: BoolArray
+    seen: State
     torque: Array
+    expert_torque: Array
     expert_drove: BoolArray
+    expert_asked: BoolArray
     starts: Starts
     length: IntArray
     outcome: IntArray
@@ -155,25 +80,25 @@ class Rollout:
             episode: ``(B,)`` ids, unique in the dataset.
 
         Raises:
-            ValueError: a frame to keep was not driven by the expert, so that its torque is not the
-                expert's.
+            ValueError: the expert was not asked about a frame to keep.
         """
         keep = keep & self.happened
-        if (keep & ~self.expert_drove).any():
+        if (keep & ~self.expert_asked).any():
             raise ValueError(
-                "frames that the policy drove hold the policy's torque, not the expert's: keep "
-                "frames of expert_drove only"
+                "the expert was not asked about some of the frames to keep: keep frames of "
+                "expert_asked only, or ask it at every tick (rollout(..., ask_always=True))"
             )
         robot, elapsed = np.nonzero(keep)
+        seen = self.seen[keep]
         return Frames(
-            q=self.q[keep],
-            v=self.v[keep],
-            com=self.com[keep],
-            feet=self.feet[keep],
-            contacts=self.contacts[keep],
+            q=seen.q,
+            v=seen.v,
+            com=seen.com,
+            feet=seen.feet,
+            contacts=seen.contacts,
             tick=self.starts.tick[robot] + elapsed,
             command=self.starts.command[robot],
-            torque=self.torque[keep],
+            torque=self.expert_torque[keep],
             expert_drove=self.expert_drove[keep],
             episode=episode[robot],
             outcome=self.outcome[robot].astype(np.int8),
@@ -190,7 +115,9 @@ def rollout(
     policy: Controller | None = None,
     tail: float = 0.0,
     safety: SafetyConfig | None = None,
-    pushes: Pushes | None = None,
+    disturbance: Disturbance | None = None,
+    episode: IntArray | None = None,
+    ask_always: bool = False,
     progress: Callable[[int], object] | None = None,
 ) -> Rollout:
     """Run one episode of every robot from its start; a failure ends that robot's episode only.
@@ -205,34 +132,45 @@ def rollout(
         policy: drives elsewhere; may be missing if the arbiter never asks for it.
         tail: [s] that the expert drives at the end, if the robot is still up.
         safety: the fall bounds.
-        pushes: of the B robots; without them, nobody is pushed.
+        disturbance: of the B robots; without it, nothing disturbs them.
+        episode: ``(B,)`` ids, which fix what is random; 0 to B - 1 without them.
+        ask_always: ask the expert at every tick for the torque that it would apply there, whoever
+            drives (DAGGER). It plans on its grid then, and a takeover goes on with the plan there.
         progress: is called with the number of ticks done.
 
     Raises:
         ValueError: the simulator has another number of robots than there are starts, or there is
             nothing to simulate, or a command is not a number.
     """
-    safety = safety or SafetyConfig()
+    safety, disturbance = safety or SafetyConfig(), disturbance or Disturbance()
     B, T = len(starts), to_ticks(duration)
     total, grace = T + to_ticks(tail), to_ticks(safety.grace)
     if simulator.batch != B:
         raise ValueError(f"{B} starts for a simulator of {simulator.batch} robots; make it {B}")
     if T < 1 or tail < 0:
         raise ValueError(f"a rollout of {duration} s with a tail of {tail} s; use at least 0.001 s")
+    pushes = disturbance.pushes
     if pushes is not None and len(pushes.tick) != B:
-        raise ValueError(f"{len(pushes.tick)} pushes for {B} robots")
+        raise ValueError(f"pushes of {len(pushes.tick)} robots for {B} robots")
     if not np.isfinite(starts.command).all():
         raise ValueError(f"commands must be finite numbers, not {starts.command.tolist()}")
+    if disturbance.friction is not None and disturbance.mass is not None:
+        simulator.vary(disturbance.friction, disturbance.mass)
     simulator.reset(starts.q, starts.v)
-    for part in (arbiter, expert, *([policy] if policy else [])):
+    for part in (expert, *([policy] if policy else [])):
         part.reset(B)
+    arbiter.reset(np.arange(B) if episode is None else episode)
+    measure = senses(robot, disturbance)
 
-    q, v = np.zeros((total, B, 19)), np.zeros((total, B, 18))
-    com, feet = np.zeros((total, B, 3)), np.zeros((total, B, 4, 3))
-    contacts, drove = np.zeros((total, B, 4), dtype=bool), np.zeros((total, B), dtype=bool)
+    truth = _blank_states(total, B)
+    seen = truth if measure is None else _blank_states(total, B)
+    drove, asked = np.zeros((total, B), dtype=bool), np.zeros((total, B), dtype=bool)
     torques, nothing = np.zeros((total, B, 12)), np.zeros((B, 12))
-    active, length = np.ones(B, dtype=bool), np.full(B, total)
-    outcome = np.full(B, Outcome.SUCCESS, dtype=np.int64)
+    expert_torques = np.zeros((total, B, 12)) if ask_always else torques
+    # A late torque is the one commanded `delay` ticks ago, or the first one, if there was none.
+    commanded = deque[Array](maxlen=disturbance.delay + 1)
+    active, everyone = np.ones(B, dtype=bool), np.ones(B, dtype=bool)
+    length, outcome = np.full(B, total), np.full(B, Outcome.SUCCESS, dtype=np.int64)
 
     def end(which: BoolArray, as_outcome: Outcome, elapsed: int) -> None:
         if which.any() and (which := which & active).any():
@@ -247,46 +185,76 @@ def rollout(
             end(fallen(state, safety), Outcome.FELL, elapsed)
         if elapsed == total or not active.any():
             break
+        _store(truth, elapsed, state)
+        if measure is not None:
+            state = measure(state)
+            _store(seen, elapsed, state)
         tick = starts.tick + elapsed
-        choice = arbiter.choose(state, tick) if elapsed < T else np.ones(B, dtype=bool)
+        choice = arbiter.choose(state, tick, starts.command) if elapsed < T else everyone
         torque = nothing
         if (by_policy := ~choice & active).any():
             if policy is None:
                 raise ValueError("the arbiter asks for a policy, but none was given")
             torque = policy.torque(state, tick, starts.command, by_policy)
-        if (by_expert := choice & active).any():
-            given = expert.torque(state, tick, starts.command, by_expert)
+        by_expert = choice & active
+        if (question := active.copy() if ask_always else by_expert).any():
+            given = expert.torque(state, tick, starts.command, question)
+            asked[elapsed] = question & ~expert.diverged
             end(by_expert & expert.diverged, Outcome.DIVERGED, elapsed)
             torque = np.where(by_expert[:, None], given, torque)
+            if ask_always:
+                expert_torques[elapsed] = clip_torque(given, robot.torque_limit)
         torque = clip_torque(torque, robot.torque_limit)
-        q[elapsed], v[elapsed], com[elapsed] = state.q, state.v, state.com
-        feet[elapsed], contacts[elapsed] = state.feet, state.contacts
         torques[elapsed], drove[elapsed] = torque, choice
-        if pushes is not None and (pushed := pushes.during(elapsed) & active).any():
-            impulse = pushes.impulse / pushes.duration
-            impulse[:, :2] = from_heading(impulse[:, :2], state.heading)
-            simulator.push(impulse, pushed)
-        simulator.step(torque, active)
+        commanded.append(torque)
+        if pushes is not None and (impulse := pushes.during(elapsed)) is not None:
+            impulse[:, :2] = from_heading(impulse[:, :2], simulator.state.heading)
+            simulator.push(impulse, impulse.any(axis=1) & active)
+        simulator.step(commanded[0], active)
         if progress is not None and elapsed % 100 == 99:
             progress(100)
 
     def by_robot(recorded: NDArray) -> NDArray:
         return np.swapaxes(recorded, 0, 1)
 
-    height, contact = by_robot(feet[:T, :, :, 2]), by_robot(contacts[:T])
+    height, contact = by_robot(truth.feet[:T, :, :, 2]), by_robot(truth.contacts[:T])
     if to_ticks(safety.stepping_from) <= T:
         standing = ~stepping(height, contact, robot.foot_radius)
         outcome[standing & (outcome == Outcome.SUCCESS)] = Outcome.STALLED
     return Rollout(
-        q=by_robot(q),
-        v=by_robot(v),
-        com=by_robot(com),
-        feet=by_robot(feet),
-        contacts=by_robot(contacts),
+        q=by_robot(truth.q),
+        v=by_robot(truth.v),
+        com=by_robot(truth.com),
+        feet=by_robot(truth.feet),
+        contacts=by_robot(truth.contacts),
+        seen=State(*(by_robot(getattr(seen, name)) for name in _STATE)),
         torque=by_robot(torques),
+        expert_torque=by_robot(expert_torques),
         expert_drove=by_robot(drove),
+        expert_asked=by_robot(asked),
         starts=starts,
         length=length,
         outcome=outcome,
         duration=T,
     )
+
+
+_STATE = tuple(field.name for field in fields(State))
+
+
+def _blank_states(ticks: int, batch: int) -> State:
+    """States ``(ticks, batch, ...)`` to fill."""
+    shape = (ticks, batch)
+    return State(
+        np.zeros((*shape, 19)),
+        np.zeros((*shape, 18)),
+        np.zeros((*shape, 3)),
+        np.zeros((*shape, 4, 3)),
+        np.zeros((*shape, 4), dtype=bool),
+    )
+
+
+def _store(record: State, elapsed: int, state: State) -> None:
+    """Write down one tick."""
+    record.q[elapsed], record.v[elapsed], record.com[elapsed] = state.q, state.v, state.com
+    record.feet[elapsed], record.contacts[elapsed] = state.feet, state.contacts

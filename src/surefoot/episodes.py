@@ -6,34 +6,26 @@ builds robot and expert once. Methods and evaluation are written on `run_episode
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from io import BytesIO
 from pathlib import Path
 
-import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import Config
+from surefoot.arbiters import Arbiter
+from surefoot.config import Config, DisturbanceConfig
 from surefoot.dataset import Frames, concatenate
-from surefoot.engine import Arbiter, Pushes, Rollout, rollout
-from surefoot.files import write_atomic
+from surefoot.disturbance import Pushes, draw
+from surefoot.engine import Rollout, rollout
+from surefoot.gates import Trace, trace_of
 from surefoot.mpc.expert import Expert, make_expert
 from surefoot.policy import Policy, load
 from surefoot.robot import RobotModel, solo12
-from surefoot.rotations import heading, rotation, to_heading
-from surefoot.safety import strictly_stepping
 from surefoot.sim import make_simulator
 from surefoot.starts import Starts
-from surefoot.types import (
-    TICKS_PER_SECOND,
-    Array,
-    BoolArray,
-    IntArray,
-    PlanFunction,
-    to_ticks,
-)
+from surefoot.summary import Summary, join, summarise
+from surefoot.types import BoolArray, IntArray, PlanFunction, to_ticks
 from surefoot.workers import Workers, map_chunks
 
 Keep = Callable[[Rollout], BoolArray]
@@ -54,7 +46,12 @@ class Job:
         policy: the policy or its file, where the arbiter needs one.
         keep: the frames to return; none without it.
         plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
-        pushes: of the episodes, if they are pushed.
+        disturbance: what disturbs the robots, drawn from the seed and the ids.
+        pushes: of the episodes, instead of drawn ones.
+        ask_always: the expert is asked at every tick, see `rollout`.
+        query: these are the expert's rollouts from states of other episodes.
+        then: episodes that follow from a chunk's rollout, if any.
+        trace: whether to return what a history gate learns from.
     """
 
     config: Config
@@ -66,7 +63,12 @@ class Job:
     policy: Path | Policy | None = None
     keep: Keep | None = None
     plan: PlanFunction | None = None
+    disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     pushes: Pushes | None = None
+    ask_always: bool = False
+    query: bool = False
+    then: Callable[[Job, Rollout], Job | None] | None = None
+    trace: bool = False
 
     def __getitem__(self, rows: slice | NDArray) -> Job:
         """Some of the episodes."""
@@ -75,48 +77,12 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Summary:
-    """What is left of n episodes besides their frames; first axis the episode.
+class Result:
+    """What is left of a chunk: its figures, the frames to keep, and a trace where asked."""
 
-    Attributes:
-        episode: ``(n,)`` ids.
-        start: ``(n,)`` ids of the starts.
-        expert: ``(n,)`` `expert_name`.
-        command: ``(n, 3)`` [m/s, m/s, rad/s].
-        outcome: ``(n,)`` of `Outcome`.
-        ticks: ``(n,)`` simulated [ms], tail included.
-        proper_ticks: ``(n,)`` of them before the tail.
-        expert_ticks: ``(n,)`` ticks before the tail that the expert drove.
-        expert_drove_last: ``(n,)`` True where the expert drove the last tick.
-        expert_drove_before: ``(n,)`` True where it drove 0.5 s before that.
-        plans: ``(n,)`` MPC solves.
-        invalid_plans: ``(n,)`` of them not valid.
-        kept: ``(n,)`` frames kept.
-        strict: ``(n,)`` True where every foot stepped in every 1.5 periods over 2/3 of T.
-        mean_velocity: ``(n, 3)`` vx, vy, yaw rate in the heading frame [m/s, m/s, rad/s].
-        mse: ``(n, 3)`` mean squared velocity error over the whole episode.
-        settled_mse: ``(n, 3)`` the same from 1 s on; NaN for shorter episodes.
-        max_torque: ``(n,)`` largest applied joint torque [Nm].
-    """
-
-    episode: IntArray
-    start: IntArray
-    expert: NDArray[np.str_]
-    command: Array
-    outcome: IntArray
-    ticks: IntArray
-    proper_ticks: IntArray
-    expert_ticks: IntArray
-    expert_drove_last: BoolArray
-    expert_drove_before: BoolArray
-    plans: IntArray
-    invalid_plans: IntArray
-    kept: IntArray
-    strict: BoolArray
-    mean_velocity: Array
-    mse: Array
-    settled_mse: Array
-    max_torque: Array
+    summary: Summary
+    frames: Frames
+    trace: Trace | None
 
 
 def expert_name(job: Job) -> str:
@@ -127,7 +93,7 @@ def expert_name(job: Job) -> str:
 def run_episodes(job: Job, workers: Workers, label: str) -> Summary:
     """Run all episodes of a job; the same results, bit for bit, for any number of workers."""
     results = map_chunks(run_chunk, chunks_of(job), workers, label)
-    return join([summary for summary, _ in results])
+    return join([result.summary for result in results])
 
 
 def chunks_of(job: Job) -> list[Job]:
@@ -139,48 +105,43 @@ def chunks_of(job: Job) -> list[Job]:
     return [job[first : first + size] for first in range(0, len(job.starts), size)]
 
 
-def join(parts: Sequence[Summary]) -> Summary:
-    """Episodes of several summaries, one after another."""
-    names = [field.name for field in fields(Summary)]
-    return Summary(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-
-
-def save_summary(path: Path, summary: Summary) -> None:
-    """Write a summary, whole or not at all."""
-    buffer = BytesIO()
-    np.savez(buffer, **vars(summary))
-    write_atomic(path, buffer.getvalue())
-
-
-def load_summary(path: Path) -> Summary:
-    """Read a summary back, to the bit.
-
-    Raises:
-        FileNotFoundError: there is none.
-        ValueError: the file is damaged.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return Summary(**{name: stored[name] for name in stored.files})
-    except FileNotFoundError:
-        raise
-    except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
-        raise ValueError(f"{path} is damaged ({error}); delete it to collect it again") from error
-
-
-def run_chunk(job: Job) -> tuple[Summary, Frames]:
-    """Run the episodes of one chunk in this process."""
+def run_chunk(job: Job) -> Result:
+    """Run the episodes of one chunk in this process, and those that follow from them."""
     record, expert = play_out(job)
     frames = concatenate([])
     if job.keep is not None:
         frames = record.frames(job.keep(record), job.episode)
-    return summarise(record, job, expert, frames), frames
+    robot, _ = _team(job.config, job.plan)
+    summary = summarise(
+        record,
+        frames,
+        episode=job.episode,
+        query=job.query,
+        expert=expert_name(job),
+        plans=expert.plans.copy(),
+        invalid_plans=expert.invalid_plans.copy(),
+        foot_radius=robot.foot_radius,
+        gait_period=to_ticks(job.config.gait.period),
+        safety=job.config.safety,
+    )
+    trace = trace_of(record, job.episode, job.config) if job.trace else None
+    if job.then is not None and (following := job.then(job, record)) is not None:
+        more = run_chunk(following)
+        summary = join([summary, more.summary])
+        frames = concatenate([frames, more.frames])
+    return Result(summary, frames, trace)
 
 
 def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple[Rollout, Expert]:
     """The rollout of a job's episodes, all in lockstep, and the expert that took part."""
-    robot, expert = _team(job.config, job.plan)
-    simulator = make_simulator(robot, len(job.starts), job.config.simulation)
+    config = job.config
+    robot, expert = _team(config, job.plan)
+    simulator = make_simulator(robot, len(job.starts), config.simulation)
+    disturbance = draw(
+        job.disturbance, config.seed, job.episode, job.duration, config.simulation.friction
+    )
+    if job.pushes is not None:
+        disturbance = replace(disturbance, pushes=job.pushes)
     record = rollout(
         simulator,
         robot,
@@ -190,8 +151,10 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
         expert,
         _policy(job),
         job.tail,
-        job.config.safety,
-        job.pushes,
+        config.safety,
+        disturbance,
+        job.episode,
+        job.ask_always,
         progress,
     )
     return record, expert
@@ -208,57 +171,3 @@ def _policy(job: Job) -> Policy | None:
 def _team(config: Config, plan: PlanFunction | None) -> tuple[RobotModel, Expert]:
     robot = solo12(config.robot)
     return robot, make_expert(robot, config, plan)
-
-
-def velocities(record: Rollout) -> Array:
-    """``(B, T, 3)`` base vx, vy [m/s] and yaw rate [rad/s] in the heading frame."""
-    R = rotation(record.q[..., 3:7])
-    linear = np.einsum("...ij,...j->...i", R, record.v[..., :3])
-    yaw_rate = np.einsum("...j,...j->...", R[..., 2, :], record.v[..., 3:6])
-    horizontal = to_heading(linear[..., :2], heading(R))
-    return np.concatenate([horizontal, yaw_rate[..., None]], axis=-1)
-
-
-def summarise(record: Rollout, job: Job, expert: Expert, frames: Frames) -> Summary:
-    """The figures of a rollout."""
-    B, T = len(record.length), record.duration
-    proper, by_expert = record.happened[:, :T], record.expert_drove & record.happened
-    last = np.maximum(record.length - 1, 0)
-    before = np.maximum(record.length - 1 - TICKS_PER_SECOND // 2, 0)
-    robots = np.arange(B)
-    velocity = velocities(record)[:, :T]
-    error = (velocity - record.starts.command[:, None]) ** 2
-    settled = proper & (np.arange(T) >= TICKS_PER_SECOND)
-    torque = np.abs(record.torque[:, :T]).max(axis=2)
-    return Summary(
-        episode=job.episode,
-        start=record.starts.id,
-        expert=np.full(B, expert_name(job)),
-        command=record.starts.command,
-        outcome=record.outcome,
-        ticks=record.length,
-        proper_ticks=proper.sum(axis=1),
-        expert_ticks=by_expert[:, :T].sum(axis=1),
-        expert_drove_last=by_expert[robots, last],
-        expert_drove_before=by_expert[robots, before],
-        plans=expert.plans.copy(),
-        invalid_plans=expert.invalid_plans.copy(),
-        kept=np.array([(frames.episode == episode).sum() for episode in job.episode]),
-        strict=strictly_stepping(
-            record.feet[:, :T, :, 2],
-            record.contacts[:, :T],
-            _team(job.config, job.plan)[0].foot_radius,
-            to_ticks(job.config.gait.period),
-        ),
-        mean_velocity=_mean(velocity, proper),
-        mse=_mean(error, proper),
-        settled_mse=_mean(error, settled),
-        max_torque=np.where(proper, torque, 0.0).max(axis=1),
-    )
-
-
-def _mean(values: Array, mask: BoolArray) -> Array:
-    """Mean over the ticks in the mask, ``(B, T, 3) -> (B, 3)``; NaN without any."""
-    total = np.where(mask[..., None], values, 0.0).sum(axis=1)
-    count = mask.sum(axis=1)[:, None]
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
+from surefoot.arbiters import ExpertOnly, PolicyOnly
 from surefoot.config import Config
-from surefoot.engine import ExpertOnly, PolicyOnly
-from surefoot.episodes import Job, Summary, run_episodes
+from surefoot.episodes import Job, run_episodes
 from surefoot.safety import Outcome
 from surefoot.starts import StartSet, load_starts
+from surefoot.summary import Summary
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 
@@ -63,6 +64,7 @@ def evaluate(
         config.evaluation.duration,
         policy=policy,
         plan=plan,
+        disturbance=config.evaluation.disturbance,
     )
     summary = run_episodes(job, workers, label)
     figures = {"starts": starts.name, "starts_hash": starts.hash, "split": split}

@@ -34,7 +34,7 @@ from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray,
 FORMAT = 2
 """Version of the policy file."""
 
-_MINIMUM_ROWS = 8
+MINIMUM_ROWS = 8
 """Smaller batches are padded to this: matrix products of a few rows take another path, with other
 last bits, in every BLAS tried; from here on a row's result did not depend on its batch."""
 
@@ -62,23 +62,31 @@ class PolicyNetwork(nn.Module):
     Args:
         config: hidden layers.
         seed: of the initial weights (Kaiming normal); PyTorch's global generator is untouched.
+        inputs: numbers it takes, if others than a policy's.
+        outputs: numbers it gives.
     """
 
     mean: Tensor
     scale: Tensor
     has_normalisers: Tensor
 
-    def __init__(self, config: PolicyConfig, seed: int = 0) -> None:
+    def __init__(
+        self,
+        config: PolicyConfig,
+        seed: int = 0,
+        inputs: int = INPUT_SIZE,
+        outputs: int = len(JOINTS),
+    ) -> None:
         super().__init__()
-        self.register_buffer("mean", torch.zeros(INPUT_SIZE))
-        self.register_buffer("scale", torch.ones(INPUT_SIZE))
+        self.register_buffer("mean", torch.zeros(inputs))
+        self.register_buffer("scale", torch.ones(inputs))
         self.register_buffer("has_normalisers", torch.tensor(False))
         self.hidden = tuple(config.hidden)
-        sizes = (INPUT_SIZE, *config.hidden, len(JOINTS))
+        sizes = (inputs, *config.hidden, outputs)
         generator = torch.Generator().manual_seed(seed)
         self.linear = nn.ModuleList()
-        for inputs, outputs in pairwise(sizes):
-            layer: Any = nn.utils.skip_init(nn.Linear, inputs, outputs)
+        for before, after in pairwise(sizes):
+            layer: Any = nn.utils.skip_init(nn.Linear, before, after)
             nn.init.kaiming_normal_(layer.weight, nonlinearity="relu", generator=generator)
             nn.init.zeros_(layer.bias)
             self.linear.append(layer)
@@ -179,7 +187,7 @@ class Policy:
     def target(self, state: State, tick: IntArray, command: Array) -> NDArray[np.float32]:
         """Joint targets ``(B, 12)`` [rad]; the arguments are those of ``torque``."""
         batch = len(state.q)
-        inputs = np.zeros((max(batch, _MINIMUM_ROWS), INPUT_SIZE), np.float32)
+        inputs = np.zeros((max(batch, MINIMUM_ROWS), INPUT_SIZE), np.float32)
         with np.errstate(over="ignore", invalid="ignore"):  # of a robot that has blown up
             rows = inputs[:batch]
             network_input(state, tick, command, self.period_ticks, self.config.phase, rows)

@@ -9,16 +9,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from surefoot.config import (
-    METHODS,
-    BehaviorCloningConfig,
     Config,
-    ExpertData,
-    LocoSafeDaggerConfig,
     PolicyConfig,
     SimulationConfig,
     TrainingConfig,
     unknown,
 )
+from surefoot.method_config import METHODS, BehaviorCloningConfig, ExpertData
 
 PRESETS = ("default", "quick", "paper")
 
@@ -62,7 +59,8 @@ def default(method: str) -> Config:
     if method == "behavior_cloning":
         data = replace(_SHORT, velocities=20, perturbations=4)
         return replace(config, method=BehaviorCloningConfig(data, epochs=16))
-    return replace(config, method=LocoSafeDaggerConfig(_SHORT, pretraining_epochs=16, epochs=5))
+    iterative = METHODS[method](_SHORT, pretraining_epochs=16, epochs=5)
+    return replace(config, method=iterative)
 
 
 def quick(method: str) -> Config:
@@ -70,8 +68,8 @@ def quick(method: str) -> Config:
     config = default(method)
     if method == "behavior_cloning":
         return replace(config, method=BehaviorCloningConfig(_SHORT, epochs=12))
-    dagger = replace(config.method, pretraining_epochs=12, iterations=2, T=5.0, epochs=4)
-    return replace(config, method=dagger)
+    iterative = replace(config.method, pretraining_epochs=12, iterations=2, T=5.0, epochs=4)
+    return replace(config, method=iterative)
 
 
 def published_rules(config: Config) -> Config:

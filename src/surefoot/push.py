@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import isotonic_regression
 
+from surefoot.arbiters import ExpertOnly, PolicyOnly
 from surefoot.config import Config, PushConfig
-from surefoot.engine import ExpertOnly, PolicyOnly, Pushes
+from surefoot.disturbance import Pushes
 from surefoot.episodes import Job, run_episodes
 from surefoot.safety import Outcome
 from surefoot.starts import Starts, StartSet, load_starts

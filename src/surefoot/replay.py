@@ -10,7 +10,7 @@ import numpy as np
 
 from surefoot.config import Config
 from surefoot.episodes import Job, expert_name
-from surefoot.methods.stages import EPISODES_PER_ITERATION
+from surefoot.methods.rollouts import EPISODES_PER_ITERATION
 from surefoot.policy import load
 from surefoot.robot import solo12, standing
 from surefoot.run import open_run

@@ -22,6 +22,7 @@ from surefoot.config import Backend, Config, method_name
 from surefoot.config_json import from_json, to_json
 from surefoot.dataset import Dataset
 from surefoot.files import write_atomic, writing
+from surefoot.seeds import seed_of
 
 PACKAGES = ("surefoot", "numpy", "scipy", "pin", "mujoco", "numba", "torch", "onnxruntime", "h5py")
 
@@ -68,6 +69,14 @@ class Run:
         """File of what is known of a shard's episodes besides their frames."""
         return self.folder / "episodes" / f"{shard}.npz"
 
+    def trace(self, shard: str) -> Path:
+        """File of what a shard's robots saw, where a history gate learns from it."""
+        return self.folder / "traces" / f"{shard}.npz"
+
+    def gate(self, kind: str, iteration: int) -> Path:
+        """File of a learned gate's classifier, trained after an iteration's policy."""
+        return self.folder / "gates" / f"{kind}-{iteration:03d}.safetensors"
+
     @property
     def best_policy(self) -> Path:
         """File of the policy that did best on the `select` starts.
@@ -90,8 +99,7 @@ class Run:
 
     def seed(self, stage: str, iteration: int) -> np.random.SeedSequence:
         """Randomness of a stage: fixed by the root seed, never by who computes it."""
-        number = ("starts", "network", "order").index(stage)
-        return np.random.SeedSequence(self.config.seed, spawn_key=(number, iteration))
+        return seed_of(self.config.seed, stage, iteration)
 
     @property
     def metrics(self) -> list[dict[str, Any]]:

@@ -1,14 +1,19 @@
-"""When the expert takes over, and when a robot has failed: bounds, blocking, falls, stalls.
+"""When the expert takes over, and when a robot has failed: gates, blocking, falls, stalls.
 
-`unsafe` is the paper's Table I; `SafetyMonitor` adds the blocking of Algorithm 4. `fallen` ends an
-episode; `stepping` decides afterwards whether the robot kept walking. All array code over B robots.
+A `Gate` calls states unsafe: `Bounds` by the paper's Table I, `AnyOf` if one of several does, and
+those that are learned (``gates.py``). `SafetyMonitor` adds the blocking of Algorithm 4. `fallen`
+ends an episode; `stepping` decides afterwards whether the robot kept walking. All array code over B
+robots.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from enum import Enum, IntEnum
 from functools import lru_cache
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numba import njit
@@ -18,6 +23,8 @@ from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
 
 LEFT_RIGHT = np.array([1.0, -1.0, 1.0, -1.0])
 FRONT_HIND = np.array([1.0, 1.0, -1.0, -1.0])
+TROT_HEIGHT = 0.20
+"""[m] of the centre of mass in the trot (BiConMP)."""
 
 
 class Outcome(IntEnum):
@@ -44,6 +51,21 @@ class HandBack(Enum):
 def unsafe(state: State, config: SafetyConfig) -> BoolArray:
     """``(B,)`` True where a robot is outside the paper's Table I."""
     return _outside(state.com[:, 2], state.roll_pitch, state.q[:, 7:], *_table(config))
+
+
+def margin(state: State, config: SafetyConfig, angle: float, height: float) -> Array:
+    """``(n,)`` distance to the nearest bound of Table I, in units; negative outside.
+
+    Args:
+        state: of n robots.
+        config: the bounds.
+        angle: the unit of an angle [rad].
+        height: the unit of the height [m].
+    """
+    low, high = _table(config)
+    values = np.column_stack([state.com[:, 2], state.roll_pitch, state.q[:, 7:]])
+    unit = np.append(height, np.full(len(low) - 1, angle))
+    return (np.minimum(values - low, high - values) / unit).min(axis=1)
 
 
 def fallen(state: State, config: SafetyConfig) -> BoolArray:
@@ -86,28 +108,95 @@ def _table(config: SafetyConfig) -> tuple[Array, Array]:
     return np.append(config.com_height[0], low), np.append(config.com_height[1], high)
 
 
+class Gate(Protocol):
+    """Says in which states the expert is needed (pi_safe, pi_safety)."""
+
+    def reset(self, batch: int) -> None:
+        """Forget everything; ``batch`` robots follow."""
+        ...
+
+    def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """``(B,)`` True where a state is unsafe; called once a tick.
+
+        Args:
+            state: of B robots, as they measure it.
+            tick: ``(B,)`` gait clock [ms].
+            command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
+        """
+        ...
+
+
+class Bounds:
+    """The paper's Table I."""
+
+    def __init__(self, config: SafetyConfig) -> None:
+        self._config = config
+
+    def reset(self, batch: int) -> None:
+        """It has no memory."""
+
+    def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """True outside the table."""
+        return unsafe(state, self._config)
+
+
+def tightened(config: SafetyConfig, share: float) -> SafetyConfig:
+    """The bounds on height, roll and pitch moved towards a level trot; the joints keep theirs.
+
+    Args:
+        config: Table I.
+        share: of the angles that is left, and of the height below that of the trot; 1 changes
+            nothing.
+    """
+    low, high = config.com_height
+    low = TROT_HEIGHT - share * (TROT_HEIGHT - low)
+    return replace(config, com_height=(low, high), roll_pitch=share * config.roll_pitch)
+
+
+class AnyOf:
+    """Unsafe where one of several gates says so."""
+
+    def __init__(self, gates: Sequence[Gate]) -> None:
+        self._gates = gates
+
+    def reset(self, batch: int) -> None:
+        """For all of them."""
+        for gate in self._gates:
+            gate.reset(batch)
+
+    def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """Every gate is asked at every tick, whatever the others say: they may remember."""
+        return np.any([gate.unsafe(state, tick, command) for gate in self._gates], axis=0)
+
+
 class SafetyMonitor:
     """Says who drives: the expert from a violation on, until the hand-back rule lets go.
 
     Args:
-        config: the bounds.
-        block: T_block [s].
+        gate: says which states are unsafe.
+        block: T_block [s]; 0 hands back as soon as the state is safe (Algorithm 2).
         hand_back: the rule that ends a block.
     """
 
-    def __init__(self, config: SafetyConfig, block: float, hand_back: HandBack) -> None:
-        self._config = config
+    def __init__(
+        self, gate: Gate, block: float, hand_back: HandBack = HandBack.SAFE_AND_BLOCKED
+    ) -> None:
+        self._gate = gate
         self._block = to_ticks(block)
         self._hand_back = HandBack(hand_back)
         self.reset(0)
 
     def reset(self, batch: int) -> None:
         """No robot of ``batch`` is blocked."""
+        self._gate.reset(batch)
         self._blocked_for, self._anyone = np.full(batch, -1), False
 
-    def blocking(self, state: State) -> BoolArray:
-        """``(B,)`` True where the expert must drive during this tick; call once a tick."""
-        violation = unsafe(state, self._config)
+    def blocking(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """``(B,)`` True where the expert must drive during this tick; call once a tick.
+
+        The arguments are those of `Gate.unsafe`.
+        """
+        violation = self._gate.unsafe(state, tick, command)
         if not self._anyone and not violation.any():
             return violation
         clock = np.where(self._blocked_for >= 0, self._blocked_for + 1, -1)

@@ -8,36 +8,40 @@ from __future__ import annotations
 
 import time
 from contextlib import closing
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.config import Config, ExpertData, Gait
+from surefoot.config import Config, Gait
 from surefoot.dataset import Dataset
-from surefoot.engine import ExpertOnly, Rollout
-from surefoot.episodes import (
-    Job,
-    Summary,
-    chunks_of,
-    expert_name,
-    join,
-    load_summary,
-    run_chunk,
-    save_summary,
-)
+from surefoot.disturbance import check_disturbance
+from surefoot.episodes import Job, chunks_of, expert_name, run_chunk
 from surefoot.evaluation import evaluate
+from surefoot.gates import save_trace
+from surefoot.methods.accounting import collection_figures
+from surefoot.methods.rollouts import EPISODES_PER_ITERATION
 from surefoot.policy import Policy, PolicyNetwork, load, save
-from surefoot.robot import solo12, standing
 from surefoot.run import Run, RunError
-from surefoot.safety import Outcome
-from surefoot.starts import Starts, StartSet, at_rest, load_starts
+from surefoot.starts import load_starts
+from surefoot.summary import Summary, join, load_summary, save_summary
 from surefoot.train import choose_device, fit
-from surefoot.types import TICKS_PER_SECOND, BoolArray, IntArray, PlanFunction, to_ticks
+from surefoot.types import to_ticks
 from surefoot.workers import Workers, each_chunk
 
-EPISODES_PER_ITERATION = 100_000
-"""Episode ids: iteration * this + index."""
+Parameters = TypeVar("Parameters")
+
+
+def parameters(run: Run, kind: type[Parameters]) -> Parameters:
+    """The method's parameters.
+
+    Raises:
+        TypeError: the run was configured for another method.
+    """
+    method = run.config.method
+    if not isinstance(method, kind):
+        raise TypeError(f"this run is configured for {run.method}, not for one with a {kind}")
+    return method
 
 
 def check(config: Config) -> None:
@@ -68,50 +72,8 @@ def check(config: Config) -> None:
     for name, value, least, most in checks:
         if not least <= value <= most:
             raise ValueError(f"{name} is {value}; use {least} to {most}")
+    check_disturbance(config.collection)
     choose_device(config.training.device)
-
-
-def episode_ids(iteration: int, count: int) -> IntArray:
-    """Ids that no other iteration of a run uses."""
-    return iteration * EPISODES_PER_ITERATION + np.arange(count)
-
-
-def expert_rollouts(config: Config, data: ExpertData, plan: PlanFunction | None = None) -> Job:
-    """Expert rollouts to clone, from the `train` starts; failed rollouts are dropped whole."""
-    stored = load_starts()
-    parts = [stored["train"][expert_rows(stored, data)]]
-    if data.nominal:
-        # From standing still, as a robot is switched on: no other start teaches that.
-        speeds = np.unique(parts[0].command, axis=0)
-        parts.insert(0, at_rest(standing(solo12(config.robot)), speeds))
-    starts = Starts(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0]))
-    )
-    ids = episode_ids(0, len(starts))
-    return Job(config, starts, ids, ExpertOnly(), data.duration, keep=keep_unless_failed, plan=plan)
-
-
-def expert_rows(stored: StartSet, data: ExpertData) -> IntArray:
-    """Rows of the `train` split: velocities x ten phases x perturbations."""
-    grid = stored.rows("train")
-    if data.perturbations > grid.shape[0]:
-        raise ValueError(
-            f"{data.perturbations} perturbations asked for, the starts {stored.name!r} hold "
-            f"{grid.shape[0]} of each velocity and phase"
-        )
-    return grid[: data.perturbations, :, equally_spaced(grid.shape[2], data.velocities)].ravel()
-
-
-def equally_spaced(available: int, wanted: int) -> IntArray:
-    """Indices of ``wanted`` equally spaced velocities, both ends included."""
-    if not 1 <= wanted <= available:
-        raise ValueError(f"{wanted} velocities asked for, the stored starts hold {available}")
-    return np.round(np.linspace(0, available - 1, wanted)).astype(np.int64)
-
-
-def keep_unless_failed(record: Rollout) -> BoolArray:
-    """All frames of rollouts that neither fell nor diverged."""
-    return record.happened & ~record.failed[:, None]
 
 
 def collect(run: Run, iteration: int, job: Job, workers: Workers) -> dict[str, Any]:
@@ -146,6 +108,11 @@ def collect(run: Run, iteration: int, job: Job, workers: Workers) -> dict[str, A
     return record
 
 
+def iteration_of(shard: str) -> int:
+    """The iteration that collected a shard."""
+    return int(shard.split("_")[1].split("-")[0])
+
+
 def dataset(run: Run, iteration: int) -> Dataset:
     """D of iteration i. Later shards are there if an earlier stage has to be done again."""
     return run.dataset.before((iteration + 1) * EPISODES_PER_ITERATION)
@@ -162,7 +129,9 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
     stored = {
         name
         for name in run.dataset.shards
-        if run.summary(name).exists() and run.dataset.file(name).exists()
+        if run.summary(name).exists()
+        and run.dataset.file(name).exists()
+        and (run.trace(name).exists() or not job.trace)
     }
     missing = [number for number, name in enumerate(names) if name not in stored]
     for chunk, name in zip(chunks, names, strict=True):
@@ -175,57 +144,60 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
     label = f"iteration {iteration}: collect"
     results = each_chunk(run_chunk, [chunks[number] for number in missing], workers, label)
     with closing(results):  # whatever goes wrong here, the workers end with it
-        for done, (summary, frames) in results:
-            # The summary first: a shard that the dataset knows is a chunk that is done.
+        for done, result in results:
+            # The shard last: one that the dataset knows is a chunk that is done.
             name = names[missing[done]]
-            save_summary(run.summary(name), summary)
-            run.dataset.append(name, frames)
+            if result.trace is not None:
+                save_trace(run.trace(name), result.trace)
+            save_summary(run.summary(name), result.summary)
+            run.dataset.append(name, result.frames)
     return join([load_summary(run.summary(name)) for name in names])
 
 
 def _ran(summary: Summary, chunk: Job) -> bool:
     """Whether a summary is of these episodes, by this expert."""
+    summary = summary[~summary.query]
     same = np.array_equal(summary.episode, chunk.episode)
     same = same and np.array_equal(summary.start, chunk.starts.id)
     return same and bool((summary.expert == expert_name(chunk)).all())
 
 
-def collection_figures(summary: Summary) -> dict[str, Any]:
-    """Falls, and who drove then; expert share over T and with the tail; MPC solves."""
-    fell = summary.outcome == Outcome.FELL
-    tail_ticks = summary.ticks - summary.proper_ticks
-    robot_ticks = int(summary.ticks.sum())
-    with_tail = int(summary.expert_ticks.sum() + tail_ticks.sum())
-    return {
-        "episodes": len(summary.outcome),
-        "falls": int(fell.sum()),
-        "falls_in_tail": int((fell & (tail_ticks > 0)).sum()),
-        "falls_expert_driving": int((fell & summary.expert_drove_last).sum()),
-        "falls_expert_driving_before": int((fell & summary.expert_drove_before).sum()),
-        "diverged": int((summary.outcome == Outcome.DIVERGED).sum()),
-        "stalls": int((summary.outcome == Outcome.STALLED).sum()),
-        "falls_per_robot_minute": float(fell.sum() / (robot_ticks / TICKS_PER_SECOND / 60)),
-        "expert_share": float(summary.expert_ticks.sum() / summary.proper_ticks.sum()),
-        "expert_share_with_tail": with_tail / robot_ticks,
-        "expert_seconds": with_tail / TICKS_PER_SECOND,
-        "robot_seconds": robot_ticks / TICKS_PER_SECOND,
-        "plans": int(summary.plans.sum()),
-        "invalid_plans": int(summary.invalid_plans.sum()),
-        "frames_kept": int(summary.kept.sum()),
-        "failed_episodes": summary.episode[fell | (summary.outcome == Outcome.DIVERGED)].tolist(),
-    }
+def first_frames(run: Run, frames: int) -> Dataset:
+    """The first whole episodes of D, as many as have at most so many frames together.
+
+    Raises:
+        ValueError: not even one episode does.
+    """
+    summary = join([load_summary(run.summary(name)) for name in run.dataset.shards])
+    order = np.argsort(summary.episode)
+    fits = np.cumsum(summary.kept[order]) <= frames
+    if not fits[0]:
+        raise ValueError(f"method.frames: {frames} frames are less than one episode")
+    if fits.all():
+        return run.dataset
+    return run.dataset.before(int(summary.episode[order][np.argmin(fits)]))
 
 
-def train(run: Run, iteration: int, epochs: int) -> dict[str, Any]:
-    """Train pi_i on D, starting from pi_{i-1}; the first starts from random weights."""
+def train(
+    run: Run, iteration: int, epochs: int, data: Dataset | None = None, fresh: bool = False
+) -> dict[str, Any]:
+    """Train pi_i on D, starting from pi_{i-1}; the first starts from random weights.
+
+    Args:
+        run: the run.
+        iteration: i.
+        epochs: passes over the data.
+        data: without it D of iteration i.
+        fresh: start from the random weights again.
+    """
     done = run.done("train", iteration)
     checkpoint = run.folder / "checkpoints" / f"{iteration:03d}.safetensors"
     if done and run.policy(iteration).exists():
         checkpoint.unlink(missing_ok=True)  # of a run that was killed just before
         return done
     began = time.perf_counter()
-    config, data = run.config, dataset(run, iteration)
-    if iteration == 0:
+    config, data = run.config, data or dataset(run, iteration)
+    if iteration == 0 or fresh:
         seed = int(run.seed("network", 0).generate_state(1)[0])
         network = PolicyNetwork(config.policy, seed)
     else:
@@ -301,8 +273,11 @@ def validate(run: Run, iteration: int, workers: Workers) -> dict[str, Any]:
     return record
 
 
-def best(run: Run, iterations: int) -> dict[str, Any]:
-    """The policy with most successes on `select`; among equals the best tracking in vx."""
+def best(run: Run, last: int, first: int = 0) -> dict[str, Any]:
+    """Of iterations first to last, the policy with most successes on `select`.
+
+    Among equals, the one with the best tracking in vx.
+    """
     if done := run.done("best", 0):
         return done
 
@@ -311,5 +286,5 @@ def best(run: Run, iterations: int) -> dict[str, Any]:
         error = record["settled_mse"][0]
         return record["successes"], -np.inf if error is None else -error
 
-    winner = max(range(iterations + 1), key=merit)
+    winner = max(range(first, last + 1), key=merit)
     return run.record("best", 0, best_iteration=winner)

@@ -1,0 +1,186 @@
+"""Learned gates: networks that call a state unsafe, for a `SafetyMonitor` (``safety.py``).
+
+`Deviation` is SafeDAGGER's: it predicts from the state that the policy deviates from the expert.
+`History` is the paper's future work: it predicts from the last 100 ms that the bounds will be left
+within 0.3 s, so that the expert takes over earlier. It learns from `Trace`s, what robots saw while
+a policy drove.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.classifier import Classifier
+from surefoot.config import Config, SafetyConfig
+from surefoot.engine import Rollout
+from surefoot.files import write_atomic
+from surefoot.observation import INPUT_SIZE, Phase, network_input
+from surefoot.safety import unsafe
+from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
+
+EVERY, SAMPLES = 10, 10
+"""[ms] between samples of the history, and how many: the last 100 ms."""
+HORIZON = 300
+"""[ms] within which the bounds are predicted to be left."""
+
+
+class Deviation:
+    """Unsafe where the policy is predicted to deviate from the expert (SafeDAGGER).
+
+    Args:
+        classifier: of observation and goal ``(47,)``.
+        config: gait period, and how the phase is given.
+        alarm: probability from which on a state is unsafe.
+    """
+
+    def __init__(self, classifier: Classifier, config: Config, alarm: float) -> None:
+        self._classifier, self._alarm = classifier, alarm
+        self._period = to_ticks(config.gait.period)
+        self._phase: Phase = config.policy.phase
+
+    def reset(self, batch: int) -> None:
+        """It has no memory."""
+
+    def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """True where the probability is beyond the alarm's."""
+        rows = network_input(state, tick, command, self._period, self._phase)
+        return self._classifier.probability(rows) > self._alarm
+
+
+class History:
+    """Unsafe where the bounds are predicted to be left soon; asked every 10 ms, holds its answer.
+
+    Args:
+        classifier: of the last ten observations and goals, the oldest first ``(470,)``.
+        config: gait period, and how the phase is given.
+        alarm: probability from which on a state is unsafe.
+    """
+
+    def __init__(self, classifier: Classifier, config: Config, alarm: float) -> None:
+        self._classifier, self._alarm = classifier, alarm
+        self._period = to_ticks(config.gait.period)
+        self._phase: Phase = config.policy.phase
+        self.reset(0)
+
+    def reset(self, batch: int) -> None:
+        """The first observation stands for all before it."""
+        self._asked = 0
+        self._past = np.zeros((batch, SAMPLES, INPUT_SIZE), np.float32)
+        self._answer = np.zeros(batch, dtype=bool)
+
+    def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """True where the probability was beyond the alarm's when it was last asked."""
+        if self._asked % EVERY == 0:
+            rows = network_input(state, tick, command, self._period, self._phase)
+            if self._asked == 0:
+                self._past[:] = rows[:, None]
+            self._past[:, :-1] = self._past[:, 1:]
+            self._past[:, -1] = rows
+            flat = self._past.reshape(len(rows), -1)
+            self._answer = self._classifier.probability(flat) > self._alarm
+        self._asked += 1
+        return self._answer
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What B robots saw every 10 ms, and what became of it.
+
+    Attributes:
+        episode: ``(B,)`` ids.
+        inputs: ``(B, n, 47)`` observation and goal.
+        label: ``(B, n)`` int8: 1, the policy drives and the bounds are left within 0.3 s; 0, it
+            drives that long without; -1, nobody knows: the expert drives, or takes over earlier,
+            or the state is outside the bounds already.
+    """
+
+    episode: IntArray
+    inputs: NDArray[np.float32]
+    label: NDArray[np.int8]
+
+
+def trace_of(record: Rollout, episode: IntArray, config: Config) -> Trace:
+    """What a history gate learns from a rollout."""
+    B, T = len(episode), record.duration
+    at = np.arange(0, T, EVERY)
+    seen = record.seen
+    sampled = State(*(getattr(seen, field.name)[:, at] for field in fields(State)))
+    inputs = network_input(
+        sampled,
+        record.starts.tick[:, None] + at,
+        record.starts.command[:, None],
+        to_ticks(config.gait.period),
+        config.policy.phase,
+    )
+    return Trace(episode, inputs, labels_of(record, config.safety)[:, at].reshape(B, -1))
+
+
+def labels_of(record: Rollout, safety: SafetyConfig) -> NDArray[np.int8]:
+    """``(B, T)`` the label of every tick, as `Trace` explains."""
+    B, T = len(record.length), record.duration
+    q, v, com = (getattr(record.seen, name)[:, :T].reshape(B * T, -1) for name in ("q", "v", "com"))
+    feet, contacts = np.zeros((B * T, 4, 3)), np.zeros((B * T, 4), dtype=bool)
+    outside = unsafe(State(q, v, com, feet, contacts), safety).reshape(B, T)
+    happened = record.happened[:, :T]
+    policy = ~record.expert_drove[:, :T] & happened
+    never = 2 * T
+    ticks = np.arange(T)
+    # The next tick outside the bounds, and the next one that the policy does not drive, from each.
+    leaves = _next(outside & happened, never)
+    ends = _next(~policy, never)
+    label = np.full((B, T), -1, np.int8)
+    known = policy & ~outside
+    soon = leaves - ticks <= HORIZON
+    # A takeover at the very tick at which the bounds are left comes of their being left.
+    label[known & soon & (leaves <= ends)] = 1
+    survived = (ends == never) | (ends - ticks > HORIZON)
+    label[known & ~soon & survived] = 0
+    return label
+
+
+def _next(event: BoolArray, never: int) -> IntArray:
+    """``(B, T)`` tick of the next event from each tick on, itself included."""
+    ticks = np.where(event, np.arange(event.shape[1]), never)
+    return np.minimum.accumulate(ticks[:, ::-1], axis=1)[:, ::-1]
+
+
+def history_rows(traces: Sequence[Trace]) -> tuple[NDArray[np.float32], BoolArray, IntArray]:
+    """Rows ``(n, 470)`` to train a `History` gate's classifier on, their labels and episodes."""
+    rows, yes, episodes = [], [], []
+    for trace in traces:
+        n = trace.inputs.shape[1]
+        back = np.maximum(np.arange(n)[:, None] + np.arange(1 - SAMPLES, 1), 0)
+        robot, sample = np.nonzero(trace.label >= 0)
+        rows.append(trace.inputs[robot[:, None], back[sample]].reshape(len(robot), -1))
+        yes.append(trace.label[robot, sample] == 1)
+        episodes.append(trace.episode[robot])
+    return np.concatenate(rows), np.concatenate(yes), np.concatenate(episodes)
+
+
+def save_trace(path: Path, trace: Trace) -> None:
+    """Write a trace, whole or not at all."""
+    buffer = BytesIO()
+    np.savez(buffer, **vars(trace))
+    write_atomic(path, buffer.getvalue())
+
+
+def load_trace(path: Path) -> Trace:
+    """Read a trace back, to the bit.
+
+    Raises:
+        ValueError: the file is damaged or missing.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return Trace(**{name: stored[name] for name in stored.files})
+    except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
+        raise ValueError(
+            f"{path} is missing or damaged ({error}); delete it: `surefoot train ... --resume` "
+            "collects it again, to the same bits"
+        ) from error

@@ -1,0 +1,136 @@
+"""pi_safety: the gates that may guard a rollout, and the training of those that are learned."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from surefoot.classifier import fit_classifier, load_classifier, save_classifier
+from surefoot.examples import derive, held_out
+from surefoot.gates import Deviation, History, history_rows, load_trace
+from surefoot.method_config import Guard
+from surefoot.methods.stages import dataset, iteration_of
+from surefoot.observation import INPUT_SIZE
+from surefoot.policy import load
+from surefoot.run import Run
+from surefoot.safety import AnyOf, Bounds, Gate, tightened
+from surefoot.types import BoolArray
+
+HELD_OUT = 0.1
+"""Share of episodes that a classifier is judged by, chosen by episode id."""
+
+
+def guard(
+    run: Run, i: int, names: Sequence[Guard], alarm: float = 0.5, tightest: float = 1.0
+) -> Gate:
+    """pi_safety of iteration i: any of the gates that are named.
+
+    Args:
+        run: the run, with the networks trained after iteration i - 1.
+        i: the iteration.
+        names: of the gates.
+        alarm: probability at which a network calls a state unsafe.
+        tightest: of the relaxing bounds in the first iteration, as a share of the paper's.
+    """
+    safety, gates = run.config.safety, list[Gate]()
+    for name in names:
+        if name == "bounds":
+            gates.append(Bounds(safety))
+        elif name == "relaxing":
+            done = (i - 1) / max(getattr(run.config.method, "iterations", 1) - 1, 1)
+            share = tightest + (1.0 - tightest) * done
+            gates.append(Bounds(tightened(safety, share)))
+        elif not too_early(name, i):
+            learned = {"classifier": Deviation, "history": History}[name]
+            classifier = load_classifier(run.gate(name, i - 1))
+            gates.append(learned(classifier, run.config, alarm))
+    # Before there is anything to learn from, the paper's bounds stand in.
+    gates = gates or [Bounds(safety)]
+    return gates[0] if len(gates) == 1 else AnyOf(gates)
+
+
+def too_early(name: str, i: int) -> bool:
+    """Whether iteration i comes before the first data that a learned gate can learn from."""
+    return name == "history" and i == 1
+
+
+def train_guards(run: Run, i: int, names: Sequence[Guard], unsafe_share: float = 0.2) -> None:
+    """Train those of the gates that are learned, on what is there after iteration i."""
+    if "classifier" in names:
+        train_deviation(run, i, unsafe_share)
+    if "history" in names and not too_early("history", i + 1):
+        train_history(run, i)
+
+
+def train_history(run: Run, i: int) -> None:
+    """A network that predicts that the bounds will be left, from all rollouts so far."""
+    if _is_there(run, "history", i):
+        return
+    began = time.perf_counter()
+    names = [name for name in run.dataset.shards if 1 <= iteration_of(name) <= i]
+    rows, yes, episode = history_rows([load_trace(run.trace(name)) for name in names])
+    _train(run, i, "history", rows, yes, held_out(episode, HELD_OUT), began)
+
+
+def train_deviation(run: Run, i: int, unsafe_share: float) -> None:
+    """SafeDAGGER's classifier: in which states does pi_i deviate from the expert by more than tau?
+
+    The deviation is the squared error over the joints, each scaled by the standard deviation of its
+    label. In the first training tau is chosen so that this share of the held-out pre-training
+    frames is beyond it. The classifier learns from D and from the held-out episodes, which the
+    policy is never trained on (D_safe); every other of those is left out to judge it by.
+    """
+    if _is_there(run, "classifier", i):
+        return
+    began = time.perf_counter()
+    config, policy = run.config, load(run.policy(i))
+    parts = [
+        (derive(frames, config.policy, policy.period_ticks), frames.episode)
+        for frames in dataset(run, i).parts()
+        if len(frames)
+    ]
+    rows, episode = (np.concatenate(part) for part in zip(*parts, strict=True))
+    inputs, labels = np.split(rows, [INPUT_SIZE], axis=1)
+    apart = held_out(episode, config.training.validation)
+    first = run.done("guard_classifier", 0)
+    sigma = np.array(first["sigma"]) if first else labels.std(axis=0, dtype=np.float64)
+    error = policy.forward(inputs) - labels
+    deviation = ((error / sigma) ** 2).sum(axis=1)
+    tau = first["tau"] if first else float(np.quantile(deviation[apart], 1.0 - unsafe_share))
+    given = {"tau": tau, "sigma": sigma.tolist()}
+    _train(run, i, "classifier", inputs, deviation > tau, apart & (episode % 2 > 0), began, **given)
+
+
+def _is_there(run: Run, kind: str, i: int) -> bool:
+    return run.done(f"guard_{kind}", i) is not None and run.gate(kind, i).exists()
+
+
+def _train(
+    run: Run,
+    i: int,
+    kind: str,
+    rows: NDArray[np.float32],
+    yes: BoolArray,
+    held: BoolArray,
+    began: float,
+    **figures: Any,
+) -> None:
+    """Train a classifier, write it, and write it down."""
+    seed = int(run.seed("gate", i).generate_state(1)[0])
+    classifier = fit_classifier(rows, yes, held, seed)
+    save_classifier(classifier, run.gate(kind, i))
+    figures = classifier.figures | figures
+    if run.done(f"guard_{kind}", i) is None:
+        seconds = time.perf_counter() - began
+        run.record(f"guard_{kind}", i, **figures, seconds=seconds)
+    tqdm.write(
+        f"iteration {i}: {kind} network on {figures['rows']} rows, "
+        f"{100 * figures['share_yes']:.1f} % of them unsafe, "
+        f"finds {100 * figures.get('recall', np.nan):.0f} % of those held out, "
+        f"{100 * figures.get('precision', np.nan):.0f} % of its alarms are right"
+    )

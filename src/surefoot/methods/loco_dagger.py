@@ -1,0 +1,147 @@
+"""LocoDAGGER (paper, Algorithm 3): a coin for each expert period, and expert rollouts from there.
+
+Pre-training: D <- expert rollouts; train pi_0 on D
+for i = 1 .. N:
+    p <- alpha^(i-1)
+    roll out for T; once per expert period the expert drives with probability p, else pi_{i-1}
+    for j = 1 .. N_query:
+        s_0 <- a random state of the rollout
+        the expert drives from s_0 for T_query, D <- D u {its frames}
+    train pi_i on D
+return the best pi_i on validation
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.arbiters import ExpertOnly, RandomMix
+from surefoot.engine import Rollout
+from surefoot.episodes import Job
+from surefoot.method_config import LocoDaggerConfig
+from surefoot.methods.rollouts import (
+    draw_starts,
+    episode_ids,
+    expert_rollouts,
+    keep_unless_failed,
+)
+from surefoot.methods.stages import best, check, collect, parameters, train, validate
+from surefoot.mpc.gait import GRID
+from surefoot.run import Run
+from surefoot.seeds import seed_of
+from surefoot.starts import Starts
+from surefoot.types import PlanFunction, to_ticks
+from surefoot.workers import Workers
+
+QUERIES = 10_000
+"""Ids of an iteration from this on are the expert's rollouts: this + rollout * N_query + j."""
+
+
+def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
+    """Train a policy with LocoDAGGER; the run's folder gets data, policies and metrics.
+
+    Args:
+        run: an open run, new or to be resumed.
+        workers: who runs the rollouts; the result does not depend on it.
+        plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
+
+    Returns:
+        File of the policy that did best on the `select` starts.
+
+    Raises:
+        TypeError: the run was configured for another method.
+        ValueError: a parameter cannot be had.
+    """
+    method = parameters(run, LocoDaggerConfig)
+    check(run.config)
+    draw_starts(method, np.random.default_rng())  # what cannot be had is an error now
+
+    # Pre-training (behaviour cloning)
+    collect(run, 0, collection(run, 0, plan), workers)
+    train(run, 0, method.pretraining_epochs)
+    validate(run, 0, workers)
+
+    for i in range(1, method.iterations + 1):
+        # Policy rollout, and data collection from its states
+        collect(run, i, collection(run, i, plan), workers)
+        train(run, i, method.epochs)
+        validate(run, i, workers)
+
+    best(run, method.iterations)
+    return run.best_policy
+
+
+def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
+    """The rollouts of iteration i, and what follows from them; fixed by the run's seed."""
+    config, method = run.config, parameters(run, LocoDaggerConfig)
+    if i == 0:
+        return expert_rollouts(config, method.pretraining, plan)
+    starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
+    return Job(
+        config,
+        starts,
+        episode_ids(i, len(starts)),
+        RandomMix(method.alpha ** (i - 1), GRID, config.seed),
+        method.T,
+        policy=run.policy(i - 1),
+        plan=plan,
+        disturbance=config.collection,
+        then=Query(method.N_query, method.T_query, method.before_fall),
+    )
+
+
+@dataclass(frozen=True)
+class Query:
+    """Expert rollouts from random states of each rollout, at the gait phase they were seen at.
+
+    Attributes:
+        N_query: of each rollout.
+        T_query: [s] of each; one that fails is dropped whole.
+        before_fall: [s] states are taken at the latest so long before a failure.
+    """
+
+    N_query: int
+    T_query: float
+    before_fall: float
+
+    def __call__(self, job: Job, record: Rollout) -> Job | None:
+        """The expert's rollouts; None if no rollout lasted long enough."""
+        rows, ids = [], []
+        for robot, episode in enumerate(job.episode.tolist()):
+            length = int(record.length[robot])
+            if record.failed[robot]:
+                length -= to_ticks(self.before_fall)
+            clock = int(record.starts.tick[robot]) + np.arange(max(length, 0))
+            grid = np.flatnonzero(clock % GRID == 0)
+            rng = np.random.default_rng(seed_of(job.config.seed, "query", episode))
+            chosen = rng.choice(grid, self.N_query) if len(grid) else grid
+            rows += [(robot, elapsed) for elapsed in np.sort(chosen).tolist()]
+            first = episode + QUERIES + (episode % QUERIES) * (self.N_query - 1)
+            ids += range(first, first + len(chosen))
+        if not rows:
+            return None
+        robot, elapsed = np.array(rows).T
+        q = record.q[robot, elapsed].copy()
+        q[:, :2] = 0.0
+        starts = Starts(
+            q,
+            record.v[robot, elapsed],
+            record.starts.tick[robot] + elapsed,
+            record.starts.command[robot],
+            record.starts.id[robot],
+        )
+        return replace(
+            job,
+            starts=starts,
+            episode=np.array(ids),
+            arbiter=ExpertOnly(),
+            duration=self.T_query,
+            policy=None,
+            keep=keep_unless_failed,
+            disturbance=replace(job.disturbance, pushes=0),
+            query=True,
+            then=None,
+        )
