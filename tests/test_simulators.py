@@ -278,12 +278,14 @@ def test_variation_holds_from_the_next_reset_on(make):
     plain = record(make(2), 200)
     heavy = record(varied(make(2), 0.3, 1.5), 200)
     assert (plain[-1, :, :19] != heavy[-1, :, :19]).any(axis=1).all()
-    simulator = make(2)
+    never, simulator = make(2), make(2)
     simulator.vary(np.full(2, 0.3), np.full(2, 1.5))
     np.testing.assert_array_equal(record(simulator, 200), plain)  # not yet
     simulator.reset(q, v, np.array([True, False]))
-    mixed = record(simulator, 200)
+    record(never, 200)
+    mixed, going_on = record(simulator, 200), record(never, 200)
     np.testing.assert_array_equal(mixed[:, 0], heavy[:, 0])
+    np.testing.assert_array_equal(mixed[:, 1], going_on[:, 1])
     for _ in range(2):  # one reset or two
         simulator.reset(q, v)
         np.testing.assert_array_equal(record(simulator, 200), heavy)
