@@ -48,6 +48,14 @@ def stand(simulator, ticks: int = 2000, kp: float = 10.0, kd: float = 0.2):
     return simulator
 
 
+def varied(simulator, friction, mass):
+    """The simulator with such a friction and base mass of each robot, standing."""
+    batch = simulator.batch
+    simulator.vary(np.full(batch, friction), np.full(batch, mass))
+    simulator.reset(np.tile(STANDING, (batch, 1)), np.zeros((batch, 18)))
+    return simulator
+
+
 def record(simulator, ticks: int, start: int = 0):
     """All bits a rollout could see."""
     rows = []

@@ -77,6 +77,9 @@ class FakeSimulator:
     def contact_force(self):
         raise NotImplementedError  # the engine never asks for forces
 
+    def vary(self, friction, mass):
+        raise NotImplementedError
+
     def push(self, impulse, mask=None):
         assert mask is not None
         self.pushes.append((self.ticks.max(), impulse.copy(), mask.copy()))

@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from robots import REST, ROBOT, STANDING, random_states, record, shaken
+from robots import REST, ROBOT, STANDING, random_states, record, shaken, varied
+from surefoot.config import SimulationConfig
 from surefoot.geometry import contact_shapes
 from surefoot.sim.mujoco import MujocoSimulator, build_model, from_mujoco, to_mujoco
 from surefoot.types import JOINTS, LEGS
@@ -77,6 +78,29 @@ def test_robot_meets_the_floor_only():
     assert {simulator.model.geom(pair[0]).name for pair in pairs} == {"floor"}
     touching = {simulator.model.geom(pair[1]).name for pair in pairs}
     assert touching == {shape.link for shape in contact_shapes(ROBOT)}
+
+
+def test_varied_models_are_compiled_ones():
+    """Also in what MuJoCo derives from masses, which makes contacts as stiff as they should be."""
+    mass, friction = np.array([1.0, 1.5]), np.array([0.3, 0.8])
+    simulator = varied(MujocoSimulator(ROBOT, 2), friction, mass)
+    for row in range(2):
+        expected = build_model(ROBOT, SimulationConfig(friction=friction[row]))
+        base = expected.body("base_link").id
+        expected.body_mass[base] *= mass[row]
+        expected.body_inertia[base] *= mass[row]
+        mujoco.mj_setConst(expected, mujoco.MjData(expected))
+        model = simulator.simulations.get_model(row)
+        for name in (
+            "geom_friction",
+            "body_mass",
+            "body_inertia",
+            "body_subtreemass",
+            "body_invweight0",
+            "dof_invweight0",
+            "dof_M0",
+        ):
+            np.testing.assert_array_equal(getattr(model, name), getattr(expected, name), name)
 
 
 def test_pictures_do_not_change_the_physics():

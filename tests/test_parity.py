@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from robots import BACKENDS, GRAVITY, ROBOT, needs_pybullet, random_states, stand
+from robots import BACKENDS, GRAVITY, ROBOT, needs_pybullet, random_states, stand, varied
 from surefoot.arbiters import ExpertOnly
 from surefoot.config import Config, SimulationConfig
 from surefoot.episodes import Job, play_out
@@ -69,13 +69,37 @@ def test_sliding_angle(backend, friction, degrees):
     assert measured == pytest.approx(friction, rel=tolerance)
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_each_robot_slides_at_its_own_friction(backend):
+    """As above, every pair of robots on a floor of its own and none on that of the config."""
+    friction = np.repeat([0.2, 0.4, 0.7], 2)
+    simulator = make_simulator(ROBOT, 6, SimulationConfig(backend, friction=0.5))
+    varied(simulator, friction, 1.0)
+    slope = friction + np.tile([-0.03, 0.03], 3)
+    angle = np.arctan(slope)
+    gravity = np.column_stack([np.sin(angle), 0.0 * angle, -np.cos(angle)])
+    stiff_on_a_slope(simulator, backend, GRAVITY * gravity)
+    speed = []
+    for _ in range(1000):
+        simulator.step(np.zeros((6, 12)))
+        speed.append(simulator.state.v[:, 0])
+    gained = speed[999] - speed[499]
+    assert (np.abs(speed[499][::2]) < 0.01).all()
+    assert (np.abs(gained[::2]) < 2e-4).all()
+    measured = (slope - gained / 0.5 / (GRAVITY * np.cos(angle)))[1::2]
+    tolerance = 0.03 if backend == "mujoco" else 5e-4
+    np.testing.assert_allclose(measured, friction[1::2], rtol=tolerance)
+
+
 @needs_pybullet
-def test_free_fall_is_the_same_to_rounding():
+@pytest.mark.parametrize("mass", [[1.0, 1.0, 1.0], [0.6, 1.3, 2.0]])
+def test_free_fall_is_the_same_to_rounding(mass):
     """Both integrate semi-implicitly; here no contact is in play, and every joint moves."""
     q, v = random_states(3)
     torque = np.random.default_rng(1).normal(0.0, 0.02, (3, 12))
     ends = []
     for simulator in both(3):
+        simulator.vary(np.full(3, 0.5), np.array(mass))
         simulator.reset(q, v)
         for _ in range(100):
             simulator.step(torque)

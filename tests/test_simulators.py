@@ -14,6 +14,7 @@ from robots import (
     record,
     shaken,
     stand,
+    varied,
 )
 from surefoot.config import SimulationConfig
 from surefoot.sim import make_simulator
@@ -185,6 +186,135 @@ def test_push_waits_for_a_robot_that_is_not_stepped_and_is_forgotten_by_reset(ma
     simulator.reset(q, np.zeros((2, 18)))
     simulator.step(np.zeros((2, 12)))
     assert np.abs(simulator.state.v[:, 0]).max() < 1e-9
+
+
+# Variation
+
+
+def test_varied_robots_carry_their_own_weight(make):
+    mass = np.array([1.0, 1.5, 0.6])
+    simulator = stand(varied(make(3), 0.5, mass))
+    weight = (ROBOT.mass + (mass - 1.0) * ROBOT.model.inertias[1].mass) * GRAVITY
+    np.testing.assert_allclose(simulator.contact_force.sum(axis=1), weight, rtol=1e-3)
+
+
+def test_varied_dynamics_are_pinocchios(make):
+    """Mass and inertia of the base, and of nothing else, are those of a heavier Pinocchio model."""
+    mass = np.array([0.6, 1.0, 1.3, 2.0])
+    q, v = random_states(4)
+    torque = np.random.default_rng(1).normal(0.0, 0.1, (4, 12))
+    simulator = varied(make(4), 0.5, mass)
+    simulator.reset(q, v)
+    v = simulator.state.v
+    simulator.step(torque)
+    for row in range(4):
+        model = ROBOT.model.copy()
+        base = model.inertias[1]
+        model.inertias[1] = pin.Inertia(mass[row] * base.mass, base.lever, mass[row] * base.inertia)
+        effort = np.concatenate([np.zeros(6), torque[row]])
+        acceleration = pin.aba(model, model.createData(), q[row], v[row], effort)
+        measured = (simulator.state.v[row] - v[row]) / 1e-3
+        np.testing.assert_allclose(measured[3:], acceleration[3:], rtol=1e-8, atol=1e-6)
+
+
+def test_mass_does_not_change_free_fall(make):
+    q, _ = random_states(3)
+    ends = []
+    for mass in (1.0, np.array([0.5, 1.4, 2.0])):
+        simulator = varied(make(3), 0.5, mass)
+        simulator.reset(q, np.zeros((3, 18)))
+        for _ in range(100):
+            simulator.step(np.zeros((3, 12)))
+        ends.append(simulator.state)
+    np.testing.assert_allclose(ends[0].q, ends[1].q, atol=1e-12)
+    np.testing.assert_allclose(ends[0].v, ends[1].v, atol=1e-11)
+    np.testing.assert_allclose(np.linalg.norm(ends[0].v[:, :3], axis=1), 0.1 * GRAVITY, rtol=1e-9)
+
+
+def test_a_robot_does_not_know_its_payload(make):
+    """Feet and centre of mass are those of the nominal robot in the same configuration."""
+    simulator, data = varied(make(3), 0.5, np.array([1.0, 1.4, 0.7])), ROBOT.model.createData()
+    for tick in range(200):
+        state = simulator.state
+        for row in range(3):
+            com = pin.centerOfMass(ROBOT.model, data, state.q[row])
+            pin.updateFramePlacements(ROBOT.model, data)
+            feet = [data.oMf[foot].translation for foot in ROBOT.feet]
+            np.testing.assert_allclose(state.com[row], com, atol=1e-12)
+            np.testing.assert_allclose(state.feet[row], feet, atol=1e-12)
+        simulator.step(shaken(state, tick))
+
+
+def test_nominal_values_change_no_bit(make):
+    plain = record(make(4), 400)
+    np.testing.assert_array_equal(record(varied(make(4), 0.5, 1.0), 400), plain)
+    # Also beside others, and in a robot that was another before.
+    own = np.array([False, True, True, False])
+    some = varied(make(4), np.where(own, 0.3, 0.5), np.where(own, 1.3, 1.0))
+    rows = record(some, 400)
+    np.testing.assert_array_equal(rows[:, ~own], plain[:, ~own])
+    assert (rows[-1, own, :19] != plain[-1, own, :19]).any(axis=1).all()
+    np.testing.assert_array_equal(record(varied(some, 0.5, 1.0), 400), plain)
+
+
+def test_varied_rows_are_single_robots(make):
+    friction, mass = np.array([0.5, 0.2, 0.9, 0.5]), np.array([1.0, 1.3, 0.7, 1.5])
+    batch = varied(make(4), friction, mass)
+    singles = [varied(make(1), *values) for values in zip(friction, mass, strict=True)]
+    for tick in range(300):
+        state = batch.state
+        torque = shaken(state, tick)
+        for row, single in enumerate(singles):
+            alone = single.state[0]
+            for name in ("q", "v", "com", "feet", "contacts"):
+                np.testing.assert_array_equal(getattr(state[row], name), getattr(alone, name))
+            np.testing.assert_array_equal(batch.contact_force[row], single.contact_force[0])
+            single.step(torque[row : row + 1])
+        batch.step(torque)
+
+
+def test_variation_holds_from_the_next_reset_on(make):
+    q, v = np.tile(STANDING, (2, 1)), np.zeros((2, 18))
+    plain = record(make(2), 200)
+    heavy = record(varied(make(2), 0.3, 1.5), 200)
+    assert (plain[-1, :, :19] != heavy[-1, :, :19]).any(axis=1).all()
+    never, simulator = make(2), make(2)
+    simulator.vary(np.full(2, 0.3), np.full(2, 1.5))
+    np.testing.assert_array_equal(record(simulator, 200), plain)  # not yet
+    simulator.reset(q, v, np.array([True, False]))
+    record(never, 200)
+    mixed, going_on = record(simulator, 200), record(never, 200)
+    np.testing.assert_array_equal(mixed[:, 0], heavy[:, 0])
+    np.testing.assert_array_equal(mixed[:, 1], going_on[:, 1])
+    for _ in range(2):  # one reset or two
+        simulator.reset(q, v)
+        np.testing.assert_array_equal(record(simulator, 200), heavy)
+    # What is given is read, not kept.
+    friction = np.full(2, 0.3)
+    simulator.vary(friction, np.full(2, 1.5))
+    friction[:] = 0.9
+    simulator.reset(q, v)
+    np.testing.assert_array_equal(record(simulator, 200), heavy)
+
+
+@pytest.mark.parametrize(
+    ("friction", "mass", "message"),
+    [
+        ([0.5, 0.5], [1.0, 0.0], "mass of robot 1 is 0.0; it must be finite and positive"),
+        ([-0.1, 0.5], [1.0, 1.0], "friction of robot 0 is -0.1; it must be finite and positive"),
+        ([0.5, np.nan], [1.0, 1.0], "friction of robot 1 is nan"),
+        ([0.5, 0.5], [np.inf, 1.0], "mass of robot 0 is inf"),
+        ([0.5], [1.0, 1.0], r"friction has shape \(1,\); give one for each robot: \(2,\)"),
+        ([0.5, 0.5], 1.0, r"mass has shape \(\); give one for each robot: \(2,\)"),
+    ],
+)
+def test_unusable_variations_are_refused(make, friction, mass, message):
+    simulator = make(2)
+    with pytest.raises(ValueError, match=message):
+        simulator.vary(np.array(friction), np.array(mass))
+    # And nothing of them is taken over.
+    simulator.reset(np.tile(STANDING, (2, 1)), np.zeros((2, 18)))
+    np.testing.assert_array_equal(record(simulator, 50), record(make(2), 50))
 
 
 # Determinism

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import Protocol, get_args
 
+import numpy as np
+
 from surefoot.config import Backend, SimulationConfig, unknown
 from surefoot.robot import RobotModel
 from surefoot.types import Array, BoolArray, State
@@ -38,6 +40,22 @@ class Simulator(Protocol):
             q: ``(B, 19)`` configurations [m, unit quaternion, rad]; rows outside ``mask`` ignored.
             v: ``(B, 18)`` velocities [m/s, rad/s], base part in the base frame.
             mask: the robots to reset.
+        """
+        ...
+
+    def vary(self, friction: Array, mass: Array) -> None:
+        """Give each robot a floor and a base of its own, from its next ``reset`` on.
+
+        They hold, through every later reset, until others are given in the same way. The robot
+        knows nothing of it: ``state.com`` is that of the nominal masses. With the friction of the
+        config and a mass factor of 1 a robot moves as if never varied, bit for bit.
+
+        Args:
+            friction: ``(B,)`` coefficient of the pair of floor and robot, for the config's.
+            mass: ``(B,)`` factor on mass and rotational inertia of the base link.
+
+        Raises:
+            ValueError: other than B numbers that are finite and positive.
         """
         ...
 
@@ -71,6 +89,21 @@ class Simulator(Protocol):
     def blown_up(self) -> BoolArray:
         """``(B,)`` True where the numbers have run away; the robot stands still until its reset."""
         ...
+
+
+def positive(name: str, values: Array, batch: int) -> Array:
+    """A copy of ``values``, one for each robot.
+
+    Raises:
+        ValueError: other than ``batch`` numbers that are finite and positive.
+    """
+    copy = np.array(values, dtype=float)
+    if copy.shape != (batch,):
+        raise ValueError(f"{name} has shape {copy.shape}; give one for each robot: ({batch},)")
+    if (wrong := ~(np.isfinite(copy) & (copy > 0.0))).any():
+        row = int(wrong.argmax())
+        raise ValueError(f"{name} of robot {row} is {copy[row]}; it must be finite and positive")
+    return copy
 
 
 def make_simulator(

@@ -23,7 +23,7 @@ from surefoot.geometry import Shape, contact_shapes
 from surefoot.rigid import centre_of_mass, feet, legs_of, masses_of
 from surefoot.robot import RobotModel, standing
 from surefoot.rotations import rotation
-from surefoot.sim import CONTACT_FORCE, TIME_STEP
+from surefoot.sim import CONTACT_FORCE, TIME_STEP, positive
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
 
 
@@ -71,7 +71,7 @@ def from_bullet(q: Array, v: Array) -> tuple[Array, Array]:
     return q.copy(), base
 
 
-def build_urdf(robot: RobotModel, config: SimulationConfig) -> str:
+def build_urdf(robot: RobotModel) -> str:
     """The robot's URDF with the shapes of `contact_shapes` for its collision meshes.
 
     Joints turn without limits (those of the URDF, 10 rad, would only hide a broken controller) and
@@ -85,9 +85,9 @@ def build_urdf(robot: RobotModel, config: SimulationConfig) -> str:
                 link.remove(element)
         if (shape := shapes.get(link.get("name", ""))) is None:
             continue
-        # Of the friction of two bodies PyBullet takes the product; the floor has 1.
+        # Of the friction of two bodies PyBullet takes the product; the floor has the pair's.
         contact = ElementTree.SubElement(link, "contact")
-        coefficients = {"lateral_friction": config.friction}
+        coefficients = {"lateral_friction": 1.0}
         for name in ("lateral_friction", "rolling_friction", "spinning_friction", "restitution"):
             value = str(coefficients.get(name, 0.0))
             ElementTree.SubElement(contact, name, {"value": value})
@@ -148,7 +148,7 @@ class BulletSimulator:
         self._legs, self._masses = legs_of(robot), masses_of(robot)
         folder = TemporaryDirectory(prefix="surefoot-")
         self._urdf = Path(folder.name) / f"{robot.name}.urdf"
-        self._urdf.write_text(build_urdf(robot, self._config))
+        self._urdf.write_text(build_urdf(robot))
         self.clients: list[int] = []
         weakref.finalize(self, _close, self.clients, folder)
         for _ in range(batch):
@@ -159,7 +159,8 @@ class BulletSimulator:
                     f"PyBullet refuses robot {len(self.clients) + 1} of {batch} ({error}); it "
                     "holds 1024 in one process: simulate fewer together"
                 ) from error
-        self.body = self._build(self.clients[0])
+        self._friction, self._mass = np.full(batch, self._config.friction), np.ones(batch)
+        self.body = self._build(0)
         self.joints, self.foot_links = self._indices(robot)
         self._q, self._v = np.zeros((batch, 19)), np.zeros((batch, 18))
         self._force = np.zeros((batch, 4))
@@ -169,8 +170,9 @@ class BulletSimulator:
         self._state: State | None = None
         self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, 18)))
 
-    def _build(self, client: int) -> int:
-        """A new world for one client: nothing of what was simulated before is left."""
+    def _build(self, row: int) -> int:
+        """A new world for one robot: nothing of what was simulated before is left."""
+        client = self.clients[row]
         pybullet.resetSimulation(physicsClientId=client)
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=TIME_STEP,
@@ -186,14 +188,21 @@ class BulletSimulator:
         )
         floor = pybullet.createMultiBody(0.0, plane, physicsClientId=client)
         smooth = {"restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0}
-        pybullet.changeDynamics(floor, -1, lateralFriction=1.0, **smooth, physicsClientId=client)
+        friction = self._friction[row]
+        pybullet.changeDynamics(
+            floor, -1, lateralFriction=friction, **smooth, physicsClientId=client
+        )
         # Without a flag for it, links of a robot do not touch each other.
         body = pybullet.loadURDF(
             str(self._urdf), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
         )
+        mass, _, inertia, *_ = pybullet.getDynamicsInfo(body, -1, physicsClientId=client)
         pybullet.changeDynamics(
             body,
             -1,
+            mass=self._mass[row] * mass,
+            # A new mass alone would bring the inertia of the collision shape.
+            localInertiaDiagonal=[self._mass[row] * moment for moment in inertia],
             linearDamping=0.0,
             angularDamping=0.0,
             maxJointVelocity=NO_LIMIT,
@@ -217,8 +226,7 @@ class BulletSimulator:
 
     def _place(self, row: int) -> None:
         """Put one robot into a new world, with the position and velocity in its row."""
-        client = self.clients[row]
-        body = self._build(client)
+        client, body = self.clients[row], self._build(row)
         q, v = self._q[row].tolist(), self._v[row].tolist()
         pybullet.resetBasePositionAndOrientation(body, q[:3], q[3:7], physicsClientId=client)
         pybullet.resetBaseVelocity(body, v[:3], v[3:6], physicsClientId=client)
@@ -243,6 +251,13 @@ class BulletSimulator:
             self._read_forces(row)
             self._place(row)
         self._state = None
+
+    def vary(self, friction: Array, mass: Array) -> None:
+        """See ``Simulator``. A reset builds a world with these values."""
+        self._friction, self._mass = (
+            positive("friction", friction, self.batch),
+            positive("mass", mass, self.batch),
+        )
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""

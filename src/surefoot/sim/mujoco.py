@@ -10,6 +10,7 @@ read per tick lies in MuJoCo's state rows and sensors; the only layout conversio
 from __future__ import annotations
 
 import logging
+from functools import cached_property
 from xml.etree import ElementTree
 
 import mujoco
@@ -22,7 +23,7 @@ from surefoot.config import SimulationConfig
 from surefoot.geometry import contact_shapes
 from surefoot.robot import RobotModel, standing
 from surefoot.rotations import rotation
-from surefoot.sim import CONTACT_FORCE, TIME_STEP
+from surefoot.sim import CONTACT_FORCE, TIME_STEP, positive
 from surefoot.types import GRAVITY, LEGS, Array, BoolArray, State
 
 # Bad numbers in position, velocity and acceleration are neighbours in MuJoCo's list of warnings.
@@ -231,6 +232,7 @@ class MujocoSimulator:
             # MuJoCo's own handler writes MUJOCO_LOG.TXT into the working directory.
             mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
         self.batch = batch
+        self._robot = robot
         self.model = build_model(robot, config, visual)
         # One thread: parallelism is over chunks of episodes. Persistent: each robot has its own
         # MjData, so that the kinematics of a new state serves the next tick as well.
@@ -243,18 +245,46 @@ class MujocoSimulator:
         self._bad_numbers = self.simulations.warning[:, _BAD_NUMBERS, 1]
         self._blown_up: BoolArray = np.zeros(batch, dtype=bool)
         self._pushed = False
+        self._variation: tuple[Array, Array] | None = None
+        self._loaded = np.zeros(0, dtype=int)  # rows whose mass is not the nominal one
         self._state: State | None = None
         self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, self.model.nv)))
 
     def reset(self, q: Array, v: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``. Until the first tick, foot forces are those under zero torque."""
         rows = np.ones(self.batch, dtype=bool) if mask is None else mask
+        if self._variation is not None:
+            self._apply(*self._variation, rows)
         self.simulations.reset(rows, stage=_STAGE_NONE)
         self._qpos[rows], self._qvel[rows] = to_mujoco(q[rows], v[rows])
         self.simulations.forward(rows)
         finite = np.isfinite(self._qpos).all(axis=1) & np.isfinite(self._qvel).all(axis=1)
         self._blown_up = np.where(rows, ~finite, self._blown_up)
         self._state = None
+
+    def vary(self, friction: Array, mass: Array) -> None:
+        """See ``Simulator``."""
+        self._variation = (
+            positive("friction", friction, self.batch),
+            positive("mass", mass, self.batch),
+        )
+
+    def _apply(self, friction: Array, mass: Array, rows: BoolArray) -> None:
+        """Write what `vary` was given into the models of some robots."""
+        base = self.model.body("base_link").id
+        # Of the friction of two geoms MuJoCo takes the larger, so all have the same.
+        self.simulations.expand("geom_friction")[rows, :, 0] = friction[rows, None]
+        masses = self.simulations.expand("body_mass")[:, base]
+        masses[rows] = mass[rows] * self.model.body_mass[base]
+        inertia = mass[rows, None] * self.model.body_inertia[base]
+        self.simulations.expand("body_inertia")[rows, base] = inertia
+        self.simulations.set_const(rows)
+        self._loaded = np.flatnonzero(masses != self.model.body_mass[base])
+
+    @cached_property
+    def _nominal(self) -> tuple[rigid.Legs, rigid.Masses]:
+        """What a robot believes of itself; a varied one has a centre of mass it does not know."""
+        return rigid.legs_of(self._robot), rigid.masses_of(self._robot)
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""
@@ -289,6 +319,9 @@ class MujocoSimulator:
             feet = sensors[:, _FEET].reshape(self.batch, 4, 3)
             contacts = sensors[:, _FORCE] > CONTACT_FORCE
             self._state = from_mujoco(self._qpos, self._qvel, sensors[:, _COM], feet, contacts)
+            if self._loaded.size:
+                believed = rigid.centre_of_mass(self._state.q[self._loaded], *self._nominal)
+                self._state.com[self._loaded] = believed
         return self._state
 
     @property
