@@ -27,6 +27,7 @@ from surefoot.robot import standing
 from surefoot.safety import Outcome
 from surefoot.sim import make_simulator
 from surefoot.starts import load_starts
+from surefoot.survey import PUSHES
 from surefoot.types import Command, State, to_ticks
 
 GAIT_CYCLE = load_starts()["nominal"]
@@ -203,7 +204,7 @@ def test_same_input_same_bits_whatever_was_planned_before():
 @pytest.mark.slow
 def test_robots_that_recover_from_a_push_have_a_plan_at_any_time():
     """A push of 3 Ns, which nearly all survive, makes plans of 1.9 times the motor limit."""
-    config = Config()
+    config = replace(Config(), push=PUSHES)
     starts = pushed_starts(config.push, load_starts())[2 * np.arange(20)]
     angle = 2 * np.pi * np.arange(20) / 20
     impulse = 3.0 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)

@@ -10,7 +10,7 @@ import pytest
 from surefoot import survey as survey_module
 from surefoot.config import Config
 from surefoot.safety import Outcome
-from surefoot.survey import lost_by_all, survey, table, variant_of
+from surefoot.survey import PUSHES, lost_by_all, survey, table, variant_of
 from surefoot.workers import Workers
 
 CONFIG = Config()
@@ -109,7 +109,8 @@ def test_an_unfinished_survey_has_a_table():
 
 def test_variants_differ_in_simulator_horizon_and_rules_only():
     base = variant_of(CONFIG, "mujoco", (20, 10), "own", 1000)
-    assert base == replace(CONFIG, evaluation=replace(CONFIG.evaluation, episodes=1000))
+    evaluation = replace(CONFIG.evaluation, episodes=1000)
+    assert base == replace(CONFIG, evaluation=evaluation, push=PUSHES)
     other = variant_of(CONFIG, "bullet", (10, 5), "published", 1000)
     assert (other.expert.centroidal.nodes, other.expert.kinematic.nodes) == (10, 5)
     assert other.simulation == replace(CONFIG.simulation, backend="bullet")

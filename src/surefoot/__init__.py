@@ -34,7 +34,7 @@ _HOME = {
     "methods.loco_dagger": ("loco_dagger",),
     "methods.loco_safe_dagger": ("loco_safe_dagger",),
     "evaluation": ("evaluate",),
-    "push": ("push_recovery",),
+    "push": ("push_difference", "push_recovery"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
 
 from surefoot.arbiters import ExpertOnly, PolicyOnly
 from surefoot.config import Config
 from surefoot.episodes import Job, run_episodes
 from surefoot.safety import Outcome
 from surefoot.starts import StartSet, load_starts
+from surefoot.statistics import wilson
 from surefoot.summary import Summary
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
@@ -99,12 +99,6 @@ def figures_of(summary: Summary) -> dict[str, Any]:
         "plans": int(summary.plans.sum()),
         "invalid_plans": int(summary.invalid_plans.sum()),
     }
-
-
-def wilson(successes: int, n: int) -> list[float]:
-    """Wilson's 95 % interval of a share."""
-    interval = binomtest(successes, n).proportion_ci(method="wilson")
-    return [float(interval.low), float(interval.high)]
 
 
 def mean_rows(rows: np.ndarray) -> list[float | None]:

@@ -18,17 +18,20 @@ import numpy as np
 from tqdm import tqdm
 
 from surefoot.bench_plan import cold_plans, times_of
-from surefoot.config import Backend, Config
+from surefoot.config import Backend, Config, PushConfig
 from surefoot.config_json import to_json
-from surefoot.evaluation import evaluate, wilson
+from surefoot.evaluation import evaluate
 from surefoot.files import write_json
 from surefoot.presets import published_rules
 from surefoot.push import push_recovery
 from surefoot.run import versions
 from surefoot.safety import Outcome
 from surefoot.starts import PACKAGED, load_starts
+from surefoot.statistics import wilson
 from surefoot.workers import Workers
 
+PUSHES = PushConfig(split="nominal", speeds=4, before=0.25, after=1.75, resolution=0.1, levels=50)
+"""The expert is pushed out of its settled gait, in which it needs no two seconds before."""
 HORIZONS = ((20, 10), (10, 5))
 """Centroidal and kinematic nodes of 50 ms."""
 RULES: dict[str, Callable[[Config], Config]] = {
@@ -116,6 +119,7 @@ def variant_of(
             simulation=replace(config.simulation, backend=simulator),
             expert=expert,
             evaluation=replace(config.evaluation, episodes=episodes),
+            push=PUSHES,
         )
     )
 
