@@ -268,7 +268,8 @@ class Play(OnSimulator):
         show(figures, self.json)
         driver = "policy" if self.episode is None else f"episode {self.episode}"
         title = f"{driver}, vx {job.starts.command[0, 0]:.2f} m/s"
-        film_episode(job.config, record.q[0, :length], out, title)
+        drove = None if self.episode is None else record.expert_drove[0, :length]
+        film_episode(job.config, record.q[0, :length], out, title, drove)
         return int(record.outcome[0] in (Outcome.FELL, Outcome.DIVERGED))
 
 
@@ -333,17 +334,25 @@ def heading_drift(q: np.ndarray, command: Command) -> float:
     return float(np.degrees(yaw[-1] - yaw[0] - command.yaw_rate * len(q) / TICKS_PER_SECOND))
 
 
-def film_episode(config: Config, q: np.ndarray, out: Path, title: str) -> None:
-    """Film configurations ``(T, 19)``; where nothing can be rendered, say so and go on."""
+def film_episode(
+    config: Config,
+    q: np.ndarray,
+    out: Path,
+    title: str,
+    expert_drove: np.ndarray | None = None,
+    pushes: tuple[int, ...] = (),
+) -> None:
+    """Film configurations ``(T, 19)``, and who drove; where nothing can be rendered, say so."""
     from surefoot.robot import solo12
     from surefoot.viewer import RenderingUnavailable, contact_sheet, film
 
     robot = solo12(config.robot)
     out.parent.mkdir(parents=True, exist_ok=True)
     try:
-        sheet = contact_sheet(robot, config.simulation, q, out.with_suffix(".png"))
+        events: dict[str, Any] = {"expert_drove": expert_drove, "pushes": pushes}
+        sheet = contact_sheet(robot, config.simulation, q, out.with_suffix(".png"), **events)
         print(f"frames: {sheet}")
-        print(f"video:  {film(robot, config.simulation, q, out, title=title)}")
+        print(f"video:  {film(robot, config.simulation, q, out, title=title, **events)}")
     except RenderingUnavailable as error:
         print(f"no video: {error}", file=sys.stderr)
 
