@@ -141,6 +141,8 @@ class Train(OnWorkers, OnSimulator):
     """What to train the network on; without it as configured: a GPU if there is one."""
     resume: bool = False
     """Go on with the run in that folder, from the first stage that is not done."""
+    tensorboard: bool = False
+    """Write TensorBoard events into the run's folder (needs the extra track)."""
     json: Path | None = None
     """Write the metrics here."""
     config: Config = field(default_factory=Config)
@@ -156,6 +158,10 @@ class Train(OnWorkers, OnSimulator):
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))
         run = create(folder, config, self.resume)
+        if self.tensorboard:
+            from surefoot.tracking import log_to_tensorboard
+
+            log_to_tensorboard(run)
         print(f"{self.method}, preset {self.preset}, seed {run.config.seed}, in {folder}")
         policy = getattr(method_module(self.method), self.method)(run, self.spread)
         curves = learning_curves(run.metrics, folder / "curves.png")
