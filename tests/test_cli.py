@@ -167,6 +167,8 @@ def test_options_may_stand_before_the_method():
     first = cli.parse(["train", "--preset", "quick", "--run", "r", "behavior_cloning"])
     second = cli.parse(["train", "behavior_cloning", "--preset=quick", "--run", "r"])
     assert first == second
+    for flag in ("--resume", "--tensorboard", "--no-tensorboard"):
+        assert cli.parse(["train", flag, "behavior_cloning"]).method == "behavior_cloning"
     assert first.config == preset("behavior_cloning", "quick")
 
 

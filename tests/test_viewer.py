@@ -5,10 +5,11 @@ import sys
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageColor
 
 from surefoot import viewer
 from surefoot.config import SimulationConfig
+from surefoot.figures import BLUE, GREY, RED
 from surefoot.robot import solo12, standing
 from surefoot.viewer import RenderingUnavailable, contact_sheet, film
 
@@ -76,6 +77,98 @@ def test_a_contact_sheet_has_four_frames_in_a_row(tmp_path, ticks, frames, size)
     )
     with Image.open(path) as sheet:
         assert sheet.size == size
+
+
+def blank(count, size=SIZE):
+    """Instead of `viewer._pictures`: nothing but sky, as a place to write on."""
+
+    def pictures(*_):
+        yield from (Image.new("RGB", size, "white") for _ in range(count))
+
+    return pictures
+
+
+def is_colour(pixels, colour, tolerance=30):
+    """Where pixels have a colour, but for what the film's compression makes of it."""
+    return (np.abs(pixels - np.array(ImageColor.getrgb(colour))) < tolerance).all(axis=-1)
+
+
+DROVE = np.arange(200) >= 100
+"""The policy drives for 100 ms, then the expert."""
+
+
+def frame(tick, expert_drove: np.ndarray | None = DROVE, pushes=()):
+    picture = Image.new("RGB", (400, 225), "white")
+    viewer._caption(picture, tick, "", expert_drove, pushes)
+    viewer._draw_timeline(picture, tick, 200, expert_drove, pushes)
+    return np.array(picture).astype(int)
+
+
+def test_the_timeline_has_the_drivers_colour_and_marks_now():
+    for tick, driver in ((0, RED), (50, RED), (99, RED), (100, BLUE), (150, BLUE), (199, BLUE)):
+        bottom = frame(tick)[-2]
+        now = 2 * tick
+        marker = np.abs(np.arange(400) - now) <= 1
+        assert (bottom[now] == 255).all()
+        assert is_colour(bottom[:200], RED, 1)[~marker[:200]].all()
+        assert is_colour(bottom[200:], BLUE, 1)[~marker[200:]].all()
+        label = frame(tick)[170:212, :100]  # the box in the lower left corner
+        assert is_colour(label, driver, 1).mean() > 0.1
+        assert not is_colour(label, BLUE if driver == RED else RED, 1).any()
+
+
+def test_a_push_is_marked_on_the_timeline_and_named_for_150_ms():
+    above = frame(0, pushes=(40,))[-8]
+    ink = is_colour(above, viewer.INK, 1)
+    assert np.flatnonzero(ink[10:]).tolist() == [70]  # two pixels a tick
+    named = [(frame(t, pushes=(40,)) != frame(t))[170:212].any() for t in (39, 40, 189, 190)]
+    assert named == [False, True, True, False]
+    # Without a driver the timeline is grey, and nobody is named.
+    picture = frame(0, expert_drove=None, pushes=(40,))
+    assert is_colour(picture[-2, 10:], GREY, 1).all()
+    assert (picture[170:212] == 255).all()
+
+
+def test_a_film_shows_who_drives_only_if_told(tmp_path, monkeypatch):
+    pytest.importorskip("imageio_ffmpeg", reason="the viz extra is not installed")
+    monkeypatch.setattr(viewer, "_pictures", blank(10))
+    path = film(ROBOT, CONFIG, walk(), tmp_path / "film.mp4", size=SIZE)
+    assert (decoded(path, 10, *SIZE)[:, 20:] > 250).all()
+    film(ROBOT, CONFIG, walk(), path, size=SIZE, expert_drove=DROVE, pushes=(60,))
+    frames = decoded(path, 10, *SIZE)
+    assert is_colour(frames[-1, -1, 4:76], RED).all()
+    assert is_colour(frames[0, -1, 84:156], BLUE).all()
+    label = frames[:, 66:84, :50]
+    assert is_colour(label, RED).any(axis=(1, 2)).tolist() == [True] * 5 + [False] * 5
+    assert is_colour(label, BLUE).any(axis=(1, 2)).tolist() == [False] * 5 + [True] * 5
+    assert (frames[:, 20:60] > 250).all()
+
+
+def test_a_contact_sheet_names_the_driver_of_each_frame(tmp_path, monkeypatch):
+    monkeypatch.setattr(viewer, "_pictures", blank(4, (960, 640)))
+    path, seen = tmp_path / "sheet.png", []
+    for drove in (None, DROVE):
+        contact_sheet(ROBOT, CONFIG, walk(), path, 4, expert_drove=drove)
+        with Image.open(path) as sheet:
+            below = np.array(sheet)[40:].reshape(280, 4, 480, 3).astype(int)
+        seen.append([[is_colour(below[:, n], c, 1).any() for c in (RED, BLUE)] for n in range(4)])
+    # The frames are 41 ms apart, from 37 ms on.
+    assert seen == [[[False, False]] * 4, [[True, False]] * 2 + [[False, True]] * 2]
+
+
+@pytest.mark.parametrize(
+    ("events", "message"),
+    [
+        ({"expert_drove": DROVE[:-1]}, r"expert_drove \(199,\) must be \(200,\)"),
+        ({"pushes": (200,)}, r"pushes \(200,\) must be ticks .* 0 to 199"),
+        ({"pushes": (3, -1)}, "must be ticks of the recording"),
+    ],
+)
+def test_events_of_another_recording_are_refused(tmp_path, events, message):
+    for make in (film, contact_sheet):
+        with pytest.raises(ValueError, match=message):
+            make(ROBOT, CONFIG, walk(), tmp_path / "picture", **events)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("broken", [np.zeros((0, 19)), np.zeros((5, 18)), np.full((5, 19), np.nan)])

@@ -24,6 +24,9 @@ Commands = (
     | Annotated[Bench, tyro.conf.subcommand("bench")]
 )
 
+FLAGS = {"--resume", "--no-resume", "--tensorboard", "--no-tensorboard"}
+"""Options of train that take no value: what follows them may be the method."""
+
 
 def parse(args: Sequence[str]) -> Any:
     """The command of an argument list; a method and preset set the defaults of its options.
@@ -45,7 +48,7 @@ def method_argument(args: Sequence[str]) -> str:
     Raises:
         ValueError: there is none.
     """
-    options_with_value = {a for a in args if a.startswith("--") and "=" not in a} - {"--resume"}
+    options_with_value = {a for a in args if a.startswith("--") and "=" not in a} - FLAGS
     for before, value in pairwise(args):
         if value in METHODS and before not in options_with_value:
             return value

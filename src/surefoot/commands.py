@@ -142,6 +142,8 @@ class Train(OnWorkers, OnSimulator):
     """What to train the network on; without it as configured: a GPU if there is one."""
     resume: bool = False
     """Go on with the run in that folder, from the first stage that is not done."""
+    tensorboard: bool = False
+    """Write TensorBoard events into the run's folder (needs the extra track)."""
     json: Path | None = None
     """Write the metrics here."""
     config: Config = field(default_factory=Config)
@@ -157,6 +159,10 @@ class Train(OnWorkers, OnSimulator):
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))
         run = create(folder, config, self.resume)
+        if self.tensorboard:
+            from surefoot.tracking import log_to_tensorboard
+
+            log_to_tensorboard(run)
         print(f"{self.method}, preset {self.preset}, seed {run.config.seed}, in {folder}")
         policy = getattr(method_module(self.method), self.method)(run, self.spread)
         curves = learning_curves(run.metrics, folder / "curves.png")
@@ -270,7 +276,8 @@ class Play(OnSimulator):
         show(figures, self.json)
         driver = "policy" if self.episode is None else f"episode {self.episode}"
         title = f"{driver}, vx {job.starts.command[0, 0]:.2f} m/s"
-        film_episode(job.config, record.q[0, :length], out, title)
+        drove = None if self.episode is None else record.expert_drove[0, :length]
+        film_episode(job.config, record.q[0, :length], out, title, drove)
         return int(record.outcome[0] in (Outcome.FELL, Outcome.DIVERGED))
 
 
@@ -335,17 +342,25 @@ def heading_drift(q: np.ndarray, command: Command) -> float:
     return float(np.degrees(yaw[-1] - yaw[0] - command.yaw_rate * len(q) / TICKS_PER_SECOND))
 
 
-def film_episode(config: Config, q: np.ndarray, out: Path, title: str) -> None:
-    """Film configurations ``(T, 19)``; where nothing can be rendered, say so and go on."""
+def film_episode(
+    config: Config,
+    q: np.ndarray,
+    out: Path,
+    title: str,
+    expert_drove: np.ndarray | None = None,
+    pushes: tuple[int, ...] = (),
+) -> None:
+    """Film configurations ``(T, 19)``, and who drove; where nothing can be rendered, say so."""
     from surefoot.robot import solo12
     from surefoot.viewer import RenderingUnavailable, contact_sheet, film
 
     robot = solo12(config.robot)
     out.parent.mkdir(parents=True, exist_ok=True)
     try:
-        sheet = contact_sheet(robot, config.simulation, q, out.with_suffix(".png"))
+        events: dict[str, Any] = {"expert_drove": expert_drove, "pushes": pushes}
+        sheet = contact_sheet(robot, config.simulation, q, out.with_suffix(".png"), **events)
         print(f"frames: {sheet}")
-        print(f"video:  {film(robot, config.simulation, q, out, title=title)}")
+        print(f"video:  {film(robot, config.simulation, q, out, title=title, **events)}")
     except RenderingUnavailable as error:
         print(f"no video: {error}", file=sys.stderr)
 

@@ -12,6 +12,7 @@ import json
 import os
 import platform
 import warnings
+from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,8 @@ class Run:
         self.folder = folder
         self.config = config
         self.dataset = Dataset(folder / "data")
+        self.listeners: list[Callable[[dict[str, Any]], None]] = []
+        """Are called with each record, once it is on the disk."""
 
     def claim(self) -> None:
         """Keep other processes from training in the folder, until this one ends, however it ends.
@@ -128,6 +131,8 @@ class Run:
         record = json.loads(json.dumps(record), parse_constant=lambda _: None)
         lines = [json.dumps(line, allow_nan=False) for line in [*self.metrics, record]]
         write_atomic(self.folder / "metrics.jsonl", "\n".join([*lines, ""]).encode())
+        for listener in self.listeners:
+            listener(record)
         return record
 
 

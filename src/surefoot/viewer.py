@@ -19,19 +19,22 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 from scipy.ndimage import gaussian_filter1d
 from tqdm import tqdm
 
 from surefoot.config import SimulationConfig
+from surefoot.figures import BLUE, GREY, RED
 from surefoot.files import write_atomic
 from surefoot.robot import RobotModel, solo12
 from surefoot.rotations import heading, rotation
 from surefoot.sim.mujoco import build_model, to_mujoco
-from surefoot.types import TICKS_PER_SECOND, Array, IntArray
+from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray
 
 AIM = 0.11  # [m] height the camera looks at: half way from the ground to the robot's top
 SMOOTHING = 0.3  # [s] width of the Gaussian through which the camera follows the base
+PUSH_SHOWN = 150  # [ms] that a push is named for; it lasts 10 ms, less than a frame
+INK = "#282D37"
 TILE = 0.1  # [m] edge of a floor square; at 0.3 m/s a step of the trot is 0.15 m long
 MEND = "on Debian or Ubuntu: `make system`, or `apt-get install libegl1 libgl1-mesa-dri`"
 
@@ -49,6 +52,8 @@ def film(
     size: tuple[int, int] = (960, 540),
     title: str | None = None,
     speed: float = 1.0,
+    expert_drove: BoolArray | None = None,
+    pushes: tuple[int, ...] = (),
 ) -> Path:
     """Film a robot from its front right, as an MP4 (H.264, yuv420p); whole or not at all.
 
@@ -61,17 +66,29 @@ def film(
         size: width and height [pixels].
         title: text in the upper left corner; the time since the start stands on the right.
         speed: 0.25 is slow motion, four times slower than the robot.
+        expert_drove: ``(T,)`` True where the expert drove; each frame names the driver, and a
+            timeline at the bottom edge shows who drove when.
+        pushes: ticks at which a push begins; marked on the timeline, named for 150 ms.
 
     Raises:
-        ValueError: ``q`` is not the recording of one robot.
+        ValueError: ``q`` is not the recording of one robot, or the drivers or pushes are not of
+            that recording.
         RenderingUnavailable: there is no OpenGL without a screen, or no ffmpeg.
     """
     ticks = np.arange(0, len(q), TICKS_PER_SECOND * speed / rate).astype(np.int64)
     camera = _camera(q, ticks, distance=0.85, side=125.0, elevation=-13.0)
+    _check_events(len(q), expert_drove, pushes)
+
+    def finished(picture: Image.Image, tick: int) -> Image.Image:
+        _caption(picture, tick, title or "", expert_drove, pushes)
+        if expert_drove is not None or pushes:
+            _draw_timeline(picture, tick, len(q), expert_drove, pushes)
+        return picture
+
     with closing(_pictures(robot, config, q[ticks], camera, size)) as pictures:
         bar = tqdm(zip(ticks, pictures, strict=True), "film", len(ticks), leave=False, unit="frame")
-        captioned = (_captioned(picture, title or "", int(tick)) for tick, picture in bar)
-        write_atomic(path, lambda target: _encode(captioned, target, rate, size))
+        frames = (finished(picture, int(tick)) for tick, picture in bar)
+        write_atomic(path, lambda target: _encode(frames, target, rate, size))
     return path
 
 
@@ -88,22 +105,31 @@ def check_rendering() -> None:
 
 
 def contact_sheet(
-    robot: RobotModel, config: SimulationConfig, q: Array, path: Path, frames: int = 12
+    robot: RobotModel,
+    config: SimulationConfig,
+    q: Array,
+    path: Path,
+    frames: int = 12,
+    expert_drove: BoolArray | None = None,
+    pushes: tuple[int, ...] = (),
 ) -> Path:
     """The middle of a recording in one picture (PNG): 24 frames a second, four in a row.
 
     The camera stands still on the robot's right: a stance foot that does not slip keeps its place
-    from frame to frame. Twelve frames are one period of the trot. Otherwise as `film`.
+    from frame to frame. Twelve frames are one period of the trot. Driver and pushes are named in
+    each frame, without a timeline. Otherwise as `film`.
     """
     ticks = np.arange(frames) * TICKS_PER_SECOND // 24
     ticks = (ticks + max(len(q) - ticks[-1], 0) // 2)[ticks < len(q)]
     camera = _camera(q, ticks, distance=0.78, side=90.0, elevation=-7.0)
     camera[:] = camera.mean(axis=0)
+    _check_events(len(q), expert_drove, pushes)
     width, height, rows = 480, 320, -(-len(ticks) // 4)
     sheet = Image.new("RGB", (min(len(ticks), 4) * width, rows * height), "white")
     large = 2 * width, 2 * height  # reduced afterwards, so that edges are smooth
     for n, picture in enumerate(_pictures(robot, config, q[ticks], camera, large)):
-        small = _captioned(picture.reduce(2), "", int(ticks[n]))
+        small = picture.reduce(2)
+        _caption(small, int(ticks[n]), "", expert_drove, pushes)
         sheet.paste(small, (n % 4 * width, n // 4 * height))
     write_atomic(path, lambda target: sheet.save(target, format="PNG"))
     return path
@@ -120,13 +146,64 @@ def _camera(q: Array, ticks: IntArray, distance: float, side: float, elevation: 
     return np.hstack([base, np.tile(view, (len(base), 1))])
 
 
-def _captioned(picture: Image.Image, title: str, tick: int) -> Image.Image:
+def _check_events(length: int, expert_drove: BoolArray | None, pushes: tuple[int, ...]) -> None:
+    if expert_drove is not None and expert_drove.shape != (length,):
+        raise ValueError(
+            f"expert_drove {expert_drove.shape} must be {(length,)}, as long as q: "
+            "rollout.expert_drove[b, : length[b]]"
+        )
+    if not all(0 <= push < length for push in pushes):
+        raise ValueError(f"pushes {pushes} must be ticks of the recording, 0 to {length - 1}")
+
+
+def _caption(
+    picture: Image.Image,
+    tick: int,
+    title: str,
+    expert_drove: BoolArray | None,
+    pushes: tuple[int, ...],
+) -> None:
+    """Title and time above; driver and push below, in boxes on the left."""
     width, height = picture.size
     margin, font = height // 30, ImageFont.load_default(height // 22)
     draw, time = ImageDraw.Draw(picture), f"{tick / TICKS_PER_SECOND:.2f} s"
-    draw.text((margin, margin), title, (40, 45, 55), font, "la")
-    draw.text((width - margin, margin), time, (40, 45, 55), font, "ra")
-    return picture
+    draw.text((margin, margin), title, INK, font, "la")
+    draw.text((width - margin, margin), time, INK, font, "ra")
+    labels = []
+    if expert_drove is not None:
+        labels.append(("expert drives", BLUE) if expert_drove[tick] else ("policy drives", RED))
+    if any(0 <= tick - push < PUSH_SHOWN for push in pushes):
+        labels.append(("push", INK))
+    left, bottom = margin, height - 2 * margin
+    for label, colour in labels:
+        right = left + draw.textlength(label, font) + margin
+        draw.rectangle((left, bottom - 2 * margin, right, bottom), colour)
+        draw.text(((left + right) / 2, bottom - margin), label, "white", font, "mm")
+        left = right + margin / 2
+
+
+def _draw_timeline(
+    picture: Image.Image,
+    tick: int,
+    length: int,
+    expert_drove: BoolArray | None,
+    pushes: tuple[int, ...],
+) -> None:
+    """The whole recording along the bottom edge: its drivers, its pushes, and now."""
+    width, height = picture.size
+    draw, thick, pen = ImageDraw.Draw(picture), max(height // 45, 2), max(width // 480, 1)
+    if expert_drove is None:
+        draw.rectangle((0, height - thick, width, height), GREY)
+    else:
+        by_column = expert_drove[np.arange(width) * length // width, None]
+        colours = np.where(by_column, ImageColor.getrgb(BLUE), ImageColor.getrgb(RED))
+        strip = Image.fromarray(colours[None].astype(np.uint8)).resize((width, thick))
+        picture.paste(strip, (0, height - thick))
+    for push in pushes:
+        x = push * width // length
+        draw.rectangle((x, height - 2 * thick, x + pen - 1, height - thick - 1), INK)
+    x = tick * width // length
+    draw.rectangle((x - pen, height - 2 * thick, x + pen, height), "white", INK)
 
 
 def _pictures(
