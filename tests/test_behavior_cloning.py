@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 
 import surefoot.methods.stages
+from records import blank
 from surefoot.config import Config, EvaluationConfig, PolicyConfig, TrainingConfig
 from surefoot.dataset import Dataset, DatasetError
-from surefoot.engine import Rollout
 from surefoot.episodes import play_out
 from surefoot.method_config import BehaviorCloningConfig, ExpertData, LocoSafeDaggerConfig
 from surefoot.methods.behavior_cloning import behavior_cloning, collection
 from surefoot.methods.rollouts import expert_rollouts, keep_unless_failed
 from surefoot.run import Run, create, open_run
 from surefoot.safety import Outcome
-from surefoot.starts import Starts
 from surefoot.types import MotionPlan
 from surefoot.workers import Workers
 
@@ -164,17 +163,12 @@ def test_starts_are_velocities_by_phases_by_perturbations():
 
 
 def test_failed_rollouts_are_dropped_whole():
-    B, T = 4, 6
-    starts = Starts(
-        np.zeros((B, 19)), np.zeros((B, 18)), np.zeros(B, int), np.zeros((B, 3)), np.arange(B)
-    )
-    shapes = ((19,), (18,), (3,), (4, 3), (4,), (12,), ())
-    record = Rollout(
-        *(np.zeros((B, T, *shape)) for shape in shapes),  # pyright: ignore[reportArgumentType]
-        starts=starts,
+    T = 6
+    record = blank(
+        4,
+        T,
         length=np.array([6, 4, 6, 3]),
         outcome=np.array([Outcome.SUCCESS, Outcome.FELL, Outcome.STALLED, Outcome.DIVERGED]),
-        duration=T,
     )
     np.testing.assert_array_equal(
         keep_unless_failed(record), np.repeat([[True], [False], [True], [False]], T, axis=1)

@@ -156,7 +156,7 @@ def test_unknown_preset_or_method_names_the_nearest():
     with pytest.raises(
         ValueError, match="no method 'locosafedagger'; did you mean 'loco_safe_dagger'"
     ):
-        preset("loco_dagger")
+        preset("locosafedagger")
 
 
 def test_a_name_unlike_any_other_gets_the_list_alone():

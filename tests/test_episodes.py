@@ -6,17 +6,17 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from records import blank
 from surefoot.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
 from surefoot.config import Config, EvaluationConfig, PolicyConfig
 from surefoot.dataset import concatenate
-from surefoot.engine import Rollout
 from surefoot.episodes import Job, chunks_of, play_out, run_chunk, run_episodes
 from surefoot.policy import Policy, PolicyNetwork, save
 from surefoot.robot import solo12, standing
 from surefoot.safety import Bounds, Outcome, SafetyMonitor
-from surefoot.starts import Starts, load_starts
+from surefoot.starts import load_starts
 from surefoot.summary import Summary, join, load_summary, save_summary, summarise, velocities
-from surefoot.types import MotionPlan, State
+from surefoot.types import MotionPlan
 from surefoot.workers import Workers, map_chunks
 
 CONFIG = replace(Config(), chunk=2, evaluation=EvaluationConfig(duration=0.3, episodes=5))
@@ -64,8 +64,7 @@ def equal(a: Summary, b: Summary):
 def collected(job, workers):
     """Summary and frames of all chunks of a job."""
     parts = map_chunks(run_chunk, chunks_of(job), Workers(workers), "chunks")
-    summaries, frames = zip(*parts, strict=True)
-    return join(summaries), concatenate(frames)
+    return join([part.summary for part in parts]), concatenate([part.frames for part in parts])
 
 
 def equal_frames(a, b):
@@ -99,13 +98,13 @@ def test_episodes_keep_their_order_and_ids(policy):
 def test_frames_are_those_of_the_rule(policy):
     job = job_of(policy, episodes=2)
     record, _ = play_out(job)
-    _, frames = run_chunk(job)
+    frames = run_chunk(job).frames
     mask = record.expert_drove & record.happened
     np.testing.assert_array_equal(frames.q, record.q[mask])
     np.testing.assert_array_equal(frames.torque, record.torque[mask])
     np.testing.assert_array_equal(np.unique(frames.episode), [300, 301])
     assert frames.expert_drove.all()
-    _, none = run_chunk(replace(job, keep=None))
+    none = run_chunk(replace(job, keep=None)).frames
     assert len(none) == 0
 
 
@@ -146,32 +145,12 @@ def test_a_summary_comes_back_from_its_file_to_the_bit(policy, tmp_path):
 # --- figures of synthetic rollouts
 
 
-def synthetic(T=2000, tail=0, B=2, command=((0.2, 0.1, 0.3),) * 2, length=None, q=None, v=None):
-    total = T + tail
-    quaternion = np.zeros((B, total, 19))
-    quaternion[..., 6] = 1.0
-    starts = Starts(
-        np.zeros((B, 19)), np.zeros((B, 18)), np.zeros(B, int), np.array(command), np.arange(B) + 40
-    )
-    states = State(
-        quaternion if q is None else q,
-        np.zeros((B, total, 18)) if v is None else v,
-        np.zeros((B, total, 3)),
-        np.zeros((B, total, 4, 3)),
-        np.ones((B, total, 4), bool),
-    )
-    drove, torque = np.zeros((B, total), bool), np.zeros((B, total, 12))
-    return Rollout(
-        **vars(states),
-        seen=states,
-        torque=torque,
-        expert_torque=torque,
-        expert_drove=drove,
-        expert_asked=drove,
-        starts=starts,
-        length=np.full(B, total) if length is None else np.array(length),
-        outcome=np.zeros(B, np.int64),
-        duration=T,
+def synthetic(T=2000, tail=0, B=2, command=((0.2, 0.1, 0.3),) * 2, **changes):
+    record = blank(B, T + tail, duration=T, **changes)
+    return replace(
+        record,
+        starts=replace(record.starts, command=np.array(command), id=np.arange(B) + 40),
+        length=np.array(record.length),
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from records import blank
 from surefoot.config import Config, EvaluationConfig, PolicyConfig, TrainingConfig
 from surefoot.dataset import Frames
 from surefoot.engine import Rollout
@@ -24,9 +25,8 @@ from surefoot.policy import PolicyNetwork, load
 from surefoot.robot import solo12, standing
 from surefoot.run import Run, create, open_run
 from surefoot.safety import Outcome
-from surefoot.starts import Starts, load_starts
+from surefoot.starts import load_starts
 from surefoot.train import fit
-from surefoot.types import State
 from surefoot.workers import Workers
 
 METHOD = LocoSafeDaggerConfig(
@@ -266,28 +266,12 @@ def test_figures_of_a_collection_agree_with_its_rollouts(finished):
 
 def synthetic(rows, outcomes, duration=None) -> Rollout:
     """Rollouts from strings: X expert, dot policy, blank never happened."""
-    B, T = len(rows), max(map(len, rows))
-    rows = [row.ljust(T) for row in rows]
-    starts = Starts(
-        np.zeros((B, 19)), np.zeros((B, 18)), np.zeros(B, int), np.zeros((B, 3)), np.arange(B)
-    )
-    states = State(
-        np.zeros((B, T, 19)),
-        np.zeros((B, T, 18)),
-        np.zeros((B, T, 3)),
-        np.zeros((B, T, 4, 3)),
-        np.zeros((B, T, 4), bool),
-    )
-    # What stands after the end is undefined: the worst is that it looks like the expert's.
-    drove = np.array([[mark in "X " for mark in row] for row in rows])
-    return Rollout(
-        **vars(states),
-        seen=states,
-        torque=np.zeros((B, T, 12)),
-        expert_torque=np.zeros((B, T, 12)),
-        expert_drove=drove,
-        expert_asked=drove,
-        starts=starts,
+    T = max(map(len, rows))
+    return blank(
+        len(rows),
+        T,
+        # What stands after the end is undefined: the worst is that it looks like the expert's.
+        expert_drove=np.array([[mark in "X " for mark in row.ljust(T)] for row in rows]),
         length=np.array([len(row.rstrip()) for row in rows]),
         outcome=np.array(outcomes),
         duration=duration or T,

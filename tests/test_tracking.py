@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig, PolicyConfig
+from surefoot.config import Config, PolicyConfig
 from surefoot.files import WriteError
+from surefoot.method_config import ExpertData, LocoSafeDaggerConfig
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.run import create, open_run
 from surefoot.tracking import log_to_tensorboard

@@ -261,6 +261,9 @@ class DisturbanceConfig:
     """Pushes on the base in an episode, from any horizontal direction, at any time."""
     impulse: tuple[float, float] = (0.5, 1.5)
     """[Ns] smallest and largest push."""
+    gentle: float = 1.0
+    """Pushes of the first iteration are this share of those of the last; in between it rises
+    evenly. A policy that has not seen pushes yet is thrown by less."""
     push_duration: float = 0.01
     """[s] of the force (paper, IV-F)."""
     friction: tuple[float, float] = (1.0, 1.0)

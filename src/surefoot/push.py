@@ -198,8 +198,8 @@ def pushed(branch: Job, angles: Array, impulse: Array) -> Job:
     n = len(branch.starts)
     rows = np.tile(np.arange(n), len(angles))
     vectors = impulse[:, None] * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
-    at, duration = np.zeros(len(rows), int), to_ticks(branch.config.push.duration)
-    pushes = Pushes(np.repeat(vectors, n, axis=0), at, duration)
+    at, duration = np.zeros((len(rows), 1), int), to_ticks(branch.config.push.duration)
+    pushes = Pushes(np.repeat(vectors, n, axis=0)[:, None], at, duration)
     return replace(branch[rows], episode=np.arange(len(rows)), pushes=pushes)
 
 

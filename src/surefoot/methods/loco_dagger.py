@@ -23,6 +23,7 @@ from surefoot.engine import Rollout
 from surefoot.episodes import Job
 from surefoot.method_config import LocoDaggerConfig
 from surefoot.methods.rollouts import (
+    disturbance_of,
     draw_starts,
     episode_ids,
     expert_rollouts,
@@ -88,7 +89,7 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
         method.T,
         policy=run.policy(i - 1),
         plan=plan,
-        disturbance=config.collection,
+        disturbance=disturbance_of(config, i, method.iterations),
         then=Query(method.N_query, method.T_query, method.before_fall),
     )
 

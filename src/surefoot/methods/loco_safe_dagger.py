@@ -19,7 +19,13 @@ from surefoot.arbiters import SafetySwitch
 from surefoot.episodes import Job
 from surefoot.method_config import LocoSafeDaggerConfig
 from surefoot.methods.guards import guard, train_guards
-from surefoot.methods.rollouts import draw_starts, episode_ids, expert_frames, expert_rollouts
+from surefoot.methods.rollouts import (
+    disturbance_of,
+    draw_starts,
+    episode_ids,
+    expert_frames,
+    expert_rollouts,
+)
 from surefoot.methods.stages import best, check, collect, parameters, train, validate
 from surefoot.run import Run
 from surefoot.safety import HandBack, SafetyMonitor
@@ -44,9 +50,9 @@ def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = Non
     """
     method = parameters(run, LocoSafeDaggerConfig)
     check(run.config)
-    draw_starts(
-        method, np.random.default_rng()
-    )  # what cannot be had is an error now, not after the pre-training
+    # What cannot be had is an error now, not after the pre-training.
+    draw_starts(method, np.random.default_rng())
+    HandBack(method.hand_back)
 
     # Pre-training (behaviour cloning)
     collect(run, 0, collection(run, 0, plan), workers)
@@ -83,6 +89,6 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
         policy=run.policy(i - 1),
         keep=expert_frames,
         plan=plan,
-        disturbance=config.collection,
+        disturbance=disturbance_of(config, i, method.iterations),
         trace="history" in method.guard,
     )

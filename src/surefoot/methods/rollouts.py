@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from surefoot.arbiters import ExpertOnly
@@ -20,6 +22,14 @@ EPISODES_PER_ITERATION = 100_000
 def episode_ids(iteration: int, count: int) -> IntArray:
     """Ids that no other iteration of a run uses."""
     return iteration * EPISODES_PER_ITERATION + np.arange(count)
+
+
+def disturbance_of(config: Config, i: int, iterations: int) -> DisturbanceConfig:
+    """What disturbs the rollouts of iteration i."""
+    collection = config.collection
+    share = collection.gentle + (1.0 - collection.gentle) * (i - 1) / max(iterations - 1, 1)
+    low, high = collection.impulse
+    return replace(collection, impulse=(share * low, share * high))
 
 
 def expert_rollouts(

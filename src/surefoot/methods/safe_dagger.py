@@ -23,7 +23,13 @@ from surefoot.arbiters import SafetySwitch
 from surefoot.episodes import Job
 from surefoot.method_config import SafeDaggerConfig
 from surefoot.methods.guards import guard, train_guards
-from surefoot.methods.rollouts import draw_starts, episode_ids, expert_frames, expert_rollouts
+from surefoot.methods.rollouts import (
+    disturbance_of,
+    draw_starts,
+    episode_ids,
+    expert_frames,
+    expert_rollouts,
+)
 from surefoot.methods.stages import best, check, collect, parameters, train, validate
 from surefoot.run import Run
 from surefoot.safety import SafetyMonitor
@@ -84,5 +90,5 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
         policy=run.policy(i - 1),
         keep=expert_frames,
         plan=plan,
-        disturbance=config.collection,
+        disturbance=disturbance_of(config, i, method.iterations),
     )

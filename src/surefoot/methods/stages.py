@@ -19,6 +19,7 @@ from surefoot.disturbance import check_disturbance
 from surefoot.episodes import Job, chunks_of, expert_name, run_chunk
 from surefoot.evaluation import evaluate
 from surefoot.gates import save_trace
+from surefoot.method_config import METHODS
 from surefoot.methods.accounting import collection_figures
 from surefoot.methods.rollouts import EPISODES_PER_ITERATION
 from surefoot.policy import Policy, PolicyNetwork, load, save
@@ -40,7 +41,8 @@ def parameters(run: Run, kind: type[Parameters]) -> Parameters:
     """
     method = run.config.method
     if not isinstance(method, kind):
-        raise TypeError(f"this run is configured for {run.method}, not for one with a {kind}")
+        name = next(name for name, each in METHODS.items() if each is kind)
+        raise TypeError(f"this run is configured for {run.method}, not for {name}")
     return method
 
 
