@@ -264,6 +264,9 @@ class DisturbanceConfig:
     gentle: float = 1.0
     """Pushes of the first iteration are this share of those of the last; in between it rises
     evenly. A policy that has not seen pushes yet is thrown by less."""
+    tail_impulse: tuple[float, float] = (0.0, 0.0)
+    """[Ns] smallest and largest of one more push early in the tail, where the expert drives: it
+    shows how to recover, and costs the robot less than a push that the policy has to answer."""
     push_duration: float = 0.01
     """[s] of the force (paper, IV-F)."""
     friction: tuple[float, float] = (1.0, 1.0)

@@ -87,8 +87,17 @@ class Disturbance:
     seeds: tuple[np.random.SeedSequence, ...] = ()
 
 
+EARLY = 0.2
+"""[s] of the tail in which its push begins, so that the rest shows the recovery."""
+
+
 def draw(
-    config: DisturbanceConfig, seed: int, episode: IntArray, duration: float, friction: float
+    config: DisturbanceConfig,
+    seed: int,
+    episode: IntArray,
+    duration: float,
+    tail: float,
+    friction: float,
 ) -> Disturbance:
     """The disturbances of episodes, each drawn from its own id.
 
@@ -97,6 +106,7 @@ def draw(
         seed: root of the randomness.
         episode: ``(B,)`` ids.
         duration: [s] within which pushes begin.
+        tail: [s] that follow, if any.
         friction: coefficient that the drawn factors multiply.
 
     Raises:
@@ -104,13 +114,18 @@ def draw(
     """
     check_disturbance(config)
     pushes, factors, seeds = [], [], []
+    in_tail = tail > 0.0 and config.tail_impulse[1] > 0.0
     for id_ in episode.tolist():
         drawing, sensing = seed_of(seed, "disturbance", id_).spawn(2)
         rng = np.random.default_rng(drawing)
         factors.append([rng.uniform(*config.friction), rng.uniform(*config.mass)])
         size = rng.uniform(*config.impulse, config.pushes)
-        angle = rng.uniform(0.0, 2.0 * np.pi, config.pushes)
         at = rng.integers(0, to_ticks(duration), config.pushes)
+        if in_tail:
+            size = np.append(size, rng.uniform(*config.tail_impulse))
+            early = rng.integers(0, to_ticks(min(tail, EARLY)))
+            at = np.append(at, to_ticks(duration) + early)
+        angle = rng.uniform(0.0, 2.0 * np.pi, len(size))
         impulse = np.stack([size * np.cos(angle), size * np.sin(angle), 0.0 * angle], axis=1)
         pushes.append((impulse, at))
         seeds.append(sensing)
@@ -118,7 +133,7 @@ def draw(
     varied = (config.friction, config.mass) != ((1.0, 1.0), (1.0, 1.0))
     impulse, at = (np.array(part) for part in zip(*pushes, strict=True))
     return Disturbance(
-        pushes=Pushes(impulse, at, to_ticks(config.push_duration)) if config.pushes else None,
+        pushes=Pushes(impulse, at, to_ticks(config.push_duration)) if impulse.size else None,
         friction=friction * by_friction if varied else None,
         mass=by_mass if varied else None,
         noise=config.noise,
@@ -133,7 +148,12 @@ def check_disturbance(config: DisturbanceConfig) -> None:
     Raises:
         ValueError: they cannot; the message says what may be.
     """
-    for name, least in (("impulse", 0.0), ("friction", 1e-3), ("mass", 1e-3)):
+    for name, least in (
+        ("impulse", 0.0),
+        ("tail_impulse", 0.0),
+        ("friction", 1e-3),
+        ("mass", 1e-3),
+    ):
         low, high = getattr(config, name)
         if not least <= low <= high < np.inf:
             raise ValueError(f"disturbance.{name} is {low} to {high}; use {least} or more, rising")

@@ -138,7 +138,12 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
     robot, expert = _team(config, job.plan)
     simulator = make_simulator(robot, len(job.starts), config.simulation)
     disturbance = draw(
-        job.disturbance, config.seed, job.episode, job.duration, config.simulation.friction
+        job.disturbance,
+        config.seed,
+        job.episode,
+        job.duration,
+        job.tail,
+        config.simulation.friction,
     )
     if job.pushes is not None:
         disturbance = replace(disturbance, pushes=job.pushes)

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from surefoot.config import (
     Config,
+    DisturbanceConfig,
     PolicyConfig,
     SimulationConfig,
     TrainingConfig,
@@ -57,10 +58,21 @@ def default(method: str) -> Config:
     # Twenty robots to a batch halve the cost of the network on a machine of few cores.
     config = Config(chunk=20, training=TrainingConfig(learning_rate=8e-3, schedule="cosine"))
     if method == "behavior_cloning":
-        data = replace(_SHORT, velocities=20, perturbations=4)
-        return replace(config, method=BehaviorCloningConfig(data, epochs=16))
+        # As many frames, and as many steps, as the iterative methods have in the end.
+        data = replace(_SHORT, velocities=20, perturbations=5)
+        return replace(config, method=BehaviorCloningConfig(data, 32, (168_000, 400_000)))
     iterative = METHODS[method](_SHORT, pretraining_epochs=16, epochs=5)
-    return replace(config, method=iterative)
+    if method == "loco_safe_dagger":
+        # Tight bounds at first: after a push they call the expert while it can still help. The
+        # trot has settled after 0.8 s, so that a second of the expert is enough.
+        iterative = replace(iterative, guard=("relaxing",), T_block=1.0)
+    # One push in five seconds: twice in the long rollouts.
+    return replace(config, method=iterative, collection=_pushes(round(iterative.T / 5.0)))
+
+
+def _pushes(count: int) -> DisturbanceConfig:
+    """Pushes that teach: as strong as the expert stands without tilting beyond the fall bounds."""
+    return DisturbanceConfig(count, impulse=(0.3, 1.1), gentle=0.7, tail_impulse=(0.5, 1.2))
 
 
 def quick(method: str) -> Config:
@@ -69,7 +81,7 @@ def quick(method: str) -> Config:
     if method == "behavior_cloning":
         return replace(config, method=BehaviorCloningConfig(_SHORT, epochs=12))
     iterative = replace(config.method, pretraining_epochs=12, iterations=2, T=5.0, epochs=4)
-    return replace(config, method=iterative)
+    return replace(config, method=iterative, collection=replace(config.collection, pushes=1))
 
 
 def published_rules(config: Config) -> Config:
