@@ -5,9 +5,24 @@ from dataclasses import fields, replace
 
 import pytest
 
-from surefoot.config import Config, PolicyConfig, SafetyConfig, method_name, unknown
+from surefoot.config import (
+    Config,
+    DisturbanceConfig,
+    PolicyConfig,
+    SafetyConfig,
+    method_name,
+    unknown,
+)
 from surefoot.config_json import from_json, to_json
-from surefoot.method_config import METHODS, BehaviorCloningConfig, ExpertData, LocoSafeDaggerConfig
+from surefoot.method_config import (
+    METHODS,
+    BehaviorCloningConfig,
+    DaggerConfig,
+    ExpertData,
+    LocoDaggerConfig,
+    LocoSafeDaggerConfig,
+    SafeDaggerConfig,
+)
 from surefoot.presets import preset
 
 
@@ -116,7 +131,7 @@ def test_a_value_of_the_wrong_type_is_a_clear_error(record, path):
 def test_tuned_presets_keep_the_papers_protocol(name):
     dagger, cloning = preset("loco_safe_dagger", name), preset("behavior_cloning", name)
     paper = LocoSafeDaggerConfig()
-    for field in ("T_block", "T_end", "hand_back", "velocities", "perturbations"):
+    for field in ("T_end", "hand_back", "velocities", "perturbations"):
         assert getattr(dagger.method, field) == getattr(paper, field)
     assert dagger.safety == SafetyConfig()
     assert dagger.training == cloning.training
@@ -148,6 +163,29 @@ def test_paper_is_the_papers():
     assert (config.evaluation.episodes, config.evaluation.duration) == (100, 5.0)
     cloning = preset("behavior_cloning", "paper").method
     assert cloning == BehaviorCloningConfig(ExpertData(20, 2, False, 3.0), 150)
+
+
+def test_paper_has_the_other_methods_as_the_paper_and_their_authors_do():
+    loco = preset("loco_dagger", "paper").method
+    assert isinstance(loco, LocoDaggerConfig)
+    assert (loco.iterations, loco.velocities * loco.perturbations, loco.T) == (10, 10, 5.0)
+    assert (loco.N_query, loco.T_query, loco.before_fall) == (5, 1.0, 0.2)
+    assert (loco.alpha, loco.epochs) == (0.5, 15)
+    safe = preset("safe_dagger", "paper").method
+    assert isinstance(safe, SafeDaggerConfig)
+    assert safe.unsafe_share == 0.2
+    dagger = preset("dagger", "paper").method
+    assert isinstance(dagger, DaggerConfig)
+    assert dagger.p == 0.5
+    for name in METHODS:
+        assert preset(name, "paper").collection == DisturbanceConfig()
+        assert preset(name, "paper").evaluation.disturbance == DisturbanceConfig()
+
+
+@pytest.mark.parametrize("name", ["default", "quick", "paper"])
+def test_all_iterative_methods_begin_with_the_same_data_and_training(name):
+    methods = [preset(each, name).method for each in METHODS if each != "behavior_cloning"]
+    assert len({(m.pretraining, m.pretraining_epochs, m.epochs) for m in methods}) == 1
 
 
 def test_unknown_preset_or_method_names_the_nearest():

@@ -133,7 +133,7 @@ class Train(OnWorkers, OnSimulator):
     """
 
     method: Annotated[str, tyro.conf.Positional]
-    """behavior_cloning or loco_safe_dagger."""
+    """behavior_cloning, dagger, safe_dagger, loco_dagger or loco_safe_dagger."""
     preset: str = "default"
     """default; quick: minutes; paper: the paper's numbers and simulator, over an hour."""
     run: Path | None = None

@@ -64,8 +64,10 @@ def learning_curves(metrics: list[dict[str, Any]], path: Path) -> Path:
     from matplotlib import rc_context
     from matplotlib.figure import Figure  # without pyplot there is no backend to choose
 
-    stages = ("collect", "validate")
-    collected, validated = ({r["iteration"]: r for r in metrics if r["stage"] == s} for s in stages)
+    stages = ("collect", "train", "validate")
+    collected, trained, validated = (
+        {r["iteration"]: r for r in metrics if r["stage"] == s} for s in stages
+    )
     if not collected:
         raise ValueError("no iteration has collected data yet; there is nothing to draw")
     best = next((r["best_iteration"] for r in metrics if r["stage"] == "best"), None)
@@ -75,7 +77,9 @@ def learning_curves(metrics: list[dict[str, Any]], path: Path) -> Path:
         _falls(falls, collected)
         _expert_share(share, collected)
         _success(success, validated, best)
-        _label_iterations(success, collected)
+        # A series of behaviour cloning trains on parts of what was collected at once.
+        frames = {i: record["dataset_frames"] for i, record in collected.items()}
+        _label_iterations(success, frames | {i: r["frames"] for i, r in trained.items()})
         figure.align_ylabels()
         svg = path.suffix.lower() == ".svg"
         options: dict[str, Any] = {"format": "svg" if svg else "png"}
@@ -146,9 +150,9 @@ def _success(axes: Axes, validated: Stage, best: int | None) -> None:
         )
 
 
-def _label_iterations(axes: Axes, collected: Stage) -> None:
-    """Iterations, and below each the frames in the dataset after it."""
-    at = list(collected)[:: -(-len(collected) // MOST_LABELS)]
-    axes.set_xticks(at, [f"{i}\n{collected[i]['dataset_frames'] / 1000:,.0f}k" for i in at])
-    axes.set_xlim(min(collected) - 0.5, max(collected) + 0.5)
-    axes.set_xlabel("iteration (0 is the pre-training), and frames in the dataset after it")
+def _label_iterations(axes: Axes, frames: dict[int, int]) -> None:
+    """Iterations, and below each the frames that it trained on."""
+    at = sorted(frames)[:: -(-len(frames) // MOST_LABELS)]
+    axes.set_xticks(at, [f"{i}\n{frames[i] / 1000:,.0f}k" for i in at])
+    axes.set_xlim(min(frames) - 0.5, max(frames) + 0.5)
+    axes.set_xlabel("iteration (0 is the pre-training), and frames that it trained on")

@@ -46,6 +46,22 @@ def parameters(run: Run, kind: type[Parameters]) -> Parameters:
     return method
 
 
+METHOD_BOUNDS = {
+    "iterations": (0, 10_000),
+    "epochs": (1, 1_000_000),
+    "T": (0.001, 3600.0),
+    "p": (0.0, 1.0),
+    "alpha": (0.0, 1.0),
+    "N_query": (1, 8),
+    "T_query": (0.001, 3600.0),
+    "before_fall": (0.0, 3600.0),
+    "unsafe_share": (0.001, 0.999),
+    "alarm": (0.0, 1.0),
+    "tightest": (0.0, 1.0),
+}
+"""Smallest and largest of the methods' parameters, of those that have them."""
+
+
 def check(config: Config) -> None:
     """What would fail hours later fails before any work.
 
@@ -67,9 +83,12 @@ def check(config: Config) -> None:
         ("training.validation", config.training.validation, 0.0, 0.9),
         ("evaluation.episodes", config.evaluation.episodes, 1, len(stored["select"])),
         ("evaluation.duration", config.evaluation.duration, 0.001, 3600.0),
-        ("method.iterations", getattr(config.method, "iterations", 0), 0, 10_000),
-        ("method.epochs", config.method.epochs, 1, 1_000_000),
-        ("method.T", getattr(config.method, "T", 1.0), 0.001, 3600.0),
+        ("collection.gentle", config.collection.gentle, 0.0, 1.0),
+        *(
+            (f"method.{name}", getattr(config.method, name), *bounds)
+            for name, bounds in METHOD_BOUNDS.items()
+            if hasattr(config.method, name)
+        ),
     )
     for name, value, least, most in checks:
         if not least <= value <= most:
