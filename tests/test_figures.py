@@ -19,7 +19,7 @@ def records(iterations: int):
         success = {"success_rate": 0.9, "success_interval": [0.83, 0.94]}
         made += [
             {"stage": "collect", "iteration": i, **collect, **shares},
-            {"stage": "train", "iteration": i, "train_loss": 0.01},
+            {"stage": "train", "iteration": i, "frames": collect["dataset_frames"]},
             {"stage": "validate", "iteration": i, **success},
         ]
     return made
@@ -44,6 +44,20 @@ def test_a_run_in_any_state_gives_a_picture(tmp_path, metrics):
     assert picture.shape[0] > 900 and picture.shape[1] > 900
     assert picture[..., :3].std() > 0.01
     assert [file.name for file in tmp_path.iterdir()] == ["curves.png"]
+
+
+def test_a_series_of_dataset_sizes_has_all_its_policies_in_the_picture(monkeypatch, tmp_path):
+    from matplotlib.figure import Figure
+
+    figures, draw = [], Figure.savefig
+    monkeypatch.setattr(
+        Figure, "savefig", lambda self, *a, **k: (figures.append(self), draw(self, *a, **k))[1]
+    )
+    more = [line | {"frames": 7000} for line in records(3) if line["stage"] != "collect"]
+    learning_curves([records(1)[0], *more], tmp_path / "curves.png")
+    labels = [tick.get_text() for tick in figures[0].axes[-1].get_xticklabels()]
+    assert labels == ["0\n7k", "1\n7k", "2\n7k"]
+    assert figures[0].axes[-1].get_xlim() == (-0.5, 2.5)
 
 
 def test_svg_names_its_panels_and_is_the_same_each_time(tmp_path):
