@@ -57,14 +57,14 @@ def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = Non
     # Pre-training (behaviour cloning)
     collect(run, 0, collection(run, 0, plan), workers)
     train(run, 0, method.pretraining_epochs)
-    train_guards(run, 0, method.guard)
+    train_guards(run, 0, method.guard, alarm=method.alarm)
     validate(run, 0, workers)
 
     for i in range(1, method.iterations + 1):
         # Policy rollout + data collection, and the extra data collection of T_end
         collect(run, i, collection(run, i, plan), workers)
         train(run, i, method.epochs)
-        train_guards(run, i, method.guard)
+        train_guards(run, i, method.guard, alarm=method.alarm)
         validate(run, i, workers)
 
     best(run, method.iterations)
