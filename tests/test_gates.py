@@ -161,7 +161,7 @@ def state_at(record, tick) -> State:
                  seen.contacts[:, tick])  # fmt: skip
 
 
-def answers(gate, record, rows=slice(None), ticks=range(120)):
+def answers(gate, record, rows: Any = slice(None), ticks=range(120)):
     gate.reset(len(record.starts.tick[rows]))
     starts = record.starts
     return np.array(
