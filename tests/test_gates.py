@@ -152,6 +152,16 @@ def test_labels_pick_the_rows_and_stay_beside_them():
         np.testing.assert_array_equal(row, window.ravel())
 
 
+def test_a_trace_of_which_nothing_is_known_gives_no_rows():
+    rng = np.random.default_rng(0)
+    inputs, label = rng.normal(size=(2, 30, INPUT_SIZE)).astype(np.float32), np.zeros((2, 30))
+    some = Trace(np.arange(2), inputs, label.astype(np.int8))
+    nothing = replace(some, label=some.label - np.int8(1))
+    rows, yes, episode = history_rows([nothing, some, nothing])
+    np.testing.assert_array_equal(rows, history_rows([some])[0])
+    assert (len(yes), len(episode)) == (60, 60)
+
+
 # --- gates at run time
 
 

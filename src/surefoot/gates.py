@@ -157,13 +157,12 @@ def history_rows(traces: Sequence[Trace]) -> tuple[NDArray[np.float32], BoolArra
     yes = [trace.label[at] == 1 for trace, at in zip(traces, known, strict=True)]
     episode = [trace.episode[robot] for trace, (robot, _) in zip(traces, known, strict=True)]
     # Filled in place: ten iterations of the paper's size are 750 MB.
-    rows = np.empty((sum(map(len, yes)), SAMPLES * INPUT_SIZE), np.float32)
-    end = 0
+    rows, end = np.empty((sum(map(len, yes)), SAMPLES, INPUT_SIZE), np.float32), 0
     for trace, (robot, sample) in zip(traces, known, strict=True):
         back = np.maximum(sample[:, None] + np.arange(1 - SAMPLES, 1), 0)
         begin, end = end, end + len(robot)
-        rows[begin:end] = trace.inputs[robot[:, None], back].reshape(len(robot), -1)
-    return rows, np.concatenate(yes), np.concatenate(episode)
+        rows[begin:end] = trace.inputs[robot[:, None], back]
+    return rows.reshape(-1, SAMPLES * INPUT_SIZE), np.concatenate(yes), np.concatenate(episode)
 
 
 def save_trace(path: Path, trace: Trace) -> None:
