@@ -12,14 +12,14 @@ from tqdm import tqdm
 
 from surefoot.classifier import fit_classifier, load_classifier, save_classifier
 from surefoot.examples import derive, held_out
-from surefoot.gates import Deviation, History, history_rows, load_trace
+from surefoot.gates import HORIZON, Deviation, History, history_rows, load_trace
 from surefoot.method_config import Guard
 from surefoot.methods.stages import dataset, iteration_of
 from surefoot.observation import INPUT_SIZE
 from surefoot.policy import load
 from surefoot.run import Run
 from surefoot.safety import AnyOf, Bounds, Gate, tightened
-from surefoot.types import BoolArray
+from surefoot.types import BoolArray, to_ticks
 
 HELD_OUT = 0.1
 """Share of episodes that a classifier is judged by, chosen by episode id."""
@@ -52,6 +52,19 @@ def guard(
     # Before there is anything to learn from, the paper's bounds stand in.
     gates = gates or [Bounds(safety)]
     return gates[0] if len(gates) == 1 else AnyOf(gates)
+
+
+def check_guards(names: Sequence[Guard], duration: float) -> None:
+    """Whether the gates can be had with rollouts of so many seconds.
+
+    Raises:
+        ValueError: a history network would have nothing to learn from.
+    """
+    if "history" in names and to_ticks(duration) <= HORIZON:
+        raise ValueError(
+            f"method.T is {duration} s; a history network predicts {HORIZON / 1000} s ahead and "
+            "learns from longer rollouts only"
+        )
 
 
 def too_early(name: str, i: int) -> bool:

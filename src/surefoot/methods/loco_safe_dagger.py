@@ -18,7 +18,7 @@ import numpy as np
 from surefoot.arbiters import SafetySwitch
 from surefoot.episodes import Job
 from surefoot.method_config import LocoSafeDaggerConfig
-from surefoot.methods.guards import guard, train_guards
+from surefoot.methods.guards import check_guards, guard, train_guards
 from surefoot.methods.rollouts import (
     disturbance_of,
     draw_starts,
@@ -53,6 +53,7 @@ def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = Non
     # What cannot be had is an error now, not after the pre-training.
     draw_starts(method, np.random.default_rng())
     HandBack(method.hand_back)
+    check_guards(method.guard, method.T)
 
     # Pre-training (behaviour cloning)
     collect(run, 0, collection(run, 0, plan), workers)
