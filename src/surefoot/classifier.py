@@ -32,6 +32,8 @@ EPOCHS, BATCH, RATE = 6, 1024, 3e-3
 """Passes over the rows, rows of a step, learning rate of Adam (falls to zero as a cosine)."""
 MOST_ROWS = 1_000_000
 """Rows of an epoch; of more, so many are drawn."""
+NORMALISING_ROWS = 100_000
+"""About so many rows give the normalisers; in float64, they are 400 MB of a history gate's."""
 FORMAT = 1
 """Version of the file."""
 
@@ -60,21 +62,26 @@ class Classifier:
         """``(n,)`` probability of yes, of ``(n, inputs)``; each row's depends on it alone."""
         padded = np.zeros((max(len(rows), MINIMUM_ROWS), rows.shape[1]), np.float32)
         padded[: len(rows)] = rows
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):
             logit = self._forward(padded)[: len(rows), 0]
             return np.float32(1.0) / (np.float32(1.0) + np.exp(-logit))
 
 
 def fit_classifier(
-    rows: NDArray[np.float32], yes: BoolArray, held: BoolArray, seed: int
+    rows: NDArray[np.float32], yes: BoolArray, held: BoolArray, seed: int, alarm: float = 0.5
 ) -> Classifier:
     """Train by binary cross-entropy; the same rows and seed give the same bits.
+
+    Rows weigh the same, however rare yes is: what comes out is a probability as frequent as it says
+    it is. Where yes is rare it is seldom beyond 0.5; the alarm is what to lower. Weights that make
+    up for the rarity find less (``benchmarks/README.md``).
 
     Args:
         rows: ``(n, inputs)``, finite.
         yes: ``(n,)``.
         held: ``(n,)`` True for rows to judge it by, which it is not trained on.
         seed: of weights and order.
+        alarm: probability beyond which it is judged to say yes.
 
     Raises:
         ValueError: too few rows to train on.
@@ -85,7 +92,7 @@ def fit_classifier(
         raise ValueError(f"{len(training)} rows are too few to train a classifier on")
     network = PolicyNetwork(PolicyConfig(hidden=HIDDEN), seed, inputs=rows.shape[1], outputs=1)
     x, y = torch.from_numpy(rows), torch.from_numpy(yes.astype(np.float32))
-    some = x[torch.from_numpy(training[:: max(1, len(training) // MOST_ROWS)])].double()
+    some = x[torch.from_numpy(training[:: max(1, len(training) // NORMALISING_ROWS)])].double()
     network.set_normalisers(some.mean(0), some.std(0))
     generator = torch.Generator().manual_seed(seed)
     steps = EPOCHS * (min(len(training), MOST_ROWS) // size)
@@ -111,19 +118,28 @@ def fit_classifier(
     classifier = Classifier(layers, {})
     figures = {"rows": len(training), "share_yes": float(yes[training].mean()), "seed": seed}
     if held.any():
-        said = classifier.probability(rows[held]) > 0.5
-        figures |= judged(said, yes[held])
+        figures |= judged(classifier.probability(rows[held]), yes[held], alarm)
     return Classifier(layers, figures)
 
 
-def judged(said: BoolArray, yes: BoolArray) -> dict[str, Any]:
-    """How often it says yes rightly: recall, precision, and the share of rows it says yes to."""
-    right = float((said & yes).sum())
+def judged(probability: NDArray[np.float32], yes: BoolArray, alarm: float) -> dict[str, Any]:
+    """How often it says yes rightly.
+
+    At the ``alarm``: ``recall``, ``precision``, and the share of rows it says yes to. At any:
+    ``average_precision``, the mean over the yes rows of the precision of an alarm just below each;
+    of a network that has learned nothing it is ``held_out_yes / held_out``.
+    """
+    said = probability > alarm
+    right, true = float((said & yes).sum()), yes[np.argsort(-probability, kind="stable")]
+    precision = np.cumsum(true) / np.arange(1, len(true) + 1)
     return {
         "held_out": len(yes),
+        "held_out_yes": int(yes.sum()),
+        "alarm": alarm,
         "recall": right / max(float(yes.sum()), 1.0),
         "precision": right / max(float(said.sum()), 1.0),
         "share_said": float(said.mean()),
+        "average_precision": float(precision[true].mean()) if yes.any() else 0.0,
     }
 
 

@@ -77,6 +77,9 @@ class Disturbance:
         noise: standard deviations of what is measured.
         delay: ticks from a torque's command to its action.
         seeds: B roots of the sensors' noise.
+
+    Raises:
+        ValueError: only one of friction and mass.
     """
 
     pushes: Pushes | None = None
@@ -85,6 +88,12 @@ class Disturbance:
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     delay: int = 0
     seeds: tuple[np.random.SeedSequence, ...] = ()
+
+    def __post_init__(self) -> None:
+        """A simulator is given both or neither (`Simulator.vary`); one would go unnoticed."""
+        if (self.friction is None) != (self.mass is None):
+            given, missing = ("mass", "friction")[:: 1 if self.friction is None else -1]
+            raise ValueError(f"a disturbance of the {given} alone; give the {missing} too")
 
 
 EARLY = 0.2
@@ -157,11 +166,13 @@ def check_disturbance(config: DisturbanceConfig) -> None:
         low, high = getattr(config, name)
         if not least <= low <= high < np.inf:
             raise ValueError(f"disturbance.{name} is {low} to {high}; use {least} or more, rising")
-    if config.pushes < 0 or config.push_duration < 1e-3:
+    if config.pushes < 0 or not 1e-3 <= config.push_duration < np.inf:
         raise ValueError(
             f"disturbance.pushes is {config.pushes}, of {config.push_duration} s each; use 0 or "
             "more, of at least 0.001 s"
         )
+    if not 0.0 <= config.gentle < np.inf:
+        raise ValueError(f"disturbance.gentle is {config.gentle}; use a share of 0 or more")
     if not 0 <= config.delay <= 1000:
         raise ValueError(f"disturbance.delay is {config.delay} ms; use 0 to 1000")
     if not all(0.0 <= sigma < np.inf for sigma in astuple(config.noise)):
@@ -202,8 +213,11 @@ def senses(robot: RobotModel, disturbance: Disturbance) -> Callable[[State], Sta
                 block[:, number] = source.standard_normal((_BLOCK, 36))
         error = sigma * block[ahead]
         ahead = (ahead + 1) % _BLOCK
+        # A displacement is one in the base frame; the height is the world's, however it tilts.
+        height, error[:, 2] = error[:, 2].copy(), 0.0
         q = np.array([integrate(*pair) for pair in zip(state.q, error[:, :18], strict=True)])
-        q[:, :2] = state.q[:, :2]
+        q[:, :3] = state.q[:, :3]
+        q[:, 2] += height
         position, _ = feet(q, legs)
         com = centre_of_mass(q, legs, masses)
         return State(q, state.v + error[:, 18:], com, position, state.contacts)

@@ -49,7 +49,8 @@ class Deviation:
 
     def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
         """True where the probability is beyond the alarm's."""
-        rows = network_input(state, tick, command, self._period, self._phase)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a robot that has blown up
+            rows = network_input(state, tick, command, self._period, self._phase)
         return self._classifier.probability(rows) > self._alarm
 
 
@@ -77,7 +78,8 @@ class History:
     def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
         """True where the probability was beyond the alarm's when it was last asked."""
         if self._asked % EVERY == 0:
-            rows = network_input(state, tick, command, self._period, self._phase)
+            with np.errstate(over="ignore", invalid="ignore"):  # of a robot that has blown up
+                rows = network_input(state, tick, command, self._period, self._phase)
             if self._asked == 0:
                 self._past[:] = rows[:, None]
             self._past[:, :-1] = self._past[:, 1:]
@@ -97,7 +99,7 @@ class Trace:
         inputs: ``(B, n, 47)`` observation and goal.
         label: ``(B, n)`` int8: 1, the policy drives and the bounds are left within 0.3 s; 0, it
             drives that long without; -1, nobody knows: the expert drives, or takes over earlier,
-            or the state is outside the bounds already.
+            or the episode ends, or the state is outside the bounds already.
     """
 
     episode: IntArray
@@ -129,18 +131,17 @@ def labels_of(record: Rollout, safety: SafetyConfig) -> NDArray[np.int8]:
     outside = unsafe(State(q, v, com, feet, contacts), safety).reshape(B, T)
     happened = record.happened[:, :T]
     policy = ~record.expert_drove[:, :T] & happened
-    never = 2 * T
     ticks = np.arange(T)
-    # The next tick outside the bounds, and the next one that the policy does not drive, from each.
-    leaves = _next(outside & happened, never)
-    ends = _next(~policy, never)
+    # The next tick outside the bounds, and the next one that the policy does not drive, from each;
+    # nobody knows what it would have done after the last.
+    leaves = _next(outside & happened, T + HORIZON)
+    ends = _next(~policy, T)
     label = np.full((B, T), -1, np.int8)
     known = policy & ~outside
     soon = leaves - ticks <= HORIZON
     # A takeover at the very tick at which the bounds are left comes of their being left.
     label[known & soon & (leaves <= ends)] = 1
-    survived = (ends == never) | (ends - ticks > HORIZON)
-    label[known & ~soon & survived] = 0
+    label[known & ~soon & (ends - ticks > HORIZON)] = 0
     return label
 
 
@@ -152,15 +153,16 @@ def _next(event: BoolArray, never: int) -> IntArray:
 
 def history_rows(traces: Sequence[Trace]) -> tuple[NDArray[np.float32], BoolArray, IntArray]:
     """Rows ``(n, 470)`` to train a `History` gate's classifier on, their labels and episodes."""
-    rows, yes, episodes = [], [], []
-    for trace in traces:
-        n = trace.inputs.shape[1]
-        back = np.maximum(np.arange(n)[:, None] + np.arange(1 - SAMPLES, 1), 0)
-        robot, sample = np.nonzero(trace.label >= 0)
-        rows.append(trace.inputs[robot[:, None], back[sample]].reshape(len(robot), -1))
-        yes.append(trace.label[robot, sample] == 1)
-        episodes.append(trace.episode[robot])
-    return np.concatenate(rows), np.concatenate(yes), np.concatenate(episodes)
+    known = [np.nonzero(trace.label >= 0) for trace in traces]
+    yes = [trace.label[at] == 1 for trace, at in zip(traces, known, strict=True)]
+    episode = [trace.episode[robot] for trace, (robot, _) in zip(traces, known, strict=True)]
+    # Filled in place: ten iterations of the paper's size are 750 MB.
+    rows, end = np.empty((sum(map(len, yes)), SAMPLES, INPUT_SIZE), np.float32), 0
+    for trace, (robot, sample) in zip(traces, known, strict=True):
+        back = np.maximum(sample[:, None] + np.arange(1 - SAMPLES, 1), 0)
+        begin, end = end, end + len(robot)
+        rows[begin:end] = trace.inputs[robot[:, None], back]
+    return rows.reshape(-1, SAMPLES * INPUT_SIZE), np.concatenate(yes), np.concatenate(episode)
 
 
 def save_trace(path: Path, trace: Trace) -> None:

@@ -12,14 +12,14 @@ from tqdm import tqdm
 
 from surefoot.classifier import fit_classifier, load_classifier, save_classifier
 from surefoot.examples import derive, held_out
-from surefoot.gates import Deviation, History, history_rows, load_trace
+from surefoot.gates import HORIZON, Deviation, History, history_rows, load_trace
 from surefoot.method_config import Guard
 from surefoot.methods.stages import dataset, iteration_of
 from surefoot.observation import INPUT_SIZE
 from surefoot.policy import load
 from surefoot.run import Run
 from surefoot.safety import AnyOf, Bounds, Gate, tightened
-from surefoot.types import BoolArray
+from surefoot.types import BoolArray, to_ticks
 
 HELD_OUT = 0.1
 """Share of episodes that a classifier is judged by, chosen by episode id."""
@@ -54,30 +54,53 @@ def guard(
     return gates[0] if len(gates) == 1 else AnyOf(gates)
 
 
+def check_guards(names: Sequence[Guard], duration: float) -> None:
+    """Whether the gates can be had with rollouts of so many seconds.
+
+    Raises:
+        ValueError: a history network would have nothing to learn from.
+    """
+    if "history" in names and to_ticks(duration) <= HORIZON:
+        raise ValueError(
+            f"method.T is {duration} s; a history network predicts {HORIZON / 1000} s ahead and "
+            "learns from longer rollouts only"
+        )
+
+
 def too_early(name: str, i: int) -> bool:
     """Whether iteration i comes before the first data that a learned gate can learn from."""
     return name == "history" and i == 1
 
 
-def train_guards(run: Run, i: int, names: Sequence[Guard], unsafe_share: float = 0.2) -> None:
-    """Train those of the gates that are learned, on what is there after iteration i."""
+def train_guards(
+    run: Run, i: int, names: Sequence[Guard], unsafe_share: float = 0.2, alarm: float = 0.5
+) -> None:
+    """Train those of the gates that are learned, on what is there after iteration i.
+
+    Args:
+        run: the run.
+        i: the iteration.
+        names: of the gates.
+        unsafe_share: see `train_deviation`.
+        alarm: that they will be used with; they are judged at it.
+    """
     if "classifier" in names:
-        train_deviation(run, i, unsafe_share)
+        train_deviation(run, i, unsafe_share, alarm)
     if "history" in names and not too_early("history", i + 1):
-        train_history(run, i)
+        train_history(run, i, alarm)
 
 
-def train_history(run: Run, i: int) -> None:
+def train_history(run: Run, i: int, alarm: float) -> None:
     """A network that predicts that the bounds will be left, from all rollouts so far."""
     if _is_there(run, "history", i):
         return
     began = time.perf_counter()
     names = [name for name in run.dataset.shards if 1 <= iteration_of(name) <= i]
     rows, yes, episode = history_rows([load_trace(run.trace(name)) for name in names])
-    _train(run, i, "history", rows, yes, held_out(episode, HELD_OUT), began)
+    _train(run, i, "history", rows, yes, held_out(episode, HELD_OUT), alarm, began)
 
 
-def train_deviation(run: Run, i: int, unsafe_share: float) -> None:
+def train_deviation(run: Run, i: int, unsafe_share: float, alarm: float) -> None:
     """SafeDAGGER's classifier: in which states does pi_i deviate from the expert by more than tau?
 
     The deviation is the squared error over the joints, each scaled by the standard deviation of its
@@ -103,7 +126,8 @@ def train_deviation(run: Run, i: int, unsafe_share: float) -> None:
     deviation = ((error / sigma) ** 2).sum(axis=1)
     tau = first["tau"] if first else float(np.quantile(deviation[apart], 1.0 - unsafe_share))
     given = {"tau": tau, "sigma": sigma.tolist()}
-    _train(run, i, "classifier", inputs, deviation > tau, apart & (episode % 2 > 0), began, **given)
+    judge = apart & (episode % 2 > 0)
+    _train(run, i, "classifier", inputs, deviation > tau, judge, alarm, began, **given)
 
 
 def _is_there(run: Run, kind: str, i: int) -> bool:
@@ -117,12 +141,13 @@ def _train(
     rows: NDArray[np.float32],
     yes: BoolArray,
     held: BoolArray,
+    alarm: float,
     began: float,
     **figures: Any,
 ) -> None:
     """Train a classifier, write it, and write it down."""
     seed = int(run.seed("gate", i).generate_state(1)[0])
-    classifier = fit_classifier(rows, yes, held, seed)
+    classifier = fit_classifier(rows, yes, held, seed, alarm)
     save_classifier(classifier, run.gate(kind, i))
     figures = classifier.figures | figures
     if run.done(f"guard_{kind}", i) is None:

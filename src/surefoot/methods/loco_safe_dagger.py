@@ -18,7 +18,7 @@ import numpy as np
 from surefoot.arbiters import SafetySwitch
 from surefoot.episodes import Job
 from surefoot.method_config import LocoSafeDaggerConfig
-from surefoot.methods.guards import guard, train_guards
+from surefoot.methods.guards import check_guards, guard, train_guards
 from surefoot.methods.rollouts import (
     disturbance_of,
     draw_starts,
@@ -53,18 +53,19 @@ def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = Non
     # What cannot be had is an error now, not after the pre-training.
     draw_starts(method, np.random.default_rng())
     HandBack(method.hand_back)
+    check_guards(method.guard, method.T)
 
     # Pre-training (behaviour cloning)
     collect(run, 0, collection(run, 0, plan), workers)
     train(run, 0, method.pretraining_epochs)
-    train_guards(run, 0, method.guard)
+    train_guards(run, 0, method.guard, alarm=method.alarm)
     validate(run, 0, workers)
 
     for i in range(1, method.iterations + 1):
         # Policy rollout + data collection, and the extra data collection of T_end
         collect(run, i, collection(run, i, plan), workers)
         train(run, i, method.epochs)
-        train_guards(run, i, method.guard)
+        train_guards(run, i, method.guard, alarm=method.alarm)
         validate(run, i, workers)
 
     best(run, method.iterations)

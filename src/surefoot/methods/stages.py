@@ -94,6 +94,7 @@ def check(config: Config) -> None:
         if not least <= value <= most:
             raise ValueError(f"{name} is {value}; use {least} to {most}")
     check_disturbance(config.collection)
+    check_disturbance(config.evaluation.disturbance)
     choose_device(config.training.device)
 
 
