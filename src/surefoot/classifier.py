@@ -146,7 +146,10 @@ def load_classifier(path: Path) -> Classifier:
         ValueError: the file is damaged, or of another version.
     """
     if not path.is_file():
-        raise FileNotFoundError(f"there is no classifier {path}")
+        raise FileNotFoundError(
+            f"there is no classifier {path}; if its run has lost it, `surefoot train ... --resume` "
+            "trains it again, bit for bit"
+        )
     try:
         with safe_open(path, framework="np") as file:
             record = json.loads(file.metadata()["surefoot"])
