@@ -57,6 +57,11 @@ class Pushes:
         """Those of some of the robots."""
         return Pushes(self.impulse[rows], self.tick[rows], self.duration)
 
+    def begun(self, robot: int, length: int) -> tuple[int, ...]:
+        """Ticks at which one robot's pushes began in an episode that lasted so many ticks."""
+        felt = self.impulse[robot].any(axis=1) & (self.tick[robot] < length)
+        return tuple(np.sort(self.tick[robot][felt]).tolist())
+
     def during(self, elapsed: int) -> Array | None:
         """``(B, 3)`` impulse on each robot in this tick of the episode [Ns]; None without any."""
         since = elapsed - self.tick

@@ -23,6 +23,7 @@ from surefoot.engine import Rollout
 from surefoot.episodes import Job
 from surefoot.method_config import LocoDaggerConfig
 from surefoot.methods.rollouts import (
+    EPISODES_PER_ITERATION,
     disturbance_of,
     draw_starts,
     episode_ids,
@@ -107,6 +108,13 @@ class Query:
     N_query: int
     T_query: float
     before_fall: float
+
+    def parent(self, episode: int) -> int:
+        """The id of the rollout that a query starts from; any other id is its own parent."""
+        iteration, index = divmod(episode, EPISODES_PER_ITERATION)
+        if index < QUERIES:
+            return episode
+        return iteration * EPISODES_PER_ITERATION + (index - QUERIES) // self.N_query
 
     def __call__(self, job: Job, record: Rollout) -> Job | None:
         """The expert's rollouts; None if no rollout lasted long enough."""
