@@ -9,14 +9,17 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from robots import needs_pybullet
 from surefoot import cli, commands
 from surefoot.config import (
+    Backend,
     Config,
     DisturbanceConfig,
     EvaluationConfig,
     Gait,
     NoiseConfig,
     PolicyConfig,
+    SimulationConfig,
     TrainingConfig,
 )
 from surefoot.config_json import to_json
@@ -72,12 +75,14 @@ def config_of(method: str) -> Config:
 def run_of(tmp_path_factory):
     runs = {}
 
-    def make(method: str) -> Run:
-        if method not in runs:
-            run = create(tmp_path_factory.mktemp(method) / "run", config_of(method))
+    def make(method: str, backend: Backend = "mujoco") -> Run:
+        if (method, backend) not in runs:
+            config = config_of(method)
+            config = replace(config, simulation=SimulationConfig(backend))
+            run = create(tmp_path_factory.mktemp(method) / "run", config)
             getattr(method_module(method), method)(run, Workers(1))
-            runs[method] = open_run(run.folder)
-        return runs[method]
+            runs[method, backend] = open_run(run.folder)
+        return runs[method, backend]
 
     return make
 
@@ -90,9 +95,15 @@ UNKNOWN_ALONE = ("kept", "kept_tilted", "kept_near_bounds", "strict")
 """Fields of a summary that need the frames kept, or are defined for successes only."""
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_every_episode_repeats_bit_for_bit(run_of, method):
-    run = run_of(method)
+@pytest.mark.parametrize(
+    ("method", "backend"),
+    [
+        *((method, "mujoco") for method in METHODS),
+        pytest.param("loco_dagger", "bullet", marks=needs_pybullet),
+    ],
+)
+def test_every_episode_repeats_bit_for_bit(run_of, method, backend):
+    run = run_of(method, backend)
     frames, summary = run.dataset.load(), summary_of(run)
     assert set(summary.episode // 100_000) == set(range(1 if method == "behavior_cloning" else 3))
     some = summary.episode >= 100_000

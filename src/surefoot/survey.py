@@ -128,7 +128,7 @@ def survival(
     config: Config, stored: str, workers: Workers, label: str, prefix: str
 ) -> dict[str, Any]:
     """The figures of one variant on one set of starts, their keys after ``prefix``."""
-    figures, summary = evaluate(config, None, "test", workers, label, stored=stored)
+    figures, summary = evaluate(config, None, "test", workers, label, stored=load_starts(stored))
     lost = (summary.outcome == Outcome.FELL) | (summary.outcome == Outcome.DIVERGED)
     named = {
         "episodes": figures["episodes"],
