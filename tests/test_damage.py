@@ -19,10 +19,12 @@ from surefoot.dataset import DatasetError
 from surefoot.examples import BLOCK, WIDTH, Examples
 from surefoot.files import WriteError
 from surefoot.methods.behavior_cloning import behavior_cloning
+from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.policy import PolicyFileError
 from surefoot.run import Run, RunError, create, open_run
 from surefoot.workers import Workers
 from test_behavior_cloning import CONFIG, fingerprint
+from test_replay import config_of
 
 ONE = Workers(1)
 
@@ -238,3 +240,85 @@ def test_a_damaged_policy_or_configuration_is_named(copy, monkeypatch, capsys):
     cut(copy.folder / "config.json")
     with pytest.raises(RunError, match=r"config.json cannot be read.*Restore it"):
         resume(copy.folder)
+
+
+# --- learned gates, and the traces that they learn from
+
+
+def guard_again(folder: Path) -> Run:
+    run = create(folder, config_of("loco_safe_dagger"), resume=True)
+    loco_safe_dagger(run, ONE)
+    return run
+
+
+def everything(run: Run) -> tuple:
+    """All bits of a guarded run, apart from how long things took."""
+    folders = ("policies", "gates", "traces", "episodes")
+    files = {
+        str(path.relative_to(run.folder)): path.read_bytes()
+        for folder in folders
+        for path in sorted((run.folder / folder).iterdir())
+    }
+    return fingerprint(run), files
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory) -> Run:
+    return guard_again(tmp_path_factory.mktemp("guarded") / "run")
+
+
+@pytest.fixture
+def guarded_copy(guarded, tmp_path) -> Run:
+    shutil.copytree(guarded.folder, tmp_path / "run")
+    return open_run(tmp_path / "run")
+
+
+GATES = [("classifier", 0), ("classifier", 2), ("history", 1), ("history", 2)]
+
+
+@pytest.mark.parametrize(("kind", "i"), GATES)
+@pytest.mark.parametrize("damage", [cut, flip])
+def test_a_damaged_gate_is_named_and_trained_again_once_deleted(
+    guarded, guarded_copy, kind, i, damage
+):
+    gate = guarded_copy.gate(kind, i)
+    damage(gate)
+    message = rf"{kind}-00{i}.safetensors is not a whole classifier.*delete it.*--resume"
+    with pytest.raises(ValueError, match=message):
+        guard_again(guarded_copy.folder)
+    gate.unlink()
+    assert everything(guard_again(guarded_copy.folder)) == everything(guarded)
+
+
+@pytest.mark.parametrize("lost", [["gates"], ["traces"], ["gates", "traces"]])
+def test_gates_and_traces_that_are_lost_are_made_again(guarded, guarded_copy, lost):
+    for folder in lost:
+        shutil.rmtree(guarded_copy.folder / folder)
+    assert everything(guard_again(guarded_copy.folder)) == everything(guarded)
+
+
+@pytest.mark.parametrize("damage", [cut, Path.unlink])
+def test_a_damaged_trace_is_named_when_it_is_needed_and_collected_again(
+    guarded, guarded_copy, damage
+):
+    trace = guarded_copy.trace("iteration_001-000")
+    damage(trace)
+    guarded_copy.gate("history", 2).unlink()
+    if trace.exists():
+        message = r"traces/iteration_001-000.npz is missing or damaged.*delete it.*--resume"
+        with pytest.raises(ValueError, match=message):
+            guard_again(guarded_copy.folder)
+        trace.unlink()
+    assert everything(guard_again(guarded_copy.folder)) == everything(guarded)
+
+
+def test_a_lost_gate_that_cannot_be_made_again_is_not_replaced(guarded_copy):
+    """As with other versions, where the same training ends with another network."""
+    path = guarded_copy.folder / "metrics.jsonl"
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    next(line for line in lines if line["stage"] == "guard_history")["sha256"] = "0" * 64
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    guarded_copy.gate("history", 1).unlink()
+    with pytest.raises(RunError, match=r"history-001.safetensors is lost.*restore it from a copy"):
+        guard_again(guarded_copy.folder)
+    assert not guarded_copy.gate("history", 1).exists()

@@ -1,6 +1,7 @@
 """Frames, and shards that survive kills, damage and any order of arrival."""
 
 import json
+import warnings
 from dataclasses import replace
 
 import h5py
@@ -225,6 +226,44 @@ def test_damaged_shard_is_named(tmp_path, damage):
     with pytest.raises(DatasetError, match=r"shard .*bad\.h5 is missing or damaged.*restore"):
         data.load()
     assert_same(data.load(["good"]), make_frames([1]))
+
+
+@pytest.mark.parametrize("damage", [truncate, flip, drop, lambda path: path.unlink()])
+def test_damaged_shards_are_skipped_only_when_asked_and_claimed_by_nobody(tmp_path, damage):
+    data = Dataset(tmp_path)
+    data.append("good", make_frames([1]))
+    good = data.hash
+    data.append("bad", make_frames([2, 3]))
+    data.append("late", make_frames([9]))
+    damage(tmp_path / "bad.h5")
+    with pytest.raises(DatasetError, match="skip_damaged=True"):
+        list(data.parts())
+    view = Dataset(tmp_path, skip_damaged=True)
+    with pytest.warns(UserWarning, match=r"shards \['bad'\] are .* skipped, with 10 of 20 frames"):
+        assert_same(view.load(), make_frames([1, 9]))
+    assert (view.shards, view.frames, view.episodes) == (("good", "late"), 10, 2)
+    assert view.hash == make_frames([1, 9]).hash != data.hash
+    assert sum(map(len, view.parts())) == 10
+    with pytest.raises(DatasetError, match=r"has no shards \['bad'\]"):
+        view.load(["bad"])
+    with pytest.raises(DatasetError, match="only read"):
+        view.append("new", make_frames([12]))
+    with pytest.warns(UserWarning, match="bad"):
+        assert view.before(5).hash == good
+    assert data.shards == ("bad", "good", "late")
+
+
+def test_a_view_that_skips_nothing_is_the_whole(tmp_path):
+    data = Dataset(tmp_path)
+    data.append("one", make_frames([1]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        view = Dataset(tmp_path, skip_damaged=True)
+        assert (view.frames, view.hash) == (data.frames, data.hash)
+    data.append("two", make_frames([2]))  # what comes later is looked at too
+    (tmp_path / "two.h5").unlink()
+    with pytest.warns(UserWarning, match=r"\['two'\]"):
+        assert view.shards == ("one",)
 
 
 def test_unreadable_manifest_and_format(tmp_path):

@@ -21,7 +21,15 @@ from surefoot.starts import Starts
 from surefoot.types import State
 
 NOISE = NoiseConfig(0.01, 0.05, 0.1, 0.2, 0.03, 0.4)
-ALL = DisturbanceConfig(3, (0.5, 2.0), 1.0, 0.02, (0.4, 1.2), (0.8, 1.5), NOISE, 3)
+ALL = DisturbanceConfig(
+    pushes=3,
+    impulse=(0.5, 2.0),
+    push_duration=0.02,
+    friction=(0.4, 1.2),
+    mass=(0.8, 1.5),
+    noise=NOISE,
+    delay=3,
+)
 IDS = np.arange(1000)
 
 
@@ -70,6 +78,22 @@ def test_pushes_do_not_change_friction_and_mass():
     assert without.pushes is None
     np.testing.assert_array_equal(with_.friction, without.friction)
     np.testing.assert_array_equal(with_.mass, without.mass)
+
+
+def test_one_more_push_comes_early_in_the_tail_if_there_is_one():
+    config = replace(ALL, pushes=1, tail_impulse=(0.1, 0.2))
+    pushes = pushes_of(draw(config, 0, IDS, 5.0, 0.5, tail=1.0))
+    assert pushes.impulse.shape == (1000, 2, 3)
+    size = np.hypot(*np.moveaxis(pushes.impulse[..., :2], -1, 0))
+    assert 0.5 <= size[:, 0].min() <= size[:, 0].max() <= 2.0
+    assert 0.1 <= size[:, 1].min() <= size[:, 1].max() <= 0.2
+    assert pushes.tick[:, 0].max() < 5000
+    assert (pushes.tick[:, 1].min(), pushes.tick[:, 1].max()) == (5000, 5199)
+    short = pushes_of(draw(config, 0, IDS, 5.0, 0.5, tail=0.01))
+    assert short.tick[:, 1].max() < 5010
+    assert pushes_of(draw(config, 0, IDS, 5.0, 0.5)).impulse.shape == (1000, 1, 3)
+    alone = pushes_of(draw(replace(config, pushes=0), 0, IDS, 5.0, 0.5, tail=1.0))
+    assert alone.tick.min() == 5000
 
 
 def test_draws_fill_their_ranges_evenly():

@@ -236,6 +236,16 @@ def test_expert_ticks_stop_where_the_robot_fell():
     assert summary.expert_ticks.sum() / summary.proper_ticks.sum() == 1.0
 
 
+def test_takeovers_do_not_depend_on_what_the_others_do_after_a_fall():
+    """Alone, a rollout ends with its robot, and what is recorded after that is blank."""
+    record = synthetic(length=[2000, 700])
+    record.expert_drove[:, :700] = True
+    record.expert_drove[0, 300] = False
+    assert figures(record).takeovers.tolist() == [2, 0]
+    record.expert_drove[1, 800] = True
+    assert figures(record).takeovers.tolist() == [2, 0]
+
+
 def test_kept_frames_are_counted_by_episode():
     record = synthetic(T=100)
     record.expert_drove[:] = True

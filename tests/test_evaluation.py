@@ -166,3 +166,17 @@ def test_more_episodes_than_there_are_starts_is_an_error(policy, episodes):
 def test_an_unknown_split_is_an_error(policy):
     with pytest.raises(KeyError, match="no split 'exam'"):
         evaluate(Config(), policy, "exam", Workers(1), "exam")
+
+
+def test_a_set_of_starts_by_its_name_or_file_and_one_that_does_not_exist(tmp_path):
+    config = replace(Config(), evaluation=EvaluationConfig(duration=0.02, episodes=2))
+    wide = "solo12-trot-v1-wide"
+    by_name, _ = evaluate(config, None, "test", Workers(1), "", stored=wide)
+    loaded, _ = evaluate(config, None, "test", Workers(1), "", stored=load_starts(wide))
+    assert by_name == loaded and by_name["starts"] == wide
+    message = r"no set of starts.*'solo12-trot-v2'; did you mean 'solo12-trot-v1'\? Known: .*wide"
+    with pytest.raises(FileNotFoundError, match=message):
+        evaluate(config, None, "test", Workers(1), "", stored="solo12-trot-v2")
+    (tmp_path / "mine.npz").write_bytes(b"no starts")
+    with pytest.raises(ValueError, match=r"mine\.npz is not a set of starts"):
+        evaluate(config, None, "test", Workers(1), "", stored=tmp_path / "mine.npz")

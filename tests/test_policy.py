@@ -11,8 +11,11 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
-from surefoot.config import PolicyConfig
+from surefoot.arbiters import ExpertOnly
+from surefoot.config import Config, PolicyConfig
+from surefoot.episodes import Job, play_out
 from surefoot.observation import INPUT_SIZE, network_input
 from surefoot.onnx_graph import onnx_graph
 from surefoot.policy import (
@@ -25,6 +28,7 @@ from surefoot.policy import (
     pd,
     save,
 )
+from surefoot.starts import load_starts
 from surefoot.types import Controller, State
 
 SMALL = PolicyConfig(hidden=(32, 16), kp=2.5, kd=0.07)
@@ -146,6 +150,54 @@ def test_torque_is_the_pd_law_on_the_target():
     expected = 2.5 * (target - state.q[:, 7:]) - 0.07 * state.v[:, 6:]
     np.testing.assert_allclose(torque, expected, rtol=1e-12)
     assert controller.diverged.shape == (9,) and not controller.diverged.any()
+
+
+@pytest.fixture(scope="module")
+def walked():
+    """States of real rollouts from perturbed starts, and their ticks and commands."""
+    starts = load_starts()["test"][:100:25]
+    record, _ = play_out(Job(Config(), starts, np.arange(4), ExpertOnly(), 0.5))
+    robot, elapsed = np.nonzero(record.happened)
+    return record.seen[record.happened], starts.tick[robot] + elapsed, starts.command[robot]
+
+
+def turned(state: State, angle: float) -> State:
+    """The same robots after the world was turned about the vertical."""
+    turn = Rotation.from_euler("z", angle)
+    q = state.q.copy()
+    q[:, :3] = turn.apply(q[:, :3])
+    q[:, 3:7] = (turn * Rotation.from_quat(q[:, 3:7])).as_quat()
+    feet = turn.apply(state.feet.reshape(-1, 3)).reshape(-1, 4, 3)
+    return State(q, state.v, turn.apply(state.com), feet, state.contacts)
+
+
+def drawn(inputs, large: bool) -> PolicyNetwork:
+    """Random weights; large: normalisers and BatchNorm as after training, and weights beyond."""
+    network: Any = PolicyNetwork(PolicyConfig(), seed=3)
+    if large:
+        x = torch.from_numpy(inputs)
+        network.set_normalisers(x.double().mean(0), x.double().std(0))
+        with torch.no_grad():
+            for linear in network.linear:
+                linear.weight.mul_(3.0)
+            for norm in network.norm:
+                norm.momentum = None
+            network.train()(x)
+    return network
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_a_policy_does_the_same_in_every_heading(walked, large):
+    state, tick, command = walked
+    network = drawn(network_input(state, tick, command, 500), large)
+    policy = Policy(network, PolicyConfig(), 500, COMMANDS)
+    target = policy.target(state, tick, command)
+    assert np.abs(target).max() > 5.0  # a network whose answers depend on what it sees
+    for angle in (np.pi / 2, np.pi, -np.pi / 2, *np.random.default_rng(0).uniform(-4, 4, 8)):
+        other = policy.target(turned(state, angle), tick, command)
+        np.testing.assert_allclose(other, target, rtol=0, atol=1e-5)
+        half_turned = replace(turned(state, angle), com=state.com)
+        assert np.abs(policy.target(half_turned, tick, command) - target).max() > 1e-2
 
 
 def test_nobody_to_drive():

@@ -150,7 +150,7 @@ def save_classifier(classifier: Classifier, path: Path) -> None:
         tensors[f"weight{number}"] = torch.from_numpy(weight)
         tensors[f"bias{number}"] = torch.from_numpy(bias)
     record = {"format": FORMAT, "figures": classifier.figures}
-    record["sha256"] = _digest(classifier)
+    record["sha256"] = digest(classifier)
     write_atomic(path, to_bytes(tensors, {"surefoot": json.dumps(record)}))
 
 
@@ -162,7 +162,10 @@ def load_classifier(path: Path) -> Classifier:
         ValueError: the file is damaged, or of another version.
     """
     if not path.is_file():
-        raise FileNotFoundError(f"there is no classifier {path}")
+        raise FileNotFoundError(
+            f"there is no classifier {path}; if its run has lost it, `surefoot train ... --resume` "
+            "trains it again, bit for bit"
+        )
     try:
         with safe_open(path, framework="np") as file:
             record = json.loads(file.metadata()["surefoot"])
@@ -172,7 +175,7 @@ def load_classifier(path: Path) -> Classifier:
                 (file.get_tensor(f"weight{n}"), file.get_tensor(f"bias{n}")) for n in range(count)
             )
         classifier = Classifier(layers, record["figures"])
-        if record["format"] != FORMAT or record["sha256"] != _digest(classifier):
+        if record["format"] != FORMAT or record["sha256"] != digest(classifier):
             raise ValueError("its contents do not match their hash, or it is of another version")
     except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
         raise ValueError(
@@ -182,7 +185,8 @@ def load_classifier(path: Path) -> Classifier:
     return classifier
 
 
-def _digest(classifier: Classifier) -> str:
+def digest(classifier: Classifier) -> str:
+    """SHA-256 of its layers and figures."""
     sha = hashlib.sha256(json.dumps(classifier.figures, sort_keys=True).encode())
     for layer in classifier.layers:
         for array in layer:

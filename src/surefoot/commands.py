@@ -222,7 +222,8 @@ class Play(OnSimulator):
     """Film a policy, or one recorded episode of a run.
 
     JSON: outcome; command, mean_velocity [vx m/s, vy m/s, yaw rate rad/s, heading frame, from 1 s
-    on]; max_torque [Nm]; seconds; episode.
+    on]; max_torque [Nm]; seconds; episode (its id); drove_last (expert or policy); takeovers,
+    expert_share [before the tail]; pushes [s, when each began].
     """
 
     target: Annotated[Path, tyro.conf.Positional]
@@ -237,6 +238,8 @@ class Play(OnSimulator):
     """How long."""
     episode: int | None = None
     """Replay this episode of the run instead, bit for bit (ids of failures: metrics.jsonl)."""
+    iteration: int | None = None
+    """The episode is counted within this iteration: 17 is the 18th rollout."""
     out: Path | None = None
     """The video; play.mp4 in the run's folder or beside the policy without it."""
     json: Path | None = None
@@ -247,13 +250,22 @@ class Play(OnSimulator):
         from surefoot.arbiters import PolicyOnly
         from surefoot.episodes import Job, play_out
         from surefoot.policy import check_command, load
-        from surefoot.replay import find_policy, recorded_episode, standing_start
-        from surefoot.safety import Outcome
+        from surefoot.replay import (
+            episode_figures,
+            find_policy,
+            pushes_of,
+            recorded_episode,
+            standing_start,
+        )
         from surefoot.summary import velocities
 
+        if self.iteration is not None and self.episode is None:
+            raise ValueError(f"iteration {self.iteration} of which --episode? Name one, from 0 on")
+        episode = None
         if self.episode is not None:
-            job = recorded_episode(self.target, self.episode)
-            out = self.out or self.target / f"episode_{self.episode}.mp4"
+            job = recorded_episode(self.target, self.episode, self.iteration)
+            episode = int(job.episode[0])
+            out = self.out or self.target / f"episode_{episode}.mp4"
         else:
             policy, config = find_policy(self.target)
             command = Command(self.vx, self.vy, self.yaw_rate)
@@ -263,22 +275,18 @@ class Play(OnSimulator):
             folder = self.target if self.target.is_dir() else self.target.parent
             out = self.out or folder / "play.mp4"
         job = replace(job, config=self.simulated(job.config))
-        record, _ = play_out(job)
-        length = int(record.length[0])
-        figures = {
-            "outcome": Outcome(int(record.outcome[0])).name,
-            "command": job.starts.command[0].tolist(),
+        record, expert = play_out(job)
+        length = max(int(record.length[0]), 1)  # of an expert that gives up at once, the start
+        figures = episode_figures(job, record, expert) | {
             "mean_velocity": velocities(record)[0, settled_part(length)].mean(axis=0).tolist(),
-            "max_torque": float(np.abs(record.torque[0, :length]).max()),
-            "seconds": length / TICKS_PER_SECOND,
-            "episode": self.episode,
+            "episode": episode,
         }
         show(figures, self.json)
-        driver = "policy" if self.episode is None else f"episode {self.episode}"
+        driver = "policy" if episode is None else f"episode {episode}"
         title = f"{driver}, vx {job.starts.command[0, 0]:.2f} m/s"
-        drove = None if self.episode is None else record.expert_drove[0, :length]
-        film_episode(job.config, record.q[0, :length], out, title, drove)
-        return int(record.outcome[0] in (Outcome.FELL, Outcome.DIVERGED))
+        drove = None if episode is None else record.expert_drove[0, :length]
+        film_episode(job.config, record.q[0, :length], out, title, drove, pushes_of(job, record))
+        return int(figures["outcome"] in ("FELL", "DIVERGED"))
 
 
 @dataclass(frozen=True)

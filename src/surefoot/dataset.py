@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -132,15 +133,22 @@ class Dataset:
     Args:
         folder: is created by the first ``append``.
         before: leave out shards with episodes of this id or above; such a view is only read.
+        skip_damaged: leave out shards that are lost or damaged, with a warning that names them:
+            counts and hash are those of what is left. All shards are read to find out. Such a view
+            is only read, too.
     """
 
-    def __init__(self, folder: Path | str, before: int | None = None) -> None:
+    def __init__(
+        self, folder: Path | str, before: int | None = None, skip_damaged: bool = False
+    ) -> None:
         self.folder = Path(folder)
         self._before = before
+        self._skip_damaged = skip_damaged
+        self._whole: dict[str, bool] = {}
 
     def before(self, episode: int) -> Dataset:
         """The dataset as it was before that episode, if ids grow with time."""
-        return Dataset(self.folder, episode)
+        return Dataset(self.folder, episode, self._skip_damaged)
 
     def append(self, name: str, frames: Frames) -> None:
         """Add frames as a shard, whole or not at all; the same frames again change nothing.
@@ -153,7 +161,8 @@ class Dataset:
             DatasetError: the name is taken by other frames, or an episode by another shard, or
                 this is a view.
         """
-        if self._before is not None:  # its manifest would lose the shards that it leaves out
+        # The manifest would lose the shards that a view leaves out.
+        if self._before is not None or self._skip_damaged:
             raise DatasetError(f"a view of {self.folder} is only read: append to the whole")
         if not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
             raise DatasetError(f"shard name {name!r}: use letters, digits, '_', '-' and dots")
@@ -255,6 +264,8 @@ class Dataset:
                 f"{FORMAT}; use the version of surefoot that wrote it"
             )
         shards = manifest["shards"]
+        if self._skip_damaged:
+            shards = self._undamaged(shards)
         if self._before is None:
             return shards
         return {
@@ -262,6 +273,24 @@ class Dataset:
             for name, entry in shards.items()
             if all(int(episode) < self._before for episode in entry["episodes"])
         }
+
+    def _undamaged(self, shards: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        """The entries whose files are whole; each file is read once, and warned of once."""
+        damaged = {}
+        for name in shards.keys() - self._whole.keys():
+            try:
+                self._read(name, shards[name], _blank(shards[name]["frames"]))
+            except DatasetError:
+                damaged[name] = shards[name]["frames"]
+            self._whole[name] = name not in damaged
+        if damaged:
+            frames = sum(entry["frames"] for entry in shards.values())
+            warnings.warn(
+                f"{self.folder}: shards {sorted(damaged)} are missing or damaged and are skipped, "
+                f"with {sum(damaged.values())} of {frames} frames",
+                stacklevel=2,
+            )
+        return {name: entry for name, entry in shards.items() if self._whole[name]}
 
     def _ordered(self, shards: Sequence[str] | None = None) -> dict[str, dict[str, Any]]:
         """Entries of the named shards, or of all, by their first episodes."""
@@ -290,7 +319,8 @@ class Dataset:
         except (OSError, KeyError, RuntimeError) as error:
             raise DatasetError(
                 f"shard {path} is missing or damaged ({error}); restore the file from a copy, or "
-                "delete it: `surefoot train ... --resume` collects it again, to the same bits"
+                "delete it: `surefoot train ... --resume` collects it again, to the same bits; or "
+                "read what is left with Dataset(folder, skip_damaged=True)"
             ) from error
 
 

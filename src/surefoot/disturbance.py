@@ -57,6 +57,11 @@ class Pushes:
         """Those of some of the robots."""
         return Pushes(self.impulse[rows], self.tick[rows], self.duration)
 
+    def begun(self, robot: int, length: int) -> tuple[int, ...]:
+        """Ticks at which one robot's pushes began in an episode that lasted so many ticks."""
+        felt = self.impulse[robot].any(axis=1) & (self.tick[robot] < length)
+        return tuple(np.sort(self.tick[robot][felt]).tolist())
+
     def during(self, elapsed: int) -> Array | None:
         """``(B, 3)`` impulse on each robot in this tick of the episode [Ns]; None without any."""
         since = elapsed - self.tick
@@ -105,8 +110,8 @@ def draw(
     seed: int,
     episode: IntArray,
     duration: float,
-    tail: float,
     friction: float,
+    tail: float = 0.0,
 ) -> Disturbance:
     """The disturbances of episodes, each drawn from its own id.
 
@@ -115,8 +120,8 @@ def draw(
         seed: root of the randomness.
         episode: ``(B,)`` ids.
         duration: [s] within which pushes begin.
-        tail: [s] that follow, if any.
         friction: coefficient that the drawn factors multiply.
+        tail: [s] that follow, if any.
 
     Raises:
         ValueError: a range whose end lies below its beginning, or a value that makes no sense.

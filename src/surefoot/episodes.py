@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from surefoot.arbiters import Arbiter
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.dataset import Frames, concatenate
-from surefoot.disturbance import Pushes, draw
+from surefoot.disturbance import Disturbance, Pushes, draw
 from surefoot.engine import Rollout, rollout
 from surefoot.gates import Trace, trace_of
 from surefoot.mpc.expert import Expert, make_expert
@@ -111,8 +111,19 @@ def run_chunk(job: Job) -> Result:
     frames = concatenate([])
     if job.keep is not None:
         frames = record.frames(job.keep(record), job.episode)
+    summary = sum_up(job, record, expert, frames)
+    trace = trace_of(record, job.episode, job.config) if job.trace else None
+    if job.then is not None and (following := job.then(job, record)) is not None:
+        more = run_chunk(following)
+        summary = join([summary, more.summary])
+        frames = concatenate([frames, more.frames])
+    return Result(summary, frames, trace)
+
+
+def sum_up(job: Job, record: Rollout, expert: Expert, frames: Frames) -> Summary:
+    """The figures of a job that was played out, and of the frames kept of it."""
     robot, _ = _team(job.config, job.plan)
-    summary = summarise(
+    return summarise(
         record,
         frames,
         episode=job.episode,
@@ -124,12 +135,20 @@ def run_chunk(job: Job) -> Result:
         gait_period=to_ticks(job.config.gait.period),
         safety=job.config.safety,
     )
-    trace = trace_of(record, job.episode, job.config) if job.trace else None
-    if job.then is not None and (following := job.then(job, record)) is not None:
-        more = run_chunk(following)
-        summary = join([summary, more.summary])
-        frames = concatenate([frames, more.frames])
-    return Result(summary, frames, trace)
+
+
+def disturbance_of(job: Job) -> Disturbance:
+    """What disturbs a job's robots: drawn from its seed and ids, with the pushes it gives."""
+    config = job.config
+    drawn = draw(
+        job.disturbance,
+        config.seed,
+        job.episode,
+        job.duration,
+        config.simulation.friction,
+        job.tail,
+    )
+    return drawn if job.pushes is None else replace(drawn, pushes=job.pushes)
 
 
 def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple[Rollout, Expert]:
@@ -137,16 +156,6 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
     config = job.config
     robot, expert = _team(config, job.plan)
     simulator = make_simulator(robot, len(job.starts), config.simulation)
-    disturbance = draw(
-        job.disturbance,
-        config.seed,
-        job.episode,
-        job.duration,
-        job.tail,
-        config.simulation.friction,
-    )
-    if job.pushes is not None:
-        disturbance = replace(disturbance, pushes=job.pushes)
     record = rollout(
         simulator,
         robot,
@@ -157,7 +166,7 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
         _policy(job),
         job.tail,
         config.safety,
-        disturbance,
+        disturbance_of(job),
         job.episode,
         job.ask_always,
         progress,

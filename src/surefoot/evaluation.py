@@ -15,7 +15,7 @@ from surefoot.arbiters import ExpertOnly, PolicyOnly
 from surefoot.config import Config
 from surefoot.episodes import Job, run_episodes
 from surefoot.safety import Outcome
-from surefoot.starts import StartSet, load_starts
+from surefoot.starts import PACKAGED, StartSet, load_starts
 from surefoot.statistics import wilson
 from surefoot.summary import Summary
 from surefoot.types import PlanFunction
@@ -29,7 +29,7 @@ def evaluate(
     workers: Workers,
     label: str,
     plan: PlanFunction | None = None,
-    stored: StartSet | None = None,
+    stored: StartSet | str | Path = PACKAGED[0],
 ) -> tuple[dict[str, Any], Summary]:
     """Run a policy, or the expert, from stored starts.
 
@@ -40,16 +40,18 @@ def evaluate(
         workers: who runs the episodes.
         label: of the progress bar.
         plan: the expert's MPC; without it the BiConMP-style planner.
-        stored: the set of starts; without it the package's first.
+        stored: the set of starts: one that was loaded, or a name or file for `load_starts`.
 
     Returns:
         The figures (see `figures_of`), and the episodes they sum up.
 
     Raises:
+        FileNotFoundError: there is no such set of starts, or no such policy.
         KeyError: there is no such split.
         ValueError: the split holds fewer starts than the episodes asked for.
     """
-    starts, episodes = stored or load_starts(), config.evaluation.episodes
+    starts = stored if isinstance(stored, StartSet) else load_starts(stored)
+    episodes = config.evaluation.episodes
     some = starts[split][:episodes]
     if not 1 <= episodes == len(some):
         raise ValueError(

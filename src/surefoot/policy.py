@@ -259,7 +259,10 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
     """
     path = Path(path)
     if not path.is_file():
-        raise FileNotFoundError(f"there is no policy file {path}")
+        raise FileNotFoundError(
+            f"there is no policy file {path}; if its run has lost it, `surefoot train ... "
+            "--resume` trains it again, bit for bit"
+        )
     try:
         with safe_open(path, framework="pt") as file:
             record = json.loads(file.metadata()["surefoot"])

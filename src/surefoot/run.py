@@ -197,15 +197,27 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
                 "options it was started with, or choose another folder with --run"
             )
         if before.config == config:
-            if (then := json.loads(path.read_text()).get("versions")) != record["versions"]:
-                warnings.warn(
-                    f"{folder} was begun with other versions ({then}); what follows will not be "
-                    "the same bits as if it had gone on with them",
-                    stacklevel=2,
-                )
+            warn_of_versions(run)
             return run
     write_atomic(path, json.dumps(record, indent=1).encode())
     return run
+
+
+def warn_of_versions(run: Run) -> None:
+    """Warn if a run was begun with other versions than these."""
+    begun = json.loads((run.folder / "config.json").read_text()).get("versions", {})
+    now = versions(run.config.simulation.backend)
+    other = [
+        f"{name} {begun.get(name)}, now {now.get(name)}"
+        for name in {**begun, **now}
+        if begun.get(name) != now.get(name)
+    ]
+    if other:
+        warnings.warn(
+            f"{run.folder} was begun with other versions ({'; '.join(other)}); what follows will "
+            "not be the same bits as with those",
+            stacklevel=3,
+        )
 
 
 def _left_over(path: Path) -> bool:

@@ -147,7 +147,8 @@ def summarise(
     error = (velocity - record.starts.command[:, None]) ** 2
     settled = proper & (np.arange(T) >= TICKS_PER_SECOND)
     torque = np.abs(record.torque[:, :T]).max(axis=2)
-    took_over = by_expert[:, 1:T] & ~by_expert[:, : T - 1]
+    by_policy = proper & ~record.expert_drove[:, :T]
+    took_over = by_expert[:, 1:T] & by_policy[:, : T - 1]
 
     def count(which: BoolArray) -> IntArray:
         return np.array([which[frames.episode == id_].sum() for id_ in episode], dtype=np.int64)
@@ -163,7 +164,7 @@ def summarise(
         ticks=record.length,
         proper_ticks=proper.sum(axis=1),
         expert_ticks=by_expert[:, :T].sum(axis=1),
-        takeovers=took_over.sum(axis=1) + by_expert[:, 0] * (~record.expert_drove[:, :T]).any(1),
+        takeovers=took_over.sum(axis=1) + by_expert[:, 0] * by_policy.any(axis=1),
         expert_drove_last=by_expert[robots, last],
         expert_drove_before=by_expert[robots, before],
         plans=plans,

@@ -21,7 +21,7 @@ from surefoot.arbiters import RandomMix
 from surefoot.engine import Rollout
 from surefoot.episodes import Job
 from surefoot.method_config import DaggerConfig
-from surefoot.methods.rollouts import disturbance_of, draw_starts, episode_ids, expert_rollouts
+from surefoot.methods.rollouts import disturbance_in, draw_starts, episode_ids, expert_rollouts
 from surefoot.methods.stages import best, check, collect, parameters, train, validate
 from surefoot.run import Run
 from surefoot.types import BoolArray, PlanFunction
@@ -71,7 +71,7 @@ def collection(run: Run, k: int, plan: PlanFunction | None = None) -> Job:
         policy=run.policy(k - 1),
         keep=visited,
         plan=plan,
-        disturbance=disturbance_of(config, k, method.iterations),
+        disturbance=disturbance_in(config, k, method.iterations),
         ask_always=True,
     )
 

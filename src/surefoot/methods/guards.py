@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from surefoot.classifier import fit_classifier, load_classifier, save_classifier
+from surefoot.classifier import digest, fit_classifier, load_classifier, save_classifier
 from surefoot.examples import derive, held_out
 from surefoot.gates import HORIZON, Deviation, History, history_rows, load_trace
 from surefoot.method_config import Guard
 from surefoot.methods.stages import dataset, iteration_of
 from surefoot.observation import INPUT_SIZE
 from surefoot.policy import load
-from surefoot.run import Run
+from surefoot.run import Run, RunError
 from surefoot.safety import AnyOf, Bounds, Gate, tightened
 from surefoot.types import BoolArray, to_ticks
 
@@ -131,7 +131,11 @@ def train_deviation(run: Run, i: int, unsafe_share: float, alarm: float) -> None
 
 
 def _is_there(run: Run, kind: str, i: int) -> bool:
-    return run.done(f"guard_{kind}", i) is not None and run.gate(kind, i).exists()
+    """Whether a network is done; one that is damaged is an error that says so, not a guard."""
+    if run.done(f"guard_{kind}", i) is None or not run.gate(kind, i).exists():
+        return False
+    load_classifier(run.gate(kind, i))
+    return True
 
 
 def _train(
@@ -145,14 +149,23 @@ def _train(
     began: float,
     **figures: Any,
 ) -> None:
-    """Train a classifier, write it, and write it down."""
+    """Train a classifier, write it, and write it down.
+
+    Raises:
+        RunError: it was lost, and training it again gave another one.
+    """
     seed = int(run.seed("gate", i).generate_state(1)[0])
     classifier = fit_classifier(rows, yes, held, seed, alarm)
+    figures = classifier.figures | figures | {"sha256": digest(classifier)}
+    done = run.done(f"guard_{kind}", i)
+    if done and done.get("sha256", figures["sha256"]) != figures["sha256"]:
+        raise RunError(
+            f"{run.gate(kind, i)} is lost, and training it again gave another network: do it where "
+            "it was trained, with the same versions, or restore it from a copy"
+        )
     save_classifier(classifier, run.gate(kind, i))
-    figures = classifier.figures | figures
-    if run.done(f"guard_{kind}", i) is None:
-        seconds = time.perf_counter() - began
-        run.record(f"guard_{kind}", i, **figures, seconds=seconds)
+    if done is None:
+        run.record(f"guard_{kind}", i, **figures, seconds=time.perf_counter() - began)
     tqdm.write(
         f"iteration {i}: {kind} network on {figures['rows']} rows, "
         f"{100 * figures['share_yes']:.1f} % of them unsafe, "

@@ -23,7 +23,8 @@ from surefoot.engine import Rollout
 from surefoot.episodes import Job
 from surefoot.method_config import LocoDaggerConfig
 from surefoot.methods.rollouts import (
-    disturbance_of,
+    EPISODES_PER_ITERATION,
+    disturbance_in,
     draw_starts,
     episode_ids,
     expert_rollouts,
@@ -89,7 +90,7 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
         method.T,
         policy=run.policy(i - 1),
         plan=plan,
-        disturbance=disturbance_of(config, i, method.iterations),
+        disturbance=disturbance_in(config, i, method.iterations),
         then=Query(method.N_query, method.T_query, method.before_fall),
     )
 
@@ -107,6 +108,13 @@ class Query:
     N_query: int
     T_query: float
     before_fall: float
+
+    def parent(self, episode: int) -> int:
+        """The id of the rollout that a query starts from; any other id is its own parent."""
+        iteration, index = divmod(episode, EPISODES_PER_ITERATION)
+        if index < QUERIES:
+            return episode
+        return iteration * EPISODES_PER_ITERATION + (index - QUERIES) // self.N_query
 
     def __call__(self, job: Job, record: Rollout) -> Job | None:
         """The expert's rollouts; None if no rollout lasted long enough."""

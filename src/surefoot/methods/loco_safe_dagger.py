@@ -20,7 +20,7 @@ from surefoot.episodes import Job
 from surefoot.method_config import LocoSafeDaggerConfig
 from surefoot.methods.guards import check_guards, guard, train_guards
 from surefoot.methods.rollouts import (
-    disturbance_of,
+    disturbance_in,
     draw_starts,
     episode_ids,
     expert_frames,
@@ -90,6 +90,6 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
         policy=run.policy(i - 1),
         keep=expert_frames,
         plan=plan,
-        disturbance=disturbance_of(config, i, method.iterations),
+        disturbance=disturbance_in(config, i, method.iterations),
         trace="history" in method.guard,
     )

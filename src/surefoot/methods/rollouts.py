@@ -24,7 +24,7 @@ def episode_ids(iteration: int, count: int) -> IntArray:
     return iteration * EPISODES_PER_ITERATION + np.arange(count)
 
 
-def disturbance_of(config: Config, i: int, iterations: int) -> DisturbanceConfig:
+def disturbance_in(config: Config, i: int, iterations: int) -> DisturbanceConfig:
     """What disturbs the rollouts of iteration i."""
     collection = config.collection
     share = collection.gentle + (1.0 - collection.gentle) * (i - 1) / max(iterations - 1, 1)
