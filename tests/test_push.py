@@ -256,7 +256,7 @@ def test_every_direction_pushes_every_start_at_once():
     np.testing.assert_allclose(job.pushes.impulse.reshape(6, 3), expected, atol=1e-15)
     assert not job.pushes.tick.any()
     np.testing.assert_array_equal(job.starts.id, np.tile(base.starts.id, 2))
-    np.testing.assert_array_equal(job.episode, np.arange(6))
+    np.testing.assert_array_equal(job.episode, np.tile(base.episode, 2))
     part = job[np.array([4])]
     assert part.pushes is not None
     np.testing.assert_array_equal(part.pushes.impulse, job.pushes.impulse[[4]])
