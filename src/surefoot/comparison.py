@@ -247,7 +247,7 @@ def take_over(path: Path, record: dict[str, Any]) -> None:
             of policies that are not asked for, which would be lost.
     """
     found = json.loads(path.read_text())
-    for key in ("config", "episodes", "versions", "starts"):
+    for key in ("episodes", "config", "versions", "starts"):
         if found.get(key) != record[key]:
             raise ValueError(f"{path} holds a comparison of other {key}; name another file")
     before = {row["sha256"]: row for row in found["rows"]}

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
 """Of the palette of Okabe and Ito, which colour-blind people can tell apart."""
-PALETTE = (BLUE, RED, GREEN, "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
+PALETTE = (BLUE, RED, GREEN, "#CC79A7", "#E69F00", "#56B4E9", GREY, "#F0E442")
 """Of the methods; the expert is black."""
 MOST_LABELS = 12
 """Iterations named on the axis; of more, every second, third, and so on."""
@@ -240,9 +240,12 @@ def _intervals(
 
 def _directions(axes: PolarAxes, pushes: list[Any], colours: list[str]) -> None:
     """The push [Ns] from each direction, seen from above: forward is up, left is left."""
+    from matplotlib.ticker import MaxNLocator
+
     axes.set_theta_zero_location("N")
     axes.set_thetagrids([0, 90, 180, 270], ["forward", "left", "back", "right"])
-    axes.set_rlabel_position(22.5)
+    axes.set_rlabel_position(-22.5)
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
     axes.grid(visible=True)
     axes.set_title("Push by direction [Ns]", loc="center")
     for each, colour in zip(pushes, colours, strict=True):
