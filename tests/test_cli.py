@@ -136,6 +136,11 @@ def test_compare_writes_tables_and_picture(monkeypatch, capsys, run_folder, tmp_
     assert surefoot(monkeypatch, *args) == 2
     assert "no place for the tables" in capsys.readouterr().err
     assert not file.exists()  # said before anything was measured
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "surefoot.sim.bullet", None)  # not installed
+        assert surefoot(patch, *(part for part in args if part not in ("--sim", "mujoco"))) == 2
+    assert "pip install 'surefoot[pybullet]'" in capsys.readouterr().err
+    assert not file.exists()
     page.write_text("# Title\n<!-- table -->\n<!-- end of table -->\nprose\n")
     assert surefoot(monkeypatch, *args, "--names", "one", "two", "--figure", figure) == 0
     text = page.read_text()

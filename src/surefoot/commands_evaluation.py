@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, get_args
 import tyro
 
 from surefoot.commands import OnSimulator, OnWorkers
-from surefoot.config import Backend, Config, DisturbanceConfig
+from surefoot.config import Backend, Config, DisturbanceConfig, SimulationConfig
 from surefoot.config_json import changes
 from surefoot.files import write_atomic, write_json
 from surefoot.starts import PACKAGED, load_starts
@@ -151,12 +151,18 @@ class Compare(OnWorkers, OnSimulator):
         from surefoot.comparison import compare
         from surefoot.comparison_tables import page, tables
         from surefoot.figures import comparison_figure
+        from surefoot.robot import solo12
+        from surefoot.sim import make_simulator
 
+        # What would fail hours later fails before any work.
+        simulators = get_args(Backend) if self.sim is None else (self.sim,)
+        for simulator in simulators:
+            make_simulator(solo12(), 1, SimulationConfig(backend=simulator))
         if self.out is not None:
-            page(self.out, "")  # a file without a place for the tables is refused first
+            page(self.out, "")
         record = compare(
             self.runs,
-            get_args(Backend) if self.sim is None else (self.sim,),
+            simulators,
             self.episodes,
             self.spread,
             self.json,

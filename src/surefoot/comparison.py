@@ -152,7 +152,8 @@ def entries(
     rows: list[dict[str, Any]] = [{"label": EXPERT, "results": {}}]
     rows[0].update(dict.fromkeys(("run", "method", "policy", "sha256", "cost")))
     for run, label in zip(opened, labels, strict=True):
-        policy, _ = find_policy(run.folder if which == "best" else last_policy(run))
+        policy = run.best_policy if which == "best" else last_policy(run)
+        find_policy(policy)  # one that cannot be used fails here, not hours later
         digest = sha256(policy.read_bytes()).hexdigest()
         if same := [row["run"] for row in rows if row["sha256"] == digest]:
             raise ValueError(f"{run.folder} and {same[0]} hold the same policy; name one of them")
