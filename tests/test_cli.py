@@ -13,13 +13,14 @@ import pytest
 
 from robots import needs_pybullet
 from surefoot import cli, commands
-from surefoot.config import Config, PolicyConfig
+from surefoot.config import Config, PolicyConfig, PushConfig
 from surefoot.method_config import ExpertData, LocoSafeDaggerConfig
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.policy import Policy, PolicyNetwork, save
 from surefoot.presets import preset
 from surefoot.replay import recorded_episode
 from surefoot.run import create
+from surefoot.starts import load_starts, save_starts
 from surefoot.workers import Workers
 
 
@@ -46,7 +47,9 @@ def run_folder(tmp_path_factory) -> Path:
         epochs=1,
     )
     config = Config(method=method, policy=PolicyConfig(hidden=(16, 16)))
-    config = replace(config, evaluation=replace(config.evaluation, duration=0.2, episodes=4))
+    push = PushConfig(speeds=1, before=0.05, after=0.1, directions=2, resolution=4.0, levels=1)
+    evaluation = replace(config.evaluation, duration=0.2, episodes=4)
+    config = replace(config, evaluation=evaluation, push=push)
     run = create(tmp_path_factory.mktemp("run") / "tiny", config)
     loco_safe_dagger(run, workers=Workers(1))
     return run.folder
@@ -77,6 +80,80 @@ def test_evaluate_reports_policy_and_expert_on_the_same_starts(monkeypatch, run_
     assert figures["starts_hash"] == figures["expert"]["starts_hash"]
 
 
+def test_evaluate_with_pushes(monkeypatch, capsys, run_folder, tmp_path):
+    file = tmp_path / "figures.json"
+    args = ("evaluate", run_folder, "--episodes", 2, "--workers", 1, "--pushes", "--json", file)
+    assert surefoot(monkeypatch, *args) == 0
+    figures = json.loads(file.read_text())
+    expert = figures["expert"]["pushes"]
+    assert expert["mean_fitted_impulse"] > figures["pushes"]["mean_fitted_impulse"] - 1e-9
+    assert figures["push_difference"]["difference"] == pytest.approx(
+        figures["pushes"]["mean_fitted_impulse"] - expert["mean_fitted_impulse"]
+    )
+    printed = capsys.readouterr().out
+    assert f"push that 80 % survive [Ns]: {expert['mean_fitted_impulse']:.2f} (" in printed
+    assert "policy minus expert: " in printed
+
+
+def test_what_is_evaluated_names_the_file(monkeypatch, run_folder, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(run_folder, folder)
+    own = tmp_path / "solo12-trot-v1.npz"  # a file may hold anything, whatever its name
+    save_starts(load_starts("solo12-trot-v1-wide"), own)
+    digest = load_starts("solo12-trot-v1-wide").hash
+    noisy = ("--disturbance.noise.joint-position", 0.01, "--disturbance.delay", 3)
+    expected = {
+        (): "evaluation-test.json",
+        ("--starts", "solo12-trot-v1-wide"): "evaluation-test-solo12-trot-v1-wide.json",
+        ("--starts", own): f"evaluation-test-solo12-trot-v1_{digest[:8]}.json",
+        ("--disturbance.friction", 0.6, 0.7): "evaluation-test-friction_0.6_0.7.json",
+        noisy: "evaluation-test-noise.joint_position_0.01-delay_3.json",
+    }
+    found = {}
+    for number, (args, name) in enumerate(expected.items(), 1):
+        assert surefoot(monkeypatch, "evaluate", folder, "--workers", 1, *args) == 0
+        assert len(list(folder.glob("evaluation-*.json"))) == number
+        found[args] = json.loads((folder / name).read_text())
+    assert found[()]["disturbance"] == {}
+    assert found[noisy]["disturbance"] == {"noise.joint_position": 0.01, "delay": 3}
+    assert found["--starts", own]["starts_hash"] == digest != found[()]["starts_hash"]
+    tracking = [figures["expert"]["mse"] for figures in found.values()]
+    assert tracking[1] == tracking[2]
+    assert len({json.dumps(mse) for mse in tracking}) == 4  # each of them did something
+    assert found[()] == json.loads((folder / "evaluation-test.json").read_text())
+    bad = ("--disturbance.mass", -1, 1)
+    assert surefoot(monkeypatch, "evaluate", folder, *bad) == 2
+
+
+def test_compare_writes_tables_and_picture(monkeypatch, capsys, run_folder, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(run_folder, other)
+    shutil.copy(other / "policies/000.safetensors", other / "policies/001.safetensors")
+    page, figure, file = (tmp_path / name for name in ("methods.md", "methods.png", "m.json"))
+    page.write_text("prose")
+    args = ("compare", run_folder, other, "--policy", "last", "--sim", "mujoco", "--no-pushes")
+    args = (*args, "--episodes", 3, "--workers", 1, "--json", file, "--out", page)
+    assert surefoot(monkeypatch, *args) == 2
+    assert "no place for the tables" in capsys.readouterr().err
+    assert not file.exists()  # said before anything was measured
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "surefoot.sim.bullet", None)  # not installed
+        assert surefoot(patch, *(part for part in args if part not in ("--sim", "mujoco"))) == 2
+    assert "pip install 'surefoot[pybullet]'" in capsys.readouterr().err
+    assert not file.exists()
+    page.write_text("# Title\n<!-- table -->\n<!-- end of table -->\nprose\n")
+    assert surefoot(monkeypatch, *args, "--names", "one", "two", "--figure", figure) == 0
+    text = page.read_text()
+    assert text.startswith("# Title\n<!-- table -->\n") and text.endswith("-->\nprose\n")
+    assert "| mujoco | two | " in text and "| mujoco | two | " in capsys.readouterr().out
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    assert [row["label"] for row in json.loads(file.read_text())["rows"]] == [
+        "expert",
+        "one",
+        "two",
+    ]
+
+
 @needs_pybullet
 def test_sim_overrides_the_configuration(monkeypatch, tmp_path):
     file = tmp_path / "walk.json"
@@ -87,7 +164,7 @@ def test_sim_overrides_the_configuration(monkeypatch, tmp_path):
         figures.append(json.loads(file.read_text()))
     assert figures[0] == figures[1]
     assert figures[0]["base_height"] != figures[2]["base_height"]
-    for command in ("train", "evaluate", "play", "bench", "doctor"):
+    for command in ("train", "evaluate", "compare", "play", "bench", "doctor"):
         target = {"train": ["behavior_cloning"], "bench": ["plan"], "doctor": []}
         parsed = cli.parse([command, *target.get(command, ["run"]), "--sim", "bullet"])
         assert parsed.simulated(Config()).simulation.backend == "bullet"
@@ -145,6 +222,8 @@ def test_a_recorded_episode_repeats_bit_for_bit(run_folder):
         (("train", "--resume"), "Name a method"),
         (("walk", "--seconds", "0", "--no-video"), "at least 0.001 s"),
         (("evaluate", "nowhere"), "no such run folder or policy file"),
+        (("evaluate", ".", "--starts", "solo12-trot-v1-wid"), "did you mean 'solo12-trot-v1-wide'"),
+        (("compare", "nowhere"), "holds no run"),
         (("play", "nowhere", "--episode", "3"), "holds no run"),
     ],
 )
@@ -210,7 +289,7 @@ def test_a_command_outside_the_training_warns(monkeypatch, tmp_path, run_folder)
 
 
 def test_help_of_every_command():
-    for command in ("doctor", "walk", "train", "evaluate", "play", "bench"):
+    for command in ("doctor", "walk", "train", "evaluate", "compare", "play", "bench"):
         child = subprocess.run(
             [sys.executable, "-m", "surefoot", command, "--help"],
             capture_output=True,

@@ -9,7 +9,8 @@ import pytest
 
 from surefoot import push as push_module
 from surefoot.arbiters import ExpertOnly
-from surefoot.config import Config, PushConfig
+from surefoot.config import Config, DisturbanceConfig, PushConfig
+from surefoot.disturbance import draw
 from surefoot.episodes import Job, play_out, run_episodes
 from surefoot.push import (
     branched,
@@ -256,7 +257,7 @@ def test_every_direction_pushes_every_start_at_once():
     np.testing.assert_allclose(job.pushes.impulse.reshape(6, 3), expected, atol=1e-15)
     assert not job.pushes.tick.any()
     np.testing.assert_array_equal(job.starts.id, np.tile(base.starts.id, 2))
-    np.testing.assert_array_equal(job.episode, np.arange(6))
+    np.testing.assert_array_equal(job.episode, np.tile(base.episode, 2))
     part = job[np.array([4])]
     assert part.pushes is not None
     np.testing.assert_array_equal(part.pushes.impulse, job.pushes.impulse[[4]])
@@ -286,6 +287,34 @@ def test_a_push_of_nothing_is_no_push():
     for field in fields(plain):
         np.testing.assert_array_equal(getattr(plain, field.name), getattr(zero, field.name))
     assert not np.array_equal(plain.mean_velocity, some.mean_velocity)
+
+
+def test_a_robot_keeps_its_floor_and_load_over_all_pushes():
+    disturbance = DisturbanceConfig(friction=(0.5, 1.5), mass=(0.8, 1.2))
+    begin = replace(job_of(4, 0.1), disturbance=disturbance)
+    branch, up = branched(begin, Workers(1), "test")
+    assert up.all()
+    job = pushed(branch, np.array([0.0, 1.0]), np.array([1.0, 2.0]))
+    before, after = (draw(j.disturbance, 0, j.episode, j.duration, 0.5) for j in (begin, job))
+    for first, second in ((before.friction, after.friction), (before.mass, after.mass)):
+        assert first is not None and second is not None
+        assert len(set(first)) == 4
+        np.testing.assert_array_equal(second, np.tile(first, 2))
+
+
+def test_pushes_take_place_under_the_evaluation_s_disturbance(monkeypatch):
+    seen = []
+    pretend(monkeypatch, lambda angle, robot: 1.0)
+    run_pretended = push_module.run_episodes
+    monkeypatch.setattr(
+        push_module,
+        "run_episodes",
+        lambda job, *rest: seen.append(job.disturbance) or run_pretended(job, *rest),
+    )
+    disturbance = DisturbanceConfig(pushes=3, delay=3, friction=(0.6, 0.6))
+    evaluation = replace(CONFIG.evaluation, disturbance=disturbance)
+    recovery(replace(CONFIG, evaluation=evaluation))
+    assert set(seen) == {replace(disturbance, pushes=0)}
 
 
 def still(posture):

@@ -1,4 +1,4 @@
-"""The command line: which command with which options. What it does is in `commands`."""
+"""The command line: which command with which options. What it does: `commands`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from typing import Annotated, Any
 
 import tyro
 
-from surefoot.commands import Bench, Doctor, Evaluate, Play, Train, Walk
+from surefoot.commands import Bench, Doctor, Play, Train, Walk
+from surefoot.commands_evaluation import Compare, Evaluate
 from surefoot.config import METHODS
 from surefoot.presets import preset
 
@@ -20,6 +21,7 @@ Commands = (
     | Annotated[Walk, tyro.conf.subcommand("walk")]
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Compare, tyro.conf.subcommand("compare")]
     | Annotated[Play, tyro.conf.subcommand("play")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
 )

@@ -1,7 +1,8 @@
-"""The commands: doctor, walk, train, evaluate, play, bench; their fields are their options.
+"""The commands: doctor, walk, train, play, bench; their fields are their options.
 
 A command calls the package and prints; every figure comes from the modules it calls. ``--json
-FILE`` writes the figures for machines: one object, its keys documented at the command. Next: `cli`.
+FILE`` writes the figures for machines: one object, its keys documented at the command. Next:
+`commands_evaluation`, which holds evaluate and compare, and `cli`.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ class OnSimulator:
     """A command whose robots walk on either simulator."""
 
     sim: Backend | None = None
-    """The simulator; without it that of the configuration or of the run (doctor: mujoco; bench
-    expert: both)."""
+    """The simulator; without it that of the configuration or of the run (doctor: mujoco; compare
+    and bench expert: both)."""
 
     def simulated(self, config: Config) -> Config:
         """The configuration, with the simulator asked for."""
@@ -169,51 +170,6 @@ class Train(OnWorkers, OnSimulator):
         if self.json:
             write_json(self.json, {"run": str(folder), "metrics": run.metrics})
         print(f"best policy: {policy}\ncurves:      {curves}")
-        return 0
-
-
-@dataclass(frozen=True)
-class Evaluate(OnWorkers, OnSimulator):
-    """Robustness and tracking of a policy, and of the expert on the same stored starts.
-
-    JSON: episodes, successes, success_rate, success_interval (Wilson 95 %), falls, stalls,
-    diverged, strict_successes, mse and settled_mse [vx, vy, yaw_rate; m^2/s^2, rad^2/s^2],
-    max_torque [Nm], robot_seconds, plans, invalid_plans, starts_hash, split, policy (its file),
-    simulator; the same for the expert under `expert`.
-    """
-
-    target: Annotated[Path, tyro.conf.Positional]
-    """Folder of a run (its best policy), or a policy file."""
-    split: Literal["select", "test"] = "test"
-    """Starts to use; a policy is reported on `test`, once."""
-    expert: bool = True
-    """Evaluate the expert too."""
-    episodes: int | None = None
-    """How many starts; 100 without it."""
-    json: Path | None = None
-    """Write the figures here."""
-
-    def __call__(self) -> int:
-        """Run both and print them side by side."""
-        from surefoot.evaluation import evaluate
-        from surefoot.replay import find_policy
-
-        policy, trained_on = find_policy(self.target)
-        config = self.simulated(trained_on)
-        if self.episodes is not None:
-            config = replace(config, evaluation=replace(config.evaluation, episodes=self.episodes))
-        figures, _ = evaluate(config, policy, self.split, self.spread, "policy")
-        figures.update(policy=str(policy), simulator=config.simulation.backend)
-        show_evaluation("policy", figures)
-        if self.expert:
-            figures["expert"], _ = evaluate(config, None, self.split, self.spread, "expert")
-            show_evaluation("expert", figures["expert"])
-        if self.target.is_dir() and self.expert and self.episodes is None:
-            # On another simulator than the run's own, it is another evaluation.
-            name = self.split if config == trained_on else f"{self.split}-{self.sim}"
-            write_json(self.target / f"evaluation-{name}.json", figures)
-        if self.json:
-            write_json(self.json, figures)
         return 0
 
 
@@ -371,19 +327,6 @@ def film_episode(
         print(f"video:  {film(robot, config.simulation, q, out, title=title, **events)}")
     except RenderingUnavailable as error:
         print(f"no video: {error}", file=sys.stderr)
-
-
-def show_evaluation(name: str, figures: dict[str, Any]) -> None:
-    """One evaluation in three lines."""
-    low, high = figures["success_interval"]
-    print(
-        f"{name}: {figures['successes']} of {figures['episodes']} {figures['split']} starts "
-        f"({100 * low:.1f} to {100 * high:.1f} %), {figures['falls']} fell, "
-        f"{figures['stalls']} stalled, {figures['diverged']} diverged"
-    )
-    for key, meaning in (("mse", "successes"), ("settled_mse", "all, from 1 s on")):
-        values = ", ".join("-" if x is None else f"{x:.5f}" for x in figures[key])
-        print(f"  velocity MSE vx, vy, yaw rate ({meaning}): {values}")
 
 
 def show(figures: dict[str, Any], path: Path | None) -> None:

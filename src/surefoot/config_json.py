@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import MISSING, asdict, fields, is_dataclass, replace
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -75,3 +76,13 @@ def _value(hint: Any, value: Any, path: str) -> Any:
     if type(value) is not hint:
         raise ValueError(f"{path} is {value!r}, expected {hint.__name__}")
     return value
+
+
+def changes(config: Any, base: Any) -> Iterator[tuple[str, Any, Any]]:
+    """What differs between two instances of one config class: dotted name, and both JSON values."""
+    for field in fields(config):
+        values = getattr(config, field.name), getattr(base, field.name)
+        if is_dataclass(values[0]) and type(values[0]) is type(values[1]):
+            yield from ((f"{field.name}.{name}", *both) for name, *both in changes(*values))
+        elif values[0] != values[1]:
+            yield field.name, *json.loads(json.dumps(values, default=asdict))

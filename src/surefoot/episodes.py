@@ -28,6 +28,8 @@ from surefoot.summary import Summary, join, summarise
 from surefoot.types import BoolArray, IntArray, PlanFunction, to_ticks
 from surefoot.workers import Workers, map_chunks
 
+PLANNER = "surefoot.mpc.planner"
+"""Name of the package's own expert."""
 Keep = Callable[[Rollout], BoolArray]
 """A method's rule: ``(B, T)`` True for the frames of a rollout that go into the dataset."""
 
@@ -87,7 +89,7 @@ class Result:
 
 def expert_name(job: Job) -> str:
     """Whose plans a job's expert follows: the package's planner, or a function by its name."""
-    return "surefoot.mpc.planner" if job.plan is None else job.plan.__qualname__
+    return PLANNER if job.plan is None else job.plan.__qualname__
 
 
 def run_episodes(job: Job, workers: Workers, label: str) -> Summary:

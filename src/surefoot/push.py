@@ -35,15 +35,18 @@ def push_recovery(
     workers: Workers,
     label: str,
     plan: PlanFunction | None = None,
+    stored: StartSet | None = None,
 ) -> dict[str, Any]:
     """Largest impulse survived by a policy, or by the expert, from each direction.
 
     Args:
-        config: of robot, simulator, expert, and of the pushes.
+        config: of robot, simulator, expert, of the pushes, and of what else disturbs the robots
+            (`evaluation.disturbance`; its own pushes are left out).
         policy: file of the policy; None pushes the expert.
         workers: who runs the episodes.
         label: of the progress bars.
         plan: the expert's MPC; without it the BiConMP-style planner.
+        stored: the set of starts; without it the package's first.
 
     Returns:
         ``direction_deg`` (0 is forward, 90 to the left), and for each of them ``max_impulse`` [Ns],
@@ -60,7 +63,7 @@ def push_recovery(
     Raises:
         ValueError: more speeds asked for than the split has.
     """
-    push, stored = config.push, load_starts()
+    push, stored = config.push, stored or load_starts()
     begin = Job(
         replace(config, safety=replace(config.safety, fall_angle=push.fall_angle)),
         starts := pushed_starts(push, stored),
@@ -69,6 +72,7 @@ def push_recovery(
         push.before,
         policy=policy,
         plan=plan,
+        disturbance=replace(config.evaluation.disturbance, pushes=0),
     )
     branch, up = branched(begin, workers, f"{label}: before the push")
     needed = enough(push.success, len(starts))
@@ -179,8 +183,9 @@ def branched(begin: Job, workers: Workers, label: str) -> tuple[Job, BoolArray]:
     )[up]
     # Falls are tested at once: the grace is for starts that no robot walked into.
     config = replace(begin.config, safety=replace(begin.config.safety, grace=0.0))
-    episode, after = np.arange(len(states)), config.push.after
-    return replace(begin, config=config, starts=states, episode=episode, duration=after), up
+    # The ids stay: each robot keeps its floor and its load, in every direction and level.
+    branch = replace(begin, config=config, starts=states, episode=begin.episode[up])
+    return replace(branch, duration=config.push.after), up
 
 
 def states_at_the_end(job: Job) -> tuple[Starts, BoolArray]:
@@ -200,7 +205,7 @@ def pushed(branch: Job, angles: Array, impulse: Array) -> Job:
     vectors = impulse[:, None] * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
     at, duration = np.zeros((len(rows), 1), int), to_ticks(branch.config.push.duration)
     pushes = Pushes(np.repeat(vectors, n, axis=0)[:, None], at, duration)
-    return replace(branch[rows], episode=np.arange(len(rows)), pushes=pushes)
+    return replace(branch[rows], pushes=pushes)
 
 
 def enough(share: float, n: int) -> float:

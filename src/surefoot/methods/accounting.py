@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from surefoot.safety import Outcome
@@ -51,3 +52,64 @@ def collection_figures(summary: Summary) -> dict[str, Any]:
         "recoveries_tilted": int(everything.kept_tilted.sum()),
         "recoveries_near_bounds": int(everything.kept_near_bounds.sum()),
     }
+
+
+def cost_of(metrics: Sequence[dict[str, Any]], T: float) -> dict[str, Any]:
+    """What a whole run cost; iteration 0 is the pre-training.
+
+    Args:
+        metrics: the run's records (`surefoot.run.Run.metrics`).
+        T: [s] of a rollout, of an iterative method.
+
+    Returns:
+        Over everything: ``expert_seconds``, ``plans`` (MPC solves), ``diverged``, ``queries`` (the
+        expert's rollouts from visited states, LocoDAGGER) and ``queries_failed``, ``frames_kept``,
+        ``recoveries_tilted``, ``recoveries_near_bounds``, ``pretraining_episodes`` and
+        ``pretraining_falls``; over the later iterations: ``episodes``, ``falls``,
+        ``falls_per_robot_minute``, ``takeovers`` and ``expert_share``, pooled over T; None where
+        there are none. ``seconds``: wall time of collect, train, validate and guards.
+    """
+    collected = [record for record in metrics if record["stage"] == "collect"]
+    later = [record for record in collected if record["iteration"] > 0]
+    keys = ("expert_seconds", "plans", "diverged", "queries", "queries_failed", "frames_kept")
+    keys = (*keys, "recoveries_tilted", "recoveries_near_bounds")
+    cost: dict[str, Any] = {key: sum(record[key] for record in collected) for key in keys}
+    for key in ("episodes", "falls"):
+        cost[f"pretraining_{key}"] = sum(r[key] for r in collected if r["iteration"] == 0)
+    for key in ("episodes", "falls", "takeovers"):
+        cost[key] = sum(record[key] for record in later) if later else None
+    minutes = sum(rollout_seconds(r, r["expert_share_with_tail"], T) for r in later) / 60
+    seconds = [rollout_seconds(record, record["expert_share"], T) for record in later]
+    shares = [record["expert_share"] for record in later]
+    by_expert = sum(share * time for share, time in zip(shares, seconds, strict=True))
+    cost["falls_per_robot_minute"] = cost["falls"] / minutes if later else None
+    cost["expert_share"] = by_expert / sum(seconds) if later else None
+    cost["seconds"] = {
+        stage: sum(r["seconds"] for r in metrics if r["stage"].startswith(prefix))
+        for stage, prefix in (
+            ("collect", "collect"),
+            ("train", "train"),
+            ("validate", "validate"),
+            ("guards", "guard_"),
+        )
+    }
+    return cost
+
+
+def rollout_seconds(record: dict[str, Any], share: float, T: float) -> float:
+    """Time of an iteration's rollouts, without the expert's queries, from what is recorded.
+
+    The policy's time is what is not the expert's, and it is 1 - share of the whole: exact. Where
+    the expert drove alone (LocoDAGGER's first iteration) the falls and their rate give the time,
+    or nobody fell, and each rollout lasted T.
+
+    Args:
+        record: of an iteration's collection.
+        share: the expert's, of the time that is asked for: over T, or with the tail.
+        T: [s] of a rollout.
+    """
+    if share < 1:
+        return (record["robot_seconds"] - record["expert_seconds"]) / (1 - share)
+    if record["falls"]:
+        return 60 * record["falls"] / record["falls_per_robot_minute"]
+    return record["episodes"] * T if record["queries"] else record["robot_seconds"]
