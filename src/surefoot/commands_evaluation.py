@@ -136,6 +136,9 @@ class Compare(OnWorkers, OnSimulator):
     """How many starts."""
     pushes: bool = True
     """Push them too."""
+    push_speeds: int | None = None
+    """Forward speeds of the robots that are pushed, each at the ten phases of the gait: 10 as
+    configured, the paper's 100 robots a level; 5 cost half."""
     baseline: Path | None = None
     """The run that the others are compared with; the first behaviour cloning without it."""
     json: Path | None = None
@@ -170,6 +173,7 @@ class Compare(OnWorkers, OnSimulator):
             baseline=self.baseline,
             which=self.policy,
             pushes=self.pushes,
+            push_speeds=self.push_speeds,
         )
         print(text := tables(record))
         if self.out is not None:

@@ -55,6 +55,7 @@ def compare(
     baseline: Path | None = None,
     which: Literal["best", "last"] = "best",
     pushes: bool = True,
+    push_speeds: int | None = None,
 ) -> dict[str, Any]:
     """Measure the policies of several runs, and the expert.
 
@@ -68,6 +69,7 @@ def compare(
         baseline: the run that the others are compared with; the first behaviour cloning without it.
         which: `best`, the policy chosen on the `select` starts, or `last`.
         pushes: whether to push them.
+        push_speeds: forward speeds of the robots pushed, ten of each; as configured without it.
 
     Returns:
         ``rows``: the expert's and one of each run, ``label``, ``run``, ``method``, ``policy``,
@@ -83,6 +85,8 @@ def compare(
         RunError: a folder without a run, or without such a policy.
     """
     config, rows = entries(runs, names, which, episodes)
+    if push_speeds is not None:
+        config = replace(config, push=replace(config.push, speeds=push_speeds))
     labels = {Path(row["run"]): row["label"] for row in rows if row["run"]}
     cloned = (row["label"] for row in rows if row["method"] == "behavior_cloning")
     if baseline is not None and baseline not in labels:
