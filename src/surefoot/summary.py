@@ -163,7 +163,7 @@ def summarise(
         ticks=record.length,
         proper_ticks=proper.sum(axis=1),
         expert_ticks=by_expert[:, :T].sum(axis=1),
-        takeovers=took_over.sum(axis=1) + by_expert[:, 0] * (~record.expert_drove[:, :T]).any(1),
+        takeovers=took_over.sum(axis=1) + by_expert[:, 0] * (proper & ~by_expert[:, :T]).any(1),
         expert_drove_last=by_expert[robots, last],
         expert_drove_before=by_expert[robots, before],
         plans=plans,
@@ -172,7 +172,10 @@ def summarise(
         kept_tilted=count(tilted),
         kept_near_bounds=count(margin(frames.state, safety, *NEAR_BOUNDS) < 1.0),
         strict=strictly_stepping(
-            record.feet[:, :T, :, 2], record.contacts[:, :T], foot_radius, gait_period
+            record.feet[:, :T, :, 2],
+            record.contacts[:, :T] & proper[..., None],
+            foot_radius,
+            gait_period,
         ),
         mean_velocity=_mean(velocity, proper),
         mse=_mean(error, proper),
