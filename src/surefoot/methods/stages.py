@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import time
 from contextlib import closing
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.config import Config, Gait
+from surefoot.config import Config, Gait, unknown
 from surefoot.dataset import Dataset
 from surefoot.disturbance import check_disturbance
 from surefoot.episodes import Job, chunks_of, expert_name, run_chunk
 from surefoot.evaluation import evaluate
 from surefoot.gates import save_trace
-from surefoot.method_config import METHODS
+from surefoot.method_config import METHODS, Guard
 from surefoot.methods.accounting import collection_figures
 from surefoot.methods.rollouts import EPISODES_PER_ITERATION
 from surefoot.policy import Policy, PolicyNetwork, load, save
@@ -71,9 +71,31 @@ def check(config: Config) -> None:
         ("method.epochs", config.method.epochs, 1, 1_000_000),
         ("method.T", getattr(config.method, "T", 1.0), 0.001, 3600.0),
     )
+    method = config.method
+    limits = {
+        "p": (0.0, 1.0),
+        "alpha": (0.0, 1.0),
+        "N_query": (1, 600),  # more would run into the ids of the next iteration
+        "T_query": (0.001, 3600.0),
+        "before_fall": (0.0, 3600.0),
+        "unsafe_share": (0.0, 1.0),
+        "T_block": (0.0, 3600.0),
+        "T_end": (0.0, 3600.0),
+        "tightest": (0.0, 1.0),
+        "alarm": (0.0, 1.0),
+    }
+    given = {name: getattr(method, name) for name in limits if hasattr(method, name)}
+    checks = (*checks, *((f"method.{name}", v, *limits[name]) for name, v in given.items()))
     for name, value, least, most in checks:
         if not least <= value <= most:
             raise ValueError(f"{name} is {value}; use {least} to {most}")
+    guards = getattr(method, "guard", ("classifier",) if hasattr(method, "unsafe_share") else ())
+    if wrong := [name for name in guards if name not in get_args(Guard)]:
+        raise ValueError(unknown("guard", wrong[0], get_args(Guard)))
+    if "classifier" in guards and config.training.validation == 0.0:
+        raise ValueError(
+            "training.validation is 0, but tau is chosen on frames held out; use 0.1, for example"
+        )
     check_disturbance(config.collection)
     choose_device(config.training.device)
 
