@@ -12,7 +12,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 import toy
-from surefoot.arbiters import RandomMix, SafetySwitch
+from surefoot.arbiters import ExpertOnly, RandomMix, SafetySwitch
 from surefoot.classifier import load_classifier
 from surefoot.config import (
     Config,
@@ -23,7 +23,7 @@ from surefoot.config import (
     TrainingConfig,
 )
 from surefoot.disturbance import draw
-from surefoot.episodes import Job, play_out
+from surefoot.episodes import Job, play_out, run_chunk
 from surefoot.examples import held_out
 from surefoot.gates import Deviation
 from surefoot.method_config import (
@@ -438,6 +438,20 @@ def test_chunks_do_not_matter(small, tmp_path, name, chunk):
         summaries.append(vars(summary[np.argsort(summary.episode)]))
     for field, array in summaries[0].items():
         np.testing.assert_array_equal(array, summaries[1][field], err_msg=field)
+
+
+def test_what_would_have_been_after_the_end_counts_for_nothing(monkeypatch):
+    """A robot lost 10 ms after a touchdown has the same summary alone and in company."""
+    starts, summaries = load_starts()["train"][:2], []
+    for batch in (1, 2):
+        monkeypatch.setattr("surefoot.episodes.make_simulator", Worlds({"lost": {0: 510}}))
+        some = starts[:batch]
+        job = Job(CONFIG, some, np.arange(batch), ExpertOnly(), 1.1, plan=plan)
+        summaries.append(run_chunk(job).summary)
+    assert summaries[0].ticks.tolist() == [510]
+    assert summaries[0].strict.tolist() == [False] and summaries[1].strict.tolist()[1:] == [True]
+    for field, array in vars(summaries[0]).items():
+        np.testing.assert_array_equal(array, getattr(summaries[1], field)[:1], err_msg=field)
 
 
 class Killed(BaseException):
