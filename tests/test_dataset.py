@@ -317,3 +317,45 @@ def test_a_view_of_what_was_there_before_an_episode(tmp_path):
     with pytest.raises(DatasetError, match="only read"):
         view.append("three", make_frames([3]))
     assert data.shards == ("one", "two")
+
+
+@pytest.mark.parametrize("before", range(8))
+def test_a_view_may_end_within_a_shard(tmp_path, before):
+    """It is, to the bit, the dataset that has never held any later episode."""
+    data, there = Dataset(tmp_path / "all"), [e for e in (0, 1, 2, 3, 5, 6) if e < before]
+    data.append("a", make_frames([0, 2], each=4))
+    data.append("b", make_frames([1, 5, 3], each=7))
+    data.append("c", make_frames([6]))
+    data.append("empty", make_frames([]))
+    each = {0: 4, 2: 4, 1: 7, 5: 7, 3: 7, 6: 5}
+    expected = concatenate([make_frames([e], each=each[e]) for e in there])
+    view = data.before(before)
+    assert_same(view.load(), expected)
+    assert view.frames == len(expected) == sum(each[e] for e in there)
+    assert view.episodes == len(there)
+    assert view.hash == expected.hash
+    if there:
+        alone = Dataset(tmp_path / "alone")
+        alone.append("x", expected)
+        assert view.hash == alone.hash
+    parts = list(view.parts())
+    assert len(parts) == len(view.shards)
+    together = concatenate(parts)
+    assert_same(together[np.argsort(together.episode, kind="stable")], expected)
+    homes = {"a": {0, 2}, "b": {1, 3, 5}, "c": {6}}
+    assert view.shards == (*(n for n, ids in homes.items() if ids & {*there}), "empty")
+    for name in view.shards[:-1]:
+        assert set(view.load([name]).episode) == homes[name] & {*there}
+    assert data.frames == 34  # the whole is as it was
+
+
+def test_what_a_view_leaves_out_is_checked_all_the_same(tmp_path):
+    """A shard's hash is of the whole shard: damage in an episode left out is damage."""
+    data = Dataset(tmp_path)
+    data.append("a", make_frames([1, 2]))
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["torque"][7, 4] = 1e-9  # pyright: ignore
+    view = data.before(2)
+    for read in (view.load, lambda: list(view.parts()), lambda: view.frames):
+        with pytest.raises(DatasetError, match=r"shard .*a\.h5 is missing or damaged"):
+            read()

@@ -130,9 +130,11 @@ def concatenate(parts: Sequence[Frames]) -> Frames:
 class Dataset:
     """An append-only folder of shards. Counts and hash are read from its manifest alone.
 
+    Only the frames of a view that ends within a shard are counted in that shard's file.
+
     Args:
         folder: is created by the first ``append``.
-        before: leave out shards with episodes of this id or above; such a view is only read.
+        before: leave out episodes of this id or above; such a view is only read.
         skip_damaged: leave out shards that are lost or damaged, with a warning that names them:
             counts and hash are those of what is left. All shards are read to find out. Such a view
             is only read, too.
@@ -204,7 +206,7 @@ class Dataset:
             part = slice(start, start + entry["frames"])
             start = part.stop
             self._read(name, entry, {key: array[part] for key, array in arrays.items()})
-        return _by_episode(Frames(**arrays))
+        return self._within(_by_episode(Frames(**arrays)))
 
     def parts(self) -> Iterator[Frames]:
         """The frames shard by shard, one in memory at a time, in the order of first episodes.
@@ -217,7 +219,7 @@ class Dataset:
         for name, entry in self._ordered().items():
             arrays = _blank(entry["frames"])
             self._read(name, entry, arrays)
-            yield Frames(**arrays)
+            yield self._within(Frames(**arrays))
 
     @property
     def shards(self) -> tuple[str, ...]:
@@ -227,17 +229,23 @@ class Dataset:
     @property
     def frames(self) -> int:
         """Number of frames."""
-        return sum(entry["frames"] for entry in self._shards().values())
+        return sum(
+            entry["frames"]
+            if len(self._ids(entry)) == len(entry["episodes"])
+            # The manifest does not say how long an episode is.
+            else len(self.load([name]))
+            for name, entry in self._shards().items()
+        )
 
     @property
     def episodes(self) -> int:
         """Number of episodes."""
-        return sum(len(entry["episodes"]) for entry in self._shards().values())
+        return sum(len(self._ids(entry)) for entry in self._shards().values())
 
     @property
     def hash(self) -> str:
         """SHA-256 of all arrays, episode by episode: the same however the frames are sharded."""
-        return _combine({k: d for e in self._shards().values() for k, d in e["episodes"].items()})
+        return _combine({k: d for e in self._shards().values() for k, d in self._ids(e).items()})
 
     @property
     def _manifest(self) -> Path:
@@ -266,12 +274,10 @@ class Dataset:
         shards = manifest["shards"]
         if self._skip_damaged:
             shards = self._undamaged(shards)
-        if self._before is None:
-            return shards
         return {
             name: entry
             for name, entry in shards.items()
-            if all(int(episode) < self._before for episode in entry["episodes"])
+            if self._ids(entry) or not entry["episodes"]
         }
 
     def _undamaged(self, shards: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -291,6 +297,17 @@ class Dataset:
                 stacklevel=2,
             )
         return {name: entry for name, entry in shards.items() if self._whole[name]}
+
+    def _ids(self, entry: dict[str, Any]) -> dict[str, str]:
+        """Of a shard's episodes those that are not left out, with their digests."""
+        digests, before = entry["episodes"], self._before
+        return digests if before is None else {k: d for k, d in digests.items() if int(k) < before}
+
+    def _within(self, frames: Frames) -> Frames:
+        """Of frames sorted by episode those that are not left out."""
+        if self._before is None:
+            return frames
+        return frames[: int(np.searchsorted(frames.episode, self._before))]
 
     def _ordered(self, shards: Sequence[str] | None = None) -> dict[str, dict[str, Any]]:
         """Entries of the named shards, or of all, by their first episodes."""

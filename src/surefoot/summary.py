@@ -173,7 +173,10 @@ def summarise(
         kept_tilted=count(tilted),
         kept_near_bounds=count(margin(frames.state, safety, *NEAR_BOUNDS) < 1.0),
         strict=strictly_stepping(
-            record.feet[:, :T, :, 2], record.contacts[:, :T], foot_radius, gait_period
+            record.feet[:, :T, :, 2],
+            record.contacts[:, :T] & proper[..., None],
+            foot_radius,
+            gait_period,
         ),
         mean_velocity=_mean(velocity, proper),
         mse=_mean(error, proper),

@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import time
 from contextlib import closing
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.config import Config, Gait
+from surefoot.config import Config, Gait, unknown
 from surefoot.dataset import Dataset
 from surefoot.disturbance import check_disturbance
 from surefoot.episodes import Job, chunks_of, expert_name, run_chunk
 from surefoot.evaluation import evaluate
 from surefoot.gates import save_trace
-from surefoot.method_config import METHODS
+from surefoot.method_config import METHODS, Guard
 from surefoot.methods.accounting import collection_figures
 from surefoot.methods.rollouts import EPISODES_PER_ITERATION
 from surefoot.policy import Policy, PolicyNetwork, load, save
@@ -50,12 +50,14 @@ METHOD_BOUNDS = {
     "iterations": (0, 10_000),
     "epochs": (1, 1_000_000),
     "T": (0.001, 3600.0),
+    "T_block": (0.0, 3600.0),
+    "T_end": (0.0, 3600.0),
     "p": (0.0, 1.0),
     "alpha": (0.0, 1.0),
-    "N_query": (1, 8),
+    "N_query": (1, 600),  # more could run into the ids of the next iteration
     "T_query": (0.001, 3600.0),
     "before_fall": (0.0, 3600.0),
-    "unsafe_share": (0.001, 0.999),
+    "unsafe_share": (0.0, 1.0),
     "alarm": (0.0, 1.0),
     "tightest": (0.0, 1.0),
 }
@@ -93,6 +95,14 @@ def check(config: Config) -> None:
     for name, value, least, most in checks:
         if not least <= value <= most:
             raise ValueError(f"{name} is {value}; use {least} to {most}")
+    method = config.method
+    guards = getattr(method, "guard", ("classifier",) if hasattr(method, "unsafe_share") else ())
+    if wrong := [name for name in guards if name not in get_args(Guard)]:
+        raise ValueError(unknown("guard", wrong[0], get_args(Guard)))
+    if "classifier" in guards and config.training.validation == 0.0:
+        raise ValueError(
+            "training.validation is 0, but tau is chosen on frames held out; use 0.1, for example"
+        )
     check_disturbance(config.collection)
     check_disturbance(config.evaluation.disturbance)
     choose_device(config.training.device)
