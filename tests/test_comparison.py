@@ -409,6 +409,20 @@ def test_cost_is_pooled_exactly(tail, queries, fell):
     assert cost["seconds"] == {"collect": 10.0, "train": 0, "validate": 0, "guards": 0}
 
 
+def test_of_a_series_of_sizes_only_the_last_is_what_a_policy_cost():
+    records = [{"stage": "collect", "iteration": 0, **collected(0)}]
+    for size in range(3):
+        records.append({"stage": "train", "iteration": size, "seconds": 10.0 * (size + 1)})
+        records.append({"stage": "validate", "iteration": size, "seconds": size + 1.0})
+    records.append({"stage": "best", "iteration": 0, "best_iteration": 2})
+    cost = cost_of(records, 0.0)
+    assert cost["seconds"] == {"collect": 100.0, "train": 30.0, "validate": 3.0, "guards": 0}
+    # Of an iterative method each policy goes on from the one before.
+    records += [{"stage": "collect", "iteration": i, **collected(i)} for i in (1, 2)]
+    cost = cost_of(records, 6.0)
+    assert cost["seconds"] == {"collect": 300.0, "train": 60.0, "validate": 6.0, "guards": 0}
+
+
 def test_prose_around_the_tables_stays(tmp_path):
     path = tmp_path / "methods.md"
     assert page(path, "| a |") == f"{BEGIN}\n| a |\n{END}\n"
