@@ -204,11 +204,13 @@ def test_the_tables_hold_the_known_answers(monkeypatch, runs, tmp_path):
         "+0.00 (+0.00 to +0.00)",
     ]
     assert found[12] == [
-        *("BC", "0", "60", "1200", "0 of 10", "-", "-", "-", "0", "-", "-", "1000"),
+        *("BC", "0", "60", "1200", "0 of 10 (0.0 to 27.8 %)", "-", "-", "-", "0", "-", "-", "1000"),
         *("0.0 %, 0.0 %", "100, 20, 3, 0"),
     ]
     # 3 falls in 10 rollouts, together one minute; the expert drove 10 of 60 s.
-    assert found[13][2:10] == ["70", "2400", "0 of 10", "3 of 10", "3.00", "-", "0", "0"]
+    assert found[13][2:5] == ["70", "2400", "0 of 10 (0.0 to 27.8 %)"]
+    assert found[13][5:10] == ["3 of 10 (10.8 to 60.3 %)", "3.00", "-", "0", "0"]
+    assert "80 % of 2 robots survive" in tables(record)
     assert found[13][10:] == ["16.7 %", "2000", "0.0 %, 0.0 %", "200, 40, 6, 1"]
 
 

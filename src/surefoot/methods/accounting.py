@@ -16,6 +16,8 @@ def collection_figures(summary: Summary) -> dict[str, Any]:
     ``episodes`` to ``failed_episodes`` are of the rollouts in which a policy may drive; the
     expert's rollouts from their states (LocoDAGGER) count as ``queries``, ``queries_failed``, and
     in ``expert_seconds``, ``robot_seconds``, ``plans``, ``invalid_plans`` and what is kept.
+    ``expert_seconds`` is the time that the expert drove; that it is only asked (DAGGER) shows in
+    ``plans``.
     ``falls_expert_driving`` is who drove the last tick, ``..._before`` half a second earlier;
     ``expert_share`` is over T, ``..._with_tail`` with the tail. ``recoveries_tilted`` are kept
     frames with roll or pitch beyond 10 degrees, ``recoveries_near_bounds`` those within 5 degrees
