@@ -106,10 +106,10 @@ def tables(record: dict[str, Any]) -> str:
     )
     parts.append(markdown(DIFFERENCES, lines))
     parts.append(
-        "What each whole run cost; of a series of sizes, that of the last. Falls, with Wilson's 95 % "
-        "intervals, and expert share: of the iterations after the pre-training, over all rollouts "
-        "and their time T together. Expert [s]: the time that it drove; where DAGGER asks it and "
-        "the policy drives, only the MPC solves count."
+        "What each whole run cost; of a series of sizes, that of the last. Falls, with Wilson's "
+        "95 % intervals, and expert share: of the iterations after the pre-training, over all "
+        "rollouts and their time T together. Expert [s]: the time that it drove; where DAGGER asks "
+        "it and the policy drives, only the MPC solves count."
     )
     lines = [
         (row["label"], str(int(Path(row["policy"]).stem)), *expense(row["cost"]))
