@@ -13,6 +13,7 @@ import pytest
 
 from robots import needs_pybullet
 from surefoot import cli, commands
+from surefoot.commands_evaluation import Evaluate
 from surefoot.config import Config, PolicyConfig, PushConfig
 from surefoot.method_config import ExpertData, LocoSafeDaggerConfig
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
@@ -93,6 +94,16 @@ def test_evaluate_with_pushes(monkeypatch, capsys, run_folder, tmp_path):
     printed = capsys.readouterr().out
     assert f"push that 80 % survive [Ns]: {expert['mean_fitted_impulse']:.2f} (" in printed
     assert "policy minus expert: " in printed
+
+
+@pytest.mark.parametrize("split", ["select", "test"])
+def test_pushes_are_on_the_split_asked_for(split):
+    command = Evaluate(Path("run"), split=split, pushes=True)
+    config = command.as_asked(Config())
+    assert config == replace(Config(), push=replace(PushConfig(), split=split))
+    nominal = replace(Config(), push=replace(PushConfig(), split="nominal"))
+    expected = "nominal" if split == "test" else split  # what a run was configured with
+    assert command.as_asked(nominal).push.split == expected
 
 
 def test_what_is_evaluated_names_the_file(monkeypatch, run_folder, tmp_path):

@@ -204,11 +204,13 @@ def test_the_tables_hold_the_known_answers(monkeypatch, runs, tmp_path):
         "+0.00 (+0.00 to +0.00)",
     ]
     assert found[12] == [
-        *("BC", "0", "60", "1200", "0 of 10", "-", "-", "-", "0", "-", "-", "1000"),
+        *("BC", "0", "60", "1200", "0 of 10 (0.0 to 27.8 %)", "-", "-", "-", "0", "-", "-", "1000"),
         *("0.0 %, 0.0 %", "100, 20, 3, 0"),
     ]
     # 3 falls in 10 rollouts, together one minute; the expert drove 10 of 60 s.
-    assert found[13][2:10] == ["70", "2400", "0 of 10", "3 of 10", "3.00", "-", "0", "0"]
+    assert found[13][2:5] == ["70", "2400", "0 of 10 (0.0 to 27.8 %)"]
+    assert found[13][5:10] == ["3 of 10 (10.8 to 60.3 %)", "3.00", "-", "0", "0"]
+    assert "80 % of 2 robots survive" in tables(record)
     assert found[13][10:] == ["16.7 %", "2000", "0.0 %, 0.0 %", "200, 40, 6, 1"]
 
 
@@ -407,6 +409,20 @@ def test_cost_is_pooled_exactly(tail, queries, fell):
         assert cost[key] == pytest.approx(everything[key])
     assert cost["pretraining_episodes"] == 10
     assert cost["seconds"] == {"collect": 10.0, "train": 0, "validate": 0, "guards": 0}
+
+
+def test_of_a_series_of_sizes_only_the_last_is_what_a_policy_cost():
+    records = [{"stage": "collect", "iteration": 0, **collected(0)}]
+    for size in range(3):
+        records.append({"stage": "train", "iteration": size, "seconds": 10.0 * (size + 1)})
+        records.append({"stage": "validate", "iteration": size, "seconds": size + 1.0})
+    records.append({"stage": "best", "iteration": 0, "best_iteration": 2})
+    cost = cost_of(records, 0.0)
+    assert cost["seconds"] == {"collect": 100.0, "train": 30.0, "validate": 3.0, "guards": 0}
+    # Of an iterative method each policy goes on from the one before.
+    records += [{"stage": "collect", "iteration": i, **collected(i)} for i in (1, 2)]
+    cost = cost_of(records, 6.0)
+    assert cost["seconds"] == {"collect": 300.0, "train": 60.0, "validate": 6.0, "guards": 0}
 
 
 def test_prose_around_the_tables_stays(tmp_path):

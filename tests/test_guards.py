@@ -1,5 +1,6 @@
 """Which gates guard which iteration, and a run in the small whose history network learns."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +17,10 @@ from surefoot.config import (
 )
 from surefoot.gates import History, load_trace
 from surefoot.method_config import ExpertData, LocoSafeDaggerConfig
+from surefoot.methods import guards
 from surefoot.methods.guards import guard, train_guards
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
+from surefoot.policy import Policy, load
 from surefoot.run import Run, create, open_run
 from surefoot.safety import AnyOf, Bounds, tightened
 from surefoot.workers import Workers
@@ -104,3 +107,28 @@ def test_rollouts_too_short_to_learn_from_are_an_error_before_any_work(tmp_path)
     with pytest.raises(ValueError, match=r"method.T is 0.3 s; a history network predicts 0.3 s"):
         loco_safe_dagger(run, Workers(1))
     assert run.metrics == []
+
+
+def test_a_policy_answers_a_part_of_the_data_at_a_time(run, tmp_path, monkeypatch):
+    written, sizes = [], []
+
+    class Counted(Policy):
+        @property
+        def forward(self):
+            forward = super().forward
+            return lambda rows: (sizes.append(len(rows)), forward(rows))[1]
+
+    def counted(path):
+        policy = load(path)
+        policy.__class__ = Counted
+        return policy
+
+    monkeypatch.setattr(guards, "load", counted)
+    for together in (1_000_000, 64):
+        monkeypatch.setattr(guards, "TOGETHER", together)
+        folder = tmp_path / str(together)
+        shutil.copytree(run.folder, folder)
+        train_guards(open_run(folder), 0, ["classifier"])
+        written.append(open_run(folder).gate("classifier", 0).read_bytes())
+    assert sizes[0] == sum(sizes[1:]) > 64 >= max(sizes[1:])
+    assert written[0] == written[1]

@@ -34,7 +34,7 @@ class Evaluate(OnWorkers, OnSimulator):
     target: Annotated[Path, tyro.conf.Positional]
     """Folder of a run (its best policy), or a policy file."""
     split: Literal["select", "test"] = "test"
-    """Starts to use; a policy is reported on `test`, once."""
+    """Starts to use, for the pushes too; a policy is reported on `test`, once."""
     starts: str = PACKAGED[0]
     """A set of starts by its name, or a file; solo12-trot-v1-wide is perturbed 1.5 times as far."""
     expert: bool = True
@@ -91,7 +91,10 @@ class Evaluate(OnWorkers, OnSimulator):
             evaluation = replace(evaluation, episodes=self.episodes)
         if self.disturbance != DisturbanceConfig():
             evaluation = replace(evaluation, disturbance=self.disturbance)
-        return self.simulated(replace(config, evaluation=evaluation))
+        push = config.push
+        if self.split != "test":  # pushes on `test` starts would be the report already
+            push = replace(push, split=self.split)
+        return self.simulated(replace(config, evaluation=evaluation, push=push))
 
     def file_name(self, config: Config, trained_on: Config) -> str:
         """Of the figures in the run's folder: what differs from the run's own evaluation.

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from surefoot.config import Backend
+from surefoot.statistics import wilson
 
 BEGIN, END = "<!-- table -->", "<!-- end of table -->"
 """What a generated part of a Markdown file stands between."""
@@ -73,11 +74,14 @@ def page(path: Path, text: str) -> str:
 def tables(record: dict[str, Any]) -> str:
     """The comparison in Markdown: what the policies can do, how they differ, what they cost."""
     starts, share = ", ".join(record["starts"]), 100 * record["config"]["push"]["success"]
+    found = [results for row in record["rows"] for results in row["results"].values()]
+    robots = {f"{each['pushes']['episodes']} robots" for each in found if "pushes" in each}
     parts = [
         f"The first {record['episodes']} `test` starts of {starts}; 95 % intervals: Wilson's, and "
         "bootstrap intervals over starts. MSE of vx, vy [m²/s²] and yaw rate [rad²/s²], in "
-        f"thousandths. Pushes [Ns]: the impulse that {share:.0f} % survive, mean of all "
-        "directions; least and most of a direction."
+        f"thousandths. Pushes [Ns]: the impulse that {share:.0f} % of "
+        f"{', '.join(sorted(robots)) or 'the robots'} survive, mean of all directions; least and "
+        "most of a direction."
     ]
     measured = [
         (simulator, row, results)
@@ -102,8 +106,10 @@ def tables(record: dict[str, Any]) -> str:
     )
     parts.append(markdown(DIFFERENCES, lines))
     parts.append(
-        "What each whole run cost. Falls and expert share: of the iterations after the "
-        "pre-training, over all rollouts and their time T together."
+        "What each whole run cost; of a series of sizes, that of the last. Falls, with Wilson's "
+        "95 % intervals, and expert share: of the iterations after the pre-training, over all "
+        "rollouts and their time T together. Expert [s]: the time that it drove; where DAGGER asks "
+        "it and the policy drives, only the MPC solves count."
     )
     lines = [
         (row["label"], str(int(Path(row["policy"]).stem)), *expense(row["cost"]))
@@ -172,8 +178,8 @@ def expense(cost: dict[str, Any]) -> list[str]:
     return [
         f"{cost['expert_seconds']:.0f}",
         f"{cost['plans']}",
-        f"{cost['pretraining_falls']} of {cost['pretraining_episodes']}",
-        "-" if alone else f"{cost['falls']} of {cost['episodes']}",
+        counted(cost["pretraining_falls"], cost["pretraining_episodes"]),
+        "-" if alone else counted(cost["falls"], cost["episodes"]),
         "-" if alone else f"{cost['falls_per_robot_minute']:.2f}",
         f"{cost['queries_failed']} of {cost['queries']}" if cost["queries"] else "-",
         f"{cost['diverged']}",
@@ -186,3 +192,11 @@ def expense(cost: dict[str, Any]) -> list[str]:
         ),
         ", ".join(f"{seconds:.0f}" for seconds in cost["seconds"].values()),
     ]
+
+
+def counted(count: int, n: int) -> str:
+    """How many of n, and the interval of their share."""
+    if not n:
+        return "-"
+    low, high = wilson(count, n)
+    return f"{count} of {n} ({100 * low:.1f} to {100 * high:.1f} %)"

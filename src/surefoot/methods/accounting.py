@@ -16,6 +16,8 @@ def collection_figures(summary: Summary) -> dict[str, Any]:
     ``episodes`` to ``failed_episodes`` are of the rollouts in which a policy may drive; the
     expert's rollouts from their states (LocoDAGGER) count as ``queries``, ``queries_failed``, and
     in ``expert_seconds``, ``robot_seconds``, ``plans``, ``invalid_plans`` and what is kept.
+    ``expert_seconds`` is the time that the expert drove; that it is only asked (DAGGER) shows in
+    ``plans``.
     ``falls_expert_driving`` is who drove the last tick, ``..._before`` half a second earlier;
     ``expert_share`` is over T, ``..._with_tail`` with the tail. ``recoveries_tilted`` are kept
     frames with roll or pitch beyond 10 degrees, ``recoveries_near_bounds`` those within 5 degrees
@@ -67,7 +69,8 @@ def cost_of(metrics: Sequence[dict[str, Any]], T: float) -> dict[str, Any]:
         ``recoveries_tilted``, ``recoveries_near_bounds``, ``pretraining_episodes`` and
         ``pretraining_falls``; over the later iterations: ``episodes``, ``falls``,
         ``falls_per_robot_minute``, ``takeovers`` and ``expert_share``, pooled over T; None where
-        there are none. ``seconds``: wall time of collect, train, validate and guards.
+        there are none. ``seconds``: wall time of collect, train, validate and guards; of a series
+        of behaviour cloning that of the last size, whose policy owes nothing to the others.
     """
     collected = [record for record in metrics if record["stage"] == "collect"]
     later = [record for record in collected if record["iteration"] > 0]
@@ -84,8 +87,10 @@ def cost_of(metrics: Sequence[dict[str, Any]], T: float) -> dict[str, Any]:
     by_expert = sum(share * time for share, time in zip(shares, seconds, strict=True))
     cost["falls_per_robot_minute"] = cost["falls"] / minutes if later else None
     cost["expert_share"] = by_expert / sum(seconds) if later else None
+    last = max((r["iteration"] for r in metrics if r["stage"] == "train"), default=0)
+    timed = [r for r in metrics if later or r["stage"] == "collect" or r["iteration"] == last]
     cost["seconds"] = {
-        stage: sum(r["seconds"] for r in metrics if r["stage"].startswith(prefix))
+        stage: sum(r["seconds"] for r in timed if r["stage"].startswith(prefix))
         for stage, prefix in (
             ("collect", "collect"),
             ("train", "train"),
