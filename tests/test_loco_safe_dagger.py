@@ -398,7 +398,7 @@ def test_a_run_of_another_method_is_refused(tmp_path):
     ("change", "message"),
     [
         ({"hand_back": "never"}, "never"),
-        ({"velocities": 21}, "21 velocities asked for, the stored starts hold 20"),
+        ({"velocities": 21}, "21 velocities asked for, .* hold 20 in .train."),
         ({"velocities": 0}, "0 velocities asked for"),
         ({"perturbations": 8}, "8 perturbations asked for.*hold 7"),
         ({"perturbations": 0}, "0 perturbations asked for"),

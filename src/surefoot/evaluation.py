@@ -51,13 +51,7 @@ def evaluate(
         ValueError: the split holds fewer starts than the episodes asked for.
     """
     starts = stored if isinstance(stored, StartSet) else load_starts(stored)
-    episodes = config.evaluation.episodes
-    some = starts[split][:episodes]
-    if not 1 <= episodes == len(some):
-        raise ValueError(
-            f"{episodes} episodes asked for, the starts {starts.name!r} hold {len(starts[split])} "
-            f"in {split!r}; use 1 to {len(starts[split])}"
-        )
+    some = starts.first(split, config.evaluation.episodes)
     job = Job(
         config,
         some,
