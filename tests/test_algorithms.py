@@ -25,6 +25,7 @@ from surefoot.config import (
 from surefoot.disturbance import draw
 from surefoot.episodes import Job, play_out, run_chunk
 from surefoot.examples import held_out
+from surefoot.files import load_arrays
 from surefoot.gates import Deviation
 from surefoot.method_config import (
     BehaviorCloningConfig,
@@ -42,7 +43,7 @@ from surefoot.policy import Policy, PolicyNetwork, load, save
 from surefoot.run import Run, create, open_run
 from surefoot.safety import Outcome, SafetyMonitor
 from surefoot.starts import load_starts
-from surefoot.summary import join, load_summary
+from surefoot.summary import Summary, join
 from surefoot.train import fit
 from surefoot.types import State
 from surefoot.workers import Workers
@@ -373,7 +374,7 @@ def test_frames_are_conserved(runs, name):
     for i in range(1 if run.method == "behavior_cloning" else 3):
         shards = [s for s in run.dataset.shards if s.startswith(f"iteration_{i:03d}")]
         frames = run.dataset.load(shards)
-        summary = join([load_summary(run.summary(name)) for name in shards])
+        summary = join([load_arrays(run.summary(name), Summary) for name in shards])
         count = {e: int((frames.episode == e).sum()) for e in summary.episode.tolist()}
         assert summary.kept.tolist() == list(count.values())
         assert len(frames) == sum(count.values()) == figures_of(run, "collect", i)["frames_kept"]
@@ -434,7 +435,7 @@ def test_chunks_do_not_matter(small, tmp_path, name, chunk):
         assert one == other
     summaries = []
     for each in (run, small(name)):
-        summary = join([load_summary(each.summary(shard)) for shard in each.dataset.shards])
+        summary = join([load_arrays(each.summary(shard), Summary) for shard in each.dataset.shards])
         summaries.append(vars(summary[np.argsort(summary.episode)]))
     for field, array in summaries[0].items():
         np.testing.assert_array_equal(array, summaries[1][field], err_msg=field)
@@ -778,7 +779,7 @@ def test_robots_that_fall_in_the_tail_at_takeover_and_in_the_grace(tmp_path, mon
     assert figures["falls_expert_driving_before"] == sum(case[3][1:] == "x" for case in FALLS) == 2
     assert figures["failed_episodes"] == job.episode[fell].tolist()
     assert figures["frames_kept"] == len(frames)
-    summary = load_summary(run.summary("iteration_001-000"))
+    summary = load_arrays(run.summary("iteration_001-000"), Summary)
     assert summary.takeovers.tolist() == [1, 2, 2, 1, 1, 2, 1, 1, 0, 0]
     assert summary.expert_ticks.tolist() == [100, 140, 101, 100, 200, 300, 100, 50, 0, 0]
 
@@ -825,7 +826,7 @@ def test_divergence_at_a_takeover_and_within_a_block(tmp_path, monkeypatch):
     run, figures, ((job, record),) = one_iteration(
         tmp_path, monkeypatch, replace(RESCUE, T_block=0.2), {"heights": heights}
     )
-    summary, frames = load_summary(run.summary("iteration_001-000")), run.dataset.load()
+    summary, frames = load_arrays(run.summary("iteration_001-000"), Summary), run.dataset.load()
     for b, (_, end, kept, plans, invalid) in enumerate(DIVERGING):
         assert record.length[b] == end
         assert record.outcome[b] == (Outcome.SUCCESS if end == 680 else Outcome.DIVERGED)

@@ -180,7 +180,7 @@ def test_a_damaged_line_of_the_metrics_is_named_and_done_again_once_deleted(fini
 def test_a_summary_that_is_lost_is_made_again_and_a_damaged_one_named(finished, copy):
     summary = copy.summary("iteration_000-003")
     cut(summary)
-    with pytest.raises(ValueError, match=r"iteration_000-003.npz is damaged.*delete it"):
+    with pytest.raises(ValueError, match=r"iteration_000-003.npz is missing or damaged.*delete it"):
         resume(copy.folder)
     summary.unlink()
     assert fingerprint(resume(copy.folder)) == fingerprint(finished)

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +17,6 @@ from numpy.typing import NDArray
 from surefoot.classifier import Classifier
 from surefoot.config import Config, SafetyConfig
 from surefoot.engine import Rollout
-from surefoot.files import write_atomic
 from surefoot.observation import INPUT_SIZE, Phase, network_input
 from surefoot.safety import unsafe
 from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
@@ -163,26 +160,3 @@ def history_rows(traces: Sequence[Trace]) -> tuple[NDArray[np.float32], BoolArra
         begin, end = end, end + len(robot)
         rows[begin:end] = trace.inputs[robot[:, None], back]
     return rows.reshape(-1, SAMPLES * INPUT_SIZE), np.concatenate(yes), np.concatenate(episode)
-
-
-def save_trace(path: Path, trace: Trace) -> None:
-    """Write a trace, whole or not at all."""
-    buffer = BytesIO()
-    np.savez(buffer, **vars(trace))
-    write_atomic(path, buffer.getvalue())
-
-
-def load_trace(path: Path) -> Trace:
-    """Read a trace back, to the bit.
-
-    Raises:
-        ValueError: the file is damaged or missing.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return Trace(**{name: stored[name] for name in stored.files})
-    except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
-        raise ValueError(
-            f"{path} is missing or damaged ({error}); delete it: `surefoot train ... --resume` "
-            "collects it again, to the same bits"
-        ) from error

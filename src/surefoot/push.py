@@ -22,6 +22,7 @@ from surefoot.arbiters import ExpertOnly, PolicyOnly
 from surefoot.config import Config, PushConfig
 from surefoot.disturbance import Pushes
 from surefoot.episodes import Job, chunks_of, play_out, run_episodes
+from surefoot.files import as_digits, from_digits
 from surefoot.safety import Outcome
 from surefoot.starts import Starts, StartSet, join, load_starts
 from surefoot.statistics import percentiles, resamples
@@ -111,7 +112,7 @@ def push_recovery(
         "mean_max_impulse": float(passed.mean() * push.resolution),
         "levels": [[k * push.resolution for k in sorted(record)] for record in tried],
         "successes": [[int(record[k].sum()) for k in sorted(record)] for record in tried],
-        "survived": [[as_text(record[k]) for k in sorted(record)] for record in tried],
+        "survived": [[as_digits(record[k]) for k in sorted(record)] for record in tried],
     }
     fitted = [
         level_at(levels, counts, needed)
@@ -229,16 +230,6 @@ def resampled(figures: dict[str, Any]) -> Array:
     n = figures["episodes"]
     needed, draws, columns = enough(figures["share"], n), resamples(n), []
     for levels, texts in zip(figures["levels"], figures["survived"], strict=True):
-        counts = draws @ np.array([from_text(text) for text in texts], int).T
+        counts = draws @ np.array([from_digits(text) for text in texts]).T
         columns.append([level_at(levels, row, needed) for row in counts])
     return np.array(columns).T
-
-
-def as_text(robots: BoolArray) -> str:
-    """One character a robot, 1 for True: short in JSON."""
-    return "".join(np.where(robots, "1", "0"))
-
-
-def from_text(text: str) -> list[bool]:
-    """The other way round."""
-    return [character == "1" for character in text]

@@ -12,7 +12,8 @@ from tqdm import tqdm
 
 from surefoot.classifier import digest, fit_classifier, load_classifier, save_classifier
 from surefoot.examples import derive, held_out
-from surefoot.gates import HORIZON, Deviation, History, history_rows, load_trace
+from surefoot.files import load_arrays
+from surefoot.gates import HORIZON, Deviation, History, Trace, history_rows
 from surefoot.method_config import Guard
 from surefoot.methods.stages import dataset, iteration_of
 from surefoot.observation import INPUT_SIZE
@@ -96,7 +97,7 @@ def train_history(run: Run, i: int, alarm: float) -> None:
         return
     began = time.perf_counter()
     names = [name for name in run.dataset.shards if 1 <= iteration_of(name) <= i]
-    rows, yes, episode = history_rows([load_trace(run.trace(name)) for name in names])
+    rows, yes, episode = history_rows([load_arrays(run.trace(name), Trace) for name in names])
     _train(run, i, "history", rows, yes, held_out(episode, HELD_OUT), alarm, began)
 
 

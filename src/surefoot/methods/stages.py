@@ -18,14 +18,14 @@ from surefoot.dataset import Dataset
 from surefoot.disturbance import check_disturbance
 from surefoot.episodes import Job, chunks_of, expert_name, run_chunk
 from surefoot.evaluation import evaluate
-from surefoot.gates import save_trace
+from surefoot.files import load_arrays, save_arrays
 from surefoot.method_config import METHODS, Guard
 from surefoot.methods.accounting import collection_figures
 from surefoot.methods.rollouts import EPISODES_PER_ITERATION
 from surefoot.policy import Policy, PolicyNetwork, load, save
 from surefoot.run import Run, RunError
 from surefoot.starts import load_starts
-from surefoot.summary import Summary, join, load_summary, save_summary
+from surefoot.summary import Summary, join
 from surefoot.train import choose_device, fit
 from surefoot.types import to_ticks
 from surefoot.workers import Workers, each_chunk
@@ -167,7 +167,7 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
     }
     missing = [number for number, name in enumerate(names) if name not in stored]
     for chunk, name in zip(chunks, names, strict=True):
-        if name in stored and not _ran(load_summary(run.summary(name)), chunk):
+        if name in stored and not _ran(load_arrays(run.summary(name), Summary), chunk):
             raise ValueError(
                 f"{run.folder} holds rollouts of iteration {iteration} from other starts or by "
                 f"another expert than {expert_name(job)}; resume it as it was begun, or begin "
@@ -180,10 +180,10 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
             # The shard last: one that the dataset knows is a chunk that is done.
             name = names[missing[done]]
             if result.trace is not None:
-                save_trace(run.trace(name), result.trace)
-            save_summary(run.summary(name), result.summary)
+                save_arrays(run.trace(name), result.trace)
+            save_arrays(run.summary(name), result.summary)
             run.dataset.append(name, result.frames)
-    return join([load_summary(run.summary(name)) for name in names])
+    return join([load_arrays(run.summary(name), Summary) for name in names])
 
 
 def _ran(summary: Summary, chunk: Job) -> bool:
@@ -200,7 +200,7 @@ def first_frames(run: Run, frames: int) -> Dataset:
     Raises:
         ValueError: not even one episode does.
     """
-    summary = join([load_summary(run.summary(name)) for name in run.dataset.shards])
+    summary = join([load_arrays(run.summary(name), Summary) for name in run.dataset.shards])
     order = np.argsort(summary.episode)
     fits = np.cumsum(summary.kept[order]) <= frames
     if not fits[0]:
