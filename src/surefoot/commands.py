@@ -107,7 +107,7 @@ class Walk(OnSimulator):
         settled = settled_part(length)
         height = record.q[0, settled, 2]
         figures = {
-            "fell": bool(record.outcome[0] in (Outcome.FELL, Outcome.DIVERGED)),
+            "fell": bool(record.failed[0]),
             "outcome": Outcome(int(record.outcome[0])).name,
             "command": list(command),
             "mean_velocity": velocities(record)[0, settled].mean(axis=0).tolist(),
@@ -242,7 +242,7 @@ class Play(OnSimulator):
         title = f"{driver}, vx {job.starts.command[0, 0]:.2f} m/s"
         drove = None if episode is None else record.expert_drove[0, :length]
         film_episode(job.config, record.q[0, :length], out, title, drove, pushes_of(job, record))
-        return int(figures["outcome"] in ("FELL", "DIVERGED"))
+        return int(record.failed[0])
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from surefoot.safety import Outcome
 from surefoot.starts import PACKAGED, StartSet, load_starts
 from surefoot.statistics import wilson
 from surefoot.summary import Summary
-from surefoot.types import PlanFunction
+from surefoot.types import TICKS_PER_SECOND, PlanFunction
 from surefoot.workers import Workers
 
 
@@ -91,7 +91,7 @@ def figures_of(summary: Summary) -> dict[str, Any]:
         "mse": mean_rows(summary.mse[success]),
         "settled_mse": mean_rows(summary.settled_mse),
         "max_torque": float(summary.max_torque.max()),
-        "robot_seconds": float(summary.ticks.sum() / 1000),
+        "robot_seconds": float(summary.ticks.sum() / TICKS_PER_SECOND),
         "plans": int(summary.plans.sum()),
         "invalid_plans": int(summary.invalid_plans.sum()),
     }

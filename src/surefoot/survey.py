@@ -25,7 +25,6 @@ from surefoot.files import write_json
 from surefoot.presets import published_rules
 from surefoot.push import push_recovery
 from surefoot.run import versions
-from surefoot.safety import Outcome
 from surefoot.starts import PACKAGED, load_starts
 from surefoot.statistics import wilson
 from surefoot.workers import Workers
@@ -129,7 +128,7 @@ def survival(
 ) -> dict[str, Any]:
     """The figures of one variant on one set of starts, their keys after ``prefix``."""
     figures, summary = evaluate(config, None, "test", workers, label, stored=load_starts(stored))
-    lost = (summary.outcome == Outcome.FELL) | (summary.outcome == Outcome.DIVERGED)
+    lost = summary.failed
     named = {
         "episodes": figures["episodes"],
         "survived": int((~lost).sum()),
