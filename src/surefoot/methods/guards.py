@@ -155,8 +155,7 @@ def _train(
     Raises:
         RunError: it was lost, and training it again gave another one.
     """
-    seed = int(run.seed("gate", i).generate_state(1)[0])
-    classifier = fit_classifier(rows, yes, held, seed, alarm)
+    classifier = fit_classifier(rows, yes, held, run.torch_seed("gate", i), alarm)
     figures = classifier.figures | figures | {"sha256": digest(classifier)}
     done = run.done(f"guard_{kind}", i)
     if done and done.get("sha256", figures["sha256"]) != figures["sha256"]:

@@ -19,9 +19,9 @@ from surefoot.disturbance import check_disturbance
 from surefoot.episodes import Job, chunks_of, expert_name, run_chunk
 from surefoot.evaluation import evaluate
 from surefoot.files import load_arrays, save_arrays
-from surefoot.method_config import METHODS, Guard
+from surefoot.method_config import METHODS, Guard, IterativeConfig
 from surefoot.methods.accounting import collection_figures
-from surefoot.methods.rollouts import EPISODES_PER_ITERATION
+from surefoot.methods.rollouts import EPISODES_PER_ITERATION, draw_starts
 from surefoot.policy import Policy, PolicyNetwork, load, save
 from surefoot.run import Run, RunError
 from surefoot.starts import load_starts
@@ -103,6 +103,8 @@ def check(config: Config) -> None:
         raise ValueError(
             "training.validation is 0, but tau is chosen on frames held out; use 0.1, for example"
         )
+    if isinstance(method, IterativeConfig):
+        draw_starts(method, np.random.default_rng())
     check_disturbance(config.collection)
     check_disturbance(config.evaluation.disturbance)
     choose_device(config.training.device)
@@ -230,8 +232,7 @@ def train(
     began = time.perf_counter()
     config, data = run.config, data or dataset(run, iteration)
     if iteration == 0 or fresh:
-        seed = int(run.seed("network", 0).generate_state(1)[0])
-        network = PolicyNetwork(config.policy, seed)
+        network = PolicyNetwork(config.policy, run.torch_seed("network", 0))
     else:
         network = load(run.policy(iteration - 1)).network
     period = to_ticks(config.gait.period)
@@ -241,14 +242,13 @@ def train(
             bar.set_postfix(train=f"{train_loss:.4f}", validation=f"{validation_loss:.4f}")
             bar.update()
 
-        order = int(run.seed("order", iteration).generate_state(1)[0])
         result = fit(
             network,
             data,
             config.training,
             config.policy,
             epochs,
-            order,
+            run.torch_seed("order", iteration),
             period,
             progress,
             checkpoint,
