@@ -17,7 +17,7 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from surefoot.config import Backend, Config
+from surefoot.config import Backend, Config, simulated
 from surefoot.files import write_json
 from surefoot.types import TICKS_PER_SECOND, Command
 from surefoot.workers import Workers, default_workers
@@ -33,9 +33,7 @@ class OnSimulator:
 
     def simulated(self, config: Config) -> Config:
         """The configuration, with the simulator asked for."""
-        if self.sim is None:
-            return config
-        return replace(config, simulation=replace(config.simulation, backend=self.sim))
+        return config if self.sim is None else simulated(config, self.sim)
 
 
 @dataclass(frozen=True, kw_only=True)

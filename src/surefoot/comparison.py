@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 from tqdm import tqdm
 
-from surefoot.config import Backend, Config, DisturbanceConfig, SafetyConfig
+from surefoot.config import Backend, Config, DisturbanceConfig, SafetyConfig, simulated
 from surefoot.config_json import changes, to_json
 from surefoot.episodes import PLANNER
 from surefoot.evaluation import evaluate
@@ -103,7 +103,7 @@ def compare(
     if path is not None and path.exists():
         take_over(path, record)
     for simulator, row in product(simulators, rows):
-        ground = replace(config, simulation=replace(config.simulation, backend=simulator))
+        ground = simulated(config, simulator)
         policy = None if row["policy"] is None else Path(row["policy"])
         results, label = row["results"].setdefault(simulator, {}), f"{simulator}, {row['label']}"
         if "evaluation" not in results:
@@ -154,8 +154,8 @@ def entries(
         count = Counter(labels)
     if twice := sorted(label for label in labels if count[label] > 1 or label == EXPERT):
         raise ValueError(f"rows of the same name: {', '.join(twice)}; tell them apart with --names")
-    rows: list[dict[str, Any]] = [{"label": EXPERT, "results": {}}]
-    rows[0].update(dict.fromkeys(("run", "method", "policy", "sha256", "cost")))
+    nothing = dict.fromkeys(("run", "method", "policy", "sha256", "cost"))
+    rows: list[dict[str, Any]] = [{"label": EXPERT, **nothing, "results": {}}]
     for run, label in zip(opened, labels, strict=True):
         policy = run.best_policy if which == "best" else last_policy(run)
         find_policy(policy)  # one that cannot be used fails here, not hours later

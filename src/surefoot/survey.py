@@ -18,7 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from surefoot.bench_plan import cold_plans, times_of
-from surefoot.config import Backend, Config, PushConfig
+from surefoot.config import Backend, Config, PushConfig, simulated
 from surefoot.config_json import to_json
 from surefoot.evaluation import evaluate
 from surefoot.files import write_json
@@ -114,8 +114,7 @@ def variant_of(
     )
     return RULES[rules](
         replace(
-            config,
-            simulation=replace(config.simulation, backend=simulator),
+            simulated(config, simulator),
             expert=expert,
             evaluation=replace(config.evaluation, episodes=episodes),
             push=PUSHES,
