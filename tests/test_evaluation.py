@@ -1,37 +1,20 @@
 """Evaluation: intervals, counts and errors with known answers; valid JSON whatever happens."""
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from records import summary_of
 from surefoot.config import Config, EvaluationConfig, PolicyConfig
 from surefoot.evaluation import evaluate, figures_of, mean_rows
 from surefoot.policy import Policy, PolicyNetwork, save
 from surefoot.safety import Outcome
 from surefoot.starts import load_starts
-from surefoot.summary import Summary
 from surefoot.workers import Workers
 
 SUCCESS, FELL, STALLED, DIVERGED = Outcome
-
-
-def summary_of(outcome, **given) -> Summary:
-    n = len(outcome)
-    blank = {
-        "expert_drove_last": np.zeros(n, bool),
-        "expert_drove_before": np.zeros(n, bool),
-        "strict": np.zeros(n, bool),
-        "command": np.zeros((n, 3)),
-        "mean_velocity": np.zeros((n, 3)),
-        "mse": np.zeros((n, 3)),
-        "settled_mse": np.zeros((n, 3)),
-        "max_torque": np.zeros(n),
-    }
-    whole = {field.name: np.zeros(n, np.int64) for field in fields(Summary)}
-    arrays = {name: np.array(array) for name, array in given.items()}
-    return Summary(**{**whole, **blank, "outcome": np.array(outcome, np.int64), **arrays})
 
 
 @pytest.mark.parametrize(

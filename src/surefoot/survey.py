@@ -18,6 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from surefoot.bench_plan import cold_plans, times_of
+from surefoot.comparison_tables import markdown
 from surefoot.config import Backend, Config, PushConfig, simulated
 from surefoot.config_json import to_json
 from surefoot.evaluation import evaluate
@@ -160,11 +161,16 @@ def lost_by_all(cells: list[dict[str, Any]]) -> dict[str, list[int]]:
 def table(record: dict[str, Any]) -> str:
     """The survey as a Markdown table."""
     head = (
-        "| simulator | nodes | rules | survived | survived, sigmas x 1.5 | RMS error vx, vy [m/s]"
-        " | push at 80 %, mean [Ns] (least, most) |"
-        " plan [ms] (p99): contacts, centroidal, kinematics, inverse dynamics |"
+        "simulator",
+        "nodes",
+        "rules",
+        "survived",
+        "survived, sigmas x 1.5",
+        "RMS error vx, vy [m/s]",
+        "push at 80 %, mean [Ns] (least, most)",
+        "plan [ms] (p99): contacts, centroidal, kinematics, inverse dynamics",
     )
-    rows = [head, "|---" * (head.count("|") - 1) + "|"]
+    rows = []
     for cell in record["cells"]:
         nodes = "/".join(map(str, cell["nodes"]))
         columns = [cell["simulator"], nodes, cell["rules"], *(["-"] * 5)]
@@ -184,5 +190,5 @@ def table(record: dict[str, Any]) -> str:
             plan = cell["plan_ms"]
             stages = ", ".join(f"{value:.2f}" for value in plan["stages"].values())
             columns[7] = f"{plan['median']:.2f} ({plan['p99']:.2f}): {stages}"
-        rows.append("| " + " | ".join(columns) + " |")
-    return "\n".join(rows)
+        rows.append(columns)
+    return markdown(head, rows)
