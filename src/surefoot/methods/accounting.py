@@ -9,6 +9,18 @@ from surefoot.safety import Outcome
 from surefoot.summary import Summary
 from surefoot.types import TICKS_PER_SECOND
 
+SUMMED = (
+    "expert_seconds",
+    "plans",
+    "diverged",
+    "queries",
+    "queries_failed",
+    "frames_kept",
+    "recoveries_tilted",
+    "recoveries_near_bounds",
+)
+"""Figures of a collection that a whole run's cost adds up, the pre-training's too."""
+
 
 def collection_figures(summary: Summary) -> dict[str, Any]:
     """The figures of an iteration's rollouts, flat.
@@ -68,9 +80,7 @@ def cost_of(metrics: Sequence[dict[str, Any]], T: float) -> dict[str, Any]:
     """
     collected = [record for record in metrics if record["stage"] == "collect"]
     later = [record for record in collected if record["iteration"] > 0]
-    keys = ("expert_seconds", "plans", "diverged", "queries", "queries_failed", "frames_kept")
-    keys = (*keys, "recoveries_tilted", "recoveries_near_bounds")
-    cost: dict[str, Any] = {key: sum(record[key] for record in collected) for key in keys}
+    cost: dict[str, Any] = {key: sum(record[key] for record in collected) for key in SUMMED}
     for key in ("episodes", "falls"):
         cost[f"pretraining_{key}"] = sum(r[key] for r in collected if r["iteration"] == 0)
     for key in ("episodes", "falls", "takeovers"):
