@@ -8,13 +8,14 @@ unfinished; it is only read.
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from surefoot.classifier import load_classifier
+from surefoot.comparison_tables import markdown
 from surefoot.config import DisturbanceConfig, EvaluationConfig
+from surefoot.files import write_json
 from surefoot.gate_evaluation import announcements
 from surefoot.gates import History
 from surefoot.run import Run, RunError, open_run
@@ -43,16 +44,17 @@ def last_gate(run: Run) -> int:
 
 def table(figures: dict[str, Any]) -> str:
     """The figures in Markdown."""
+    head = (
+        "gate",
+        "falls announced 0.2 s ahead (95 %)",
+        "by chance",
+        "median lead, ms (95 %)",
+        "false takeovers per robot-minute (95 %)",
+        "takeovers",
+    )
     lines = [
-        f"{figures['run']}, policy {figures['iteration']}: {figures['falls']} of "
-        f"{figures['episodes']} fell",
-        "",
-        "| gate | falls announced 0.2 s ahead (95 %) | by chance | median lead, ms (95 %) "
-        "| false takeovers per robot-minute (95 %) | takeovers |",
-        "|---|---|---|---|---|---|",
-    ]
-    for name, gate in figures["gates"].items():
-        cells = [
+        [
+            name,
             f"{gate['announced']} of {figures['falls']}"
             + shown(gate["announced_share"], gate["announced_interval"], 100, ": {} %"),
             "-" if gate["chance_share"] is None else f"{100 * gate['chance_share']:.0f} %",
@@ -60,8 +62,12 @@ def table(figures: dict[str, Any]) -> str:
             shown(gate["false_per_minute"], gate["false_interval"], 1, "{}", digits=2),
             str(gate["takeovers"]),
         ]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        for name, gate in figures["gates"].items()
+    ]
+    return (
+        f"{figures['run']}, policy {figures['iteration']}: {figures['falls']} of "
+        f"{figures['episodes']} fell\n\n{markdown(head, lines)}"
+    )
 
 
 def shown(
@@ -104,7 +110,7 @@ def main() -> None:
     }
     print(table(figures))
     if options.json:
-        options.json.write_text(json.dumps(figures, indent=1))
+        write_json(options.json, figures)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
-"""Synthetic rollouts, for tests of what is made of them."""
+"""Synthetic rollouts and summaries, for tests of what is made of them."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from surefoot.engine import Rollout
 from surefoot.starts import Starts
+from surefoot.summary import Summary
 from surefoot.types import State
 
 
@@ -37,3 +38,21 @@ def blank(B: int, T: int, **changes) -> Rollout:
         duration=T,
     )
     return replace(record, **changes)
+
+
+def summary_of(outcome, **given) -> Summary:
+    """Episodes with these outcomes, and zeros where nothing else is given."""
+    n = len(outcome)
+    blank = {
+        "expert_drove_last": np.zeros(n, bool),
+        "expert_drove_before": np.zeros(n, bool),
+        "strict": np.zeros(n, bool),
+        "command": np.zeros((n, 3)),
+        "mean_velocity": np.zeros((n, 3)),
+        "mse": np.zeros((n, 3)),
+        "settled_mse": np.zeros((n, 3)),
+        "max_torque": np.zeros(n),
+    }
+    whole = {field.name: np.zeros(n, np.int64) for field in fields(Summary)}
+    arrays = {name: np.array(array) for name, array in given.items()}
+    return Summary(**{**whole, **blank, "outcome": np.array(outcome, np.int64), **arrays})

@@ -7,6 +7,7 @@ import pytest
 
 import surefoot.methods.stages
 from records import blank
+from runs import fingerprint
 from surefoot.config import Config, EvaluationConfig, PolicyConfig, TrainingConfig
 from surefoot.dataset import Dataset, DatasetError
 from surefoot.episodes import play_out
@@ -27,11 +28,6 @@ CONFIG = replace(
     evaluation=EvaluationConfig(duration=0.05, episodes=3),
 )
 STAGES = [("collect", 0), ("train", 0), ("validate", 0), ("best", 0)]
-
-
-def fingerprint(run: Run) -> tuple:
-    metrics = [{k: v for k, v in line.items() if k != "seconds"} for line in run.metrics]
-    return run.dataset.hash, run.policy(0).read_bytes(), metrics
 
 
 @pytest.fixture(scope="module")

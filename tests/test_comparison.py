@@ -14,6 +14,7 @@ from surefoot.comparison import compare, label_of
 from surefoot.comparison_tables import BEGIN, END, page, tables
 from surefoot.config import Config, PolicyConfig, PushConfig
 from surefoot.figures import comparison_figure
+from surefoot.files import load_arrays
 from surefoot.method_config import (
     BehaviorCloningConfig,
     ExpertData,
@@ -28,7 +29,7 @@ from surefoot.run import RunError, create, open_run
 from surefoot.safety import Outcome
 from surefoot.starts import load_starts
 from surefoot.statistics import wilson
-from surefoot.summary import Summary, join, load_summary
+from surefoot.summary import Summary, join
 from surefoot.workers import Workers
 
 SMALL = PolicyConfig(hidden=(4,))
@@ -491,7 +492,7 @@ def test_a_real_comparison(trained, tmp_path):
     assert len({json.dumps(results["evaluation"]) for results in policies}) == 2
     run = open_run(trained[1])
     later = [run.summary(name) for name in run.dataset.shards if "_000-" not in name]
-    pooled = collection_figures(join([load_summary(file) for file in later]))
+    pooled = collection_figures(join([load_arrays(file, Summary) for file in later]))
     for key in ("episodes", "falls", "takeovers", "expert_share", "falls_per_robot_minute"):
         assert record["rows"][2]["cost"][key] == pytest.approx(pooled[key], rel=1e-9)
     assert label_of(run) == record["rows"][2]["label"]

@@ -11,11 +11,12 @@ from surefoot.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
 from surefoot.config import Config, EvaluationConfig, PolicyConfig
 from surefoot.dataset import concatenate
 from surefoot.episodes import Job, chunks_of, play_out, run_chunk, run_episodes
+from surefoot.files import load_arrays, save_arrays
 from surefoot.policy import Policy, PolicyNetwork, save
 from surefoot.robot import solo12, standing
 from surefoot.safety import Bounds, Outcome, SafetyMonitor
 from surefoot.starts import load_starts
-from surefoot.summary import Summary, join, load_summary, save_summary, summarise, velocities
+from surefoot.summary import Summary, join, summarise, velocities
 from surefoot.types import MotionPlan
 from surefoot.workers import Workers, map_chunks
 
@@ -54,8 +55,9 @@ def job_of(policy=None, chunk=2, episodes=5, **changes):
     return replace(job, **changes)
 
 
-def equal(a: Summary, b: Summary):
-    for field in fields(Summary):
+def equal(a, b):
+    """Two summaries, or frames, to the bit."""
+    for field in fields(a):
         np.testing.assert_array_equal(
             getattr(a, field.name), getattr(b, field.name), err_msg=field.name
         )
@@ -67,13 +69,6 @@ def collected(job, workers):
     return join([part.summary for part in parts]), concatenate([part.frames for part in parts])
 
 
-def equal_frames(a, b):
-    for field in fields(a):
-        np.testing.assert_array_equal(
-            getattr(a, field.name), getattr(b, field.name), err_msg=field.name
-        )
-
-
 def test_results_do_not_depend_on_workers_or_chunks(policy):
     """Rescued rollouts of a policy: takeovers off the grid, tail, frames, and all figures."""
     summary, frames = collected(job_of(policy), 1)
@@ -82,7 +77,7 @@ def test_results_do_not_depend_on_workers_or_chunks(policy):
     for workers, chunk in ((2, 2), (1, 5), (1, 3)):
         other, other_frames = collected(job_of(policy, chunk), workers)
         equal(summary, other)
-        equal_frames(frames, other_frames)
+        equal(frames, other_frames)
 
 
 def test_episodes_keep_their_order_and_ids(policy):
@@ -133,13 +128,13 @@ def test_summary_counts_plans_of_each_robot():
 def test_a_summary_comes_back_from_its_file_to_the_bit(policy, tmp_path):
     summary = run_episodes(job_of(policy, episodes=2), Workers(1), "file")
     path = tmp_path / "episodes" / "part.npz"
-    save_summary(path, summary)
-    equal(summary, load_summary(path))
+    save_arrays(path, summary)
+    equal(summary, load_arrays(path, Summary))
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(ValueError, match=r"part.npz is damaged.*delete it"):
-        load_summary(path)
-    with pytest.raises(FileNotFoundError):
-        load_summary(tmp_path / "none.npz")
+    with pytest.raises(ValueError, match=r"part.npz is missing or damaged.*delete it"):
+        load_arrays(path, Summary)
+    with pytest.raises(ValueError, match=r"none.npz is missing or damaged.*--resume"):
+        load_arrays(tmp_path / "none.npz", Summary)
 
 
 # --- figures of synthetic rollouts

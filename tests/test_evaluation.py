@@ -1,37 +1,20 @@
 """Evaluation: intervals, counts and errors with known answers; valid JSON whatever happens."""
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from records import summary_of
 from surefoot.config import Config, EvaluationConfig, PolicyConfig
 from surefoot.evaluation import evaluate, figures_of, mean_rows
 from surefoot.policy import Policy, PolicyNetwork, save
 from surefoot.safety import Outcome
 from surefoot.starts import load_starts
-from surefoot.summary import Summary
 from surefoot.workers import Workers
 
 SUCCESS, FELL, STALLED, DIVERGED = Outcome
-
-
-def summary_of(outcome, **given) -> Summary:
-    n = len(outcome)
-    blank = {
-        "expert_drove_last": np.zeros(n, bool),
-        "expert_drove_before": np.zeros(n, bool),
-        "strict": np.zeros(n, bool),
-        "command": np.zeros((n, 3)),
-        "mean_velocity": np.zeros((n, 3)),
-        "mse": np.zeros((n, 3)),
-        "settled_mse": np.zeros((n, 3)),
-        "max_torque": np.zeros(n),
-    }
-    whole = {field.name: np.zeros(n, np.int64) for field in fields(Summary)}
-    arrays = {name: np.array(array) for name, array in given.items()}
-    return Summary(**{**whole, **blank, "outcome": np.array(outcome, np.int64), **arrays})
 
 
 @pytest.mark.parametrize(
@@ -168,15 +151,16 @@ def test_an_unknown_split_is_an_error(policy):
         evaluate(Config(), policy, "exam", Workers(1), "exam")
 
 
-def test_a_set_of_starts_by_its_name_or_file_and_one_that_does_not_exist(tmp_path):
+def test_another_set_of_starts_and_one_that_does_not_exist(tmp_path):
     config = replace(Config(), evaluation=EvaluationConfig(duration=0.02, episodes=2))
-    wide = "solo12-trot-v1-wide"
-    by_name, _ = evaluate(config, None, "test", Workers(1), "", stored=wide)
-    loaded, _ = evaluate(config, None, "test", Workers(1), "", stored=load_starts(wide))
-    assert by_name == loaded and by_name["starts"] == wide
+    wide = load_starts("solo12-trot-v1-wide")
+    figures, summary = evaluate(config, None, "test", Workers(1), "", stored=wide)
+    assert (figures["starts"], figures["starts_hash"]) == (wide.name, wide.hash)
+    assert figures["starts_hash"] != load_starts().hash
+    np.testing.assert_array_equal(summary.start, wide["test"].id[:2])
     message = r"no set of starts.*'solo12-trot-v2'; did you mean 'solo12-trot-v1'\? Known: .*wide"
     with pytest.raises(FileNotFoundError, match=message):
-        evaluate(config, None, "test", Workers(1), "", stored="solo12-trot-v2")
+        load_starts("solo12-trot-v2")
     (tmp_path / "mine.npz").write_bytes(b"no starts")
     with pytest.raises(ValueError, match=r"mine\.npz is not a set of starts"):
-        evaluate(config, None, "test", Workers(1), "", stored=tmp_path / "mine.npz")
+        load_starts(tmp_path / "mine.npz")

@@ -13,6 +13,7 @@ from surefoot.classifier import Classifier
 from surefoot.config import Config, DisturbanceConfig, NoiseConfig, PolicyConfig, SafetyConfig
 from surefoot.disturbance import draw
 from surefoot.engine import rollout
+from surefoot.files import load_arrays, save_arrays
 from surefoot.gates import (
     EVERY,
     HORIZON,
@@ -22,8 +23,6 @@ from surefoot.gates import (
     Trace,
     history_rows,
     labels_of,
-    load_trace,
-    save_trace,
     trace_of,
 )
 from surefoot.observation import INPUT_SIZE, network_input
@@ -386,8 +385,8 @@ def test_traces_come_back_to_the_bit_and_damage_is_named(tmp_path):
         rng.integers(-1, 2, (2, 8)).astype(np.int8),
     )
     path = tmp_path / "trace.npz"
-    save_trace(path, trace)
-    again = load_trace(path)
+    save_arrays(path, trace)
+    again = load_arrays(path, Trace)
     for name, array in vars(trace).items():
         stored = getattr(again, name)
         assert (stored.dtype, stored.shape) == (array.dtype, array.shape)
@@ -401,10 +400,10 @@ def test_traces_come_back_to_the_bit_and_damage_is_named(tmp_path):
     for damaged in (bytes(flipped), content[: len(content) // 2], b"", b"not a trace"):
         path.write_bytes(damaged)
         with pytest.raises(ValueError, match=r"trace.npz is missing or damaged .*--resume"):
-            load_trace(path)
+            load_arrays(path, Trace)
     path.unlink()
     with pytest.raises(ValueError, match="is missing or damaged"):
-        load_trace(path)
+        load_arrays(path, Trace)
     np.savez(path, episode=trace.episode)
     with pytest.raises(ValueError, match="is missing or damaged"):
-        load_trace(path)
+        load_arrays(path, Trace)

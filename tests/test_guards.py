@@ -15,7 +15,8 @@ from surefoot.config import (
     SafetyConfig,
     TrainingConfig,
 )
-from surefoot.gates import History, load_trace
+from surefoot.files import load_arrays
+from surefoot.gates import History, Trace
 from surefoot.method_config import ExpertData, LocoSafeDaggerConfig
 from surefoot.methods import guards
 from surefoot.methods.guards import guard, train_guards
@@ -60,7 +61,7 @@ def test_the_history_network_learns_from_all_rollouts_so_far(run):
     known = 0
     for i in (1, 2):
         names = [name for name in run.dataset.shards if name.startswith(f"iteration_{i:03d}")]
-        traces = [load_trace(run.trace(name)) for name in names]
+        traces = [load_arrays(run.trace(name), Trace) for name in names]
         assert [trace.inputs.shape for trace in traces] == [(4, 80, 47)] * 2
         known += sum((trace.label >= 0).sum() for trace in traces)
         record = run.done("guard_history", i)

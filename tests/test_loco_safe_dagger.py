@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from records import blank
+from runs import figures_of, fingerprint
 from surefoot.config import Config, EvaluationConfig, PolicyConfig, TrainingConfig
 from surefoot.dataset import Frames
 from surefoot.engine import Rollout
@@ -55,13 +56,6 @@ STAGES = [
 ]
 
 
-def fingerprint(run: Run) -> dict:
-    """All bits that a run leaves behind, apart from how long things took."""
-    metrics = [{k: v for k, v in line.items() if k != "seconds"} for line in run.metrics]
-    policies = {path.name: path.read_bytes() for path in sorted(run.policy(0).parent.iterdir())}
-    return {"data": run.dataset.hash, "metrics": metrics, "policies": policies}
-
-
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Run:
     run = create(tmp_path_factory.mktemp("finished") / "run", CONFIG)
@@ -87,12 +81,6 @@ def test_stages_follow_the_algorithm(finished):
 def of_iterations(run: Run, iterations) -> Frames:
     frames = run.dataset.load()
     return frames[np.isin(frames.episode // 100_000, list(iterations))]
-
-
-def figures_of(run: Run, stage: str, iteration: int) -> dict:
-    done = run.done(stage, iteration)
-    assert done is not None
-    return done
 
 
 def test_each_policy_is_trained_on_all_data_so_far(finished):
@@ -398,7 +386,7 @@ def test_a_run_of_another_method_is_refused(tmp_path):
     ("change", "message"),
     [
         ({"hand_back": "never"}, "never"),
-        ({"velocities": 21}, "21 velocities asked for, the stored starts hold 20"),
+        ({"velocities": 21}, "21 velocities asked for, .* hold 20 in .train."),
         ({"velocities": 0}, "0 velocities asked for"),
         ({"perturbations": 8}, "8 perturbations asked for.*hold 7"),
         ({"perturbations": 0}, "0 perturbations asked for"),

@@ -241,7 +241,7 @@ def test_starts_are_the_first_perturbation_of_the_split():
     )
     assert len(np.unique(settled.tick)) == 10
     np.testing.assert_allclose(np.unique(settled.command[:, 0]), [0, 0.1, 0.2, 0.3], atol=0.01)
-    with pytest.raises(ValueError, match=r"11 speeds asked for.*hold 10 in 'test'; use 1 to 10"):
+    with pytest.raises(ValueError, match=r"11 velocities asked.*hold 10 in 'test'; use 1 to 10"):
         pushed_starts(replace(CONFIG.push, speeds=11), STORED)
 
 

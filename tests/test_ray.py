@@ -8,12 +8,13 @@ from dataclasses import replace
 
 import pytest
 
+from runs import fingerprint
 from surefoot.episodes import chunks_of, run_chunk
 from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
 from surefoot.methods.stages import collect
 from surefoot.run import Run, create
 from surefoot.workers import RETRIES, Workers, each_chunk, map_chunks
-from test_loco_safe_dagger import CONFIG, fingerprint
+from test_loco_safe_dagger import CONFIG
 
 ray = pytest.importorskip("ray", reason="the extra ray is not installed")
 from ray.cluster_utils import Cluster  # noqa: E402

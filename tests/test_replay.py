@@ -24,6 +24,7 @@ from surefoot.config import (
 )
 from surefoot.config_json import to_json
 from surefoot.episodes import disturbance_of, play_out, sum_up
+from surefoot.files import load_arrays
 from surefoot.method_config import (
     BehaviorCloningConfig,
     DaggerConfig,
@@ -37,7 +38,7 @@ from surefoot.policy import load, save
 from surefoot.replay import episode_figures, find_policy, method_module, recorded_episode
 from surefoot.run import Run, create, open_run
 from surefoot.safety import Outcome
-from surefoot.summary import join, load_summary
+from surefoot.summary import Summary, join
 from surefoot.workers import Workers
 
 DATA = ExpertData(2, 1, False, 0.12)
@@ -88,7 +89,7 @@ def run_of(tmp_path_factory):
 
 
 def summary_of(run: Run):
-    return join([load_summary(run.summary(name)) for name in run.dataset.shards])
+    return join([load_arrays(run.summary(name), Summary) for name in run.dataset.shards])
 
 
 UNKNOWN_ALONE = ("kept", "kept_tilted", "kept_near_bounds", "strict")

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from records import summary_of
 from surefoot import survey as survey_module
 from surefoot.config import Config
 from surefoot.safety import Outcome
@@ -42,7 +43,7 @@ def pretend(monkeypatch, stop_after=1000):
             "settled_mse": [0.01, 0.0, 0.0],
             "starts_hash": stored.hash,
         }
-        return figures, SimpleNamespace(outcome=outcome, start=np.array([7, 8, 9]))
+        return figures, summary_of(outcome, start=[7, 8, 9])
 
     def push_recovery(config, policy, workers, label):
         count("push", config)

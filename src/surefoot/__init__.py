@@ -35,6 +35,8 @@ _HOME = {
     "methods.loco_safe_dagger": ("loco_safe_dagger",),
     "evaluation": ("evaluate",),
     "push": ("push_difference", "push_recovery"),
+    "comparison": ("compare",),
+    "statistics": ("paired_difference", "run_bootstrap"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 

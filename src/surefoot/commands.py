@@ -17,7 +17,7 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from surefoot.config import Backend, Config
+from surefoot.config import Backend, Config, simulated
 from surefoot.files import write_json
 from surefoot.types import TICKS_PER_SECOND, Command
 from surefoot.workers import Workers, default_workers
@@ -33,9 +33,7 @@ class OnSimulator:
 
     def simulated(self, config: Config) -> Config:
         """The configuration, with the simulator asked for."""
-        if self.sim is None:
-            return config
-        return replace(config, simulation=replace(config.simulation, backend=self.sim))
+        return config if self.sim is None else simulated(config, self.sim)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +105,7 @@ class Walk(OnSimulator):
         settled = settled_part(length)
         height = record.q[0, settled, 2]
         figures = {
-            "fell": bool(record.outcome[0] in (Outcome.FELL, Outcome.DIVERGED)),
+            "fell": bool(record.failed[0]),
             "outcome": Outcome(int(record.outcome[0])).name,
             "command": list(command),
             "mean_velocity": velocities(record)[0, settled].mean(axis=0).tolist(),
@@ -242,7 +240,7 @@ class Play(OnSimulator):
         title = f"{driver}, vx {job.starts.command[0, 0]:.2f} m/s"
         drove = None if episode is None else record.expert_drove[0, :length]
         film_episode(job.config, record.q[0, :length], out, title, drove, pushes_of(job, record))
-        return int(figures["outcome"] in ("FELL", "DIVERGED"))
+        return int(record.failed[0])
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ from typing import Any, Literal
 
 from tqdm import tqdm
 
-from surefoot.config import Backend, Config, DisturbanceConfig, SafetyConfig
+from surefoot.config import Backend, Config, DisturbanceConfig, SafetyConfig, simulated
 from surefoot.config_json import changes, to_json
 from surefoot.episodes import PLANNER
 from surefoot.evaluation import evaluate
-from surefoot.files import write_json
+from surefoot.files import as_digits, from_digits, write_json
 from surefoot.method_config import LocoDaggerConfig, LocoSafeDaggerConfig
 from surefoot.methods.accounting import cost_of
 from surefoot.push import push_difference, push_recovery
@@ -31,6 +31,7 @@ from surefoot.run import Run, RunError, open_run, versions
 from surefoot.safety import Outcome
 from surefoot.starts import load_starts
 from surefoot.statistics import paired_difference
+from surefoot.types import BoolArray
 from surefoot.workers import Workers
 
 EXPERT = "expert"
@@ -102,13 +103,13 @@ def compare(
     if path is not None and path.exists():
         take_over(path, record)
     for simulator, row in product(simulators, rows):
-        ground = replace(config, simulation=replace(config.simulation, backend=simulator))
+        ground = simulated(config, simulator)
         policy = None if row["policy"] is None else Path(row["policy"])
         results, label = row["results"].setdefault(simulator, {}), f"{simulator}, {row['label']}"
         if "evaluation" not in results:
             figures, summary = evaluate(ground, policy, "test", workers, label)
-            figures["outcomes"] = "".join(map(str, summary.outcome.tolist()))
-            figures["strict"] = "".join("01"[stepped] for stepped in summary.strict.tolist())
+            figures["outcomes"] = as_digits(summary.outcome)
+            figures["strict"] = as_digits(summary.strict)
             results["evaluation"] = figures
             keep(path, record)
             tqdm.write(f"{label}: {figures['successes']} of {episodes}, {figures['falls']} fell")
@@ -153,8 +154,8 @@ def entries(
         count = Counter(labels)
     if twice := sorted(label for label in labels if count[label] > 1 or label == EXPERT):
         raise ValueError(f"rows of the same name: {', '.join(twice)}; tell them apart with --names")
-    rows: list[dict[str, Any]] = [{"label": EXPERT, "results": {}}]
-    rows[0].update(dict.fromkeys(("run", "method", "policy", "sha256", "cost")))
+    nothing = dict.fromkeys(("run", "method", "policy", "sha256", "cost"))
+    rows: list[dict[str, Any]] = [{"label": EXPERT, **nothing, "results": {}}]
     for run, label in zip(opened, labels, strict=True):
         policy = run.best_policy if which == "best" else last_policy(run)
         find_policy(policy)  # one that cannot be used fails here, not hours later
@@ -278,12 +279,12 @@ def differences(record: dict[str, Any], row: dict[str, Any]) -> dict[str, Any]:
         mine, other = (each["results"].get(simulator, {}) for each in (row, labelled[label]))
         pair = found.setdefault(simulator, {}).setdefault(to, {})
         if "evaluation" in mine and "evaluation" in other:
-            pair["success"] = paired_difference(*(succeeded(each) for each in (mine, other)))
+            pair["success"] = paired_difference(succeeded(mine), succeeded(other))
         if "pushes" in mine and "pushes" in other:
             pair["pushes"] = push_difference(mine["pushes"], other["pushes"])
     return found
 
 
-def succeeded(results: dict[str, Any]) -> list[int]:
-    """1 for each start that ended in success, 0 for the others."""
-    return [int(int(digit) == Outcome.SUCCESS) for digit in results["evaluation"]["outcomes"]]
+def succeeded(results: dict[str, Any]) -> BoolArray:
+    """``(n,)`` True for each start that ended in success."""
+    return from_digits(results["evaluation"]["outcomes"]) == Outcome.SUCCESS

@@ -59,9 +59,8 @@ def page(path: Path, text: str) -> str:
     Raises:
         ValueError: the file is there and has no such part.
     """
-    before, begin, rest = (path.read_text() if path.exists() else f"{BEGIN}{END}\n").partition(
-        BEGIN
-    )
+    found = path.read_text() if path.exists() else f"{BEGIN}{END}\n"
+    before, begin, rest = found.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not (begin and end):
         raise ValueError(

@@ -8,7 +8,7 @@ everywhere else. The command line, its help and the saved JSON all come from the
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Literal
 
@@ -349,6 +349,11 @@ def unknown(what: str, given: str, allowed: Iterable[str]) -> str:
     near = get_close_matches(given, names, n=1, cutoff=0.4)
     hint = f"; did you mean {near[0]!r}?" if near else "."
     return f"there is no {what} {given!r}{hint} Known: {', '.join(names)}"
+
+
+def simulated(config: Config, backend: Backend) -> Config:
+    """The configuration, on another simulator."""
+    return replace(config, simulation=replace(config.simulation, backend=backend))
 
 
 def method_name(config: Config) -> str:

@@ -157,8 +157,9 @@ def rollout(
     if disturbance.friction is not None and disturbance.mass is not None:
         simulator.vary(disturbance.friction, disturbance.mass)
     simulator.reset(starts.q, starts.v)
-    for part in (expert, *([policy] if policy else [])):
-        part.reset(B)
+    expert.reset(B)
+    if policy is not None:
+        policy.reset(B)
     arbiter.reset(np.arange(B) if episode is None else episode)
     measure = senses(robot, disturbance)
 
@@ -227,7 +228,7 @@ def rollout(
         com=by_robot(truth.com),
         feet=by_robot(truth.feet),
         contacts=by_robot(truth.contacts),
-        seen=State(*(by_robot(getattr(seen, name)) for name in _STATE)),
+        seen=State(*(by_robot(getattr(seen, field.name)) for field in fields(State))),
         torque=by_robot(torques),
         expert_torque=by_robot(expert_torques),
         expert_drove=by_robot(drove),
@@ -237,9 +238,6 @@ def rollout(
         outcome=outcome,
         duration=T,
     )
-
-
-_STATE = tuple(field.name for field in fields(State))
 
 
 def _blank_states(ticks: int, batch: int) -> State:

@@ -15,10 +15,10 @@ from surefoot.arbiters import ExpertOnly, PolicyOnly
 from surefoot.config import Config
 from surefoot.episodes import Job, run_episodes
 from surefoot.safety import Outcome
-from surefoot.starts import PACKAGED, StartSet, load_starts
+from surefoot.starts import StartSet, load_starts
 from surefoot.statistics import wilson
 from surefoot.summary import Summary
-from surefoot.types import PlanFunction
+from surefoot.types import TICKS_PER_SECOND, PlanFunction
 from surefoot.workers import Workers
 
 
@@ -29,7 +29,7 @@ def evaluate(
     workers: Workers,
     label: str,
     plan: PlanFunction | None = None,
-    stored: StartSet | str | Path = PACKAGED[0],
+    stored: StartSet | None = None,
 ) -> tuple[dict[str, Any], Summary]:
     """Run a policy, or the expert, from stored starts.
 
@@ -40,28 +40,22 @@ def evaluate(
         workers: who runs the episodes.
         label: of the progress bar.
         plan: the expert's MPC; without it the BiConMP-style planner.
-        stored: the set of starts: one that was loaded, or a name or file for `load_starts`.
+        stored: the set of starts; without it the package's first.
 
     Returns:
         The figures (see `figures_of`), and the episodes they sum up.
 
     Raises:
-        FileNotFoundError: there is no such set of starts, or no such policy.
+        FileNotFoundError: there is no such policy.
         KeyError: there is no such split.
         ValueError: the split holds fewer starts than the episodes asked for.
     """
-    starts = stored if isinstance(stored, StartSet) else load_starts(stored)
-    episodes = config.evaluation.episodes
-    some = starts[split][:episodes]
-    if not 1 <= episodes == len(some):
-        raise ValueError(
-            f"{episodes} episodes asked for, the starts {starts.name!r} hold {len(starts[split])} "
-            f"in {split!r}; use 1 to {len(starts[split])}"
-        )
+    stored = stored or load_starts()
+    starts = stored.first(split, config.evaluation.episodes)
     job = Job(
         config,
-        some,
-        some.id,
+        starts,
+        starts.id,
         ExpertOnly() if policy is None else PolicyOnly(),
         config.evaluation.duration,
         policy=policy,
@@ -69,7 +63,7 @@ def evaluate(
         disturbance=config.evaluation.disturbance,
     )
     summary = run_episodes(job, workers, label)
-    figures = {"starts": starts.name, "starts_hash": starts.hash, "split": split}
+    figures = {"starts": stored.name, "starts_hash": stored.hash, "split": split}
     return {**figures, **figures_of(summary)}, summary
 
 
@@ -97,7 +91,7 @@ def figures_of(summary: Summary) -> dict[str, Any]:
         "mse": mean_rows(summary.mse[success]),
         "settled_mse": mean_rows(summary.settled_mse),
         "max_torque": float(summary.max_torque.max()),
-        "robot_seconds": float(summary.ticks.sum() / 1000),
+        "robot_seconds": float(summary.ticks.sum() / TICKS_PER_SECOND),
         "plans": int(summary.plans.sum()),
         "invalid_plans": int(summary.invalid_plans.sum()),
     }

@@ -193,9 +193,8 @@ def comparison_figure(record: dict[str, Any], path: Path) -> Path:
     colours = ["black", *(PALETTE[i % len(PALETTE)] for i in range(len(rows) - 1))]
     worst = min((figures["success_interval"][0] for figures in tested), default=0.0)
     strongest = 1.08 * max([0.1, *(max(figures["fitted_impulse"]) for figures in pushed)])
-    heights = [0.9 + 0.32 * len(rows)] * 2 + [4.2] * bool(pushed)
-    if not pushed:
-        heights = heights[:1]
+    height = 0.9 + 0.32 * len(rows)
+    heights = [height, height, 4.2] if pushed else [height]
     with rc_context({**STYLE, "axes.grid.axis": "x"}):
         size = 2.4 + 4.2 * len(simulators), sum(heights) + 0.4
         figure = Figure(figsize=size, layout="constrained")
@@ -205,7 +204,7 @@ def comparison_figure(record: dict[str, Any], path: Path) -> Path:
             evaluations, pushes = (
                 [r.get(key) for r in results] for key in ("evaluation", "pushes")
             )
-            axes = [figure.add_subplot(grid[row, column]) for row in range(min(len(heights), 2))]
+            axes = [figure.add_subplot(grid[row, column]) for row in range(2 if pushed else 1)]
             title = {"mujoco": "MuJoCo", "bullet": "PyBullet"}.get(simulator, simulator)
             _intervals(axes[0], evaluations, "success_rate", "success_interval", colours, 100)
             axes[0].set(title=title, xlabel="success on the test starts [%]")

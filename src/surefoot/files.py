@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, whenever the process is killed."""
+"""Files that are there whole or not at all, whenever the process is killed: bytes, JSON, arrays."""
 
 from __future__ import annotations
 
@@ -6,8 +6,16 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from surefoot.types import IntArray
+
+Record = TypeVar("Record")
 
 
 class WriteError(OSError):
@@ -70,3 +78,40 @@ def write_json(path: Path, figures: Mapping[str, Any]) -> None:
     """Write figures whole or not at all; NaN becomes null."""
     plain = json.loads(json.dumps(figures, default=float), parse_constant=lambda _: None)
     write_atomic(path, json.dumps(plain, indent=1, allow_nan=False).encode())
+
+
+def as_digits(values: ArrayLike) -> str:
+    """One digit for each of ``(n,)`` truth values or numbers of 0 to 9: short in JSON."""
+    return "".join(map(str, np.asarray(values, int).tolist()))
+
+
+def from_digits(text: str) -> IntArray:
+    """The other way round: ``(n,)`` numbers."""
+    return np.array([int(digit) for digit in text], dtype=np.int64)
+
+
+def save_arrays(path: Path, record: Any) -> None:
+    """Write a dataclass of arrays to an npz file, whole or not at all."""
+    buffer = BytesIO()
+    np.savez(buffer, **vars(record))
+    write_atomic(path, buffer.getvalue())
+
+
+def load_arrays(path: Path, kind: type[Record]) -> Record:
+    """Read a dataclass of arrays back, to the bit.
+
+    Args:
+        path: the file.
+        kind: the dataclass.
+
+    Raises:
+        ValueError: the file is missing, damaged, or of another version.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return kind(**{name: stored[name] for name in stored.files})
+    except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
+        raise ValueError(
+            f"{path} is missing or damaged ({error}); delete it: `surefoot train ... --resume` "
+            "collects it again, to the same bits"
+        ) from error

@@ -20,7 +20,7 @@ announced a fall at.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ from surefoot.policy import Policy
 from surefoot.safety import Gate, Outcome
 from surefoot.starts import load_starts
 from surefoot.statistics import percentiles, resamples, wilson
-from surefoot.types import Array, BoolArray, IntArray, State
+from surefoot.types import Array, BoolArray, IntArray
 from surefoot.workers import Workers, map_chunks
 
 BELONGS, AHEAD, BLOCK = 1500, 200, 2000
@@ -84,12 +84,7 @@ def announcements(
         ValueError: the split holds fewer starts than the episodes asked for.
     """
     stored, evaluation = load_starts(), config.evaluation
-    some = stored[split][: evaluation.episodes]
-    if not 1 <= evaluation.episodes == len(some):
-        raise ValueError(
-            f"{evaluation.episodes} episodes asked for, the starts {stored.name!r} hold "
-            f"{len(stored[split])} in {split!r}; use 1 to {len(stored[split])}"
-        )
+    some = stored.first(split, evaluation.episodes)
     job = Job(
         config,
         some,
@@ -125,7 +120,7 @@ def watch(chunk: tuple[Job, dict[str, Gate]]) -> Watched:
         gate.reset(B)
     for elapsed in range(min(T, int(record.length.max()))):
         # As the robots measured it; all gates share what a state computes once.
-        state = State(*(getattr(record.seen, field.name)[:, elapsed] for field in fields(State)))
+        state = record.seen[:, elapsed]
         up = elapsed < record.length
         for name, gate in gates.items():
             said = gate.unsafe(state, starts.tick + elapsed, starts.command)

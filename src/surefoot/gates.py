@@ -9,9 +9,7 @@ a policy drove.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from io import BytesIO
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +17,6 @@ from numpy.typing import NDArray
 from surefoot.classifier import Classifier
 from surefoot.config import Config, SafetyConfig
 from surefoot.engine import Rollout
-from surefoot.files import write_atomic
 from surefoot.observation import INPUT_SIZE, Phase, network_input
 from surefoot.safety import unsafe
 from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
@@ -30,37 +27,13 @@ HORIZON = 300
 """[ms] within which the bounds are predicted to be left."""
 
 
-class Deviation:
-    """Unsafe where the policy is predicted to deviate from the expert (SafeDAGGER).
+class _Learned:
+    """What both gates share.
 
     Args:
-        classifier: of observation and goal ``(47,)``.
+        classifier: of the rows that the gate makes of what it sees.
         config: gait period, and how the phase is given.
-        alarm: probability from which on a state is unsafe.
-    """
-
-    def __init__(self, classifier: Classifier, config: Config, alarm: float) -> None:
-        self._classifier, self._alarm = classifier, alarm
-        self._period = to_ticks(config.gait.period)
-        self._phase: Phase = config.policy.phase
-
-    def reset(self, batch: int) -> None:
-        """It has no memory."""
-
-    def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """True where the probability is beyond the alarm's."""
-        with np.errstate(over="ignore", invalid="ignore"):  # of a robot that has blown up
-            rows = network_input(state, tick, command, self._period, self._phase)
-        return self._classifier.probability(rows) > self._alarm
-
-
-class History:
-    """Unsafe where the bounds are predicted to be left soon; asked every 10 ms, holds its answer.
-
-    Args:
-        classifier: of the last ten observations and goals, the oldest first ``(470,)``.
-        config: gait period, and how the phase is given.
-        alarm: probability from which on a state is unsafe.
+        alarm: probability beyond which a state is unsafe.
     """
 
     def __init__(self, classifier: Classifier, config: Config, alarm: float) -> None:
@@ -68,6 +41,36 @@ class History:
         self._period = to_ticks(config.gait.period)
         self._phase: Phase = config.policy.phase
         self.reset(0)
+
+    def reset(self, batch: int) -> None:
+        """It has no memory."""
+
+    def _inputs(self, state: State, tick: IntArray, command: Array) -> NDArray[np.float32]:
+        """``(B, 47)`` observation and goal."""
+        with np.errstate(over="ignore", invalid="ignore"):  # of a robot that has blown up
+            return network_input(state, tick, command, self._period, self._phase)
+
+    def _alarming(self, rows: NDArray[np.float32]) -> BoolArray:
+        """``(B,)`` True where the probability is beyond the alarm's."""
+        return self._classifier.probability(rows) > self._alarm
+
+
+class Deviation(_Learned):
+    """Unsafe where the policy is predicted to deviate from the expert (SafeDAGGER).
+
+    Its classifier is of observation and goal ``(47,)``.
+    """
+
+    def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """True where the probability is beyond the alarm's."""
+        return self._alarming(self._inputs(state, tick, command))
+
+
+class History(_Learned):
+    """Unsafe where the bounds are predicted to be left soon; asked every 10 ms, holds its answer.
+
+    Its classifier is of the last ten observations and goals, the oldest first ``(470,)``.
+    """
 
     def reset(self, batch: int) -> None:
         """The first observation stands for all before it."""
@@ -78,14 +81,12 @@ class History:
     def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
         """True where the probability was beyond the alarm's when it was last asked."""
         if self._asked % EVERY == 0:
-            with np.errstate(over="ignore", invalid="ignore"):  # of a robot that has blown up
-                rows = network_input(state, tick, command, self._period, self._phase)
+            rows = self._inputs(state, tick, command)
             if self._asked == 0:
                 self._past[:] = rows[:, None]
             self._past[:, :-1] = self._past[:, 1:]
             self._past[:, -1] = rows
-            flat = self._past.reshape(len(rows), -1)
-            self._answer = self._classifier.probability(flat) > self._alarm
+            self._answer = self._alarming(self._past.reshape(len(rows), -1))
         self._asked += 1
         return self._answer
 
@@ -111,10 +112,8 @@ def trace_of(record: Rollout, episode: IntArray, config: Config) -> Trace:
     """What a history gate learns from a rollout."""
     B, T = len(episode), record.duration
     at = np.arange(0, T, EVERY)
-    seen = record.seen
-    sampled = State(*(getattr(seen, field.name)[:, at] for field in fields(State)))
     inputs = network_input(
-        sampled,
+        record.seen[:, at],
         record.starts.tick[:, None] + at,
         record.starts.command[:, None],
         to_ticks(config.gait.period),
@@ -125,18 +124,16 @@ def trace_of(record: Rollout, episode: IntArray, config: Config) -> Trace:
 
 def labels_of(record: Rollout, safety: SafetyConfig) -> NDArray[np.int8]:
     """``(B, T)`` the label of every tick, as `Trace` explains."""
-    B, T = len(record.length), record.duration
-    q, v, com = (getattr(record.seen, name)[:, :T].reshape(B * T, -1) for name in ("q", "v", "com"))
-    feet, contacts = np.zeros((B * T, 4, 3)), np.zeros((B * T, 4), dtype=bool)
-    outside = unsafe(State(q, v, com, feet, contacts), safety).reshape(B, T)
-    happened = record.happened[:, :T]
+    T = record.duration
+    happened, ticks = record.happened[:, :T], np.arange(T)
+    outside = np.zeros(happened.shape, dtype=bool)
+    outside[happened] = unsafe(record.seen[:, :T][happened], safety)
     policy = ~record.expert_drove[:, :T] & happened
-    ticks = np.arange(T)
     # The next tick outside the bounds, and the next one that the policy does not drive, from each;
     # nobody knows what it would have done after the last.
-    leaves = _next(outside & happened, T + HORIZON)
+    leaves = _next(outside, T + HORIZON)
     ends = _next(~policy, T)
-    label = np.full((B, T), -1, np.int8)
+    label = np.full(happened.shape, -1, np.int8)
     known = policy & ~outside
     soon = leaves - ticks <= HORIZON
     # A takeover at the very tick at which the bounds are left comes of their being left.
@@ -163,26 +160,3 @@ def history_rows(traces: Sequence[Trace]) -> tuple[NDArray[np.float32], BoolArra
         begin, end = end, end + len(robot)
         rows[begin:end] = trace.inputs[robot[:, None], back]
     return rows.reshape(-1, SAMPLES * INPUT_SIZE), np.concatenate(yes), np.concatenate(episode)
-
-
-def save_trace(path: Path, trace: Trace) -> None:
-    """Write a trace, whole or not at all."""
-    buffer = BytesIO()
-    np.savez(buffer, **vars(trace))
-    write_atomic(path, buffer.getvalue())
-
-
-def load_trace(path: Path) -> Trace:
-    """Read a trace back, to the bit.
-
-    Raises:
-        ValueError: the file is damaged or missing.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return Trace(**{name: stored[name] for name in stored.files})
-    except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
-        raise ValueError(
-            f"{path} is missing or damaged ({error}); delete it: `surefoot train ... --resume` "
-            "collects it again, to the same bits"
-        ) from error

@@ -49,6 +49,7 @@ class DaggerConfig:
     velocities: int = 10
     """Rollouts of an iteration: velocities x one random phase x perturbations."""
     perturbations: int = 1
+    """Stored perturbations of each velocity in an iteration, drawn anew each time."""
     T: float = 5.0
     """[s] of a rollout."""
     p: float = 0.5
@@ -62,12 +63,15 @@ class SafeDaggerConfig:
     """SafeDAGGER (Zhang and Cho, 2016; paper, Algorithm 2)."""
 
     pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
+    """As the other methods have it."""
     pretraining_epochs: int = 150
+    """As for behaviour cloning."""
     iterations: int = 10
     """N"""
     velocities: int = 20
     """Rollouts of an iteration: velocities x one random phase x perturbations."""
     perturbations: int = 2
+    """Stored perturbations of each velocity in an iteration, drawn anew each time."""
     T: float = 5.0
     """[s] of a rollout."""
     unsafe_share: float = 0.2
@@ -90,6 +94,7 @@ class LocoDaggerConfig:
     velocities: int = 10
     """Rollouts of an iteration: velocities x one random phase x perturbations; 10 (paper)."""
     perturbations: int = 1
+    """Stored perturbations of each velocity in an iteration, drawn anew each time."""
     T: float = 5.0
     """[s] of a rollout (paper)."""
     alpha: float = 0.5
@@ -125,6 +130,7 @@ class LocoSafeDaggerConfig:
     velocities: int = 20
     """Rollouts of an iteration: velocities x one random phase x perturbations."""
     perturbations: int = 2
+    """Stored perturbations of each velocity in an iteration, drawn anew each time."""
     T: float = 10.0
     """[s] of a rollout (paper)."""
     T_block: float = 2.0
@@ -134,7 +140,7 @@ class LocoSafeDaggerConfig:
     hand_back: Literal["safe_and_blocked", "every_violation_restarts", "safe_or_blocked"] = (
         "safe_and_blocked"
     )
-    """`safe_and_blocked`, `every_violation_restarts` or `safe_or_blocked`: see `HandBack`."""
+    """When the policy drives again after a takeover: see `HandBack`."""
     guard: tuple[Guard, ...] = ("bounds",)
     """Who calls a state unsafe; of several, any of them. See `Guard`."""
     tightest: float = 0.6

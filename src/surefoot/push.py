@@ -10,7 +10,7 @@ monotone curve is fitted, and read at 80 %. Robots are drawn anew for its interv
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +22,9 @@ from surefoot.arbiters import ExpertOnly, PolicyOnly
 from surefoot.config import Config, PushConfig
 from surefoot.disturbance import Pushes
 from surefoot.episodes import Job, chunks_of, play_out, run_episodes
+from surefoot.files import as_digits, from_digits
 from surefoot.safety import Outcome
-from surefoot.starts import Starts, StartSet, load_starts
+from surefoot.starts import Starts, StartSet, join, load_starts
 from surefoot.statistics import percentiles, resamples
 from surefoot.types import Array, BoolArray, PlanFunction, to_ticks
 from surefoot.workers import Workers, map_chunks
@@ -111,7 +112,7 @@ def push_recovery(
         "mean_max_impulse": float(passed.mean() * push.resolution),
         "levels": [[k * push.resolution for k in sorted(record)] for record in tried],
         "successes": [[int(record[k].sum()) for k in sorted(record)] for record in tried],
-        "survived": [[as_text(record[k]) for k in sorted(record)] for record in tried],
+        "survived": [[as_digits(record[k]) for k in sorted(record)] for record in tried],
     }
     fitted = [
         level_at(levels, counts, needed)
@@ -159,13 +160,8 @@ def pushed_starts(push: PushConfig, stored: StartSet) -> Starts:
     Raises:
         ValueError: there are not so many speeds.
     """
+    speeds = stored.velocities(push.split, push.speeds)
     grid = stored.rows(push.split)[0]
-    if not 1 <= push.speeds <= grid.shape[1]:
-        raise ValueError(
-            f"{push.speeds} speeds asked for, the starts {stored.name!r} hold {grid.shape[1]} in "
-            f"{push.split!r}; use 1 to {grid.shape[1]}"
-        )
-    speeds = np.round(np.linspace(0, grid.shape[1] - 1, push.speeds)).astype(int)
     return stored[push.split][grid[:, speeds].ravel()]
 
 
@@ -177,10 +173,7 @@ def branched(begin: Job, workers: Workers, label: str) -> tuple[Job, BoolArray]:
     """
     parts = map_chunks(states_at_the_end, chunks_of(begin), workers, label)
     up = np.concatenate([up for _, up in parts])
-    names = [field.name for field in fields(Starts)]
-    states = Starts(
-        *(np.concatenate([getattr(part, name) for part, _ in parts]) for name in names)
-    )[up]
+    states = join([states for states, _ in parts])[up]
     # Falls are tested at once: the grace is for starts that no robot walked into.
     config = replace(begin.config, safety=replace(begin.config.safety, grace=0.0))
     # The ids stay: each robot keeps its floor and its load, in every direction and level.
@@ -237,16 +230,6 @@ def resampled(figures: dict[str, Any]) -> Array:
     n = figures["episodes"]
     needed, draws, columns = enough(figures["share"], n), resamples(n), []
     for levels, texts in zip(figures["levels"], figures["survived"], strict=True):
-        counts = draws @ np.array([from_text(text) for text in texts], int).T
+        counts = draws @ np.array([from_digits(text) for text in texts]).T
         columns.append([level_at(levels, row, needed) for row in counts])
     return np.array(columns).T
-
-
-def as_text(robots: BoolArray) -> str:
-    """One character a robot, 1 for True: short in JSON."""
-    return "".join(np.where(robots, "1", "0"))
-
-
-def from_text(text: str) -> list[bool]:
-    """The other way round."""
-    return [character == "1" for character in text]

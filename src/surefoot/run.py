@@ -104,6 +104,10 @@ class Run:
         """Randomness of a stage: fixed by the root seed, never by who computes it."""
         return seed_of(self.config.seed, stage, iteration)
 
+    def torch_seed(self, stage: str, iteration: int) -> int:
+        """The same as one number, for PyTorch."""
+        return int(self.seed(stage, iteration).generate_state(1)[0])
+
     @property
     def metrics(self) -> list[dict[str, Any]]:
         """One record per stage done, in the order they were done."""

@@ -8,6 +8,7 @@ result taken on it. Four splits: ``nominal`` states of a settled gait cycle, and
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from importlib.resources import files
 from io import BytesIO
@@ -52,6 +53,12 @@ class Starts:
         return Starts(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
+def join(parts: Sequence[Starts]) -> Starts:
+    """Starts one after another; of at least one part."""
+    names = [field.name for field in fields(Starts)]
+    return Starts(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
 def at_rest(q: Array, commands: Array) -> Starts:
     """Starts at rest in one configuration, at the beginning of the gait cycle; in no stored set.
 
@@ -88,9 +95,39 @@ class StartSet:
             raise KeyError(f"starts {self.name!r} have no split {split!r}; there are {SPLITS}")
         return self.grid[split]
 
+    def first(self, split: str, n: int) -> Starts:
+        """The first n starts of a split.
+
+        Raises:
+            KeyError: there is no such split.
+            ValueError: it holds fewer, or n is none.
+        """
+        some = self[split]
+        if not 1 <= n <= len(some):
+            raise ValueError(
+                f"{n} episodes asked for, the starts {self.name!r} hold {len(some)} in {split!r}; "
+                f"use 1 to {len(some)}"
+            )
+        return some[:n]
+
     def rows(self, split: str) -> IntArray:
         """``(perturbations, phases, velocities)`` indices into the split."""
         return np.arange(len(self[split])).reshape(self.shape[split])
+
+    def velocities(self, split: str, n: int) -> IntArray:
+        """Indices of n equally spaced velocities of a split, both ends included.
+
+        Raises:
+            KeyError: there is no such split.
+            ValueError: it holds fewer, or n is none.
+        """
+        available = self.rows(split).shape[2]
+        if not 1 <= n <= available:
+            raise ValueError(
+                f"{n} velocities asked for, the starts {self.name!r} hold {available} in "
+                f"{split!r}; use 1 to {available}"
+            )
+        return np.round(np.linspace(0, available - 1, n)).astype(np.int64)
 
     @property
     def hash(self) -> str:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +11,8 @@ from numpy.typing import NDArray
 from surefoot.config import SafetyConfig
 from surefoot.dataset import Frames
 from surefoot.engine import Rollout
-from surefoot.files import write_atomic
 from surefoot.rotations import heading, rotation, to_heading
-from surefoot.safety import margin, strictly_stepping
+from surefoot.safety import Outcome, margin, strictly_stepping
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray
 
 TILTED = np.radians(10.0)
@@ -77,6 +74,11 @@ class Summary:
     settled_mse: Array
     max_torque: Array
 
+    @property
+    def failed(self) -> BoolArray:
+        """``(n,)`` True for robots that fell, or that the expert gave up on."""
+        return (self.outcome == Outcome.FELL) | (self.outcome == Outcome.DIVERGED)
+
     def __getitem__(self, rows: NDArray) -> Summary:
         """Some of the episodes."""
         return Summary(*(getattr(self, field.name)[rows] for field in fields(self)))
@@ -86,29 +88,6 @@ def join(parts: Sequence[Summary]) -> Summary:
     """Episodes of several summaries, one after another."""
     names = [field.name for field in fields(Summary)]
     return Summary(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-
-
-def save_summary(path: Path, summary: Summary) -> None:
-    """Write a summary, whole or not at all."""
-    buffer = BytesIO()
-    np.savez(buffer, **vars(summary))
-    write_atomic(path, buffer.getvalue())
-
-
-def load_summary(path: Path) -> Summary:
-    """Read a summary back, to the bit.
-
-    Raises:
-        FileNotFoundError: there is none.
-        ValueError: the file is damaged, or of another version.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return Summary(**{name: stored[name] for name in stored.files})
-    except FileNotFoundError:
-        raise
-    except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
-        raise ValueError(f"{path} is damaged ({error}); delete it to collect it again") from error
 
 
 def summarise(

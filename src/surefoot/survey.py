@@ -18,14 +18,14 @@ import numpy as np
 from tqdm import tqdm
 
 from surefoot.bench_plan import cold_plans, times_of
-from surefoot.config import Backend, Config, PushConfig
+from surefoot.comparison_tables import markdown
+from surefoot.config import Backend, Config, PushConfig, simulated
 from surefoot.config_json import to_json
 from surefoot.evaluation import evaluate
 from surefoot.files import write_json
 from surefoot.presets import published_rules
 from surefoot.push import push_recovery
 from surefoot.run import versions
-from surefoot.safety import Outcome
 from surefoot.starts import PACKAGED, load_starts
 from surefoot.statistics import wilson
 from surefoot.workers import Workers
@@ -115,8 +115,7 @@ def variant_of(
     )
     return RULES[rules](
         replace(
-            config,
-            simulation=replace(config.simulation, backend=simulator),
+            simulated(config, simulator),
             expert=expert,
             evaluation=replace(config.evaluation, episodes=episodes),
             push=PUSHES,
@@ -129,7 +128,7 @@ def survival(
 ) -> dict[str, Any]:
     """The figures of one variant on one set of starts, their keys after ``prefix``."""
     figures, summary = evaluate(config, None, "test", workers, label, stored=load_starts(stored))
-    lost = (summary.outcome == Outcome.FELL) | (summary.outcome == Outcome.DIVERGED)
+    lost = summary.failed
     named = {
         "episodes": figures["episodes"],
         "survived": int((~lost).sum()),
@@ -162,11 +161,16 @@ def lost_by_all(cells: list[dict[str, Any]]) -> dict[str, list[int]]:
 def table(record: dict[str, Any]) -> str:
     """The survey as a Markdown table."""
     head = (
-        "| simulator | nodes | rules | survived | survived, sigmas x 1.5 | RMS error vx, vy [m/s]"
-        " | push at 80 %, mean [Ns] (least, most) |"
-        " plan [ms] (p99): contacts, centroidal, kinematics, inverse dynamics |"
+        "simulator",
+        "nodes",
+        "rules",
+        "survived",
+        "survived, sigmas x 1.5",
+        "RMS error vx, vy [m/s]",
+        "push at 80 %, mean [Ns] (least, most)",
+        "plan [ms] (p99): contacts, centroidal, kinematics, inverse dynamics",
     )
-    rows = [head, "|---" * (head.count("|") - 1) + "|"]
+    rows = []
     for cell in record["cells"]:
         nodes = "/".join(map(str, cell["nodes"]))
         columns = [cell["simulator"], nodes, cell["rules"], *(["-"] * 5)]
@@ -186,5 +190,5 @@ def table(record: dict[str, Any]) -> str:
             plan = cell["plan_ms"]
             stages = ", ".join(f"{value:.2f}" for value in plan["stages"].values())
             columns[7] = f"{plan['median']:.2f} ({plan['p99']:.2f}): {stages}"
-        rows.append("| " + " | ".join(columns) + " |")
-    return "\n".join(rows)
+        rows.append(columns)
+    return markdown(head, rows)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,8 +63,8 @@ class State:
     feet: Array
     contacts: BoolArray
 
-    def __getitem__(self, index: int | slice | NDArray) -> State:
-        """One robot of a batch, or a part of the batch."""
+    def __getitem__(self, index: int | slice | NDArray | tuple[Any, ...]) -> State:
+        """One robot of a batch, or a part of the batch or of its ticks."""
         return State(*(getattr(self, field.name)[index] for field in fields(self)))
 
     @cached_property

@@ -9,6 +9,18 @@ from surefoot.safety import Outcome
 from surefoot.summary import Summary
 from surefoot.types import TICKS_PER_SECOND
 
+SUMMED = (
+    "expert_seconds",
+    "plans",
+    "diverged",
+    "queries",
+    "queries_failed",
+    "frames_kept",
+    "recoveries_tilted",
+    "recoveries_near_bounds",
+)
+"""Figures of a collection that a whole run's cost adds up, the pre-training's too."""
+
 
 def collection_figures(summary: Summary) -> dict[str, Any]:
     """The figures of an iteration's rollouts, flat.
@@ -23,36 +35,33 @@ def collection_figures(summary: Summary) -> dict[str, Any]:
     frames with roll or pitch beyond 10 degrees, ``recoveries_near_bounds`` those within 5 degrees
     or 1 cm of the paper's table.
     """
-    queries, everything = summary[summary.query], summary
-    summary = summary[~summary.query]
-    fell = summary.outcome == Outcome.FELL
-    diverged = summary.outcome == Outcome.DIVERGED
-    tail_ticks = summary.ticks - summary.proper_ticks
-    robot_ticks = int(summary.ticks.sum())
-    with_tail = int(summary.expert_ticks.sum() + tail_ticks.sum())
-    query_failed = (queries.outcome == Outcome.FELL) | (queries.outcome == Outcome.DIVERGED)
+    queries, rollouts = summary[summary.query], summary[~summary.query]
+    fell = rollouts.outcome == Outcome.FELL
+    tail_ticks = rollouts.ticks - rollouts.proper_ticks
+    robot_ticks = int(rollouts.ticks.sum())
+    with_tail = int(rollouts.expert_ticks.sum() + tail_ticks.sum())
     return {
-        "episodes": len(summary.outcome),
+        "episodes": len(rollouts.outcome),
         "falls": int(fell.sum()),
         "falls_in_tail": int((fell & (tail_ticks > 0)).sum()),
-        "falls_expert_driving": int((fell & summary.expert_drove_last).sum()),
-        "falls_expert_driving_before": int((fell & summary.expert_drove_before).sum()),
-        "diverged": int(diverged.sum()),
-        "stalls": int((summary.outcome == Outcome.STALLED).sum()),
+        "falls_expert_driving": int((fell & rollouts.expert_drove_last).sum()),
+        "falls_expert_driving_before": int((fell & rollouts.expert_drove_before).sum()),
+        "diverged": int((rollouts.outcome == Outcome.DIVERGED).sum()),
+        "stalls": int((rollouts.outcome == Outcome.STALLED).sum()),
         "falls_per_robot_minute": float(fell.sum() / (robot_ticks / TICKS_PER_SECOND / 60)),
-        "takeovers": int(summary.takeovers.sum()),
-        "expert_share": float(summary.expert_ticks.sum() / summary.proper_ticks.sum()),
+        "takeovers": int(rollouts.takeovers.sum()),
+        "expert_share": float(rollouts.expert_ticks.sum() / rollouts.proper_ticks.sum()),
         "expert_share_with_tail": with_tail / robot_ticks,
-        "failed_episodes": summary.episode[fell | diverged].tolist(),
+        "failed_episodes": rollouts.episode[rollouts.failed].tolist(),
         "queries": len(queries.outcome),
-        "queries_failed": int(query_failed.sum()),
+        "queries_failed": int(queries.failed.sum()),
         "expert_seconds": float(with_tail + queries.ticks.sum()) / TICKS_PER_SECOND,
-        "robot_seconds": float(everything.ticks.sum()) / TICKS_PER_SECOND,
-        "plans": int(everything.plans.sum()),
-        "invalid_plans": int(everything.invalid_plans.sum()),
-        "frames_kept": int(everything.kept.sum()),
-        "recoveries_tilted": int(everything.kept_tilted.sum()),
-        "recoveries_near_bounds": int(everything.kept_near_bounds.sum()),
+        "robot_seconds": float(summary.ticks.sum()) / TICKS_PER_SECOND,
+        "plans": int(summary.plans.sum()),
+        "invalid_plans": int(summary.invalid_plans.sum()),
+        "frames_kept": int(summary.kept.sum()),
+        "recoveries_tilted": int(summary.kept_tilted.sum()),
+        "recoveries_near_bounds": int(summary.kept_near_bounds.sum()),
     }
 
 
@@ -74,9 +83,7 @@ def cost_of(metrics: Sequence[dict[str, Any]], T: float) -> dict[str, Any]:
     """
     collected = [record for record in metrics if record["stage"] == "collect"]
     later = [record for record in collected if record["iteration"] > 0]
-    keys = ("expert_seconds", "plans", "diverged", "queries", "queries_failed", "frames_kept")
-    keys = (*keys, "recoveries_tilted", "recoveries_near_bounds")
-    cost: dict[str, Any] = {key: sum(record[key] for record in collected) for key in keys}
+    cost: dict[str, Any] = {key: sum(record[key] for record in collected) for key in SUMMED}
     for key in ("episodes", "falls"):
         cost[f"pretraining_{key}"] = sum(r[key] for r in collected if r["iteration"] == 0)
     for key in ("episodes", "falls", "takeovers"):

@@ -45,7 +45,6 @@ def dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path
     """
     method = parameters(run, DaggerConfig)
     check(run.config)
-    draw_starts(method, np.random.default_rng())  # what cannot be had is an error now
 
     for k in range(method.iterations + 1):
         collect(run, k, collection(run, k, plan), workers)

@@ -12,7 +12,8 @@ from tqdm import tqdm
 
 from surefoot.classifier import digest, fit_classifier, load_classifier, save_classifier
 from surefoot.examples import derive, held_out
-from surefoot.gates import HORIZON, Deviation, History, history_rows, load_trace
+from surefoot.files import load_arrays
+from surefoot.gates import HORIZON, Deviation, History, Trace, history_rows
 from surefoot.method_config import Guard
 from surefoot.methods.stages import dataset, iteration_of
 from surefoot.observation import INPUT_SIZE
@@ -98,7 +99,7 @@ def train_history(run: Run, i: int, alarm: float) -> None:
         return
     began = time.perf_counter()
     names = [name for name in run.dataset.shards if 1 <= iteration_of(name) <= i]
-    rows, yes, episode = history_rows([load_trace(run.trace(name)) for name in names])
+    rows, yes, episode = history_rows([load_arrays(run.trace(name), Trace) for name in names])
     _train(run, i, "history", rows, yes, held_out(episode, HELD_OUT), alarm, began)
 
 
@@ -157,8 +158,7 @@ def _train(
     Raises:
         RunError: it was lost, and training it again gave another one.
     """
-    seed = int(run.seed("gate", i).generate_state(1)[0])
-    classifier = fit_classifier(rows, yes, held, seed, alarm)
+    classifier = fit_classifier(rows, yes, held, run.torch_seed("gate", i), alarm)
     figures = classifier.figures | figures | {"sha256": digest(classifier)}
     done = run.done(f"guard_{kind}", i)
     if done and done.get("sha256", figures["sha256"]) != figures["sha256"]:

@@ -59,7 +59,6 @@ def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
     """
     method = parameters(run, LocoDaggerConfig)
     check(run.config)
-    draw_starts(method, np.random.default_rng())  # what cannot be had is an error now
 
     # Pre-training (behaviour cloning)
     collect(run, 0, collection(run, 0, plan), workers)

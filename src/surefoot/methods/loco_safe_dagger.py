@@ -50,9 +50,7 @@ def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = Non
     """
     method = parameters(run, LocoSafeDaggerConfig)
     check(run.config)
-    # What cannot be had is an error now, not after the pre-training.
-    draw_starts(method, np.random.default_rng())
-    HandBack(method.hand_back)
+    HandBack(method.hand_back)  # one that does not exist is an error now
     check_guards(method.guard, method.T)
 
     # Pre-training (behaviour cloning)

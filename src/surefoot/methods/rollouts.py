@@ -12,7 +12,7 @@ from surefoot.engine import Rollout
 from surefoot.episodes import Job
 from surefoot.method_config import ExpertData, IterativeConfig
 from surefoot.robot import solo12, standing
-from surefoot.starts import Starts, StartSet, at_rest, load_starts
+from surefoot.starts import Starts, StartSet, at_rest, join, load_starts
 from surefoot.types import BoolArray, IntArray, PlanFunction
 
 EPISODES_PER_ITERATION = 100_000
@@ -45,14 +45,11 @@ def expert_rollouts(
         # From standing still, as a robot is switched on: no other start teaches that.
         speeds = np.unique(parts[0].command, axis=0)
         parts.insert(0, at_rest(standing(solo12(config.robot)), speeds))
-    starts = Starts(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0]))
-    )
-    ids = episode_ids(0, len(starts))
+    starts = join(parts)
     return Job(
         config,
         starts,
-        ids,
+        episode_ids(0, len(starts)),
         ExpertOnly(),
         data.duration,
         keep=keep_unless_failed,
@@ -69,14 +66,8 @@ def expert_rows(stored: StartSet, data: ExpertData) -> IntArray:
             f"{data.perturbations} perturbations asked for, the starts {stored.name!r} hold "
             f"{grid.shape[0]} of each velocity and phase"
         )
-    return grid[: data.perturbations, :, equally_spaced(grid.shape[2], data.velocities)].ravel()
-
-
-def equally_spaced(available: int, wanted: int) -> IntArray:
-    """Indices of ``wanted`` equally spaced velocities, both ends included."""
-    if not 1 <= wanted <= available:
-        raise ValueError(f"{wanted} velocities asked for, the stored starts hold {available}")
-    return np.round(np.linspace(0, available - 1, wanted)).astype(np.int64)
+    velocities = stored.velocities("train", data.velocities)
+    return grid[: data.perturbations, :, velocities].ravel()
 
 
 def keep_unless_failed(record: Rollout) -> BoolArray:
@@ -91,14 +82,14 @@ def draw_starts(method: IterativeConfig, rng: np.random.Generator) -> Starts:
     """
     stored = load_starts()
     grid = stored.rows("train")[method.pretraining.perturbations :]
-    perturbations, phases, velocities = grid.shape
+    perturbations, phases, _ = grid.shape
     if not 1 <= method.perturbations <= perturbations:
         raise ValueError(
             f"{method.perturbations} perturbations asked for, the starts {stored.name!r} hold "
             f"{perturbations} of each velocity and phase beyond those of the pre-training"
         )
     rows = []
-    for velocity in equally_spaced(velocities, method.velocities):
+    for velocity in stored.velocities("train", method.velocities):
         phase = rng.integers(phases)
         which = rng.choice(perturbations, method.perturbations, replace=False)
         rows.extend(grid[which, phase, velocity])

@@ -55,7 +55,6 @@ def safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
     """
     method = parameters(run, SafeDaggerConfig)
     check(run.config)
-    draw_starts(method, np.random.default_rng())  # what cannot be had is an error now
 
     # Pre-training (behaviour cloning)
     collect(run, 0, collection(run, 0, plan), workers)

@@ -18,14 +18,14 @@ from surefoot.dataset import Dataset
 from surefoot.disturbance import check_disturbance
 from surefoot.episodes import Job, chunks_of, expert_name, run_chunk
 from surefoot.evaluation import evaluate
-from surefoot.gates import save_trace
-from surefoot.method_config import METHODS, Guard
+from surefoot.files import load_arrays, save_arrays
+from surefoot.method_config import METHODS, Guard, IterativeConfig
 from surefoot.methods.accounting import collection_figures
-from surefoot.methods.rollouts import EPISODES_PER_ITERATION
+from surefoot.methods.rollouts import EPISODES_PER_ITERATION, draw_starts
 from surefoot.policy import Policy, PolicyNetwork, load, save
 from surefoot.run import Run, RunError
 from surefoot.starts import load_starts
-from surefoot.summary import Summary, join, load_summary, save_summary
+from surefoot.summary import Summary, join
 from surefoot.train import choose_device, fit
 from surefoot.types import to_ticks
 from surefoot.workers import Workers, each_chunk
@@ -103,6 +103,8 @@ def check(config: Config) -> None:
         raise ValueError(
             "training.validation is 0, but tau is chosen on frames held out; use 0.1, for example"
         )
+    if isinstance(method, IterativeConfig):
+        draw_starts(method, np.random.default_rng())
     check_disturbance(config.collection)
     check_disturbance(config.evaluation.disturbance)
     choose_device(config.training.device)
@@ -167,7 +169,7 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
     }
     missing = [number for number, name in enumerate(names) if name not in stored]
     for chunk, name in zip(chunks, names, strict=True):
-        if name in stored and not _ran(load_summary(run.summary(name)), chunk):
+        if name in stored and not _ran(load_arrays(run.summary(name), Summary), chunk):
             raise ValueError(
                 f"{run.folder} holds rollouts of iteration {iteration} from other starts or by "
                 f"another expert than {expert_name(job)}; resume it as it was begun, or begin "
@@ -180,10 +182,10 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
             # The shard last: one that the dataset knows is a chunk that is done.
             name = names[missing[done]]
             if result.trace is not None:
-                save_trace(run.trace(name), result.trace)
-            save_summary(run.summary(name), result.summary)
+                save_arrays(run.trace(name), result.trace)
+            save_arrays(run.summary(name), result.summary)
             run.dataset.append(name, result.frames)
-    return join([load_summary(run.summary(name)) for name in names])
+    return join([load_arrays(run.summary(name), Summary) for name in names])
 
 
 def _ran(summary: Summary, chunk: Job) -> bool:
@@ -200,7 +202,7 @@ def first_frames(run: Run, frames: int) -> Dataset:
     Raises:
         ValueError: not even one episode does.
     """
-    summary = join([load_summary(run.summary(name)) for name in run.dataset.shards])
+    summary = join([load_arrays(run.summary(name), Summary) for name in run.dataset.shards])
     order = np.argsort(summary.episode)
     fits = np.cumsum(summary.kept[order]) <= frames
     if not fits[0]:
@@ -230,8 +232,7 @@ def train(
     began = time.perf_counter()
     config, data = run.config, data or dataset(run, iteration)
     if iteration == 0 or fresh:
-        seed = int(run.seed("network", 0).generate_state(1)[0])
-        network = PolicyNetwork(config.policy, seed)
+        network = PolicyNetwork(config.policy, run.torch_seed("network", 0))
     else:
         network = load(run.policy(iteration - 1)).network
     period = to_ticks(config.gait.period)
@@ -241,14 +242,13 @@ def train(
             bar.set_postfix(train=f"{train_loss:.4f}", validation=f"{validation_loss:.4f}")
             bar.update()
 
-        order = int(run.seed("order", iteration).generate_state(1)[0])
         result = fit(
             network,
             data,
             config.training,
             config.policy,
             epochs,
-            order,
+            run.torch_seed("order", iteration),
             period,
             progress,
             checkpoint,

@@ -1,0 +1,32 @@
+"""Fixtures of the tests of every algorithm on the toy: its worlds, and finished runs."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def toys() -> Iterator[None]:
+    """Every simulator of a file is a toy."""
+    from toy import Worlds
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("surefoot.episodes.make_simulator", Worlds())
+        yield
+
+
+@pytest.fixture(scope="session")
+def runs(tmp_path_factory):
+    """A finished run of each method, made when it is first asked for."""
+    from toy_runs import CONFIG, METHODS, run_method
+
+    done = {}
+
+    def finished(name):
+        if name not in done:
+            config = replace(CONFIG, method=METHODS[name])
+            done[name] = run_method(tmp_path_factory.mktemp(name), config)
+        return done[name]
+
+    return finished
