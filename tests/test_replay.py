@@ -33,7 +33,7 @@ from surefoot.method_config import (
     LocoSafeDaggerConfig,
     SafeDaggerConfig,
 )
-from surefoot.methods.loco_dagger import QUERIES, Query
+from surefoot.methods.query import QUERIES, Query
 from surefoot.policy import load, save
 from surefoot.replay import episode_figures, find_policy, method_module, recorded_episode
 from surefoot.run import Run, create, open_run

@@ -14,7 +14,7 @@ from surefoot.config import Config
 from surefoot.dataset import concatenate
 from surefoot.engine import Rollout
 from surefoot.episodes import Job, disturbance_of, expert_name, play_out, sum_up
-from surefoot.methods.loco_dagger import QUERIES, Query
+from surefoot.methods.query import QUERIES, Query
 from surefoot.methods.rollouts import EPISODES_PER_ITERATION
 from surefoot.mpc.expert import Expert
 from surefoot.policy import load

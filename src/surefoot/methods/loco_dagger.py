@@ -13,33 +13,20 @@ return the best pi_i on validation
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from surefoot.arbiters import ExpertOnly, RandomMix
-from surefoot.engine import Rollout
+from surefoot.arbiters import RandomMix
 from surefoot.episodes import Job
 from surefoot.method_config import LocoDaggerConfig
-from surefoot.methods.rollouts import (
-    EPISODES_PER_ITERATION,
-    disturbance_in,
-    draw_starts,
-    episode_ids,
-    expert_rollouts,
-    keep_unless_failed,
-)
+from surefoot.methods.query import Query
+from surefoot.methods.rollouts import disturbance_in, draw_starts, episode_ids, expert_rollouts
 from surefoot.methods.stages import best, check, collect, parameters, train, validate
 from surefoot.mpc.gait import GRID
 from surefoot.run import Run
-from surefoot.seeds import seed_of
-from surefoot.starts import Starts
-from surefoot.types import PlanFunction, to_ticks
+from surefoot.types import PlanFunction
 from surefoot.workers import Workers
-
-QUERIES = 10_000
-"""Ids of an iteration from this on are the expert's rollouts: this + rollout * N_query + j."""
 
 
 def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
@@ -92,64 +79,3 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
         disturbance=disturbance_in(config, i, method.iterations),
         then=Query(method.N_query, method.T_query, method.before_fall),
     )
-
-
-@dataclass(frozen=True)
-class Query:
-    """Expert rollouts from random states of each rollout, at the gait phase they were seen at.
-
-    Attributes:
-        N_query: of each rollout.
-        T_query: [s] of each; one that fails is dropped whole.
-        before_fall: [s] states are taken at the latest so long before a failure.
-    """
-
-    N_query: int
-    T_query: float
-    before_fall: float
-
-    def parent(self, episode: int) -> int:
-        """The id of the rollout that a query starts from; any other id is its own parent."""
-        iteration, index = divmod(episode, EPISODES_PER_ITERATION)
-        if index < QUERIES:
-            return episode
-        return iteration * EPISODES_PER_ITERATION + (index - QUERIES) // self.N_query
-
-    def __call__(self, job: Job, record: Rollout) -> Job | None:
-        """The expert's rollouts; None if no rollout lasted long enough."""
-        rows, ids = [], []
-        for robot, episode in enumerate(job.episode.tolist()):
-            length = int(record.length[robot])
-            if record.failed[robot]:
-                length -= to_ticks(self.before_fall)
-            clock = int(record.starts.tick[robot]) + np.arange(max(length, 0))
-            grid = np.flatnonzero(clock % GRID == 0)
-            rng = np.random.default_rng(seed_of(job.config.seed, "query", episode))
-            chosen = rng.choice(grid, self.N_query) if len(grid) else grid
-            rows += [(robot, elapsed) for elapsed in np.sort(chosen).tolist()]
-            first = episode + QUERIES + (episode % QUERIES) * (self.N_query - 1)
-            ids += range(first, first + len(chosen))
-        if not rows:
-            return None
-        robot, elapsed = np.array(rows).T
-        q = record.q[robot, elapsed].copy()
-        q[:, :2] = 0.0
-        starts = Starts(
-            q,
-            record.v[robot, elapsed],
-            record.starts.tick[robot] + elapsed,
-            record.starts.command[robot],
-            record.starts.id[robot],
-        )
-        return replace(
-            job,
-            starts=starts,
-            episode=np.array(ids),
-            arbiter=ExpertOnly(),
-            duration=self.T_query,
-            policy=None,
-            keep=keep_unless_failed,
-            disturbance=replace(job.disturbance, pushes=0),
-            query=True,
-            then=None,
-        )
