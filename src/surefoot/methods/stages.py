@@ -85,7 +85,6 @@ def check(config: Config) -> None:
         ("training.validation", config.training.validation, 0.0, 0.9),
         ("evaluation.episodes", config.evaluation.episodes, 1, len(stored["select"])),
         ("evaluation.duration", config.evaluation.duration, 0.001, 3600.0),
-        ("collection.gentle", config.collection.gentle, 0.0, 1.0),
         *(
             (f"method.{name}", getattr(config.method, name), *bounds)
             for name, bounds in METHOD_BOUNDS.items()
