@@ -16,7 +16,8 @@ from surefoot.safety import Outcome, margin, strictly_stepping
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray
 
 TILTED = np.radians(10.0)
-"""[rad] a frame with a larger roll or pitch is a recovery: a settled trot stays below 3 degrees."""
+"""[rad] a frame with a larger roll or pitch is a recovery: the settled gait cycles of the stored
+starts (split `nominal`) reach 6.8 degrees."""
 NEAR_BOUNDS = np.radians(5.0), 0.01
 """[rad, m] a frame with an angle or the height so close to the paper's table, or beyond it, is a
 recovery by distance."""
