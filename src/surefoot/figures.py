@@ -182,6 +182,7 @@ def comparison_figure(record: dict[str, Any], path: Path) -> Path:
     """
     from matplotlib import rc_context
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     rows = record["rows"]
     simulators = list(dict.fromkeys(name for row in rows for name in row["results"]))
@@ -196,8 +197,9 @@ def comparison_figure(record: dict[str, Any], path: Path) -> Path:
     height = 0.9 + 0.32 * len(rows)
     heights = [height, height, 4.2] if pushed else [height]
     with rc_context({**STYLE, "axes.grid.axis": "x"}):
-        size = 2.4 + 4.2 * len(simulators), sum(heights) + 0.4
-        figure = Figure(figsize=size, layout="constrained")
+        size = 3.0 + 4.4 * len(simulators), sum(heights) + 0.4
+        # The layout does not see the names of directions beside a circle: room for them.
+        figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.3))
         grid = figure.add_gridspec(len(heights), len(simulators), height_ratios=heights)
         for column, simulator in enumerate(simulators):
             results = [row["results"].get(simulator, {}) for row in rows]
