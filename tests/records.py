@@ -46,6 +46,7 @@ def summary_of(outcome, **given) -> Summary:
     blank = {
         "expert_drove_last": np.zeros(n, bool),
         "expert_drove_before": np.zeros(n, bool),
+        "tilted_far": np.zeros((n, 2), bool),
         "strict": np.zeros(n, bool),
         "command": np.zeros((n, 3)),
         "mean_velocity": np.zeros((n, 3)),

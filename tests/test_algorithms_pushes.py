@@ -8,8 +8,14 @@ from scipy.spatial.transform import Rotation
 
 import toy
 from runs import fingerprint
+from surefoot.arbiters import ExpertOnly
 from surefoot.config import DisturbanceConfig
-from surefoot.disturbance import draw
+from surefoot.disturbance import Pushes, draw
+from surefoot.episodes import Job, play_out, run_chunk
+from surefoot.methods.accounting import collection_figures
+from surefoot.methods.rollouts import keep_unless_failed
+from surefoot.safety import Outcome
+from surefoot.starts import load_starts
 from toy_runs import CONFIG, SMALL_METHODS, angles, replayed, run_method
 
 pytestmark = pytest.mark.usefixtures("toys")
@@ -79,3 +85,66 @@ def test_pushes_grow_from_gentle_to_whole(runs):
     for b in range(6):
         expected = 0.5 * expected_kicks(pushes, record, b)
         np.testing.assert_allclose(kicks(record, b), expected, rtol=0, atol=1e-9)
+
+
+def pushed_expert(impulses, at, **disturbance):
+    """The expert for 0.7 s and a tail of 0.5 s, each robot pushed sideways once."""
+    starts = load_starts().first("nominal", len(impulses))
+    push = np.zeros((len(impulses), 1, 3))
+    push[:, 0, 1] = impulses
+    return Job(
+        CONFIG,
+        starts,
+        np.arange(len(impulses)),
+        ExpertOnly(),
+        0.7,
+        tail=0.5,
+        keep=keep_unless_failed,
+        plan=toy.plan,
+        pushes=Pushes(push, np.array(at)[:, None], 10),
+        disturbance=DisturbanceConfig(**disturbance),
+    )
+
+
+def test_a_pushed_robot_may_tilt_further_where_the_disturbance_says_so():
+    """Not pushed, hardly tilted, beyond 30 degrees before the tail, in the tail, beyond 60."""
+    impulses, at = [0.0, 0.8, 1.5, 1.5, 2.5], [0, 550, 300, 720, 100]
+    job = pushed_expert(impulses, at, fall_angle=60.0)
+    record, _ = play_out(job)
+    tilt = np.degrees(np.abs(angles(record.q)).max(axis=2))
+    tilt[~record.happened] = 0.0
+    most = tilt.max(axis=1)
+    assert most[:2].max() < 30 < most[2:].min() and most[2:4].max() < 59 < most[4] < 60
+    up, fell = Outcome.SUCCESS, Outcome.FELL
+    assert record.outcome.tolist() == [up, up, up, up, fell]
+    summary = run_chunk(job).summary
+    expected = np.stack([tilt[:, 500:700].max(axis=1), tilt[:, 700:].max(axis=1)], axis=1) > 30
+    np.testing.assert_array_equal(summary.tilted_far, expected)
+    assert expected[2:4, 0].tolist() == [True, False] and expected[3, 1]
+    assert (summary.kept > 0).tolist() == [True, True, True, True, False]
+    figures = collection_figures(summary)
+    assert (figures["falls"], figures["near_falls"]) == (1, 2)
+    assert figures["near_falls_in_tail"] == expected[2:4, 1].sum()
+    # An angle stricter than the safety table's, as 0 is, leaves that one.
+    for angle in (0.0, 20.0):
+        summary = run_chunk(pushed_expert(impulses, at, fall_angle=angle)).summary
+        assert summary.outcome.tolist() == [up, up, fell, fell, fell]
+        assert collection_figures(summary)["near_falls"] == 0
+
+
+def test_queries_are_pushed_as_the_expert_shall_be(tmp_path):
+    """Once each, at any time, by nothing else; without such a push they are as they were."""
+    method = replace(SMALL_METHODS["loco_dagger"], T_query=0.3)
+    for name, impulse in (("a", (0.2, 0.3)), ("b", (0.0, 0.0))):
+        collected = DisturbanceConfig(pushes=2, impulse=(0.05, 0.06), expert_impulse=impulse)
+        config = replace(CONFIG, method=method, collection=collected)
+        run = run_method(tmp_path / name, config)
+        _, (_, record) = replayed(run, 1)
+        sums = []
+        for b in range(len(record.length)):
+            kicked = kicks(record, b)
+            times = np.flatnonzero(np.abs(kicked) > 1e-9)
+            sums.append(np.abs(kicked[times]).sum())
+            assert not len(times) or times[-1] - times[0] < 10
+        assert max(sums) <= toy.KICK * impulse[1] + 1e-9
+        assert (max(sums) > 0.5 * toy.KICK * impulse[1]) == (impulse[1] > 0)

@@ -43,8 +43,8 @@ class Interrupted(Exception):
 
 def collected(iteration, **figures):
     """A record of a collection: by default 10 rollouts of 6 s, of which the expert drove 1 s."""
-    keys = ("falls", "diverged", "takeovers", "queries", "queries_failed", "plans")
-    keys = (*keys, "recoveries_tilted", "recoveries_near_bounds")
+    keys = ("falls", "near_falls", "near_falls_in_tail", "diverged", "takeovers", "queries")
+    keys = (*keys, "queries_failed", "plans", "recoveries_tilted", "recoveries_near_bounds")
     share = 1.0 if iteration == 0 else 1 / 6
     given = {
         "episodes": 10,
@@ -67,7 +67,11 @@ def run_of(folder: Path, method, weights: int, best: int | None = 0, **config) -
     iterations = 1 if isinstance(method, BehaviorCloningConfig) else 2
     for i in range(iterations):
         save(Policy(PolicyNetwork(SMALL, weights + i), SMALL, 500, np.zeros((2, 3))), run.policy(i))
-        run.record("collect", i, **collected(i, falls=3 * i, plans=1200))
+        run.record(
+            "collect",
+            i,
+            **collected(i, falls=3 * i, near_falls=4 * i, near_falls_in_tail=2 * i, plans=1200),
+        )
         run.record("train", i, seconds=20.0)
         run.record("guard_classifier", i, seconds=0.5)
         run.record("validate", i, starts_hash=STARTS.hash, seconds=3.0)
@@ -205,14 +209,14 @@ def test_the_tables_hold_the_known_answers(monkeypatch, runs, tmp_path):
         "+0.00 (+0.00 to +0.00)",
     ]
     assert found[12] == [
-        *("BC", "0", "60", "1200", "0 of 10 (0.0 to 27.8 %)", "-", "-", "-", "0", "-", "-", "1000"),
-        *("0.0 %, 0.0 %", "100, 20, 3, 0"),
+        *("BC", "0", "60", "1200", "0 of 10 (0.0 to 27.8 %)", "-", "-", "-", "-", "0", "-", "-"),
+        *("1000", "0.0 %, 0.0 %", "100, 20, 3, 0"),
     ]
     # 3 falls in 10 rollouts, together one minute; the expert drove 10 of 60 s.
     assert found[13][2:5] == ["70", "2400", "0 of 10 (0.0 to 27.8 %)"]
-    assert found[13][5:10] == ["3 of 10 (10.8 to 60.3 %)", "3.00", "-", "0", "0"]
+    assert found[13][5:11] == ["3 of 10 (10.8 to 60.3 %)", "3.00", "4, 2", "-", "0", "0"]
     assert "80 % of 2 robots survive" in tables(record)
-    assert found[13][10:] == ["16.7 %", "2000", "0.0 %, 0.0 %", "200, 40, 6, 1"]
+    assert found[13][11:] == ["16.7 %", "2000", "0.0 %, 0.0 %", "200, 40, 6, 1"]
 
 
 @pytest.mark.parametrize("stop", [0, 1, 4, 11])
@@ -377,6 +381,7 @@ def summary_of(rng, n: int, T: int, tail: int, drove: float, fell: float, query:
         "expert_ticks": np.round(proper * (drove if drove == 1 else rng.random(n) * drove)).astype(
             int
         ),
+        "tilted_far": rng.random((n, 2)) < 0.3,
         "expert_drove_last": rng.random(n) < 0.5,
         "expert_drove_before": rng.random(n) < 0.5,
     }
@@ -400,7 +405,7 @@ def test_cost_is_pooled_exactly(tail, queries, fell):
         records.append({"stage": "collect", "iteration": i, "seconds": 2.0, **figures})
         parts.append(part)
     cost, pooled = cost_of(records, T / 1000), collection_figures(join(parts[1:]))
-    for key in ("episodes", "falls", "takeovers"):
+    for key in ("episodes", "falls", "near_falls", "near_falls_in_tail", "takeovers"):
         assert cost[key] == pooled[key]
     for key in ("expert_share", "falls_per_robot_minute"):
         assert cost[key] == pytest.approx(pooled[key], rel=1e-9)

@@ -81,7 +81,7 @@ def test_pushes_do_not_change_friction_and_mass():
 
 
 def test_one_more_push_comes_early_in_the_tail_if_there_is_one():
-    config = replace(ALL, pushes=1, tail_impulse=(0.1, 0.2))
+    config = replace(ALL, pushes=1, expert_impulse=(0.1, 0.2))
     pushes = pushes_of(draw(config, 0, IDS, 5.0, 0.5, tail=1.0))
     assert pushes.impulse.shape == (1000, 2, 3)
     size = np.hypot(*np.moveaxis(pushes.impulse[..., :2], -1, 0))

@@ -264,9 +264,13 @@ class DisturbanceConfig:
     gentle: float = 1.0
     """Pushes of the first iteration are this share of those of the last; in between it rises
     evenly. A policy that has not seen pushes yet is thrown by less."""
-    tail_impulse: tuple[float, float] = (0.0, 0.0)
-    """[Ns] smallest and largest of one more push early in the tail, where the expert drives: it
-    shows how to recover, and costs the robot less than a push that the policy has to answer."""
+    expert_impulse: tuple[float, float] = (0.0, 0.0)
+    """[Ns] smallest and largest of one more push where the expert drives in order to teach: early
+    in LocoSafeDAGGER's tail, at any time in a query of LocoDAGGER. It shows how to recover, and the
+    expert stands more than a policy does."""
+    fall_angle: float = 0.0
+    """[deg] roll or pitch beyond this is a fall, if it is more than `safety.fall_angle`: robots
+    that are pushed tilt further, and recover (the paper's research code judges pushes by 60)."""
     push_duration: float = 0.01
     """[s] of the force (paper, IV-F)."""
     friction: tuple[float, float] = (1.0, 1.0)

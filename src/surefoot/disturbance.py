@@ -128,7 +128,7 @@ def draw(
     """
     check_disturbance(config)
     pushes, factors, seeds = [], [], []
-    in_tail = tail > 0.0 and config.tail_impulse[1] > 0.0
+    in_tail = tail > 0.0 and config.expert_impulse[1] > 0.0
     for id_ in episode.tolist():
         drawing, sensing = seed_of(seed, "disturbance", id_).spawn(2)
         rng = np.random.default_rng(drawing)
@@ -136,7 +136,7 @@ def draw(
         size = rng.uniform(*config.impulse, config.pushes)
         at = rng.integers(0, to_ticks(duration), config.pushes)
         if in_tail:
-            size = np.append(size, rng.uniform(*config.tail_impulse))
+            size = np.append(size, rng.uniform(*config.expert_impulse))
             early = rng.integers(0, to_ticks(min(tail, EARLY)))
             at = np.append(at, to_ticks(duration) + early)
         angle = rng.uniform(0.0, 2.0 * np.pi, len(size))
@@ -164,7 +164,7 @@ def check_disturbance(config: DisturbanceConfig) -> None:
     """
     for name, least in (
         ("impulse", 0.0),
-        ("tail_impulse", 0.0),
+        ("expert_impulse", 0.0),
         ("friction", 1e-3),
         ("mass", 1e-3),
     ):
@@ -176,6 +176,8 @@ def check_disturbance(config: DisturbanceConfig) -> None:
             f"disturbance.pushes is {config.pushes}, of {config.push_duration} s each; use 0 or "
             "more, of at least 0.001 s"
         )
+    if not 0.0 <= config.fall_angle <= 180.0:
+        raise ValueError(f"disturbance.fall_angle is {config.fall_angle}; use 0 to 180 degrees")
     if not 0.0 <= config.gentle < np.inf:
         raise ValueError(f"disturbance.gentle is {config.gentle}; use a share of 0 or more")
     if not 0 <= config.delay <= 1000:

@@ -157,6 +157,7 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
     """The rollout of a job's episodes, all in lockstep, and the expert that took part."""
     config = job.config
     robot, expert = _team(config, job.plan)
+    fall_angle = max(config.safety.fall_angle, job.disturbance.fall_angle)
     simulator = make_simulator(robot, len(job.starts), config.simulation)
     record = rollout(
         simulator,
@@ -167,7 +168,7 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
         expert,
         _policy(job),
         job.tail,
-        config.safety,
+        replace(config.safety, fall_angle=fall_angle),
         disturbance_of(job),
         job.episode,
         job.ask_always,

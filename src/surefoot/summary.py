@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from surefoot.config import SafetyConfig
 from surefoot.dataset import Frames
 from surefoot.engine import Rollout
-from surefoot.rotations import heading, rotation, to_heading
+from surefoot.rotations import heading, roll_pitch, rotation, to_heading
 from surefoot.safety import Outcome, margin, strictly_stepping
-from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray
+from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, to_ticks
 
 TILTED = np.radians(10.0)
 """[rad] a frame with a larger roll or pitch is a recovery: the settled gait cycles of the stored
@@ -42,6 +42,8 @@ class Summary:
         expert_drove_before: ``(n,)`` True where it drove 0.5 s before that.
         plans: ``(n,)`` MPC solves.
         invalid_plans: ``(n,)`` of them not valid.
+        tilted_far: ``(n, 2)`` True where roll or pitch passed ``safety.fall_angle`` after the
+            grace, before the tail and in it: a fall, unless the disturbance allows for more.
         kept: ``(n,)`` frames kept.
         kept_tilted: ``(n,)`` of them with roll or pitch beyond `TILTED`.
         kept_near_bounds: ``(n,)`` of them closer than `NEAR_BOUNDS` to the paper's table.
@@ -66,6 +68,7 @@ class Summary:
     expert_drove_before: BoolArray
     plans: IntArray
     invalid_plans: IntArray
+    tilted_far: BoolArray
     kept: IntArray
     kept_tilted: IntArray
     kept_near_bounds: IntArray
@@ -116,7 +119,7 @@ def summarise(
         invalid_plans: ``(B,)`` of them not valid.
         foot_radius: [m].
         gait_period: [ms].
-        safety: the bounds that recoveries are told by.
+        safety: the grace, and the bounds that recoveries are told by.
     """
     B, T = len(record.length), record.duration
     proper, by_expert = record.happened[:, :T], record.expert_drove & record.happened
@@ -127,6 +130,9 @@ def summarise(
     error = (velocity - record.starts.command[:, None]) ** 2
     settled = proper & (np.arange(T) >= TICKS_PER_SECOND)
     torque = np.abs(record.torque[:, :T]).max(axis=2)
+    tilt = np.abs(roll_pitch(rotation(record.q[..., 3:7]))).max(axis=2)
+    judged = record.happened & (np.arange(tilt.shape[1]) >= to_ticks(safety.grace))
+    far = judged & (tilt > np.radians(safety.fall_angle))
     by_policy = proper & ~record.expert_drove[:, :T]
     took_over = by_expert[:, 1:T] & by_policy[:, : T - 1]
 
@@ -149,6 +155,7 @@ def summarise(
         expert_drove_before=by_expert[robots, before],
         plans=plans,
         invalid_plans=invalid_plans,
+        tilted_far=np.stack([far[:, :T].any(axis=1), far[:, T:].any(axis=1)], axis=1),
         kept=count(np.ones(len(frames), dtype=bool)),
         kept_tilted=count(tilted),
         kept_near_bounds=count(margin(frames.state, safety, *NEAR_BOUNDS) < 1.0),

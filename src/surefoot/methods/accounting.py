@@ -31,6 +31,8 @@ def collection_figures(summary: Summary) -> dict[str, Any]:
     ``expert_seconds`` is the time that the expert drove; that it is only asked (DAGGER) shows in
     ``plans``.
     ``falls_expert_driving`` is who drove the last tick, ``..._before`` half a second earlier;
+    ``near_falls`` are rollouts that tilted beyond ``safety.fall_angle`` and recovered, where
+    ``collection.fall_angle`` allows for it; ``near_falls_in_tail`` did so in the tail.
     ``expert_share`` is over T, ``..._with_tail`` with the tail. ``recoveries_tilted`` are kept
     frames with roll or pitch beyond 10 degrees, ``recoveries_near_bounds`` those within 5 degrees
     or 1 cm of the paper's table.
@@ -46,6 +48,8 @@ def collection_figures(summary: Summary) -> dict[str, Any]:
         "falls_in_tail": int((fell & (tail_ticks > 0)).sum()),
         "falls_expert_driving": int((fell & rollouts.expert_drove_last).sum()),
         "falls_expert_driving_before": int((fell & rollouts.expert_drove_before).sum()),
+        "near_falls": int((rollouts.tilted_far.any(axis=1) & ~rollouts.failed).sum()),
+        "near_falls_in_tail": int((rollouts.tilted_far[:, 1] & ~rollouts.failed).sum()),
         "diverged": int((rollouts.outcome == Outcome.DIVERGED).sum()),
         "stalls": int((rollouts.outcome == Outcome.STALLED).sum()),
         "falls_per_robot_minute": float(fell.sum() / (robot_ticks / TICKS_PER_SECOND / 60)),
@@ -76,17 +80,18 @@ def cost_of(metrics: Sequence[dict[str, Any]], T: float) -> dict[str, Any]:
         Over everything: ``expert_seconds``, ``plans`` (MPC solves), ``diverged``, ``queries`` (the
         expert's rollouts from visited states, LocoDAGGER) and ``queries_failed``, ``frames_kept``,
         ``recoveries_tilted``, ``recoveries_near_bounds``, ``pretraining_episodes`` and
-        ``pretraining_falls``; over the later iterations: ``episodes``, ``falls``,
-        ``falls_per_robot_minute``, ``takeovers`` and ``expert_share``, pooled over T; None where
-        there are none. ``seconds``: wall time of collect, train, validate and guards; of a series
-        of behaviour cloning that of the last size, whose policy owes nothing to the others.
+        ``pretraining_falls``; over the later iterations: ``episodes``, ``falls``, ``near_falls``,
+        ``near_falls_in_tail``, ``falls_per_robot_minute``, ``takeovers`` and ``expert_share``,
+        pooled over T; None where there are none. ``seconds``: wall time of collect, train, validate
+        and guards; of a series of behaviour cloning that of the last size, whose policy owes
+        nothing to the others.
     """
     collected = [record for record in metrics if record["stage"] == "collect"]
     later = [record for record in collected if record["iteration"] > 0]
     cost: dict[str, Any] = {key: sum(record[key] for record in collected) for key in SUMMED}
     for key in ("episodes", "falls"):
         cost[f"pretraining_{key}"] = sum(r[key] for r in collected if r["iteration"] == 0)
-    for key in ("episodes", "falls", "takeovers"):
+    for key in ("episodes", "falls", "near_falls", "near_falls_in_tail", "takeovers"):
         cost[key] = sum(record[key] for record in later) if later else None
     minutes = sum(rollout_seconds(r, r["expert_share_with_tail"], T) for r in later) / 60
     seconds = [rollout_seconds(record, record["expert_share"], T) for record in later]

@@ -15,6 +15,7 @@ from surefoot.examples import derive, held_out
 from surefoot.files import load_arrays
 from surefoot.gates import HORIZON, Deviation, History, Trace, history_rows
 from surefoot.method_config import Guard
+from surefoot.methods.rollouts import rising
 from surefoot.methods.stages import dataset, iteration_of
 from surefoot.observation import INPUT_SIZE
 from surefoot.policy import load
@@ -45,8 +46,7 @@ def guard(
         if name == "bounds":
             gates.append(Bounds(safety))
         elif name == "relaxing":
-            done = (i - 1) / max(getattr(run.config.method, "iterations", 1) - 1, 1)
-            share = tightest + (1.0 - tightest) * done
+            share = rising(tightest, i, getattr(run.config.method, "iterations", 1))
             gates.append(Bounds(tightened(safety, share)))
         elif not too_early(name, i):
             learned = {"classifier": Deviation, "history": History}[name]

@@ -66,6 +66,7 @@ class Query:
             record.starts.command[robot],
             record.starts.id[robot],
         )
+        impulse = job.disturbance.expert_impulse
         return replace(
             job,
             starts=starts,
@@ -74,7 +75,7 @@ class Query:
             duration=self.T_query,
             policy=None,
             keep=keep_unless_failed,
-            disturbance=replace(job.disturbance, pushes=0),
+            disturbance=replace(job.disturbance, pushes=int(impulse[1] > 0.0), impulse=impulse),
             query=True,
             then=None,
         )

@@ -24,10 +24,15 @@ def episode_ids(iteration: int, count: int) -> IntArray:
     return iteration * EPISODES_PER_ITERATION + np.arange(count)
 
 
+def rising(first: float, i: int, iterations: int) -> float:
+    """A share that rises evenly from what it is in the first iteration to 1 in the last."""
+    return first + (1.0 - first) * (i - 1) / max(iterations - 1, 1)
+
+
 def disturbance_in(config: Config, i: int, iterations: int) -> DisturbanceConfig:
     """What disturbs the rollouts of iteration i."""
     collection = config.collection
-    share = collection.gentle + (1.0 - collection.gentle) * (i - 1) / max(iterations - 1, 1)
+    share = rising(collection.gentle, i, iterations)
     low, high = collection.impulse
     return replace(collection, impulse=(share * low, share * high))
 
