@@ -71,8 +71,10 @@ def default(method: str) -> Config:
 
 
 def _pushes(count: int) -> DisturbanceConfig:
-    """Pushes that teach: as strong as the expert stands without tilting beyond the fall bounds."""
-    return DisturbanceConfig(count, impulse=(0.3, 1.1), gentle=0.7, tail_impulse=(0.5, 1.2))
+    """Pushes that teach: up to what the expert recovers from, which takes it beyond 30 degrees."""
+    return DisturbanceConfig(
+        count, impulse=(0.3, 1.5), gentle=0.7, expert_impulse=(0.5, 3.0), fall_angle=60.0
+    )
 
 
 def quick(method: str) -> Config:
