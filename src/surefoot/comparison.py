@@ -222,7 +222,7 @@ def label_of(run: Run) -> str:
         parts.append(f"alpha {method.alpha:g}")
     if isinstance(method, LocoSafeDaggerConfig):
         parts.append(" + ".join(method.guard))
-    if collection.pushes:
+    if collection.pushes or collection.expert_impulse[1]:
         parts.append("pushes")
     plain = DisturbanceConfig()
     if any(

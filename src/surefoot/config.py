@@ -262,11 +262,11 @@ class DisturbanceConfig:
     impulse: tuple[float, float] = (0.5, 1.5)
     """[Ns] smallest and largest push."""
     gentle: float = 1.0
-    """Pushes of the first iteration are this share of those of the last; in between it rises
+    """`impulse` in the first iteration is this share of what it is in the last; in between it rises
     evenly. A policy that has not seen pushes yet is thrown by less."""
     expert_impulse: tuple[float, float] = (0.0, 0.0)
     """[Ns] smallest and largest of one more push where the expert drives in order to teach: early
-    in LocoSafeDAGGER's tail, at any time in a query of LocoDAGGER. It shows how to recover, and the
+    in LocoSafeDAGGER's tail and in the queries of LocoDAGGER. It shows how to recover, and the
     expert stands more than a policy does."""
     fall_angle: float = 0.0
     """[deg] roll or pitch beyond this is a fall, if it is more than `safety.fall_angle`: robots

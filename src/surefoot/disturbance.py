@@ -119,7 +119,7 @@ def draw(
         config: how many, how large.
         seed: root of the randomness.
         episode: ``(B,)`` ids.
-        duration: [s] within which pushes begin.
+        duration: [s] within which pushes begin; 0 for a tail alone.
         friction: coefficient that the drawn factors multiply.
         tail: [s] that follow, if any.
 
@@ -134,7 +134,7 @@ def draw(
         rng = np.random.default_rng(drawing)
         factors.append([rng.uniform(*config.friction), rng.uniform(*config.mass)])
         size = rng.uniform(*config.impulse, config.pushes)
-        at = rng.integers(0, to_ticks(duration), config.pushes)
+        at = rng.integers(0, max(to_ticks(duration), 1), config.pushes)
         if in_tail:
             size = np.append(size, rng.uniform(*config.expert_impulse))
             early = rng.integers(0, to_ticks(min(tail, EARLY)))

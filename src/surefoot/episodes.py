@@ -48,7 +48,8 @@ class Job:
         policy: the policy or its file, where the arbiter needs one.
         keep: the frames to return; none without it.
         plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
-        disturbance: what disturbs the robots, drawn from the seed and the ids.
+        disturbance: what disturbs the robots, drawn from the seed and the ids, and how far they may
+            tilt then.
         pushes: of the episodes, instead of drawn ones.
         ask_always: the expert is asked at every tick, see `rollout`.
         query: these are the expert's rollouts from states of other episodes.
@@ -142,14 +143,10 @@ def sum_up(job: Job, record: Rollout, expert: Expert, frames: Frames) -> Summary
 def disturbance_of(job: Job) -> Disturbance:
     """What disturbs a job's robots: drawn from its seed and ids, with the pushes it gives."""
     config = job.config
-    drawn = draw(
-        job.disturbance,
-        config.seed,
-        job.episode,
-        job.duration,
-        config.simulation.friction,
-        job.tail,
-    )
+    # A query is all tail: the expert drives in order to teach.
+    duration, tail = (0.0, job.duration) if job.query else (job.duration, job.tail)
+    friction = config.simulation.friction
+    drawn = draw(job.disturbance, config.seed, job.episode, duration, friction, tail)
     return drawn if job.pushes is None else replace(drawn, pushes=job.pushes)
 
 

@@ -42,7 +42,7 @@ def push_recovery(
 
     Args:
         config: of robot, simulator, expert, of the pushes, and of what else disturbs the robots
-            (`evaluation.disturbance`; its own pushes are left out).
+            (`evaluation.disturbance`; its own pushes and fall angle are left out).
         policy: file of the policy; None pushes the expert.
         workers: who runs the episodes.
         label: of the progress bars.
@@ -73,7 +73,7 @@ def push_recovery(
         push.before,
         policy=policy,
         plan=plan,
-        disturbance=replace(config.evaluation.disturbance, pushes=0),
+        disturbance=replace(config.evaluation.disturbance, pushes=0, fall_angle=0.0),
     )
     branch, up = branched(begin, workers, f"{label}: before the push")
     needed = enough(push.success, len(starts))

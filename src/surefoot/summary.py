@@ -43,7 +43,7 @@ class Summary:
         plans: ``(n,)`` MPC solves.
         invalid_plans: ``(n,)`` of them not valid.
         tilted_far: ``(n, 2)`` True where roll or pitch passed ``safety.fall_angle`` after the
-            grace, before the tail and in it: a fall, unless the disturbance allows for more.
+            grace, before the tail and in it; the disturbance has to allow for it, or it is a fall.
         kept: ``(n,)`` frames kept.
         kept_tilted: ``(n,)`` of them with roll or pitch beyond `TILTED`.
         kept_near_bounds: ``(n,)`` of them closer than `NEAR_BOUNDS` to the paper's table.

@@ -15,6 +15,8 @@ SUMMED = (
     "diverged",
     "queries",
     "queries_failed",
+    "near_falls",
+    "near_falls_in_tail",
     "frames_kept",
     "recoveries_tilted",
     "recoveries_near_bounds",
@@ -31,7 +33,7 @@ def collection_figures(summary: Summary) -> dict[str, Any]:
     ``expert_seconds`` is the time that the expert drove; that it is only asked (DAGGER) shows in
     ``plans``.
     ``falls_expert_driving`` is who drove the last tick, ``..._before`` half a second earlier;
-    ``near_falls`` are rollouts that tilted beyond ``safety.fall_angle`` and recovered, where
+    ``near_falls`` are rollouts that tilted beyond ``safety.fall_angle`` and did not fall, where
     ``collection.fall_angle`` allows for it; ``near_falls_in_tail`` did so in the tail.
     ``expert_share`` is over T, ``..._with_tail`` with the tail. ``recoveries_tilted`` are kept
     frames with roll or pitch beyond 10 degrees, ``recoveries_near_bounds`` those within 5 degrees
@@ -79,19 +81,19 @@ def cost_of(metrics: Sequence[dict[str, Any]], T: float) -> dict[str, Any]:
     Returns:
         Over everything: ``expert_seconds``, ``plans`` (MPC solves), ``diverged``, ``queries`` (the
         expert's rollouts from visited states, LocoDAGGER) and ``queries_failed``, ``frames_kept``,
-        ``recoveries_tilted``, ``recoveries_near_bounds``, ``pretraining_episodes`` and
-        ``pretraining_falls``; over the later iterations: ``episodes``, ``falls``, ``near_falls``,
-        ``near_falls_in_tail``, ``falls_per_robot_minute``, ``takeovers`` and ``expert_share``,
-        pooled over T; None where there are none. ``seconds``: wall time of collect, train, validate
-        and guards; of a series of behaviour cloning that of the last size, whose policy owes
-        nothing to the others.
+        ``recoveries_tilted``, ``recoveries_near_bounds``, ``near_falls``, ``near_falls_in_tail``,
+        ``pretraining_episodes`` and ``pretraining_falls``; over the later iterations: ``episodes``,
+        ``falls``, ``falls_per_robot_minute``, ``takeovers`` and ``expert_share``, pooled over T;
+        None where there are none. ``seconds``: wall time of collect, train, validate and guards; of
+        a series of behaviour cloning that of the last size, whose policy owes nothing to the
+        others.
     """
     collected = [record for record in metrics if record["stage"] == "collect"]
     later = [record for record in collected if record["iteration"] > 0]
     cost: dict[str, Any] = {key: sum(record[key] for record in collected) for key in SUMMED}
     for key in ("episodes", "falls"):
         cost[f"pretraining_{key}"] = sum(r[key] for r in collected if r["iteration"] == 0)
-    for key in ("episodes", "falls", "near_falls", "near_falls_in_tail", "takeovers"):
+    for key in ("episodes", "falls", "takeovers"):
         cost[key] = sum(record[key] for record in later) if later else None
     minutes = sum(rollout_seconds(r, r["expert_share_with_tail"], T) for r in later) / 60
     seconds = [rollout_seconds(record, record["expert_share"], T) for record in later]

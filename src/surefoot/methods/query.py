@@ -23,6 +23,8 @@ QUERIES = 10_000
 class Query:
     """Expert rollouts from random states of each rollout, at the gait phase they were seen at.
 
+    The rollout's pushes do not go on; one of `expert_impulse` comes early, if there shall be one.
+
     Attributes:
         N_query: of each rollout.
         T_query: [s] of each; one that fails is dropped whole.
@@ -66,7 +68,6 @@ class Query:
             record.starts.command[robot],
             record.starts.id[robot],
         )
-        impulse = job.disturbance.expert_impulse
         return replace(
             job,
             starts=starts,
@@ -75,7 +76,7 @@ class Query:
             duration=self.T_query,
             policy=None,
             keep=keep_unless_failed,
-            disturbance=replace(job.disturbance, pushes=int(impulse[1] > 0.0), impulse=impulse),
+            disturbance=replace(job.disturbance, pushes=0),
             query=True,
             then=None,
         )
