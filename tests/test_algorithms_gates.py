@@ -82,11 +82,20 @@ def test_pi_safe_comes_back_and_guards_at_run_time(runs):
     run = runs("safe_dagger")
     winner = figures_of(run, "best", 0)["best_iteration"]
     classifier = load_classifier(run.gate("classifier", winner))
-    switch = SafetySwitch(SafetyMonitor(Deviation(classifier, run.config, 0.5), block=0.0))
     starts = load_starts()["test"][:8]
-    job = Job(run.config, starts, starts.id, switch, 0.3, policy=run.best_policy, plan=plan)
-    record, _ = play_out(job)
-    np.testing.assert_array_equal(record.expert_drove, alarms(classifier, record, 0.5))
+
+    def driven_by(alarm):
+        switch = SafetySwitch(SafetyMonitor(Deviation(classifier, run.config, alarm), block=0.0))
+        job = Job(run.config, starts, starts.id, switch, 0.3, policy=run.best_policy, plan=plan)
+        return play_out(job)[0]
+
+    never = driven_by(1.0)
+    assert not never.expert_drove.any()
+    clock = starts.tick[:, None] + np.arange(300)
+    rows = network_input(never.seen, clock, starts.command[:, None], 500)
+    alarm = float(np.median(classifier.probability(rows.reshape(-1, rows.shape[-1]))))
+    record = driven_by(alarm)
+    np.testing.assert_array_equal(record.expert_drove, alarms(classifier, record, alarm))
     assert 0.0 < record.expert_drove.mean() < 1.0
 
 
