@@ -412,7 +412,8 @@ def test_cost_is_pooled_exactly(tail, queries, fell):
         assert cost[key] == pytest.approx(pooled[key], rel=1e-9)
     assert cost["expert_share"] < 0.99
     everything = collection_figures(join(parts))
-    for key in ("expert_seconds", "plans", "frames_kept", "near_falls", "recoveries_tilted"):
+    keys = ("expert_seconds", "plans", "frames_kept", "queries_failed", "recoveries_tilted")
+    for key in (*keys, "near_falls", "near_falls_in_tail"):
         assert cost[key] == pytest.approx(everything[key])
     assert cost["pretraining_episodes"] == 10
     assert cost["seconds"] == {"collect": 10.0, "train": 0, "validate": 0, "guards": 0}
