@@ -12,14 +12,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from surefoot.classifier import load_classifier
-from surefoot.comparison_tables import markdown
 from surefoot.config import DisturbanceConfig, EvaluationConfig
+from surefoot.evaluation.gate_warnings import announcements
 from surefoot.files import write_json
-from surefoot.gate_evaluation import announcements
-from surefoot.gates import History
-from surefoot.run import Run, RunError, open_run
-from surefoot.safety import Bounds, Gate, tightened
+from surefoot.learning.classifier import load_classifier
+from surefoot.runs.run import Run, RunError, open_run
+from surefoot.safety.gates import Bounds, Gate, tightened
+from surefoot.safety.learned import History
+from surefoot.study.tables import markdown
 from surefoot.workers import Workers
 
 ALARMS = (0.1, 0.2, 0.3, 0.5)

@@ -9,17 +9,17 @@ import pytest
 @pytest.fixture(scope="module")
 def toys() -> Iterator[None]:
     """Every simulator of a file is a toy."""
-    from toy import Worlds
+    from tests.fakes.toy import Worlds
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("surefoot.episodes.make_simulator", Worlds())
+        patch.setattr("surefoot.rollouts.jobs.make_simulator", Worlds())
         yield
 
 
 @pytest.fixture(scope="session")
 def runs(tmp_path_factory):
     """A finished run of each method, made when it is first asked for."""
-    from toy_runs import CONFIG, METHODS, run_method
+    from tests.fakes.toy_runs import CONFIG, METHODS, run_method
 
     done = {}
 

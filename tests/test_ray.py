@@ -7,14 +7,14 @@ import time
 from dataclasses import replace
 
 import pytest
-
-from runs import fingerprint
-from surefoot.episodes import chunks_of, run_chunk
-from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
-from surefoot.methods.stages import collect
-from surefoot.run import Run, create
-from surefoot.workers import RETRIES, Workers, each_chunk, map_chunks
 from test_loco_safe_dagger import CONFIG
+
+from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
+from surefoot.rollouts.jobs import chunks_of, run_chunk
+from surefoot.runs.run import Run, create
+from surefoot.runs.stages import collect
+from surefoot.workers import RETRIES, Workers, each_chunk, map_chunks
+from tests.fakes.runs import fingerprint
 
 ray = pytest.importorskip("ray", reason="the extra ray is not installed")
 from ray.cluster_utils import Cluster  # noqa: E402
@@ -122,7 +122,7 @@ def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, capsy
                 time.sleep(0.0 if killed else 0.01)
             yield done
 
-    monkeypatch.setattr("surefoot.methods.stages.each_chunk", then_kill)
+    monkeypatch.setattr("surefoot.runs.stages.each_chunk", then_kill)
     disturbed = create(tmp_path / "disturbed", config)
     try:
         collect(disturbed, 0, collection(disturbed, 0), workers)

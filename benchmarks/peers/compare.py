@@ -35,16 +35,16 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-from surefoot.arbiters import SafetySwitch
 from surefoot.config import Config
-from surefoot.engine import Rollout, rollout
-from surefoot.observation import INPUT_SIZE, network_input
-from surefoot.policy import Policy, PolicyNetwork
-from surefoot.robot import RobotModel, clip_torque, solo12, standing
-from surefoot.safety import Bounds, Outcome, SafetyMonitor
+from surefoot.learning.observation import INPUT_SIZE, network_input
+from surefoot.learning.policy import Policy, PolicyNetwork
+from surefoot.robots.model import RobotModel, clip_torque, solo12, standing
+from surefoot.rollouts.arbiters import SafetySwitch
+from surefoot.rollouts.engine import Rollout, rollout
+from surefoot.safety.gates import Bounds, Outcome, SafetyMonitor
+from surefoot.scenarios.starts import at_rest
 from surefoot.sim import make_simulator
 from surefoot.sim.mujoco import build_model, to_mujoco
-from surefoot.starts import at_rest
 from surefoot.types import JOINTS, to_ticks
 
 VERSIONS = ("imitation", "stable-baselines3", "gymnasium", "mujoco", "torch", "numpy")

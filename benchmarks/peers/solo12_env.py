@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config
-from surefoot.observation import INPUT_SIZE, Float32Array, goal, network_input
+from surefoot.learning.observation import INPUT_SIZE, Float32Array, goal, network_input
 from surefoot.sim import CONTACT_FORCE
 from surefoot.sim.mujoco import from_mujoco
 from surefoot.types import Array, to_ticks

@@ -12,7 +12,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 def main() -> int:
     """Run the command line."""
     try:
-        from surefoot.cli import main as command_line
+        from surefoot.cli.main import main as command_line
     except KeyboardInterrupt:  # loading takes a second or two
         return 130
     return command_line()

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from surefoot.episodes import Job
-from surefoot.method_config import BehaviorCloningConfig
-from surefoot.methods.rollouts import expert_rollouts
-from surefoot.methods.stages import (
+from surefoot.config.methods import BehaviorCloningConfig
+from surefoot.rollouts.jobs import Job
+from surefoot.runs.run import Run
+from surefoot.runs.sampling import expert_rollouts
+from surefoot.runs.stages import (
     best,
     check,
     collect,
@@ -23,7 +24,6 @@ from surefoot.methods.stages import (
     train,
     validate,
 )
-from surefoot.run import Run
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 

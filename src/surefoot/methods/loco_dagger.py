@@ -17,14 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.arbiters import RandomMix
-from surefoot.episodes import Job
-from surefoot.method_config import LocoDaggerConfig
-from surefoot.methods.query import Query
-from surefoot.methods.rollouts import disturbance_in, draw_starts, episode_ids, expert_rollouts
-from surefoot.methods.stages import best, check, collect, parameters, train, validate
-from surefoot.mpc.gait import GRID
-from surefoot.run import Run
+from surefoot.config.methods import LocoDaggerConfig
+from surefoot.mpc.schedule import GRID
+from surefoot.rollouts.arbiters import RandomMix
+from surefoot.rollouts.jobs import Job
+from surefoot.runs.query import Query
+from surefoot.runs.run import Run
+from surefoot.runs.sampling import disturbance_in, draw_starts, episode_ids, expert_rollouts
+from surefoot.runs.stages import best, check, collect, parameters, train, validate
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 

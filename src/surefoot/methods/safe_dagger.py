@@ -19,20 +19,20 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.arbiters import SafetySwitch
-from surefoot.episodes import Job
-from surefoot.method_config import SafeDaggerConfig
-from surefoot.methods.guards import guard, train_guards
-from surefoot.methods.rollouts import (
+from surefoot.config.methods import SafeDaggerConfig
+from surefoot.rollouts.arbiters import SafetySwitch
+from surefoot.rollouts.jobs import Job
+from surefoot.runs.gate_training import guard, train_guards
+from surefoot.runs.run import Run
+from surefoot.runs.sampling import (
     disturbance_in,
     draw_starts,
     episode_ids,
     expert_frames,
     expert_rollouts,
 )
-from surefoot.methods.stages import best, check, collect, parameters, train, validate
-from surefoot.run import Run
-from surefoot.safety import SafetyMonitor
+from surefoot.runs.stages import best, check, collect, parameters, train, validate
+from surefoot.safety.gates import SafetyMonitor
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from surefoot.config import Config
-from surefoot.mpc.gait import GRID
 from surefoot.mpc.planner import PLAN_TICKS, Planner
-from surefoot.robot import RobotModel
+from surefoot.mpc.schedule import GRID
+from surefoot.robots.model import RobotModel
 from surefoot.types import Array, BoolArray, Command, IntArray, PlanFunction, State
 
 DAMPING = 0.1

@@ -18,8 +18,8 @@ import numpy as np
 import pinocchio as pin
 
 from surefoot.config import ExpertConfig, Gait
-from surefoot.mpc.gait import in_stance, node_ticks, swing_fraction
-from surefoot.robot import RobotModel
+from surefoot.mpc.schedule import in_stance, node_ticks, swing_fraction
+from surefoot.robots.model import RobotModel
 from surefoot.types import GRAVITY, TICKS_PER_SECOND, Array, BoolArray, Command
 
 

@@ -24,7 +24,8 @@ from numba import njit
 from surefoot.config import KinematicConfig
 from surefoot.mpc.footholds import ContactPlan
 from surefoot.mpc.riccati import NV, riccati
-from surefoot.rigid import (
+from surefoot.robots.model import RobotModel
+from surefoot.robots.rigid import (
     difference,
     difference_jacobian,
     feet,
@@ -32,7 +33,6 @@ from surefoot.rigid import (
     integrate_jacobians,
     legs_of,
 )
-from surefoot.robot import RobotModel
 from surefoot.types import Array, BoolArray
 
 STEPS = (1.0, 0.5, 0.25, 0.125, 0.03125)

@@ -19,10 +19,10 @@ from numba import njit
 from surefoot.config import ExpertConfig, Gait
 from surefoot.mpc.centroidal import CentroidalPlan, solve_centroidal
 from surefoot.mpc.footholds import ContactPlan, hip_offsets, plan_contacts, travelled, turned
-from surefoot.mpc.gait import GRID, node_ticks
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
-from surefoot.rigid import feet, legs_of
-from surefoot.robot import RobotModel
+from surefoot.mpc.schedule import GRID, node_ticks
+from surefoot.robots.model import RobotModel
+from surefoot.robots.rigid import feet, legs_of
 from surefoot.types import TICKS_PER_SECOND, Array, Command, MotionPlan, State
 
 PLAN_TICKS = 2 * GRID

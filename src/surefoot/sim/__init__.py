@@ -12,7 +12,7 @@ from typing import Protocol, get_args
 import numpy as np
 
 from surefoot.config import Backend, SimulationConfig, unknown
-from surefoot.robot import RobotModel
+from surefoot.robots.model import RobotModel
 from surefoot.types import Array, BoolArray, State
 
 TIME_STEP = 1e-3

@@ -19,9 +19,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from surefoot.config import SimulationConfig
-from surefoot.geometry import Shape, contact_shapes
-from surefoot.rigid import centre_of_mass, feet, legs_of, masses_of
-from surefoot.robot import RobotModel, standing
+from surefoot.robots.geometry import Shape, contact_shapes
+from surefoot.robots.model import RobotModel, standing
+from surefoot.robots.rigid import centre_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import rotation
 from surefoot.sim import CONTACT_FORCE, TIME_STEP, positive
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State

@@ -18,10 +18,10 @@ import numpy as np
 from mujoco.batch import Batch, SimulationError
 from numba import njit
 
-from surefoot import rigid
 from surefoot.config import SimulationConfig
-from surefoot.geometry import contact_shapes
-from surefoot.robot import RobotModel, standing
+from surefoot.robots import rigid
+from surefoot.robots.geometry import contact_shapes
+from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
 from surefoot.sim import CONTACT_FORCE, TIME_STEP, positive
 from surefoot.types import GRAVITY, LEGS, Array, BoolArray, State

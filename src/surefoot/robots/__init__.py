@@ -1,0 +1,1 @@
+"""Robots: their models, shapes and rigid-body motion."""

@@ -1,0 +1,1 @@
+"""Robots in lockstep: the engine, who drives, what a rollout leaves."""

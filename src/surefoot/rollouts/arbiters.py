@@ -1,0 +1,108 @@
+"""Arbiters: who drives each robot, the expert or the policy, decided anew at every tick.
+
+`ExpertOnly` collects data to clone, `PolicyOnly` evaluates, `RandomMix` throws DAGGER's coin, and
+`SafetySwitch` lets the expert rescue.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from surefoot.safety.gates import SafetyMonitor
+from surefoot.seeds import seed_of
+from surefoot.types import Array, BoolArray, IntArray, State
+
+
+class Arbiter(Protocol):
+    """Decides who drives each robot, anew at every tick."""
+
+    def reset(self, episode: IntArray) -> None:
+        """New episodes begin; all randomness is fixed by their ids ``(B,)``."""
+        ...
+
+    def choose(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """``(B,)`` True where the expert drives during this tick; called once a tick.
+
+        Args:
+            state: of B robots, as they measure it.
+            tick: ``(B,)`` gait clock [ms].
+            command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
+        """
+        ...
+
+
+class ExpertOnly:
+    """The expert drives, always (behaviour cloning)."""
+
+    def reset(self, episode: IntArray) -> None:
+        """Nothing to forget."""
+
+    def choose(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """All True."""
+        return np.ones(len(tick), dtype=bool)
+
+
+class PolicyOnly:
+    """The policy drives, always (evaluation)."""
+
+    def reset(self, episode: IntArray) -> None:
+        """Nothing to forget."""
+
+    def choose(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """All False."""
+        return np.zeros(len(tick), dtype=bool)
+
+
+class RandomMix:
+    """A coin decides: at every tick (DAGGER), or once per expert period (LocoDAGGER).
+
+    Args:
+        probability: that the expert drives: beta_i, or alpha^(i-1).
+        every: ticks of the gait clock between throws; the first tick of an episode is one too.
+        seed: root of the randomness; each episode throws its own coin.
+    """
+
+    def __init__(self, probability: float, every: int, seed: int) -> None:
+        if not 0.0 <= probability <= 1.0 or every < 1:
+            raise ValueError(
+                f"a coin with probability {probability} every {every} ticks; use a probability of "
+                "0 to 1, and at least 1 tick"
+            )
+        self._probability, self._every, self._seed = probability, every, seed
+        self.reset(np.zeros(0, dtype=np.int64))
+
+    def reset(self, episode: IntArray) -> None:
+        """Take up each episode's own coin."""
+        seeds = [seed_of(self._seed, "coin", id_) for id_ in episode.tolist()]
+        self._coins = [np.random.default_rng(seed) for seed in seeds]
+        self._expert: BoolArray | None = None
+
+    def choose(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """What the coin last said."""
+        if self._expert is None:
+            thrown = np.ones(len(tick), dtype=bool)
+            self._expert = np.zeros(len(tick), dtype=bool)
+        else:
+            thrown = tick % self._every == 0
+        if thrown.any():
+            self._expert = self._expert.copy()
+            for robot in np.flatnonzero(thrown).tolist():
+                self._expert[robot] = self._coins[robot].random() < self._probability
+        return self._expert
+
+
+class SafetySwitch:
+    """The policy drives; the expert does while the monitor blocks (Algorithms 2 and 4)."""
+
+    def __init__(self, monitor: SafetyMonitor) -> None:
+        self._monitor = monitor
+
+    def reset(self, episode: IntArray) -> None:
+        """No robot is blocked."""
+        self._monitor.reset(len(episode))
+
+    def choose(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """True while blocking."""
+        return self._monitor.blocking(state, tick, command)

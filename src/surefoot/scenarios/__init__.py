@@ -1,0 +1,1 @@
+"""Where episodes begin, and what happens to the robot in them."""

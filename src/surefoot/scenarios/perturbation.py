@@ -1,0 +1,124 @@
+"""Contact-consistent perturbation of a robot's state (paper, III-B; Khadiv et al., 2023).
+
+A random change of configuration is projected onto the null space of the stance feet's Jacobian and
+corrected until those feet are back where they were; a random change of velocity is projected at
+the new configuration, so that no stance foot moves. States that touch the ground with anything but
+the feet, or have fallen already, are drawn again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from surefoot.config import PerturbationConfig, SafetyConfig
+from surefoot.robots.geometry import lowest_points
+from surefoot.robots.model import RobotModel
+from surefoot.rotations import roll_pitch_yaw
+from surefoot.types import Array, BoolArray
+
+
+def perturb(
+    robot: RobotModel,
+    q: Array,
+    v: Array,
+    stance: BoolArray,
+    config: PerturbationConfig,
+    safety: SafetyConfig,
+    rng: np.random.Generator,
+    attempts: int = 1000,
+) -> tuple[Array, Array]:
+    """A random neighbour of a state in which the stance feet stay where they are and do not move.
+
+    Args:
+        robot: its model.
+        q: ``(19,)`` configuration.
+        v: ``(18,)`` velocity.
+        stance: ``(4,)`` feet that are on the ground.
+        config: standard deviations before the projection.
+        safety: the fall bounds; a state beyond them is drawn again.
+        rng: source of randomness.
+        attempts: draws before giving up.
+
+    Returns:
+        ``(19,)`` configuration and ``(18,)`` velocity.
+
+    Raises:
+        ValueError: no draw was acceptable; the perturbation is too large for this state.
+    """
+    sigma = np.concatenate(
+        [
+            np.full(3, config.base_position),
+            np.full(3, config.base_orientation),
+            np.full(12, config.joint_position),
+        ]
+    )
+    data = robot.model.createData()
+    where = stance_feet(robot, data, q, stance)
+    J = stance_jacobian(robot, data, q, stance)
+    for _ in range(attempts):
+        change = project(J, sigma * rng.standard_normal(18))
+        moved = pin.integrate(robot.model, q, change)
+        velocity = v + config.velocity * rng.standard_normal(18)
+        moved = put_feet_back(robot, data, moved, where, stance)
+        if moved is None or not acceptable(robot, data, moved, config, safety):
+            continue
+        return moved, project(stance_jacobian(robot, data, moved, stance), velocity)
+    raise ValueError(
+        f"no acceptable start in {attempts} draws: every one fell or touched the ground; "
+        f"lower the standard deviations ({config})"
+    )
+
+
+def stance_jacobian(robot: RobotModel, data: pin.Data, q: Array, stance: BoolArray) -> Array:
+    """``(3 n, 18)`` translational Jacobian of the n stance feet, world axes."""
+    pin.computeJointJacobians(robot.model, data, q)
+    rows = []
+    for foot in np.array(robot.feet)[stance]:
+        pin.updateFramePlacement(robot.model, data, int(foot))
+        rows.append(pin.getFrameJacobian(robot.model, data, int(foot), pin.LOCAL_WORLD_ALIGNED)[:3])
+    return np.concatenate([np.empty((0, 18)), *rows])
+
+
+def stance_feet(robot: RobotModel, data: pin.Data, q: Array, stance: BoolArray) -> Array:
+    """``(n, 3)`` positions of the n stance feet [m]."""
+    pin.framesForwardKinematics(robot.model, data, q)
+    feet = np.array([data.oMf[foot].translation for foot in robot.feet])
+    return feet[stance]
+
+
+def project(J: Array, change: Array) -> Array:
+    """``(18,)`` the part of a tangent vector that does not move the feet: (I - J^+ J) change."""
+    return change - np.linalg.pinv(J) @ (J @ change)
+
+
+def put_feet_back(
+    robot: RobotModel, data: pin.Data, q: Array, where: Array, stance: BoolArray
+) -> Array | None:
+    """Newton steps that return the stance feet to ``where``; None if they do not converge."""
+    for _ in range(20):
+        error = (where - stance_feet(robot, data, q, stance)).ravel()
+        if np.linalg.norm(error) < 1e-10:
+            return q
+        J = stance_jacobian(robot, data, q, stance)
+        q = pin.integrate(robot.model, q, np.linalg.pinv(J) @ error)
+    return None
+
+
+def acceptable(
+    robot: RobotModel,
+    data: pin.Data,
+    q: Array,
+    config: PerturbationConfig,
+    safety: SafetyConfig,
+) -> bool:
+    """True if only feet meet the ground, not too deep, and the robot has not fallen."""
+    feet, rest = lowest_points(robot, data, q)
+    roll, pitch, _ = roll_pitch_yaw(q[3:7])
+    low, high = safety.fall_height
+    return bool(
+        feet.min() >= -config.max_penetration
+        and rest.min() > 0.0
+        and low < q[2] < high
+        and max(abs(roll), abs(pitch)) < np.radians(safety.fall_angle)
+    )

@@ -1,0 +1,221 @@
+"""Runs of every method on the toy, and what their answers must be, computed by the tests.
+
+The plant is linear and the expert an LQR (``toy.py``), so that a test computes for itself what the
+expert answers in any state. Engine, methods and stages are the real ones. The fixtures ``toys`` and
+``runs`` (``conftest.py``) belong to these.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from surefoot.config import (
+    Config,
+    DisturbanceConfig,
+    EvaluationConfig,
+    PolicyConfig,
+    SafetyConfig,
+    TrainingConfig,
+)
+from surefoot.config.methods import (
+    BehaviorCloningConfig,
+    DaggerConfig,
+    ExpertData,
+    LocoDaggerConfig,
+    LocoSafeDaggerConfig,
+    SafeDaggerConfig,
+)
+from surefoot.learning.observation import network_input
+from surefoot.methods import behavior_cloning as bc
+from surefoot.methods import dagger, loco_dagger, loco_safe_dagger, safe_dagger
+from surefoot.rollouts.jobs import Job, play_out
+from surefoot.runs.run import Run, create
+from surefoot.safety.gates import Outcome
+from surefoot.types import State
+from surefoot.workers import Workers
+from tests.fakes import toy
+from tests.fakes.toy import plan
+
+LIMIT, GRID, ALARM = 2.7, 50, 0.03
+KP, KD = 3.0, 0.05  # the expert's
+POWERS = np.array([np.linalg.matrix_power(toy.A - toy.B @ toy.K, n) for n in range(100)])
+FREE = (-1e4, 1e4)
+SAFETY = SafetyConfig(hip_abduction=FREE, hip_flexion=FREE, knee=FREE)  # roll and height decide
+HEIGHT_ONLY = replace(SAFETY, roll_pitch=1e4, fall_angle=1e4)
+FIRST = ExpertData(2, 1, True, 0.2)  # 22 episodes
+COMMON = {
+    "pretraining": FIRST,
+    "pretraining_epochs": 2,
+    "iterations": 2,
+    "velocities": 3,
+    "perturbations": 2,
+    "T": 0.7,
+    "epochs": 1,
+}
+METHODS = {
+    "behavior_cloning": BehaviorCloningConfig(data=FIRST, epochs=2, frames=(700, 2600)),
+    "dagger": DaggerConfig(**COMMON, p=0.6),
+    "safe_dagger": SafeDaggerConfig(**COMMON, unsafe_share=0.3),
+    "loco_dagger-0.5": LocoDaggerConfig(**COMMON, alpha=0.5, N_query=3, T_query=0.12),
+    "loco_dagger-0.8": LocoDaggerConfig(**COMMON, alpha=0.8, N_query=2, T_query=0.51),
+    "loco_safe_dagger": LocoSafeDaggerConfig(
+        **COMMON, T_block=0.15, T_end=0.1, guard=("relaxing", "classifier"), alarm=ALARM
+    ),
+}
+CONFIG = replace(
+    Config(),
+    chunk=6,
+    seed=5,
+    safety=SAFETY,
+    policy=PolicyConfig(hidden=(16, 16)),
+    training=TrainingConfig(batch=64, validation=0.25),
+    collection=DisturbanceConfig(pushes=2, impulse=(0.1, 0.4), gentle=0.5),
+    evaluation=EvaluationConfig(duration=0.02, episodes=3),
+)
+RUN = {
+    "behavior_cloning": bc.behavior_cloning,
+    "dagger": dagger.dagger,
+    "safe_dagger": safe_dagger.safe_dagger,
+    "loco_dagger": loco_dagger.loco_dagger,
+    "loco_safe_dagger": loco_safe_dagger.loco_safe_dagger,
+}
+COLLECTION = {
+    "behavior_cloning": bc.collection,
+    "dagger": dagger.collection,
+    "safe_dagger": safe_dagger.collection,
+    "loco_dagger": loco_dagger.collection,
+    "loco_safe_dagger": loco_safe_dagger.collection,
+}
+SMALL = {**COMMON, "pretraining": ExpertData(2, 1, False, 0.06), "iterations": 1, "T": 0.55}
+SMALL_METHODS = {
+    "behavior_cloning": BehaviorCloningConfig(SMALL["pretraining"], epochs=2, frames=(500,)),
+    "dagger": DaggerConfig(**SMALL),
+    "safe_dagger": SafeDaggerConfig(**SMALL),
+    "loco_dagger": LocoDaggerConfig(**SMALL, N_query=2, T_query=0.1),
+    "loco_safe_dagger": LocoSafeDaggerConfig(**SMALL, T_block=0.1, T_end=0.1),
+}
+
+
+def run_method(folder, config) -> Run:
+    run = create(folder / "run", config)
+    RUN[run.method](run, Workers(1), plan)
+    return run
+
+
+def collection(run, i) -> Job:
+    return COLLECTION[run.method](run, i, plan)
+
+
+def replayed(run, i):
+    """The rollouts of an iteration, played once more: (job, record), and those that follow."""
+    job = collection(run, i)
+    pairs = [(job, play_out(job)[0])]
+    if job.then is not None and (more := job.then(*pairs[0])) is not None:
+        pairs.append((more, play_out(more)[0]))
+    return pairs
+
+
+def kept_in(run, i):
+    frames = run.dataset.load()
+    return frames[frames.episode // 100_000 == i]
+
+
+# --- what a test computes for itself
+
+
+def angles(q):
+    """(..., 2) roll and pitch."""
+    euler = Rotation.from_quat(q[..., 3:7].reshape(-1, 4)).as_euler("ZYX")
+    return euler[:, [2, 1]].reshape(*q.shape[:-1], 2)
+
+
+def has_fallen(q, safety):
+    (low, high), angle = safety.fall_height, np.radians(safety.fall_angle)
+    return (q[..., 2] < low) | (q[..., 2] > high) | (np.abs(angles(q)) > angle).any(-1)
+
+
+def outside(record, share=1.0):
+    """(B, T) True where height, roll or pitch leaves the paper's table, or a share of it."""
+    z, limit = record.com[..., 2], np.radians(25.0 * share)
+    low = z < 0.20 - share * 0.05
+    return low | (z > 1.0) | (np.abs(angles(record.q)) > limit).any(-1)
+
+
+def spans(mask):
+    """[(first, last)] of the runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def answers(record, asked, invalid=()):
+    """(B, T, 12) the expert's torque: LQR plans of the grid ticks and takeovers, followed.
+
+    A plan made t ticks ago predicts the error (A - B K)^t e. Without a valid one, the last goes on.
+    """
+    torque, asked = np.zeros(record.torque.shape), asked & record.happened
+    for b in range(len(asked)):
+        clock = record.starts.tick[b] + np.arange(asked.shape[1])
+        for first, last in spans(asked[b]):
+            grid = (clock % GRID == 0) & ~np.isin(clock, invalid)
+            made = [first, *(t for t in range(first + 1, last + 1) if grid[t])]
+            for begin, end in zip(made, [*made[1:], last + 1], strict=True):
+                q, v = record.q[b, begin:end], record.v[b, begin:end]
+                goal = toy.goal_of(clock[begin], record.starts.command[b])
+                error = POWERS[: end - begin] @ (toy.x_of(q[0], v[0]) - goal)
+                x = error + goal
+                free = -error @ toy.K.T + KP * (x[:, 1:13] - q[:, 7:]) + KD * (x[:, 14:] - v[:, 6:])
+                torque[b, begin:end] = np.clip(free, -LIMIT, LIMIT)
+    return torque
+
+
+def alarms(classifier, record, alarm):
+    """(B, T) True where a classifier's network, in float64 by hand, is beyond the alarm's."""
+    clock = record.starts.tick[:, None] + np.arange(record.q.shape[1])
+    state = State(record.q, record.v, record.com, record.feet, record.contacts)
+    x = rows = network_input(state, clock, record.starts.command[:, None], 500)
+    for weight, bias in classifier.layers[:-1]:
+        x = np.maximum(x.astype(float) @ weight + bias, 0.0)
+    weight, bias = classifier.layers[-1]
+    p = 1.0 / (1.0 + np.exp(-(x @ weight + bias)[..., 0]))
+    # Where float32 decides, the network itself is asked.
+    close = np.abs(p - alarm) < 1e-6
+    assert close.mean() < 1e-3
+    own = classifier.probability(rows.reshape(-1, 47)).reshape(p.shape)
+    return np.where(close, own, p) > alarm
+
+
+def driven(violation, block, T):
+    """(T,) who drives when the rule is: safe again, and at least a block since the takeover."""
+    drives, since = np.zeros(T, bool), None
+    for t in range(T):
+        if since is None and violation[t]:
+            since = t
+        elif since is not None and not violation[t] and t - since >= block:
+            since = None
+        drives[t] = since is not None
+    return drives
+
+
+def last_block(drove, length):
+    """(T,) the expert's block that ends at a robot's end, if it drove there."""
+    block, t = np.zeros(len(drove), bool), length - 1
+    while t >= 0 and drove[t]:
+        block[t], t = True, t - 1
+    return block
+
+
+def kept(run, i, part, record):
+    """(B, T) what the method should keep of its rollouts, or of those that follow (part 1)."""
+    failed = np.isin(record.outcome, [Outcome.FELL, Outcome.DIVERGED])
+    happened = np.arange(record.q.shape[1]) < record.length[:, None]
+    if i == 0 or part == 1:
+        return happened & ~failed[:, None]
+    if run.method == "dagger":
+        return happened
+    if run.method == "loco_dagger":
+        return np.zeros_like(happened)
+    keep = happened & record.expert_drove
+    for b in np.flatnonzero(failed):
+        keep[b] &= ~last_block(record.expert_drove[b], record.length[b])
+    return keep

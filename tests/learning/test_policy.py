@@ -1,0 +1,407 @@
+"""The network and its folding, the torque law, independence of the batch, and the policy file."""
+
+import json
+import pickle
+import struct
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from surefoot.config import Config, PolicyConfig
+from surefoot.learning.observation import INPUT_SIZE, network_input
+from surefoot.learning.onnx_graph import onnx_graph
+from surefoot.learning.policy import (
+    Policy,
+    PolicyFileError,
+    PolicyNetwork,
+    check_command,
+    label,
+    load,
+    pd,
+    save,
+)
+from surefoot.rollouts.arbiters import ExpertOnly
+from surefoot.rollouts.jobs import Job, play_out
+from surefoot.scenarios.starts import load_starts
+from surefoot.types import Controller, State
+
+SMALL = PolicyConfig(hidden=(32, 16), kp=2.5, kd=0.07)
+COMMANDS = [[0.0, -0.1, 0.0], [0.3, 0.1, 0.0]]
+
+
+def random_state(n, seed=0):
+    rng = np.random.default_rng(seed)
+    q = rng.normal(size=(n, 19))
+    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+    return State(
+        q,
+        rng.normal(size=(n, 18)),
+        rng.normal(size=(n, 3)),
+        rng.normal(size=(n, 4, 3)),
+        rng.random((n, 4)) < 0.5,
+    )
+
+
+def trained(config=SMALL, seed=0) -> Any:
+    """A network with normalisers, BatchNorm statistics and biases that are not the initial ones."""
+    torch.manual_seed(seed)
+    network = PolicyNetwork(config, seed)
+    inputs = torch.randn(500, INPUT_SIZE) * torch.rand(INPUT_SIZE) * 3 + torch.randn(INPUT_SIZE)
+    network.set_normalisers(inputs.double().mean(0), inputs.double().std(0, correction=0))
+    optimizer = torch.optim.Adam(network.parameters(), lr=1e-2)
+    for _ in range(20):
+        optimizer.zero_grad()
+        network(inputs).square().mean().backward()
+        optimizer.step()
+    return network.eval()
+
+
+def make_policy(config=SMALL, **kwargs):
+    return Policy(trained(config), config, 500, COMMANDS, **kwargs)
+
+
+def arguments(n, seed=0):
+    rng = np.random.default_rng(seed)
+    return random_state(n, seed), rng.integers(0, 5000, n), rng.normal(size=(n, 3))
+
+
+def test_label_inverts_the_torque_law():
+    state = random_state(50)
+    torque = np.random.default_rng(1).normal(size=(50, 12))
+    target = label(torque, state.q, state.v, SMALL)
+    np.testing.assert_allclose(pd(target, state.q, state.v, SMALL), torque, atol=1e-14)
+    back = label(pd(target, state.q, state.v, SMALL), state.q, state.v, SMALL)
+    np.testing.assert_allclose(back, target, atol=1e-14)
+
+
+def test_label_known_value():
+    q, v = np.zeros(19), np.zeros(18)
+    q[7:], v[6:] = 0.5, 2.0
+    # (0.3 + 0.1 * 2) / 2 + 0.5
+    target = label(np.full(12, 0.3), q, v, PolicyConfig(kp=2.0, kd=0.1))
+    np.testing.assert_allclose(target, 0.75, atol=1e-15)
+
+
+def test_initial_weights():
+    network: Any = PolicyNetwork(PolicyConfig(), seed=3)
+    for layer in network.linear:
+        weight, bias = layer.weight.detach(), layer.bias.detach()
+        assert not bias.any()
+        expected = np.sqrt(2 / weight.shape[1])
+        assert weight.std().item() == pytest.approx(expected, rel=0.1)
+    assert [tuple(layer.weight.shape) for layer in network.linear] == [
+        (512, 47),
+        (512, 512),
+        (512, 512),
+        (12, 512),
+    ]
+
+
+def test_seed_fixes_the_weights_and_leaves_the_global_generator_alone():
+    torch.manual_seed(0)
+    one = PolicyNetwork(SMALL, 1).state_dict()
+    drawn = torch.rand(3)
+    torch.manual_seed(0)
+    assert torch.equal(drawn, torch.rand(3))
+    same, other = PolicyNetwork(SMALL, 1).state_dict(), PolicyNetwork(SMALL, 2).state_dict()
+    assert all(torch.equal(one[name], same[name]) for name in one)
+    assert not torch.equal(one["linear.0.weight"], other["linear.0.weight"])
+
+
+def test_normalisers():
+    torch.manual_seed(0)
+    inputs = torch.randn(1000, INPUT_SIZE) * 3 + 5
+    inputs[:, 4] = 0.1  # constant, and not exact in binary
+    inputs[:, 45] = 0.0
+    network = PolicyNetwork(SMALL)
+    assert not network.has_normalisers
+    network.set_normalisers(inputs.double().mean(0), inputs.double().std(0, correction=0))
+    assert network.has_normalisers
+    assert network.scale[4] == 1 and network.scale[45] == 1
+    normal = (inputs - network.mean) / network.scale
+    varying = [i for i in range(INPUT_SIZE) if i not in (4, 45)]
+    assert normal.mean(0).abs().max() < 1e-5
+    assert (normal[:, varying].std(0, correction=0) - 1).abs().max() < 1e-5
+
+
+@pytest.mark.parametrize("config", [SMALL, PolicyConfig()], ids=["small", "paper"])
+def test_folded_layers_are_the_network(config):
+    policy = make_policy(config)
+    state, tick, command = arguments(30)
+    with torch.no_grad():
+        expected = policy.network(torch.from_numpy(network_input(state, tick, command, 500)))
+    np.testing.assert_allclose(policy.target(state, tick, command), expected, atol=2e-5, rtol=2e-5)
+
+
+def test_torque_is_the_pd_law_on_the_target():
+    policy = make_policy()
+    state, tick, command = arguments(9)
+    controller: Controller = policy
+    controller.reset(9)
+    torque = controller.torque(state, tick, command, np.ones(9, bool))
+    assert torque.shape == (9, 12) and torque.dtype == np.float64
+    target = policy.target(state, tick, command)
+    expected = 2.5 * (target - state.q[:, 7:]) - 0.07 * state.v[:, 6:]
+    np.testing.assert_allclose(torque, expected, rtol=1e-12)
+    assert controller.diverged.shape == (9,) and not controller.diverged.any()
+
+
+@pytest.fixture(scope="module")
+def walked():
+    """States of real rollouts from perturbed starts, and their ticks and commands."""
+    starts = load_starts()["test"][:100:25]
+    record, _ = play_out(Job(Config(), starts, np.arange(4), ExpertOnly(), 0.5))
+    robot, elapsed = np.nonzero(record.happened)
+    return record.seen[record.happened], starts.tick[robot] + elapsed, starts.command[robot]
+
+
+def turned(state: State, angle: float) -> State:
+    """The same robots after the world was turned about the vertical."""
+    turn = Rotation.from_euler("z", angle)
+    q = state.q.copy()
+    q[:, :3] = turn.apply(q[:, :3])
+    q[:, 3:7] = (turn * Rotation.from_quat(q[:, 3:7])).as_quat()
+    feet = turn.apply(state.feet.reshape(-1, 3)).reshape(-1, 4, 3)
+    return State(q, state.v, turn.apply(state.com), feet, state.contacts)
+
+
+def drawn(inputs, large: bool) -> PolicyNetwork:
+    """Random weights; large: normalisers and BatchNorm as after training, and weights beyond."""
+    network: Any = PolicyNetwork(PolicyConfig(), seed=3)
+    if large:
+        x = torch.from_numpy(inputs)
+        network.set_normalisers(x.double().mean(0), x.double().std(0))
+        with torch.no_grad():
+            for linear in network.linear:
+                linear.weight.mul_(3.0)
+            for norm in network.norm:
+                norm.momentum = None
+            network.train()(x)
+    return network
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_a_policy_does_the_same_in_every_heading(walked, large):
+    state, tick, command = walked
+    network = drawn(network_input(state, tick, command, 500), large)
+    policy = Policy(network, PolicyConfig(), 500, COMMANDS)
+    target = policy.target(state, tick, command)
+    assert np.abs(target).max() > 5.0  # a network whose answers depend on what it sees
+    for angle in (np.pi / 2, np.pi, -np.pi / 2, *np.random.default_rng(0).uniform(-4, 4, 8)):
+        other = policy.target(turned(state, angle), tick, command)
+        np.testing.assert_allclose(other, target, rtol=0, atol=1e-5)
+        half_turned = replace(turned(state, angle), com=state.com)
+        assert np.abs(policy.target(half_turned, tick, command) - target).max() > 1e-2
+
+
+def test_nobody_to_drive():
+    torque = make_policy().torque(*arguments(4), np.zeros(4, bool))
+    assert torque.shape == (4, 12)
+
+
+def test_rows_do_not_depend_on_the_batch():
+    """Bit for bit: alone, in any smaller batch, permuted, and beside a robot that blew up."""
+    policy = make_policy(PolicyConfig())
+    state, tick, command = arguments(64)
+    full = policy.target(state, tick, command)
+    for n in [*range(1, 17), 20, 33, 40, 63]:
+        part = policy.target(state[:n], tick[:n], command[:n])
+        np.testing.assert_array_equal(part, full[:n], err_msg=f"batch of {n}")
+    order = np.random.default_rng(0).permutation(64)
+    np.testing.assert_array_equal(
+        policy.target(state[order], tick[order], command[order]), full[order]
+    )
+    state.q[5], state.v[6] = np.nan, 1e300
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        broken = policy.target(state, tick, command)
+    others = np.delete(np.arange(64), [5, 6])
+    np.testing.assert_array_equal(broken[others], full[others])
+
+
+def test_threads_change_nothing_and_are_restored():
+    policy = make_policy(PolicyConfig())
+    before = torch.get_num_threads()
+    expected = policy.target(*arguments(20))
+    try:
+        torch.set_num_threads(2)
+        np.testing.assert_array_equal(policy.target(*arguments(20)), expected)
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_policy_keeps_its_network():
+    """Training the network further does not change a policy made from it."""
+    network = trained()
+    policy = Policy(network, SMALL, 500, COMMANDS)
+    before = policy.target(*arguments(5))
+    with torch.no_grad():
+        network.linear[0].weight.zero_()
+    np.testing.assert_array_equal(policy.target(*arguments(5)), before)
+    assert policy.network.state_dict()["linear.0.weight"].any()
+
+
+def test_the_graph_that_runs_is_the_network(tmp_path):
+    """Whatever ONNX runtime reads it: plain operators, checked, and the network's numbers."""
+    policy = make_policy()
+    layers = [(weight.numpy(), bias.numpy()) for weight, bias in policy.network.folded()]
+    model = onnx.load_from_string(onnx_graph(layers))
+    onnx.checker.check_model(model, full_check=True)
+    assert {node.op_type for node in model.graph.node} == {"Gemm", "Relu"}
+    inputs = np.random.default_rng(5).normal(size=(30, INPUT_SIZE)).astype(np.float32)
+    with torch.no_grad():
+        expected = policy.network(torch.from_numpy(inputs)).numpy()
+    np.testing.assert_allclose(policy.forward(inputs), expected, rtol=1e-5, atol=1e-5)
+
+
+def test_policy_travels_to_workers():
+    policy = make_policy()
+    copy = pickle.loads(pickle.dumps(policy))
+    np.testing.assert_array_equal(copy.target(*arguments(5)), policy.target(*arguments(5)))
+
+
+def test_check_command():
+    policy = make_policy()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert check_command(policy, [0.3, 0.0, 0.0])
+        assert check_command(policy, np.array([[0.0, 0.1, 0.0], [0.3, -0.1, 0.0]]))
+    with pytest.warns(UserWarning, match=r"outside what the policy was trained on.*0\.3"):
+        assert not check_command(policy, [0.5, 0.0, 0.0])
+
+
+def test_a_policy_that_sees_the_phase_as_a_fraction(tmp_path):
+    circle = make_policy()
+    config = replace(SMALL, phase="fraction")
+    policy = Policy(circle.network, config, 500, COMMANDS)
+    save(policy, tmp_path / "policy.safetensors")
+    loaded = load(tmp_path / "policy.safetensors")
+    assert loaded.config == config
+    state, tick, command = arguments(20)
+    np.testing.assert_array_equal(
+        loaded.target(state, tick, command), policy.target(state, tick, command)
+    )
+    assert (
+        np.abs(loaded.target(state, tick, command) - circle.target(state, tick, command)).max()
+        > 0.01
+    )
+
+
+def test_save_and_load(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    policy = make_policy(provenance={"run": "demo", "config_hash": "abc", "iteration": 3})
+    save(policy, path)
+    loaded = load(path)
+    np.testing.assert_array_equal(loaded.target(*arguments(20)), policy.target(*arguments(20)))
+    assert loaded.config == SMALL
+    assert (loaded.robot, loaded.period_ticks) == ("solo12", 500)
+    assert loaded.provenance == policy.provenance
+    np.testing.assert_array_equal(loaded.command_range, COMMANDS)
+    assert bool(loaded.network.has_normalisers)
+    save(loaded, tmp_path / "again.safetensors")
+    assert (tmp_path / "again.safetensors").read_bytes() == path.read_bytes()
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_no_such_file(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nothing\.safetensors"):
+        load(tmp_path / "nothing.safetensors")
+
+
+@pytest.mark.parametrize("keep", [0, 5, 200, -1], ids=["empty", "start", "header", "last byte"])
+def test_truncated_file(tmp_path, keep):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    path.write_bytes(path.read_bytes()[:keep])
+    with pytest.raises(PolicyFileError, match=r"policy\.safetensors is not a whole.*again"):
+        load(path)
+
+
+def test_other_robot(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(robot="go2"), path)
+    with pytest.raises(PolicyFileError, match="robot 'go2', expected 'solo12'; load a policy"):
+        load(path)
+    assert load(path, robot="go2").robot == "go2"
+
+
+def rewrite(path, change):
+    """Change the record inside a policy file."""
+    content = path.read_bytes()
+    size = struct.unpack("<Q", content[:8])[0]
+    header = json.loads(content[8 : 8 + size])
+    record = json.loads(header["__metadata__"]["surefoot"])
+    change(record)
+    header["__metadata__"]["surefoot"] = json.dumps(record)
+    new = json.dumps(header).encode()
+    path.write_bytes(struct.pack("<Q", len(new)) + new + content[8 + size :])
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("observation", [["height", 1], ["quaternion", 4]]),
+        ("goal", [["phase", 1], ["command", 3]]),
+        ("joints", ["a", "b"]),
+        ("rate", 500),
+        ("format", 1),
+    ],
+)
+def test_other_interface(tmp_path, key, value):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    rewrite(path, lambda record: record.update({key: value}))
+    with pytest.raises(PolicyFileError, match=f"has {key} .*expected"):
+        load(path)
+
+
+@pytest.mark.parametrize("key", ["hidden", "kp", "provenance", "command_range"])
+def test_incomplete_record(tmp_path, key):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    rewrite(path, lambda record: record.pop(key))
+    with pytest.raises(PolicyFileError, match=r"not a complete policy.*match their hash"):
+        load(path)
+
+
+def test_a_changed_bit_is_noticed(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    content = bytearray(path.read_bytes())
+    content[-50] ^= 1
+    path.write_bytes(bytes(content))
+    with pytest.raises(PolicyFileError, match=r"match their hash.*--resume"):
+        load(path)
+
+
+def test_other_hidden_layers_and_broken_weights(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    rewrite(path, lambda record: record.update(hidden=[32, 17]))
+    with pytest.raises(PolicyFileError, match="not a complete policy"):
+        load(path)
+    network = trained()
+    with torch.no_grad():
+        network.linear[1].weight[0, 0] = torch.nan
+    save(Policy(network, SMALL, 500, COMMANDS), path)
+    with pytest.raises(PolicyFileError, match="not finite"):
+        load(path)
+
+
+def test_a_file_without_a_record(tmp_path):
+    from safetensors.torch import save_file
+
+    path = tmp_path / "other.safetensors"
+    save_file({"weight": torch.zeros(3)}, path)
+    with pytest.raises(PolicyFileError, match="not a whole surefoot policy"):
+        load(path)
+    path.write_bytes(pickle.dumps({"weight": 1}))
+    with pytest.raises(PolicyFileError, match="not a whole surefoot policy"):
+        load(path)

@@ -1,0 +1,365 @@
+"""Training: it learns, repeats to the bit, splits by episode, and refuses bad frames."""
+
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import surefoot.learning.train as train_module
+from surefoot.config import TrainingConfig
+from surefoot.learning.dataset import Dataset, Frames
+from surefoot.learning.policy import Policy, PolicyNetwork
+from surefoot.learning.samples import INPUT_SIZE, WIDTH, derive, held_out
+from surefoot.learning.train import choose_device, fit, has_bfloat16
+from tests.fakes.learning import SMALL, toy_frames
+
+TRAINING = TrainingConfig(batch=64)
+
+
+FRAMES = toy_frames(range(20))
+
+
+def run(
+    frames: Frames | Dataset = FRAMES, epochs=2, seed=0, config=TRAINING, network=None, **kwargs
+):
+    network = network or PolicyNetwork(SMALL, seed=0)
+    return fit(network, frames, config, SMALL, epochs, seed, 500, **kwargs)
+
+
+def weights(network):
+    return torch.cat([tensor.double().flatten() for tensor in network.state_dict().values()])
+
+
+def examples(frames):
+    """Inputs and labels as tensors."""
+    rows = torch.from_numpy(derive(frames, SMALL, 500))
+    return rows[:, :INPUT_SIZE], rows[:, INPUT_SIZE:]
+
+
+def test_learns_a_linear_controller():
+    frames = toy_frames(range(100))
+    result = run(frames, 25, config=TrainingConfig(batch=64, schedule="cosine"))
+    labels = examples(frames)[1]
+    untrained = (labels - labels.median(0).values).abs().mean().item()
+    assert untrained > 0.1
+    assert result.validation_loss[-1] < 0.15 * untrained
+    assert result.train_loss[-1] < result.train_loss[0] / 4
+    # And the policy made of it gives the controller's torque.
+    policy = Policy(result.network, SMALL, 500, frames.command_range)
+    torque = policy.torque(frames.state, frames.tick, frames.command, np.ones(len(frames), bool))
+    assert np.abs(torque - frames.torque).mean() < 0.15 * SMALL.kp * untrained
+
+
+def test_reported_losses_are_those_of_the_network():
+    result = run()
+    out = held_out(FRAMES.episode, 0.1)
+    inputs, labels = examples(FRAMES[out])
+    assert not result.network.training
+    with torch.no_grad():
+        loss = torch.nn.functional.l1_loss(result.network(inputs), labels).item()
+    assert result.validation_loss[-1] == pytest.approx(loss, rel=1e-5)
+
+
+@pytest.mark.parametrize("schedule", ["constant", "cosine"])
+def test_same_inputs_same_bits(schedule):
+    config = replace(TRAINING, schedule=schedule)
+    one, other = run(config=config), run(config=config)
+    assert torch.equal(weights(one.network), weights(other.network))
+    assert one.train_loss == other.train_loss and one.validation_loss == other.validation_loss
+    assert not torch.equal(weights(one.network), weights(run(seed=1, config=config).network))
+
+
+def test_learning_rates(monkeypatch):
+    rates = []
+    step = torch.optim.Adam.step
+
+    def recorded(self, *args):
+        rates.append(float(self.param_groups[0]["lr"]))
+        return step(self, *args)
+
+    monkeypatch.setattr(torch.optim.Adam, "step", recorded)
+    steps = run(epochs=3).steps
+    np.testing.assert_allclose(rates, [2e-3] * steps, rtol=1e-7)
+    rates.clear()
+    run(epochs=3, config=replace(TRAINING, schedule="cosine"))
+    expected = 1e-3 * (1 + np.cos(np.pi * np.arange(steps) / steps))
+    np.testing.assert_allclose(rates, expected, atol=1e-9)
+
+
+def test_steps_and_the_incomplete_batch():
+    training = int((~held_out(FRAMES.episode, 0.1)).sum())
+    assert training % 64 != 0
+    assert run(epochs=3).steps == 3 * (training // 64)
+
+
+def test_caller_and_threads_are_left_alone():
+    network = PolicyNetwork(SMALL)
+    before, threads = weights(network), torch.get_num_threads()
+    generator = torch.get_rng_state()
+    config = replace(TRAINING, threads=2)
+    result = run(network=network, config=config, epochs=1)
+    assert torch.equal(weights(network), before)
+    assert result.network is not network
+    assert torch.get_num_threads() == threads
+    assert torch.equal(torch.get_rng_state(), generator)
+
+
+def test_second_fit_keeps_normalisers_and_carries_weights_over():
+    first = run(epochs=6)
+    assert first.network.has_normalisers
+    shifted = replace(FRAMES, v=FRAMES.v * 3.0)
+    second = run(shifted, network=first.network)
+    assert torch.equal(second.network.mean, first.network.mean)
+    assert torch.equal(second.network.scale, first.network.scale)
+    again = run(epochs=1, network=first.network)
+    assert again.train_loss[0] < first.train_loss[0] / 2
+
+
+def test_normalisers_come_from_the_training_episodes():
+    result = run(epochs=1)
+    inputs, _ = examples(FRAMES[~held_out(FRAMES.episode, 0.1)])
+    torch.testing.assert_close(result.network.mean, inputs.mean(0), atol=1e-5, rtol=1e-5)
+    vy = 42 + 3
+    assert result.network.scale[vy] == 1
+
+
+def test_held_out_frames_do_not_reach_the_weights():
+    out = held_out(FRAMES.episode, 0.1)
+    torque = np.where(out[:, None], 100.0, FRAMES.torque)
+    one, other = run(), run(replace(FRAMES, torque=torque))
+    assert torch.equal(weights(one.network), weights(other.network))
+    assert one.validation_loss != other.validation_loss
+
+
+def test_without_held_out_episodes():
+    result = run(config=replace(TRAINING, validation=0.0), epochs=1)
+    assert np.isnan(result.validation_loss[0]) and np.isfinite(result.train_loss[0])
+
+
+def test_progress():
+    calls = []
+    result = run(progress=lambda *args: calls.append(args))
+    losses = zip(result.train_loss, result.validation_loss, strict=True)
+    assert calls == [(epoch, 2, *pair) for epoch, pair in enumerate(losses, 1)]
+
+
+def test_too_few_frames():
+    with pytest.raises(ValueError, match=r"50 frames.*less than one batch of 64: collect more"):
+        run(FRAMES[:50])
+    with pytest.raises(ValueError, match="less than one batch"):
+        run(FRAMES[:0])
+
+
+def test_a_batch_that_does_not_fit_in_memory():
+    with pytest.raises(ValueError, match=r"batch of 20000 .* does not fit in training.memory"):
+        run(toy_frames(range(250)), config=replace(TRAINING, batch=20_000, memory=1))
+
+
+def test_options_are_checked():
+    with pytest.raises(ValueError, match=r"'linear' is unknown; use one of .*constant.*cosine"):
+        run(config=replace(TRAINING, schedule="linear"))
+    with pytest.raises(ValueError, match="0 epochs"):
+        run(epochs=0)
+
+
+def test_a_loss_that_explodes_is_reported():
+    with pytest.raises(FloatingPointError, match="learning rate below"):
+        run(config=replace(TRAINING, learning_rate=1e38))
+
+
+# --- more data than memory, kills, precision, devices
+
+
+def stored(tmp_path, frames=FRAMES, shards=4) -> Dataset:
+    dataset = Dataset(tmp_path / "data")
+    for number, ids in enumerate(np.array_split(np.unique(frames.episode), shards)):
+        dataset.append(f"part-{number}", frames[np.isin(frames.episode, ids)])
+    return dataset
+
+
+def test_data_on_disk_train_as_in_memory(tmp_path):
+    one, other = run(), run(stored(tmp_path))
+    assert torch.equal(weights(one.network), weights(other.network))
+    assert other.frames == len(FRAMES)
+    np.testing.assert_array_equal(other.command_range, FRAMES.command_range)
+
+
+def test_ten_times_more_data_than_memory_learns_as_well(tmp_path, monkeypatch):
+    frames = toy_frames(range(100))
+    config = TrainingConfig(batch=64, schedule="cosine")
+    whole = run(frames, 12, config=config)
+    sizes, original = [], train_module.Examples
+
+    def small(limit, folder):
+        sizes.append(limit)
+        return original(len(frames) * WIDTH * 4 // 10, folder)
+
+    monkeypatch.setattr(train_module, "Examples", small)
+    blocks = run(stored(tmp_path, frames), 12, config=config)
+    assert sum(sizes) == 1024_000_000 and len(sizes) == 2
+    assert blocks.steps == pytest.approx(whole.steps, rel=0.1)
+    assert blocks.validation_loss[-1] < 1.2 * whole.validation_loss[-1]
+    again = run(stored(tmp_path / "again", frames), 12, config=config)
+    assert torch.equal(weights(blocks.network), weights(again.network))
+
+
+def test_peak_memory_is_bounded_however_large_the_dataset(tmp_path):
+    """Examples of ten times the bound cost no more memory than those of the bound."""
+    program = """
+import resource, sys
+import surefoot as sf
+from surefoot.config import PolicyConfig, TrainingConfig
+policy = PolicyConfig(hidden=(16,))
+config = TrainingConfig(batch=4096, memory=8)
+result = sf.fit(sf.PolicyNetwork(policy), sf.Dataset(sys.argv[1]), config, policy, 2, 0, 500)
+print(result.frames, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000)
+"""
+    bound = 8_000_000 // (WIDTH * 4)
+    piece = toy_frames(range(20), each=bound // 100)
+    peaks = []
+    for times in (1, 10):
+        dataset = Dataset(tmp_path / str(times))
+        for number in range(5 * times):
+            dataset.append(f"part-{number}", replace(piece, episode=piece.episode + 20 * number))
+        command = [sys.executable, "-c", program, str(dataset.folder)]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        frames, peak = done.stdout.split()
+        assert int(frames) == dataset.frames == pytest.approx(times * bound, rel=0.01)
+        peaks.append(float(peak))
+    # [MB] All examples of the larger one take 80, its frames 190.
+    assert peaks[1] - peaks[0] < 20
+
+
+class Killed(BaseException):
+    """Nothing in the package may catch this."""
+
+
+@pytest.mark.parametrize("schedule", ["constant", "cosine"])
+@pytest.mark.parametrize("epoch", [1, 3])
+def test_a_fit_killed_after_an_epoch_goes_on_to_the_same_bits(tmp_path, schedule, epoch):
+    config, path = replace(TRAINING, schedule=schedule), tmp_path / "fit.safetensors"
+    whole = run(epochs=4, config=config)
+
+    def die(done, *_):
+        if done == epoch:
+            raise Killed
+
+    with pytest.raises(Killed):
+        run(epochs=4, config=config, progress=die, checkpoint=path)
+    epochs = []
+    resumed = run(
+        epochs=4, config=config, checkpoint=path, progress=lambda done, *_: epochs.append(done)
+    )
+    assert epochs == list(range(epoch + 1, 5))
+    assert torch.equal(weights(resumed.network), weights(whole.network))
+    assert resumed.train_loss == whole.train_loss
+    assert resumed.validation_loss == whole.validation_loss
+
+
+def test_a_checkpoint_of_another_fit_or_cut_short_is_not_taken(tmp_path):
+    path = tmp_path / "fit.safetensors"
+    run(replace(FRAMES, torque=2.0 * FRAMES.torque), epochs=2, checkpoint=path)
+    here = run(epochs=2, checkpoint=path)
+    assert torch.equal(weights(here.network), weights(run(epochs=2).network))
+    other = run(epochs=2, seed=1, checkpoint=path)
+    assert torch.equal(weights(other.network), weights(run(epochs=2, seed=1).network))
+    path.write_bytes(path.read_bytes()[:-9])
+    again = run(epochs=2, seed=1, checkpoint=path)
+    assert torch.equal(weights(other.network), weights(again.network))
+
+
+def test_a_changed_bit_of_a_checkpoint_changes_no_weights(tmp_path):
+    path = tmp_path / "fit.safetensors"
+    whole = run(epochs=3)
+
+    def flip_and_die(done, *_):
+        if done == 1:
+            content = bytearray(path.read_bytes())
+            content[-5000] ^= 1
+            path.write_bytes(bytes(content))
+            raise Killed
+
+    with pytest.raises(Killed):
+        run(epochs=3, checkpoint=path, progress=flip_and_die)
+    again = run(epochs=3, checkpoint=path)
+    assert torch.equal(weights(again.network), weights(whole.network))
+
+
+def test_a_checkpoint_holds_losses_that_are_not_numbers(tmp_path):
+    config, path = replace(TRAINING, validation=0.0), tmp_path / "fit.safetensors"
+    run(epochs=2, config=config, checkpoint=path)
+    again = run(epochs=2, config=config, checkpoint=path)
+    assert np.isnan(again.validation_loss).all() and np.isfinite(again.train_loss).all()
+
+
+def test_bfloat16_products_learn_as_well():
+    frames = toy_frames(range(100))
+    config = TrainingConfig(batch=64, schedule="cosine")
+    short, full = (
+        run(frames, 10, config=replace(config, precision=precision))
+        for precision in ("bfloat16", "float32")
+    )
+    assert short.validation_loss[-1] < 1.05 * full.validation_loss[-1]
+    assert all(tensor.dtype != torch.bfloat16 for tensor in short.network.state_dict().values())
+    same = torch.equal(weights(short.network), weights(full.network))
+    assert same != has_bfloat16(torch.device("cpu"))
+
+
+def test_devices_by_name():
+    assert choose_device("cpu").type == "cpu"
+    if not torch.cuda.is_available():
+        assert choose_device("auto").type == "cpu"
+        with pytest.raises(ValueError, match=r"finds no GPU; use --device cpu"):
+            choose_device("cuda")
+    with pytest.raises(ValueError, match="device 'tpu' is unknown"):
+        choose_device("tpu")
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU on this machine")
+def test_a_gpu_learns_as_well_and_resumes(tmp_path):
+    frames = toy_frames(range(100))
+    config = TrainingConfig(batch=64, schedule="cosine", device="cpu", precision="float32")
+    cpu = run(frames, 10, config=config)
+    path = tmp_path / "fit.safetensors"
+
+    def die(done, *_):
+        if done == 5:
+            raise Killed
+
+    gpu = replace(config, device="cuda")
+    with pytest.raises(Killed):
+        run(frames, 10, config=gpu, checkpoint=path, progress=die)
+    result = run(frames, 10, config=gpu, checkpoint=path)
+    assert result.device != "cpu" and result.network.mean.device.type == "cpu"
+    assert result.train_loss[0] == pytest.approx(cpu.train_loss[0], rel=0.02)
+    assert result.validation_loss[-1] < 1.1 * cpu.validation_loss[-1]
+
+
+def test_learning_runs_where_there_is_no_robotics_stack():
+    """In a process in which nothing of it can be imported."""
+    program = """
+import sys
+robotics = "pinocchio mujoco pybullet numba example_robot_data loky ray onnx onnxruntime"
+for name in robotics.split():
+    sys.modules[name] = None
+import surefoot as sf
+from tests.fakes.learning import SMALL, toy_frames
+frames = toy_frames(range(5))
+from surefoot.config import TrainingConfig
+data = sf.Dataset(sys.argv[1])
+data.append("all", frames)
+result = sf.fit(sf.PolicyNetwork(SMALL), data, TrainingConfig(batch=64), SMALL, 1, 0, 500)
+sf.save(sf.Policy(result.network, SMALL, 500, result.command_range), sys.argv[1] + "/policy")
+assert sf.load(sys.argv[1] + "/policy").period_ticks == 500
+"""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-c", program, folder]
+        done = subprocess.run(
+            command, cwd=Path(__file__).parents[2], capture_output=True, text=True
+        )
+    assert done.returncode == 0, done.stderr

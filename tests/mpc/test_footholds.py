@@ -1,0 +1,156 @@
+"""Where feet are planned to land, and when."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from surefoot.config import ExpertConfig, Gait
+from surefoot.mpc.footholds import GRAVITY, hip_offsets, plan_contacts
+from surefoot.mpc.schedule import in_stance, node_ticks, swing_fraction
+from surefoot.robots.model import solo12
+from surefoot.types import Command
+
+ROBOT, TROT, CONFIG = solo12(), Gait(), ExpertConfig()
+HIPS = hip_offsets(ROBOT, CONFIG.hip_outward)
+COM = np.array([0.013, -0.007, 0.21])
+FEET = np.column_stack([HIPS * 1.1 + COM[:2], np.full(4, 0.02)])
+REST = Command()
+TICKS = [0, 50, 113, 249, 441, 495]
+
+
+PUBLISHED = replace(CONFIG, foothold_rule="published")
+STILL = np.zeros(2)
+
+
+def contacts(
+    tick=0,
+    velocity=REST,
+    com=COM,
+    feet=FEET,
+    gait=TROT,
+    excess=STILL,
+    config: ExpertConfig = CONFIG,
+):
+    return plan_contacts(gait, config, HIPS, ROBOT.foot_radius, com, feet, tick, velocity, excess)
+
+
+def landings(plan):
+    """Nodes and legs where a foot comes down."""
+    before = np.roll(plan.active, 1, axis=0)
+    before[0] = True
+    return np.argwhere(plan.active & ~before)
+
+
+def test_footholds_lie_outward_of_the_hips():
+    # Solo12's hips (HFE axes) in the nominal pose, plus 4 cm outward.
+    expected = [[0.195, 0.141], [0.195, -0.142], [-0.194, 0.141], [-0.194, -0.142]]
+    np.testing.assert_allclose(HIPS, expected, atol=1.5e-3)
+    bare = hip_offsets(ROBOT, 0.0)
+    np.testing.assert_allclose(HIPS - bare, 0.04 * np.array([[0, 1], [0, -1]] * 2), atol=1e-15)
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_shapes_flags_and_durations(tick):
+    plan, ticks = contacts(tick), node_ticks(tick, CONFIG.centroidal.nodes)
+    nodes = CONFIG.centroidal.nodes
+    assert plan.active.shape == plan.via.shape == (nodes, 4)
+    assert plan.position.shape == (nodes, 4, 3)
+    np.testing.assert_array_equal(plan.active, in_stance(TROT, ticks[:-1]))
+    np.testing.assert_allclose(plan.dt, np.diff(ticks) / 1000)
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_at_rest_feet_land_under_the_hips_at_ground_height(tick):
+    plan = contacts(tick)
+    for node, leg in landings(plan):
+        np.testing.assert_allclose(plan.position[node, leg, :2], COM[:2] + HIPS[leg], atol=1e-15)
+        assert plan.position[node, leg, 2] == ROBOT.foot_radius
+    assert len(landings(plan)) >= 6
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_first_node_is_the_measured_foot(tick):
+    plan = contacts(tick, Command(0.3, 0.1, 0.2))
+    np.testing.assert_array_equal(plan.position[0], FEET)
+    assert not plan.via[0].any()
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_a_foot_in_stance_stays(tick):
+    plan = contacts(tick, Command(0.3, -0.1, 0.5))
+    staying = plan.active[1:] & plan.active[:-1]
+    np.testing.assert_array_equal(plan.position[1:][staying], plan.position[:-1][staying])
+    assert staying.any()
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_touchdown_travels_with_the_base_and_half_a_stance_further(tick):
+    velocity = np.array([0.3, -0.1])
+    plan, rest = contacts(tick, Command(*velocity)), contacts(tick)
+    time = np.concatenate([[0.0], np.cumsum(plan.dt)])
+    for node, leg in landings(plan):
+        travel = plan.position[node, leg] - rest.position[node, leg]
+        expected = velocity * (time[node] + 0.5 * TROT.duty * TROT.period)
+        np.testing.assert_allclose(travel, [*expected, 0.0], atol=1e-15)
+
+
+@pytest.mark.parametrize("rule", ["published", "capture"])
+def test_turning(rule):
+    v, w, tick = np.array([0.2, 0.1, 0.0]), 0.7, 113
+    plan = contacts(tick, Command(v[0], v[1], w), config=replace(CONFIG, foothold_rule=rule))
+    start = np.concatenate([[0.0], np.cumsum(plan.dt)])
+    stride = 0.15 * v[:2] + 0.5 * np.sqrt(COM[2] / GRAVITY) * np.cross(v, [0.0, 0.0, w])[:2]
+
+    def heading(t):
+        return np.array([[np.cos(w * t), -np.sin(w * t)], [np.sin(w * t), np.cos(w * t)]])
+
+    for node, leg in landings(plan):
+        t = start[node]
+        way = np.mean([heading(t * (k + 0.5) / 1000) @ v[:2] for k in range(1000)], axis=0) * t
+        expected = COM[:2] + heading(t) @ HIPS[leg]
+        expected += t * v[:2] + stride if rule == "published" else way + heading(t) @ stride
+        np.testing.assert_allclose(plan.position[node, leg, :2], expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_excess_velocity_moves_landings_to_where_it_carries_the_robot(tick):
+    excess = np.array([0.5, -1.2])  # 1.3 m/s
+    plan, calm = contacts(tick, excess=excess), contacts(tick)
+    time = np.concatenate([[0.0], np.cumsum(plan.dt)])
+    for node, leg in landings(plan):
+        moved = plan.position[node, leg] - calm.position[node, leg]
+        expected = (
+            (time[node] + CONFIG.capture_time) * excess * (1.3 - CONFIG.capture_deadband) / 1.3
+        )
+        np.testing.assert_allclose(moved, [*expected, 0.0], atol=1e-14)
+
+
+@pytest.mark.parametrize("config", [CONFIG, PUBLISHED])
+def test_velocity_of_a_settled_gait_moves_no_foothold(config):
+    speed = 0.99 * CONFIG.capture_deadband if config is CONFIG else 2.0
+    plan, calm = contacts(113, excess=speed * np.array([0.6, 0.8]), config=config), contacts(113)
+    np.testing.assert_array_equal(plan.position, calm.position)
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_swinging_feet_have_a_via_point_in_the_first_half(tick):
+    plan = contacts(tick, Command(0.2))
+    fraction = swing_fraction(TROT, node_ticks(tick, CONFIG.centroidal.nodes)[:-1])
+    expected = ~plan.active & (fraction < CONFIG.via_until)
+    expected[0] = False
+    np.testing.assert_array_equal(plan.via, expected)
+    assert np.all(plan.position[plan.via][:, 2] == TROT.step_height)
+    assert not np.any(plan.via & plan.active)
+
+
+def test_plan_moves_with_the_robot():
+    shift = np.array([0.4, -0.3, 0.0])
+    plan = contacts(113, Command(0.2, 0.0, 0.3))
+    moved = contacts(113, Command(0.2, 0.0, 0.3), COM + shift, FEET + shift)
+    np.testing.assert_allclose(moved.position, plan.position + shift, atol=1e-14)
+
+
+def test_step_height_is_the_gaits():
+    plan = contacts(0, gait=replace(TROT, step_height=0.05))
+    assert np.all(plan.position[plan.via][:, 2] == 0.05)

@@ -1,0 +1,135 @@
+"""Which gates guard which iteration, and a run in the small whose history network learns."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from surefoot.config import (
+    Config,
+    DisturbanceConfig,
+    EvaluationConfig,
+    PolicyConfig,
+    SafetyConfig,
+    TrainingConfig,
+)
+from surefoot.config.methods import ExpertData, LocoSafeDaggerConfig
+from surefoot.files import load_arrays
+from surefoot.learning.classifier import load_classifier
+from surefoot.learning.policy import Policy, load
+from surefoot.methods import guards
+from surefoot.methods.loco_safe_dagger import loco_safe_dagger
+from surefoot.runs.gate_training import guard, train_guards
+from surefoot.runs.run import Run, create, open_run
+from surefoot.safety.gates import AnyOf, Bounds, tightened
+from surefoot.safety.learned import History, Trace
+from surefoot.workers import Workers
+
+METHOD = LocoSafeDaggerConfig(
+    pretraining=ExpertData(2, 1, True, 0.12),
+    pretraining_epochs=1,
+    iterations=2,
+    velocities=4,
+    perturbations=2,
+    T=0.8,
+    T_block=0.15,
+    T_end=0.1,
+    guard=("bounds", "history"),
+    alarm=0.3,
+    epochs=1,
+)
+CONFIG = replace(
+    Config(),
+    method=METHOD,
+    chunk=4,
+    policy=PolicyConfig(hidden=(16, 16)),
+    training=TrainingConfig(batch=64),
+    collection=DisturbanceConfig(1),
+    evaluation=EvaluationConfig(duration=0.1, episodes=2),
+)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Run:
+    run = create(tmp_path_factory.mktemp("guarded") / "run", CONFIG)
+    loco_safe_dagger(run, Workers(1))
+    return run
+
+
+def test_the_history_network_learns_from_all_rollouts_so_far(run):
+    known = 0
+    for i in (1, 2):
+        names = [name for name in run.dataset.shards if name.startswith(f"iteration_{i:03d}")]
+        traces = [load_arrays(run.trace(name), Trace) for name in names]
+        assert [trace.inputs.shape for trace in traces] == [(4, 80, 47)] * 2
+        known += sum((trace.label >= 0).sum() for trace in traces)
+        record = run.done("guard_history", i)
+        assert record is not None
+        assert record["rows"] + record.get("held_out", 0) == known
+        assert load_classifier(run.gate("history", i)).figures["rows"] == record["rows"]
+        assert load_classifier(run.gate("history", i)).figures.get("alarm", 0.3) == 0.3
+    assert not run.gate("history", 0).exists()
+
+
+def test_a_lost_network_comes_back_to_the_bit(run):
+    path = run.gate("history", 2)
+    before, records = path.read_bytes(), run.metrics
+    path.unlink()
+    train_guards(open_run(run.folder), 2, METHOD.guard, alarm=METHOD.alarm)
+    assert path.read_bytes() == before
+    assert run.metrics == records
+
+
+def test_networks_guard_from_the_iteration_after_their_first_data(run):
+    first, second = (guard(run, i, METHOD.guard) for i in (1, 2))
+    assert isinstance(first, Bounds)
+    assert isinstance(second, AnyOf)
+    assert [type(gate) for gate in second._gates] == [Bounds, History]
+    assert isinstance(guard(run, 1, ["history"]), Bounds)  # the paper's stand in
+    assert isinstance(guard(run, 3, ["history"]), History)
+
+
+@pytest.mark.parametrize(("i", "share"), [(1, 0.6), (2, 0.7), (3, 0.8), (5, 1.0)])
+def test_relaxing_bounds_are_the_table_s_in_the_last_iteration(run, i, share):
+    config = replace(CONFIG, method=replace(METHOD, iterations=5))
+    gate = guard(Run(run.folder, config), i, ["relaxing"], tightest=0.6)
+    assert isinstance(gate, Bounds)
+    expected, got = tightened(SafetyConfig(), share), gate._config
+    assert got.roll_pitch == pytest.approx(expected.roll_pitch)
+    assert got.com_height == pytest.approx(expected.com_height)
+    if i == 5:
+        assert got.roll_pitch == SafetyConfig().roll_pitch
+        np.testing.assert_allclose(got.com_height, SafetyConfig().com_height)
+
+
+def test_rollouts_too_short_to_learn_from_are_an_error_before_any_work(tmp_path):
+    run = create(tmp_path / "run", replace(CONFIG, method=replace(METHOD, T=0.3)))
+    with pytest.raises(ValueError, match=r"method.T is 0.3 s; a history network predicts 0.3 s"):
+        loco_safe_dagger(run, Workers(1))
+    assert run.metrics == []
+
+
+def test_a_policy_answers_a_part_of_the_data_at_a_time(run, tmp_path, monkeypatch):
+    written, sizes = [], []
+
+    class Counted(Policy):
+        @property
+        def forward(self):
+            forward = super().forward
+            return lambda rows: (sizes.append(len(rows)), forward(rows))[1]
+
+    def counted(path):
+        policy = load(path)
+        policy.__class__ = Counted
+        return policy
+
+    monkeypatch.setattr(guards, "load", counted)
+    for together in (1_000_000, 64):
+        monkeypatch.setattr(guards, "TOGETHER", together)
+        folder = tmp_path / str(together)
+        shutil.copytree(run.folder, folder)
+        train_guards(open_run(folder), 0, ["classifier"])
+        written.append(open_run(folder).gate("classifier", 0).read_bytes())
+    assert sizes[0] == sum(sizes[1:]) > 64 >= max(sizes[1:])
+    assert written[0] == written[1]

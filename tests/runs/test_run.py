@@ -1,0 +1,224 @@
+"""The run folder: what may be created, opened and resumed; metrics; seeds."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import surefoot.files
+from surefoot.config import Config
+from surefoot.config.methods import BehaviorCloningConfig, LocoSafeDaggerConfig
+from surefoot.runs.run import PACKAGES, Run, RunError, create, open_run, versions
+
+CONFIG = replace(Config(), seed=5, method=LocoSafeDaggerConfig(iterations=2))
+
+
+def words(seed, count=4):
+    return tuple(seed.generate_state(count).tolist())
+
+
+def test_a_new_run_stands_in_its_folder_and_can_be_opened(tmp_path):
+    run = create(tmp_path / "a" / "run", CONFIG)
+    assert run.folder == tmp_path / "a" / "run"
+    opened = open_run(run.folder)
+    assert opened.config == CONFIG
+    assert opened.metrics == []
+    assert opened.method == "loco_safe_dagger"
+    assert opened.dataset.frames == 0
+    assert opened.policy(3) == run.folder / "policies" / "003.safetensors"
+    record = json.loads((run.folder / "config.json").read_text())
+    assert record["versions"] == versions()
+    assert {"python", "processor", *PACKAGES} <= set(record["versions"])
+    # PyBullet's version counts only where it is the simulator.
+    assert set(versions("bullet")) - set(record["versions"]) == {"pybullet"}
+
+
+def test_an_existing_run_is_neither_overwritten_nor_resumed_unasked(tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    run.record("collect", 0, frames=1)
+    before = (run.folder / "config.json").read_bytes()
+    with pytest.raises(RunError, match=r"already holds a run.*--resume"):
+        create(tmp_path / "run", CONFIG)
+    with pytest.raises(RunError, match="already holds a run"):
+        create(tmp_path / "run", replace(CONFIG, seed=6))
+    assert (run.folder / "config.json").read_bytes() == before
+    assert open_run(run.folder).metrics == [{"stage": "collect", "iteration": 0, "frames": 1}]
+
+
+def test_resuming_goes_on_with_the_same_configuration_only(tmp_path):
+    create(tmp_path / "run", CONFIG).record("collect", 0, frames=1)
+    assert create(tmp_path / "run", CONFIG, resume=True).done("collect", 0)
+    for other in (
+        replace(CONFIG, seed=6),
+        replace(CONFIG, method=LocoSafeDaggerConfig(iterations=3)),
+        replace(CONFIG, method=BehaviorCloningConfig()),
+    ):
+        with pytest.raises(RunError, match="another configuration"):
+            create(tmp_path / "run", other, resume=True)
+
+
+def test_resuming_what_is_not_there_begins_it(tmp_path):
+    assert create(tmp_path / "run", CONFIG, resume=True).metrics == []
+    assert open_run(tmp_path / "run").config == CONFIG
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_foreign_folder_is_left_alone(tmp_path, resume):
+    (tmp_path / "thesis.tex").write_text("chapter one")
+    with pytest.raises(RunError, match="not empty and holds no run"):
+        create(tmp_path, CONFIG, resume=resume)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize(
+    "content", ["{", "[]", "3", "{}", '{"config": []}', '{"config": {"a": 1}}']
+)
+def test_a_foreign_config_file_is_a_clear_error(tmp_path, content):
+    (tmp_path / "config.json").write_text(content)
+    with pytest.raises(RunError, match=r"config\.json cannot be read"):
+        open_run(tmp_path)
+    with pytest.raises(RunError, match=r"config\.json cannot be read"):
+        create(tmp_path, CONFIG, resume=True)
+    assert (tmp_path / "config.json").read_text() == content
+
+
+def test_opening_what_is_no_run_says_so(tmp_path):
+    with pytest.raises(RunError, match="holds no run"):
+        open_run(tmp_path)
+    with pytest.raises(RunError, match="holds no run"):
+        open_run(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize("moment", ["write_bytes", "replace"])
+def test_a_kill_in_the_first_moment_can_be_started_again(tmp_path, monkeypatch, moment):
+    """Nothing tidies up after a real kill: neither does this one."""
+
+    def killed(*_):
+        raise SystemExit
+
+    with monkeypatch.context() as patch:
+        patch.setattr(surefoot.files.Path, "unlink", lambda *_, **__: None)
+        owner = surefoot.files.Path if moment == "write_bytes" else surefoot.files.os
+        patch.setattr(owner, moment, killed)
+        with pytest.raises(SystemExit):
+            create(tmp_path / "run", CONFIG)
+    assert not (tmp_path / "run" / "config.json").exists()
+    assert create(tmp_path / "run", CONFIG).config == CONFIG
+
+
+def test_metrics_are_one_line_a_stage_in_order(tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    run.record("collect", 0, frames=10, name="x")
+    run.record("train", 0, loss=0.5)
+    run.record("collect", 1, frames=11, rows=[1, None])
+    lines = (run.folder / "metrics.jsonl").read_text().splitlines()
+    assert [json.loads(line) for line in lines] == run.metrics
+    assert [(r["stage"], r["iteration"]) for r in run.metrics] == [
+        ("collect", 0),
+        ("train", 0),
+        ("collect", 1),
+    ]
+    assert run.done("collect", 1) == {
+        "stage": "collect",
+        "iteration": 1,
+        "frames": 11,
+        "rows": [1, None],
+    }
+    assert run.done("train", 1) is None
+    assert open_run(run.folder).metrics == run.metrics
+
+
+def test_metrics_are_valid_json_whatever_was_measured(tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    record = run.record("validate", 0, a=float("nan"), b=[1.0, float("inf")], c={"d": -np.inf})
+    assert record == {
+        "stage": "validate",
+        "iteration": 0,
+        "a": None,
+        "b": [1.0, None],
+        "c": {"d": None},
+    }
+
+    def refuse(word):
+        raise AssertionError(f"{word} is no JSON")
+
+    text = (run.folder / "metrics.jsonl").read_text()
+    assert json.loads(text, parse_constant=refuse) == record
+    assert run.done("validate", 0) == record
+
+
+@pytest.mark.parametrize("moment", ["write_bytes", "replace"])
+def test_a_kill_while_metrics_are_written_leaves_the_old_ones(tmp_path, monkeypatch, moment):
+    run = create(tmp_path / "run", CONFIG)
+    run.record("collect", 0, frames=10)
+    before = (run.folder / "metrics.jsonl").read_bytes()
+
+    def half(path, content):
+        with open(path, "wb") as file:
+            file.write(content[: len(content) // 2])
+        raise SystemExit
+
+    def killed(*_):
+        raise SystemExit
+
+    with monkeypatch.context() as patch:
+        patch.setattr(surefoot.files.Path, "unlink", lambda *_, **__: None)
+        if moment == "write_bytes":
+            patch.setattr(surefoot.files.Path, "write_bytes", half)
+        else:
+            patch.setattr(surefoot.files.os, "replace", killed)
+        with pytest.raises(SystemExit):
+            run.record("train", 0, loss=0.5)
+    assert (run.folder / "metrics.jsonl").read_bytes() == before
+    run.record("train", 0, loss=0.5)
+    assert len(run.metrics) == 2
+
+
+def test_seeds_differ_by_stage_iteration_and_root_and_by_nothing_else(tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    stages, iterations = ("starts", "network", "order"), range(5)
+    seeds = {(s, i): words(run.seed(s, i)) for s in stages for i in iterations}
+    assert len(set(seeds.values())) == 15
+    other = create(tmp_path / "other", replace(CONFIG, seed=6))
+    assert not set(seeds.values()) & {words(other.seed(s, i)) for s in stages for i in iterations}
+    # Not by folder, by order, by how often asked, or by the chunks that spread the work.
+    again = create(tmp_path / "again", replace(CONFIG, chunk=3))
+    for (stage, iteration), seed in reversed(seeds.items()):
+        assert words(again.seed(stage, iteration)) == seed
+    assert words(run.seed("starts", 1)) == seeds["starts", 1]
+    with pytest.raises(ValueError, match="tuple"):
+        run.seed("coffee", 0)
+
+
+def test_best_policy_is_known_once_the_run_is_finished(tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    with pytest.raises(RunError, match=r"not finished.*surefoot train loco_safe_dagger.*--resume"):
+        _ = run.best_policy
+    run.record("best", 0, best_iteration=2)
+    assert run.best_policy == run.policy(2)
+    assert isinstance(run, Run)
+
+
+def test_a_run_is_claimed_before_its_config_is_written(tmp_path, monkeypatch):
+    def taken(*_):
+        raise BlockingIOError
+
+    monkeypatch.setattr("fcntl.lockf", taken)
+    with pytest.raises(RunError, match="another process trains"):
+        create(tmp_path / "run", CONFIG)
+    assert [path.name for path in (tmp_path / "run").iterdir()] == [".lock"]
+    monkeypatch.undo()
+    assert create(tmp_path / "run", CONFIG).metrics == []  # a lock left by a kill is no run
+
+
+def test_what_a_killed_process_was_writing_is_cleared_away(tmp_path):
+    folder = tmp_path / "run"
+    create(folder, CONFIG)
+    left = [folder / ".config.json.7.tmp", folder / "data" / ".part.h5.7.tmp"]
+    for path in left:
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    create(folder, CONFIG, resume=True)
+    assert not any(path.exists() for path in left)
+    assert (folder / "config.json").exists()

@@ -1,0 +1,451 @@
+"""Disturbances: drawn by episode id, measured with the noise asked for, judged by the truth."""
+
+from dataclasses import astuple, replace
+from typing import Any, cast
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.stats import kstest
+
+from surefoot.config import Config, DisturbanceConfig, NoiseConfig, SafetyConfig
+from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
+from surefoot.rollouts.engine import rollout
+from surefoot.runs.stages import check
+from surefoot.safety.gates import Outcome
+from surefoot.scenarios.disturbance import Disturbance, Pushes, draw, senses
+from surefoot.scenarios.starts import Starts
+from surefoot.sim import make_simulator
+from surefoot.types import State
+from tests.fakes.plans import MODEL, state_of
+from tests.fakes.robots import ROBOT, STANDING, random_states
+
+NOISE = NoiseConfig(0.01, 0.05, 0.1, 0.2, 0.03, 0.4)
+ALL = DisturbanceConfig(
+    pushes=3,
+    impulse=(0.5, 2.0),
+    push_duration=0.02,
+    friction=(0.4, 1.2),
+    mass=(0.8, 1.5),
+    noise=NOISE,
+    delay=3,
+)
+IDS = np.arange(1000)
+
+
+def drawn(config=ALL, seed=0, episode=IDS, duration=5.0) -> Disturbance:
+    return draw(config, seed, episode, duration, friction=0.5)
+
+
+def pushes_of(disturbance: Disturbance) -> Pushes:
+    assert disturbance.pushes is not None
+    return disturbance.pushes
+
+
+def seeds(disturbance):
+    return [seed.generate_state(4).tolist() for seed in disturbance.seeds]
+
+
+# --- what is drawn
+
+
+def test_what_is_drawn_depends_on_seed_and_id_alone():
+    everything, ids = drawn(), np.array([700, 3, 41])
+    some = drawn(episode=ids)
+    np.testing.assert_array_equal(pushes_of(some).impulse, pushes_of(everything).impulse[ids])
+    np.testing.assert_array_equal(pushes_of(some).tick, pushes_of(everything).tick[ids])
+    for name in ("friction", "mass"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(everything, name)[ids])
+    assert seeds(some) == [seeds(everything)[id_] for id_ in ids]
+
+    other = drawn(seed=1, episode=ids)
+    assert not np.isin(pushes_of(other).impulse[..., :2], pushes_of(some).impulse).any()
+    assert other.friction is not None
+    assert not np.isin(other.friction, np.array(some.friction)).any()
+    assert all(seed not in seeds(some) for seed in seeds(other))
+
+
+def test_no_two_episodes_are_disturbed_alike():
+    disturbance = drawn()
+    assert len(np.unique(pushes_of(disturbance).impulse[..., 0])) == 3 * len(IDS)
+    for part in (disturbance.friction, disturbance.mass):
+        assert len(np.unique(np.array(part))) == len(IDS)
+    assert len({tuple(seed) for seed in seeds(disturbance)}) == len(IDS)
+
+
+def test_pushes_do_not_change_friction_and_mass():
+    with_, without = drawn(), drawn(replace(ALL, pushes=0))
+    assert without.pushes is None
+    np.testing.assert_array_equal(with_.friction, without.friction)
+    np.testing.assert_array_equal(with_.mass, without.mass)
+
+
+def test_one_more_push_comes_early_in_the_tail_if_there_is_one():
+    config = replace(ALL, pushes=1, expert_impulse=(0.1, 0.2))
+    pushes = pushes_of(draw(config, 0, IDS, 5.0, 0.5, tail=1.0))
+    assert pushes.impulse.shape == (1000, 2, 3)
+    size = np.hypot(*np.moveaxis(pushes.impulse[..., :2], -1, 0))
+    assert 0.5 <= size[:, 0].min() <= size[:, 0].max() <= 2.0
+    assert 0.1 <= size[:, 1].min() <= size[:, 1].max() <= 0.2
+    assert pushes.tick[:, 0].max() < 5000
+    assert (pushes.tick[:, 1].min(), pushes.tick[:, 1].max()) == (5000, 5199)
+    short = pushes_of(draw(config, 0, IDS, 5.0, 0.5, tail=0.01))
+    assert short.tick[:, 1].max() < 5010
+    assert pushes_of(draw(config, 0, IDS, 5.0, 0.5)).impulse.shape == (1000, 1, 3)
+    alone = pushes_of(draw(replace(config, pushes=0), 0, IDS, 5.0, 0.5, tail=1.0))
+    assert alone.tick.min() == 5000
+
+
+def test_draws_fill_their_ranges_evenly():
+    disturbance = drawn()
+    pushes = pushes_of(disturbance)
+    x, y, z = np.moveaxis(pushes.impulse, -1, 0)
+    assert (z == 0.0).all()
+    assert (pushes.duration, disturbance.delay, disturbance.noise) == (20, 3, NOISE)
+    assert pushes.tick.min() >= 0
+    assert pushes.tick.max() < 5000
+    uniform = {
+        "size": (np.hypot(x, y) - 0.5) / 1.5,
+        "direction": np.arctan2(y, x) / (2 * np.pi) + 0.5,
+        "time": (pushes.tick + 0.5) / 5000,
+        "friction": (np.array(disturbance.friction) - 0.2) / 0.4,  # of 0.5, times 0.4 to 1.2
+        "mass": (np.array(disturbance.mass) - 0.8) / 0.7,
+    }
+    for name, values in uniform.items():
+        assert values.min() >= 0.0, name
+        assert values.max() <= 1.0, name
+        # False alarms of one in a thousand draws; the seed is fixed.
+        assert kstest(values.ravel(), "uniform").pvalue > 1e-3, name
+    # Nothing hangs together: not size and direction, nor one push and the next.
+    columns = [uniform["size"], uniform["direction"], uniform["time"]]
+    table = np.concatenate(columns, axis=1)
+    correlation = np.corrcoef(table.T) - np.eye(table.shape[1])
+    assert np.abs(correlation).max() < 4.5 / np.sqrt(len(IDS))
+
+
+def test_a_push_acts_evenly_for_its_duration():
+    pushes = Pushes(np.array([[[1.0, 0, 0], [0, 2.0, 0]], [[0, 0, 0], [4.0, 0, 0]]]),
+                    np.array([[3, 5], [0, 9]]), 4)  # fmt: skip
+    acting = [pushes.during(elapsed) for elapsed in range(15)]
+    none = np.zeros((2, 3))
+    total = np.sum([none if impulse is None else impulse for impulse in acting], axis=0)
+    np.testing.assert_array_equal(total, [[1.0, 2.0, 0.0], [4.0, 0.0, 0.0]])
+    assert acting[13] is None
+    np.testing.assert_array_equal(acting[5], [[0.25, 0.5, 0.0], [0.0, 0.0, 0.0]])
+    np.testing.assert_array_equal(acting[12], [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"impulse": (1.0, 0.5)},
+        {"impulse": (-0.1, 0.5)},
+        {"impulse": (0.1, np.inf)},
+        {"impulse": (np.nan, 1.0)},
+        {"friction": (0.0, 1.0)},
+        {"mass": (1.0, 0.9)},
+        {"pushes": -1},
+        {"push_duration": 0.0},
+        {"push_duration": np.nan},
+        {"gentle": -0.5},
+        {"gentle": np.nan},
+        {"delay": -1},
+        {"delay": 1001},
+        {"noise": NoiseConfig(joint_velocity=-1e-9)},
+        {"noise": NoiseConfig(base_height=np.nan)},
+    ],
+)
+def test_numbers_that_make_no_sense_are_named_before_any_work(bad):
+    config, (name,) = replace(ALL, **bad), bad
+    with pytest.raises(ValueError, match=f"disturbance.{name.removesuffix('_duration')}"):
+        drawn(config)
+    for where in (
+        {"collection": config},
+        {"evaluation": replace(Config().evaluation, disturbance=config)},
+    ):
+        with pytest.raises(ValueError, match=r"disturbance\."):
+            check(replace(Config(), **where))
+    check(replace(Config(), collection=ALL))
+
+
+def test_pushes_that_do_not_fit_together_are_errors():
+    with pytest.raises(ValueError, match="must be"):
+        Pushes(np.zeros((2, 3)), np.zeros(2, int), 1)
+    with pytest.raises(ValueError, match="must be"):
+        Pushes(np.zeros((2, 1, 3)), np.zeros((2, 2), int), 1)
+    with pytest.raises(ValueError, match="not finite"):
+        Pushes(np.full((1, 1, 3), np.inf), np.zeros((1, 1), int), 1)
+    with pytest.raises(ValueError, match="at least 1 ms"):
+        Pushes(np.zeros((1, 1, 3)), np.zeros((1, 1), int), 0)
+
+
+@pytest.mark.parametrize("given", ["friction", "mass"])
+def test_friction_without_mass_is_an_error_not_ignored(given):
+    missing = {"friction": "mass", "mass": "friction"}[given]
+    with pytest.raises(ValueError, match=f"of the {given} alone; give the {missing} too"):
+        Disturbance(**cast(Any, {given: np.ones(2)}))
+
+
+# --- what is measured
+
+
+def batch(q, v) -> State:
+    rows = [state_of(*pair) for pair in zip(q, v, strict=True)]
+    return State(*(np.array([astuple(row)[i] for row in rows]) for i in range(5)))
+
+
+def measured(state: State, noise=NOISE, episode=None, calls=1) -> list[State]:
+    episode = np.arange(len(state.q)) if episode is None else episode
+    config = DisturbanceConfig(noise=noise)
+    measure = senses(ROBOT, draw(config, 7, episode, 1.0, 0.5))
+    assert measure is not None
+    return [measure(state) for _ in range(calls)]
+
+
+def test_noise_has_the_deviations_asked_for_and_is_white():
+    truth = batch(*random_states(4, seed=3))  # tilted every way
+    states = measured(truth, calls=2500)  # several blocks of draws
+    orientation = [
+        [pin.log3(R.T @ M) for R, M in zip(truth.rotation, state.rotation, strict=True)]
+        for state in states[::5]
+    ]
+    q, v = (np.array([getattr(state, name) for state in states]) for name in ("q", "v"))
+    np.testing.assert_allclose(np.linalg.norm(q[..., 3:7], axis=-1), 1.0, atol=1e-12)
+    assert (q[..., :2] == truth.q[:, :2]).all()
+    errors = {
+        "base_height": q[..., 2:3] - truth.q[:, 2:3],
+        "base_orientation": np.array(orientation),
+        "base_linear_velocity": (v - truth.v)[..., :3],
+        "base_angular_velocity": (v - truth.v)[..., 3:6],
+        "joint_position": (q - truth.q)[..., 7:],
+        "joint_velocity": (v - truth.v)[..., 6:],
+    }
+    for name, error in errors.items():
+        sigma, n = getattr(NOISE, name), error.shape[0]
+        # Each robot's, each axis's own; five standard errors.
+        np.testing.assert_allclose(error.std(axis=0), sigma, rtol=5 / np.sqrt(2 * n), err_msg=name)
+        assert np.abs(error.mean(axis=0)).max() < 5 * sigma / np.sqrt(n), name
+        table = error.reshape(n, -1) / sigma
+        across = np.corrcoef(table.T) - np.eye(table.shape[1]) if table.shape[1] > 1 else 0.0
+        after = (table[1:] * table[:-1]).mean(axis=0)
+        assert max(np.abs(across).max(), np.abs(after).max()) < 5 / np.sqrt(n), name
+
+
+def test_feet_and_centre_of_mass_are_those_of_the_measured_configuration():
+    truth = batch(*random_states(5))
+    (seen,) = measured(truth)
+    data = MODEL.createData()
+    for row in range(5):
+        pin.framesForwardKinematics(MODEL, data, seen.q[row])
+        feet = [data.oMf[foot].translation for foot in ROBOT.feet]
+        np.testing.assert_allclose(seen.feet[row], feet, atol=1e-12)
+        com = pin.centerOfMass(MODEL, data, seen.q[row])
+        np.testing.assert_allclose(seen.com[row], com, atol=1e-12)
+    assert np.abs(seen.feet - truth.feet).max() > 1e-3
+    assert (seen.contacts == truth.contacts).all()
+
+
+def test_one_kind_of_noise_leaves_all_else_alone():
+    truth = batch(*random_states(3))
+    (seen,) = measured(truth, NoiseConfig(joint_velocity=0.1))
+    np.testing.assert_allclose(seen.q, truth.q, atol=1e-15)
+    np.testing.assert_array_equal(seen.v[:, :6], truth.v[:, :6])
+    assert (seen.v[:, 6:] != truth.v[:, 6:]).all()
+    (seen,) = measured(truth, NoiseConfig(base_height=0.1))
+    np.testing.assert_allclose(np.delete(seen.q, 2, axis=1), np.delete(truth.q, 2, axis=1))
+    assert (seen.q[:, 2] != truth.q[:, 2]).all()
+
+
+def test_noise_of_a_robot_does_not_depend_on_its_neighbours():
+    truth = batch(*random_states(3))
+    together = measured(truth, episode=np.array([5, 90, 2]), calls=3)
+    alone = measured(truth[1:2], episode=np.array([90]), calls=3)
+    for several, one in zip(together, alone, strict=True):
+        np.testing.assert_array_equal(several.q[1:2], one.q)
+        np.testing.assert_array_equal(several.v[1:2], one.v)
+    assert (together[0].q != together[1].q)[:, 7:].all()
+
+
+# --- in the engine, on a simulator of a few lines
+
+
+class FakeSimulator:
+    """Joints move with the torque; says in which order it was asked for things."""
+
+    def __init__(self, size, height=0.25):
+        self.batch, self.height, self.order = size, height, []
+        self.blown_up, self.contact_force = np.zeros(size, bool), np.zeros((size, 4))
+        self.applied, self.pushed, self.varied = [], [], []
+
+    def vary(self, friction, mass):
+        self.order.append("vary")
+        self.varied.append((friction.tolist(), mass.tolist()))
+
+    def reset(self, q, v, mask=None):
+        self.order.append("reset")
+        self.q, self.v = q.copy(), v.copy()
+        self.q[:, 2] = self.height
+
+    def step(self, torque, mask=None):
+        self.applied.append(torque.copy())
+        self.q[:, 7:] += 1e-3 * torque
+
+    def push(self, impulse, mask=None):
+        self.pushed.append(impulse.copy())
+
+    @property
+    def state(self):
+        return batch(self.q, self.v)
+
+
+class Numbered:
+    """A controller whose torque is the number of its call; keeps the states it was shown."""
+
+    def __init__(self):
+        self.seen, self.diverged = [], np.zeros(1, bool)
+
+    def reset(self, batch):
+        self.diverged = np.zeros(batch, bool)
+
+    def torque(self, state, tick, command, mask):
+        self.seen.append(state)
+        return np.full((len(mask), 12), 0.01 * len(self.seen))
+
+
+class Watching(PolicyOnly):
+    """The policy drives on even ticks, the expert on odd ones; keeps the states it was shown."""
+
+    def reset(self, episode):
+        self.seen = []
+
+    def choose(self, state, tick, command):
+        self.seen.append(state)
+        return np.full(len(tick), len(self.seen) % 2 == 0)
+
+
+def starts(n=2):
+    q = np.tile(STANDING, (n, 1))
+    return Starts(q, np.zeros((n, 18)), np.zeros(n, int), np.zeros((n, 3)), np.arange(n))
+
+
+def noisy(sigma, n=2):
+    return draw(DisturbanceConfig(noise=NoiseConfig(*[sigma] * 6)), 0, np.arange(n), 1.0, 0.5)
+
+
+def test_everyone_who_decides_sees_what_is_measured():
+    simulator, expert, policy, arbiter = FakeSimulator(2), Numbered(), Numbered(), Watching()
+    record = rollout(
+        simulator, ROBOT, starts(), 0.02, arbiter, expert, policy, disturbance=noisy(0.02)
+    )
+    assert (record.q != record.seen.q)[..., 7:].all()
+    np.testing.assert_array_equal(record.q[:, 0, 7:], starts().q[:, 7:])
+    shown = {"arbiter": range(20), "policy": range(0, 20, 2), "expert": range(1, 20, 2)}
+    for name, who in (("arbiter", arbiter), ("policy", policy), ("expert", expert)):
+        assert len(who.seen) == len(shown[name])
+        for state, elapsed in zip(who.seen, shown[name], strict=True):
+            for field in ("q", "v", "com", "feet", "contacts"):
+                expected = getattr(record.seen, field)[:, elapsed]
+                np.testing.assert_array_equal(getattr(state, field), expected, err_msg=name)
+    frames = record.frames(record.expert_drove, np.arange(2))
+    np.testing.assert_array_equal(frames.q, record.seen.q[record.expert_drove])
+    np.testing.assert_array_equal(frames.com, record.seen.com[record.expert_drove])
+
+
+@pytest.mark.parametrize(("height", "sigma"), [(0.25, 0.5), (0.05, 1e-6)])
+def test_falls_are_judged_by_the_truth(height, sigma):
+    """With such noise a standing robot is measured on its side; a fallen one fell anyway."""
+    safety = SafetyConfig(grace=0.01)
+    disturbance = noisy(sigma)
+    record = rollout(
+        FakeSimulator(2, height), ROBOT, starts(), 0.05, ExpertOnly(), Numbered(),
+        safety=safety, disturbance=disturbance,
+    )  # fmt: skip
+    fell = height < 0.1
+    assert (record.outcome == Outcome.FELL).tolist() == [fell] * 2
+    assert record.length.tolist() == [10 if fell else 50] * 2
+    if not fell:
+        assert (np.abs(record.seen.roll_pitch) > np.radians(safety.fall_angle)).any()
+
+
+@pytest.mark.parametrize("delay", [0, 1, 7, 1000])
+def test_a_late_torque_is_the_one_commanded_so_many_ticks_ago(delay):
+    simulator = FakeSimulator(2)
+    record = rollout(
+        simulator, ROBOT, starts(), 0.02, ExpertOnly(), Numbered(),
+        disturbance=Disturbance(delay=delay),
+    )  # fmt: skip
+    commanded = 0.01 * (np.arange(20) + 1)
+    late = commanded[np.maximum(np.arange(20) - delay, 0)]
+    np.testing.assert_allclose(record.torque[0, :, 0], commanded)  # as commanded, not as applied
+    np.testing.assert_allclose(np.array(simulator.applied)[:, 1, 5], late)
+
+
+def test_friction_and_mass_are_given_before_the_reset():
+    simulator = FakeSimulator(2)
+    disturbance = Disturbance(friction=np.array([0.3, 0.4]), mass=np.array([1.1, 1.2]))
+    rollout(simulator, ROBOT, starts(), 0.002, ExpertOnly(), Numbered(), disturbance=disturbance)
+    assert simulator.order == ["vary", "reset"]
+    assert simulator.varied == [([0.3, 0.4], [1.1, 1.2])]
+
+
+def test_nothing_drawn_disturbs_nobody():
+    nothing = draw(DisturbanceConfig(), 0, np.arange(2), 1.0, 0.5)
+    assert (nothing.pushes, nothing.friction, nothing.mass, nothing.delay) == (None, None, None, 0)
+    assert senses(ROBOT, nothing) is None
+    simulator = FakeSimulator(2)
+    record = rollout(
+        simulator, ROBOT, starts(), 0.01, ExpertOnly(), Numbered(), disturbance=nothing
+    )
+    assert simulator.order == ["reset"]
+    assert simulator.pushed == []
+    assert record.seen.q.base is record.q.base  # the very same numbers
+
+
+# --- on MuJoCo
+
+
+class Shaking:
+    """PD to the standing pose and a tremor."""
+
+    diverged = np.zeros(3, bool)
+
+    def reset(self, batch):
+        """No memory."""
+
+    def torque(self, state, tick, command, mask):
+        tremor = 0.3 * np.sin(0.2 * tick[:, None] + np.arange(12))
+        return 3.0 * (STANDING[7:] - state.q[:, 7:]) - 0.1 * state.v[:, 6:] + tremor
+
+
+def shaken(disturbance=None):
+    simulator = make_simulator(ROBOT, 3, Config().simulation)
+    record = rollout(
+        simulator, ROBOT, starts(3), 0.2, ExpertOnly(), Shaking(), disturbance=disturbance
+    )
+    return np.concatenate([record.q, record.v], axis=2)
+
+
+def test_nothing_drawn_is_no_disturbance_to_the_bit():
+    undisturbed = shaken()
+    nothing = DisturbanceConfig(impulse=(0.1, 3.0), gentle=0.1, push_duration=0.1)
+    for config in (DisturbanceConfig(), nothing):
+        same = shaken(draw(config, 0, np.arange(3), 0.2, 0.5))
+        np.testing.assert_array_equal(same, undisturbed)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        DisturbanceConfig(pushes=3),
+        DisturbanceConfig(friction=(0.3, 0.6)),
+        DisturbanceConfig(mass=(1.2, 1.5)),
+        DisturbanceConfig(noise=NoiseConfig(joint_velocity=0.1)),
+        DisturbanceConfig(delay=2),
+    ],
+    ids=["pushes", "friction", "mass", "noise", "delay"],
+)
+def test_every_kind_of_disturbance_reaches_every_robot(config):
+    undisturbed = shaken()
+    disturbed = shaken(draw(config, 0, np.arange(3), 0.1, 0.5))
+    assert (np.abs(disturbed - undisturbed).max(axis=(1, 2)) > 1e-6).all()
+    np.testing.assert_array_equal(disturbed[:, 0], undisturbed[:, 0])

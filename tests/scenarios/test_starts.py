@@ -1,0 +1,250 @@
+"""The stored starts: what is in the packaged set, and what files are refused."""
+
+import zipfile
+from dataclasses import fields
+from io import BytesIO
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from surefoot.config import Config, PerturbationConfig
+from surefoot.mpc.schedule import in_stance
+from surefoot.robots.model import solo12
+from surefoot.safety.gates import fallen
+from surefoot.scenarios.perturbation import acceptable, stance_feet, stance_jacobian
+from surefoot.scenarios.starts import PACKAGED, SPLITS, Starts, StartSet, load_starts, save_starts
+from surefoot.types import State
+
+STORED = load_starts()
+CONFIG = Config()
+ROBOT = solo12()
+PERTURBED = ("train", "select", "test")
+
+
+def everything() -> Starts:
+    return Starts(
+        *(
+            np.concatenate([getattr(STORED[split], field.name) for split in SPLITS])
+            for field in fields(Starts)
+        )
+    )
+
+
+def small(seed=0) -> StartSet:
+    rng = np.random.default_rng(seed)
+    grid, first = {}, 0
+    shapes = {"nominal": (1, 2, 3), "train": (2, 2, 3), "select": (1, 1, 1), "test": (1, 2, 1)}
+    for split, shape in shapes.items():
+        n = int(np.prod(shape))
+        grid[split] = Starts(
+            rng.normal(size=(n, 19)),
+            rng.normal(size=(n, 18)),
+            rng.integers(0, 500, n),
+            rng.normal(size=(n, 3)),
+            first + np.arange(n),
+        )
+        first += n
+    return StartSet("small", grid, shapes)
+
+
+@pytest.mark.parametrize("name", PACKAGED)
+def test_packaged_sets_have_the_splits_the_methods_need(name):
+    stored = load_starts(name)
+    assert stored.name == name
+    assert stored.shape == {
+        "nominal": (1, 10, 20),
+        "train": (8, 10, 20),
+        "select": (2, 10, 10),
+        "test": (10, 10, 10),
+    }
+    for split, shape in stored.shape.items():
+        starts, n = stored[split], int(np.prod(shape))
+        assert len(starts) == n
+        assert starts.q.shape == (n, 19)
+        assert starts.v.shape == (n, 18)
+        assert starts.tick.shape == starts.id.shape == (n,)
+        assert starts.command.shape == (n, 3)
+        assert starts.tick.dtype == np.int64
+
+
+def test_ids_are_rows_of_the_whole_set():
+    np.testing.assert_array_equal(everything().id, np.arange(len(everything())))
+
+
+def test_no_state_stands_in_two_places():
+    starts = everything()
+    perturbed = slice(len(STORED["nominal"]), None)
+    states = np.hstack([starts.q, starts.v])[perturbed]
+    assert len(np.unique(states, axis=0)) == len(states)
+    rounded = np.round(states, 6)
+    assert len(np.unique(rounded, axis=0)) == len(states)
+    nominal = np.hstack([STORED["nominal"].q, STORED["nominal"].v])
+    assert not (np.abs(states[:, None, 7:19] - nominal[None, :, 7:19]).max(axis=2) < 1e-9).any()
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_grid_runs_over_perturbations_phases_and_velocities(split):
+    rows, starts = STORED.rows(split), STORED[split]
+    _, phases, velocities = STORED.shape[split]
+    ticks = np.broadcast_to(50 * np.arange(phases)[None, :, None], rows.shape)
+    np.testing.assert_array_equal(starts.tick[rows], ticks)
+    speeds = np.broadcast_to(np.linspace(0.0, 0.3, velocities), rows.shape)
+    np.testing.assert_allclose(starts.command[rows, 0], speeds, atol=1e-12)
+    assert not starts.command[:, 1:].any()
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_states_are_at_the_origin_and_upright(split):
+    starts = STORED[split]
+    assert not starts.q[:, :2].any()
+    np.testing.assert_allclose(np.linalg.norm(starts.q[:, 3:7], axis=1), 1.0, atol=1e-9)
+    assert np.isfinite(starts.q).all()
+    assert np.isfinite(starts.v).all()
+    n = len(starts)
+    state = State(starts.q, starts.v, np.zeros((n, 3)), np.zeros((n, 4, 3)), np.zeros((n, 4), bool))
+    assert not fallen(state, CONFIG.safety).any()
+
+
+@pytest.mark.parametrize("split", PERTURBED)
+def test_perturbed_starts_agree_with_the_contacts_of_their_phase(split):
+    data = ROBOT.model.createData()
+    starts = STORED[split]
+    stance = in_stance(CONFIG.gait, starts.tick)
+    assert 2 <= stance.sum(axis=1).min() < stance.sum(axis=1).max() == 4
+    for q, v, feet in zip(starts.q, starts.v, stance, strict=True):
+        slip = stance_jacobian(ROBOT, data, q, feet) @ v
+        assert np.abs(slip).max() < 1e-9
+        assert acceptable(ROBOT, data, q, PerturbationConfig(), CONFIG.safety)
+
+
+@pytest.mark.parametrize("split", PERTURBED)
+def test_perturbed_starts_keep_the_stance_feet_of_their_nominal_state(split):
+    """Up to the shift that puts x and y to zero, and the speeds of the 20-speed cycle."""
+    data = ROBOT.model.createData()
+    starts, rows = STORED[split], STORED.rows(split)
+    for phase in range(10):
+        # All perturbations of one phase and speed come from one state: their stance feet agree.
+        for speed in (0, rows.shape[2] - 1):
+            some = rows[:, phase, speed]
+            stance = in_stance(CONFIG.gait, int(starts.tick[some[0]]))
+            feet = np.array([stance_feet(ROBOT, data, q, stance) for q in starts.q[some]])
+            between = feet - feet[:, :1]
+            np.testing.assert_allclose(
+                between, np.broadcast_to(between[0], between.shape), atol=1e-8
+            )
+            np.testing.assert_allclose(
+                feet[:, :, 2], np.broadcast_to(feet[0, :, 2], feet.shape[:2]), atol=1e-8
+            )
+
+
+def test_nominal_states_differ_from_perturbed_ones_as_much_as_asked():
+    train, rows = STORED["train"], STORED.rows("train")
+    nominal = STORED["nominal"]
+    apart = [
+        np.linalg.norm(
+            pin.difference(ROBOT.model, nominal.q[i % 200], train.q[rows.ravel()[i]])[3:6]
+        )
+        for i in range(400)
+    ]
+    assert 0.1 < np.median(apart) < 1.0
+
+
+def test_hash_is_the_same_after_another_load_and_after_saving(tmp_path):
+    assert load_starts().hash == STORED.hash
+    save_starts(STORED, tmp_path / "copy.npz")
+    copy = load_starts(tmp_path / "copy.npz")
+    assert copy.hash == STORED.hash
+    assert copy.name == "copy"
+    assert copy.shape == STORED.shape
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Starts)])
+def test_hash_sees_every_array(name):
+    changed = small()
+    array = getattr(changed.grid["test"], name)
+    array[-1] = array[-1] + 1
+    assert changed.hash != small().hash == small().hash
+
+
+def test_saved_arrays_come_back_bit_for_bit(tmp_path):
+    starts = small()
+    save_starts(starts, tmp_path / "small.npz")
+    back = load_starts(tmp_path / "small.npz")
+    for split in SPLITS:
+        for field in fields(Starts):
+            np.testing.assert_array_equal(
+                getattr(back[split], field.name), getattr(starts[split], field.name)
+            )
+
+
+def test_rows_are_taken_by_index_mask_or_slice():
+    starts = STORED["select"]
+    some = starts[np.array([5, 2])]
+    assert len(some) == 2
+    np.testing.assert_array_equal(some.id, starts.id[[5, 2]])
+    np.testing.assert_array_equal(some.q, starts.q[[5, 2]])
+    assert len(starts[:7]) == 7
+
+
+def test_a_set_is_never_overwritten(tmp_path):
+    path = tmp_path / "set.npz"
+    save_starts(small(), path)
+    before = path.read_bytes()
+    with pytest.raises(FileExistsError, match="never changed: use a new name"):
+        save_starts(small(1), path)
+    assert path.read_bytes() == before
+
+
+def test_an_unknown_split_names_those_there_are():
+    with pytest.raises(KeyError, match=r"no split 'validation'.*'select'"):
+        STORED["validation"]
+
+
+def test_a_missing_file_is_not_called_damaged(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        load_starts(tmp_path / "nothing.npz")
+
+
+def npz(**arrays) -> bytes:
+    buffer = BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def damaged() -> dict[str, bytes]:
+    starts = small()
+    parts = {
+        name: np.concatenate([getattr(starts.grid[split], name) for split in SPLITS])
+        for name in ("q", "v", "tick", "command")
+    }
+    shapes = np.array([starts.shape[split] for split in SPLITS])
+    whole = npz(**parts, shapes=shapes)
+    flipped = bytearray(whole)
+    flipped[200] ^= 0xFF
+    single = BytesIO()
+    np.save(single, parts["q"])
+    other = BytesIO()
+    with zipfile.ZipFile(other, "w") as archive:
+        archive.writestr("q.npy", b"no array")
+    return {
+        "empty": b"",
+        "cut short": whole[: len(whole) // 2],
+        "a flipped byte": bytes(flipped),
+        "text": b"these are no starts",
+        "one array": single.getvalue(),
+        "another archive": other.getvalue(),
+        "no shapes": npz(**parts),
+        "three splits": npz(**parts, shapes=shapes[:3]),
+        "fewer rows than the shapes say": npz(**{**parts, "q": parts["q"][:-1]}, shapes=shapes),
+        "another robot": npz(**{**parts, "v": parts["v"][:, :-1]}, shapes=shapes),
+        "pickles": npz(**{**parts, "q": np.array([{}])}, shapes=shapes),
+    }
+
+
+@pytest.mark.parametrize("kind", damaged())
+def test_a_damaged_file_is_a_clear_error(kind, tmp_path):
+    path = tmp_path / "broken.npz"
+    path.write_bytes(damaged()[kind])
+    with pytest.raises(ValueError, match=r"broken\.npz is not a set of starts \(.*write it again"):
+        load_starts(path)
