@@ -7,7 +7,6 @@ import time
 from dataclasses import replace
 
 import pytest
-from test_loco_safe_dagger import CONFIG
 
 from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
 from surefoot.rollouts.jobs import chunks_of, run_chunk
@@ -15,6 +14,7 @@ from surefoot.runs.run import Run, create
 from surefoot.runs.stages import collect
 from surefoot.workers import RETRIES, Workers, each_chunk, map_chunks
 from tests.fakes.runs import fingerprint
+from tests.methods.test_loco_safe_dagger import CONFIG
 
 ray = pytest.importorskip("ray", reason="the extra ray is not installed")
 from ray.cluster_utils import Cluster  # noqa: E402

@@ -36,12 +36,16 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from surefoot.config import Config
+from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE, network_input
-from surefoot.learning.policy import Policy, PolicyNetwork
-from surefoot.robots.model import RobotModel, clip_torque, solo12, standing
+from surefoot.learning.policy import Policy
+from surefoot.robots.model import RobotModel, clip_torque, standing
+from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.engine import Rollout, rollout
-from surefoot.safety.gates import Bounds, Outcome, SafetyMonitor
+from surefoot.rollouts.outcome import Outcome
+from surefoot.safety.gates import Bounds
+from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import at_rest
 from surefoot.sim import make_simulator
 from surefoot.sim.mujoco import build_model, to_mujoco

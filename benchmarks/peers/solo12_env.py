@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from surefoot.config import Config
 from surefoot.learning.observation import INPUT_SIZE, Float32Array, goal, network_input
-from surefoot.sim import CONTACT_FORCE
 from surefoot.sim.mujoco import from_mujoco
+from surefoot.sim.protocol import CONTACT_FORCE
 from surefoot.types import Array, to_ticks
 
 _FORCE, _FEET, _COM = slice(0, 4), slice(4, 16), slice(16, 19)

@@ -24,6 +24,8 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 TICKS_PER_SECOND = 1000
+GRID = 50
+"""[ms] node spacing and replanning period (BiConMP: 20 Hz)."""
 GRAVITY = 9.81
 """[m/s^2] in planner and simulators alike."""
 LEGS = ("FL", "FR", "HL", "HR")

@@ -5,10 +5,16 @@ from dataclasses import replace
 import pytest
 
 from surefoot.bench.end_to_end import STAGES, bench_end_to_end, bench_evaluation, bench_table
-from surefoot.bench.engine import bench_engine, bench_train
+from surefoot.bench.engine import bench_engine
 from surefoot.bench.plan import bench_plan, plan_table
-from surefoot.config import Config, EvaluationConfig, PolicyConfig
-from surefoot.config.methods import BehaviorCloningConfig, ExpertData
+from surefoot.bench.train import bench_train
+from surefoot.config import (
+    BehaviorCloningConfig,
+    Config,
+    EvaluationConfig,
+    ExpertData,
+    PolicyConfig,
+)
 from surefoot.workers import Workers
 
 METHOD = BehaviorCloningConfig(ExpertData(2, 1, False, 0.1), epochs=2)

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import surefoot.cli.main as cli
-import surefoot.cli.walk as commands
+import surefoot.cli.play as play_command
 from surefoot.cli.evaluate import Evaluate
-from surefoot.config import Config, PolicyConfig, PushConfig
-from surefoot.config.methods import ExpertData, LocoSafeDaggerConfig
+from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig, PolicyConfig, PushConfig
 from surefoot.config.presets import preset
-from surefoot.learning.policy import Policy, PolicyNetwork, save
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.policy import Policy, save
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.runs.run import create
 from surefoot.scenarios.starts import load_starts, save_starts
@@ -202,7 +202,7 @@ def test_sim_to_sim_leaves_the_runs_own_evaluation_alone(monkeypatch, run_folder
     other = json.loads((folder / "evaluation-test-bullet.json").read_text())
     assert other["simulator"] == "bullet"
     assert other["starts_hash"] == json.loads(written[0][1])["starts_hash"]
-    monkeypatch.setattr(commands, "film_episode", lambda *_: None)
+    monkeypatch.setattr(play_command, "film_episode", lambda *_: None)
     file = tmp_path / "play.json"
     played = []
     for sim in ("mujoco", "bullet"):
@@ -295,7 +295,7 @@ def test_policies_that_do_not_fit_are_refused(monkeypatch, capsys, tmp_path, run
 def test_a_command_outside_the_training_warns(monkeypatch, tmp_path, run_folder):
     policy = tmp_path / "policy.safetensors"
     shutil.copy(run_folder / "policies/001.safetensors", policy)
-    monkeypatch.setattr(commands, "film_episode", lambda *_: None)
+    monkeypatch.setattr(play_command, "film_episode", lambda *_: None)
     with pytest.warns(UserWarning, match="outside what the policy was trained on"):
         surefoot(monkeypatch, "play", policy, "--vx", 1.5, "--seconds", 0.1)
 

@@ -6,24 +6,22 @@ from dataclasses import fields, replace
 import pytest
 
 from surefoot.config import (
-    Config,
-    DisturbanceConfig,
-    PolicyConfig,
-    SafetyConfig,
-    method_name,
-    unknown,
-)
-from surefoot.config.json_io import from_json, to_json
-from surefoot.config.methods import (
     METHODS,
     BehaviorCloningConfig,
+    Config,
     DaggerConfig,
+    DisturbanceConfig,
     ExpertData,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
+    PolicyConfig,
     SafeDaggerConfig,
+    SafetyConfig,
+    method_name,
 )
+from surefoot.config.json_io import from_json, to_json
 from surefoot.config.presets import preset
+from surefoot.errors import unknown
 
 
 def there_and_back(config: Config) -> Config:

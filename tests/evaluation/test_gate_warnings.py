@@ -17,11 +17,14 @@ from surefoot.evaluation.gate_warnings import (
     watch,
 )
 from surefoot.evaluation.statistics import wilson
-from surefoot.learning.policy import Policy, PolicyNetwork
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.policy import Policy
 from surefoot.rollouts.arbiters import PolicyOnly, SafetySwitch
 from surefoot.rollouts.jobs import Job, play_out
-from surefoot.safety.gates import AnyOf, Bounds, Outcome, SafetyMonitor
+from surefoot.rollouts.outcome import Outcome
+from surefoot.safety.gates import AnyOf, Bounds
 from surefoot.safety.learned import History
+from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
 from tests.fakes.records import blank

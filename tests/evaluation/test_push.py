@@ -20,10 +20,11 @@ from surefoot.evaluation.push import (
     resampled,
 )
 from surefoot.evaluation.statistics import RESAMPLES, resamples
-from surefoot.robots.model import solo12, standing
+from surefoot.robots.model import standing
+from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.jobs import Job, play_out, run_episodes
-from surefoot.safety.gates import Outcome
+from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import draw
 from surefoot.scenarios.starts import load_starts
 from surefoot.study.expert_survey import PUSHES

@@ -8,8 +8,9 @@ import pytest
 
 from surefoot.config import Config, EvaluationConfig, PolicyConfig
 from surefoot.evaluation.robustness import evaluate, figures_of, mean_rows
-from surefoot.learning.policy import Policy, PolicyNetwork, save
-from surefoot.safety.gates import Outcome
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.policy import Policy, save
+from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
 from tests.fakes.records import summary_of

@@ -5,7 +5,7 @@ import pinocchio as pin
 
 from surefoot.config import ExpertConfig, Gait, SimulationConfig
 from surefoot.mpc.planner import Planner
-from surefoot.robots.model import solo12
+from surefoot.robots.solo12 import solo12
 from surefoot.types import Command, State
 
 ROBOT = solo12()

@@ -5,7 +5,8 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from surefoot.robots.model import solo12, standing
+from surefoot.robots.model import standing
+from surefoot.robots.solo12 import solo12
 from surefoot.types import State
 
 ROBOT = solo12()

@@ -11,27 +11,25 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from surefoot.config import (
+    BehaviorCloningConfig,
     Config,
+    DaggerConfig,
     DisturbanceConfig,
     EvaluationConfig,
-    PolicyConfig,
-    SafetyConfig,
-    TrainingConfig,
-)
-from surefoot.config.methods import (
-    BehaviorCloningConfig,
-    DaggerConfig,
     ExpertData,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
+    PolicyConfig,
     SafeDaggerConfig,
+    SafetyConfig,
+    TrainingConfig,
 )
 from surefoot.learning.observation import network_input
 from surefoot.methods import behavior_cloning as bc
 from surefoot.methods import dagger, loco_dagger, loco_safe_dagger, safe_dagger
 from surefoot.rollouts.jobs import Job, play_out
+from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.run import Run, create
-from surefoot.safety.gates import Outcome
 from surefoot.types import State
 from surefoot.workers import Workers
 from tests.fakes import toy

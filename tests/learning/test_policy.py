@@ -14,18 +14,10 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from surefoot.config import Config, PolicyConfig
+from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE, network_input
 from surefoot.learning.onnx_graph import onnx_graph
-from surefoot.learning.policy import (
-    Policy,
-    PolicyFileError,
-    PolicyNetwork,
-    check_command,
-    label,
-    load,
-    pd,
-    save,
-)
+from surefoot.learning.policy import Policy, PolicyFileError, check_command, label, load, pd, save
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.scenarios.starts import load_starts

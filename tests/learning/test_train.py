@@ -13,7 +13,8 @@ import torch
 import surefoot.learning.train as train_module
 from surefoot.config import TrainingConfig
 from surefoot.learning.dataset import Dataset, Frames
-from surefoot.learning.policy import Policy, PolicyNetwork
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.policy import Policy
 from surefoot.learning.samples import INPUT_SIZE, WIDTH, derive, held_out
 from surefoot.learning.train import choose_device, fit, has_bfloat16
 from tests.fakes.learning import SMALL, toy_frames

@@ -12,9 +12,9 @@ import pytest
 from surefoot.files import load_arrays
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.jobs import Job, run_chunk
+from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join
 from surefoot.runs.run import Run, create, open_run
-from surefoot.safety.gates import Outcome
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
 from tests.fakes import toy

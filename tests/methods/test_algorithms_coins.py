@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from surefoot.config.methods import BehaviorCloningConfig
-from surefoot.learning.policy import PolicyNetwork, load
+from surefoot.config import BehaviorCloningConfig
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.policy import load
 from surefoot.learning.train import fit
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.jobs import play_out
+from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.run import Run
-from surefoot.safety.gates import Outcome
 from surefoot.types import State
 from tests.fakes.runs import figures_of
 from tests.fakes.toy import Worlds

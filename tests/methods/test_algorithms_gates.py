@@ -10,8 +10,8 @@ from surefoot.learning.policy import load
 from surefoot.learning.samples import held_out
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.jobs import Job, play_out
-from surefoot.safety.gates import SafetyMonitor
 from surefoot.safety.learned import Deviation
+from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import load_starts
 from tests.fakes.runs import figures_of
 from tests.fakes.toy import plan

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from surefoot.config import DisturbanceConfig
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.jobs import Job, play_out, run_chunk
+from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import join
 from surefoot.runs.accounting import collection_figures
 from surefoot.runs.sampling import keep_unless_failed
-from surefoot.safety.gates import Outcome
 from surefoot.scenarios.disturbance import Pushes, draw
 from surefoot.scenarios.starts import load_starts
 from tests.fakes import toy

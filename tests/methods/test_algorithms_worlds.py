@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import DisturbanceConfig
-from surefoot.config.methods import LocoDaggerConfig, LocoSafeDaggerConfig
+from surefoot.config import DisturbanceConfig, LocoDaggerConfig, LocoSafeDaggerConfig
 from surefoot.files import load_arrays
-from surefoot.learning.policy import Policy, PolicyNetwork, save
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.policy import Policy, save
 from surefoot.methods import loco_safe_dagger
+from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
 from surefoot.runs.run import create
 from surefoot.runs.stages import collect
-from surefoot.safety.gates import Outcome
 from surefoot.workers import Workers
 from tests.fakes.toy import FLAT, Worlds, plan
 from tests.fakes.toy_runs import (

@@ -6,14 +6,21 @@ import numpy as np
 import pytest
 
 import surefoot.runs.stages
-from surefoot.config import Config, EvaluationConfig, PolicyConfig, TrainingConfig
-from surefoot.config.methods import BehaviorCloningConfig, ExpertData, LocoSafeDaggerConfig
+from surefoot.config import (
+    BehaviorCloningConfig,
+    Config,
+    EvaluationConfig,
+    ExpertData,
+    LocoSafeDaggerConfig,
+    PolicyConfig,
+    TrainingConfig,
+)
 from surefoot.learning.dataset import Dataset, DatasetError
 from surefoot.methods.behavior_cloning import behavior_cloning, collection
 from surefoot.rollouts.jobs import play_out
+from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.run import Run, create, open_run
 from surefoot.runs.sampling import expert_rollouts, keep_unless_failed
-from surefoot.safety.gates import Outcome
 from surefoot.types import MotionPlan
 from surefoot.workers import Workers
 from tests.fakes.records import blank

@@ -7,15 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import Config, EvaluationConfig, PolicyConfig, TrainingConfig
-from surefoot.config.methods import BehaviorCloningConfig, ExpertData, LocoSafeDaggerConfig
+from surefoot.config import (
+    BehaviorCloningConfig,
+    Config,
+    EvaluationConfig,
+    ExpertData,
+    LocoSafeDaggerConfig,
+    PolicyConfig,
+    TrainingConfig,
+)
 from surefoot.learning.dataset import Frames
-from surefoot.learning.policy import PolicyNetwork, load
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.policy import load
 from surefoot.learning.train import fit
 from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
-from surefoot.robots.model import solo12, standing
+from surefoot.robots.model import standing
+from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.engine import Rollout
 from surefoot.rollouts.jobs import play_out
+from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.run import Run, create, open_run
 from surefoot.runs.sampling import (
     EPISODES_PER_ITERATION,
@@ -24,7 +34,6 @@ from surefoot.runs.sampling import (
     expert_frames,
 )
 from surefoot.runs.stages import best
-from surefoot.safety.gates import Outcome
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
 from tests.fakes.records import blank

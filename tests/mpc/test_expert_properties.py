@@ -22,7 +22,7 @@ from surefoot.mpc.expert import DAMPING, make_expert
 from surefoot.robots.model import standing
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import rollout
-from surefoot.safety.gates import Outcome
+from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Disturbance, Pushes
 from surefoot.scenarios.starts import load_starts
 from surefoot.sim import make_simulator

@@ -8,7 +8,7 @@ import pytest
 from surefoot.config import ExpertConfig, Gait
 from surefoot.mpc.footholds import GRAVITY, hip_offsets, plan_contacts
 from surefoot.mpc.schedule import in_stance, node_ticks, swing_fraction
-from surefoot.robots.model import solo12
+from surefoot.robots.solo12 import solo12
 from surefoot.types import Command
 
 ROBOT, TROT, CONFIG = solo12(), Gait(), ExpertConfig()

@@ -11,7 +11,7 @@ from surefoot.config import KinematicConfig
 from surefoot.mpc.footholds import ContactPlan
 from surefoot.mpc.kinematics import KinematicProblem, KinematicSolver
 from surefoot.mpc.riccati import riccati
-from surefoot.robots.model import solo12
+from surefoot.robots.solo12 import solo12
 
 ROBOT = solo12()
 MODEL = ROBOT.model

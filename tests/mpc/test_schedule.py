@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 
 from surefoot.config import Gait
-from surefoot.mpc.schedule import (
-    GRID,
-    SHORTEST_NODE,
-    in_stance,
-    node_ticks,
-    phase,
-    swing_fraction,
-)
+from surefoot.mpc.schedule import SHORTEST_NODE, in_stance, node_ticks, phase, swing_fraction
+from surefoot.types import GRID
 
 TROT = Gait()
 PERIOD = 500

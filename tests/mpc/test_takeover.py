@@ -7,9 +7,9 @@ import pytest
 
 from surefoot.config import Config
 from surefoot.mpc.expert import make_expert
-from surefoot.robots.model import solo12
+from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.engine import rollout
-from surefoot.safety.gates import Outcome
+from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.starts import load_starts
 from surefoot.sim import make_simulator
 from surefoot.types import Array, IntArray, State

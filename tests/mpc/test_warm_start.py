@@ -8,7 +8,8 @@ import pytest
 from surefoot.config import CentroidalConfig, ExpertConfig, Gait, KinematicConfig
 from surefoot.mpc.expert import Expert
 from surefoot.mpc.planner import PLAN_TICKS, Planner
-from surefoot.robots.model import solo12, standing
+from surefoot.robots.model import standing
+from surefoot.robots.solo12 import solo12
 from surefoot.sim import make_simulator
 from surefoot.types import Command
 

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from surefoot.robots.geometry import contact_shapes, lowest_points
-from surefoot.robots.model import solo12, standing
+from surefoot.robots.geometry import lowest_points
+from surefoot.robots.model import standing
+from surefoot.robots.solo12 import solo12
 from surefoot.types import LEGS
 
 ROBOT = solo12()
-SHAPES = contact_shapes(ROBOT)
+SHAPES = ROBOT.shapes
 
 
 def random_configuration(rng):

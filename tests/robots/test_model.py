@@ -7,9 +7,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import surefoot.robots.model
+import surefoot.robots.solo12
 from surefoot.config import RobotConfig
-from surefoot.robots.model import RobotModel, clip_torque, solo12, standing
+from surefoot.robots.model import RobotModel, clip_torque, standing
+from surefoot.robots.solo12 import solo12
 from surefoot.types import JOINTS, LEGS
 
 ROBOT = solo12()
@@ -109,6 +110,6 @@ def test_missing_description_says_how_to_get_it(monkeypatch):
     def missing(name):
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr(surefoot.robots.model, "distribution", missing)
+    monkeypatch.setattr(surefoot.robots.solo12, "distribution", missing)
     with pytest.raises(ImportError, match="pip install example-robot-data"):
         solo12()

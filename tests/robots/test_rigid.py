@@ -4,7 +4,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from surefoot.robots.model import solo12
 from surefoot.robots.rigid import (
     centre_of_mass,
     difference,
@@ -15,6 +14,7 @@ from surefoot.robots.rigid import (
     legs_of,
     masses_of,
 )
+from surefoot.robots.solo12 import solo12
 
 ROBOT = solo12()
 MODEL = ROBOT.model

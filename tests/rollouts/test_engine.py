@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config, PolicyConfig, SafetyConfig
-from surefoot.learning.policy import Policy, PolicyNetwork
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.policy import Policy
 from surefoot.mpc.expert import Expert, make_expert
-from surefoot.robots.model import clip_torque, solo12, standing
+from surefoot.robots.model import clip_torque, standing
+from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
 from surefoot.rollouts.engine import Rollout, rollout
-from surefoot.safety.gates import Bounds, Outcome, SafetyMonitor
+from surefoot.rollouts.outcome import Outcome
+from surefoot.safety.gates import Bounds
+from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.disturbance import Disturbance, Pushes
 from surefoot.scenarios.starts import Starts, load_starts
 from surefoot.sim import make_simulator

@@ -9,12 +9,16 @@ import pytest
 from surefoot.config import Config, EvaluationConfig, PolicyConfig
 from surefoot.files import load_arrays, save_arrays
 from surefoot.learning.dataset import concatenate
-from surefoot.learning.policy import Policy, PolicyNetwork, save
-from surefoot.robots.model import solo12, standing
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.policy import Policy, save
+from surefoot.robots.model import standing
+from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
 from surefoot.rollouts.jobs import Job, chunks_of, play_out, run_chunk, run_episodes
+from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join, summarise, velocities
-from surefoot.safety.gates import Bounds, Outcome, SafetyMonitor
+from surefoot.safety.gates import Bounds
+from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import MotionPlan
 from surefoot.workers import Workers, map_chunks

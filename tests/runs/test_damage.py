@@ -9,8 +9,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_behavior_cloning import CONFIG
-from test_replay import config_of
 
 import surefoot.cli.main as cli
 import surefoot.files
@@ -26,6 +24,8 @@ from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.runs.run import Run, RunError, create, open_run
 from surefoot.workers import Workers
 from tests.fakes.runs import fingerprint
+from tests.methods.test_behavior_cloning import CONFIG
+from tests.viz.test_replay import config_of
 
 ONE = Workers(1)
 

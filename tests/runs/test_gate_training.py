@@ -10,20 +10,22 @@ from surefoot.config import (
     Config,
     DisturbanceConfig,
     EvaluationConfig,
+    ExpertData,
+    LocoSafeDaggerConfig,
     PolicyConfig,
     SafetyConfig,
     TrainingConfig,
 )
-from surefoot.config.methods import ExpertData, LocoSafeDaggerConfig
 from surefoot.files import load_arrays
 from surefoot.learning.classifier import load_classifier
 from surefoot.learning.policy import Policy, load
-from surefoot.methods import guards
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
+from surefoot.rollouts.traces import Trace
+from surefoot.runs import gate_training as guards
 from surefoot.runs.gate_training import guard, train_guards
 from surefoot.runs.run import Run, create, open_run
 from surefoot.safety.gates import AnyOf, Bounds, tightened
-from surefoot.safety.learned import History, Trace
+from surefoot.safety.learned import History
 from surefoot.workers import Workers
 
 METHOD = LocoSafeDaggerConfig(

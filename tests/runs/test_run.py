@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import surefoot.files
-from surefoot.config import Config
-from surefoot.config.methods import BehaviorCloningConfig, LocoSafeDaggerConfig
-from surefoot.runs.run import PACKAGES, Run, RunError, create, open_run, versions
+from surefoot.config import BehaviorCloningConfig, Config, LocoSafeDaggerConfig
+from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.runs.versions import PACKAGES, versions
 
 CONFIG = replace(Config(), seed=5, method=LocoSafeDaggerConfig(iterations=2))
 

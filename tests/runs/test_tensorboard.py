@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from surefoot.config import Config, PolicyConfig
-from surefoot.config.methods import ExpertData, LocoSafeDaggerConfig
+from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig, PolicyConfig
 from surefoot.files import WriteError
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.runs.run import create, open_run

@@ -7,20 +7,11 @@ import pinocchio as pin
 import pytest
 
 from surefoot.config import SafetyConfig
-from surefoot.robots.model import solo12, standing
-from surefoot.safety.gates import (
-    AnyOf,
-    Bounds,
-    HandBack,
-    SafetyMonitor,
-    fallen,
-    margin,
-    stepping,
-    strictly_stepping,
-    tightened,
-    touchdowns,
-    unsafe,
-)
+from surefoot.robots.model import standing
+from surefoot.robots.solo12 import solo12
+from surefoot.rollouts.outcome import fallen, stepping, strictly_stepping, touchdowns
+from surefoot.safety.gates import AnyOf, Bounds, margin, tightened, unsafe
+from surefoot.safety.monitor import HandBack, SafetyMonitor
 from surefoot.types import JOINTS, State
 
 CONFIG = SafetyConfig()

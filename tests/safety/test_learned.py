@@ -12,18 +12,10 @@ from surefoot.learning.classifier import Classifier
 from surefoot.learning.observation import INPUT_SIZE, network_input
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.engine import rollout
-from surefoot.safety.gates import AnyOf, Bounds, SafetyMonitor, unsafe
-from surefoot.safety.learned import (
-    EVERY,
-    HORIZON,
-    SAMPLES,
-    Deviation,
-    History,
-    Trace,
-    history_rows,
-    labels_of,
-    trace_of,
-)
+from surefoot.rollouts.traces import HORIZON, Trace, history_rows, labels_of, trace_of
+from surefoot.safety.gates import AnyOf, Bounds, unsafe
+from surefoot.safety.learned import EVERY, SAMPLES, Deviation, History
+from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.disturbance import draw
 from surefoot.scenarios.starts import load_starts
 from surefoot.sim import make_simulator

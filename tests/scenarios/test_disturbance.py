@@ -11,8 +11,8 @@ from scipy.stats import kstest
 from surefoot.config import Config, DisturbanceConfig, NoiseConfig, SafetyConfig
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.engine import rollout
-from surefoot.runs.stages import check
-from surefoot.safety.gates import Outcome
+from surefoot.rollouts.outcome import Outcome
+from surefoot.runs.checks import check
 from surefoot.scenarios.disturbance import Disturbance, Pushes, draw, senses
 from surefoot.scenarios.starts import Starts
 from surefoot.sim import make_simulator

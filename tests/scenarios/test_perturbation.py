@@ -8,7 +8,8 @@ import pytest
 
 from surefoot.config import PerturbationConfig, SafetyConfig
 from surefoot.robots.geometry import lowest_points
-from surefoot.robots.model import solo12, standing
+from surefoot.robots.model import standing
+from surefoot.robots.solo12 import solo12
 from surefoot.scenarios.perturbation import (
     acceptable,
     perturb,

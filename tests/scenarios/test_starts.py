@@ -10,8 +10,8 @@ import pytest
 
 from surefoot.config import Config, PerturbationConfig
 from surefoot.mpc.schedule import in_stance
-from surefoot.robots.model import solo12
-from surefoot.safety.gates import fallen
+from surefoot.robots.solo12 import solo12
+from surefoot.rollouts.outcome import fallen
 from surefoot.scenarios.perturbation import acceptable, stance_feet, stance_jacobian
 from surefoot.scenarios.starts import PACKAGED, SPLITS, Starts, StartSet, load_starts, save_starts
 from surefoot.types import State

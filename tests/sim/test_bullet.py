@@ -14,7 +14,7 @@ import pytest
 
 import surefoot.sim
 from surefoot.config import SimulationConfig
-from surefoot.robots.geometry import contact_shapes, lowest_points
+from surefoot.robots.geometry import lowest_points
 from surefoot.sim import make_simulator
 from surefoot.types import JOINTS
 from tests.fakes.robots import (
@@ -46,7 +46,7 @@ def test_model_is_the_urdf():
     dynamics = [pybullet.getDynamicsInfo(simulator.body, link, **place) for link in links]
     assert sum(info[0] for info in dynamics) == pytest.approx(ROBOT.mass, abs=1e-12)
     floor = pybullet.getDynamicsInfo(FLOOR, -1, **place)
-    shapes = {shape.link for shape in contact_shapes(ROBOT)}
+    shapes = {shape.link for shape in ROBOT.shapes}
     for link, info in zip(links, dynamics, strict=True):
         name = pybullet.getBodyInfo(simulator.body, **place)[0]
         if link >= 0:
@@ -118,7 +118,7 @@ def test_shapes_are_where_the_geometry_says():
             pybullet.getJointInfo(simulator.body, link, **place)[12].decode(): link
             for link in range(count)
         } | {"base_link": -1}
-        for shape, height in zip(contact_shapes(ROBOT), heights, strict=True):
+        for shape, height in zip(ROBOT.shapes, heights, strict=True):
             distance = min(point[8] for point in near if point[3] == index[shape.link])
             assert distance == pytest.approx(height, abs=1e-6), (row, shape.link)
 
@@ -141,7 +141,7 @@ def test_robot_meets_the_floor_only():
     simulator.step(np.zeros((1, 12)))
     contacts = pybullet.getContactPoints(**place)
     assert {(contact[1], contact[2]) for contact in contacts} == {(simulator.body, FLOOR)}
-    assert len({contact[3] for contact in contacts}) == len(contact_shapes(ROBOT))
+    assert len({contact[3] for contact in contacts}) == len(ROBOT.shapes)
     # Foot forces are those of feet, not of shins that push out of the ground beside them.
     for leg, link in enumerate(simulator.foot_links):
         forces = [contact[9] for contact in contacts if contact[3] == link]
@@ -243,7 +243,7 @@ def test_clients_end_with_their_simulator():
 def test_pybullet_says_nothing():
     code = (
         "import numpy as np; from surefoot.config import SimulationConfig\n"
-        "from surefoot.robots.model import solo12; from surefoot.sim import make_simulator\n"
+        "from surefoot.robots.solo12 import solo12; from surefoot.sim import make_simulator\n"
         "make_simulator(solo12(), 2, SimulationConfig('bullet')).step(np.zeros((2, 12)))"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from surefoot.config import SimulationConfig
-from surefoot.robots.geometry import contact_shapes
 from surefoot.sim.mujoco import MujocoSimulator, build_model, from_mujoco, to_mujoco
 from surefoot.types import JOINTS, LEGS
 from tests.fakes.robots import REST, ROBOT, STANDING, random_states, record, shaken, varied
@@ -77,7 +76,7 @@ def test_robot_meets_the_floor_only():
     pairs = simulator.data(0).contact.geom
     assert {simulator.model.geom(pair[0]).name for pair in pairs} == {"floor"}
     touching = {simulator.model.geom(pair[1]).name for pair in pairs}
-    assert touching == {shape.link for shape in contact_shapes(ROBOT)}
+    assert touching == {shape.link for shape in ROBOT.shapes}
 
 
 def test_varied_models_are_compiled_ones():

@@ -9,8 +9,8 @@ import pytest
 from surefoot.config import Config, SimulationConfig
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.jobs import Job, play_out
+from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import velocities
-from surefoot.safety.gates import Outcome
 from surefoot.sim import make_simulator
 from surefoot.types import Command
 from surefoot.viz.replay import standing_start

@@ -10,22 +10,25 @@ import numpy as np
 import pytest
 
 import surefoot.study.comparison as module
-from surefoot.config import Config, PolicyConfig, PushConfig
-from surefoot.config.methods import (
+from surefoot.config import (
     BehaviorCloningConfig,
+    Config,
     ExpertData,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
+    PolicyConfig,
+    PushConfig,
 )
 from surefoot.evaluation.statistics import wilson
 from surefoot.files import load_arrays
-from surefoot.learning.policy import Policy, PolicyNetwork, save
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.policy import Policy, save
 from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
+from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join
 from surefoot.runs.accounting import collection_figures, cost_of
 from surefoot.runs.run import RunError, create, open_run
-from surefoot.safety.gates import Outcome
 from surefoot.scenarios.starts import load_starts
 from surefoot.study.comparison import compare, label_of
 from surefoot.study.tables import BEGIN, END, page, tables
@@ -313,9 +316,8 @@ def test_what_bears_on_training_only_may_differ(monkeypatch, runs, tmp_path):
         "collection": replace(BASE.collection, pushes=3, delay=2),
         "evaluation": replace(BASE.evaluation, episodes=20),
     }
-    monkeypatch.setitem(module.NAMES, "loco_dagger", "LD")
     other = run_of(tmp_path / "2" / "safe", LocoDaggerConfig(alpha=0.8), 20, **changed)
-    assert measure([*runs, other])["rows"][3]["label"] == "LD, alpha 0.8, pushes, disturbed"
+    assert measure([*runs, other])["rows"][3]["label"] == "LocoDAGGER, alpha 0.8, pushes, disturbed"
 
 
 def test_a_run_on_other_starts_or_with_an_own_expert_is_named(monkeypatch, runs, tmp_path):

@@ -9,7 +9,7 @@ import pytest
 
 import surefoot.study.expert_survey as survey_module
 from surefoot.config import Config
-from surefoot.safety.gates import Outcome
+from surefoot.rollouts.outcome import Outcome
 from surefoot.study.expert_survey import PUSHES, lost_by_all, survey, table, variant_of
 from surefoot.workers import Workers
 from tests.fakes.records import summary_of

@@ -9,7 +9,8 @@ from PIL import Image, ImageColor
 
 import surefoot.viz.film as viewer
 from surefoot.config import SimulationConfig
-from surefoot.robots.model import solo12, standing
+from surefoot.robots.model import standing
+from surefoot.robots.solo12 import solo12
 from surefoot.viz.film import RenderingUnavailable, contact_sheet, film
 from surefoot.viz.plots import BLUE, GREY, RED
 

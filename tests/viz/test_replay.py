@@ -10,35 +10,35 @@ import numpy as np
 import pytest
 
 import surefoot.cli.main as cli
-import surefoot.cli.walk as commands
+import surefoot.cli.play as play_command
+from surefoot import methods
 from surefoot.config import (
     Backend,
+    BehaviorCloningConfig,
     Config,
+    DaggerConfig,
     DisturbanceConfig,
     EvaluationConfig,
+    ExpertData,
     Gait,
+    LocoDaggerConfig,
+    LocoSafeDaggerConfig,
     NoiseConfig,
     PolicyConfig,
+    SafeDaggerConfig,
     SimulationConfig,
     TrainingConfig,
 )
 from surefoot.config.json_io import to_json
-from surefoot.config.methods import (
-    BehaviorCloningConfig,
-    DaggerConfig,
-    ExpertData,
-    LocoDaggerConfig,
-    LocoSafeDaggerConfig,
-    SafeDaggerConfig,
-)
 from surefoot.files import load_arrays
 from surefoot.learning.policy import load, save
 from surefoot.rollouts.jobs import disturbance_of, play_out, sum_up
+from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join
+from surefoot.runs.policies import find_policy
 from surefoot.runs.query import QUERIES, Query
 from surefoot.runs.run import Run, create, open_run
-from surefoot.safety.gates import Outcome
-from surefoot.viz.replay import episode_figures, find_policy, method_module, recorded_episode
+from surefoot.viz.replay import episode_figures, recorded_episode
 from surefoot.workers import Workers
 from tests.fakes.robots import needs_pybullet
 
@@ -82,7 +82,7 @@ def run_of(tmp_path_factory):
             config = config_of(method)
             config = replace(config, simulation=SimulationConfig(backend))
             run = create(tmp_path_factory.mktemp(method) / "run", config)
-            getattr(method_module(method), method)(run, Workers(1))
+            methods.METHODS[method].train(run, Workers(1), None)
             runs[method, backend] = open_run(run.folder)
         return runs[method, backend]
 
@@ -145,7 +145,7 @@ def test_what_is_replayed_covers_what_can_happen(run_of):
 
 def play(monkeypatch, *args: object) -> tuple[int, list]:
     films = []
-    monkeypatch.setattr(commands, "film_episode", lambda *film: films.append(film))
+    monkeypatch.setattr(play_command, "film_episode", lambda *film: films.append(film))
     monkeypatch.setattr(sys, "argv", ["surefoot", "play", *map(str, args)])
     return cli.main(), films
 

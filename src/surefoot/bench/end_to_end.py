@@ -14,16 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from surefoot.bench.engine import bench_engine, bench_train, engine_floor, standing_policy
+from surefoot.bench.engine import bench_engine, engine_floor, standing_policy
 from surefoot.bench.plan import bench_plan, cold_plans, plan_table, times_of
+from surefoot.bench.train import bench_train
 from surefoot.config import Config, method_name
 from surefoot.learning.policy import save
+from surefoot.methods import METHODS
 from surefoot.rollouts.arbiters import PolicyOnly
 from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.runs.run import Run, create
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import TICKS_PER_SECOND
-from surefoot.viz.replay import method_module
 from surefoot.workers import Workers
 
 STAGES = ("collect", "train", "validate")
@@ -81,7 +82,7 @@ def bench_end_to_end(
         run = create(folder or Path(temporary) / "run", config)
         name = method_name(config)
         began = time.perf_counter()
-        getattr(method_module(name), name)(run, workers)
+        METHODS[name].train(run, workers, None)
         seconds = time.perf_counter() - began
         stages = stage_times(run, workers.count, plan_ms, rate, step_ms)
         winner = run.done("validate", (run.done("best", 0) or {})["best_iteration"]) or {}

@@ -14,7 +14,7 @@ import numpy as np
 from surefoot.config import Config, ExpertConfig
 from surefoot.mpc.expert import Expert, make_planner
 from surefoot.mpc.planner import LAST_NODE, PlanStages
-from surefoot.robots.model import solo12
+from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.scenarios.starts import load_starts

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from surefoot.config import Backend
-from surefoot.runs.run import PACKAGES
+from surefoot.runs.versions import PACKAGES
 
 TIMEOUT = 900.0
 """[s] for one check; the first plan on a machine compiles, for a minute on a slow one."""
@@ -41,7 +41,7 @@ def simulate(backend: Backend) -> str:
     return (
         "import numpy as np\n"
         "from surefoot.config import SimulationConfig\n"
-        "from surefoot.robots.model import solo12\n"
+        "from surefoot.robots.solo12 import solo12\n"
         "from surefoot.sim import make_simulator\n"
         f"simulator = make_simulator(solo12(), 2, SimulationConfig({backend!r}))\n"
         "for _ in range(10): simulator.step(np.zeros((2, 12)))\n"
@@ -57,7 +57,8 @@ CHECKS = (
         "from surefoot.config import Config\n"
         "from surefoot.mpc.expert import make_expert\n"
         "from surefoot.mpc.planner import Planner\n"
-        "from surefoot.robots.model import solo12, standing\n"
+        "from surefoot.robots.model import standing\n"
+        "from surefoot.robots.solo12 import solo12\n"
         "from surefoot.types import Command, State\n"
         "c, robot = Config(), solo12()\n"
         "planner = Planner(robot, c.gait, c.expert, c.simulation.friction)\n"
@@ -87,7 +88,7 @@ CHECKS = (
         "import torch\n"
         "from surefoot.config import PolicyConfig\n"
         "from surefoot.learning.observation import INPUT_SIZE\n"
-        "from surefoot.learning.policy import PolicyNetwork\n"
+        "from surefoot.learning.network import PolicyNetwork\n"
         "loss = PolicyNetwork(PolicyConfig())(torch.randn(32, INPUT_SIZE)).abs().mean()\n"
         "loss.backward()\n"
         "print(f'torch {torch.__version__}, '\n"

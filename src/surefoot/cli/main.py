@@ -11,8 +11,12 @@ from typing import Annotated, Any
 
 import tyro
 
-from surefoot.cli.evaluate import Compare, Evaluate
-from surefoot.cli.walk import Bench, Doctor, Play, Train, Walk
+from surefoot.cli.bench import Bench
+from surefoot.cli.compare import Compare
+from surefoot.cli.evaluate import Evaluate
+from surefoot.cli.play import Play
+from surefoot.cli.train import Train
+from surefoot.cli.walk import Doctor, Walk
 from surefoot.config import METHODS
 from surefoot.config.presets import preset
 

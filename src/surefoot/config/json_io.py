@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from dataclasses import MISSING, asdict, fields, is_dataclass, replace
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from surefoot.config import METHODS, Config, method_name, unknown
+from surefoot.config import METHODS, Config, method_name
+from surefoot.errors import unknown
 
 
 def to_json(config: Config) -> dict[str, Any]:

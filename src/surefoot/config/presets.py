@@ -14,9 +14,9 @@ from surefoot.config import (
     PolicyConfig,
     SimulationConfig,
     TrainingConfig,
-    unknown,
 )
 from surefoot.config.methods import METHODS, BehaviorCloningConfig, ExpertData
+from surefoot.errors import unknown
 
 PRESETS = ("default", "quick", "paper")
 

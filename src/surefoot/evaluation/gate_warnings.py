@@ -31,7 +31,8 @@ from surefoot.evaluation.statistics import percentiles, resamples, wilson
 from surefoot.learning.policy import Policy
 from surefoot.rollouts.arbiters import PolicyOnly
 from surefoot.rollouts.jobs import Job, chunks_of, play_out
-from surefoot.safety.gates import Gate, Outcome
+from surefoot.rollouts.outcome import Outcome
+from surefoot.safety.gates import Gate
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import Array, BoolArray, IntArray
 from surefoot.workers import Workers, map_chunks

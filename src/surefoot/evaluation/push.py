@@ -23,7 +23,7 @@ from surefoot.evaluation.statistics import percentiles, resamples
 from surefoot.files import as_digits, from_digits
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.jobs import Job, chunks_of, play_out, run_episodes
-from surefoot.safety.gates import Outcome
+from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Pushes
 from surefoot.scenarios.starts import Starts, StartSet, join, load_starts
 from surefoot.types import Array, BoolArray, PlanFunction, to_ticks

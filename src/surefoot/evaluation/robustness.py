@@ -15,8 +15,8 @@ from surefoot.config import Config
 from surefoot.evaluation.statistics import wilson
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.jobs import Job, run_episodes
+from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
-from surefoot.safety.gates import Outcome
 from surefoot.scenarios.starts import StartSet, load_starts
 from surefoot.types import TICKS_PER_SECOND, PlanFunction
 from surefoot.workers import Workers

@@ -22,8 +22,8 @@ from safetensors.torch import save as to_bytes
 
 from surefoot.config import PolicyConfig
 from surefoot.files import write_atomic
+from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork
 from surefoot.learning.onnx_graph import onnx_graph, runner
-from surefoot.learning.policy import MINIMUM_ROWS, PolicyNetwork
 from surefoot.types import BoolArray
 
 HIDDEN = (128, 128)

@@ -14,29 +14,24 @@ import json
 import warnings
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import ArrayLike, NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
-from torch import Tensor, nn
+from torch import Tensor
 
 from surefoot.config import PolicyConfig
 from surefoot.files import write_atomic
+from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork
 from surefoot.learning.observation import GOAL_SIZES, INPUT_SIZE, OBSERVATION_SIZES, network_input
 from surefoot.learning.onnx_graph import onnx_graph, runner
 from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray, State
 
 FORMAT = 2
 """Version of the policy file."""
-
-MINIMUM_ROWS = 8
-"""Smaller batches are padded to this: matrix products of a few rows take another path, with other
-last bits, in every BLAS tried; from here on a row's result did not depend on its batch."""
 
 
 def pd(target: Array | NDArray[np.float32], q: Array, v: Array, config: PolicyConfig) -> Array:
@@ -54,89 +49,6 @@ def pd(target: Array | NDArray[np.float32], q: Array, v: Array, config: PolicyCo
 def label(torque: Array, q: Array, v: Array, config: PolicyConfig) -> Array:
     """The joint targets ``(..., 12)`` [rad] with which ``pd`` gives this torque [Nm]."""
     return (torque + config.kd * v[..., 6:]) / config.kp + q[..., 7:]
-
-
-class PolicyNetwork(nn.Module):
-    """``(n, 47)`` observation and goal to ``(n, 12)`` joint targets [rad].
-
-    Args:
-        config: hidden layers.
-        seed: of the initial weights (Kaiming normal); PyTorch's global generator is untouched.
-        inputs: numbers it takes, if others than a policy's.
-        outputs: numbers it gives.
-    """
-
-    mean: Tensor
-    scale: Tensor
-    has_normalisers: Tensor
-
-    def __init__(
-        self,
-        config: PolicyConfig,
-        seed: int = 0,
-        inputs: int = INPUT_SIZE,
-        outputs: int = len(JOINTS),
-    ) -> None:
-        super().__init__()
-        self.register_buffer("mean", torch.zeros(inputs))
-        self.register_buffer("scale", torch.ones(inputs))
-        self.register_buffer("has_normalisers", torch.tensor(False))
-        self.hidden = tuple(config.hidden)
-        sizes = (inputs, *config.hidden, outputs)
-        generator = torch.Generator().manual_seed(seed)
-        self.linear = nn.ModuleList()
-        for before, after in pairwise(sizes):
-            layer: Any = nn.utils.skip_init(nn.Linear, before, after)
-            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu", generator=generator)
-            nn.init.zeros_(layer.bias)
-            self.linear.append(layer)
-        self.norm = nn.ModuleList(nn.BatchNorm1d(size) for size in config.hidden)
-
-    def set_normalisers(self, mean: Tensor, deviation: Tensor) -> None:
-        """Centre and scale every input; one that is constant gets scale 1.
-
-        Args:
-            mean: ``(47,)`` of observation and goal, float64.
-            deviation: ``(47,)`` their standard deviations, float64.
-        """
-        constant = deviation <= 1e-6 * mean.abs().clamp(min=1.0)
-        self.mean.copy_(mean)
-        self.scale.copy_(torch.where(constant, 1.0, deviation))
-        self.has_normalisers.fill_(True)
-
-    def forward(self, inputs: Tensor) -> Tensor:
-        """Joint targets ``(n, 12)`` [rad] of ``(n, 47)`` observation and goal."""
-        x = (inputs - self.mean) / self.scale
-        for linear, norm in zip(self.linear, self.norm, strict=False):
-            x = torch.relu(norm(linear(x)))
-        # Never in a shorter type, as the layers above may be in training: bfloat16 would round a
-        # target of 1 rad to 4 mrad.
-        with torch.autocast(x.device.type, enabled=False):
-            return self.linear[-1](x.float())
-
-    @torch.no_grad()
-    def folded(self) -> list[tuple[Tensor, Tensor]]:
-        """Weights ``(inputs, outputs)`` and biases with normalisers and BatchNorm folded in.
-
-        ReLU lies between the layers; the same function as ``eval()`` mode, up to float32 rounding.
-        """
-        layers = []
-        # What stands before a layer, x -> (x - shift) / scale, moves into its weight and bias;
-        # what stands after it, BatchNorm, too. All in float64, rounded once.
-        shift, scale = self.mean.double(), self.scale.double()
-        for index, module in enumerate(self.linear):
-            linear: Any = module
-            weight, bias = linear.weight.double(), linear.bias.double()
-            if index == 0:
-                weight = weight / scale
-                bias = bias - weight @ shift
-            if index < len(self.norm):
-                norm: Any = self.norm[index]
-                gain = norm.weight.double() / (norm.running_var.double() + norm.eps).sqrt()
-                weight = weight * gain[:, None]
-                bias = (bias - norm.running_mean.double()) * gain + norm.bias.double()
-            layers.append((weight.t().float().contiguous().cpu(), bias.float().cpu()))
-        return layers
 
 
 class Policy:

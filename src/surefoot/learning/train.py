@@ -25,8 +25,8 @@ from torch import Tensor
 from surefoot.config import PolicyConfig, TrainingConfig
 from surefoot.learning.checkpoint import Losses, load_checkpoint, save_checkpoint
 from surefoot.learning.dataset import Dataset, Frames
+from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
-from surefoot.learning.policy import PolicyNetwork
 from surefoot.learning.samples import WIDTH, Examples, derive, held_out
 from surefoot.types import Array
 

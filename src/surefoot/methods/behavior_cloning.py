@@ -11,19 +11,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from surefoot.config.methods import BehaviorCloningConfig
+from surefoot.config import BehaviorCloningConfig
 from surefoot.rollouts.jobs import Job
+from surefoot.runs.checks import check, parameters
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import expert_rollouts
-from surefoot.runs.stages import (
-    best,
-    check,
-    collect,
-    first_frames,
-    parameters,
-    train,
-    validate,
-)
+from surefoot.runs.stages import best, collect, first_frames, train, validate
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 

@@ -17,13 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.config.methods import DaggerConfig
+from surefoot.config import DaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.engine import Rollout
 from surefoot.rollouts.jobs import Job
+from surefoot.runs.checks import check, parameters
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import disturbance_in, draw_starts, episode_ids, expert_rollouts
-from surefoot.runs.stages import best, check, collect, parameters, train, validate
+from surefoot.runs.stages import best, collect, train, validate
 from surefoot.types import BoolArray, PlanFunction
 from surefoot.workers import Workers
 

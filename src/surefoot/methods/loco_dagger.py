@@ -17,15 +17,15 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.config.methods import LocoDaggerConfig
-from surefoot.mpc.schedule import GRID
+from surefoot.config import LocoDaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.jobs import Job
+from surefoot.runs.checks import check, parameters
 from surefoot.runs.query import Query
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import disturbance_in, draw_starts, episode_ids, expert_rollouts
-from surefoot.runs.stages import best, check, collect, parameters, train, validate
-from surefoot.types import PlanFunction
+from surefoot.runs.stages import best, collect, train, validate
+from surefoot.types import GRID, PlanFunction
 from surefoot.workers import Workers
 
 

@@ -15,10 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.config.methods import LocoSafeDaggerConfig
+from surefoot.config import LocoSafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.jobs import Job
-from surefoot.runs.gate_training import check_guards, guard, train_guards
+from surefoot.runs.checks import check, check_guards, parameters
+from surefoot.runs.gate_training import guard, train_guards
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import (
     disturbance_in,
@@ -27,8 +28,8 @@ from surefoot.runs.sampling import (
     expert_frames,
     expert_rollouts,
 )
-from surefoot.runs.stages import best, check, collect, parameters, train, validate
-from surefoot.safety.gates import HandBack, SafetyMonitor
+from surefoot.runs.stages import best, collect, train, validate
+from surefoot.safety.monitor import HandBack, SafetyMonitor
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 

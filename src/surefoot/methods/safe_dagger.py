@@ -19,9 +19,10 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.config.methods import SafeDaggerConfig
+from surefoot.config import SafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.jobs import Job
+from surefoot.runs.checks import check, parameters
 from surefoot.runs.gate_training import guard, train_guards
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import (
@@ -31,8 +32,8 @@ from surefoot.runs.sampling import (
     expert_frames,
     expert_rollouts,
 )
-from surefoot.runs.stages import best, check, collect, parameters, train, validate
-from surefoot.safety.gates import SafetyMonitor
+from surefoot.runs.stages import best, collect, train, validate
+from surefoot.safety.monitor import SafetyMonitor
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 

@@ -10,9 +10,8 @@ import numpy as np
 
 from surefoot.config import Config
 from surefoot.mpc.planner import PLAN_TICKS, Planner
-from surefoot.mpc.schedule import GRID
 from surefoot.robots.model import RobotModel
-from surefoot.types import Array, BoolArray, Command, IntArray, PlanFunction, State
+from surefoot.types import GRID, Array, BoolArray, Command, IntArray, PlanFunction, State
 
 DAMPING = 0.1
 """[Nms/rad] joint damping of a robot that has no valid plan: the policy's kd."""

@@ -20,10 +20,10 @@ from surefoot.config import ExpertConfig, Gait
 from surefoot.mpc.centroidal import CentroidalPlan, solve_centroidal
 from surefoot.mpc.footholds import ContactPlan, hip_offsets, plan_contacts, travelled, turned
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
-from surefoot.mpc.schedule import GRID, node_ticks
+from surefoot.mpc.schedule import node_ticks
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import feet, legs_of
-from surefoot.types import TICKS_PER_SECOND, Array, Command, MotionPlan, State
+from surefoot.types import GRID, TICKS_PER_SECOND, Array, Command, MotionPlan, State
 
 PLAN_TICKS = 2 * GRID
 """A plan is used for one grid interval; the second is the fall-back when a replan fails."""

@@ -10,10 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from surefoot.config import Gait
-from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, to_ticks
+from surefoot.types import GRID, TICKS_PER_SECOND, Array, BoolArray, IntArray, to_ticks
 
-GRID = 50
-"""[ms] node spacing and replanning period (BiConMP: 20 Hz)."""
 SHORTEST_NODE = 10
 """[ms] a first node shorter than this is merged with the next."""
 

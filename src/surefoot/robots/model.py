@@ -1,4 +1,4 @@
-"""The robot: Pinocchio model, names, limits and nominal pose. Solo12 comes with the package.
+"""The robot: Pinocchio model, names, limits, shapes and nominal pose. Next: `solo12`.
 
 The one description (URDF of ``example-robot-data``) feeds the planner and every simulator, so mass
 and geometry cannot disagree between them.
@@ -7,14 +7,29 @@ and geometry cannot disagree between them.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from surefoot.config import RobotConfig
 from surefoot.types import JOINTS, LEGS, Array
+
+
+class Shape(NamedTuple):
+    """A box, or a capsule that is a sphere where both its ends coincide; in its link's frame.
+
+    Attributes:
+        link: URDF link that carries the shape.
+        start: ``(3,)`` one end of the capsule's axis, or the centre of the box [m].
+        end: ``(3,)`` the other end [m].
+        size: radius of the capsule, or half edges of the box [m].
+    """
+
+    link: str
+    start: tuple[float, ...]
+    end: tuple[float, ...]
+    size: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -29,6 +44,8 @@ class RobotModel:
         nominal: ``(19,)`` nominal configuration [m, unit quaternion, rad].
         foot_radius: [m] of the contact sphere around each foot frame.
         torque_limit: [Nm] at the joint, the same for all joints.
+        shapes: what can touch the ground, the same in every simulator; the feet first, in the order
+            of ``LEGS``.
         feet: ``(4,)`` ids of the foot frames, in the order of ``LEGS``.
         hips: ``(4,)`` ids of the HFE joints, in the order of ``LEGS``.
     """
@@ -40,6 +57,7 @@ class RobotModel:
     nominal: Array
     foot_radius: float
     torque_limit: float
+    shapes: tuple[Shape, ...]
     feet: tuple[int, ...] = field(init=False)
     hips: tuple[int, ...] = field(init=False)
 
@@ -57,34 +75,6 @@ class RobotModel:
     def mass(self) -> float:
         """Total mass [kg]."""
         return float(pin.computeTotalMass(self.model))
-
-
-def solo12(config: RobotConfig | None = None) -> RobotModel:
-    """Solo12 as described by ``example-robot-data``: 2.500 kg, point feet, 12 joints.
-
-    Joint damping and armature are zero in planner and simulators alike. The foot radius is the
-    height of the foot frame above the ground in contact, 18 mm.
-
-    Raises:
-        ImportError: ``example-robot-data`` is missing.
-    """
-    config = config or RobotConfig()
-    try:
-        data = distribution("example-robot-data")
-    except PackageNotFoundError as error:
-        raise ImportError(
-            "Solo12's description is missing: pip install example-robot-data"
-        ) from error
-    share = Path(str(data.locate_file("cmeel.prefix/share")))
-    urdf = share / "example-robot-data/robots/solo_description/robots/solo12.urdf"
-    model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
-    model.damping[:] = 0.0
-    model.armature[:] = 0.0
-    front, hind = (0.0, 0.8, -1.6), (0.0, -0.8, 1.6)
-    # At 0.25 m the foot spheres hang 9 mm above the ground; the nominal pose stands on them.
-    nominal = np.array([0, 0, 0.25, 0, 0, 0, 1, *front, *front, *hind, *hind])
-    robot = RobotModel("solo12", urdf, share, model, nominal, 0.018, config.torque_limit)
-    return robot
 
 
 def standing(robot: RobotModel) -> Array:

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from surefoot.safety.gates import SafetyMonitor
+from surefoot.safety.monitor import SafetyMonitor
 from surefoot.seeds import seed_of
 from surefoot.types import Array, BoolArray, IntArray, State
 

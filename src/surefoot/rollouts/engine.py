@@ -17,11 +17,11 @@ from surefoot.config import SafetyConfig
 from surefoot.learning.dataset import Frames
 from surefoot.robots.model import RobotModel, clip_torque
 from surefoot.rollouts.arbiters import Arbiter
+from surefoot.rollouts.outcome import Outcome, fallen, stepping
 from surefoot.rotations import from_heading
-from surefoot.safety.gates import Outcome, fallen, stepping
 from surefoot.scenarios.disturbance import Disturbance, senses
 from surefoot.scenarios.starts import Starts
-from surefoot.sim import Simulator
+from surefoot.sim.protocol import Simulator
 from surefoot.types import Array, BoolArray, Controller, IntArray, State, to_ticks
 
 

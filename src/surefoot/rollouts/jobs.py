@@ -17,11 +17,12 @@ from surefoot.config import Config, DisturbanceConfig
 from surefoot.learning.dataset import Frames, concatenate
 from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import Expert, make_expert
-from surefoot.robots.model import RobotModel, solo12
+from surefoot.robots.model import RobotModel
+from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.engine import Rollout, rollout
 from surefoot.rollouts.summary import Summary, join, summarise
-from surefoot.safety.learned import Trace, trace_of
+from surefoot.rollouts.traces import Trace, trace_of
 from surefoot.scenarios.disturbance import Disturbance, Pushes, draw
 from surefoot.scenarios.starts import Starts
 from surefoot.sim import make_simulator

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from surefoot.config import SafetyConfig
 from surefoot.learning.dataset import Frames
 from surefoot.rollouts.engine import Rollout
+from surefoot.rollouts.outcome import Outcome, strictly_stepping
 from surefoot.rotations import heading, roll_pitch, rotation, to_heading
-from surefoot.safety.gates import Outcome, margin, strictly_stepping
-from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, to_ticks
+from surefoot.safety.gates import margin
+from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, Command, IntArray, to_ticks
 
 TILTED = np.radians(10.0)
 """[rad] a frame with a larger roll or pitch is a recovery: the settled gait cycles of the stored
@@ -186,3 +187,16 @@ def _mean(values: Array, mask: BoolArray) -> Array:
     total = np.where(mask[..., None], values, 0.0).sum(axis=1)
     count = mask.sum(axis=1)[:, None]
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def settled_part(length: int) -> slice:
+    """The ticks of an episode from 1 s on; the second half of a shorter one."""
+    return slice(min(TICKS_PER_SECOND, length // 2), length)
+
+
+def heading_drift(q: np.ndarray, command: Command) -> float:
+    """Degrees by which configurations ``(T, 19)`` end off the heading that was commanded."""
+    from surefoot.rotations import roll_pitch_yaw
+
+    yaw = np.unwrap(roll_pitch_yaw(q[:, 3:7])[:, 2])
+    return float(np.degrees(yaw[-1] - yaw[0] - command.yaw_rate * len(q) / TICKS_PER_SECOND))

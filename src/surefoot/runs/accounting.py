@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
-from surefoot.safety.gates import Outcome
 from surefoot.types import TICKS_PER_SECOND
 
 SUMMED = (

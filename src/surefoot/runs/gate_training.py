@@ -10,18 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from surefoot.config.methods import Guard
+from surefoot.config import Guard
 from surefoot.files import load_arrays
 from surefoot.learning.classifier import digest, fit_classifier, load_classifier, save_classifier
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import load
 from surefoot.learning.samples import derive, held_out
+from surefoot.rollouts.traces import Trace, history_rows
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import rising
 from surefoot.runs.stages import dataset, iteration_of
 from surefoot.safety.gates import AnyOf, Bounds, Gate, tightened
-from surefoot.safety.learned import HORIZON, Deviation, History, Trace, history_rows
-from surefoot.types import BoolArray, to_ticks
+from surefoot.safety.learned import Deviation, History
+from surefoot.types import BoolArray
 
 HELD_OUT = 0.1
 """Share of episodes that a classifier is judged by, chosen by episode id."""
@@ -55,19 +56,6 @@ def guard(
     # Before there is anything to learn from, the paper's bounds stand in.
     gates = gates or [Bounds(safety)]
     return gates[0] if len(gates) == 1 else AnyOf(gates)
-
-
-def check_guards(names: Sequence[Guard], duration: float) -> None:
-    """Whether the gates can be had with rollouts of so many seconds.
-
-    Raises:
-        ValueError: a history network would have nothing to learn from.
-    """
-    if "history" in names and to_ticks(duration) <= HORIZON:
-        raise ValueError(
-            f"method.T is {duration} s; a history network predicts {HORIZON / 1000} s ahead and "
-            "learns from longer rollouts only"
-        )
 
 
 def too_early(name: str, i: int) -> bool:

@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from surefoot.mpc.schedule import GRID
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import Rollout
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.sampling import EPISODES_PER_ITERATION, keep_unless_failed
 from surefoot.scenarios.starts import Starts
 from surefoot.seeds import seed_of
-from surefoot.types import to_ticks
+from surefoot.types import GRID, to_ticks
 
 QUERIES = 10_000
 """Ids of an iteration from this on are the expert's rollouts: this + rollout * N_query + j."""

@@ -10,22 +10,19 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-import platform
 import warnings
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from surefoot.config import Backend, Config, method_name
+from surefoot.config import Config, method_name
 from surefoot.config.json_io import from_json, to_json
 from surefoot.files import write_atomic, writing
 from surefoot.learning.dataset import Dataset
+from surefoot.runs.versions import versions
 from surefoot.seeds import seed_of
-
-PACKAGES = ("surefoot", "numpy", "scipy", "pin", "mujoco", "numba", "torch", "onnxruntime", "h5py")
 
 _claims: list[int] = []
 """Descriptors of locked files, never closed: closing any of a file loses the lock."""
@@ -138,32 +135,6 @@ class Run:
         for listener in self.listeners:
             listener(record)
         return record
-
-
-def versions(backend: Backend = "mujoco") -> dict[str, str]:
-    """Python, processor and package versions: the same bits are promised for the same ones.
-
-    Args:
-        backend: PyBullet's version counts where it is the simulator.
-    """
-    found = {"python": platform.python_version(), "processor": processor()}
-    for name in (*PACKAGES, *(["pybullet"] if backend == "bullet" else [])):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "missing"
-    return found
-
-
-def processor() -> str:
-    """Model of the processor; floating-point results are promised for one model only."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.machine()
-    names = ("model name", "cpu family", "model\t")
-    parts = [next((line for line in lines if line.startswith(name)), "") for name in names]
-    return ", ".join(part.partition(":")[2].strip() for part in parts) or platform.machine()
 
 
 def create(folder: Path, config: Config, resume: bool = False) -> Run:

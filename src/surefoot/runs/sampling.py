@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from surefoot.config import Config, DisturbanceConfig
-from surefoot.config.methods import ExpertData, IterativeConfig
-from surefoot.robots.model import solo12, standing
+from surefoot.config import Config, DisturbanceConfig, ExpertData, IterativeConfig
+from surefoot.robots.model import standing
+from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import Rollout
 from surefoot.rollouts.jobs import Job

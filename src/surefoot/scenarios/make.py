@@ -15,12 +15,13 @@ from tqdm import tqdm
 
 from surefoot.config import Config, PerturbationConfig
 from surefoot.mpc.expert import make_expert
-from surefoot.mpc.schedule import GRID, in_stance
-from surefoot.robots.model import clip_torque, solo12, standing
+from surefoot.mpc.schedule import in_stance
+from surefoot.robots.model import clip_torque, standing
+from surefoot.robots.solo12 import solo12
 from surefoot.scenarios.perturbation import perturb
 from surefoot.scenarios.starts import SPLITS, Starts, StartSet, save_starts
 from surefoot.sim import make_simulator
-from surefoot.types import Array, to_ticks
+from surefoot.types import GRID, Array, to_ticks
 
 SEED = 20240711  # any number; the stored set depends on it
 SETTLE = 2.0  # [s] whole gait periods

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import unknown
+from surefoot.errors import unknown
 from surefoot.files import write_atomic
 from surefoot.types import Array, IntArray
 

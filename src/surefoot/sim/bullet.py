@@ -19,11 +19,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from surefoot.config import SimulationConfig
-from surefoot.robots.geometry import Shape, contact_shapes
-from surefoot.robots.model import RobotModel, standing
+from surefoot.robots.model import RobotModel, Shape, standing
 from surefoot.robots.rigid import centre_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import rotation
-from surefoot.sim import CONTACT_FORCE, TIME_STEP, positive
+from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, positive
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
 
 
@@ -72,13 +71,13 @@ def from_bullet(q: Array, v: Array) -> tuple[Array, Array]:
 
 
 def build_urdf(robot: RobotModel) -> str:
-    """The robot's URDF with the shapes of `contact_shapes` for its collision meshes.
+    """The robot's URDF with the shapes of `RobotModel.shapes` for its collision meshes.
 
     Joints turn without limits (those of the URDF, 10 rad, would only hide a broken controller) and
     without damping.
     """
     root = ElementTree.fromstring(robot.urdf.read_text())
-    shapes: dict[str, Shape] = {shape.link: shape for shape in contact_shapes(robot)}
+    shapes: dict[str, Shape] = {shape.link: shape for shape in robot.shapes}
     for link in root.iter("link"):
         for tag in ("visual", "collision", "contact"):
             for element in link.findall(tag):

@@ -20,10 +20,9 @@ from numba import njit
 
 from surefoot.config import SimulationConfig
 from surefoot.robots import rigid
-from surefoot.robots.geometry import contact_shapes
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
-from surefoot.sim import CONTACT_FORCE, TIME_STEP, positive
+from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, positive
 from surefoot.types import GRAVITY, LEGS, Array, BoolArray, State
 
 # Bad numbers in position, velocity and acceleration are neighbours in MuJoCo's list of warnings.
@@ -104,7 +103,7 @@ def build_model(
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     floor = {"size": [0, 0, 0.05], "contype": 1, "conaffinity": 0, **contact}
     spec.worldbody.add_geom(name="floor", type=plane, **floor)
-    for shape in contact_shapes(robot):
+    for shape in robot.shapes:
         body = spec.body(shape.link)
         part = {"name": shape.link, "contype": 0, "conaffinity": 1, "mass": 0.0, **contact}
         part["group"] = 3 if visual else 0  # renderers hide group 3

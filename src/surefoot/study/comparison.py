@@ -18,31 +18,33 @@ from typing import Any, Literal
 
 from tqdm import tqdm
 
-from surefoot.config import Backend, Config, DisturbanceConfig, SafetyConfig, simulated
+from surefoot.config import (
+    Backend,
+    Config,
+    DisturbanceConfig,
+    LocoDaggerConfig,
+    LocoSafeDaggerConfig,
+    SafetyConfig,
+    simulated,
+)
 from surefoot.config.json_io import changes, to_json
-from surefoot.config.methods import LocoDaggerConfig, LocoSafeDaggerConfig
 from surefoot.evaluation.push import push_difference, push_recovery
 from surefoot.evaluation.robustness import evaluate
 from surefoot.evaluation.statistics import paired_difference
 from surefoot.files import as_digits, from_digits, write_json
+from surefoot.methods import METHODS
 from surefoot.rollouts.jobs import PLANNER
+from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.accounting import cost_of
-from surefoot.runs.run import Run, RunError, open_run, versions
-from surefoot.safety.gates import Outcome
+from surefoot.runs.policies import find_policy
+from surefoot.runs.run import Run, RunError, open_run
+from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import BoolArray
-from surefoot.viz.replay import find_policy
 from surefoot.workers import Workers
 
 EXPERT = "expert"
 """Label of the expert's row."""
-NAMES = {
-    "behavior_cloning": "BC",
-    "dagger": "DAGGER",
-    "safe_dagger": "SafeDAGGER",
-    "loco_dagger": "LocoDAGGER",
-    "loco_safe_dagger": "LocoSafeDAGGER",
-}
 
 
 def compare(
@@ -217,7 +219,9 @@ def check_comparable(run: Run, first: Run) -> None:
 
 def label_of(run: Run) -> str:
     """The method, and what distinguishes the run."""
-    method, collection, parts = run.config.method, run.config.collection, [NAMES[run.method]]
+    method = run.config.method
+    collection = run.config.collection
+    parts = [METHODS[run.method].title]
     if isinstance(method, LocoDaggerConfig):
         parts.append(f"alpha {method.alpha:g}")
     if isinstance(method, LocoSafeDaggerConfig):

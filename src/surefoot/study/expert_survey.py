@@ -25,7 +25,7 @@ from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.robustness import evaluate
 from surefoot.evaluation.statistics import wilson
 from surefoot.files import write_json
-from surefoot.runs.run import versions
+from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import PACKAGED, load_starts
 from surefoot.study.tables import markdown
 from surefoot.workers import Workers

@@ -25,7 +25,8 @@ from tqdm import tqdm
 
 from surefoot.config import SimulationConfig
 from surefoot.files import write_atomic
-from surefoot.robots.model import RobotModel, solo12
+from surefoot.robots.model import RobotModel
+from surefoot.robots.solo12 import solo12
 from surefoot.rotations import heading, rotation
 from surefoot.sim.mujoco import build_model, to_mujoco
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray

@@ -3,79 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from surefoot.config import Config
 from surefoot.learning.dataset import concatenate
-from surefoot.learning.policy import load
+from surefoot.methods import METHODS
 from surefoot.mpc.expert import Expert
-from surefoot.robots.model import solo12, standing
+from surefoot.robots.model import standing
+from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.engine import Rollout
 from surefoot.rollouts.jobs import Job, disturbance_of, expert_name, play_out, sum_up
+from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.query import QUERIES, Query
-from surefoot.runs.run import Run, open_run, warn_of_versions
+from surefoot.runs.run import open_run, warn_of_versions
 from surefoot.runs.sampling import EPISODES_PER_ITERATION
-from surefoot.safety.gates import Outcome
 from surefoot.scenarios.starts import Starts, at_rest
-from surefoot.types import TICKS_PER_SECOND, Command, to_ticks
-
-
-def method_module(name: str) -> ModuleType:
-    """The method's file; it holds a function of the same name, and `collection`."""
-    return import_module(f"surefoot.methods.{name}")
+from surefoot.types import TICKS_PER_SECOND, Command
 
 
 def standing_start(command: Command) -> Starts:
     """One robot at rest in its nominal pose, at the beginning of the gait cycle."""
     return at_rest(standing(solo12()), np.array([command]))
-
-
-def find_policy(target: Path) -> tuple[Path, Config]:
-    """A run's best policy and config; or a policy file, and the config of the run it lies in.
-
-    Raises:
-        RunError: the folder holds no finished run.
-        FileNotFoundError: there is neither a folder nor a file.
-        PolicyFileError: the file is damaged, or of another robot, layout or version.
-        ValueError: the policy is of another gait period, gain or phase than the configuration.
-    """
-    if target.is_dir():
-        run: Run | None = open_run(target)
-        policy = run.best_policy
-    elif target.exists():
-        policy = target.resolve()
-        folder = policy.parent.parent
-        run = open_run(folder) if (folder / "config.json").exists() else None
-    else:
-        raise FileNotFoundError(f"{target}: there is no such run folder or policy file")
-    config = Config() if run is None else run.config
-    loaded = load(policy, solo12(config.robot).name)  # fails here, not later in a worker
-    if run is None:
-        config = replace(config, policy=loaded.config)
-        print(
-            f"{target} lies in no run: simulator and expert as by default; gains and phase are its "
-            f"own (kp {config.policy.kp} Nm/rad, kd {config.policy.kd} Nms/rad, phase as a "
-            f"{config.policy.phase})"
-        )
-    theirs, ours = loaded.config, config.policy
-    for what, given, expected in (
-        ("a gait period [ms]", loaded.period_ticks, to_ticks(config.gait.period)),
-        ("kp [Nm/rad]", theirs.kp, ours.kp),
-        ("kd [Nms/rad]", theirs.kd, ours.kd),
-        ("a phase given as", theirs.phase, ours.phase),
-    ):
-        if given != expected:
-            where = "the default configuration" if run is None else run.folder / "config.json"
-            raise ValueError(
-                f"{policy} was trained for {what} {given}, {where} has {expected}: play or "
-                "evaluate it in the folder of the run that trained it, or train one for this"
-            )
-    return policy, config
 
 
 def recorded_episode(folder: Path, episode: int, iteration: int | None = None) -> Job:
@@ -110,7 +60,7 @@ def recorded_episode(folder: Path, episode: int, iteration: int | None = None) -
             f"{folder} has collected nothing in iteration {iteration}, so there is no episode "
             f"{episode}; it has collected {there}"
         )
-    job: Job = method_module(run.method).collection(run, iteration)
+    job = METHODS[run.method].collection(run, iteration, None)
     if done["expert"] != expert_name(job):
         raise ValueError(
             f"the expert of {folder} was your own {done['expert']}: replay it from Python, with "
