@@ -33,7 +33,7 @@ def last_gate(run: Run) -> int:
         RunError: there is none.
     """
     numbers = [int(path.stem.split("-")[1]) for path in run.folder.glob("gates/history-*")]
-    numbers = [number for number in numbers if run.policy(number).exists()]
+    numbers = [number for number in numbers if run.policy_path(number).exists()]
     if not numbers:
         raise RunError(
             f"{run.folder} holds no policy with a history network; train one with "
@@ -95,7 +95,7 @@ def main() -> None:
     )
     evaluation = EvaluationConfig(5.0, options.episodes, pushes)
     config = replace(run.config, evaluation=evaluation)
-    network = load_classifier(run.gate("history", iteration))
+    network = load_classifier(run.gate_path("history", iteration))
     gates: dict[str, Gate] = {
         "bounds": Bounds(config.safety),
         f"bounds, {TIGHTENED} of them": Bounds(tightened(config.safety, TIGHTENED)),
@@ -105,7 +105,7 @@ def main() -> None:
         "run": run.folder.resolve().name,
         "iteration": iteration,
         **announcements(
-            config, run.policy(iteration), gates, "test", Workers(options.workers), "gates"
+            config, run.policy_path(iteration), gates, "test", Workers(options.workers), "gates"
         ),
     }
     print(table(figures))

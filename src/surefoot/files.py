@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from surefoot.config.json_io import to_json
 from surefoot.types import IntArray
 
 Record = TypeVar("Record")
@@ -74,10 +75,9 @@ def _flush(path: Path) -> None:
         os.close(descriptor)
 
 
-def write_json(path: Path, figures: Mapping[str, Any]) -> None:
-    """Write figures whole or not at all; NaN becomes null."""
-    plain = json.loads(json.dumps(figures, default=float), parse_constant=lambda _: None)
-    write_atomic(path, json.dumps(plain, indent=1, allow_nan=False).encode())
+def write_json(path: Path, record: object) -> None:
+    """Write a record as JSON, whole or not at all; NaN becomes null."""
+    write_atomic(path, json.dumps(to_json(record), indent=1, allow_nan=False).encode())
 
 
 def as_digits(values: ArrayLike) -> str:

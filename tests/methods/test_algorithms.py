@@ -159,7 +159,7 @@ def test_frames_are_conserved(runs, name):
     for i in range(1 if run.method == "behavior_cloning" else 3):
         shards = [s for s in run.dataset.shards if s.startswith(f"iteration_{i:03d}")]
         frames = run.dataset.load(shards)
-        summary = join([load_arrays(run.summary(name), Summary) for name in shards])
+        summary = join([load_arrays(run.summary_path(name), Summary) for name in shards])
         count = {e: int((frames.episode == e).sum()) for e in summary.episode.tolist()}
         assert summary.kept.tolist() == list(count.values())
         assert len(frames) == sum(count.values()) == figures_of(run, "collect", i)["frames_kept"]
@@ -202,7 +202,9 @@ def test_chunks_do_not_matter(small, tmp_path, name, chunk):
         assert one == other
     summaries = []
     for each in (run, small(name)):
-        summary = join([load_arrays(each.summary(shard), Summary) for shard in each.dataset.shards])
+        summary = join(
+            [load_arrays(each.summary_path(shard), Summary) for shard in each.dataset.shards]
+        )
         summaries.append(vars(summary[np.argsort(summary.episode)]))
     for field, array in summaries[0].items():
         np.testing.assert_array_equal(array, summaries[1][field], err_msg=field)

@@ -48,7 +48,7 @@ def test_cloning_at_each_size_is_from_scratch_on_the_first_whole_episodes(runs, 
     frames = run.dataset.load()
     first = frames[frames.episode < episodes]
     assert len(first) == 200 * episodes == figures_of(run, "train", size)["frames"]
-    policy = load(run.policy(size))
+    policy = load(run.policy_path(size))
     assert policy.provenance["dataset_hash"] == first.hash
     for key, tensor in scratch(run, size, first).state_dict().items():
         assert torch.equal(tensor, policy.network.state_dict()[key]), key
@@ -63,7 +63,7 @@ def test_episodes_that_failed_do_not_count_in_the_series(tmp_path, monkeypatch):
     assert 1 not in frames.episode and figures_of(run, "collect", 0)["failed_episodes"] == [1]
     for size, ids in enumerate([[0, 2, 3], [0, 2, 3], [0, 2, 3, 4]]):
         first = frames[np.isin(frames.episode, ids)]
-        assert load(run.policy(size)).provenance["dataset_hash"] == first.hash
+        assert load(run.policy_path(size)).provenance["dataset_hash"] == first.hash
 
 
 # --- DAGGER

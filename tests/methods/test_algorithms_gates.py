@@ -31,7 +31,7 @@ pytestmark = pytest.mark.usefixtures("toys")
 
 def deviations(run, i, frames):
     """(n, 12) what policy i's targets differ by from the labels, and the labels [rad]."""
-    policy = load(run.policy(i))
+    policy = load(run.policy_path(i))
     inputs = torch.from_numpy(network_input(frames.state, frames.tick, frames.command, 500))
     with torch.no_grad():
         target = policy.network(inputs).numpy().astype(float)
@@ -74,7 +74,7 @@ def test_pi_safe_learns_from_all_data_so_far_without_the_frames_that_judge_it(ru
 def test_the_expert_drives_exactly_where_pi_safe_says_unsafe(runs, i):
     run = runs("safe_dagger")
     ((job, record),) = replayed(run, i)
-    said = alarms(load_classifier(run.gate("classifier", i - 1)), record, 0.5)
+    said = alarms(load_classifier(run.gate_path("classifier", i - 1)), record, 0.5)
     happened = record.happened
     np.testing.assert_array_equal(record.expert_drove[happened], said[happened])
     assert 0.02 < record.expert_drove[happened].mean() < 0.98
@@ -90,12 +90,14 @@ def test_the_expert_drives_exactly_where_pi_safe_says_unsafe(runs, i):
 def test_pi_safe_comes_back_and_guards_at_run_time(runs):
     run = runs("safe_dagger")
     winner = figures_of(run, "best", 0)["best_iteration"]
-    classifier = load_classifier(run.gate("classifier", winner))
+    classifier = load_classifier(run.gate_path("classifier", winner))
     starts = load_starts()["test"][:8]
 
     def driven_by(alarm):
         switch = SafetySwitch(SafetyMonitor(Deviation(classifier, run.config, alarm), block=0.0))
-        job = Job(run.config, starts, starts.id, switch, 0.3, policy=run.best_policy, plan=plan)
+        job = Job(
+            run.config, starts, starts.id, switch, 0.3, policy=run.best_policy_path, plan=plan
+        )
         return play_out(job)[0]
 
     never = driven_by(1.0)
@@ -113,7 +115,7 @@ def test_any_of_several_gates_blocks(runs, i):
     """In the finished run: bounds that relax, or the classifier that was trained before."""
     run = runs("loco_safe_dagger")
     ((_, record),) = replayed(run, i)
-    by_network = alarms(load_classifier(run.gate("classifier", i - 1)), record, ALARM)
+    by_network = alarms(load_classifier(run.gate_path("classifier", i - 1)), record, ALARM)
     share = {1: 0.6, 2: 1.0}[i]
     by_bounds, T = outside(record, share), record.duration
     for b, length in enumerate(np.minimum(record.length, T).tolist()):

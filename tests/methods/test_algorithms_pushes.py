@@ -25,7 +25,7 @@ pytestmark = pytest.mark.usefixtures("toys")
 def pushed(folder, collection):
     config = replace(CONFIG, method=SMALL_METHODS["loco_safe_dagger"], collection=collection)
     run = run_method(folder, config)
-    episodes = [run.summary(shard).read_bytes() for shard in run.dataset.shards]
+    episodes = [run.summary_path(shard).read_bytes() for shard in run.dataset.shards]
     return {**fingerprint(run), "episodes": episodes}
 
 

@@ -36,7 +36,7 @@ def one_iteration(folder, monkeypatch, method, *scripts, safety=HEIGHT_ONLY, i=1
     config = replace(CONFIG, method=method, chunk=40, safety=safety, collection=DisturbanceConfig())
     run = create(folder / "run", config)
     network = PolicyNetwork(config.policy, 1)
-    save(Policy(network, config.policy, 500, np.zeros((2, 3))), run.policy(i - 1))
+    save(Policy(network, config.policy, 500, np.zeros((2, 3))), run.policy_path(i - 1))
     for script in scripts:
         given = script.get("heights", {})
         script["heights"] = {b: given.get(b, [(0, FLAT.height)]) for b in range(40)}
@@ -169,7 +169,7 @@ def test_robots_that_fall_in_the_tail_at_takeover_and_in_the_grace(tmp_path, mon
     assert figures["falls_expert_driving_before"] == sum(case[3][1:] == "x" for case in FALLS) == 2
     assert figures["failed_episodes"] == job.episode[fell].tolist()
     assert figures["frames_kept"] == len(frames)
-    summary = load_arrays(run.summary("iteration_001-000"), Summary)
+    summary = load_arrays(run.summary_path("iteration_001-000"), Summary)
     assert summary.takeovers.tolist() == [1, 2, 2, 1, 1, 2, 1, 1, 0, 0]
     assert summary.expert_ticks.tolist() == [100, 140, 101, 100, 200, 300, 100, 50, 0, 0]
 
@@ -216,7 +216,10 @@ def test_divergence_at_a_takeover_and_within_a_block(tmp_path, monkeypatch):
     run, figures, ((job, record),) = one_iteration(
         tmp_path, monkeypatch, replace(RESCUE, T_block=0.2), {"heights": heights}
     )
-    summary, frames = load_arrays(run.summary("iteration_001-000"), Summary), run.dataset.load()
+    summary, frames = (
+        load_arrays(run.summary_path("iteration_001-000"), Summary),
+        run.dataset.load(),
+    )
     for b, (_, end, kept, plans, invalid) in enumerate(DIVERGING):
         assert record.length[b] == end
         assert record.outcome[b] == (Outcome.SUCCESS if end == 680 else Outcome.DIVERGED)

@@ -40,7 +40,7 @@ STAGES = [("collect", 0), ("train", 0), ("validate", 0), ("best", 0)]
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Run:
     run = create(tmp_path_factory.mktemp("finished") / "run", CONFIG)
-    assert behavior_cloning(run, workers=Workers(1)) == run.policy(0)
+    assert behavior_cloning(run, workers=Workers(1)) == run.policy_path(0)
     return run
 
 

@@ -74,7 +74,7 @@ def finished(tmp_path_factory) -> Run:
 
 def test_stages_follow_the_algorithm(finished):
     assert [(line["stage"], line["iteration"]) for line in finished.metrics] == STAGES
-    assert sorted(path.name for path in finished.policy(0).parent.iterdir()) == [
+    assert sorted(path.name for path in finished.policy_path(0).parent.iterdir()) == [
         "000.safetensors",
         "001.safetensors",
         "002.safetensors",
@@ -84,7 +84,7 @@ def test_stages_follow_the_algorithm(finished):
     assert finished.dataset.shards == tuple(
         f"{i}-{n:03d}" for i in chunks for n in range(chunks[i])
     )
-    assert finished.best_policy in [finished.policy(i) for i in range(3)]
+    assert finished.best_policy_path in [finished.policy_path(i) for i in range(3)]
 
 
 def of_iterations(run: Run, iterations) -> Frames:
@@ -96,7 +96,7 @@ def test_each_policy_is_trained_on_all_data_so_far(finished):
     frames = [figures_of(finished, "collect", i)["dataset_frames"] for i in range(3)]
     assert frames[0] < frames[1] < frames[2] == finished.dataset.frames
     assert [figures_of(finished, "train", i)["frames"] for i in range(3)] == frames
-    policies = [load(finished.policy(i)) for i in range(3)]
+    policies = [load(finished.policy_path(i)) for i in range(3)]
     for i, policy in enumerate(policies):
         digest = figures_of(finished, "collect", i)["dataset_hash"]
         assert policy.provenance["dataset_hash"] == digest
@@ -111,11 +111,11 @@ def test_each_policy_is_what_training_the_last_one_on_that_data_gives(finished, 
         seed = int(finished.seed("network", 0).generate_state(1)[0])
         network = PolicyNetwork(CONFIG.policy, seed)
     else:
-        network = load(finished.policy(i - 1)).network
+        network = load(finished.policy_path(i - 1)).network
     frames = of_iterations(finished, range(i + 1))
     order = int(finished.seed("order", i).generate_state(1)[0])
     result = fit(network, frames, CONFIG.training, CONFIG.policy, 1, order, 500)
-    trained = load(finished.policy(i)).network.state_dict()
+    trained = load(finished.policy_path(i)).network.state_dict()
     before = network.state_dict()
     for name, tensor in result.network.state_dict().items():
         assert (tensor == trained[name]).all(), name
@@ -125,7 +125,7 @@ def test_each_policy_is_what_training_the_last_one_on_that_data_gives(finished, 
 @pytest.mark.parametrize("i", [1, 2])
 def test_the_last_policy_drives_the_next_rollouts(finished, i):
     job = collection(finished, i)
-    assert job.policy == finished.policy(i - 1)
+    assert job.policy == finished.policy_path(i - 1)
     assert (job.duration, job.tail) == (0.6, 0.1)
     assert len(job.starts) == 4
 
@@ -161,7 +161,7 @@ def test_another_seed_gives_other_data(finished, tmp_path):
     # The stored starts of the pre-training are the same for every seed; the network is not.
     hashes = [figures_of(each, "collect", 0)["dataset_hash"] for each in (run, finished)]
     assert hashes[0] == hashes[1]
-    assert run.policy(0).read_bytes() != finished.policy(0).read_bytes()
+    assert run.policy_path(0).read_bytes() != finished.policy_path(0).read_bytes()
     drawn = [(run, 1), (finished, 1), (finished, 2)]
     ids = {tuple(collection(each, i).starts.id.tolist()) for each, i in drawn}
     assert len(ids) == 3
@@ -200,7 +200,9 @@ def test_a_finished_run_is_not_touched_again(finished, monkeypatch):
     times = {path: path.stat().st_mtime_ns for path in finished.folder.rglob("*")}
     monkeypatch.setattr("surefoot.runs.stages.run_chunk", None)
     monkeypatch.setattr("surefoot.runs.stages.fit", None)
-    assert loco_safe_dagger(open_run(finished.folder), workers=Workers(1)) == finished.best_policy
+    assert (
+        loco_safe_dagger(open_run(finished.folder), workers=Workers(1)) == finished.best_policy_path
+    )
     assert fingerprint(finished) == before
     assert {path: path.stat().st_mtime_ns for path in finished.folder.rglob("*")} == times
 
@@ -381,7 +383,7 @@ def test_the_best_policy(tmp_path, successes, winner):
     for i, count in enumerate(successes):
         run.record("validate", i, successes=count)
     assert best(run, 2)["best_iteration"] == winner
-    assert run.best_policy == run.policy(winner)
+    assert run.best_policy_path == run.policy_path(winner)
 
 
 def test_a_run_of_another_method_is_refused(tmp_path):
@@ -428,7 +430,7 @@ def test_stages_whose_records_are_lost_are_done_again_to_the_same_bits(finished,
 @pytest.mark.parametrize("iteration", [0, 1, 2])
 def test_a_policy_that_is_lost_is_trained_again_to_the_same_bits(finished, tmp_path, iteration):
     shutil.copytree(finished.folder, tmp_path / "run")
-    open_run(tmp_path / "run").policy(iteration).unlink()
+    open_run(tmp_path / "run").policy_path(iteration).unlink()
     run = create(tmp_path / "run", CONFIG, resume=True)
     loco_safe_dagger(run, workers=Workers(1))
     assert fingerprint(run) == fingerprint(finished)

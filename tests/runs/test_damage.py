@@ -179,7 +179,7 @@ def test_a_damaged_line_of_the_metrics_is_named_and_done_again_once_deleted(fini
 
 
 def test_a_summary_that_is_lost_is_made_again_and_a_damaged_one_named(finished, copy):
-    summary = copy.summary("iteration_000-003")
+    summary = copy.summary_path("iteration_000-003")
     cut(summary)
     with pytest.raises(ValueError, match=r"iteration_000-003.npz is missing or damaged.*delete it"):
         resume(copy.folder)
@@ -191,10 +191,10 @@ def test_a_summary_that_is_lost_is_made_again_and_a_damaged_one_named(finished, 
 def test_a_policy_is_trained_again_once_deleted(finished, copy):
     path = copy.folder / "metrics.jsonl"
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:2]))
-    cut(copy.policy(0))
+    cut(copy.policy_path(0))
     with pytest.raises(PolicyFileError, match=r"000.safetensors is not a whole.*delete"):
         resume(copy.folder)
-    copy.policy(0).unlink()
+    copy.policy_path(0).unlink()
     assert fingerprint(resume(copy.folder)) == fingerprint(finished)
 
 
@@ -225,14 +225,14 @@ def test_a_lost_policy_that_cannot_be_made_again_is_not_replaced(copy):
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     next(line for line in lines if line["stage"] == "train")["train_loss"] += 1e-9
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    copy.policy(0).unlink()
+    copy.policy_path(0).unlink()
     with pytest.raises(RunError, match=r"000.safetensors is lost.*restore it from a copy"):
         resume(copy.folder)
-    assert not copy.policy(0).exists()
+    assert not copy.policy_path(0).exists()
 
 
 def test_a_damaged_policy_or_configuration_is_named(copy, monkeypatch, capsys):
-    cut(copy.policy(0))
+    cut(copy.policy_path(0))
     monkeypatch.setattr(sys, "argv", ["surefoot", "evaluate", str(copy.folder), "--workers", "1"])
     assert cli.main() == 2
     error = capsys.readouterr().err
@@ -281,7 +281,7 @@ GATES = [("classifier", 0), ("classifier", 2), ("history", 1), ("history", 2)]
 def test_a_damaged_gate_is_named_and_trained_again_once_deleted(
     guarded, guarded_copy, kind, i, damage
 ):
-    gate = guarded_copy.gate(kind, i)
+    gate = guarded_copy.gate_path(kind, i)
     damage(gate)
     message = rf"{kind}-00{i}.safetensors is not a whole classifier.*delete it.*--resume"
     with pytest.raises(ValueError, match=message):
@@ -301,9 +301,9 @@ def test_gates_and_traces_that_are_lost_are_made_again(guarded, guarded_copy, lo
 def test_a_damaged_trace_is_named_when_it_is_needed_and_collected_again(
     guarded, guarded_copy, damage
 ):
-    trace = guarded_copy.trace("iteration_001-000")
+    trace = guarded_copy.trace_path("iteration_001-000")
     damage(trace)
-    guarded_copy.gate("history", 2).unlink()
+    guarded_copy.gate_path("history", 2).unlink()
     if trace.exists():
         message = r"traces/iteration_001-000.npz is missing or damaged.*delete it.*--resume"
         with pytest.raises(ValueError, match=message):
@@ -318,7 +318,7 @@ def test_a_lost_gate_that_cannot_be_made_again_is_not_replaced(guarded_copy):
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     next(line for line in lines if line["stage"] == "guard_history")["sha256"] = "0" * 64
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    guarded_copy.gate("history", 1).unlink()
+    guarded_copy.gate_path("history", 1).unlink()
     with pytest.raises(RunError, match=r"history-001.safetensors is lost.*restore it from a copy"):
         guard_again(guarded_copy.folder)
-    assert not guarded_copy.gate("history", 1).exists()
+    assert not guarded_copy.gate_path("history", 1).exists()

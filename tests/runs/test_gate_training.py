@@ -63,19 +63,19 @@ def test_the_history_network_learns_from_all_rollouts_so_far(run):
     known = 0
     for i in (1, 2):
         names = [name for name in run.dataset.shards if name.startswith(f"iteration_{i:03d}")]
-        traces = [load_arrays(run.trace(name), Trace) for name in names]
+        traces = [load_arrays(run.trace_path(name), Trace) for name in names]
         assert [trace.inputs.shape for trace in traces] == [(4, 80, 47)] * 2
         known += sum((trace.label >= 0).sum() for trace in traces)
         record = run.done("guard_history", i)
         assert record is not None
         assert record["rows"] + record.get("held_out", 0) == known
-        assert load_classifier(run.gate("history", i)).figures["rows"] == record["rows"]
-        assert load_classifier(run.gate("history", i)).figures.get("alarm", 0.3) == 0.3
-    assert not run.gate("history", 0).exists()
+        assert load_classifier(run.gate_path("history", i)).figures["rows"] == record["rows"]
+        assert load_classifier(run.gate_path("history", i)).figures.get("alarm", 0.3) == 0.3
+    assert not run.gate_path("history", 0).exists()
 
 
 def test_a_lost_network_comes_back_to_the_bit(run):
-    path = run.gate("history", 2)
+    path = run.gate_path("history", 2)
     before, records = path.read_bytes(), run.metrics
     path.unlink()
     train_guards(open_run(run.folder), 2, METHOD.guard, alarm=METHOD.alarm)
@@ -132,6 +132,6 @@ def test_a_policy_answers_a_part_of_the_data_at_a_time(run, tmp_path, monkeypatc
         folder = tmp_path / str(together)
         shutil.copytree(run.folder, folder)
         train_guards(open_run(folder), 0, ["classifier"])
-        written.append(open_run(folder).gate("classifier", 0).read_bytes())
+        written.append(open_run(folder).gate_path("classifier", 0).read_bytes())
     assert sizes[0] == sum(sizes[1:]) > 64 >= max(sizes[1:])
     assert written[0] == written[1]

@@ -26,7 +26,7 @@ def test_a_new_run_stands_in_its_folder_and_can_be_opened(tmp_path):
     assert opened.metrics == []
     assert opened.method == "loco_safe_dagger"
     assert opened.dataset.frames == 0
-    assert opened.policy(3) == run.folder / "policies" / "003.safetensors"
+    assert opened.policy_path(3) == run.folder / "policies" / "003.safetensors"
     record = json.loads((run.folder / "config.json").read_text())
     assert record["versions"] == versions()
     assert {"python", "processor", *PACKAGES} <= set(record["versions"])
@@ -194,9 +194,9 @@ def test_seeds_differ_by_stage_iteration_and_root_and_by_nothing_else(tmp_path):
 def test_best_policy_is_known_once_the_run_is_finished(tmp_path):
     run = create(tmp_path / "run", CONFIG)
     with pytest.raises(RunError, match=r"not finished.*surefoot train loco_safe_dagger.*--resume"):
-        _ = run.best_policy
+        _ = run.best_policy_path
     run.record("best", 0, best_iteration=2)
-    assert run.best_policy == run.policy(2)
+    assert run.best_policy_path == run.policy_path(2)
     assert isinstance(run, Run)
 
 

@@ -69,7 +69,10 @@ def run_of(folder: Path, method, weights: int, best: int | None = 0, **config) -
     run = create(folder, Config(method=method, policy=SMALL, **config))
     iterations = 1 if isinstance(method, BehaviorCloningConfig) else 2
     for i in range(iterations):
-        save(Policy(PolicyNetwork(SMALL, weights + i), SMALL, 500, np.zeros((2, 3))), run.policy(i))
+        save(
+            Policy(PolicyNetwork(SMALL, weights + i), SMALL, 500, np.zeros((2, 3))),
+            run.policy_path(i),
+        )
         run.record(
             "collect",
             i,
@@ -278,7 +281,10 @@ def test_a_file_of_other_settings_is_refused(monkeypatch, runs, tmp_path):
         measure([new], path)
     with pytest.raises(ValueError, match="other episodes; name another file"):
         compare(runs, BOTH, 3, Workers(1), path)
-    save(Policy(PolicyNetwork(SMALL, 9), SMALL, 500, np.zeros((2, 3))), open_run(runs[0]).policy(0))
+    save(
+        Policy(PolicyNetwork(SMALL, 9), SMALL, 500, np.zeros((2, 3))),
+        open_run(runs[0]).policy_path(0),
+    )
     with pytest.raises(ValueError, match="trained on has another policy"):
         measure(runs, path)
     assert path.read_bytes() == before
@@ -359,9 +365,11 @@ def test_best_or_last_policy(monkeypatch, runs, tmp_path):
     row = measure([early])["rows"][1]
     assert (row["label"], row["policy"]) == (
         "LocoSafeDAGGER, history",
-        str(open_run(early).policy(0)),
+        str(open_run(early).policy_path(0)),
     )
-    assert measure([early], which="last")["rows"][1]["policy"] == str(open_run(early).policy(1))
+    assert measure([early], which="last")["rows"][1]["policy"] == str(
+        open_run(early).policy_path(1)
+    )
     unfinished = run_of(tmp_path / "3" / "safe", LocoSafeDaggerConfig(), 60, best=None)
     with pytest.raises(RunError, match="not finished"):
         measure([unfinished])
@@ -500,7 +508,7 @@ def test_a_real_comparison(trained, tmp_path):
         assert results["evaluation"]["starts_hash"] == expert["evaluation"]["starts_hash"]
     assert len({json.dumps(results["evaluation"]) for results in policies}) == 2
     run = open_run(trained[1])
-    later = [run.summary(name) for name in run.dataset.shards if "_000-" not in name]
+    later = [run.summary_path(name) for name in run.dataset.shards if "_000-" not in name]
     pooled = collection_figures(join([load_arrays(file, Summary) for file in later]))
     for key in ("episodes", "falls", "takeovers", "expert_share", "falls_per_robot_minute"):
         assert record["rows"][2]["cost"][key] == pytest.approx(pooled[key], rel=1e-9)

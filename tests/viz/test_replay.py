@@ -90,7 +90,7 @@ def run_of(tmp_path_factory):
 
 
 def summary_of(run: Run):
-    return join([load_arrays(run.summary(name), Summary) for name in run.dataset.shards])
+    return join([load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards])
 
 
 UNKNOWN_ALONE = ("kept", "kept_tilted", "kept_near_bounds", "strict")
@@ -137,10 +137,10 @@ def test_what_is_replayed_covers_what_can_happen(run_of):
     asked = summary_of(run_of("loco_dagger"))
     assert asked.query.any() and asked.kept[asked.query].any()
     for i, kinds in ((0, ["classifier"]), (1, ["classifier", "history"])):
-        assert all(run_of("loco_safe_dagger").gate(kind, i).exists() for kind in kinds)
-    assert run_of("safe_dagger").gate("classifier", 1).exists()
+        assert all(run_of("loco_safe_dagger").gate_path(kind, i).exists() for kind in kinds)
+    assert run_of("safe_dagger").gate_path("classifier", 1).exists()
     assert summary_of(run_of("dagger")).kept.all()
-    assert len(list(run_of("behavior_cloning").policy(0).parent.iterdir())) == 2
+    assert len(list(run_of("behavior_cloning").policy_path(0).parent.iterdir())) == 2
 
 
 def play(monkeypatch, *args: object) -> tuple[int, list]:
@@ -295,7 +295,7 @@ def test_a_policy_of_another_period_gain_or_phase_is_refused(
     monkeypatch, capsys, copy, changes, message, command
 ):
     run = copy("behavior_cloning")
-    policy = run.best_policy
+    policy = run.best_policy_path
     rewrite(run, **changes)
     for target in (run.folder, policy):
         monkeypatch.setattr(sys, "argv", ["surefoot", command, str(target)])
@@ -305,7 +305,7 @@ def test_a_policy_of_another_period_gain_or_phase_is_refused(
 
 
 def test_a_policy_that_lies_in_no_run_brings_its_gains(run_of, tmp_path, capsys):
-    policy = load(run_of("behavior_cloning").best_policy)
+    policy = load(run_of("behavior_cloning").best_policy_path)
     policy.config = PolicyConfig((16, 16), kp=2.5, kd=0.07, phase="fraction")
     path = tmp_path / "elsewhere" / "policy.safetensors"
     save(policy, path)

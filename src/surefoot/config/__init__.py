@@ -90,4 +90,4 @@ def simulated(config: Config, backend: Backend) -> Config:
 
 def method_name(config: Config) -> str:
     """The key in `METHODS` of the configured method."""
-    return next(name for name, kind in METHODS.items() if type(config.method) is kind)
+    return config.method.name

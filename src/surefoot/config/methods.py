@@ -6,7 +6,7 @@ Part of `config`, where the rest stands.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar, Literal
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,8 @@ class ExpertData:
 class BehaviorCloningConfig:
     """Behaviour cloning (paper, II-A and IV-E)."""
 
+    name: ClassVar[str] = "behavior_cloning"
+
     data: ExpertData = field(default_factory=lambda: ExpertData(20, 2, False, 3.0))
     """400 x 3 s (paper, IV-F)."""
     epochs: int = 150
@@ -39,6 +41,8 @@ class BehaviorCloningConfig:
 @dataclass(frozen=True)
 class DaggerConfig:
     """DAGGER (Ross et al., 2011; paper, Algorithm 1)."""
+
+    name: ClassVar[str] = "dagger"
 
     pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
     """What i = 1 collects: with beta_1 = 1 it is the expert alone. As the other methods have it."""
@@ -62,6 +66,8 @@ class DaggerConfig:
 class SafeDaggerConfig:
     """SafeDAGGER (Zhang and Cho, 2016; paper, Algorithm 2)."""
 
+    name: ClassVar[str] = "safe_dagger"
+
     pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
     """As the other methods have it."""
     pretraining_epochs: int = 150
@@ -84,6 +90,8 @@ class SafeDaggerConfig:
 @dataclass(frozen=True)
 class LocoDaggerConfig:
     """LocoDAGGER (paper, Algorithm 3 and IV-E)."""
+
+    name: ClassVar[str] = "loco_dagger"
 
     pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
     """10 velocities x (1 nominal + 10 perturbed) x 1.5 s (paper, IV-E)."""
@@ -121,6 +129,8 @@ Networks guard from the iteration after the first data they can learn from."""
 class LocoSafeDaggerConfig:
     """LocoSafeDAGGER (paper, Algorithm 4 and IV-E)."""
 
+    name: ClassVar[str] = "loco_safe_dagger"
+
     pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
     """10 velocities x (1 nominal + 10 perturbed) x 1.5 s (paper, IV-E)."""
     pretraining_epochs: int = 150
@@ -156,11 +166,14 @@ class LocoSafeDaggerConfig:
 IterativeConfig = DaggerConfig | SafeDaggerConfig | LocoDaggerConfig | LocoSafeDaggerConfig
 MethodConfig = BehaviorCloningConfig | IterativeConfig
 
-METHODS: dict[str, type] = {
-    "behavior_cloning": BehaviorCloningConfig,
-    "dagger": DaggerConfig,
-    "safe_dagger": SafeDaggerConfig,
-    "loco_dagger": LocoDaggerConfig,
-    "loco_safe_dagger": LocoSafeDaggerConfig,
+METHODS: dict[str, type[MethodConfig]] = {
+    kind.name: kind
+    for kind in (
+        BehaviorCloningConfig,
+        DaggerConfig,
+        SafeDaggerConfig,
+        LocoDaggerConfig,
+        LocoSafeDaggerConfig,
+    )
 }
 """Methods and their parameters, in the paper's order."""

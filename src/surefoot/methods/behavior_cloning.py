@@ -45,7 +45,7 @@ def behavior_cloning(run: Run, workers: Workers, plan: PlanFunction | None = Non
     train(run, last, method.epochs, run.dataset, fresh=True)
     validate(run, last, workers)
     best(run, last, last)
-    return run.best_policy
+    return run.best_policy_path
 
 
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:

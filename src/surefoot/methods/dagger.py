@@ -53,7 +53,7 @@ def dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path
         validate(run, k, workers)
 
     best(run, method.iterations)
-    return run.best_policy
+    return run.best_policy_path
 
 
 def collection(run: Run, k: int, plan: PlanFunction | None = None) -> Job:
@@ -68,7 +68,7 @@ def collection(run: Run, k: int, plan: PlanFunction | None = None) -> Job:
         episode_ids(k, len(starts)),
         RandomMix(method.p**k, 1, config.seed),
         method.T,
-        policy=run.policy(k - 1),
+        policy=run.policy_path(k - 1),
         keep=visited,
         plan=plan,
         disturbance=disturbance_in(config, k, method.iterations),

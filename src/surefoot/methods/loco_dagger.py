@@ -59,7 +59,7 @@ def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
         validate(run, i, workers)
 
     best(run, method.iterations)
-    return run.best_policy
+    return run.best_policy_path
 
 
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
@@ -74,7 +74,7 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
         episode_ids(i, len(starts)),
         RandomMix(method.alpha ** (i - 1), GRID, config.seed),
         method.T,
-        policy=run.policy(i - 1),
+        policy=run.policy_path(i - 1),
         plan=plan,
         disturbance=disturbance_in(config, i, method.iterations),
         then=Query(method.N_query, method.T_query, method.before_fall),

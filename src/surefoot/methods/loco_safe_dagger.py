@@ -68,7 +68,7 @@ def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = Non
         validate(run, i, workers)
 
     best(run, method.iterations)
-    return run.best_policy
+    return run.best_policy_path
 
 
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
@@ -86,7 +86,7 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
         SafetySwitch(monitor),
         method.T,
         tail=method.T_end,
-        policy=run.policy(i - 1),
+        policy=run.policy_path(i - 1),
         keep=expert_frames,
         plan=plan,
         disturbance=disturbance_in(config, i, method.iterations),

@@ -48,7 +48,7 @@ def safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
 
     Returns:
         File of the policy that did best on the `select` starts; its pi_safe is
-        ``run.gate("classifier", i)`` of the same iteration.
+        ``run.gate_path("classifier", i)`` of the same iteration.
 
     Raises:
         TypeError: the run was configured for another method.
@@ -70,7 +70,7 @@ def safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
         validate(run, i, workers)
 
     best(run, method.iterations)
-    return run.best_policy
+    return run.best_policy_path
 
 
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
@@ -87,7 +87,7 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
         # Without blocking: the expert drives in the states called unsafe, and only in those.
         SafetySwitch(SafetyMonitor(pi_safe, block=0.0)),
         method.T,
-        policy=run.policy(i - 1),
+        policy=run.policy_path(i - 1),
         keep=expert_frames,
         plan=plan,
         disturbance=disturbance_in(config, i, method.iterations),

@@ -51,7 +51,7 @@ def guard(
             gates.append(Bounds(tightened(safety, share)))
         elif not too_early(name, i):
             learned = {"classifier": Deviation, "history": History}[name]
-            classifier = load_classifier(run.gate(name, i - 1))
+            classifier = load_classifier(run.gate_path(name, i - 1))
             gates.append(learned(classifier, run.config, alarm))
     # Before there is anything to learn from, the paper's bounds stand in.
     gates = gates or [Bounds(safety)]
@@ -87,7 +87,7 @@ def train_history(run: Run, i: int, alarm: float) -> None:
         return
     began = time.perf_counter()
     names = [name for name in run.dataset.shards if 1 <= iteration_of(name) <= i]
-    rows, yes, episode = history_rows([load_arrays(run.trace(name), Trace) for name in names])
+    rows, yes, episode = history_rows([load_arrays(run.trace_path(name), Trace) for name in names])
     _train(run, i, "history", rows, yes, held_out(episode, HELD_OUT), alarm, began)
 
 
@@ -102,7 +102,7 @@ def train_deviation(run: Run, i: int, unsafe_share: float, alarm: float) -> None
     if _is_there(run, "classifier", i):
         return
     began = time.perf_counter()
-    config, policy = run.config, load(run.policy(i))
+    config, policy = run.config, load(run.policy_path(i))
     parts = [
         (derive(frames, config.policy, policy.period_ticks), frames.episode)
         for frames in dataset(run, i).parts()
@@ -124,9 +124,9 @@ def train_deviation(run: Run, i: int, unsafe_share: float, alarm: float) -> None
 
 def _is_there(run: Run, kind: str, i: int) -> bool:
     """Whether a network is done; one that is damaged is an error that says so, not a guard."""
-    if run.done(f"guard_{kind}", i) is None or not run.gate(kind, i).exists():
+    if run.done(f"guard_{kind}", i) is None or not run.gate_path(kind, i).exists():
         return False
-    load_classifier(run.gate(kind, i))
+    load_classifier(run.gate_path(kind, i))
     return True
 
 
@@ -151,10 +151,10 @@ def _train(
     done = run.done(f"guard_{kind}", i)
     if done and done.get("sha256", figures["sha256"]) != figures["sha256"]:
         raise RunError(
-            f"{run.gate(kind, i)} is lost, and training it again gave another network: do it where "
+            f"{run.gate_path(kind, i)} is lost, and training it again gave another network: do it where "
             "it was trained, with the same versions, or restore it from a copy"
         )
-    save_classifier(classifier, run.gate(kind, i))
+    save_classifier(classifier, run.gate_path(kind, i))
     if done is None:
         run.record(f"guard_{kind}", i, **figures, seconds=time.perf_counter() - began)
     tqdm.write(

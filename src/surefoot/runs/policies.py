@@ -23,7 +23,7 @@ def find_policy(target: Path) -> tuple[Path, Config]:
     """
     if target.is_dir():
         run: Run | None = open_run(target)
-        policy = run.best_policy
+        policy = run.best_policy_path
     elif target.exists():
         policy = target.resolve()
         folder = policy.parent.parent

@@ -61,24 +61,24 @@ class Run:
                 "with --run"
             ) from error
 
-    def policy(self, iteration: int) -> Path:
+    def policy_path(self, iteration: int) -> Path:
         """File of the policy that an iteration trained; iteration 0 is the pre-training."""
         return self.folder / "policies" / f"{iteration:03d}.safetensors"
 
-    def summary(self, shard: str) -> Path:
+    def summary_path(self, shard: str) -> Path:
         """File of what is known of a shard's episodes besides their frames."""
         return self.folder / "episodes" / f"{shard}.npz"
 
-    def trace(self, shard: str) -> Path:
+    def trace_path(self, shard: str) -> Path:
         """File of what a shard's robots saw, where a history gate learns from it."""
         return self.folder / "traces" / f"{shard}.npz"
 
-    def gate(self, kind: str, iteration: int) -> Path:
+    def gate_path(self, kind: str, iteration: int) -> Path:
         """File of a learned gate's classifier, trained after an iteration's policy."""
         return self.folder / "gates" / f"{kind}-{iteration:03d}.safetensors"
 
     @property
-    def best_policy(self) -> Path:
+    def best_policy_path(self) -> Path:
         """File of the policy that did best on the `select` starts.
 
         Raises:
@@ -90,7 +90,7 @@ class Run:
                 f"{self.folder} has no best policy: the run is not finished. Go on with "
                 f"`surefoot train {self.method} --run {self.folder} --resume`"
             )
-        return self.policy(done["best_iteration"])
+        return self.policy_path(done["best_iteration"])
 
     @property
     def method(self) -> str:
@@ -210,7 +210,7 @@ def open_run(folder: Path) -> Run:
     if not path.exists():
         raise RunError(f"{folder} holds no run (no {path.name}); `surefoot train` makes one")
     try:
-        config = from_json(json.loads(path.read_text())["config"])
+        config = from_json(Config, json.loads(path.read_text())["config"])
     except (ValueError, KeyError, TypeError) as error:
         raise RunError(
             f"{path} cannot be read: {error}. Restore it from a copy, or from another run with the "

@@ -82,13 +82,13 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
     stored = {
         name
         for name in run.dataset.shards
-        if run.summary(name).exists()
+        if run.summary_path(name).exists()
         and run.dataset.file(name).exists()
-        and (run.trace(name).exists() or not job.trace)
+        and (run.trace_path(name).exists() or not job.trace)
     }
     missing = [number for number, name in enumerate(names) if name not in stored]
     for chunk, name in zip(chunks, names, strict=True):
-        if name in stored and not _ran(load_arrays(run.summary(name), Summary), chunk):
+        if name in stored and not _ran(load_arrays(run.summary_path(name), Summary), chunk):
             raise ValueError(
                 f"{run.folder} holds rollouts of iteration {iteration} from other starts or by "
                 f"another expert than {expert_name(job)}; resume it as it was begun, or begin "
@@ -101,10 +101,10 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
             # The shard last: one that the dataset knows is a chunk that is done.
             name = names[missing[done]]
             if result.trace is not None:
-                save_arrays(run.trace(name), result.trace)
-            save_arrays(run.summary(name), result.summary)
+                save_arrays(run.trace_path(name), result.trace)
+            save_arrays(run.summary_path(name), result.summary)
             run.dataset.append(name, result.frames)
-    return join([load_arrays(run.summary(name), Summary) for name in names])
+    return join([load_arrays(run.summary_path(name), Summary) for name in names])
 
 
 def _ran(summary: Summary, chunk: Job) -> bool:
@@ -121,7 +121,7 @@ def first_frames(run: Run, frames: int) -> Dataset:
     Raises:
         ValueError: not even one episode does.
     """
-    summary = join([load_arrays(run.summary(name), Summary) for name in run.dataset.shards])
+    summary = join([load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards])
     order = np.argsort(summary.episode)
     fits = np.cumsum(summary.kept[order]) <= frames
     if not fits[0]:
@@ -145,7 +145,7 @@ def train(
     """
     done = run.done("train", iteration)
     checkpoint = run.folder / "checkpoints" / f"{iteration:03d}.safetensors"
-    if done and run.policy(iteration).exists():
+    if done and run.policy_path(iteration).exists():
         checkpoint.unlink(missing_ok=True)  # of a run that was killed just before
         return done
     began = time.perf_counter()
@@ -153,7 +153,7 @@ def train(
     if iteration == 0 or fresh:
         network = PolicyNetwork(config.policy, run.torch_seed("network", 0))
     else:
-        network = load(run.policy(iteration - 1)).network
+        network = load(run.policy_path(iteration - 1)).network
     period = to_ticks(config.gait.period)
     with tqdm(total=epochs, desc=f"iteration {iteration}: train", unit="epoch", leave=False) as bar:
 
@@ -174,7 +174,7 @@ def train(
         )
     if done and done["train_loss"] != result.train_loss[-1]:
         raise RunError(
-            f"{run.policy(iteration)} is lost, and training it again gave a loss of "
+            f"{run.policy_path(iteration)} is lost, and training it again gave a loss of "
             f"{result.train_loss[-1]} instead of {done['train_loss']} rad, on {result.device} "
             f"instead of {done['device']}: do it where it was trained, or restore it from a copy"
         )
@@ -188,7 +188,7 @@ def train(
     policy = Policy(
         result.network, config.policy, period, result.command_range, provenance=provenance
     )
-    save(policy, run.policy(iteration))
+    save(policy, run.policy_path(iteration))
     record = done or run.record(
         "train",
         iteration,
@@ -214,7 +214,11 @@ def validate(run: Run, iteration: int, workers: Workers) -> dict[str, Any]:
         return done
     began = time.perf_counter()
     figures, _ = evaluate(
-        run.config, run.policy(iteration), "select", workers, f"iteration {iteration}: validate"
+        run.config,
+        run.policy_path(iteration),
+        "select",
+        workers,
+        f"iteration {iteration}: validate",
     )
     record = run.record("validate", iteration, **figures, seconds=time.perf_counter() - began)
     tqdm.write(

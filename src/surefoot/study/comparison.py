@@ -159,7 +159,7 @@ def entries(
     nothing = dict.fromkeys(("run", "method", "policy", "sha256", "cost"))
     rows: list[dict[str, Any]] = [{"label": EXPERT, **nothing, "results": {}}]
     for run, label in zip(opened, labels, strict=True):
-        policy = run.best_policy if which == "best" else last_policy(run)
+        policy = run.best_policy_path if which == "best" else last_policy(run)
         find_policy(policy)  # one that cannot be used fails here, not hours later
         digest = sha256(policy.read_bytes()).hexdigest()
         if same := [row["run"] for row in rows if row["sha256"] == digest]:
@@ -246,7 +246,7 @@ def last_policy(run: Run) -> Path:
     trained = [record["iteration"] for record in run.metrics if record["stage"] == "train"]
     if not trained:
         raise RunError(f"{run.folder} has no policy yet; go on with `surefoot train ... --resume`")
-    return run.policy(max(trained))
+    return run.policy_path(max(trained))
 
 
 def take_over(path: Path, record: dict[str, Any]) -> None:
