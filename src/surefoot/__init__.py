@@ -1,7 +1,9 @@
 """Distil a model predictive controller into a 1 kHz neural policy for a legged robot, safely.
 
-The whole public API; everything is imported when it is first used, so that learning runs where
-there is no robotics stack.
+This is the whole public API. A name is imported when it is first used, so that `import surefoot`
+takes no time and learning runs where there is no robotics stack. The table below says in which
+module each name is defined; `__init__.pyi` repeats it for editors and type checkers. Read
+`surefoot.types` next.
 """
 
 from __future__ import annotations
@@ -25,9 +27,10 @@ _HOME = {
     "rollouts.outcome": ("Outcome",),
     "rollouts.arbiters": ("Arbiter", "ExpertOnly", "PolicyOnly", "RandomMix", "SafetySwitch"),
     "scenarios.disturbance": ("Disturbance", "Pushes"),
-    "rollouts.engine": ("rollout", "Rollout"),
+    "rollouts.engine": ("Episodes", "rollout", "Rollout"),
     "learning.dataset": ("Dataset", "Frames"),
-    "learning.policy": ("Policy", "PolicyNetwork", "load", "save"),
+    "learning.network": ("PolicyNetwork",),
+    "learning.policy": ("Policy", "PolicySpec", "policy_spec", "load", "save"),
     "learning.train": ("fit",),
     "workers": ("Workers",),
     "runs.run": ("Run", "create", "open_run"),
