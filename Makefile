@@ -62,5 +62,5 @@ peers: .venv-peers/.complete  ## collection speed, compared with imitation and S
 system:  ## Debian packages for headless rendering (needs root)
 	apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri
 
-clean:  ## remove the environment and caches, never runs
-	rm -rf $(VENV) .venv-peers .pytest_cache .ruff_cache .hypothesis
+clean:  ## remove the environments and caches; runs stay
+	rm -rf $(VENV) .venv-peers .pytest_cache .ruff_cache .hypothesis .import_linter_cache
