@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import Any
 
 _HOME = {
-    "config": ("Config",),
+    "config": ("Config", "HandBack"),
     "config.presets": ("preset", "published_rules"),
     "types": ("Command", "State", "MotionPlan", "Controller"),
     "robots.model": ("RobotModel", "standing"),
@@ -23,7 +23,7 @@ _HOME = {
     "scenarios.starts": ("Starts", "load_starts"),
     "scenarios.perturbation": ("perturb",),
     "safety.gates": ("Gate", "Bounds", "AnyOf"),
-    "safety.monitor": ("SafetyMonitor", "HandBack"),
+    "safety.monitor": ("SafetyMonitor",),
     "rollouts.outcome": ("Outcome",),
     "rollouts.arbiters": ("Arbiter", "ExpertOnly", "PolicyOnly", "RandomMix", "SafetySwitch"),
     "scenarios.disturbance": ("Disturbance", "Pushes"),

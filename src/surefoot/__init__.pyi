@@ -4,6 +4,7 @@
 """
 
 from surefoot.config import Config as Config
+from surefoot.config import HandBack as HandBack
 from surefoot.config.presets import preset as preset
 from surefoot.config.presets import published_rules as published_rules
 from surefoot.evaluation.push import push_difference as push_difference
@@ -46,7 +47,6 @@ from surefoot.runs.run import open_run as open_run
 from surefoot.safety.gates import AnyOf as AnyOf
 from surefoot.safety.gates import Bounds as Bounds
 from surefoot.safety.gates import Gate as Gate
-from surefoot.safety.monitor import HandBack as HandBack
 from surefoot.safety.monitor import SafetyMonitor as SafetyMonitor
 from surefoot.scenarios.disturbance import Disturbance as Disturbance
 from surefoot.scenarios.disturbance import Pushes as Pushes
