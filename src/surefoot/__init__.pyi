@@ -13,7 +13,7 @@ from surefoot.evaluation.robustness import evaluate as evaluate
 from surefoot.evaluation.statistics import paired_difference as paired_difference
 from surefoot.evaluation.statistics import run_bootstrap as run_bootstrap
 from surefoot.learning.dataset import Dataset as Dataset
-from surefoot.learning.dataset import Frames as Frames
+from surefoot.learning.frames import Frames as Frames
 from surefoot.learning.network import PolicyNetwork as PolicyNetwork
 from surefoot.learning.policy import Policy as Policy
 from surefoot.learning.policy import PolicySpec as PolicySpec
