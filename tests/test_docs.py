@@ -57,7 +57,7 @@ def code_in(text):
 def missing_paths(pieces, folders):
     """Paths of modules, documents and folders that exist in none of these folders."""
     words = [word for piece in pieces for word in piece.split()]
-    paths = [word for word in words if re.fullmatch(r"[\w.-]+(/[\w.-]+)*(\.py|\.md|/)", word)]
+    paths = [word for word in words if re.fullmatch(r"\w[\w.-]*(/[\w.-]+)*(\.py|\.md|/)", word)]
     return [path for path in paths if not any((folder / path).exists() for folder in folders)]
 
 
