@@ -23,4 +23,4 @@ policy = sf.Policy(result.network, spec, result.command_range)
 sf.save(policy, "policy.safetensors")
 
 rollouts = sf.rollout(simulator, episodes, sf.PolicyOnly(), expert, policy)
-print([sf.Outcome(outcome).name for outcome in rollouts.outcome])  # FELL: 20 s are too little data
+print([sf.Outcome(outcome).name for outcome in rollouts.outcome])  # some fall: 20 s are little data
