@@ -186,15 +186,17 @@ def warm_plans(config: Config) -> list[TimedPlan]:
 
 def times_of(timed: Sequence[TimedPlan]) -> Times:
     """Summarize the wall times of plans [ms]."""
-    ms = np.array([plan.seconds for plan in timed]) * 1e3
+    seconds = [plan.seconds for plan in timed]
     return Times(
-        median=float(np.median(ms)),
-        p99=float(np.percentile(ms, 99)),
+        median=_median_ms(seconds),
+        p99=1e3 * float(np.percentile(seconds, 99)),
         stages=StageTimes(
-            contacts=_median_ms(timed, "contacts"),
-            centroidal=_median_ms(timed, "centroidal"),
-            kinematics=_median_ms(timed, "kinematics"),
-            inverse_dynamics=_median_ms(timed, "inverse_dynamics"),
+            contacts=_median_ms([plan.stages.seconds["contacts"] for plan in timed]),
+            centroidal=_median_ms([plan.stages.seconds["centroidal"] for plan in timed]),
+            kinematics=_median_ms([plan.stages.seconds["kinematics"] for plan in timed]),
+            inverse_dynamics=_median_ms(
+                [plan.stages.seconds["inverse_dynamics"] for plan in timed]
+            ),
         ),
     )
 
@@ -222,9 +224,9 @@ def _plan_row(nodes: tuple[int, int], start: str, times: Times, iterations: floa
     )
 
 
-def _median_ms(timed: Sequence[TimedPlan], stage: str) -> float:
-    """Median wall time of one stage of plans [ms]."""
-    return 1e3 * float(np.median([plan.stages.seconds[stage] for plan in timed]))
+def _median_ms(seconds: Sequence[float]) -> float:
+    """Median of wall times [s], in ms."""
+    return 1e3 * float(np.median(seconds))
 
 
 def _mean_iterations(timed: Sequence[TimedPlan]) -> float:
