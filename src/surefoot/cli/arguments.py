@@ -41,7 +41,7 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
         args: Command line, without the name of the command.
         command: Dataclass of the command, whose fields are its options.
     """
-    sizes = option_sizes(command)
+    sizes = {"-h": 0, "--help": 0} | option_sizes(command)
     positional: list[str] = []
     values: dict[str, str] = {}
     unknown: list[str] = []
@@ -54,7 +54,7 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
             continue
         name, equals, value = argument.partition("=")
         name = name.replace("_", "-")
-        if name not in sizes and name not in ("-h", "--help"):
+        if name not in sizes:
             unknown.append(name)
         if equals:
             values[name] = value
