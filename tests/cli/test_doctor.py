@@ -54,8 +54,8 @@ def test_each_essential_check_works_here(name, capsys):
     assert len(capsys.readouterr().out.splitlines()) == 1
 
 
-def test_the_doctor_imports_nothing_that_may_crash():
-    code = "import sys, surefoot.cli.doctor\n"
+def test_the_command_line_imports_nothing_that_may_crash():
+    code = "import sys, surefoot.cli.main\n"
     code += "compiled = {'pinocchio', 'numba', 'mujoco', 'torch', 'h5py', 'scipy', 'pybullet'}\n"
     code += "print(sorted(compiled & set(sys.modules)))"
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

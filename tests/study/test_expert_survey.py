@@ -3,11 +3,13 @@
 import json
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import surefoot.study.expert_survey as survey_module
+from surefoot.bench.plan import TimedPlan
 from surefoot.config import Config
 from surefoot.rollouts.outcome import Outcome
 from surefoot.study.expert_survey import PUSHES, lost_by_all, survey, table, variant_of
@@ -51,8 +53,9 @@ def pretend(monkeypatch, stop_after=1000):
 
     def cold_plans(config):
         count("plan", config)
-        stages = SimpleNamespace(seconds={"contacts": 1e-3, "kinematics": 2e-3})
-        return [(3e-3, stages), (4e-3, stages)]
+        names = ("contacts", "centroidal", "kinematics", "inverse_dynamics")
+        stages: Any = SimpleNamespace(seconds=dict.fromkeys(names, 1e-3))
+        return [TimedPlan(3e-3, stages), TimedPlan(4e-3, stages)]
 
     for function in (evaluate, push_recovery, cold_plans):
         monkeypatch.setattr(survey_module, function.__name__, function)
