@@ -1,80 +1,100 @@
-"""The benchmarks measure what they name, and give the keys they promise."""
+"""The engine's throughput and its lower bound, on a clock that the test moves."""
 
-from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from surefoot.bench.end_to_end import STAGES, bench_end_to_end, bench_evaluation, bench_table
-from surefoot.bench.engine import bench_engine
-from surefoot.bench.plan import bench_plan, plan_table
-from surefoot.bench.train import bench_train
-from surefoot.config import (
-    BehaviorCloningConfig,
-    Config,
-    EvaluationConfig,
-    ExpertData,
-    PolicyConfig,
-)
-from surefoot.workers import Workers
+import surefoot.bench.engine as engine_module
+from surefoot.bench.engine import bare_rate, bench_engine
+from surefoot.config import Config, PolicyConfig
+from surefoot.mpc.expert import make_planner
+from surefoot.rollouts.engine import rollout
+from surefoot.sim import make_simulator
 
-METHOD = BehaviorCloningConfig(ExpertData(2, 1, False, 0.1), epochs=2)
-SMALL = replace(Config(), policy=PolicyConfig(hidden=(32, 32)))
-SHORT = replace(SMALL, method=METHOD, evaluation=EvaluationConfig(duration=0.1, episodes=20))
-
-
-def test_a_plan_is_timed_by_stage_horizon_and_start():
-    figures = bench_plan(Config(), plans=5)
-    assert figures["plans"] == 5
-    assert figures["nodes"] == [20, 10]
-    assert figures["half_nodes"] == [10, 5]
-    for name in ("", "warm_", "half_", "half_warm_"):
-        times = figures[name + "plan_ms"]
-        assert times.keys() == {"median", "p99", "stages"}
-        assert 0 < times["median"] <= times["p99"]
-        stages = {"contacts", "centroidal", "kinematics", "inverse_dynamics"}
-        assert times["stages"].keys() == stages
-        assert all(value > 0 for value in times["stages"].values())
-        assert figures[name + "iterations"] >= 1
-    header, *rows = plan_table(figures).splitlines()
-    assert [row.split()[:2] for row in rows] == [
-        ["20/10", "cold"],
-        ["20/10", "warm"],
-        ["10/5", "cold"],
-        ["10/5", "warm"],
-    ]
-    assert len({len(row) for row in rows}) == 1
-    assert header.split()[:4] == ["nodes", "start", "median", "p99"]
+SMALL = Config(policy=PolicyConfig(hidden=(32, 32)))
+STEP = 1e-3
+"""[s] that a step of the simulator takes on the clock."""
+NETWORK = 5e-4
+"""[s] that the bare network takes on the clock."""
+PLAN = 2e-3
+"""[s] that a plan takes on the clock."""
+OVERHEAD = 0.05
+"""[s] that a rollout takes besides its steps on the clock."""
 
 
-@pytest.mark.parametrize(
-    ("measure", "ours", "floor"),
-    [
-        (lambda: bench_engine(SMALL, batch=5, seconds=0.1), "robot_ms_per_s", None),
-        (lambda: bench_train(SMALL, steps=5), "step_ms", "floor_step_ms"),
-        (lambda: bench_evaluation(SHORT, Workers(2)), "seconds", "floor_seconds"),
-    ],
-)
-def test_figures_stand_beside_their_floor(measure, ours, floor):
-    figures = measure()
-    least = figures[floor or "floor_robot_ms_per_s"]
-    ratio = figures[ours] / least if floor else least / figures[ours]
-    assert figures["ratio"] == pytest.approx(ratio)
-    assert figures[ours] > 0
-    assert least > 0
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock on which steps, plans, the network and rollouts take what the constants say."""
+    now = [0.0]
+    monkeypatch.setattr(engine_module.time, "perf_counter", lambda: now[0])
+
+    def make_slow_simulator(*args):
+        simulator = make_simulator(*args)
+        step = simulator.step
+
+        def slow_step(*torque_and_mask):
+            now[0] += STEP
+            step(*torque_and_mask)
+
+        monkeypatch.setattr(simulator, "step", slow_step)
+        return simulator
+
+    def make_slow_planner(*args):
+        planner = make_planner(*args)
+        plan = planner.plan
+
+        def slow_plan(*args):
+            now[0] += PLAN
+            return plan(*args)
+
+        monkeypatch.setattr(planner, "plan", slow_plan)
+        return planner
+
+    def slow_rollout(*args):
+        now[0] += OVERHEAD
+        return rollout(*args)
+
+    monkeypatch.setattr(engine_module, "make_simulator", make_slow_simulator)
+    monkeypatch.setattr(engine_module, "make_planner", make_slow_planner)
+    monkeypatch.setattr(engine_module, "rollout", slow_rollout)
+    monkeypatch.setattr(engine_module, "median_seconds", lambda function, repeats: NETWORK)
+    monkeypatch.setattr(engine_module, "_two_processes", lambda config, batch: 1.5)
+    return now
 
 
-def test_engine_tells_processes_and_the_share_of_plans():
-    figures = bench_engine(SMALL, batch=5, seconds=0.1)
-    assert 0.5 < figures["two_processes"] < 4.0
-    assert 0.0 < figures["plan_share"] < 1.0
-    assert 0.0 < figures["floor_plan_share"] < 1.0
+def test_the_ratio_is_the_overhead_of_the_engine(clock):
+    speed = bench_engine(SMALL, batch=5, seconds=0.1)
+    whole = 100 * STEP + OVERHEAD
+    lower_bound = 100 * (STEP + NETWORK)
+    assert speed.batch == 5
+    assert speed.robot_ms_per_s == pytest.approx(500 / whole)
+    assert speed.floor_robot_ms_per_s == pytest.approx(500 / lower_bound)
+    assert speed.ratio == pytest.approx(whole / lower_bound)
+    assert speed.two_processes == 1.5
+    assert bare_rate(SMALL, 5, 0.1) == pytest.approx(500 / lower_bound)
 
 
-def test_end_to_end_accounts_for_the_whole_run():
-    figures = bench_end_to_end(SHORT, Workers(2))
-    spent = sum(figures[stage]["seconds"] for stage in STAGES) + figures["other_seconds"]
-    assert spent == pytest.approx(figures["seconds"])
-    assert all(figures[stage]["floor_seconds"] > 0 for stage in STAGES)
-    assert figures["method"] == "behavior_cloning"
-    rows = bench_table("end_to_end", figures).splitlines()
-    assert [row.split()[0] for row in rows] == ["stage", *STAGES, "other", "all"]
+def test_the_share_of_plans_is_that_of_a_second_of_the_expert(clock):
+    speed = bench_engine(SMALL, batch=5, seconds=0.1)
+    plans = 5 * 20 * PLAN
+    steps = 1000 * STEP
+    assert speed.plan_share == pytest.approx(plans / (plans + steps + OVERHEAD))
+    assert speed.floor_plan_share == pytest.approx(plans / (plans + steps))
+
+
+def test_a_robot_that_falls_is_no_benchmark(monkeypatch):
+    standing = engine_module.standing_policy
+
+    def limp_policy(config):
+        policy = standing(config)
+        last: Any = policy.network.linear[-1]
+        last.bias.data.zero_()
+        return policy
+
+    monkeypatch.setattr(engine_module, "standing_policy", limp_policy)
+    with pytest.raises(RuntimeError, match="did not stand"):
+        bare_rate(SMALL, 5, 1.0)
+
+
+def test_two_processes_are_compared_with_one():
+    assert 0.5 < engine_module._two_processes(SMALL, 5, 1.0) < 4.0

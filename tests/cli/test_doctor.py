@@ -1,42 +1,93 @@
 """The doctor survives what kills a process, and tells a broken part from a missing picture."""
 
+import subprocess
+import sys
+
+import pytest
+
 import surefoot.cli.doctor as doctor
-from surefoot.cli.doctor import Check, examine, run_check
+from surefoot.cli.doctor import CHECKS, Check, Finding, examine_machine, main, run_check, run_child
 
 
-def test_a_check_that_works_gives_its_last_line():
-    assert run_check(Check("toy", "print('first')\nprint('last')", "")) == (True, "last")
+def run_code(code: str) -> Finding:
+    return run_child([sys.executable, "-c", code])
 
 
-def test_a_check_that_raises_gives_the_error():
-    assert run_check(Check("toy", "raise ValueError('bad wheel')", "")) == (
-        False,
-        "ValueError: bad wheel",
-    )
+def test_a_child_that_works_gives_its_last_line():
+    assert run_code("print('first')\nprint('last')") == Finding(True, "last")
+
+
+def test_a_child_that_raises_gives_the_error():
+    assert run_code("raise ValueError('bad wheel')") == Finding(False, "ValueError: bad wheel")
+
+
+def test_a_child_without_output_is_told():
+    assert run_code("import os; os._exit(1)") == Finding(False, "no output")
 
 
 def test_a_crash_of_compiled_code_is_reported_not_shared():
     crash = "import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)"
-    assert run_check(Check("toy", crash, "")) == (False, "the process was killed by signal 11")
+    assert run_code(crash) == Finding(False, "the process was killed by signal 11")
 
 
-def test_only_essential_checks_decide(monkeypatch, capsys):
-    fine = Check("fine", "print('ok')", "")
-    picture = Check("render", "raise RuntimeError('no EGL')", "install EGL", essential=False)
-    monkeypatch.setattr(doctor, "CHECKS", (fine, picture))
-    assert examine()
-    assert examine("bullet")
+def test_a_child_that_hangs_is_given_up(monkeypatch):
+    monkeypatch.setattr(doctor, "TIMEOUT", 0.2)
+    assert run_code("import time; time.sleep(60)") == Finding(False, "no answer within 0 s")
+
+
+def test_a_check_runs_in_a_child_by_its_name():
+    [check] = [check for check in CHECKS if check.name == "train"]
+    finding = run_check(check)
+    assert finding.works
+    assert finding.line.startswith("torch ")
+
+
+def test_a_check_that_does_not_exist_lists_those_that_do():
+    finding = run_check(Check("trian", lambda: "", ""))
+    assert not finding.works
+    assert "did you mean 'train'" in finding.line and "render" in finding.line
+
+
+@pytest.mark.parametrize("name", ["plan", "mujoco", "train"])
+def test_each_essential_check_works_here(name, capsys):
+    main(name)
+    assert len(capsys.readouterr().out.splitlines()) == 1
+
+
+def test_the_command_line_imports_nothing_that_may_crash():
+    code = "import sys, surefoot.cli.main\n"
+    code += "compiled = {'pinocchio', 'numba', 'mujoco', 'torch', 'h5py', 'scipy', 'pybullet'}\n"
+    code += "print(sorted(compiled & set(sys.modules)))"
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert child.stdout.strip() == "[]"
+
+
+@pytest.fixture
+def findings(monkeypatch) -> dict[str, Finding]:
+    """What the checks find, by name; the others work."""
+    found: dict[str, Finding] = {}
+    fine = Finding(True, "fine")
+    monkeypatch.setattr(doctor, "run_check", lambda check: found.get(check.name, fine))
+    return found
+
+
+def test_a_machine_that_works_is_ready(findings, capsys):
+    assert examine_machine()
+    report = capsys.readouterr().out.splitlines()
+    for check in CHECKS:
+        assert f"ok    {check.name:<9} fine" in report
+    assert report[-1] == "surefoot is ready"
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)
+def test_only_essential_checks_decide(findings, capsys, check):
+    findings[check.name] = Finding(False, "no wheel")
+    assert examine_machine() is not check.essential
     report = capsys.readouterr().out
-    assert "no EGL" in report and "mend: install EGL" in report
-    broken = Check("plan", "raise ImportError('no pin')", "pip install pin")
-    monkeypatch.setattr(doctor, "CHECKS", (fine, broken))
-    assert not examine()
-    assert "pip install pin" in capsys.readouterr().out
+    assert f"FAIL  {check.name:<9} no wheel\n      fix: {check.remedy}\n" in report
 
 
-def test_the_second_simulator_is_essential_to_who_asks_for_it(monkeypatch, capsys):
-    missing = Check("bullet", "raise ImportError('no wheel')", "use MuJoCo", essential=False)
-    monkeypatch.setattr(doctor, "CHECKS", (missing,))
-    assert examine()
-    assert not examine("bullet")
-    assert "no wheel" in capsys.readouterr().out
+def test_the_simulator_that_is_asked_for_is_essential(findings, surefoot):
+    findings["bullet"] = Finding(False, "no wheel")
+    assert surefoot("doctor") == 0
+    assert surefoot("doctor", "--sim", "bullet") == 1

@@ -105,7 +105,7 @@ def test_a_real_disk_that_is_full_and_one_that_is_read_only(
     finished, small_disk, monkeypatch, capsys
 ):
     def train() -> int:
-        monkeypatch.setattr(cli, "preset", lambda method, name: CONFIG)
+        monkeypatch.setattr("surefoot.cli.train.preset", lambda method, name: CONFIG)
         arguments = ["train", "behavior_cloning", "--run", str(small_disk / "run")]
         monkeypatch.setattr(sys, "argv", ["surefoot", *arguments, "--resume", "--workers", "1"])
         return cli.main()

@@ -3,11 +3,13 @@
 import json
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import surefoot.study.expert_survey as survey_module
+from surefoot.bench.plan import TimedPlan
 from surefoot.config import Config
 from surefoot.rollouts.outcome import Outcome
 from surefoot.study.expert_survey import PUSHES, lost_by_all, survey, table, variant_of
@@ -51,8 +53,9 @@ def pretend(monkeypatch, stop_after=1000):
 
     def cold_plans(config):
         count("plan", config)
-        stages = SimpleNamespace(seconds={"contacts": 1e-3, "kinematics": 2e-3})
-        return [(3e-3, stages), (4e-3, stages)]
+        names = ("contacts", "centroidal", "kinematics", "inverse_dynamics")
+        stages: Any = SimpleNamespace(seconds={name: 1e-3 * n for n, name in enumerate(names, 1)})
+        return [TimedPlan(3e-3, stages), TimedPlan(4e-3, stages)]
 
     for function in (evaluate, push_recovery, cold_plans):
         monkeypatch.setattr(survey_module, function.__name__, function)
@@ -74,7 +77,9 @@ def test_every_variant_is_measured_on_equal_terms(monkeypatch, tmp_path):
     lines = table(record).splitlines()
     assert len(lines) == 10
     assert lines[2].startswith("| mujoco | 20/10 | published | 1 of 3 (6.1 to 79.2 %) | 1 of 3 (")
-    assert lines[2].endswith("| 0.100, 0.000 | 2.00 (1.00, 3.00) | 3.50 (3.99): 1.00, 2.00 |")
+    assert lines[2].endswith(
+        "| 0.100, 0.000 | 2.00 (1.00, 3.00) | 3.50 (3.99): 1.00, 2.00, 3.00, 4.00 |"
+    )
 
 
 @pytest.mark.parametrize("stop", [0, 1, 6, 13])

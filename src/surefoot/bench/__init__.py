@@ -1,1 +1,1 @@
-"""Speed, beside its lower bounds."""
+"""Throughput, compared with lower bounds that are measured in the same run."""

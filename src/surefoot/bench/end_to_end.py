@@ -1,21 +1,21 @@
-"""Speed of the whole: an evaluation and a training run, beside what their parts cost at best.
+"""Speed of the whole: an evaluation and a training run, compared with lower bounds.
 
-The floor of a stage is its plans, robot-milliseconds and training steps at the bare rates of
-``bench``, measured in the same run, spread evenly over the processes; training has one.
+The lower bound of a stage is the time of its plans, robot-milliseconds and training steps at the
+bare rates that `plan`, `engine` and `train` measure, in the same run, spread evenly over the
+processes; training has one process. The figures are of one machine and moment: trust the ratios.
 """
 
 from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from surefoot.bench.engine import bench_engine, engine_floor, standing_policy
-from surefoot.bench.plan import bench_plan, cold_plans, plan_table, times_of
+from surefoot.bench.engine import bare_rate, standing_policy
+from surefoot.bench.plan import cold_plans, times_of
 from surefoot.bench.train import bench_train
 from surefoot.config import Config, method_name
 from surefoot.learning.policy import save
@@ -27,20 +27,115 @@ from surefoot.scenarios.starts import load_starts
 from surefoot.types import TICKS_PER_SECOND
 from surefoot.workers import Workers
 
-STAGES = ("collect", "train", "validate")
+
+@dataclass(frozen=True)
+class EvaluationSpeed:
+    """Wall time of the paper's evaluation.
+
+    Attributes:
+        episodes: Number of episodes.
+        workers: Number of processes.
+        seconds: Wall time [s].
+        floor_seconds: Lower bound: bare steps and matrix products, spread over the processes [s].
+        ratio: ``seconds`` over ``floor_seconds``; 1 at best.
+    """
+
+    episodes: int
+    workers: int
+    seconds: float
+    floor_seconds: float
+    ratio: float
 
 
-def bench_evaluation(config: Config, workers: Workers) -> dict[str, Any]:
-    """Time of the paper's evaluation, 100 episodes of 5 s, of a policy that stands.
+@dataclass(frozen=True)
+class StageTime:
+    """Wall time of all stages of a kind in a run.
 
-    Returns:
-        ``seconds``, ``floor_seconds`` (bare steps and matrix products, spread over the workers),
-        ``ratio``, ``episodes``, ``workers``.
+    Attributes:
+        seconds: Wall time [s].
+        floor_seconds: Lower bound: what the parts of these stages take at best [s].
+    """
+
+    seconds: float
+    floor_seconds: float
+
+
+@dataclass(frozen=True)
+class BareRates:
+    """What the parts of a run cost at best.
+
+    Attributes:
+        plan_ms: Time of a plan [ms].
+        robot_ms_per_s: Robot-milliseconds in a second of a process.
+        step_ms: Time of the matrix products of a training step [ms].
+    """
+
+    plan_ms: float
+    robot_ms_per_s: float
+    step_ms: float
+
+
+@dataclass(frozen=True)
+class EndToEndSpeed:
+    """Wall time of a training run, from nothing to the best policy.
+
+    Attributes:
+        method: Name of the method.
+        workers: Number of processes.
+        seconds: Wall time [s].
+        collect: Time of collecting data.
+        train: Time of training the policies.
+        validate: Time of validating them.
+        other_seconds: Time of everything else [s].
+        plan_ms: Median time of a cold plan, of which the lower bounds are made [ms].
+        floor_robot_ms_per_s: Bare robot-milliseconds in a second of a process, likewise.
+        floor_step_ms: Time of the products of a training step, likewise [ms].
+        select_successes: Number of `select` episodes in which the best policy succeeds.
+    """
+
+    method: str
+    workers: int
+    seconds: float
+    collect: StageTime
+    train: StageTime
+    validate: StageTime
+    other_seconds: float
+    plan_ms: float
+    floor_robot_ms_per_s: float
+    floor_step_ms: float
+    select_successes: int
+
+
+@dataclass(frozen=True)
+class StageWork:
+    """What a stage of a run had to do, and how long it took.
+
+    Attributes:
+        stage: Kind of the stage: collect, train, validate or another.
+        seconds: Wall time [s].
+        robot_seconds: Simulated time of all robots [s].
+        plans: Number of MPC solves.
+        steps: Number of training steps.
+    """
+
+    stage: str
+    seconds: float
+    robot_seconds: float = 0.0
+    plans: int = 0
+    steps: int = 0
+
+
+def bench_evaluation(config: Config, workers: Workers) -> EvaluationSpeed:
+    """Measure the paper's evaluation, 100 episodes of 5 s, of a policy that stands.
+
+    Args:
+        config: Configuration of robot, simulator, policy and evaluation.
+        workers: Processes that share the episodes.
     """
     episodes = config.evaluation.episodes
     stored = load_starts()["nominal"]
     starts = stored[np.arange(episodes) % len(stored)]
-    rate = engine_floor(config)
+    rate = bare_rate(config)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "standing.safetensors"
         save(standing_policy(config), file)
@@ -49,110 +144,108 @@ def bench_evaluation(config: Config, workers: Workers) -> dict[str, Any]:
         began = time.perf_counter()
         summary = run_episodes(job, workers, "evaluation")
         seconds = time.perf_counter() - began
-    least = float(summary.ticks.sum()) / rate / workers.count
-    return {
-        "episodes": episodes,
-        "workers": workers.count,
-        "seconds": seconds,
-        "floor_seconds": least,
-        "ratio": seconds / least,
-    }
+    floor_seconds = float(summary.ticks.sum()) / rate / workers.count
+    return EvaluationSpeed(
+        episodes=episodes,
+        workers=workers.count,
+        seconds=seconds,
+        floor_seconds=floor_seconds,
+        ratio=seconds / floor_seconds,
+    )
 
 
-def bench_end_to_end(
-    config: Config, workers: Workers, folder: Path | None = None
-) -> dict[str, Any]:
+def bench_end_to_end(config: Config, workers: Workers, folder: Path | None = None) -> EndToEndSpeed:
     """Train once, from nothing to the best policy, and say where the time went.
 
     Args:
-        config: of the run.
-        workers: processes.
-        folder: of the run, which stays; without it a temporary one.
-
-    Returns:
-        ``seconds``; of each of ``collect``, ``train``, ``validate``: ``seconds`` and
-        ``floor_seconds``; ``other_seconds``; ``plan_ms``, ``floor_robot_ms_per_s``,
-        ``floor_step_ms`` that the floors are made of; ``select_successes`` of the best policy;
-        ``method``, ``workers``.
+        config: Configuration of the run.
+        workers: Processes that share the rollouts.
+        folder: Folder of the run, which stays; without it a temporary one.
     """
-    plan_ms = times_of(cold_plans(config, 100))["median"]
-    rate = engine_floor(config)
-    step_ms = bench_train(config)["floor_step_ms"]
+    rates = BareRates(
+        plan_ms=times_of(cold_plans(config, 100)).median,
+        robot_ms_per_s=bare_rate(config),
+        step_ms=bench_train(config).floor_step_ms,
+    )
     with tempfile.TemporaryDirectory() as temporary:
         run = create(folder or Path(temporary) / "run", config)
         name = method_name(config)
         began = time.perf_counter()
         METHODS[name].train(run, workers, None)
         seconds = time.perf_counter() - began
-        stages = stage_times(run, workers.count, plan_ms, rate, step_ms)
-        winner = run.done("validate", (run.done("best", 0) or {})["best_iteration"]) or {}
-    return {
-        "method": name,
-        "workers": workers.count,
-        "seconds": seconds,
-        **stages,
-        "other_seconds": seconds - sum(stage["seconds"] for stage in stages.values()),
-        "plan_ms": plan_ms,
-        "floor_robot_ms_per_s": rate,
-        "floor_step_ms": step_ms,
-        "select_successes": winner["successes"],
-    }
-
-
-def stage_times(
-    run: Run, workers: int, plan_ms: float, rate: float, step_ms: float
-) -> dict[str, dict[str, float]]:
-    """Seconds of each kind of stage of a run, and what their parts cost at best.
-
-    Args:
-        run: finished.
-        workers: processes that it ran on.
-        plan_ms: of one plan [ms].
-        rate: robot-ms per second and process.
-        step_ms: of one training step [ms].
-    """
-    totals = {stage: {"seconds": 0.0, "floor_seconds": 0.0} for stage in STAGES}
-    for line in run.metrics:
-        if line["stage"] in STAGES:
-            rollouts = line.get("robot_seconds", 0.0) * TICKS_PER_SECOND / rate
-            plans = line.get("plans", 0) * plan_ms / 1e3
-            total = totals[line["stage"]]
-            total["seconds"] += line["seconds"]
-            total["floor_seconds"] += (rollouts + plans) / workers
-            total["floor_seconds"] += line.get("steps", 0) * step_ms / 1e3
-    return totals
-
-
-def end_to_end_table(figures: dict[str, Any]) -> str:
-    """The figures of `bench_end_to_end` as a table."""
-    lines = [f"{'stage':<10}{'s':>9}{'floor, s':>10}{'ratio':>7}"]
-    for stage in STAGES:
-        mine, least = figures[stage]["seconds"], figures[stage]["floor_seconds"]
-        lines.append(f"{stage:<10}{mine:>9.1f}{least:>10.1f}{mine / least:>7.2f}")
-    lines.append(f"{'other':<10}{figures['other_seconds']:>9.1f}")
-    lines.append(f"{'all':<10}{figures['seconds']:>9.1f}")
-    return "\n".join(lines)
-
-
-def bench_table(what: str, figures: dict[str, Any]) -> str:
-    """The figures of a measurement for people."""
-    if what == "plan":
-        return plan_table(figures)
-    if what == "end_to_end":
-        return end_to_end_table(figures)
-    return "\n".join(
-        f"{what:<12}{key:<24}{value:>12.4g}"
-        if isinstance(value, float)
-        else f"{what:<12}{key:<24}{value:>12}"
-        for key, value in figures.items()
+        work = _work_of(run)
+        successes = _select_successes(run)
+    collect = stage_time(work, "collect", workers.count, rates)
+    train = stage_time(work, "train", workers.count, rates)
+    validate = stage_time(work, "validate", workers.count, rates)
+    return EndToEndSpeed(
+        method=name,
+        workers=workers.count,
+        seconds=seconds,
+        collect=collect,
+        train=train,
+        validate=validate,
+        other_seconds=seconds - collect.seconds - train.seconds - validate.seconds,
+        plan_ms=rates.plan_ms,
+        floor_robot_ms_per_s=rates.robot_ms_per_s,
+        floor_step_ms=rates.step_ms,
+        select_successes=successes,
     )
 
 
-MEASURES: dict[str, Callable[[Config, Workers], dict[str, Any]]] = {
-    "plan": lambda config, _: bench_plan(config),
-    "engine": lambda config, _: bench_engine(config),
-    "train": lambda config, _: bench_train(config),
-    "evaluation": bench_evaluation,
-    "end_to_end": bench_end_to_end,
-}
-"""What `surefoot bench` measures, in this order."""
+def stage_time(work: list[StageWork], stage: str, workers: int, rates: BareRates) -> StageTime:
+    """Wall time of the stages of one kind, and what their parts cost at best.
+
+    Args:
+        work: Work of all stages of a run.
+        stage: Kind of the stages to sum up.
+        workers: Number of processes that the run had.
+        rates: Costs of the parts.
+    """
+    seconds = 0.0
+    floor_seconds = 0.0
+    for part in work:
+        if part.stage == stage:
+            rollouts = part.robot_seconds * TICKS_PER_SECOND / rates.robot_ms_per_s
+            plans = part.plans * rates.plan_ms / 1e3
+            seconds += part.seconds
+            floor_seconds += (rollouts + plans) / workers
+            floor_seconds += part.steps * rates.step_ms / 1e3
+    return StageTime(seconds, floor_seconds)
+
+
+def end_to_end_table(speed: EndToEndSpeed) -> str:
+    """The times of a training run as a table for people."""
+    lines = [f"{'stage':<10}{'s':>9}{'lower bound, s':>16}{'ratio':>7}"]
+    stages = (("collect", speed.collect), ("train", speed.train), ("validate", speed.validate))
+    for name, times in stages:
+        ratio = times.seconds / times.floor_seconds
+        lines.append(f"{name:<10}{times.seconds:>9.1f}{times.floor_seconds:>16.1f}{ratio:>7.2f}")
+    lines.append(f"{'other':<10}{speed.other_seconds:>9.1f}")
+    lines.append(f"{'all':<10}{speed.seconds:>9.1f}")
+    return "\n".join(lines)
+
+
+def _work_of(run: Run) -> list[StageWork]:
+    """What each stage of a run had to do, from its metrics."""
+    return [
+        StageWork(
+            stage=line["stage"],
+            seconds=line.get("seconds", 0.0),
+            robot_seconds=line.get("robot_seconds", 0.0),
+            plans=line.get("plans", 0),
+            steps=line.get("steps", 0),
+        )
+        for line in run.metrics
+    ]
+
+
+def _select_successes(run: Run) -> int:
+    """Number of `select` episodes in which a finished run's best policy succeeds."""
+    best = run.done("best", 0)
+    if best is None:
+        raise ValueError(f"{run.folder} has no best policy: the run is not finished")
+    validated = run.done("validate", best["best_iteration"])
+    if validated is None:
+        raise ValueError(f"{run.folder} has not validated iteration {best['best_iteration']}")
+    return validated["successes"]

@@ -1,14 +1,14 @@
-"""Speed of engine and training, each beside what it could be at best, measured in the same run.
+"""Speed of the engine, compared with a lower bound that is measured in the same run.
 
-The engine beside bare physics plus the bare network; a training step beside PyTorch's eager one and
-its matrix products. Figures of one machine and moment: trust the ratios. See also ``bench_plan``
-and ``bench_run``.
+The lower bound on the time of a rollout is that of the simulator's bare steps plus the bare
+network. The figures are of one machine and moment: trust the ratios. Next: `train`, `end_to_end`.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,67 +32,121 @@ from surefoot.types import TICKS_PER_SECOND, Command, MotionPlan, State, to_tick
 from surefoot.workers import Workers, map_chunks
 
 
-def bench_engine(config: Config, batch: int = 20, seconds: float = 2.0) -> dict[str, Any]:
-    """Throughput of policy-driven robots, one core, watched by the monitor and recorded.
+@dataclass(frozen=True)
+class EngineSpeed:
+    """Throughput of robots that a policy drives, on one core, with monitor and recording.
 
-    Returns:
-        ``robot_ms_per_s``, ``floor_robot_ms_per_s``, ``ratio`` (our time over the
-        floor's, 1 at best), ``batch``; ``two_processes``: how many times more two processes do
-        than one; ``plan_share``: share of the time that goes into plans where the expert drives
-        all the time, ``floor_plan_share`` if there were only plans and bare steps.
+    Attributes:
+        batch: Number of robots that are simulated together.
+        robot_ms_per_s: Robot-milliseconds that are simulated in a second of wall time.
+        floor_robot_ms_per_s: The same for bare steps and the bare network, which is an upper bound.
+        ratio: Wall time over its lower bound; 1 at best.
+        two_processes: Throughput of two processes over that of one.
+        plan_share: Share of the wall time that goes into plans where the expert drives.
+        floor_plan_share: The same share if there were only plans and bare steps.
     """
-    mine, least, steps = _engine_times(config, batch, seconds)
+
+    batch: int
+    robot_ms_per_s: float
+    floor_robot_ms_per_s: float
+    ratio: float
+    two_processes: float
+    plan_share: float
+    floor_plan_share: float
+
+
+@dataclass(frozen=True)
+class RolloutTimes:
+    """Wall times of a rollout.
+
+    Attributes:
+        rollout: Time of the rollout [s].
+        lower_bound: Time of its bare steps and of the bare network [s].
+        steps: Time of its bare steps [s].
+    """
+
+    rollout: float
+    lower_bound: float
+    steps: float
+
+
+def bench_engine(config: Config, batch: int = 20, seconds: float = 2.0) -> EngineSpeed:
+    """Measure the throughput of the engine, on one core.
+
+    Args:
+        config: Configuration of robot, simulator, policy and expert.
+        batch: Number of robots that are simulated together.
+        seconds: Duration of a rollout [s].
+    """
+    times = _rollout_times(config, batch, seconds)
     robot_ms = batch * seconds * TICKS_PER_SECOND
-    return {
-        "batch": batch,
-        "robot_ms_per_s": robot_ms / mine,
-        "floor_robot_ms_per_s": robot_ms / least,
-        "ratio": mine / least,
-        "two_processes": _two_processes(config, batch),
-        **_expert_shares(config, batch, steps / seconds),
-    }
+    two_processes = _two_processes(config, batch)
+    plan_share, floor_plan_share = _plan_shares(config, batch, times.steps / seconds)
+    return EngineSpeed(
+        batch=batch,
+        robot_ms_per_s=robot_ms / times.rollout,
+        floor_robot_ms_per_s=robot_ms / times.lower_bound,
+        ratio=times.rollout / times.lower_bound,
+        two_processes=two_processes,
+        plan_share=plan_share,
+        floor_plan_share=floor_plan_share,
+    )
 
 
-def engine_floor(config: Config, batch: int = 20, seconds: float = 2.0) -> float:
-    """Robot-ms per second of bare steps and the bare network, one core."""
-    _, least, _ = _engine_times(config, batch, seconds)
-    return batch * seconds * TICKS_PER_SECOND / least
+def bare_rate(config: Config, batch: int = 20, seconds: float = 2.0) -> float:
+    """Robot-milliseconds per second of bare steps and the bare network, on one core.
+
+    Args:
+        config: Configuration of robot, simulator and policy.
+        batch: Number of robots that are simulated together.
+        seconds: Duration of a rollout [s].
+    """
+    times = _rollout_times(config, batch, seconds)
+    return batch * seconds * TICKS_PER_SECOND / times.lower_bound
 
 
-def _engine_times(config: Config, batch: int, seconds: float) -> tuple[float, float, float]:
-    """Wall time [s] of a rollout, of its floor, and of the bare steps in that.
+def _rollout_times(config: Config, batch: int, seconds: float) -> RolloutTimes:
+    """Median wall times of a rollout and of its parts.
 
     The policy holds the nominal pose, whatever its hidden layers compute, so that the robots stand.
-    The floor is the simulator's bare step under the same torques plus the network alone, timed
-    right after.
+    The lower bound is the simulator's bare step under the same torques plus the network alone,
+    timed right after.
     """
-    robot, policy = solo12(config.robot), standing_policy(config)
-    starts, simulator = _standing(batch), make_simulator(robot, batch, config.simulation)
-    # Who would take over is not asked: the robots stand within the bounds.
+    robot = solo12(config.robot)
+    policy = standing_policy(config)
+    starts = _standing(batch)
+    simulator = make_simulator(robot, batch, config.simulation)
+    # The expert is never needed: the robots stand within the bounds.
     arbiter = SafetySwitch(SafetyMonitor(Bounds(config.safety), 2.0))
     network = _network_alone(policy, batch)
-    ours, floor, steps = [], [], []
+    whole = []
+    lower_bound = []
+    steps = []
     for _ in range(5):
         began = time.perf_counter()
-        record = rollout(simulator, robot, starts, seconds, arbiter, policy, policy)
-        ours.append(time.perf_counter() - began)
-        if (record.outcome == Outcome.FELL).any() or record.expert_drove.any():
+        rollouts = rollout(simulator, robot, starts, seconds, arbiter, policy, policy)
+        whole.append(time.perf_counter() - began)
+        if (rollouts.outcome == Outcome.FELL).any() or rollouts.expert_drove.any():
             raise RuntimeError("a robot did not stand in the benchmark; its figures mean nothing")
-        ticks = record.q.shape[1]
+        ticks = rollouts.q.shape[1]
         simulator.reset(starts.q, starts.v)
         physics = 0.0
         for tick in range(ticks):
-            torque = np.ascontiguousarray(record.torque[:, tick])
+            torque = np.ascontiguousarray(rollouts.torque[:, tick])
             began = time.perf_counter()
             simulator.step(torque)
             physics += time.perf_counter() - began
         steps.append(physics)
-        floor.append(physics + ticks * _seconds(network, 400))
-    return float(np.median(ours)), float(np.median(floor)), float(np.median(steps))
+        lower_bound.append(physics + ticks * median_seconds(network, 400))
+    return RolloutTimes(
+        rollout=float(np.median(whole)),
+        lower_bound=float(np.median(lower_bound)),
+        steps=float(np.median(steps)),
+    )
 
 
 def _two_processes(config: Config, batch: int, seconds: float = 4.0) -> float:
-    """Throughput of two processes over that of one."""
+    """Throughput of two processes over that of one process."""
     chunks = [(config, batch, seconds)] * 2
     for _ in map_chunks(_standing_rate, [(config, batch, 0.1)] * 4, Workers(2), "warming up"):
         pass
@@ -104,16 +158,29 @@ def _two_processes(config: Config, batch: int, seconds: float = 4.0) -> float:
 def _standing_rate(chunk: tuple[Config, int, float]) -> float:
     """Robot-ms per second of one process."""
     config, batch, seconds = chunk
-    robot, policy, starts = solo12(config.robot), standing_policy(config), _standing(batch)
+    robot = solo12(config.robot)
+    policy = standing_policy(config)
+    starts = _standing(batch)
     simulator = make_simulator(robot, batch, config.simulation)
     began = time.perf_counter()
     rollout(simulator, robot, starts, seconds, PolicyOnly(), policy, policy)
     return batch * seconds * TICKS_PER_SECOND / (time.perf_counter() - began)
 
 
-def _expert_shares(config: Config, batch: int, steps: float) -> dict[str, float]:
-    """Where the time goes when the expert drives; ``steps``: bare ones, per simulated second."""
-    robot, planner, spent = solo12(config.robot), make_planner(solo12(config.robot), config), 0.0
+def _plan_shares(config: Config, batch: int, steps: float) -> tuple[float, float]:
+    """Shares of the wall time that go into plans where the expert drives.
+
+    Args:
+        config: Configuration of robot, simulator and expert.
+        batch: Number of robots that are simulated together.
+        steps: Wall time of the bare steps of one simulated second [s].
+
+    Returns:
+        The share of the rollout's wall time, and that of plans and bare steps alone.
+    """
+    robot = solo12(config.robot)
+    planner = make_planner(robot, config)
+    spent = 0.0
 
     def plan(state: State, tick: int, command: Command) -> MotionPlan:
         nonlocal spent
@@ -126,10 +193,11 @@ def _expert_shares(config: Config, batch: int, steps: float) -> dict[str, float]
     simulator = make_simulator(robot, batch, config.simulation)
     starts = load_starts()["nominal"][np.arange(batch)]
     rollout(simulator, robot, starts, 0.1, ExpertOnly(), expert)
-    spent, began = 0.0, time.perf_counter()
+    spent = 0.0
+    began = time.perf_counter()
     rollout(simulator, robot, starts, 1.0, ExpertOnly(), expert)
     whole = time.perf_counter() - began
-    return {"plan_share": spent / whole, "floor_plan_share": spent / (spent + steps)}
+    return spent / whole, spent / (spent + steps)
 
 
 def _standing(batch: int) -> Starts:
@@ -153,8 +221,13 @@ def _network_alone(policy: Policy, batch: int) -> Callable[[], object]:
     return lambda: policy.forward(inputs)
 
 
-def _seconds(function: Callable[[], object], repeats: int) -> float:
-    """Median time of a call [s]."""
+def median_seconds(function: Callable[[], object], repeats: int) -> float:
+    """Median wall time of a call [s].
+
+    Args:
+        function: What is called.
+        repeats: Number of calls.
+    """
     times = []
     for _ in range(repeats):
         began = time.perf_counter()

@@ -1,13 +1,14 @@
-"""Time of a plan by stage, over the horizon and half of it, cold and warm, on one core.
+"""Wall time of an MPC plan by stage, over the horizon and half of it, cold and warm, on one core.
 
-Figures of one machine and moment: trust the ratios.
+A cold plan starts from nothing, as all plans of a dataset do; a warm one starts from the robot's
+plan before. The times are of one machine and moment: trust the ratios. Next: `engine`.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,55 +22,150 @@ from surefoot.scenarios.starts import load_starts
 from surefoot.sim import make_simulator
 from surefoot.types import Command, MotionPlan, State
 
-WARM_ROBOTS, WARM_SECONDS = 12, 0.5
-"""Warm plans are the replans of so many robots, each for so long from a perturbed start on."""
+WARM_ROBOTS = 12
+"""Number of robots whose replans are the warm plans."""
+WARM_SECONDS = 0.5
+"""[s] that each of these robots walks, from a perturbed initial state on."""
+WARM_UP_PLANS = 10
+"""Plans that warm up the machine and are not counted."""
 
-Timed = list[tuple[float, PlanStages]]
-"""Wall time [s] and result of plans."""
 
+@dataclass(frozen=True)
+class TimedPlan:
+    """A plan and how long it took.
 
-def bench_plan(config: Config, plans: int = 300) -> dict[str, Any]:
-    """Time of plans from `test` starts, one core: over the horizon and half of it, cold and warm.
-
-    Returns:
-        ``plan_ms`` (cold), ``warm_plan_ms``, and both again of half the horizon, as
-        ``half_plan_ms`` and ``half_warm_plan_ms``: see `times_of`; ``iterations`` and so on: mean
-        of ADMM's; ``nodes``, ``half_nodes``: centroidal and kinematic; ``plans``.
+    Attributes:
+        seconds: Wall time [s].
+        stages: The plan, with its stages.
     """
-    figures: dict[str, Any] = {"plans": len(load_starts()["test"][:plans])}
-    for prefix, expert in (("", config.expert), ("half_", _half_horizon(config.expert))):
-        horizon = replace(config, expert=expert)
-        figures[prefix + "nodes"] = [expert.centroidal.nodes, expert.kinematic.nodes]
-        for name, timed in (("", cold_plans(horizon, plans)), ("warm_", warm_plans(horizon))):
-            iterations = [plan.centroidal.iterations for _, plan in timed]
-            figures[f"{prefix}{name}plan_ms"] = times_of(timed)
-            figures[f"{prefix}{name}iterations"] = float(np.mean(iterations))
-    return figures
+
+    seconds: float
+    stages: PlanStages
 
 
-def cold_plans(config: Config, plans: int = 300) -> Timed:
-    """A plan for each of the first `test` starts, after a few that warm up the machine."""
+@dataclass(frozen=True)
+class StageTimes:
+    """Median wall time of each stage of a plan.
+
+    Attributes:
+        contacts: Time of the footholds [ms].
+        centroidal: Time of the centroidal solve [ms].
+        kinematics: Time of the kinematic solve [ms].
+        inverse_dynamics: Time of the torques [ms].
+    """
+
+    contacts: float
+    centroidal: float
+    kinematics: float
+    inverse_dynamics: float
+
+
+@dataclass(frozen=True)
+class Times:
+    """Wall time of many plans.
+
+    Attributes:
+        median: Median of the whole plan [ms].
+        p99: 99th percentile of the whole plan [ms].
+        stages: Median of each stage [ms].
+    """
+
+    median: float
+    p99: float
+    stages: StageTimes
+
+
+@dataclass(frozen=True)
+class PlanTimes:
+    """Wall time of plans from `test` initial states, on one core.
+
+    Attributes:
+        plans: Number of cold plans.
+        nodes: Centroidal and kinematic nodes of the horizon.
+        plan_ms: Times of cold plans.
+        iterations: Mean number of ADMM iterations of cold plans.
+        warm_plan_ms: Times of warm plans.
+        warm_iterations: Mean number of ADMM iterations of warm plans.
+        half_nodes: Centroidal and kinematic nodes of half the horizon.
+        half_plan_ms: Times of cold plans over half the horizon.
+        half_iterations: Mean number of ADMM iterations of those.
+        half_warm_plan_ms: Times of warm plans over half the horizon.
+        half_warm_iterations: Mean number of ADMM iterations of those.
+    """
+
+    plans: int
+    nodes: tuple[int, int]
+    plan_ms: Times
+    iterations: float
+    warm_plan_ms: Times
+    warm_iterations: float
+    half_nodes: tuple[int, int]
+    half_plan_ms: Times
+    half_iterations: float
+    half_warm_plan_ms: Times
+    half_warm_iterations: float
+
+
+def bench_plan(config: Config, plans: int = 300) -> PlanTimes:
+    """Measure plans over the horizon and over half of it, cold and warm.
+
+    Args:
+        config: Configuration of robot, gait and expert.
+        plans: Number of cold plans, each from another `test` initial state.
+    """
+    half = replace(config, expert=_half_horizon(config.expert))
+    cold = cold_plans(config, plans)
+    warm = warm_plans(config)
+    half_cold = cold_plans(half, plans)
+    half_warm = warm_plans(half)
+    return PlanTimes(
+        plans=len(cold),
+        nodes=_nodes(config.expert),
+        plan_ms=times_of(cold),
+        iterations=_mean_iterations(cold),
+        warm_plan_ms=times_of(warm),
+        warm_iterations=_mean_iterations(warm),
+        half_nodes=_nodes(half.expert),
+        half_plan_ms=times_of(half_cold),
+        half_iterations=_mean_iterations(half_cold),
+        half_warm_plan_ms=times_of(half_warm),
+        half_warm_iterations=_mean_iterations(half_warm),
+    )
+
+
+def cold_plans(config: Config, plans: int = 300) -> list[TimedPlan]:
+    """Plan once from each of the first `test` initial states, after a few plans to warm up.
+
+    Args:
+        config: Configuration of robot, gait and expert.
+        plans: Number of plans, as far as there are initial states.
+    """
     planner = make_planner(solo12(config.robot), config)
     starts = load_starts()["test"][:plans]
     nothing = np.zeros((len(starts), 4, 3))  # a plan depends on q and v only
     states = State(starts.q, starts.v, nothing[:, 0], nothing, nothing[..., 0] > 0)
 
-    def plan(row: int) -> tuple[float, PlanStages]:
+    def plan(row: int) -> TimedPlan:
         began = time.perf_counter()
         stages = planner.solve(states[row], int(starts.tick[row]), Command(*starts.command[row]))
-        return time.perf_counter() - began, stages
+        return TimedPlan(time.perf_counter() - began, stages)
 
-    for row in range(min(10, len(starts))):
+    for row in range(min(WARM_UP_PLANS, len(starts))):
         plan(row)
     return [plan(row) for row in range(len(starts))]
 
 
-def warm_plans(config: Config) -> Timed:
-    """Replans of walking robots, each from the robot's plan before."""
+def warm_plans(config: Config) -> list[TimedPlan]:
+    """Replan for walking robots, each plan starting from the same robot's plan before.
+
+    Args:
+        config: Configuration of robot, gait, expert and simulator.
+    """
     robot = solo12(config.robot)
-    planner, starts = make_planner(robot, config), load_starts()["test"]
+    planner = make_planner(robot, config)
+    starts = load_starts()["test"]
     simulator = make_simulator(robot, 1, config.simulation)
-    timed: Timed = []
+    timed: list[TimedPlan] = []
     previous: PlanStages | None = None
 
     def plan(state: State, tick: int, command: Command) -> MotionPlan:
@@ -77,7 +173,7 @@ def warm_plans(config: Config) -> Timed:
         began = time.perf_counter()
         stages = planner.solve(state, tick, command, previous)
         if previous is not None and previous.motion.valid:
-            timed.append((time.perf_counter() - began, stages))
+            timed.append(TimedPlan(time.perf_counter() - began, stages))
         previous = stages
         return stages.motion
 
@@ -88,35 +184,59 @@ def warm_plans(config: Config) -> Timed:
     return timed
 
 
-def times_of(timed: Timed) -> dict[str, Any]:
-    """``median``, ``p99`` and ``stages`` (median of each) of the wall time of plans [ms]."""
-    ms = np.array([seconds for seconds, _ in timed]) * 1e3
-    stages = timed[0][1].seconds
-    return {
-        "median": float(np.median(ms)),
-        "p99": float(np.percentile(ms, 99)),
-        "stages": {
-            stage: 1e3 * float(np.median([plan.seconds[stage] for _, plan in timed]))
-            for stage in stages
-        },
-    }
+def times_of(timed: Sequence[TimedPlan]) -> Times:
+    """Summarize the wall times of plans [ms]."""
+    seconds = [plan.seconds for plan in timed]
+    return Times(
+        median=_median_ms(seconds),
+        p99=1e3 * float(np.percentile(seconds, 99)),
+        stages=StageTimes(
+            contacts=_median_ms([plan.stages.seconds["contacts"] for plan in timed]),
+            centroidal=_median_ms([plan.stages.seconds["centroidal"] for plan in timed]),
+            kinematics=_median_ms([plan.stages.seconds["kinematics"] for plan in timed]),
+            inverse_dynamics=_median_ms(
+                [plan.stages.seconds["inverse_dynamics"] for plan in timed]
+            ),
+        ),
+    )
 
 
-def plan_table(figures: dict[str, Any]) -> str:
-    """The figures of `bench_plan` as a table."""
-    stages = list(figures["plan_ms"]["stages"])
-    columns = "".join(f"{stage:>18}" for stage in stages)
-    lines = [f"{'nodes':<7}{'start':<6}{'median':>8}{'p99':>8}{columns}{'ADMM':>7}   [ms]"]
-    for prefix in ("", "half_"):
-        nodes = "/".join(map(str, figures[prefix + "nodes"]))
-        for start, name in (("cold", prefix), ("warm", prefix + "warm_")):
-            times = figures[name + "plan_ms"]
-            row = "".join(f"{times['stages'][stage]:>18.2f}" for stage in stages)
-            lines.append(
-                f"{nodes:<7}{start:<6}{times['median']:>8.2f}{times['p99']:>8.2f}{row}"
-                f"{figures[name + 'iterations']:>7.1f}"
-            )
+def plan_table(times: PlanTimes) -> str:
+    """The times of plans as a table for people."""
+    lines = [
+        f"{'nodes':<7}{'start':<6}{'median':>8}{'p99':>8}{'contacts':>18}{'centroidal':>18}"
+        f"{'kinematics':>18}{'inverse_dynamics':>18}{'ADMM':>7}   [ms]",
+        _plan_row(times.nodes, "cold", times.plan_ms, times.iterations),
+        _plan_row(times.nodes, "warm", times.warm_plan_ms, times.warm_iterations),
+        _plan_row(times.half_nodes, "cold", times.half_plan_ms, times.half_iterations),
+        _plan_row(times.half_nodes, "warm", times.half_warm_plan_ms, times.half_warm_iterations),
+    ]
     return "\n".join(lines)
+
+
+def _plan_row(nodes: tuple[int, int], start: str, times: Times, iterations: float) -> str:
+    """One row of `plan_table`."""
+    stages = times.stages
+    return (
+        f"{f'{nodes[0]}/{nodes[1]}':<7}{start:<6}{times.median:>8.2f}{times.p99:>8.2f}"
+        f"{stages.contacts:>18.2f}{stages.centroidal:>18.2f}{stages.kinematics:>18.2f}"
+        f"{stages.inverse_dynamics:>18.2f}{iterations:>7.1f}"
+    )
+
+
+def _median_ms(seconds: Sequence[float]) -> float:
+    """Median of wall times [s], in ms."""
+    return 1e3 * float(np.median(seconds))
+
+
+def _mean_iterations(timed: Sequence[TimedPlan]) -> float:
+    """Mean number of ADMM iterations of plans."""
+    return float(np.mean([plan.stages.centroidal.iterations for plan in timed]))
+
+
+def _nodes(expert: ExpertConfig) -> tuple[int, int]:
+    """Centroidal and kinematic nodes of a horizon."""
+    return expert.centroidal.nodes, expert.kinematic.nodes
 
 
 def _half_horizon(expert: ExpertConfig) -> ExpertConfig:

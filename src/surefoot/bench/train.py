@@ -1,16 +1,19 @@
-"""Time of a training step, beside PyTorch's eager one and its matrix products."""
+"""Time of a training step, compared with PyTorch's eager step and with a lower bound.
+
+The lower bound is the time of the step's matrix products alone. The figures are of one machine and
+moment: trust the ratios. Next: `end_to_end`.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
-from surefoot.bench.engine import _seconds
+from surefoot.bench.engine import median_seconds
 from surefoot.config import Config, TrainingConfig
 from surefoot.learning.dataset import Frames
 from surefoot.learning.network import PolicyNetwork
@@ -19,46 +22,77 @@ from surefoot.learning.train import fit, has_bfloat16
 from surefoot.types import to_ticks
 
 
-def bench_train(config: Config, steps: int = 100) -> dict[str, Any]:
-    """Time of a training step, one thread, beside PyTorch's eager float32 and its matrix products.
+@dataclass(frozen=True)
+class TrainSpeed:
+    """Wall time of a training step, on one thread.
 
-    Returns:
-        ``step_ms`` in the configured precision; ``eager_step_ms``, the same step in float32, and
-        ``ratio_to_eager``; ``floor_step_ms``, the products of a step in the configured precision,
-        forward and backward, and ``ratio`` to it; ``batch``, ``precision``.
+    Attributes:
+        batch: Number of frames of a step.
+        precision: Precision of the matrix products: the configured one, if the processor has it.
+        step_ms: Time of a step [ms].
+        eager_step_ms: Time of PyTorch's eager step in float32 [ms].
+        ratio_to_eager: ``step_ms`` over ``eager_step_ms``.
+        floor_step_ms: Lower bound: time of the step's products, forward and backward [ms].
+        ratio: ``step_ms`` over ``floor_step_ms``; 1 at best.
     """
-    batch, period = config.training.batch, to_ticks(config.gait.period)
+
+    batch: int
+    precision: str
+    step_ms: float
+    eager_step_ms: float
+    ratio_to_eager: float
+    floor_step_ms: float
+    ratio: float
+
+
+def bench_train(config: Config, steps: int = 100) -> TrainSpeed:
+    """Measure a training step, on one thread.
+
+    Args:
+        config: Configuration of policy and training.
+        steps: Number of steps that are timed together.
+    """
+    batch = config.training.batch
     training = replace(config.training, validation=0.0, threads=1, device="cpu")
+    eager = replace(training, precision="float32")
     frames = _random_frames(steps * batch)
     network = PolicyNetwork(config.policy)
     short = training.precision == "bfloat16" and has_bfloat16(torch.device("cpu"))
+    step_seconds = []
+    eager_seconds = []
+    product_seconds = []
+    for _ in range(3):
+        step_seconds.append(_step_seconds(network, frames, config, training, steps))
+        eager_seconds.append(_step_seconds(network, frames, config, eager, steps))
+        product_seconds.append(median_seconds(_network_products(network, batch, short), 30))
+    step_ms = 1e3 * float(np.median(step_seconds))
+    eager_step_ms = 1e3 * float(np.median(eager_seconds))
+    # Backward there are two products for each forward: for the inputs, and for the weights.
+    floor_step_ms = 3 * 1e3 * float(np.median(product_seconds))
+    return TrainSpeed(
+        batch=batch,
+        precision="bfloat16" if short else "float32",
+        step_ms=step_ms,
+        eager_step_ms=eager_step_ms,
+        ratio_to_eager=step_ms / eager_step_ms,
+        floor_step_ms=floor_step_ms,
+        ratio=step_ms / floor_step_ms,
+    )
 
-    def step_of(training: TrainingConfig) -> float:
-        # The second epoch is steps only; before the first, inputs and labels are derived.
-        ends: list[float] = []
-        progress = lambda *_: ends.append(time.perf_counter())  # noqa: E731
-        fit(network, frames, training, config.policy, 2, 0, period, progress)
-        return (ends[1] - ends[0]) / steps
 
-    rounds = [
-        (
-            step_of(training),
-            step_of(replace(training, precision="float32")),
-            # Backward: one product for the inputs, one for the weights.
-            3 * _seconds(_network_products(network, batch, short), 30),
-        )
-        for _ in range(3)
-    ]
-    step, eager, least = (1e3 * float(np.median(times)) for times in zip(*rounds, strict=True))
-    return {
-        "batch": batch,
-        "precision": "bfloat16" if short else "float32",
-        "step_ms": step,
-        "eager_step_ms": eager,
-        "ratio_to_eager": step / eager,
-        "floor_step_ms": least,
-        "ratio": step / least,
-    }
+def _step_seconds(
+    network: PolicyNetwork, frames: Frames, config: Config, training: TrainingConfig, steps: int
+) -> float:
+    """Wall time of one step of a fit [s]."""
+    ends: list[float] = []
+
+    def progress(*_: object) -> None:
+        ends.append(time.perf_counter())
+
+    period = to_ticks(config.gait.period)
+    fit(network, frames, training, config.policy, 2, 0, period, progress)
+    # The second epoch is steps only; before the first, inputs and targets are derived.
+    return (ends[1] - ends[0]) / steps
 
 
 def _network_products(network: PolicyNetwork, batch: int, short: bool) -> Callable[[], None]:

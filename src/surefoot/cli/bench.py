@@ -1,10 +1,10 @@
-"""The command bench."""
+"""The command bench: throughput compared with lower bounds, and what the expert survives."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import tyro
 
@@ -12,50 +12,119 @@ from surefoot.cli.options import OnSimulator, OnWorkers
 from surefoot.config import Config
 from surefoot.files import write_json
 
+if TYPE_CHECKING:
+    from surefoot.bench.end_to_end import EndToEndSpeed, EvaluationSpeed
+    from surefoot.bench.engine import EngineSpeed
+    from surefoot.bench.plan import PlanTimes
+    from surefoot.bench.train import TrainSpeed
+    from surefoot.workers import Workers
+
+    Flat = EngineSpeed | TrainSpeed | EvaluationSpeed
+    Speed = PlanTimes | Flat | EndToEndSpeed
+
+Measure = Literal["plan", "engine", "train", "evaluation", "end_to_end"]
+"""What `surefoot bench` measures, in this order."""
+
 
 @dataclass(frozen=True)
 class Bench(OnWorkers, OnSimulator):
-    """Measure speed, beside its floor on this machine; or what the expert survives.
+    """Measure throughput, compared with lower bounds.
 
-    Without a name: plan, engine, train, evaluation and end_to_end, some minutes. JSON: an object
-    with one key of each, the figures that `bench_plan.bench_plan`, `bench.bench_engine`,
-    `bench.bench_train`, `bench_run.bench_evaluation` and `bench_run.bench_end_to_end` document;
-    expert: one object of `study.expert_survey` for each simulator, horizon and set of rules,
-    under `cells`, and the starts that all lose, under `lost_by_all`.
+    Without a name it measures plan, engine, train, evaluation and end_to_end, in some minutes;
+    `surefoot bench expert` measures what the expert survives, in an hour.
+
+    JSON keys: one for each measurement. The keys below it are the fields of the records `PlanTimes`
+    (plan), `EngineSpeed` (engine), `TrainSpeed` (train), `EvaluationSpeed` (evaluation) and
+    `EndToEndSpeed` (end_to_end) of `surefoot.bench`; `floor_` marks a lower bound. expert: `cells`,
+    one object for each simulator, horizon and set of rules, and `lost_by_all`, the initial states
+    that all of them lose (see `surefoot.study.expert_survey`).
     """
 
     what: Annotated[
         Literal["all", "plan", "engine", "train", "evaluation", "end_to_end", "expert"],
         tyro.conf.Positional,
     ] = "all"
-    """plan, engine, train: one core; evaluation, end_to_end: all workers; expert: survival,
-    tracking, pushes, both simulators (an hour)."""
+    """plan, engine, train: on one core; evaluation, end_to_end: on all workers; expert: survival,
+    tracking and pushes in both simulators (an hour)."""
     preset: str = "quick"
-    """Of loco_safe_dagger (end_to_end only)."""
+    """Preset of loco_safe_dagger (end_to_end only)."""
     episodes: int = 1000
-    """Starts of each set (expert only)."""
+    """Number of initial states of each set (expert only)."""
     json: Path | None = None
-    """Write the figures here; `bench expert` goes on with what the file holds already."""
+    """Write the figures to this file; `bench expert` resumes what the file holds already."""
     config: Config = field(default_factory=Config)
 
     def __call__(self) -> int:
         """Measure and print."""
+        from surefoot.config.presets import preset
+
         if self.what == "expert":
             from surefoot.study.expert_survey import survey, table
 
             print(table(survey(self.config, self.sim, self.episodes, self.spread, self.json)))
             return 0
-
-        from surefoot.bench.end_to_end import MEASURES, bench_table
-        from surefoot.config.presets import preset
-
-        figures = {}
-        for what in MEASURES if self.what == "all" else [self.what]:
-            config = (
-                preset("loco_safe_dagger", self.preset) if what == "end_to_end" else self.config
-            )
-            figures[what] = MEASURES[what](self.simulated(config), self.spread)
-            print(bench_table(what, figures[what]), flush=True)
+        records: dict[Measure, Speed] = {}
+        for name in get_args(Measure):
+            if self.what in ("all", name):
+                config = self.config
+                if name == "end_to_end":
+                    config = preset("loco_safe_dagger", self.preset)
+                records[name] = measure_speed(name, self.simulated(config), self.spread)
+                print(speed_table(name, records[name]), flush=True)
         if self.json:
-            write_json(self.json, figures)
+            write_json(self.json, records)
         return 0
+
+
+def measure_speed(name: Measure, config: Config, workers: Workers) -> Speed:
+    """Measure one of the speeds.
+
+    Args:
+        name: Name of the measurement.
+        config: Configuration to measure.
+        workers: Processes, where the measurement uses more than one.
+    """
+    from surefoot.bench.end_to_end import bench_end_to_end, bench_evaluation
+    from surefoot.bench.engine import bench_engine
+    from surefoot.bench.plan import bench_plan
+    from surefoot.bench.train import bench_train
+
+    match name:
+        case "plan":
+            return bench_plan(config)
+        case "engine":
+            return bench_engine(config)
+        case "train":
+            return bench_train(config)
+        case "evaluation":
+            return bench_evaluation(config, workers)
+        case "end_to_end":
+            return bench_end_to_end(config, workers)
+
+
+def speed_table(name: Measure, speed: Speed) -> str:
+    """A speed as a table for people.
+
+    Args:
+        name: Name of the measurement.
+        speed: Its record.
+    """
+    from surefoot.bench.end_to_end import EndToEndSpeed, end_to_end_table
+    from surefoot.bench.plan import PlanTimes, plan_table
+
+    if isinstance(speed, PlanTimes):
+        return plan_table(speed)
+    if isinstance(speed, EndToEndSpeed):
+        return end_to_end_table(speed)
+    return _flat_table(name, speed)
+
+
+def _flat_table(name: Measure, speed: Flat) -> str:
+    """One line for each field of a record of numbers, with the field's name in words."""
+    lines = []
+    for entry in fields(speed):
+        value = getattr(speed, entry.name)
+        words = entry.name.replace("floor", "lower_bound").replace("_", " ")
+        number = f"{value:>12.4g}" if isinstance(value, float) else f"{value:>12}"
+        lines.append(f"{name:<12}{words:<28}{number}")
+    return "\n".join(lines)

@@ -1,7 +1,8 @@
-"""Is this machine fit? Versions, a solve, simulators, a rendered frame, each in its own process.
+"""The command doctor: versions, and checks of all parts, each in a process of its own.
 
-A compiled package that does not fit its neighbours does not raise, it kills the process; so every
-check runs in a child, and the report says what is wrong and how to mend it.
+A compiled package that does not fit its neighbors does not raise, it kills the process. So every
+check runs in a child, ``python -m surefoot.cli.doctor NAME``, and the report says what is wrong and
+how to fix it. This module imports nothing compiled, apart from NumPy, for the same reason.
 """
 
 from __future__ import annotations
@@ -9,10 +10,15 @@ from __future__ import annotations
 import platform
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
-from surefoot.config import Backend
+import numpy as np
+
+from surefoot.cli.options import OnSimulator
+from surefoot.config import Backend, Config, PolicyConfig, SimulationConfig
+from surefoot.errors import unknown
 from surefoot.runs.versions import PACKAGES
 
 TIMEOUT = 900.0
@@ -20,110 +26,177 @@ TIMEOUT = 900.0
 
 
 @dataclass(frozen=True)
+class Doctor(OnSimulator):
+    """Check this machine, and say how to fix what is broken."""
+
+    def __call__(self) -> int:
+        """Print the report; 1 if something essential is broken."""
+        return 0 if examine_machine(self.sim or "mujoco") else 1
+
+
+@dataclass(frozen=True)
 class Check:
     """Something that must work, or should.
 
     Attributes:
-        name: what is checked.
-        code: Python that succeeds if it works, and prints one line.
-        remedy: what to do if it does not.
-        essential: False for what only videos or the second simulator need.
+        name: Name of what is checked.
+        run: Function that returns one line if it works, and raises if it does not.
+        remedy: How to fix it.
+        essential: False for what only films or the second simulator need.
     """
 
     name: str
-    code: str
+    run: Callable[[], str]
     remedy: str
     essential: bool = True
 
 
-def simulate(backend: Backend) -> str:
-    """Code of the check of a simulator."""
-    return (
-        "import numpy as np\n"
-        "from surefoot.config import SimulationConfig\n"
-        "from surefoot.robots.solo12 import solo12\n"
-        "from surefoot.sim import make_simulator\n"
-        f"simulator = make_simulator(solo12(), 2, SimulationConfig({backend!r}))\n"
-        "for _ in range(10): simulator.step(np.zeros((2, 12)))\n"
-        "assert np.isfinite(simulator.state.q).all(), 'the state is not finite'\n"
-        "print('10 ticks of two robots')"
-    )
+@dataclass(frozen=True)
+class Finding:
+    """Result of a check.
+
+    Attributes:
+        works: True if the check succeeded.
+        line: Its last line, or how it died.
+    """
+
+    works: bool
+    line: str
+
+
+def check_plan() -> str:
+    """Plan once for a standing robot."""
+    from surefoot.mpc.planner import Planner
+    from surefoot.robots.model import standing
+    from surefoot.robots.solo12 import solo12
+    from surefoot.types import Command, State
+
+    config = Config()
+    robot = solo12()
+    planner = Planner(robot, config.gait, config.expert, config.simulation.friction)
+    zero = np.zeros(18)
+    state = State(standing(robot), zero, zero[:3], np.zeros((4, 3)), np.ones(4, bool))
+    plan = planner.solve(state, 0, Command(0.2))
+    if not plan.motion.valid:
+        raise RuntimeError("the plan is not valid")
+    residual = plan.centroidal.residual
+    return f"{robot.name}, {robot.mass:.3f} kg; a plan with residual {residual:.1e}"
+
+
+def check_mujoco() -> str:
+    """Step MuJoCo."""
+    return _step_simulator("mujoco")
+
+
+def check_bullet() -> str:
+    """Step PyBullet."""
+    return _step_simulator("bullet")
+
+
+def check_training() -> str:
+    """Run a network forward and backward."""
+    import torch
+
+    from surefoot.learning.network import PolicyNetwork
+    from surefoot.learning.observation import INPUT_SIZE
+
+    loss = PolicyNetwork(PolicyConfig())(torch.randn(32, INPUT_SIZE)).abs().mean()
+    loss.backward()
+    gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else "no GPU"
+    return f"torch {torch.__version__}, {gpu}"
+
+
+def check_rendering() -> str:
+    """Make a film of two frames."""
+    from surefoot.viz import film
+
+    film.check_rendering()
+    return "MP4 through EGL"
+
+
+def _step_simulator(backend: Backend) -> str:
+    """Step two robots ten times."""
+    from surefoot.robots.solo12 import solo12
+    from surefoot.sim import make_simulator
+
+    simulator = make_simulator(solo12(), 2, SimulationConfig(backend))
+    for _ in range(10):
+        simulator.step(np.zeros((2, 12)))
+    if not np.isfinite(simulator.state.q).all():
+        raise RuntimeError("the state is not finite")
+    return "10 ticks of two robots"
 
 
 CHECKS = (
     Check(
         "plan",
-        "import numpy as np\n"
-        "from surefoot.config import Config\n"
-        "from surefoot.mpc.expert import make_expert\n"
-        "from surefoot.mpc.planner import Planner\n"
-        "from surefoot.robots.model import standing\n"
-        "from surefoot.robots.solo12 import solo12\n"
-        "from surefoot.types import Command, State\n"
-        "c, robot = Config(), solo12()\n"
-        "planner = Planner(robot, c.gait, c.expert, c.simulation.friction)\n"
-        "zero = np.zeros(18)\n"
-        "s = State(standing(robot), zero, zero[:3], np.zeros((4, 3)), np.ones(4, bool))\n"
-        "plan = planner.solve(s, 0, Command(0.2))\n"
-        "assert plan.motion.valid, 'the plan is not valid'\n"
-        "print(f'{robot.name}, {robot.mass:.3f} kg; a plan with residual '\n"
-        "      f'{plan.centroidal.residual:.1e}')",
+        check_plan,
         "reinstall pin, numba and example-robot-data with the versions of constraints.txt: "
         "pip install -c constraints.txt --force-reinstall pin example-robot-data numba",
     ),
     Check(
         "mujoco",
-        simulate("mujoco"),
+        check_mujoco,
         "reinstall MuJoCo: pip install -c constraints.txt --force-reinstall mujoco",
     ),
     Check(
         "bullet",
-        simulate("bullet"),
+        check_bullet,
         "the paper's simulator is optional, and has wheels up to Python 3.11 only: "
         "pip install 'surefoot[pybullet]'",
         essential=False,
     ),
     Check(
         "train",
-        "import torch\n"
-        "from surefoot.config import PolicyConfig\n"
-        "from surefoot.learning.observation import INPUT_SIZE\n"
-        "from surefoot.learning.network import PolicyNetwork\n"
-        "loss = PolicyNetwork(PolicyConfig())(torch.randn(32, INPUT_SIZE)).abs().mean()\n"
-        "loss.backward()\n"
-        "print(f'torch {torch.__version__}, '\n"
-        "      + (torch.cuda.get_device_name() if torch.cuda.is_available() else 'no GPU'))",
+        check_training,
         "reinstall PyTorch: pip install -c constraints.txt --force-reinstall torch",
     ),
     Check(
         "render",
-        "from surefoot.viz.film import check_rendering\n"
-        "check_rendering()\n"
-        "print('MP4 through EGL')",
-        "videos need OpenGL through EGL and the extra viz: "
+        check_rendering,
+        "films need OpenGL through EGL and the extra viz: "
         "apt-get install libegl1 libgl1-mesa-dri, pip install 'surefoot[viz]'",
         essential=False,
     ),
 )
 
 
-def run_check(check: Check) -> tuple[bool, str]:
-    """Whether a check succeeds in a child process, and its last line or how it died."""
+def run_check(check: Check) -> Finding:
+    """Run a check in a child process.
+
+    Args:
+        check: One of `CHECKS`.
+    """
+    return run_child([sys.executable, "-m", __name__, check.name])
+
+
+def run_child(command: Sequence[str]) -> Finding:
+    """Run a process that succeeds if something works.
+
+    Args:
+        command: Program and arguments.
+    """
     try:
-        child = subprocess.run(
-            [sys.executable, "-c", check.code], capture_output=True, text=True, timeout=TIMEOUT
-        )
+        child = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT)
     except subprocess.TimeoutExpired:
-        return False, f"no answer within {TIMEOUT:.0f} s"
+        return Finding(False, f"no answer within {TIMEOUT:.0f} s")
     if child.returncode < 0:
-        return False, f"the process was killed by signal {-child.returncode}"
-    output = child.stdout if child.returncode == 0 else child.stderr
+        return Finding(False, f"the process was killed by signal {-child.returncode}")
+    works = child.returncode == 0
+    output = child.stdout if works else child.stderr
     lines = output.strip().splitlines()
-    return child.returncode == 0, lines[-1] if lines else "no output"
+    return Finding(works, lines[-1] if lines else "no output")
 
 
-def examine(backend: Backend = "mujoco") -> bool:
-    """Print the report; True if everything essential works, the chosen simulator included."""
+def examine_machine(backend: Backend = "mujoco") -> bool:
+    """Print the report.
+
+    Args:
+        backend: Simulator that has to work.
+
+    Returns:
+        True if everything essential works, the simulator included.
+    """
     print(f"Python {platform.python_version()} on {platform.platform()}")
     for package in PACKAGES:
         try:
@@ -132,10 +205,29 @@ def examine(backend: Backend = "mujoco") -> bool:
             print(f"  {package:<10} missing: pip install {package}")
     healthy = True
     for check in CHECKS:
-        works, line = run_check(check)
-        print(f"{'ok  ' if works else 'FAIL'}  {check.name:<9} {line}")
-        if not works:
-            print(f"      mend: {check.remedy}")
+        finding = run_check(check)
+        print(f"{'ok  ' if finding.works else 'FAIL'}  {check.name:<9} {finding.line}")
+        if not finding.works:
+            print(f"      fix: {check.remedy}")
             healthy = healthy and not (check.essential or check.name == backend)
     print("surefoot is ready" if healthy else "surefoot cannot work here yet: see above")
     return healthy
+
+
+def main(name: str) -> None:
+    """Run one check in this process, and print its line.
+
+    Args:
+        name: Name of the check.
+
+    Raises:
+        ValueError: There is no such check.
+    """
+    checks = {check.name: check for check in CHECKS}
+    if name not in checks:
+        raise ValueError(unknown("check", name, checks))
+    print(checks[name].run())
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,4 +1,8 @@
-"""The command line: which command with which options. What it does: `commands`."""
+"""The command line: which command runs, with which options, and how its errors are shown.
+
+A command is a dataclass in a file of its own: its fields are the options, its docstring is the help
+text, and calling it does the work and returns the exit status. Next: `options`, `train`.
+"""
 
 from __future__ import annotations
 
@@ -6,82 +10,108 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from itertools import pairwise
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Protocol
 
 import tyro
 
 from surefoot.cli.bench import Bench
 from surefoot.cli.compare import Compare
+from surefoot.cli.doctor import Doctor
 from surefoot.cli.evaluate import Evaluate
 from surefoot.cli.play import Play
-from surefoot.cli.train import Train
-from surefoot.cli.walk import Doctor, Walk
-from surefoot.config import METHODS
-from surefoot.config.presets import preset
-
-Commands = (
-    Annotated[Doctor, tyro.conf.subcommand("doctor")]
-    | Annotated[Walk, tyro.conf.subcommand("walk")]
-    | Annotated[Train, tyro.conf.subcommand("train")]
-    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-    | Annotated[Compare, tyro.conf.subcommand("compare")]
-    | Annotated[Play, tyro.conf.subcommand("play")]
-    | Annotated[Bench, tyro.conf.subcommand("bench")]
-)
-
-FLAGS = {"--resume", "--no-resume", "--tensorboard", "--no-tensorboard"}
-"""Options of train that take no value: what follows them may be the method."""
+from surefoot.cli.progress import log_shown
+from surefoot.cli.train import Train, parse_train
+from surefoot.cli.walk import Walk
+from surefoot.errors import unknown
 
 
-def parse(args: Sequence[str]) -> Any:
-    """The command of an argument list; a method and preset set the defaults of its options.
+class Command(Protocol):
+    """What the command line runs."""
+
+    def __call__(self) -> int:
+        """Do the work; the result is the exit status."""
+        ...
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A line of the overview.
+
+    Attributes:
+        command: Dataclass of the command.
+        summary: What the command does, in at most 64 characters.
+    """
+
+    command: type[Command]
+    summary: str
+
+
+COMMANDS = {
+    "doctor": Entry(Doctor, "Check this machine, and say how to fix what is broken."),
+    "walk": Entry(Walk, "Let the expert walk, and film it."),
+    "train": Entry(Train, "Train a policy with one of the five methods."),
+    "evaluate": Entry(Evaluate, "Measure robustness and tracking of a policy and the expert."),
+    "compare": Entry(Compare, "Compare runs, from the same initial states."),
+    "play": Entry(Play, "Film a policy, or a recorded episode of a run."),
+    "bench": Entry(Bench, "Measure throughput, compared with lower bounds."),
+}
+"""All commands, by name."""
+
+
+def parse(args: Sequence[str]) -> Command:
+    """The command that an argument list asks for.
+
+    Args:
+        args: Command line, without the name of the program.
 
     Raises:
-        ValueError: unknown method or preset.
+        ValueError: There is no such command, or no such method or preset of `train`.
+        SystemExit: Help was asked for, or an option is wrong.
     """
-    if args[:1] == ["train"] and not {"-h", "--help"} & set(args[:2]):
-        name, method = preset_argument(args), method_argument(args)
-        default = Train(method, name, config=preset(method, name))
-        kind = Annotated[Train, tyro.conf.AvoidSubcommands]
-        return tyro.cli(kind, args=args[1:], default=default, prog="surefoot train")
-    return tyro.cli(Annotated[Commands, tyro.conf.AvoidSubcommands], args=args, prog="surefoot")
+    if not args:
+        print(overview(), file=sys.stderr)
+        raise SystemExit(2)
+    name = args[0]
+    if name in ("-h", "--help"):
+        print(overview())
+        raise SystemExit(0)
+    if name == "train":
+        return parse_train(args[1:])
+    if name not in COMMANDS:
+        raise ValueError(unknown("command", name, COMMANDS))
+    return tyro.cli(
+        COMMANDS[name].command,
+        args=args[1:],
+        prog=f"surefoot {name}",
+        config=(tyro.conf.AvoidSubcommands,),
+    )
 
 
-def method_argument(args: Sequence[str]) -> str:
-    """The method, wherever it stands among the options.
-
-    Raises:
-        ValueError: there is none.
-    """
-    options_with_value = {a for a in args if a.startswith("--") and "=" not in a} - FLAGS
-    for before, value in pairwise(args):
-        if value in METHODS and before not in options_with_value:
-            return value
-    if len(args) > 1 and not args[1].startswith("-"):
-        return args[1]
-    raise ValueError(f"train what? Name a method: {', '.join(METHODS)}")
-
-
-def preset_argument(args: Sequence[str]) -> str:
-    """The value of --preset, `default` without it."""
-    for option, value in zip(args, [*args[1:], ""], strict=True):
-        if option == "--preset":
-            return value
-        if option.startswith("--preset="):
-            return option.removeprefix("--preset=")
-    return "default"
+def overview() -> str:
+    """One line for each command."""
+    lines = ["usage: surefoot COMMAND [OPTIONS]", "", "commands:"]
+    for name, entry in COMMANDS.items():
+        lines.append(f"  {name:<14}{entry.summary}")
+    lines += ["", "`surefoot COMMAND --help` lists the options of a command, and its JSON keys."]
+    return "\n".join(lines)
 
 
 def main() -> int:
-    """Entry point; 0 done, 1 the robot fell or something is broken, 2 bad input."""
+    """Entry point.
+
+    Returns:
+        0 if all is done, 1 if the robot fell or something is broken, 2 after bad input, 130 if the
+        command was interrupted.
+    """
     # A cluster's batch system asks to stop with SIGTERM: stop as after Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        return parse(sys.argv[1:])()
+        with log_shown():
+            return parse(sys.argv[1:])()
     except KeyboardInterrupt:
         print(
-            "\ninterrupted; what is finished is on disk (train: go on with --resume)",
+            "\ninterrupted; what is finished is on disk (train: resume with --resume)",
             file=sys.stderr,
         )
         return 130

@@ -1,81 +1,160 @@
-"""The command play."""
+"""The command play: film a policy from standing, or one recorded episode of a run."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import tyro
 
-from surefoot.cli.options import OnSimulator, film_episode, show
-from surefoot.rollouts.summary import settled_part
+from surefoot.cli.options import OnSimulator, film_episode, show_record
 from surefoot.types import Command
+
+if TYPE_CHECKING:
+    from surefoot.mpc.expert import Expert
+    from surefoot.rollouts.engine import Rollout
+    from surefoot.rollouts.jobs import Job
+
+
+@dataclass(frozen=True)
+class PlayReport:
+    """How the episode went that was played.
+
+    Attributes:
+        outcome: Name of the `Outcome`.
+        command: vx, vy [m/s] and yaw rate [rad/s] that were asked for.
+        seconds: Time until the end [s].
+        max_torque: Largest joint torque commanded [N m].
+        drove_last: Driver of the last tick.
+        takeovers: Times before the tail that the expert took over from the policy.
+        expert_share: Share of the ticks before the tail that the expert drove.
+        pushes: Times at which a push began [s].
+        mean_velocity: vx, vy [m/s] and yaw rate [rad/s] in the heading frame, from 1 s on.
+        episode: Id of the recorded episode; None if a policy walked from standing.
+    """
+
+    outcome: str
+    command: tuple[float, float, float]
+    seconds: float
+    max_torque: float
+    drove_last: Literal["expert", "policy"]
+    takeovers: int
+    expert_share: float
+    pushes: tuple[float, ...]
+    mean_velocity: tuple[float, float, float]
+    episode: int | None
 
 
 @dataclass(frozen=True)
 class Play(OnSimulator):
     """Film a policy, or one recorded episode of a run.
 
-    JSON: outcome; command, mean_velocity [vx m/s, vy m/s, yaw rate rad/s, heading frame, from 1 s
-    on]; max_torque [Nm]; seconds; episode (its id); drove_last (expert or policy); takeovers,
-    expert_share [before the tail]; pushes [s, when each began].
+    JSON keys: outcome; command and mean_velocity [vx m/s, vy m/s, yaw rate rad/s, in the heading
+    frame, from 1 s on]; seconds [s, until the end]; max_torque [N m]; drove_last [expert or
+    policy]; takeovers and expert_share [before the tail]; pushes [s, when each began]; episode [id,
+    or null].
     """
 
     target: Annotated[Path, tyro.conf.Positional]
     """Folder of a run (its best policy), or a policy file."""
     vx: float = 0.2
-    """[m/s] forward."""
+    """Forward speed [m/s]."""
     vy: float = 0.0
-    """[m/s] to the left."""
+    """Speed to the left [m/s]."""
     yaw_rate: float = 0.0
-    """[rad/s] to the left."""
+    """Yaw rate to the left [rad/s]."""
     seconds: float = 5.0
-    """How long."""
+    """Duration [s]."""
     episode: int | None = None
     """Replay this episode of the run instead, bit for bit (ids of failures: metrics.jsonl)."""
     iteration: int | None = None
-    """The episode is counted within this iteration: 17 is the 18th rollout."""
+    """Count the episode within this iteration: 17 is the 18th rollout."""
     out: Path | None = None
-    """The video; play.mp4 in the run's folder or beside the policy without it."""
+    """Film to write; without it play.mp4 in the run's folder or beside the policy."""
     json: Path | None = None
-    """Write the figures here."""
+    """Write the figures to this file."""
 
     def __call__(self) -> int:
         """Play, print, film; 1 if the robot fell."""
-        from surefoot.learning.policy import check_command, load
-        from surefoot.rollouts.arbiters import PolicyOnly
-        from surefoot.rollouts.jobs import Job, play_out
-        from surefoot.rollouts.summary import velocities
-        from surefoot.runs.policies import find_policy
-        from surefoot.viz.replay import episode_figures, pushes_of, recorded_episode, standing_start
+        from surefoot.robots.solo12 import solo12
+        from surefoot.rollouts.jobs import play_out
+        from surefoot.viz.film import Recording
+        from surefoot.viz.replay import pushes_of
 
-        if self.iteration is not None and self.episode is None:
-            raise ValueError(f"iteration {self.iteration} of which --episode? Name one, from 0 on")
-        episode = None
-        if self.episode is not None:
-            job = recorded_episode(self.target, self.episode, self.iteration)
-            episode = int(job.episode[0])
-            out = self.out or self.target / f"episode_{episode}.mp4"
-        else:
-            policy, config = find_policy(self.target)
-            command = Command(self.vx, self.vy, self.yaw_rate)
-            check_command(load(policy), np.array(command))
-            start = standing_start(command)
-            job = Job(config, start, np.zeros(1, int), PolicyOnly(), self.seconds, policy=policy)
+        if self.episode is None:
+            job = self.policy_job()
+            episode = None
             folder = self.target if self.target.is_dir() else self.target.parent
             out = self.out or folder / "play.mp4"
+        else:
+            job = self.recorded_job(self.episode)
+            episode = int(job.episode[0])
+            out = self.out or self.target / f"episode_{episode}.mp4"
         job = replace(job, config=self.simulated(job.config))
-        record, expert = play_out(job)
-        length = max(int(record.length[0]), 1)  # of an expert that gives up at once, the start
-        figures = episode_figures(job, record, expert) | {
-            "mean_velocity": velocities(record)[0, settled_part(length)].mean(axis=0).tolist(),
-            "episode": episode,
-        }
-        show(figures, self.json)
+        rollouts, expert = play_out(job)
+        report = play_report(job, rollouts, expert, episode)
+        show_record(report, self.json)
+        length = max(int(rollouts.length[0]), 1)  # one frame if the expert gave up at once
+        recording = Recording(
+            robot=solo12(job.config.robot),
+            simulation=job.config.simulation,
+            q=rollouts.q[0, :length],
+            expert_drove=None if episode is None else rollouts.expert_drove[0, :length],
+            pushes=pushes_of(job, rollouts),
+        )
         driver = "policy" if episode is None else f"episode {episode}"
-        title = f"{driver}, vx {job.starts.command[0, 0]:.2f} m/s"
-        drove = None if episode is None else record.expert_drove[0, :length]
-        film_episode(job.config, record.q[0, :length], out, title, drove, pushes_of(job, record))
-        return int(record.failed[0])
+        film_episode(recording, out, f"{driver}, vx {report.command[0]:.2f} m/s")
+        return int(rollouts.failed[0])
+
+    def policy_job(self) -> Job:
+        """One robot that stands, and is then driven by the policy.
+
+        Raises:
+            ValueError: An iteration was named, but no episode.
+        """
+        from surefoot.learning.policy import check_command, load
+        from surefoot.rollouts.arbiters import PolicyOnly
+        from surefoot.rollouts.jobs import Job
+        from surefoot.runs.policies import find_policy
+        from surefoot.viz.replay import standing_start
+
+        if self.iteration is not None:
+            raise ValueError(f"iteration {self.iteration} of which --episode? Name one, from 0 on")
+        policy, config = find_policy(self.target)
+        command = Command(self.vx, self.vy, self.yaw_rate)
+        check_command(load(policy), np.array(command))
+        start = standing_start(command)
+        return Job(config, start, np.zeros(1, int), PolicyOnly(), self.seconds, policy=policy)
+
+    def recorded_job(self, episode: int) -> Job:
+        """The job that repeats a recorded episode.
+
+        Args:
+            episode: Id of the episode, or its index in the iteration that was named.
+        """
+        from surefoot.viz.replay import recorded_episode
+
+        return recorded_episode(self.target, episode, self.iteration)
+
+
+def play_report(job: Job, rollouts: Rollout, expert: Expert, episode: int | None) -> PlayReport:
+    """Sum up the first episode of a job that was played out.
+
+    Args:
+        job: The job.
+        rollouts: Its rollout.
+        expert: The expert that took part.
+        episode: Id of the recorded episode, or None.
+    """
+    from surefoot.rollouts.summary import settled_part, velocities
+    from surefoot.viz.replay import episode_figures
+
+    length = max(int(rollouts.length[0]), 1)
+    vx, vy, yaw_rate = velocities(rollouts)[0, settled_part(length)].mean(axis=0).tolist()
+    return PlayReport(
+        **episode_figures(job, rollouts, expert),
+        mean_velocity=(vx, vy, yaw_rate),
+        episode=episode,
+    )

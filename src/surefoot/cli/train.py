@@ -1,39 +1,60 @@
-"""The command train."""
+"""The command train. The defaults of its options depend on the method and the preset."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
+from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.options import OnSimulator, OnWorkers
+from surefoot.config import METHODS as METHOD_CONFIGS
 from surefoot.config import Config
+from surefoot.config.presets import preset
 from surefoot.files import write_json
 
 
 @dataclass(frozen=True)
-class Train(OnWorkers, OnSimulator):
-    """Train a policy: `surefoot train loco_safe_dagger --preset quick --run runs/mine`.
+class TrainReport:
+    """What a training run leaves behind, for machines.
 
-    JSON: the metrics of every stage, and the best iteration.
+    Attributes:
+        run: Folder of the run.
+        metrics: The metrics of each stage, in the order in which the stages were done; the last
+            one names the best iteration.
+    """
+
+    run: Path
+    metrics: Sequence[object]
+
+
+@dataclass(frozen=True)
+class Train(OnWorkers, OnSimulator):
+    """Train a policy: `surefoot train loco_safe_dagger`.
+
+    The options of a method, and all defaults, are shown by `surefoot train METHOD --help`.
+
+    JSON keys: run [folder], metrics [list, one object for each stage, with the keys of the run's
+    metrics.jsonl].
     """
 
     method: Annotated[str, tyro.conf.Positional]
     """behavior_cloning, dagger, safe_dagger, loco_dagger or loco_safe_dagger."""
     preset: str = "default"
-    """default; quick: minutes; paper: the paper's numbers and simulator, over an hour."""
+    """default; quick: takes minutes; paper: the paper's numbers and simulator, over an hour."""
     run: Path | None = None
-    """Folder of the run; runs/METHOD-PRESET without it."""
+    """Folder of the run; without it runs/METHOD-PRESET."""
     device: Literal["auto", "cpu", "cuda"] | None = None
-    """What to train the network on; without it as configured: a GPU if there is one."""
+    """Device that trains the network; without it as configured: a GPU if there is one."""
     resume: bool = False
-    """Go on with the run in that folder, from the first stage that is not done."""
+    """Resume the run in that folder, from the first stage that is not done."""
     tensorboard: bool = False
     """Write TensorBoard events into the run's folder (needs the extra track)."""
     json: Path | None = None
-    """Write the metrics here."""
+    """Write the metrics to this file."""
     config: Config = field(default_factory=Config)
 
     def __call__(self) -> int:
@@ -55,6 +76,33 @@ class Train(OnWorkers, OnSimulator):
         policy = METHODS[self.method].train(run, self.spread, None)
         curves = learning_curves(run.metrics, folder / "curves.png")
         if self.json:
-            write_json(self.json, {"run": str(folder), "metrics": run.metrics})
+            write_json(self.json, TrainReport(folder, run.metrics))
         print(f"best policy: {policy}\ncurves:      {curves}")
         return 0
+
+
+def parse_train(args: Sequence[str]) -> Train:
+    """The command that an argument list asks for; the method may stand anywhere among the options.
+
+    Args:
+        args: Command line, without the name of the command.
+
+    Raises:
+        ValueError: There is no method, or no such method or preset.
+        SystemExit: Help was asked for, or an option is wrong.
+    """
+    program = "surefoot train"
+    flat = (tyro.conf.AvoidSubcommands,)
+    given = sort_arguments(args, Train)
+    if given.positional:
+        method = given.positional[0]
+        name = given.values.get("--preset", "default")
+        default = Train(method, name, config=preset(method, name))
+        return tyro.cli(Train, args=args, default=default, prog=program, config=flat)
+    if "-h" in args or "--help" in args:
+        return tyro.cli(Train, args=args, prog=program, config=flat)
+    if given.unknown:
+        raise ValueError(
+            f"there is no option {given.unknown[0]}; `surefoot train METHOD --help` lists all"
+        )
+    raise ValueError(f"train what? Name a method: {', '.join(METHOD_CONFIGS)}")

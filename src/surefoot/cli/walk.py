@@ -1,90 +1,127 @@
-"""The commands: doctor, walk, train, play, bench; their fields are their options.
-
-A command calls the package and prints; every figure comes from the modules it calls. ``--json
-FILE`` writes the figures for machines: one object, its keys documented at the command. Next:
-`commands_evaluation`, which holds evaluate and compare, and `cli`.
-"""
+"""The command walk: the expert walks, from standing."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.cli.options import OnSimulator, film_episode, show
+from surefoot.cli.options import OnSimulator, film_episode, show_record
 from surefoot.config import Config
-from surefoot.rollouts.summary import heading_drift, settled_part
 from surefoot.types import TICKS_PER_SECOND, Command
+
+if TYPE_CHECKING:
+    from surefoot.mpc.expert import Expert
+    from surefoot.rollouts.engine import Rollout
 
 
 @dataclass(frozen=True)
-class Doctor(OnSimulator):
-    """Check this machine: versions, a plan, the simulators, training, rendering; how to mend it."""
+class WalkReport:
+    """How the expert walked.
 
-    def __call__(self) -> int:
-        """Print the report; 1 if something essential is broken."""
-        from surefoot.cli.doctor import examine
+    Attributes:
+        fell: True if the robot fell, or the expert gave up.
+        outcome: Name of the `Outcome`.
+        command: vx, vy [m/s] and yaw rate [rad/s] that were asked for.
+        mean_velocity: vx, vy [m/s] and yaw rate [rad/s] in the heading frame, from 1 s on.
+        heading_drift: Heading at the end minus the heading commanded [deg].
+        base_height: Mean height of the base from 1 s on [m].
+        base_height_std: Standard deviation of that height [m].
+        max_torque: Largest joint torque commanded [N m].
+        plans: Number of MPC solves.
+        invalid_plans: Number of them that were not valid.
+        seconds: Time until the end [s].
+    """
 
-        return 0 if examine(self.sim or "mujoco") else 1
+    fell: bool
+    outcome: str
+    command: tuple[float, float, float]
+    mean_velocity: tuple[float, float, float]
+    heading_drift: float
+    base_height: float
+    base_height_std: float
+    max_torque: float
+    plans: int
+    invalid_plans: int
+    seconds: float
 
 
 @dataclass(frozen=True)
 class Walk(OnSimulator):
-    """The expert walks, from standing.
+    """Let the expert walk, from standing, and film it.
 
-    JSON: fell, outcome; command, mean_velocity [vx m/s, vy m/s, yaw rate rad/s, heading frame, from
-    1 s on]; heading_drift [deg, from the heading commanded, at the end]; base_height,
-    base_height_std [m, from 1 s on]; max_torque [Nm]; plans, invalid_plans; seconds.
+    JSON keys: fell, outcome; command and mean_velocity [vx m/s, vy m/s, yaw rate rad/s, in the
+    heading frame, from 1 s on]; heading_drift [deg, from the heading commanded, at the end];
+    base_height and base_height_std [m, from 1 s on]; max_torque [N m]; plans, invalid_plans;
+    seconds [s, until the end].
     """
 
     vx: float = 0.2
-    """[m/s] forward."""
+    """Forward speed [m/s]."""
     vy: float = 0.0
-    """[m/s] to the left."""
+    """Speed to the left [m/s]."""
     yaw_rate: float = 0.0
-    """[rad/s] to the left."""
+    """Yaw rate to the left [rad/s]."""
     seconds: float = 10.0
-    """How long."""
+    """Duration [s]."""
     video: bool = True
-    """Film it."""
+    """Film the robot."""
     out: Path = Path("walk.mp4")
-    """The video."""
+    """Film to write, and a contact sheet beside it."""
     json: Path | None = None
-    """Write the figures here."""
+    """Write the figures to this file."""
     config: Config = field(default_factory=Config)
 
     def __call__(self) -> int:
         """Walk, print, film; 1 if the robot fell."""
+        from surefoot.robots.solo12 import solo12
         from surefoot.rollouts.arbiters import ExpertOnly
         from surefoot.rollouts.jobs import Job, play_out
-        from surefoot.rollouts.outcome import Outcome
-        from surefoot.rollouts.summary import velocities
+        from surefoot.viz.film import Recording
         from surefoot.viz.replay import standing_start
 
-        command, config = Command(self.vx, self.vy, self.yaw_rate), self.simulated(self.config)
+        command = Command(self.vx, self.vy, self.yaw_rate)
+        config = self.simulated(self.config)
         job = Job(config, standing_start(command), np.zeros(1, int), ExpertOnly(), self.seconds)
         with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
-            record, expert = play_out(job, progress=bar.update)
-        length = int(record.length[0])
-        settled = settled_part(length)
-        height = record.q[0, settled, 2]
-        figures = {
-            "fell": bool(record.failed[0]),
-            "outcome": Outcome(int(record.outcome[0])).name,
-            "command": list(command),
-            "mean_velocity": velocities(record)[0, settled].mean(axis=0).tolist(),
-            "heading_drift": heading_drift(record.q[0, :length], command),
-            "base_height": float(height.mean()),
-            "base_height_std": float(height.std()),
-            "max_torque": float(np.abs(record.torque[0, :length]).max()),
-            "plans": int(expert.plans[0]),
-            "invalid_plans": int(expert.invalid_plans[0]),
-            "seconds": length / TICKS_PER_SECOND,
-        }
-        show(figures, self.json)
+            rollouts, expert = play_out(job, progress=bar.update)
+        report = walk_report(rollouts, expert, command)
+        show_record(report, self.json)
         if self.video:
-            title = f"expert, vx {self.vx:.2f} m/s"
-            film_episode(config, record.q[0, :length], self.out, title)
-        return int(figures["fell"])
+            q = rollouts.q[0, : int(rollouts.length[0])]
+            recording = Recording(solo12(config.robot), config.simulation, q)
+            film_episode(recording, self.out, f"expert, vx {self.vx:.2f} m/s")
+        return int(report.fell)
+
+
+def walk_report(rollouts: Rollout, expert: Expert, command: Command) -> WalkReport:
+    """Sum up the first episode of a rollout that the expert drove.
+
+    Args:
+        rollouts: The rollout.
+        expert: The expert, with its counters.
+        command: The velocity that was asked for.
+    """
+    from surefoot.rollouts.outcome import Outcome
+    from surefoot.rollouts.summary import heading_drift, settled_part, velocities
+
+    length = int(rollouts.length[0])
+    settled = settled_part(length)
+    height = rollouts.q[0, settled, 2]
+    vx, vy, yaw_rate = velocities(rollouts)[0, settled].mean(axis=0).tolist()
+    return WalkReport(
+        fell=bool(rollouts.failed[0]),
+        outcome=Outcome(int(rollouts.outcome[0])).name,
+        command=(command.vx, command.vy, command.yaw_rate),
+        mean_velocity=(vx, vy, yaw_rate),
+        heading_drift=heading_drift(rollouts.q[0, :length], command),
+        base_height=float(height.mean()),
+        base_height_std=float(height.std()),
+        max_torque=float(np.abs(rollouts.torque[0, :length]).max()),
+        plans=int(expert.plans[0]),
+        invalid_plans=int(expert.invalid_plans[0]),
+        seconds=length / TICKS_PER_SECOND,
+    )

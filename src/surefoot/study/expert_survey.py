@@ -93,7 +93,7 @@ def survey(
             record["cells"].append(cell)
         label = f"{name}, {nodes[0]}/{nodes[1]} nodes, {rules} rules"
         if "plan_ms" not in cell:
-            keep(cell, plan_ms=times_of(cold_plans(variant)))
+            keep(cell, plan_ms=to_json(times_of(cold_plans(variant))))
         for prefix, stored in zip(("", "wide_"), PACKAGED, strict=True):
             if f"{prefix}survived" not in cell:
                 keep(cell, **survival(variant, stored, workers, label, prefix))

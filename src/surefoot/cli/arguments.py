@@ -1,0 +1,108 @@
+"""How many values each option of a command takes, derived from the types of its fields.
+
+The defaults of some options depend on other arguments (those of `train` on the method and the
+preset), so these have to be found before tyro parses the command line, wherever they stand.
+``train --config.method.pretraining.nominal dagger`` names a method, but ``train --run dagger`` a
+folder. Next: `train`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+import tyro
+
+ANY_NUMBER = 1_000_000
+"""Values of an option that takes as many as there are."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """A command line, sorted.
+
+    Attributes:
+        positional: Arguments that are neither options nor values of options.
+        values: First value of each option that has one, by the option's name.
+        unknown: Options that the command does not have.
+    """
+
+    positional: tuple[str, ...]
+    values: dict[str, str]
+    unknown: tuple[str, ...]
+
+
+def sort_arguments(args: Sequence[str], command: type) -> Arguments:
+    """Tell positional arguments from options and their values.
+
+    Args:
+        args: Command line, without the name of the command.
+        command: Dataclass of the command, whose fields are its options.
+    """
+    sizes = {"-h": 0, "--help": 0} | option_sizes(command)
+    positional: list[str] = []
+    values: dict[str, str] = {}
+    unknown: list[str] = []
+    position = 0
+    while position < len(args):
+        argument = args[position]
+        position += 1
+        if not argument.startswith("-"):
+            positional.append(argument)
+            continue
+        name, equals, value = argument.partition("=")
+        name = name.replace("_", "-")
+        if name not in sizes:
+            unknown.append(name)
+        if equals:
+            values[name] = value
+            continue
+        # An option that does not exist is refused later; most options take one value.
+        last = min(position + sizes.get(name, 1), len(args))
+        if position < last and not args[position].startswith("--"):
+            values[name] = args[position]
+        while position < last and not args[position].startswith("--"):
+            position += 1
+    return Arguments(tuple(positional), values, tuple(unknown))
+
+
+def option_sizes(command: type, prefix: str = "") -> dict[str, int]:
+    """Number of values that each option of a command takes, by the option's name.
+
+    Args:
+        command: Dataclass whose fields are options; a field that is a dataclass is a group.
+        prefix: Dotted name of the group, with a dot at the end.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    sizes: dict[str, int] = {}
+    for field in fields(command):
+        hint = hints[field.name]
+        if get_origin(hint) is Annotated and tyro.conf.Positional in get_args(hint):
+            continue
+        name = field.name.replace("_", "-")
+        for kind in _alternatives(hint):
+            if is_dataclass(kind):
+                sizes |= option_sizes(kind, f"{prefix}{name}.")  # type: ignore[arg-type]
+            elif kind is bool:
+                sizes[f"--{prefix}{name}"] = 0
+                sizes[f"--{prefix}no-{name}"] = 0
+            else:
+                sizes[f"--{prefix}{name}"] = _number_of_values(kind)
+    return sizes
+
+
+def _alternatives(hint: Any) -> tuple[Any, ...]:
+    """The types that a value of a field may have, apart from None."""
+    if get_origin(hint) in (Union, UnionType):
+        return tuple(kind for kind in get_args(hint) if kind is not type(None))
+    return (hint,)
+
+
+def _number_of_values(kind: Any) -> int:
+    """Number of values that an option of a type takes."""
+    if get_origin(kind) is not tuple:
+        return 1
+    parts = get_args(kind)
+    return ANY_NUMBER if parts[-1] is Ellipsis else len(parts)

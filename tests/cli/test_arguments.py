@@ -1,0 +1,100 @@
+"""Positional arguments are told from values of options, as tyro does."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import pytest
+import tyro
+
+from surefoot.cli.arguments import ANY_NUMBER, option_sizes, sort_arguments
+from surefoot.cli.train import Train
+from surefoot.config import METHODS
+
+
+@dataclass(frozen=True)
+class Arm:
+    long_name: float = 0.0
+    bent: bool = False
+
+
+@dataclass(frozen=True)
+class Leg:
+    range: tuple[float, float] = (0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Toy:
+    target: Annotated[str, tyro.conf.Positional]
+    limb: Arm | Leg
+    file: Path | None = None
+    names: tuple[str, ...] = ()
+    dry: bool = False
+
+
+def test_the_number_of_values_follows_from_the_type():
+    assert option_sizes(Toy) == {
+        "--limb.long-name": 1,
+        "--limb.bent": 0,
+        "--limb.no-bent": 0,
+        "--limb.range": 2,
+        "--file": 1,
+        "--names": ANY_NUMBER,
+        "--dry": 0,
+        "--no-dry": 0,
+    }
+
+
+@pytest.mark.parametrize(
+    ("args", "positional"),
+    [
+        ("a", "a"),
+        ("--dry a", "a"),
+        ("--no-dry a", "a"),
+        ("--limb.bent a", "a"),
+        ("--limb.no-bent a", "a"),
+        ("--file a", ""),
+        ("--file a b", "b"),
+        ("--file=a b", "b"),
+        ("--limb.long-name -0.5 a", "a"),
+        ("--limb.long_name 0.5 a", "a"),
+        ("--limb.range -1 2 a", "a"),
+        ("--names a b --dry c", "c"),
+        ("--names --dry a", "a"),
+        ("a --names b c", "a"),
+        ("-h a", "a"),
+        ("--file", ""),
+    ],
+)
+def test_values_of_options_are_not_positional(args, positional):
+    found = sort_arguments(args.split(), Toy)
+    assert found.positional == tuple(positional.split())
+    assert not found.unknown
+
+
+def test_values_and_unknown_options_are_named():
+    found = sort_arguments(
+        ["--file=a", "--fil", "b", "--limb.range", "1", "2", "--file", "c", "d"], Toy
+    )
+    assert found.values == {"--file": "c", "--fil": "b", "--limb.range": "1"}
+    assert found.unknown == ("--fil",)
+    assert found.positional == ("d",)
+
+
+def test_the_options_of_train_are_those_that_tyro_has(surefoot, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")  # wide enough for each option's line
+    flags = set()
+    with_values = set()
+    for method in METHODS:
+        assert surefoot("train", method, "--help") == 0
+        for line in capsys.readouterr().out.splitlines():
+            words = line.strip("│ ").replace(",", "").split()
+            if re.match(r"--\w", " ".join(words)):
+                if words[-1].startswith("--"):
+                    flags |= set(words)
+                else:
+                    with_values.add(words[0])
+    sizes = option_sizes(Train)
+    assert flags == {name for name, size in sizes.items() if size == 0}
+    assert with_values == {name for name, size in sizes.items() if size > 0}

@@ -1,0 +1,106 @@
+"""The command bench: which measurement runs with which configuration, and what comes out."""
+
+import json
+
+import pytest
+
+from surefoot.bench import end_to_end, engine, plan, train
+from surefoot.bench.end_to_end import EndToEndSpeed, EvaluationSpeed, StageTime
+from surefoot.bench.engine import EngineSpeed
+from surefoot.bench.plan import PlanTimes, StageTimes, Times
+from surefoot.bench.train import TrainSpeed
+from surefoot.config import Config, simulated
+from surefoot.config.presets import preset
+from surefoot.study import expert_survey
+from surefoot.workers import Workers
+
+TIMES = Times(2.0, 3.0, StageTimes(0.1, 0.2, 0.3, 0.4))
+NODES = (20, 10)
+PLAN = PlanTimes(5, NODES, TIMES, 9.0, TIMES, 8.0, NODES, TIMES, 7.0, TIMES, 6.0)
+ENGINE = EngineSpeed(20, 6e4, 7.5e4, 1.25, 1.9, 0.8, 0.9)
+TRAIN = TrainSpeed(256, "float32", 4.0, 10.0, 0.4, 3.0, 1.25)
+EVALUATION = EvaluationSpeed(100, 2, 5.0, 4.0, 1.25)
+STAGE = StageTime(4.0, 2.0)
+END_TO_END = EndToEndSpeed("dagger", 2, 13.0, STAGE, STAGE, STAGE, 1.0, 2.0, 7.5e4, 3.0, 99)
+RECORDS = {
+    "plan": PLAN,
+    "engine": ENGINE,
+    "train": TRAIN,
+    "evaluation": EVALUATION,
+    "end_to_end": END_TO_END,
+}
+
+
+@pytest.fixture
+def calls(monkeypatch) -> list[tuple]:
+    """The arguments of each measurement, none of which is made."""
+    made = []
+
+    def replace_function(module, name: str) -> None:
+        def measure(*args):
+            made.append((name, *args))
+            return RECORDS[name]
+
+        monkeypatch.setattr(module, f"bench_{name}", measure)
+
+    replace_function(plan, "plan")
+    replace_function(engine, "engine")
+    replace_function(train, "train")
+    replace_function(end_to_end, "evaluation")
+    replace_function(end_to_end, "end_to_end")
+    return made
+
+
+def test_without_a_name_everything_is_measured(surefoot, calls, capsys, tmp_path):
+    file = tmp_path / "bench.json"
+    args = ("--sim", "bullet", "--workers", 3, "--preset", "default", "--json", file)
+    assert surefoot("bench", *args) == 0
+    config = simulated(Config(), "bullet")
+    run = simulated(preset("loco_safe_dagger", "default"), "bullet")
+    assert calls == [
+        ("plan", config),
+        ("engine", config),
+        ("train", config),
+        ("evaluation", config, Workers(3)),
+        ("end_to_end", run, Workers(3)),
+    ]
+    figures = json.loads(file.read_text())
+    assert list(figures) == ["plan", "engine", "train", "evaluation", "end_to_end"]
+    assert figures["plan"]["half_warm_plan_ms"]["stages"]["inverse_dynamics"] == 0.4
+    assert figures["engine"]["floor_robot_ms_per_s"] == 7.5e4
+    assert figures["end_to_end"]["collect"] == {"seconds": 4.0, "floor_seconds": 2.0}
+    assert "floor" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_a_name_measures_only_that(surefoot, calls, tmp_path, name):
+    file = tmp_path / "bench.json"
+    assert surefoot("bench", name, "--json", file) == 0
+    assert [call[0] for call in calls] == [name]
+    assert list(json.loads(file.read_text())) == [name]
+
+
+def test_numbers_are_printed_with_their_names_in_words(surefoot, calls, capsys):
+    assert surefoot("bench", "engine") == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "engine      batch                                 20",
+        "engine      robot ms per s                     6e+04",
+        "engine      lower bound robot ms per s       7.5e+04",
+        "engine      ratio                               1.25",
+        "engine      two processes                        1.9",
+        "engine      plan share                           0.8",
+        "engine      lower bound plan share               0.9",
+    ]
+
+
+def test_the_survey_of_the_expert_is_asked_with_the_options(
+    surefoot, monkeypatch, capsys, tmp_path
+):
+    asked = []
+    monkeypatch.setattr(expert_survey, "survey", lambda *args: asked.append(args) or "cells")
+    monkeypatch.setattr(expert_survey, "table", lambda cells: f"table of {cells}")
+    file = tmp_path / "expert.json"
+    args = ("--episodes", 7, "--workers", 1, "--sim", "mujoco", "--json", file)
+    assert surefoot("bench", "expert", *args) == 0
+    assert asked == [(Config(), "mujoco", 7, Workers(1), file)]
+    assert capsys.readouterr().out == "table of cells\n"

@@ -1,0 +1,124 @@
+"""The command evaluate: policy and expert from the same initial states, and the files written."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from surefoot.cli.evaluate import Evaluate
+from surefoot.config import Config, PolicyConfig, PushConfig
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.policy import Policy, save
+from surefoot.scenarios.starts import load_starts, save_starts
+from tests.fakes.robots import needs_pybullet
+
+
+@pytest.fixture
+def run_copy(run_folder, tmp_path) -> Path:
+    """A copy of the finished run, to write to."""
+    folder = tmp_path / "run"
+    shutil.copytree(run_folder, folder)
+    return folder
+
+
+def test_policy_and_expert_begin_from_the_same_states(surefoot, run_copy, tmp_path):
+    file = tmp_path / "figures.json"
+    args = ("evaluate", run_copy, "--episodes", 4, "--workers", 1, "--json", file)
+    assert surefoot(*args) == 0
+    figures = json.loads(file.read_text())
+    for part in (figures, figures["expert"]):
+        assert part["episodes"] == 4
+        assert part["successes"] + part["falls"] + part["stalls"] + part["diverged"] == 4
+        assert len(part["success_interval"]) == 2
+        assert {"success_rate", "mse"} <= part.keys()
+    assert figures["starts_hash"] == figures["expert"]["starts_hash"]
+    assert not list(run_copy.glob("evaluation-*.json"))  # fewer episodes than the run's own
+
+
+def test_pushes_are_measured_and_compared(surefoot, capsys, run_copy, tmp_path):
+    file = tmp_path / "figures.json"
+    args = ("evaluate", run_copy, "--episodes", 2, "--workers", 1, "--pushes", "--json", file)
+    assert surefoot(*args) == 0
+    figures = json.loads(file.read_text())
+    policy = figures["pushes"]["mean_fitted_impulse"]
+    expert = figures["expert"]["pushes"]["mean_fitted_impulse"]
+    assert policy == 0.0  # it falls without a push
+    assert expert == pytest.approx(0.5)  # the only level
+    difference = figures["push_difference"]["difference"]
+    assert difference == pytest.approx(-0.5)
+    printed = capsys.readouterr().out
+    for impulse in (policy, expert):
+        assert f"{impulse:.2f} (" in printed
+    assert f"policy minus expert: {difference:+.2f} N" in printed
+
+
+@pytest.mark.parametrize("split", ["select", "test"])
+def test_pushes_are_on_the_split_asked_for(split):
+    command = Evaluate(Path("run"), split=split, pushes=True)
+    config = command.as_asked(Config())
+    assert config == replace(Config(), push=replace(PushConfig(), split=split))
+    nominal = replace(Config(), push=replace(PushConfig(), split="nominal"))
+    expected = "nominal" if split == "test" else split  # what a run was configured with
+    assert command.as_asked(nominal).push.split == expected
+
+
+def test_the_file_is_named_after_what_is_evaluated(surefoot, run_copy, tmp_path):
+    own = tmp_path / "solo12-trot-v1.npz"  # a file may hold anything, whatever its name
+    save_starts(load_starts("solo12-trot-v1-wide"), own)
+    digest = load_starts("solo12-trot-v1-wide").hash
+    noisy = ("--disturbance.noise.joint-position", 0.01, "--disturbance.delay", 3)
+    expected = {
+        (): "evaluation-test.json",
+        ("--starts", "solo12-trot-v1-wide"): "evaluation-test-solo12-trot-v1-wide.json",
+        ("--starts", own): f"evaluation-test-solo12-trot-v1_{digest[:8]}.json",
+        ("--disturbance.friction", 0.6, 0.7): "evaluation-test-friction_0.6_0.7.json",
+        noisy: "evaluation-test-noise.joint_position_0.01-delay_3.json",
+    }
+    written = {}
+    for number, (args, name) in enumerate(expected.items(), 1):
+        assert surefoot("evaluate", run_copy, "--workers", 1, *args) == 0
+        assert len(list(run_copy.glob("evaluation-*.json"))) == number
+        written[args] = json.loads((run_copy / name).read_text())
+    assert written[()]["disturbance"] == {}
+    assert written[noisy]["disturbance"] == {"noise.joint_position": 0.01, "delay": 3}
+    assert written["--starts", own]["starts_hash"] == digest != written[()]["starts_hash"]
+    tracking = [figures["expert"]["mse"] for figures in written.values()]
+    assert tracking[1] == tracking[2]
+    assert len({json.dumps(mse) for mse in tracking}) == 4  # each of them did something
+    assert written[()] == json.loads((run_copy / "evaluation-test.json").read_text())
+    assert surefoot("evaluate", run_copy, "--disturbance.mass", -1, 1) == 2
+
+
+@needs_pybullet
+def test_sim_to_sim_leaves_the_runs_own_evaluation_alone(surefoot, run_copy):
+    written = []
+    for sim in ((), ("--sim", "mujoco"), ("--sim", "bullet")):
+        assert surefoot("evaluate", run_copy, "--workers", 1, *sim) == 0
+        files = sorted(path.name for path in run_copy.glob("evaluation-*.json"))
+        written.append((files, (run_copy / "evaluation-test.json").read_bytes()))
+    assert [files for files, _ in written] == [
+        ["evaluation-test.json"],
+        ["evaluation-test.json"],
+        ["evaluation-test-bullet.json", "evaluation-test.json"],
+    ]
+    assert written[0][1] == written[1][1] == written[2][1]
+    other = json.loads((run_copy / "evaluation-test-bullet.json").read_text())
+    assert other["simulator"] == "bullet"
+    assert other["starts_hash"] == json.loads(written[0][1])["starts_hash"]
+
+
+def test_policies_that_do_not_fit_are_refused(surefoot, capsys, tmp_path, run_folder):
+    whole = (run_folder / "policies/000.safetensors").read_bytes()
+    cut = tmp_path / "cut.safetensors"
+    cut.write_bytes(whole[: len(whole) // 2])
+    network = PolicyNetwork(PolicyConfig(hidden=(8,)))
+    other = Policy(network, PolicyConfig(hidden=(8,)), 500, np.zeros((2, 3)), robot="a1")
+    save(other, tmp_path / "other.safetensors")
+    layout = tmp_path / "layout.safetensors"
+    layout.write_bytes(whole.replace(b"base_height", b"base_heigth"))
+    for name, message in (("cut", "not a whole"), ("other", "robot"), ("layout", "observation")):
+        assert surefoot("evaluate", tmp_path / f"{name}.safetensors") == 2
+        assert message in capsys.readouterr().err

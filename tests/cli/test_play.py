@@ -1,0 +1,85 @@
+"""The command play: a policy from standing, and recorded episodes."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from surefoot.cli import play
+from surefoot.rollouts.jobs import play_out
+from surefoot.runs.run import open_run
+from surefoot.viz.replay import recorded_episode
+from tests.fakes.robots import needs_pybullet
+
+
+@pytest.fixture
+def films(monkeypatch) -> list:
+    """What would have been filmed: recording, file and title."""
+    filmed = []
+    monkeypatch.setattr(play, "film_episode", lambda *film: filmed.append(film))
+    return filmed
+
+
+def test_a_policy_is_filmed_from_standing(surefoot, films, run_folder, tmp_path):
+    file = tmp_path / "play.json"
+    surefoot("play", run_folder, "--vx", 0.1, "--seconds", 0.1, "--json", file)
+    report = json.loads(file.read_text())
+    assert report["command"] == [0.1, 0.0, 0.0]
+    assert report["seconds"] == 0.1
+    assert report["episode"] is None
+    assert (report["drove_last"], report["expert_share"]) == ("policy", 0.0)
+    [(recording, out, title)] = films
+    assert recording.q.shape == (100, 19)
+    assert recording.expert_drove is None
+    assert (out, title) == (run_folder / "play.mp4", "policy, vx 0.10 m/s")
+
+
+def test_a_recorded_episode_is_filmed_with_its_drivers(surefoot, films, run_folder, tmp_path):
+    file = tmp_path / "play.json"
+    surefoot("play", run_folder, "--episode", 1, "--iteration", 1, "--json", file)
+    report = json.loads(file.read_text())
+    assert report["episode"] == 100_001
+    [(recording, out, title)] = films
+    assert out == run_folder / "episode_100001.mp4"
+    assert title.startswith("episode 100001, vx ")
+    assert recording.expert_drove.shape == (len(recording.q),)
+    assert report["drove_last"] == ("expert" if recording.expert_drove[-1] else "policy")
+
+
+def test_a_recorded_episode_repeats_bit_for_bit(run_folder):
+    frames = open_run(run_folder).dataset.load()
+    episode = int(frames.episode[-1])
+    recorded = frames[frames.episode == episode]
+    rollouts, _ = play_out(recorded_episode(run_folder, episode))
+    rows = recorded.tick - rollouts.starts.tick[0]
+    np.testing.assert_array_equal(rollouts.q[0, rows], recorded.q)
+    np.testing.assert_array_equal(rollouts.torque[0, rows], recorded.torque)
+
+
+def test_a_command_outside_the_training_warns(surefoot, films, run_folder, tmp_path):
+    policy = tmp_path / "policy.safetensors"
+    shutil.copy(run_folder / "policies/001.safetensors", policy)
+    with pytest.warns(UserWarning, match="outside what the policy was trained on"):
+        surefoot("play", policy, "--vx", 1.5, "--seconds", 0.1)
+    [(_, out, _)] = films
+    assert out == tmp_path / "play.mp4"
+
+
+def test_an_iteration_needs_an_episode(surefoot, capsys, run_folder):
+    assert surefoot("play", run_folder, "--iteration", 1) == 2
+    assert "iteration 1 of which --episode?" in capsys.readouterr().err
+
+
+@needs_pybullet
+def test_a_policy_may_walk_in_another_simulator(surefoot, films, run_folder, tmp_path):
+    file = tmp_path / "play.json"
+
+    def velocity(simulator: str) -> list[float]:
+        args = ("play", Path(run_folder), "--seconds", 0.05, "--sim", simulator, "--json", file)
+        assert surefoot(*args) == 0
+        return json.loads(file.read_text())["mean_velocity"]
+
+    assert velocity("mujoco") != velocity("bullet")
+    assert [film[0].simulation.backend for film in films] == ["mujoco", "bullet"]

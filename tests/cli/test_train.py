@@ -1,0 +1,115 @@
+"""The command train: method and preset wherever they stand, and folders that are left alone."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from surefoot.cli.main import parse
+from surefoot.cli.train import Train, parse_train
+from surefoot.config import Config
+from surefoot.config.presets import preset
+from surefoot.runs.run import create
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        "--config.method.pretraining.nominal",
+        "--config.method.pretraining.no-nominal",
+        "--config.training.batch 32",
+        "--config.training.batch=32",
+        "--config.training.learning_rate 0.1",
+        "--config.collection.impulse 0.5 1.5",
+        "--resume",
+        "--no-resume",
+        "--tensorboard",
+        "--no-tensorboard",
+        "--run loco_dagger",
+        "--run=loco_dagger",
+        "--preset quick",
+        "--preset=quick",
+        "--sim bullet --device cpu --resume --config.seed 3",
+    ],
+)
+def test_the_method_may_stand_before_or_after_any_option(options):
+    before = parse_train([*options.split(), "dagger"])
+    after = parse_train(["dagger", *options.split()])
+    assert before == after
+    assert before.method == "dagger"
+
+
+def test_the_options_reach_the_configuration():
+    args = "--config.method.pretraining.no-nominal --run=a --preset quick dagger --config.seed 3"
+    command = parse_train(args.split())
+    assert command.run == Path("a")
+    assert command.config.seed == 3
+    assert not command.config.method.pretraining.nominal  # type: ignore[union-attr]
+
+
+def test_an_option_of_any_number_of_values_ends_with_the_next_option():
+    args = "--config.method.frames 100 200 --resume behavior_cloning"
+    command = parse_train(args.split())
+    assert command.config.method.frames == (100, 200)  # type: ignore[union-attr]
+    assert command.resume
+
+
+@pytest.mark.parametrize("method", ["behavior_cloning", "dagger", "loco_safe_dagger"])
+@pytest.mark.parametrize("name", ["default", "quick", "paper"])
+def test_defaults_are_those_of_method_and_preset(method, name):
+    command = parse(["train", "--preset", name, method])
+    assert command == Train(method, name, config=preset(method, name))
+
+
+def test_the_last_of_two_presets_counts():
+    command = parse_train(["--preset", "paper", "dagger", "--preset", "quick"])
+    assert command == parse_train(["dagger", "--preset", "quick"])
+
+
+@pytest.mark.parametrize("args", [(), ("dagger",), ("--preset", "quick", "loco_dagger")])
+def test_help_shows_the_defaults_of_the_method(surefoot, capsys, args):
+    assert surefoot("train", *args, "--help") == 0
+    text = capsys.readouterr().out
+    assert text.startswith("usage: surefoot train ")
+    assert ("--config.method.N-query" in text) == ("loco_dagger" in args)
+    assert ("--config.method.p " in text) == ("dagger" in args)
+
+
+def test_a_wrong_option_does_not_occupy_the_folder(surefoot, capsys, tmp_path):
+    folder = tmp_path / "run"
+    args = ("train", "loco_safe_dagger", "--run", folder)
+    assert surefoot(*args, "--config.method.velocities", 50) == 2
+    assert "50 velocities asked for" in capsys.readouterr().err
+    assert create(folder, Config()).config == Config()  # nothing was collected, nothing is lost
+
+
+def contents(folder: Path) -> dict[Path, bytes | None]:
+    """Everything in a folder: bytes of files, None for folders."""
+    return {path: path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+def test_a_folder_with_a_run_is_left_alone(surefoot, capsys, run_folder):
+    before = contents(run_folder)
+    assert surefoot("train", "loco_safe_dagger", "--run", run_folder) == 2
+    assert "already holds a run" in capsys.readouterr().err
+    assert contents(run_folder) == before
+
+
+def test_training_prints_its_progress_and_writes_its_metrics(surefoot, capsys, tmp_path):
+    folder = tmp_path / "run"
+    file = tmp_path / "metrics.json"
+    sizes = "--config.method.data.velocities 2 --config.method.data.perturbations 1"
+    sizes += " --config.method.data.no-nominal --config.method.data.duration 0.1"
+    sizes += " --config.method.epochs 1 --config.method.frames 1000 --config.policy.hidden 16"
+    sizes += " --config.evaluation.duration 0.05 --config.evaluation.episodes 2"
+    args = ("train", "behavior_cloning", *sizes.split(), "--run", folder, "--workers", 1)
+    assert surefoot(*args, "--json", file) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"behavior_cloning, preset default, seed 0, in {folder}\n")
+    assert "\niteration 0: 20 rollouts, 0 fell" in printed
+    assert f"best policy: {folder}/policies/" in printed
+    report = json.loads(file.read_text())
+    lines = (folder / "metrics.jsonl").read_text().splitlines()
+    assert report == {"run": str(folder), "metrics": [json.loads(line) for line in lines]}
+    assert report["metrics"][-1]["stage"] == "best"
+    assert (folder / "curves.png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,54 @@
+"""The command walk: how the expert walked, in words and as JSON."""
+
+import json
+
+import numpy as np
+import pytest
+
+from surefoot.cli import walk
+from surefoot.cli.walk import Walk
+from surefoot.config import Config
+from tests.fakes.robots import needs_pybullet
+
+
+def test_walk_writes_its_report(surefoot, capsys, tmp_path):
+    file = tmp_path / "walk.json"
+    args = ("--vx", 0.2, "--seconds", 2, "--no-video", "--json", file)
+    assert surefoot("walk", *args) == 0
+    report = json.loads(file.read_text())
+    assert report["fell"] is False
+    assert report["outcome"] == "SUCCESS"
+    assert report["command"] == [0.2, 0.0, 0.0]
+    assert report["mean_velocity"][0] == pytest.approx(0.2, abs=0.03)
+    assert abs(report["heading_drift"]) < 5.0
+    assert report["base_height"] == pytest.approx(0.22, abs=0.05)
+    assert 0 < report["base_height_std"] < 0.02
+    assert 0 < report["max_torque"] <= 2.7
+    assert (report["plans"], report["invalid_plans"]) == (40, 0)
+    assert report["seconds"] == 2.0
+    printed = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
+    assert {key: json.loads(value) for key, value in printed.items()} == report
+
+
+def test_the_film_shows_the_whole_walk(monkeypatch, tmp_path):
+    films = []
+    monkeypatch.setattr(walk, "film_episode", lambda *film: films.append(film))
+    out = tmp_path / "walk.mp4"
+    assert Walk(vx=0.1, seconds=0.3, out=out)() == 0
+    [(recording, path, title)] = films
+    assert recording.q.shape == (300, 19)
+    assert recording.expert_drove is None and not recording.pushes
+    assert recording.simulation == Config().simulation
+    assert (path, title) == (out, "expert, vx 0.10 m/s")
+    np.testing.assert_allclose(recording.q[0, :2], 0.0, atol=1e-6)
+
+
+@needs_pybullet
+def test_sim_overrides_the_configuration(surefoot, tmp_path):
+    file = tmp_path / "walk.json"
+    reports = []
+    for sim in (("--sim", "bullet"), ("--config.simulation.backend", "bullet"), ()):
+        assert surefoot("walk", "--seconds", 0.3, "--no-video", "--json", file, *sim) == 0
+        reports.append(json.loads(file.read_text()))
+    assert reports[0] == reports[1]
+    assert reports[0]["base_height"] != reports[2]["base_height"]
