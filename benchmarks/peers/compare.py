@@ -37,8 +37,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from surefoot.config import Config
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.observation import INPUT_SIZE, network_input
-from surefoot.learning.policy import Policy
+from surefoot.learning.observation import INPUT_SIZE, network_input, observation_spec
+from surefoot.learning.policy import Policy, policy_spec
 from surefoot.robots.model import RobotModel, clip_torque, standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import SafetySwitch
@@ -81,7 +81,7 @@ def surefoot_contender(config: Config, robot: RobotModel, robots: int, seconds: 
     """Algorithm 4's collection: the policy drives, the monitor watches, everything is recorded."""
     network = PolicyNetwork(config.policy)
     hold_nominal(network.linear[-1], robot)
-    policy = Policy(network, config.policy, to_ticks(config.gait.period), np.zeros((2, 3)))
+    policy = Policy(network, policy_spec(config), np.zeros((2, 3)))
     simulator = make_simulator(robot, robots, config.simulation)
     starts = at_rest(standing(robot), np.zeros((robots, 3)))
     arbiter = SafetySwitch(SafetyMonitor(Bounds(config.safety), 2.0))
@@ -224,8 +224,9 @@ def check_same_robot(config: Config, robot: RobotModel, env: Solo12Env) -> None:
     """
     simulator = make_simulator(robot, 1, config.simulation)
     simulator.reset(standing(robot)[None], np.zeros((1, 18)))
-    rng, period = np.random.default_rng(0), to_ticks(config.gait.period)
-    ours = network_input(simulator.state, 0, np.zeros(3), period)[0]
+    rng = np.random.default_rng(0)
+    spec = observation_spec(config)
+    ours = network_input(simulator.state, 0, np.zeros(3), spec)[0]
     theirs, _ = env.reset()
     for tick in range(1, 201):
         if not np.allclose(ours, theirs, atol=1e-5):
@@ -234,7 +235,7 @@ def check_same_robot(config: Config, robot: RobotModel, env: Solo12Env) -> None:
         state = simulator.state
         torque = config.policy.kp * (action - state.q[:, 7:]) - config.policy.kd * state.v[:, 6:]
         simulator.step(clip_torque(torque, robot.torque_limit))
-        ours = network_input(simulator.state, tick, np.zeros(3), period)[0]
+        ours = network_input(simulator.state, tick, np.zeros(3), spec)[0]
         theirs = env.step(action)[0]
 
 

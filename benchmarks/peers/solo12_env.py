@@ -17,7 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config
-from surefoot.learning.observation import INPUT_SIZE, Float32Array, goal, network_input
+from surefoot.learning.observation import (
+    INPUT_SIZE,
+    Float32Array,
+    goal,
+    network_input,
+    observation_spec,
+)
 from surefoot.sim.mujoco import from_mujoco
 from surefoot.sim.protocol import CONTACT_FORCE
 from surefoot.types import Array, to_ticks
@@ -50,9 +56,10 @@ class Solo12Env(gymnasium.Env):
         # Bounds of |pitch| and |roll| as the rotation matrix shows them.
         angle = np.radians(config.safety.fall_angle)
         self._pitch, self._roll = float(np.sin(angle)), float(np.tan(angle))
-        self._period = to_ticks(config.gait.period)
+        self._spec = observation_spec(config)
+        self._period = self._spec.period_ticks
         ticks = np.arange(self._period)
-        self._goals: Float32Array = goal(ticks, np.zeros(3), self._period)
+        self._goals: Float32Array = goal(ticks, np.zeros(3), self._spec)
         # Views: MuJoCo writes, these read.
         self._qpos, self._qvel = self._data.qpos, self._data.qvel
         self._joints, self._rates = self._qpos[7:], self._qvel[6:]
@@ -143,4 +150,4 @@ class UsualSolo12Env(Solo12Env):
         feet = sensors[_FEET].reshape(1, 4, 3)
         com = sensors[None, _COM]
         state = from_mujoco(self._qpos[None], self._qvel[None], com, feet, contacts)
-        return network_input(state, self._tick, np.zeros(3), self._period)[0]
+        return network_input(state, self._tick, np.zeros(3), self._spec)[0]

@@ -12,11 +12,12 @@ import torch
 
 from surefoot.bench.engine import _seconds
 from surefoot.config import Config, TrainingConfig
-from surefoot.learning.dataset import Frames
+from surefoot.learning.frames import Frames
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
-from surefoot.learning.train import fit, has_bfloat16
-from surefoot.types import to_ticks
+from surefoot.learning.policy import policy_spec
+from surefoot.learning.step import has_bfloat16
+from surefoot.learning.train import fit
 
 
 def bench_train(config: Config, steps: int = 100) -> dict[str, Any]:
@@ -27,7 +28,7 @@ def bench_train(config: Config, steps: int = 100) -> dict[str, Any]:
         ``ratio_to_eager``; ``floor_step_ms``, the products of a step in the configured precision,
         forward and backward, and ``ratio`` to it; ``batch``, ``precision``.
     """
-    batch, period = config.training.batch, to_ticks(config.gait.period)
+    batch = config.training.batch
     training = replace(config.training, validation=0.0, threads=1, device="cpu")
     frames = _random_frames(steps * batch)
     network = PolicyNetwork(config.policy)
@@ -37,7 +38,7 @@ def bench_train(config: Config, steps: int = 100) -> dict[str, Any]:
         # The second epoch is steps only; before the first, inputs and labels are derived.
         ends: list[float] = []
         progress = lambda *_: ends.append(time.perf_counter())  # noqa: E731
-        fit(network, frames, training, config.policy, 2, 0, period, progress)
+        fit(network, frames, training, policy_spec(config), 2, 0, progress)
         return (ends[1] - ends[0]) / steps
 
     rounds = [
