@@ -105,7 +105,8 @@ def observe(state: State, out: Float32Array | None = None) -> Float32Array:
     out[..., OBSERVATION["base_velocity"]] = v[..., :6]
     out[..., OBSERVATION["joint_position"]] = q[..., 7:]
     out[..., OBSERVATION["joint_velocity"]] = v[..., 6:]
-    out[..., OBSERVATION["feet"]] = feet.reshape(*q.shape[:-1], 8)
+    sizes = ObservationSpec.observation_sizes
+    out[..., OBSERVATION["feet"]] = feet.reshape(*q.shape[:-1], sizes["feet"])
     return out
 
 
