@@ -16,6 +16,7 @@ from surefoot.config import DisturbanceConfig, EvaluationConfig
 from surefoot.evaluation.gate_warnings import announcements
 from surefoot.files import write_json
 from surefoot.learning.classifier import load_classifier
+from surefoot.learning.observation import observation_spec
 from surefoot.runs.run import Run, RunError, open_run
 from surefoot.safety.gates import Bounds, Gate, tightened
 from surefoot.safety.learned import History
@@ -98,8 +99,13 @@ def main() -> None:
     network = load_classifier(run.gate_path("history", iteration))
     gates: dict[str, Gate] = {
         "bounds": Bounds(config.safety),
-        f"bounds, {TIGHTENED} of them": Bounds(tightened(config.safety, TIGHTENED)),
-        **{f"history, alarm {alarm}": History(network, config, alarm) for alarm in ALARMS},
+        f"bounds, {TIGHTENED} of them": Bounds(
+            tightened(config.safety, TIGHTENED, config.gait.com_height)
+        ),
+        **{
+            f"history, alarm {alarm}": History(network, observation_spec(config), alarm)
+            for alarm in ALARMS
+        },
     }
     figures = {
         "run": run.folder.resolve().name,

@@ -16,7 +16,7 @@ def test_a_step_is_compared_with_eager_pytorch_and_with_its_products(monkeypatch
     monkeypatch.setattr(train_module, "median_seconds", lambda products, repeats: 1e-3)
     steps = 7
 
-    def fit(network, frames, training, policy, epochs, seed, period, progress):
+    def fit(network, frames, training, spec, epochs, seed, progress):
         assert len(frames) == steps * training.batch
         assert (training.threads, training.device, training.validation) == (1, "cpu", 0.0)
         now[0] += 100.0  # inputs and targets are derived in the first epoch

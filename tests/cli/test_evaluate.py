@@ -13,6 +13,7 @@ from surefoot.config import Config, PolicyConfig, PushConfig
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
 from surefoot.scenarios.starts import load_starts, save_starts
+from tests.fakes.learning import spec_of
 from tests.fakes.robots import needs_pybullet
 
 
@@ -115,7 +116,7 @@ def test_policies_that_do_not_fit_are_refused(surefoot, capsys, tmp_path, run_fo
     cut = tmp_path / "cut.safetensors"
     cut.write_bytes(whole[: len(whole) // 2])
     network = PolicyNetwork(PolicyConfig(hidden=(8,)))
-    other = Policy(network, PolicyConfig(hidden=(8,)), 500, np.zeros((2, 3)), robot="a1")
+    other = Policy(network, spec_of(PolicyConfig()), np.zeros((2, 3)), robot="a1")
     save(other, tmp_path / "other.safetensors")
     layout = tmp_path / "layout.safetensors"
     layout.write_bytes(whole.replace(b"base_height", b"base_heigth"))

@@ -27,6 +27,7 @@ from surefoot.safety.learned import History
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
+from tests.fakes.learning import OBSERVATION_SPEC, spec_of
 from tests.fakes.records import blank
 
 
@@ -227,7 +228,7 @@ def test_nobody_is_asked_once_all_have_fallen(monkeypatch):
 
 
 LIMP = Policy(
-    PolicyNetwork(PolicyConfig(hidden=(16, 16)), 0), PolicyConfig(), 500, np.zeros((2, 3))
+    PolicyNetwork(PolicyConfig(hidden=(16, 16)), 0), spec_of(PolicyConfig()), np.zeros((2, 3))
 )
 CONFIG = replace(
     Config(), chunk=3, evaluation=EvaluationConfig(0.9, 7, DisturbanceConfig(2, (0.5, 1.0)))
@@ -244,7 +245,7 @@ class Gravity:
 def test_a_policy_drives_alone_and_any_number_of_workers_says_the_same():
     gates: dict[str, Any] = {
         "bounds": Bounds(CONFIG.safety),
-        "history": History(cast(Any, Gravity()), CONFIG, 0.02),
+        "history": History(cast(Any, Gravity()), OBSERVATION_SPEC, 0.02),
         "silent": Scripted(),
     }
     one = announcements(CONFIG, LIMP, gates, "select", Workers(1), "test")
@@ -263,7 +264,7 @@ def test_a_policy_drives_alone_and_any_number_of_workers_says_the_same():
 
 @pytest.mark.parametrize(
     "gate",
-    [Bounds(CONFIG.safety), History(cast(Any, Gravity()), CONFIG, 0.02)],
+    [Bounds(CONFIG.safety), History(cast(Any, Gravity()), OBSERVATION_SPEC, 0.02)],
     ids=["bounds", "history"],
 )
 def test_the_first_alarm_is_where_the_expert_would_take_over(gate):

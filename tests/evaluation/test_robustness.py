@@ -13,6 +13,7 @@ from surefoot.learning.policy import Policy, save
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
+from tests.fakes.learning import spec_of
 from tests.fakes.records import summary_of
 
 SUCCESS, FELL, STALLED, DIVERGED = Outcome
@@ -106,7 +107,7 @@ def test_mean_of_rows_leaves_out_what_is_no_number():
 def policy(tmp_path_factory):
     config = PolicyConfig(hidden=(16, 16))
     path = tmp_path_factory.mktemp("policies") / "random.safetensors"
-    save(Policy(PolicyNetwork(config, seed=2), config, 500, np.zeros((2, 3))), path)
+    save(Policy(PolicyNetwork(config, seed=2), spec_of(config), np.zeros((2, 3))), path)
     return path
 
 

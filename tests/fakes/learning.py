@@ -1,15 +1,74 @@
-"""Frames of a toy expert that a network can learn in a second."""
+"""Inputs for tests of learning: states, frames, and a network that looks like a trained one."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
+import torch
 
 from surefoot.config import PolicyConfig
-from surefoot.learning.dataset import Frames, concatenate
-from surefoot.learning.observation import network_input
-from surefoot.learning.policy import pd
+from surefoot.learning.frames import Frames, concatenate
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.observation import INPUT_SIZE, ObservationSpec, network_input
+from surefoot.learning.policy import PolicySpec, pd
+from surefoot.types import State
 
 SMALL = PolicyConfig(hidden=(64, 64))
+OBSERVATION_SPEC = ObservationSpec("circle", 500)
+
+
+def spec_of(config, period_ticks=500):
+    """The policy spec of a `PolicyConfig`, for a gait of that period [ms]."""
+    return PolicySpec(ObservationSpec(config.phase, period_ticks), config.kp, config.kd)
+
+
+SPEC = spec_of(SMALL)
+
+
+def random_state(n, seed=0):
+    """n states of which only the quaternions mean something."""
+    rng = np.random.default_rng(seed)
+    q = rng.normal(size=(n, 19))
+    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+    return State(
+        q,
+        rng.normal(size=(n, 18)),
+        rng.normal(size=(n, 3)),
+        rng.normal(size=(n, 4, 3)),
+        rng.random((n, 4)) < 0.5,
+    )
+
+
+def random_frames(episodes, each=5, seed=0):
+    """Frames of the given episode ids; an episode's content follows from its id."""
+    parts = []
+    for episode in episodes:
+        rng = np.random.default_rng((episode, seed))
+        parts.append(
+            Frames(
+                q=rng.normal(size=(each, 19)),
+                v=rng.normal(size=(each, 18)),
+                com=rng.normal(size=(each, 3)),
+                feet=rng.normal(size=(each, 4, 3)),
+                contacts=rng.random((each, 4)) < 0.5,
+                tick=np.arange(each) + 7,
+                command=rng.normal(size=(each, 3)),
+                torque=rng.normal(size=(each, 12)),
+                expert_drove=rng.random(each) < 0.5,
+                episode=np.full(each, episode),
+                outcome=np.full(each, episode % 4, np.int8),
+            )
+        )
+    return concatenate(parts)
+
+
+def assert_same_frames(one, other):
+    """Both have the same arrays, of the same types."""
+    for field in fields(Frames):
+        array = getattr(one, field.name)
+        expected = getattr(other, field.name)
+        np.testing.assert_array_equal(array, expected, err_msg=field.name)
+        assert array.dtype == expected.dtype
 
 
 def toy_frames(episodes, each=100):
@@ -37,6 +96,20 @@ def toy_frames(episodes, each=100):
             episode=np.full(each, episode),
             outcome=np.zeros(each, np.int8),
         )
-        target = network_input(frames.state, frames.tick, frames.command, 500) @ gain
-        parts.append(replace(frames, torque=pd(target, q, v, SMALL)))
+        target = network_input(frames.state, frames.tick, frames.command, OBSERVATION_SPEC) @ gain
+        parts.append(replace(frames, torque=pd(target, q, v, SPEC)))
     return concatenate(parts)
+
+
+def trained_network(config=SMALL, seed=0) -> Any:
+    """A network with normalizers, BatchNorm statistics and biases that are not the initial ones."""
+    torch.manual_seed(seed)
+    network = PolicyNetwork(config, seed)
+    inputs = torch.randn(500, INPUT_SIZE) * torch.rand(INPUT_SIZE) * 3 + torch.randn(INPUT_SIZE)
+    network.set_normalizers(inputs.double().mean(0), inputs.double().std(0, correction=0))
+    optimizer = torch.optim.Adam(network.parameters(), lr=1e-2)
+    for _ in range(20):
+        optimizer.zero_grad()
+        network(inputs).square().mean().backward()
+        optimizer.step()
+    return network.eval()

@@ -24,7 +24,7 @@ from surefoot.config import (
     SafetyConfig,
     TrainingConfig,
 )
-from surefoot.learning.observation import network_input
+from surefoot.learning.observation import ObservationSpec, network_input
 from surefoot.methods import behavior_cloning as bc
 from surefoot.methods import dagger, loco_dagger, loco_safe_dagger, safe_dagger
 from surefoot.rollouts.jobs import Job, play_out
@@ -171,7 +171,8 @@ def alarms(classifier, record, alarm):
     """(B, T) True where a classifier's network, in float64 by hand, is beyond the alarm's."""
     clock = record.starts.tick[:, None] + np.arange(record.q.shape[1])
     state = State(record.q, record.v, record.com, record.feet, record.contacts)
-    x = rows = network_input(state, clock, record.starts.command[:, None], 500)
+    spec = ObservationSpec("circle", 500)
+    x = rows = network_input(state, clock, record.starts.command[:, None], spec)
     for weight, bias in classifier.layers[:-1]:
         x = np.maximum(x.astype(float) @ weight + bias, 0.0)
     weight, bias = classifier.layers[-1]

@@ -1,4 +1,4 @@
-"""Layout, known values, and blindness to position and yaw; quaternion helpers against SciPy."""
+"""Layout, known values, and blindness to position and yaw."""
 
 import subprocess
 import sys
@@ -9,31 +9,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from surefoot.config import Config, Gait, PolicyConfig
 from surefoot.learning.observation import (
     GOAL,
     GOAL_SIZE,
     INPUT_SIZE,
     OBSERVATION,
     OBSERVATION_SIZE,
+    ObservationSpec,
     goal,
     network_input,
+    observation_spec,
     observe,
 )
-from surefoot.rotations import heading, roll_pitch_yaw, rotation, to_heading
 from surefoot.types import State
-
-
-def random_state(n, seed=0):
-    rng = np.random.default_rng(seed)
-    q = rng.normal(size=(n, 19))
-    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
-    return State(
-        q,
-        rng.normal(size=(n, 18)),
-        rng.normal(size=(n, 3)),
-        rng.normal(size=(n, 4, 3)),
-        rng.random((n, 4)) < 0.5,
-    )
+from tests.fakes.learning import OBSERVATION_SPEC, random_state
 
 
 def upright_state(quat=(0, 0, 0, 1)):
@@ -53,13 +43,14 @@ def test_slices_tile_the_vector(layout, size):
     assert covered == list(range(size))
 
 
-def test_sizes():
+def test_sizes_of_observation_goal_and_input():
     assert (OBSERVATION_SIZE, GOAL_SIZE, INPUT_SIZE) == (42, 5, 47)
 
 
 def test_known_values_of_a_level_robot():
     o = observe(upright_state())
-    assert o.dtype == np.float32 and o.shape == (42,)
+    assert o.dtype == np.float32
+    assert o.shape == (42,)
     np.testing.assert_allclose(o[OBSERVATION["base_height"]], 0.24, rtol=1e-6)
     np.testing.assert_allclose(o[OBSERVATION["gravity"]], [0, 0, -1])
     np.testing.assert_allclose(o[OBSERVATION["base_velocity"]], np.arange(6))
@@ -113,49 +104,27 @@ def test_sees_height_and_roll(moved):
 
 def test_batches_of_any_shape_agree_with_one_robot():
     state = random_state(6)
-    tick, command = np.arange(6), np.random.default_rng(1).normal(size=(6, 3))
-    batch = network_input(state, tick, command, 500)
+    tick = np.arange(6)
+    command = np.random.default_rng(1).normal(size=(6, 3))
+    batch = network_input(state, tick, command, OBSERVATION_SPEC)
     for i in range(6):
-        np.testing.assert_array_equal(network_input(state[i], tick[i], command[i], 500), batch[i])
+        alone = network_input(state[i], tick[i], command[i], OBSERVATION_SPEC)
+        np.testing.assert_array_equal(alone, batch[i])
     names = ("q", "v", "com", "feet", "contacts")
     arrays = [getattr(state, name) for name in names]
     grid = State(*(a.reshape(2, 3, *a.shape[1:]) for a in arrays))
-    gridded = network_input(grid, tick.reshape(2, 3), command.reshape(2, 3, 3), 500)
+    gridded = network_input(grid, tick.reshape(2, 3), command.reshape(2, 3, 3), OBSERVATION_SPEC)
     np.testing.assert_array_equal(gridded.reshape(6, -1), batch)
     np.testing.assert_array_equal(batch[:, :42], observe(state))
-    np.testing.assert_array_equal(batch[:, 42:], goal(tick, command, 500))
+    np.testing.assert_array_equal(batch[:, 42:], goal(tick, command, OBSERVATION_SPEC))
 
 
-def test_goal():
-    g = goal(np.array([0, 125, 250, 500_000_125]), np.array([0.3, -0.1, 0.2]), 500)
+def test_the_goal_is_periodic_and_holds_phase_and_command():
+    g = goal(np.array([0, 125, 250, 500_000_125]), np.array([0.3, -0.1, 0.2]), OBSERVATION_SPEC)
     assert g.shape == (4, 5)
     np.testing.assert_allclose(g[:, GOAL["phase"]], [[0, 1], [1, 0], [0, -1], [1, 0]], atol=1e-6)
     np.testing.assert_array_equal(g[3], g[1])
     np.testing.assert_allclose(g[:, GOAL["command"]], np.tile([0.3, -0.1, 0.2], (4, 1)), rtol=1e-6)
-
-
-def test_rotation_matches_scipy():
-    quat = random_state(200).q[:, 3:7]
-    expected = Rotation.from_quat(quat)
-    np.testing.assert_allclose(rotation(quat), expected.as_matrix(), atol=1e-14)
-    yaw_pitch_roll = expected.as_euler("ZYX")
-    np.testing.assert_allclose(roll_pitch_yaw(quat), yaw_pitch_roll[:, ::-1], atol=1e-7)
-    yaw = yaw_pitch_roll[:, 0]
-    np.testing.assert_allclose(heading(rotation(quat)), np.c_[np.cos(yaw), np.sin(yaw)], atol=1e-7)
-
-
-def test_to_heading_undoes_the_yaw():
-    yaw = np.array([0.0, 0.5, -2.0])
-    frame = np.c_[np.cos(yaw), np.sin(yaw)]
-    np.testing.assert_allclose(to_heading(frame, frame), np.tile([1.0, 0.0], (3, 1)), atol=1e-15)
-    left = np.c_[-np.sin(yaw), np.cos(yaw)]
-    np.testing.assert_allclose(to_heading(left, frame), np.tile([0.0, 1.0], (3, 1)), atol=1e-15)
-
-
-def test_no_heading_is_yaw_zero_and_nan_stays_nan():
-    vertical = rotation(Rotation.from_euler("y", -90, degrees=True).as_quat())
-    np.testing.assert_array_equal(heading(vertical), [1.0, 0.0])
-    assert np.isnan(heading(np.full((3, 3), np.nan))).all()
 
 
 def test_learning_needs_no_robotics_stack():
@@ -168,7 +137,21 @@ def test_learning_needs_no_robotics_stack():
 
 
 def test_the_phase_as_a_fraction_of_the_period():
-    tick, command = np.array([0, 125, 499, 500_000_125]), np.array([0.3, -0.1, 0.2])
-    g = goal(tick, command, 500, "fraction")
+    tick = np.array([0, 125, 499, 500_000_125])
+    command = np.array([0.3, -0.1, 0.2])
+    g = goal(tick, command, ObservationSpec("fraction", 500))
     np.testing.assert_allclose(g[:, GOAL["phase"]], [[0, 0], [0.25, 0], [0.998, 0], [0.25, 0]])
-    np.testing.assert_array_equal(g[:, GOAL["command"]], goal(tick, command, 500)[:, 2:])
+    expected = goal(tick, command, OBSERVATION_SPEC)[:, 2:]
+    np.testing.assert_array_equal(g[:, GOAL["command"]], expected)
+
+
+def test_the_spec_of_a_configuration():
+    config = Config(gait=Gait(period=0.4), policy=PolicyConfig(phase="fraction"))
+    assert observation_spec(config) == ObservationSpec("fraction", 400)
+
+
+def test_a_spec_checks_itself():
+    with pytest.raises(ValueError, match=r"no phase 'circel'; did you mean 'circle'"):
+        ObservationSpec("circel", 500)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ValueError, match="period_ticks is 0"):
+        ObservationSpec("circle", 0)

@@ -1,5 +1,6 @@
-"""The network and its folding, the torque law, independence of the batch, and the policy file."""
+"""The torque law, independence of the batch, and the policy file."""
 
+import hashlib
 import json
 import pickle
 import struct
@@ -8,54 +9,38 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import onnx
 import pytest
 import torch
+from safetensors import safe_open
 from scipy.spatial.transform import Rotation
 
 from surefoot.config import Config, PolicyConfig
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.observation import INPUT_SIZE, network_input
-from surefoot.learning.onnx_graph import onnx_graph
-from surefoot.learning.policy import Policy, PolicyFileError, check_command, label, load, pd, save
+from surefoot.learning.observation import network_input
+from surefoot.learning.policy import (
+    Policy,
+    PolicyFileError,
+    PolicySpec,
+    check_command,
+    load,
+    pd,
+    policy_spec,
+    save,
+    target_of,
+)
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.scenarios.starts import load_starts
-from surefoot.types import Controller, State
+from surefoot.types import JOINTS, Controller, State
+from tests.fakes.learning import OBSERVATION_SPEC, random_state, spec_of, trained_network
 
 SMALL = PolicyConfig(hidden=(32, 16), kp=2.5, kd=0.07)
+SPEC = spec_of(SMALL)
 COMMANDS = [[0.0, -0.1, 0.0], [0.3, 0.1, 0.0]]
 
 
-def random_state(n, seed=0):
-    rng = np.random.default_rng(seed)
-    q = rng.normal(size=(n, 19))
-    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
-    return State(
-        q,
-        rng.normal(size=(n, 18)),
-        rng.normal(size=(n, 3)),
-        rng.normal(size=(n, 4, 3)),
-        rng.random((n, 4)) < 0.5,
-    )
-
-
-def trained(config=SMALL, seed=0) -> Any:
-    """A network with normalisers, BatchNorm statistics and biases that are not the initial ones."""
-    torch.manual_seed(seed)
-    network = PolicyNetwork(config, seed)
-    inputs = torch.randn(500, INPUT_SIZE) * torch.rand(INPUT_SIZE) * 3 + torch.randn(INPUT_SIZE)
-    network.set_normalisers(inputs.double().mean(0), inputs.double().std(0, correction=0))
-    optimizer = torch.optim.Adam(network.parameters(), lr=1e-2)
-    for _ in range(20):
-        optimizer.zero_grad()
-        network(inputs).square().mean().backward()
-        optimizer.step()
-    return network.eval()
-
-
 def make_policy(config=SMALL, **kwargs):
-    return Policy(trained(config), config, 500, COMMANDS, **kwargs)
+    return Policy(trained_network(config), spec_of(config), COMMANDS, **kwargs)
 
 
 def arguments(n, seed=0):
@@ -63,71 +48,32 @@ def arguments(n, seed=0):
     return random_state(n, seed), rng.integers(0, 5000, n), rng.normal(size=(n, 3))
 
 
-def test_label_inverts_the_torque_law():
+def test_the_target_inverts_the_torque_law():
     state = random_state(50)
     torque = np.random.default_rng(1).normal(size=(50, 12))
-    target = label(torque, state.q, state.v, SMALL)
-    np.testing.assert_allclose(pd(target, state.q, state.v, SMALL), torque, atol=1e-14)
-    back = label(pd(target, state.q, state.v, SMALL), state.q, state.v, SMALL)
+    target = target_of(torque, state.q, state.v, SPEC)
+    np.testing.assert_allclose(pd(target, state.q, state.v, SPEC), torque, atol=1e-14)
+    back = target_of(pd(target, state.q, state.v, SPEC), state.q, state.v, SPEC)
     np.testing.assert_allclose(back, target, atol=1e-14)
 
 
-def test_label_known_value():
-    q, v = np.zeros(19), np.zeros(18)
-    q[7:], v[6:] = 0.5, 2.0
+def test_the_target_of_a_torque_by_hand():
+    q = np.zeros(19)
+    v = np.zeros(18)
+    q[7:] = 0.5
+    v[6:] = 2.0
     # (0.3 + 0.1 * 2) / 2 + 0.5
-    target = label(np.full(12, 0.3), q, v, PolicyConfig(kp=2.0, kd=0.1))
+    target = target_of(np.full(12, 0.3), q, v, PolicySpec(OBSERVATION_SPEC, kp=2.0, kd=0.1))
     np.testing.assert_allclose(target, 0.75, atol=1e-15)
 
 
-def test_initial_weights():
-    network: Any = PolicyNetwork(PolicyConfig(), seed=3)
-    for layer in network.linear:
-        weight, bias = layer.weight.detach(), layer.bias.detach()
-        assert not bias.any()
-        expected = np.sqrt(2 / weight.shape[1])
-        assert weight.std().item() == pytest.approx(expected, rel=0.1)
-    assert [tuple(layer.weight.shape) for layer in network.linear] == [
-        (512, 47),
-        (512, 512),
-        (512, 512),
-        (12, 512),
-    ]
-
-
-def test_seed_fixes_the_weights_and_leaves_the_global_generator_alone():
-    torch.manual_seed(0)
-    one = PolicyNetwork(SMALL, 1).state_dict()
-    drawn = torch.rand(3)
-    torch.manual_seed(0)
-    assert torch.equal(drawn, torch.rand(3))
-    same, other = PolicyNetwork(SMALL, 1).state_dict(), PolicyNetwork(SMALL, 2).state_dict()
-    assert all(torch.equal(one[name], same[name]) for name in one)
-    assert not torch.equal(one["linear.0.weight"], other["linear.0.weight"])
-
-
-def test_normalisers():
-    torch.manual_seed(0)
-    inputs = torch.randn(1000, INPUT_SIZE) * 3 + 5
-    inputs[:, 4] = 0.1  # constant, and not exact in binary
-    inputs[:, 45] = 0.0
-    network = PolicyNetwork(SMALL)
-    assert not network.has_normalisers
-    network.set_normalisers(inputs.double().mean(0), inputs.double().std(0, correction=0))
-    assert network.has_normalisers
-    assert network.scale[4] == 1 and network.scale[45] == 1
-    normal = (inputs - network.mean) / network.scale
-    varying = [i for i in range(INPUT_SIZE) if i not in (4, 45)]
-    assert normal.mean(0).abs().max() < 1e-5
-    assert (normal[:, varying].std(0, correction=0) - 1).abs().max() < 1e-5
-
-
 @pytest.mark.parametrize("config", [SMALL, PolicyConfig()], ids=["small", "paper"])
-def test_folded_layers_are_the_network(config):
+def test_targets_are_those_of_the_network(config):
     policy = make_policy(config)
     state, tick, command = arguments(30)
     with torch.no_grad():
-        expected = policy.network(torch.from_numpy(network_input(state, tick, command, 500)))
+        inputs = torch.from_numpy(network_input(state, tick, command, OBSERVATION_SPEC))
+        expected = policy.network(inputs)
     np.testing.assert_allclose(policy.target(state, tick, command), expected, atol=2e-5, rtol=2e-5)
 
 
@@ -137,20 +83,21 @@ def test_torque_is_the_pd_law_on_the_target():
     controller: Controller = policy
     controller.reset(9)
     torque = controller.torque(state, tick, command, np.ones(9, bool))
-    assert torque.shape == (9, 12) and torque.dtype == np.float64
+    assert torque.shape == (9, 12)
+    assert torque.dtype == np.float64
     target = policy.target(state, tick, command)
     expected = 2.5 * (target - state.q[:, 7:]) - 0.07 * state.v[:, 6:]
     np.testing.assert_allclose(torque, expected, rtol=1e-12)
-    assert controller.diverged.shape == (9,) and not controller.diverged.any()
+    assert controller.diverged.tolist() == [False] * 9
 
 
 @pytest.fixture(scope="module")
 def walked():
     """States of real rollouts from perturbed starts, and their ticks and commands."""
     starts = load_starts()["test"][:100:25]
-    record, _ = play_out(Job(Config(), starts, np.arange(4), ExpertOnly(), 0.5))
-    robot, elapsed = np.nonzero(record.happened)
-    return record.seen[record.happened], starts.tick[robot] + elapsed, starts.command[robot]
+    rollouts, _ = play_out(Job(Config(), starts, np.arange(4), ExpertOnly(), 0.5))
+    robot, elapsed = np.nonzero(rollouts.happened)
+    return rollouts.seen[rollouts.happened], starts.tick[robot] + elapsed, starts.command[robot]
 
 
 def turned(state: State, angle: float) -> State:
@@ -163,12 +110,12 @@ def turned(state: State, angle: float) -> State:
     return State(q, state.v, turn.apply(state.com), feet, state.contacts)
 
 
-def drawn(inputs, large: bool) -> PolicyNetwork:
-    """Random weights; large: normalisers and BatchNorm as after training, and weights beyond."""
+def random_network(inputs, large: bool) -> PolicyNetwork:
+    """Random weights; large: normalizers and BatchNorm as after training, and weights beyond."""
     network: Any = PolicyNetwork(PolicyConfig(), seed=3)
     if large:
         x = torch.from_numpy(inputs)
-        network.set_normalisers(x.double().mean(0), x.double().std(0))
+        network.set_normalizers(x.double().mean(0), x.double().std(0))
         with torch.no_grad():
             for linear in network.linear:
                 linear.weight.mul_(3.0)
@@ -181,8 +128,8 @@ def drawn(inputs, large: bool) -> PolicyNetwork:
 @pytest.mark.parametrize("large", [False, True])
 def test_a_policy_does_the_same_in_every_heading(walked, large):
     state, tick, command = walked
-    network = drawn(network_input(state, tick, command, 500), large)
-    policy = Policy(network, PolicyConfig(), 500, COMMANDS)
+    network = random_network(network_input(state, tick, command, OBSERVATION_SPEC), large)
+    policy = Policy(network, spec_of(PolicyConfig()), COMMANDS)
     target = policy.target(state, tick, command)
     assert np.abs(target).max() > 5.0  # a network whose answers depend on what it sees
     for angle in (np.pi / 2, np.pi, -np.pi / 2, *np.random.default_rng(0).uniform(-4, 4, 8)):
@@ -192,7 +139,7 @@ def test_a_policy_does_the_same_in_every_heading(walked, large):
         assert np.abs(policy.target(half_turned, tick, command) - target).max() > 1e-2
 
 
-def test_nobody_to_drive():
+def test_a_policy_that_drives_no_robot_gives_arrays_of_the_same_shape():
     torque = make_policy().torque(*arguments(4), np.zeros(4, bool))
     assert torque.shape == (4, 12)
 
@@ -209,7 +156,8 @@ def test_rows_do_not_depend_on_the_batch():
     np.testing.assert_array_equal(
         policy.target(state[order], tick[order], command[order]), full[order]
     )
-    state.q[5], state.v[6] = np.nan, 1e300
+    state.q[5] = np.nan
+    state.v[6] = 1e300
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         broken = policy.target(state, tick, command)
@@ -231,26 +179,13 @@ def test_threads_change_nothing_and_are_restored():
 
 def test_policy_keeps_its_network():
     """Training the network further does not change a policy made from it."""
-    network = trained()
-    policy = Policy(network, SMALL, 500, COMMANDS)
+    network = trained_network(SMALL)
+    policy = Policy(network, SPEC, COMMANDS)
     before = policy.target(*arguments(5))
     with torch.no_grad():
         network.linear[0].weight.zero_()
     np.testing.assert_array_equal(policy.target(*arguments(5)), before)
     assert policy.network.state_dict()["linear.0.weight"].any()
-
-
-def test_the_graph_that_runs_is_the_network(tmp_path):
-    """Whatever ONNX runtime reads it: plain operators, checked, and the network's numbers."""
-    policy = make_policy()
-    layers = [(weight.numpy(), bias.numpy()) for weight, bias in policy.network.folded()]
-    model = onnx.load_from_string(onnx_graph(layers))
-    onnx.checker.check_model(model, full_check=True)
-    assert {node.op_type for node in model.graph.node} == {"Gemm", "Relu"}
-    inputs = np.random.default_rng(5).normal(size=(30, INPUT_SIZE)).astype(np.float32)
-    with torch.no_grad():
-        expected = policy.network(torch.from_numpy(inputs)).numpy()
-    np.testing.assert_allclose(policy.forward(inputs), expected, rtol=1e-5, atol=1e-5)
 
 
 def test_policy_travels_to_workers():
@@ -259,7 +194,12 @@ def test_policy_travels_to_workers():
     np.testing.assert_array_equal(copy.target(*arguments(5)), policy.target(*arguments(5)))
 
 
-def test_check_command():
+def test_the_spec_of_a_configuration():
+    config = Config(policy=PolicyConfig(kp=3.0, kd=0.2))
+    assert policy_spec(config) == PolicySpec(OBSERVATION_SPEC, 3.0, 0.2)
+
+
+def test_commands_outside_the_trained_range_warn():
     policy = make_policy()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -271,11 +211,11 @@ def test_check_command():
 
 def test_a_policy_that_sees_the_phase_as_a_fraction(tmp_path):
     circle = make_policy()
-    config = replace(SMALL, phase="fraction")
-    policy = Policy(circle.network, config, 500, COMMANDS)
+    spec = spec_of(replace(SMALL, phase="fraction"))
+    policy = Policy(circle.network, spec, COMMANDS)
     save(policy, tmp_path / "policy.safetensors")
     loaded = load(tmp_path / "policy.safetensors")
-    assert loaded.config == config
+    assert loaded.spec == spec
     state, tick, command = arguments(20)
     np.testing.assert_array_equal(
         loaded.target(state, tick, command), policy.target(state, tick, command)
@@ -292,14 +232,47 @@ def test_save_and_load(tmp_path):
     save(policy, path)
     loaded = load(path)
     np.testing.assert_array_equal(loaded.target(*arguments(20)), policy.target(*arguments(20)))
-    assert loaded.config == SMALL
-    assert (loaded.robot, loaded.period_ticks) == ("solo12", 500)
+    assert loaded.spec == SPEC
+    assert loaded.network.hidden == (32, 16)
+    assert loaded.robot == "solo12"
     assert loaded.provenance == policy.provenance
     np.testing.assert_array_equal(loaded.command_range, COMMANDS)
     assert bool(loaded.network.has_normalisers)
     save(loaded, tmp_path / "again.safetensors")
     assert (tmp_path / "again.safetensors").read_bytes() == path.read_bytes()
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_the_record_and_the_hash_of_a_file(tmp_path):
+    """Files of this format are read by other programs: keys, their order and the hash are fixed."""
+    path = tmp_path / "policy.safetensors"
+    policy = make_policy(provenance={"run": "demo"})
+    save(policy, path)
+    with safe_open(path, framework="np") as file:
+        record = json.loads(file.metadata()["surefoot"])
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    sha256 = record.pop("sha256")
+    assert list(record.items()) == [
+        ("format", 2),
+        ("robot", "solo12"),
+        ("rate", 1000),
+        ("joints", list(JOINTS)),
+        ("observation", [["base_height", 1], ["gravity", 3], ["base_velocity", 6],
+                         ["joint_position", 12], ["joint_velocity", 12], ["feet", 8]]),
+        ("goal", [["phase", 2], ["command", 3]]),
+        ("hidden", [32, 16]),
+        ("kp", 2.5),
+        ("kd", 0.07),
+        ("phase", "circle"),
+        ("period_ticks", 500),
+        ("command_range", COMMANDS),
+        ("provenance", {"run": "demo"}),
+    ]  # fmt: skip
+    assert set(tensors) == set(policy.network.state_dict())
+    content = hashlib.sha256(json.dumps(record, sort_keys=True).encode())
+    for name in sorted(tensors):
+        content.update(name.encode() + tensors[name].tobytes())
+    assert sha256 == content.hexdigest()
 
 
 def test_no_such_file(tmp_path):
@@ -379,10 +352,10 @@ def test_other_hidden_layers_and_broken_weights(tmp_path):
     rewrite(path, lambda record: record.update(hidden=[32, 17]))
     with pytest.raises(PolicyFileError, match="not a complete policy"):
         load(path)
-    network = trained()
+    network = trained_network(SMALL)
     with torch.no_grad():
         network.linear[1].weight[0, 0] = torch.nan
-    save(Policy(network, SMALL, 500, COMMANDS), path)
+    save(Policy(network, SPEC, COMMANDS), path)
     with pytest.raises(PolicyFileError, match="not finite"):
         load(path)
 

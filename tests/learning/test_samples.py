@@ -1,4 +1,4 @@
-"""Examples: derived right, split by episode, and mixed well in any amount of memory."""
+"""Training samples: derived right, split by episode, mixed well in any amount of memory."""
 
 from dataclasses import replace
 
@@ -8,44 +8,43 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from surefoot.learning.observation import network_input
+from surefoot.learning.observation import INPUT_SIZE, network_input
 from surefoot.learning.policy import pd
-from surefoot.learning.samples import BLOCK, INPUT_SIZE, WIDTH, Examples, derive, held_out
-from tests.fakes.learning import SMALL, toy_frames
+from surefoot.learning.samples import BLOCK, WIDTH, TrainingSamples, derive, held_out
+from tests.fakes.learning import OBSERVATION_SPEC, SPEC, toy_frames
 
 FRAMES = toy_frames(range(20))
 BLOCK_BYTES = BLOCK * WIDTH * 4
 
 
 def numbered(count, limit=10**9, piece=1000, folder=None):
-    """Examples whose first column counts them, added piece by piece."""
-    examples = Examples(limit, folder)
+    """Samples whose first column counts them, added piece by piece."""
+    samples = TrainingSamples(limit, folder)
     for start in range(0, count, piece):
         rows = np.zeros((min(piece, count - start), WIDTH), np.float32)
         rows[:, 0] = start + np.arange(len(rows))
-        examples.append(rows)
-    return examples
+        samples.append(rows)
+    return samples
 
 
-def numbers(examples, seed=None):
+def numbers(samples, seed=None):
     """First column of every buffer of an epoch."""
     order = None if seed is None else torch.Generator().manual_seed(seed)
-    return [buffer[:, 0].numpy().astype(int) for buffer in examples.buffers(order)]
+    return [buffer[:, 0].numpy().astype(int) for buffer in samples.buffers(order)]
 
 
-def test_rows_are_inputs_and_labels():
-    rows = derive(FRAMES, SMALL, 500)
-    expected = network_input(FRAMES.state, FRAMES.tick, FRAMES.command, 500)
+def test_rows_are_inputs_and_targets():
+    rows = derive(FRAMES, SPEC)
+    expected = network_input(FRAMES.state, FRAMES.tick, FRAMES.command, OBSERVATION_SPEC)
     np.testing.assert_array_equal(rows[:, :INPUT_SIZE], expected)
-    q, v = FRAMES.q, FRAMES.v
-    torque = pd(rows[:, INPUT_SIZE:], q, v, SMALL)
+    torque = pd(rows[:, INPUT_SIZE:], FRAMES.q, FRAMES.v, SPEC)
     np.testing.assert_allclose(torque, FRAMES.torque, atol=1e-5)
 
 
 def test_rows_do_not_depend_on_how_many_are_derived_at_a_time(monkeypatch):
-    whole = derive(FRAMES, SMALL, 500)
-    monkeypatch.setattr("surefoot.learning.samples._ROWS", 37)
-    np.testing.assert_array_equal(derive(FRAMES, SMALL, 500), whole)
+    whole = derive(FRAMES, SPEC)
+    monkeypatch.setattr("surefoot.learning.samples.ROWS_AT_A_TIME", 37)
+    np.testing.assert_array_equal(derive(FRAMES, SPEC), whole)
 
 
 @pytest.mark.parametrize("field", ["q", "feet", "torque", "command"])
@@ -55,7 +54,7 @@ def test_numbers_that_are_not_finite(field, value):
     array[123].flat[-1] = value
     message = r"frame 123 \(episode 1, tick 23\) holds numbers that are not finite"
     with pytest.raises(ValueError, match=message):
-        derive(replace(FRAMES, **{field: array}), SMALL, 500)
+        derive(replace(FRAMES, **{field: array}), SPEC)
 
 
 @settings(max_examples=50, deadline=None)
@@ -66,31 +65,31 @@ def test_numbers_that_are_not_finite(field, value):
     seed=st.one_of(st.none(), st.integers(0, 9)),
 )
 def test_every_row_once_an_epoch_within_the_limit(count, piece, blocks, seed):
-    examples = numbered(count, blocks * BLOCK_BYTES, piece)
-    buffers = numbers(examples, seed)
+    samples = numbered(count, blocks * BLOCK_BYTES, piece)
+    buffers = numbers(samples, seed)
     assert max(map(len, buffers)) <= max(1, blocks) * BLOCK
-    assert examples.resident == (count <= max(1, blocks) * BLOCK)
+    assert samples.resident == (count <= max(1, blocks) * BLOCK)
     seen = np.concatenate(buffers)
     np.testing.assert_array_equal(np.sort(seen), np.arange(count))
     if seed is None:
         np.testing.assert_array_equal(seen, np.arange(count))
     for batch in (1, 64, 300):
-        assert examples.batches(batch) == sum(len(buffer) // batch for buffer in buffers)
+        assert samples.batches(batch) == sum(len(buffer) // batch for buffer in buffers)
 
 
 def test_same_seed_same_order_and_another_epoch_another():
-    examples = numbered(20_000, 10 * BLOCK_BYTES)
-    first, again, other = (np.concatenate(numbers(examples, seed)) for seed in (1, 1, 2))
+    samples = numbered(20_000, 10 * BLOCK_BYTES)
+    first, again, other = (np.concatenate(numbers(samples, seed)) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert (first != other).mean() > 0.9
 
 
 def test_rows_added_after_an_epoch_come_in_the_next():
-    examples = numbered(3000, 4 * BLOCK_BYTES)
-    numbers(examples, 0)
+    samples = numbered(3000, 4 * BLOCK_BYTES)
+    numbers(samples, 0)
     late = np.full((7, WIDTH), 9e4, np.float32)
-    examples.append(late)
-    assert (np.concatenate(numbers(examples)) == 90_000).sum() == 7
+    samples.append(late)
+    assert (np.concatenate(numbers(samples)) == 90_000).sum() == 7
 
 
 def test_a_tenth_of_the_memory_mixes_episodes_almost_as_well():
@@ -99,12 +98,14 @@ def test_a_tenth_of_the_memory_mixes_episodes_almost_as_well():
     400 episodes of 512 rows, a buffer of a tenth: 80 blocks, of about 73 episodes. Buffers of
     consecutive rows would hold 40 episodes, all from one tenth of the data.
     """
-    rows, batch = 400 * 512, 256
-    examples = numbered(rows, rows // 10 * WIDTH * 4)
-    assert not examples.resident
+    rows = 400 * 512
+    batch = 256
+    samples = numbered(rows, rows // 10 * WIDTH * 4)
+    assert not samples.resident
     rng = np.random.default_rng(0)
-    means, spread = [], []
-    for buffer in numbers(examples, 3):
+    means = []
+    spread = []
+    for buffer in numbers(samples, 3):
         distinct = len(np.unique(buffer // 512))
         assert distinct > 60
         for drawn in np.split(rng.permutation(buffer)[: len(buffer) // batch * batch], 80):
@@ -123,16 +124,16 @@ def test_moments_do_not_depend_on_the_memory():
     rows = rng.normal(3.0, 2.0, (3000, WIDTH)).astype(np.float32)
     rows[:, 5] = 0.1
     for limit in (10**9, 3 * BLOCK_BYTES):
-        examples = Examples(limit)
-        examples.append(rows)
-        mean, deviation = examples.moments()
+        samples = TrainingSamples(limit)
+        samples.append(rows)
+        mean, deviation = samples.moments()
         np.testing.assert_allclose(mean, rows.mean(0, dtype=float), rtol=1e-6)
         np.testing.assert_allclose(deviation, rows.std(0, dtype=float), rtol=1e-5, atol=1e-6)
 
 
 def test_the_temporary_file_has_no_name(tmp_path):
-    examples = numbered(3000, 2 * BLOCK_BYTES, folder=tmp_path)
-    assert not examples.resident
+    samples = numbered(3000, 2 * BLOCK_BYTES, folder=tmp_path)
+    assert not samples.resident
     assert list(tmp_path.iterdir()) == []
 
 

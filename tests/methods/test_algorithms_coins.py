@@ -8,7 +8,7 @@ import torch
 
 from surefoot.config import BehaviorCloningConfig
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.policy import load
+from surefoot.learning.policy import load, policy_spec
 from surefoot.learning.train import fit
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.jobs import play_out
@@ -38,7 +38,7 @@ def scratch(run, size, frames):
     """What training from random weights on these frames gives."""
     network = PolicyNetwork(CONFIG.policy, run.torch_seed("network", 0))
     order = run.torch_seed("order", size)
-    return fit(network, frames, CONFIG.training, CONFIG.policy, 2, order, 500).network
+    return fit(network, frames, CONFIG.training, policy_spec(CONFIG), 2, order).network
 
 
 @pytest.mark.parametrize(("size", "episodes"), [(0, 3), (1, 13), (2, 22)])

@@ -13,6 +13,7 @@ from surefoot.rollouts.jobs import Job, play_out
 from surefoot.safety.learned import Deviation
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import load_starts
+from tests.fakes.learning import OBSERVATION_SPEC
 from tests.fakes.runs import figures_of
 from tests.fakes.toy import plan
 from tests.fakes.toy_runs import (
@@ -32,7 +33,9 @@ pytestmark = pytest.mark.usefixtures("toys")
 def deviations(run, i, frames):
     """(n, 12) what policy i's targets differ by from the labels, and the labels [rad]."""
     policy = load(run.policy_path(i))
-    inputs = torch.from_numpy(network_input(frames.state, frames.tick, frames.command, 500))
+    inputs = torch.from_numpy(
+        network_input(frames.state, frames.tick, frames.command, OBSERVATION_SPEC)
+    )
     with torch.no_grad():
         target = policy.network(inputs).numpy().astype(float)
     kp, kd = CONFIG.policy.kp, CONFIG.policy.kd
@@ -94,7 +97,9 @@ def test_pi_safe_comes_back_and_guards_at_run_time(runs):
     starts = load_starts()["test"][:8]
 
     def driven_by(alarm):
-        switch = SafetySwitch(SafetyMonitor(Deviation(classifier, run.config, alarm), block=0.0))
+        switch = SafetySwitch(
+            SafetyMonitor(Deviation(classifier, OBSERVATION_SPEC, alarm), block=0.0)
+        )
         job = Job(
             run.config, starts, starts.id, switch, 0.3, policy=run.best_policy_path, plan=plan
         )
@@ -103,7 +108,7 @@ def test_pi_safe_comes_back_and_guards_at_run_time(runs):
     never = driven_by(1.0)
     assert not never.expert_drove.any()
     clock = starts.tick[:, None] + np.arange(300)
-    rows = network_input(never.seen, clock, starts.command[:, None], 500)
+    rows = network_input(never.seen, clock, starts.command[:, None], OBSERVATION_SPEC)
     alarm = float(np.median(classifier.probability(rows.reshape(-1, rows.shape[-1]))))
     record = driven_by(alarm)
     np.testing.assert_array_equal(record.expert_drove, alarms(classifier, record, alarm))

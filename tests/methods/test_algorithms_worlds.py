@@ -8,7 +8,7 @@ import pytest
 from surefoot.config import DisturbanceConfig, LocoDaggerConfig, LocoSafeDaggerConfig
 from surefoot.files import load_arrays
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.policy import Policy, save
+from surefoot.learning.policy import Policy, policy_spec, save
 from surefoot.methods import loco_safe_dagger
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
@@ -36,7 +36,7 @@ def one_iteration(folder, monkeypatch, method, *scripts, safety=HEIGHT_ONLY, i=1
     config = replace(CONFIG, method=method, chunk=40, safety=safety, collection=DisturbanceConfig())
     run = create(folder / "run", config)
     network = PolicyNetwork(config.policy, 1)
-    save(Policy(network, config.policy, 500, np.zeros((2, 3))), run.policy_path(i - 1))
+    save(Policy(network, policy_spec(config), np.zeros((2, 3))), run.policy_path(i - 1))
     for script in scripts:
         given = script.get("heights", {})
         script["heights"] = {b: given.get(b, [(0, FLAT.height)]) for b in range(40)}

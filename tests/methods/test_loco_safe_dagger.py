@@ -16,9 +16,9 @@ from surefoot.config import (
     PolicyConfig,
     TrainingConfig,
 )
-from surefoot.learning.dataset import Frames
+from surefoot.learning.frames import Frames
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.policy import load
+from surefoot.learning.policy import load, policy_spec
 from surefoot.learning.train import fit
 from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
 from surefoot.robots.model import standing
@@ -114,7 +114,7 @@ def test_each_policy_is_what_training_the_last_one_on_that_data_gives(finished, 
         network = load(finished.policy_path(i - 1)).network
     frames = of_iterations(finished, range(i + 1))
     order = int(finished.seed("order", i).generate_state(1)[0])
-    result = fit(network, frames, CONFIG.training, CONFIG.policy, 1, order, 500)
+    result = fit(network, frames, CONFIG.training, policy_spec(CONFIG), 1, order)
     trained = load(finished.policy_path(i)).network.state_dict()
     before = network.state_dict()
     for name, tensor in result.network.state_dict().items():

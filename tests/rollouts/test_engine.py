@@ -21,6 +21,7 @@ from surefoot.scenarios.disturbance import Disturbance, Pushes
 from surefoot.scenarios.starts import Starts, load_starts
 from surefoot.sim import make_simulator
 from surefoot.types import MotionPlan, State
+from tests.fakes.learning import spec_of
 
 ROBOT = solo12()
 STANDING = standing(ROBOT)
@@ -487,7 +488,7 @@ def test_an_episode_is_the_same_in_any_batch_and_place():
     """Policy, monitor, takeovers of the expert off the grid, and tail, all together."""
     starts = STORED["select"][np.array([3, 31, 47, 55, 68])]
     network = PolicyNetwork(PolicyConfig(hidden=(32, 32)), seed=1)
-    policy = Policy(network, PolicyConfig(hidden=(32, 32)), 500, np.zeros((2, 3)))
+    policy = Policy(network, spec_of(PolicyConfig()), np.zeros((2, 3)))
     expert = make_expert(ROBOT, CONFIG)
 
     def episodes(rows):

@@ -8,7 +8,7 @@ import pytest
 
 from surefoot.config import Config, EvaluationConfig, PolicyConfig
 from surefoot.files import load_arrays, save_arrays
-from surefoot.learning.dataset import concatenate
+from surefoot.learning.frames import concatenate
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
 from surefoot.robots.model import standing
@@ -22,6 +22,7 @@ from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import MotionPlan
 from surefoot.workers import Workers, map_chunks
+from tests.fakes.learning import spec_of
 from tests.fakes.records import blank
 
 CONFIG = replace(Config(), chunk=2, evaluation=EvaluationConfig(duration=0.3, episodes=5))
@@ -33,7 +34,7 @@ STANDING = standing(solo12())
 @pytest.fixture(scope="module")
 def policy(tmp_path_factory):
     path = tmp_path_factory.mktemp("policies") / "random.safetensors"
-    save(Policy(PolicyNetwork(HIDDEN, seed=2), HIDDEN, 500, np.zeros((2, 3))), path)
+    save(Policy(PolicyNetwork(HIDDEN, seed=2), spec_of(HIDDEN), np.zeros((2, 3))), path)
     return path
 
 

@@ -34,6 +34,7 @@ from surefoot.study.comparison import compare, label_of
 from surefoot.study.tables import BEGIN, END, page, tables
 from surefoot.viz.plots import comparison_figure
 from surefoot.workers import Workers
+from tests.fakes.learning import spec_of
 
 SMALL = PolicyConfig(hidden=(4,))
 DATA = ExpertData(1, 1, False, 0.2)
@@ -70,7 +71,7 @@ def run_of(folder: Path, method, weights: int, best: int | None = 0, **config) -
     iterations = 1 if isinstance(method, BehaviorCloningConfig) else 2
     for i in range(iterations):
         save(
-            Policy(PolicyNetwork(SMALL, weights + i), SMALL, 500, np.zeros((2, 3))),
+            Policy(PolicyNetwork(SMALL, weights + i), spec_of(SMALL), np.zeros((2, 3))),
             run.policy_path(i),
         )
         run.record(
@@ -282,7 +283,7 @@ def test_a_file_of_other_settings_is_refused(monkeypatch, runs, tmp_path):
     with pytest.raises(ValueError, match="other episodes; name another file"):
         compare(runs, BOTH, 3, Workers(1), path)
     save(
-        Policy(PolicyNetwork(SMALL, 9), SMALL, 500, np.zeros((2, 3))),
+        Policy(PolicyNetwork(SMALL, 9), spec_of(SMALL), np.zeros((2, 3))),
         open_run(runs[0]).policy_path(0),
     )
     with pytest.raises(ValueError, match="trained on has another policy"):

@@ -40,6 +40,7 @@ from surefoot.runs.query import QUERIES, Query
 from surefoot.runs.run import Run, create, open_run
 from surefoot.viz.replay import episode_figures, recorded_episode
 from surefoot.workers import Workers
+from tests.fakes.learning import spec_of
 from tests.fakes.robots import needs_pybullet
 
 DATA = ExpertData(2, 1, False, 0.12)
@@ -307,14 +308,15 @@ def test_a_policy_of_another_period_gain_or_phase_is_refused(
 
 def test_a_policy_that_lies_in_no_run_brings_its_gains(run_of, tmp_path, capsys):
     policy = load(run_of("behavior_cloning").best_policy_path)
-    policy.config = PolicyConfig((16, 16), kp=2.5, kd=0.07, phase="fraction")
+    own = PolicyConfig((16, 16), kp=2.5, kd=0.07, phase="fraction")
+    policy.spec = spec_of(own)
     path = tmp_path / "elsewhere" / "policy.safetensors"
     save(policy, path)
     found, config = find_policy(path)
-    assert found == path and config == replace(Config(), policy=policy.config)
+    assert found == path and config == replace(Config(), policy=own)
     said = capsys.readouterr().out
     assert "lies in no run" in said and "kp 2.5 Nm/rad, kd 0.07 Nms/rad, phase as a fr" in said
-    policy.period_ticks = 400
+    policy.spec = spec_of(own, 400)
     save(policy, path)
     with pytest.raises(ValueError, match=r"period \[ms\] 400, the default configuration has 500"):
         find_policy(path)

@@ -17,7 +17,7 @@ import torch
 from surefoot.config import Config
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
-from surefoot.learning.policy import Policy
+from surefoot.learning.policy import Policy, policy_spec
 from surefoot.mpc.expert import Expert, make_planner
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
@@ -28,7 +28,7 @@ from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import Starts, at_rest, load_starts
 from surefoot.sim import make_simulator
-from surefoot.types import TICKS_PER_SECOND, Command, MotionPlan, State, to_ticks
+from surefoot.types import TICKS_PER_SECOND, Command, MotionPlan, State
 from surefoot.workers import Workers, map_chunks
 
 
@@ -212,7 +212,7 @@ def standing_policy(config: Config) -> Policy:
         last: Any = network.linear[-1]
         last.weight.zero_()
         last.bias.copy_(torch.from_numpy(solo12(config.robot).nominal[7:]))
-    return Policy(network, config.policy, to_ticks(config.gait.period), np.zeros((2, 3)))
+    return Policy(network, policy_spec(config), np.zeros((2, 3)))
 
 
 def _network_alone(policy: Policy, batch: int) -> Callable[[], object]:

@@ -15,11 +15,12 @@ import torch
 
 from surefoot.bench.engine import median_seconds
 from surefoot.config import Config, TrainingConfig
-from surefoot.learning.dataset import Frames
+from surefoot.learning.frames import Frames
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
-from surefoot.learning.train import fit, has_bfloat16
-from surefoot.types import to_ticks
+from surefoot.learning.policy import policy_spec
+from surefoot.learning.step import has_bfloat16
+from surefoot.learning.train import fit
 
 
 @dataclass(frozen=True)
@@ -89,8 +90,7 @@ def _step_seconds(
     def progress(*_: object) -> None:
         ends.append(time.perf_counter())
 
-    period = to_ticks(config.gait.period)
-    fit(network, frames, training, config.policy, 2, 0, period, progress)
+    fit(network, frames, training, policy_spec(config), 2, 0, progress)
     # The second epoch is steps only; before the first, inputs and targets are derived.
     return (ends[1] - ends[0]) / steps
 

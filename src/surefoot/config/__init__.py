@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from surefoot.config.evaluation import EvaluationConfig, PushConfig
-from surefoot.config.learning import PolicyConfig, TrainingConfig
+from surefoot.config.learning import Device, Phase, PolicyConfig, TrainingConfig
 from surefoot.config.methods import (
     METHODS,
     BehaviorCloningConfig,
@@ -25,7 +25,7 @@ from surefoot.config.methods import (
 )
 from surefoot.config.mpc import CentroidalConfig, ExpertConfig, Gait, KinematicConfig
 from surefoot.config.robots import RobotConfig
-from surefoot.config.safety import SafetyConfig
+from surefoot.config.safety import HandBack, SafetyConfig
 from surefoot.config.scenarios import DisturbanceConfig, NoiseConfig, PerturbationConfig
 from surefoot.config.sim import Backend, SimulationConfig
 
@@ -36,12 +36,14 @@ __all__ = [
     "CentroidalConfig",
     "Config",
     "DaggerConfig",
+    "Device",
     "DisturbanceConfig",
     "EvaluationConfig",
     "ExpertConfig",
     "ExpertData",
     "Gait",
     "Guard",
+    "HandBack",
     "IterativeConfig",
     "KinematicConfig",
     "LocoDaggerConfig",
@@ -49,6 +51,7 @@ __all__ = [
     "MethodConfig",
     "NoiseConfig",
     "PerturbationConfig",
+    "Phase",
     "PolicyConfig",
     "PushConfig",
     "RobotConfig",

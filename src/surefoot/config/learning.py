@@ -5,6 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+Phase = Literal["circle", "fraction"]
+"""How the network sees the phase of the gait: as its sine and cosine, or as a share of the period.
+"""
+Device = Literal["auto", "cpu", "cuda"]
+"""Names of the devices to train on."""
+
 
 @dataclass(frozen=True)
 class PolicyConfig:
@@ -16,7 +22,7 @@ class PolicyConfig:
     """[Nm/rad] (the paper's research code)."""
     kd: float = 0.1
     """[Nms/rad] (the paper's research code)."""
-    phase: Literal["circle", "fraction"] = "circle"
+    phase: Phase = "circle"
     """What the network sees of the gait clock: sine and cosine of the phase, or the phase itself,
     which jumps from 1 to 0 (paper)."""
 
@@ -39,7 +45,7 @@ class TrainingConfig:
     precision: Literal["float32", "bfloat16"] = "bfloat16"
     """of the products of the hidden layers, in training only. `bfloat16` is used where the
     processor has instructions for it; weights, sums, the last layer and all else are float32."""
-    device: Literal["auto", "cpu", "cuda"] = "auto"
+    device: Device = "auto"
     """`auto` takes a GPU if there is one."""
     memory: int = 1024
     """[MB] that examples take at most; more go through a temporary file. 1024 hold 4.5 million

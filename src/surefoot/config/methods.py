@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
+from surefoot.config.safety import HandBack
+
 
 @dataclass(frozen=True)
 class ExpertData:
@@ -147,9 +149,7 @@ class LocoSafeDaggerConfig:
     """[s] the expert drives at least, once it has taken over (paper)."""
     T_end: float = 1.0
     """[s] of the expert's tail after a rollout (paper)."""
-    hand_back: Literal["safe_and_blocked", "every_violation_restarts", "safe_or_blocked"] = (
-        "safe_and_blocked"
-    )
+    hand_back: HandBack = "safe_and_blocked"
     """When the policy drives again after a takeover: see `HandBack`."""
     guard: tuple[Guard, ...] = ("bounds",)
     """Who calls a state unsafe; of several, any of them. See `Guard`."""

@@ -3,6 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
+
+HandBack = Literal["safe_and_blocked", "every_violation_restarts", "safe_or_blocked"]
+"""Rules that say when the policy drives again after a takeover; the paper's text and code disagree.
+
+- `every_violation_restarts`: T_block without a violation has passed (Algorithm 4).
+- `safe_or_blocked`: the state is safe again, or T_block is over (the paper's prose).
+- `safe_and_blocked`: the state is safe again, and at least T_block has passed since the takeover
+  (the paper's research code; "at least 2 s" in the text).
+"""
 
 
 @dataclass(frozen=True)

@@ -1,53 +1,61 @@
-"""Where a fit stands after an epoch: weights, Adam's moments, losses; a kill costs one epoch."""
+"""The state of a fit after an epoch: weights, Adam's moments and losses; a kill costs one epoch."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save as to_bytes
+from torch import Tensor
 
-from surefoot.files import write_atomic
-from surefoot.learning.policy import digest
+from surefoot.learning.tensor_file import is_intact, read_tensor_file, write_tensor_file
 
 Losses = list[tuple[float, float]]
-"""Training and validation loss [rad] of every epoch done."""
+"""Training and validation loss [rad] of every finished epoch."""
 
 
 def save_checkpoint(
     path: Path, key: str, network: torch.nn.Module, optimizer: torch.optim.Optimizer, losses: Losses
 ) -> None:
-    """Write it whole or not at all; ``key`` says of which fit it is."""
+    """Write the state of a fit, whole or not at all.
+
+    Args:
+        path: The file.
+        key: Name of the fit: what its result depends on, as a hash.
+        network: The network that is being trained.
+        optimizer: Its optimizer.
+        losses: The losses so far.
+
+    Raises:
+        WriteError: The disk is full, or read-only.
+    """
     tensors = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
     for index, moments in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer.{index}.{name}": tensor for name, tensor in moments.items()}
-    tensors = {name: tensor.detach().contiguous().cpu() for name, tensor in tensors.items()}
     # As text, because JSON has no NaN.
-    record = {"key": key, "losses": json.dumps([list(map(float.hex, pair)) for pair in losses])}
-    write_atomic(path, to_bytes(tensors, {**record, "sha256": digest(tensors, record)}))
+    exact = [[training.hex(), validation.hex()] for training, validation in losses]
+    write_tensor_file(path, tensors, {"key": key, "losses": exact})
 
 
 def load_checkpoint(
     path: Path, key: str, network: torch.nn.Module, optimizer: torch.optim.Optimizer
 ) -> Losses:
-    """Put network and optimizer where the checkpoint left them; the losses of the epochs done.
+    """Bring network and optimizer to the state that a checkpoint holds.
 
-    A file that is not there, damaged, or of another fit changes nothing: no epoch is done.
+    A file that does not exist, is damaged, or belongs to another fit changes nothing.
+
+    Returns:
+        The losses of the finished epochs; none if nothing was changed.
     """
     if not path.is_file():
         return []
     try:
-        with safe_open(path, framework="pt") as file:
-            record = dict(file.metadata() or {})
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError):
+        tensors, header = read_tensor_file(path)
+    except ValueError:
         return []
-    whole = record.pop("sha256", None) == digest(tensors, record)
-    if not whole or record.get("key") != key:
+    if header.get("key") != key or not is_intact(tensors, header):
         return []
-    weights, state = {}, {}
+    weights: dict[str, Tensor] = {}
+    state: dict[int, dict[str, Tensor]] = {}
     for name, tensor in tensors.items():
         owner, rest = name.split(".", 1)
         if owner == "network":
@@ -58,4 +66,4 @@ def load_checkpoint(
     network.load_state_dict(weights)
     groups = optimizer.state_dict()["param_groups"]
     optimizer.load_state_dict({"state": state, "param_groups": groups})
-    return [(float.fromhex(a), float.fromhex(b)) for a, b in json.loads(record["losses"])]
+    return [(float.fromhex(a), float.fromhex(b)) for a, b in header["losses"]]

@@ -1,7 +1,8 @@
-"""A small network that says yes or no: in training a logit, at run time a plain function of rows.
+"""A small network that says how likely a row is *positive*: in training a logit, then a function.
 
-It serves the learned gates (``gates.py``). Layers, normalisers and their folding are those of the
-policy's network. Needs no robotics.
+It serves the learned gates (``safety/learned.py``), where positive means unsafe. Layers,
+normalizers and their folding are those of the policy's network. Needs no robotics. Read next:
+``safety/learned.py``.
 """
 
 from __future__ import annotations
@@ -9,57 +10,95 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save as to_bytes
 
 from surefoot.config import PolicyConfig
-from surefoot.files import write_atomic
+from surefoot.config.json_io import from_json, to_json
 from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork
+from surefoot.learning.observation import Float32Array
 from surefoot.learning.onnx_graph import onnx_graph, runner
-from surefoot.types import BoolArray
+from surefoot.learning.tensor_file import Header, read_tensor_file, write_tensor_file
+from surefoot.types import BoolArray, IntArray
 
 HIDDEN = (128, 128)
 """Units of the hidden layers."""
-EPOCHS, BATCH, RATE = 6, 1024, 3e-3
-"""Passes over the rows, rows of a step, learning rate of Adam (falls to zero as a cosine)."""
+EPOCHS = 6
+"""Passes over the rows."""
+BATCH = 1024
+"""Rows of a step."""
+RATE = 3e-3
+"""Learning rate of Adam at the beginning; it falls to zero as a cosine."""
 MOST_ROWS = 1_000_000
-"""Rows of an epoch; of more, so many are drawn."""
-NORMALISING_ROWS = 100_000
-"""About so many rows give the normalisers; in float64, they are 400 MB of a history gate's."""
+"""Rows of an epoch; if there are more, so many are drawn."""
+NORMALIZING_ROWS = 100_000
+"""About so many rows give the normalizers; in float64, they are 400 MB of a history gate's."""
 FORMAT = 1
 """Version of the file."""
 
 
 @dataclass(frozen=True)
-class Classifier:
-    """Layers of a trained network, normalisers folded in.
+class ClassifierQuality:
+    """What a classifier was trained on, and how well it does on rows that were held out.
+
+    Without rows held out, all fields from ``held_out`` on are None.
 
     Attributes:
-        layers: weight ``(inputs, outputs)`` and bias ``(outputs,)`` of each, float32.
-        figures: what its training gave, anything that JSON can hold.
+        rows: Number of rows it was trained on.
+        share_yes: Share of them that is positive.
+        seed: Seed of its weights and of the order of its rows.
+        held_out: Number of rows held out.
+        held_out_yes: How many of those are positive.
+        alarm: Probability beyond which a row is called positive.
+        recall: Share of the positive rows that is called positive; 0 without any.
+        precision: Share of the rows called positive that is positive; 0 without any.
+        share_said: Share of all rows that is called positive.
+        average_precision: Mean over the positive rows of the precision of an alarm just below
+            each; of a network that has learned nothing it is ``held_out_yes / held_out``.
     """
 
-    layers: tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
-    figures: dict[str, Any]
+    rows: int
+    share_yes: float
+    seed: int
+    held_out: int | None = None
+    held_out_yes: int | None = None
+    alarm: float | None = None
+    recall: float | None = None
+    precision: float | None = None
+    share_said: float | None = None
+    average_precision: float | None = None
 
-    def __getstate__(self) -> dict[str, Any]:
+
+@dataclass(frozen=True)
+class Classifier:
+    """Layers of a trained network, normalizers folded in.
+
+    Attributes:
+        layers: Weight ``(inputs, outputs)`` and bias ``(outputs,)`` of each layer, float32.
+        quality: What it was trained on, and how well it does.
+    """
+
+    layers: tuple[tuple[Float32Array, Float32Array], ...]
+    quality: ClassifierQuality
+
+    def __getstate__(self) -> dict[str, object]:
         """For other processes, which make their own session."""
-        return {"layers": self.layers, "figures": self.figures}
+        return {"layers": self.layers, "quality": self.quality}
 
     @cached_property
-    def _forward(self) -> Callable[[NDArray[np.float32]], NDArray[np.float32]]:
+    def _forward(self) -> Callable[[Float32Array], Float32Array]:
         return runner(onnx_graph(self.layers))
 
-    def probability(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
-        """``(n,)`` probability of yes, of ``(n, inputs)``; each row's depends on it alone."""
+    def probability(self, rows: Float32Array) -> Float32Array:
+        """``(n,)`` probability that a row is positive; each row's depends on it alone.
+
+        Args:
+            rows: ``(n, inputs)``.
+        """
         padded = np.zeros((max(len(rows), MINIMUM_ROWS), rows.shape[1]), np.float32)
         padded[: len(rows)] = rows
         with np.errstate(over="ignore", invalid="ignore"):
@@ -68,79 +107,109 @@ class Classifier:
 
 
 def fit_classifier(
-    rows: NDArray[np.float32], yes: BoolArray, held: BoolArray, seed: int, alarm: float = 0.5
+    rows: Float32Array, positive: BoolArray, held_out: BoolArray, seed: int, alarm: float = 0.5
 ) -> Classifier:
     """Train by binary cross-entropy; the same rows and seed give the same bits.
 
-    Rows weigh the same, however rare yes is: what comes out is a probability as frequent as it says
-    it is. Where yes is rare it is seldom beyond 0.5; the alarm is what to lower. Weights that make
-    up for the rarity find less (``benchmarks/README.md``).
+    Rows weigh the same, however rare positive ones are: the network gives calibrated probabilities.
+    Where positive rows are rare, the probability is seldom beyond 0.5; the alarm is what to lower.
+    Weights that make up for the rarity find less (``benchmarks/README.md``).
 
     Args:
         rows: ``(n, inputs)``, finite.
-        yes: ``(n,)``.
-        held: ``(n,)`` True for rows to judge it by, which it is not trained on.
-        seed: of weights and order.
-        alarm: probability beyond which it is judged to say yes.
+        positive: ``(n,)`` True for the rows to find.
+        held_out: ``(n,)`` True for rows to judge it by, which it is not trained on.
+        seed: Seed of the weights and of the order of the rows.
+        alarm: Probability beyond which it is judged to call a row positive.
 
     Raises:
-        ValueError: too few rows to train on.
+        ValueError: There are too few rows to train on.
     """
-    training = np.flatnonzero(~held)
+    training = np.flatnonzero(~held_out)
     size = min(BATCH, len(training) // 4)
     if size < 2:
         raise ValueError(f"{len(training)} rows are too few to train a classifier on")
     network = PolicyNetwork(PolicyConfig(hidden=HIDDEN), seed, inputs=rows.shape[1], outputs=1)
-    x, y = torch.from_numpy(rows), torch.from_numpy(yes.astype(np.float32))
-    some = x[torch.from_numpy(training[:: max(1, len(training) // NORMALISING_ROWS)])].double()
-    network.set_normalisers(some.mean(0), some.std(0))
-    generator = torch.Generator().manual_seed(seed)
-    steps = EPOCHS * (min(len(training), MOST_ROWS) // size)
-    optimizer = torch.optim.Adam(network.parameters(), lr=RATE, fused=True)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
-    index, loss_of = torch.from_numpy(training), torch.nn.BCEWithLogitsLoss()
-    network.train()
     threads = torch.get_num_threads()
-    torch.set_num_threads(1)
     try:
-        for _ in range(EPOCHS):
-            order = index[torch.randperm(len(index), generator=generator)[:MOST_ROWS]]
-            for batch in order.split(size):
-                if len(batch) < size:
-                    break
-                optimizer.zero_grad()
-                loss_of(network(x[batch])[:, 0], y[batch]).backward()
-                optimizer.step()
-                schedule.step()
-        layers = tuple((w.numpy(), b.numpy()) for w, b in network.eval().folded())
+        _train(network, rows, positive, training, size, seed)
+        layers = tuple((weight.numpy(), bias.numpy()) for weight, bias in network.eval().folded())
     finally:
         torch.set_num_threads(threads)
-    classifier = Classifier(layers, {})
-    figures = {"rows": len(training), "share_yes": float(yes[training].mean()), "seed": seed}
-    if held.any():
-        figures |= judged(classifier.probability(rows[held]), yes[held], alarm)
-    return Classifier(layers, figures)
+    quality = ClassifierQuality(len(training), float(positive[training].mean()), seed)
+    if held_out.any():
+        probability = Classifier(layers, quality).probability(rows[held_out])
+        quality = judge_classifier(quality, probability, positive[held_out], alarm)
+    return Classifier(layers, quality)
 
 
-def judged(probability: NDArray[np.float32], yes: BoolArray, alarm: float) -> dict[str, Any]:
-    """How often it says yes rightly.
+def _train(
+    network: PolicyNetwork,
+    rows: Float32Array,
+    positive: BoolArray,
+    training: IntArray,
+    batch: int,
+    seed: int,
+) -> None:
+    """Train the network in place, on one thread.
 
-    At the ``alarm``: ``recall``, ``precision``, and the share of rows it says yes to. At any:
-    ``average_precision``, the mean over the yes rows of the precision of an alarm just below each;
-    of a network that has learned nothing it is ``held_out_yes / held_out``.
+    Args:
+        network: The new network.
+        rows: ``(n, inputs)``.
+        positive: ``(n,)`` what it should say of them.
+        training: ``(k,)`` indices of the rows to train on.
+        batch: Rows of a step.
+        seed: Seed of the order of the rows.
     """
-    said = probability > alarm
-    right, true = float((said & yes).sum()), yes[np.argsort(-probability, kind="stable")]
-    precision = np.cumsum(true) / np.arange(1, len(true) + 1)
-    return {
-        "held_out": len(yes),
-        "held_out_yes": int(yes.sum()),
-        "alarm": alarm,
-        "recall": right / max(float(yes.sum()), 1.0),
-        "precision": right / max(float(said.sum()), 1.0),
-        "share_said": float(said.mean()),
-        "average_precision": float(precision[true].mean()) if yes.any() else 0.0,
-    }
+    x = torch.from_numpy(rows)
+    y = torch.from_numpy(positive.astype(np.float32))
+    spread = training[:: max(1, len(training) // NORMALIZING_ROWS)]
+    normalizing = x[torch.from_numpy(spread)].double()
+    network.set_normalizers(normalizing.mean(0), normalizing.std(0))
+    generator = torch.Generator().manual_seed(seed)
+    steps = EPOCHS * (min(len(training), MOST_ROWS) // batch)
+    optimizer = torch.optim.Adam(network.parameters(), lr=RATE, fused=True)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+    index = torch.from_numpy(training)
+    loss_of = torch.nn.BCEWithLogitsLoss()
+    network.train()
+    torch.set_num_threads(1)
+    for _ in range(EPOCHS):
+        order = index[torch.randperm(len(index), generator=generator)[:MOST_ROWS]]
+        for minibatch in order.split(batch):
+            if len(minibatch) < batch:
+                break
+            optimizer.zero_grad()
+            loss_of(network(x[minibatch])[:, 0], y[minibatch]).backward()
+            optimizer.step()
+            schedule.step()
+
+
+def judge_classifier(
+    quality: ClassifierQuality, probability: Float32Array, positive: BoolArray, alarm: float
+) -> ClassifierQuality:
+    """The quality, with all that rows held out say.
+
+    Args:
+        quality: What the classifier was trained on.
+        probability: ``(n,)`` its answers.
+        positive: ``(n,)`` the truth.
+        alarm: Probability beyond which a row is called positive.
+    """
+    called = probability > alarm
+    right = float((called & positive).sum())
+    ranked = positive[np.argsort(-probability, kind="stable")]
+    precision = np.cumsum(ranked) / np.arange(1, len(ranked) + 1)
+    return replace(
+        quality,
+        held_out=len(positive),
+        held_out_yes=int(positive.sum()),
+        alarm=alarm,
+        recall=right / max(float(positive.sum()), 1.0),
+        precision=right / max(float(called.sum()), 1.0),
+        share_said=float(called.mean()),
+        average_precision=float(precision[ranked].mean()) if positive.any() else 0.0,
+    )
 
 
 def save_classifier(classifier: Classifier, path: Path) -> None:
@@ -149,17 +218,16 @@ def save_classifier(classifier: Classifier, path: Path) -> None:
     for number, (weight, bias) in enumerate(classifier.layers):
         tensors[f"weight{number}"] = torch.from_numpy(weight)
         tensors[f"bias{number}"] = torch.from_numpy(bias)
-    record = {"format": FORMAT, "figures": classifier.figures}
-    record["sha256"] = digest(classifier)
-    write_atomic(path, to_bytes(tensors, {"surefoot": json.dumps(record)}))
+    header = {"format": FORMAT, "figures": _plain(classifier.quality)}
+    write_tensor_file(path, tensors, header, digest(classifier))
 
 
 def load_classifier(path: Path) -> Classifier:
     """Read it back, to the bit.
 
     Raises:
-        FileNotFoundError: there is none.
-        ValueError: the file is damaged, or of another version.
+        FileNotFoundError: There is no such file.
+        ValueError: The file is damaged, or of another version.
     """
     if not path.is_file():
         raise FileNotFoundError(
@@ -167,17 +235,15 @@ def load_classifier(path: Path) -> Classifier:
             "trains it again, bit for bit"
         )
     try:
-        with safe_open(path, framework="np") as file:
-            record = json.loads(file.metadata()["surefoot"])
-            names = sorted(file.keys())
-            count = len(names) // 2
-            layers = tuple(
-                (file.get_tensor(f"weight{n}"), file.get_tensor(f"bias{n}")) for n in range(count)
-            )
-        classifier = Classifier(layers, record["figures"])
-        if record["format"] != FORMAT or record["sha256"] != digest(classifier):
+        tensors, header = read_tensor_file(path)
+        layers = tuple(
+            (tensors[f"weight{number}"].numpy(), tensors[f"bias{number}"].numpy())
+            for number in range(len(tensors) // 2)
+        )
+        classifier = Classifier(layers, from_json(ClassifierQuality, header["figures"]))
+        if header["format"] != FORMAT or header["sha256"] != digest(classifier):
             raise ValueError("its contents do not match their hash, or it is of another version")
-    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise ValueError(
             f"{path} is not a whole classifier ({error}); delete it: `surefoot train ... --resume` "
             "trains it again, bit for bit"
@@ -186,9 +252,14 @@ def load_classifier(path: Path) -> Classifier:
 
 
 def digest(classifier: Classifier) -> str:
-    """SHA-256 of its layers and figures."""
-    sha = hashlib.sha256(json.dumps(classifier.figures, sort_keys=True).encode())
+    """SHA-256 of its quality and its layers."""
+    sha = hashlib.sha256(json.dumps(_plain(classifier.quality), sort_keys=True).encode())
     for layer in classifier.layers:
         for array in layer:
             sha.update(np.ascontiguousarray(array).tobytes())
     return sha.hexdigest()
+
+
+def _plain(quality: ClassifierQuality) -> Header:
+    """The quality as JSON, without what was not measured."""
+    return {key: value for key, value in to_json(quality).items() if value is not None}

@@ -1,7 +1,7 @@
 """The network: normalized inputs, hidden layers with BatchNorm and ReLU, linear outputs.
 
 It serves policies and classifiers alike. `folded` turns a trained network into plain weights
-and biases, which is what runs at 1 kHz.
+and biases, which is what runs at 1 kHz. Read next: ``train.py``, which trains it.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ last bits, in every BLAS tried; from here on a row's result did not depend on it
 
 
 class PolicyNetwork(nn.Module):
-    """``(n, 47)`` observation and goal to ``(n, 12)`` joint targets [rad].
+    """A map from ``(n, 47)`` observation and goal to ``(n, 12)`` joint targets [rad].
 
     Args:
-        config: hidden layers.
-        seed: of the initial weights (Kaiming normal); PyTorch's global generator is untouched.
-        inputs: numbers it takes, if others than a policy's.
-        outputs: numbers it gives.
+        config: Sizes of the hidden layers.
+        seed: Seed of the initial weights (Kaiming normal); PyTorch's global generator is untouched.
+        inputs: How many numbers it takes, if not those of a policy.
+        outputs: How many numbers it gives.
     """
 
     mean: Tensor
     scale: Tensor
-    has_normalisers: Tensor
+    has_normalisers: Tensor  # the name of this tensor in policy files, hence the spelling
 
     def __init__(
         self,
@@ -57,12 +57,12 @@ class PolicyNetwork(nn.Module):
             self.linear.append(layer)
         self.norm = nn.ModuleList(nn.BatchNorm1d(size) for size in config.hidden)
 
-    def set_normalisers(self, mean: Tensor, deviation: Tensor) -> None:
-        """Centre and scale every input; one that is constant gets scale 1.
+    def set_normalizers(self, mean: Tensor, deviation: Tensor) -> None:
+        """Center and scale every input from now on; an input that is constant gets scale 1.
 
         Args:
-            mean: ``(47,)`` of observation and goal, float64.
-            deviation: ``(47,)`` their standard deviations, float64.
+            mean: ``(47,)`` means of observation and goal, float64.
+            deviation: ``(47,)`` standard deviations of observation and goal, float64.
         """
         constant = deviation <= 1e-6 * mean.abs().clamp(min=1.0)
         self.mean.copy_(mean)
@@ -70,7 +70,7 @@ class PolicyNetwork(nn.Module):
         self.has_normalisers.fill_(True)
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """Joint targets ``(n, 12)`` [rad] of ``(n, 47)`` observation and goal."""
+        """Joint targets ``(n, 12)`` [rad] for ``(n, 47)`` observation and goal."""
         x = (inputs - self.mean) / self.scale
         for linear, norm in zip(self.linear, self.norm, strict=False):
             x = torch.relu(norm(linear(x)))
@@ -81,17 +81,20 @@ class PolicyNetwork(nn.Module):
 
     @torch.no_grad()
     def folded(self) -> list[tuple[Tensor, Tensor]]:
-        """Weights ``(inputs, outputs)`` and biases with normalisers and BatchNorm folded in.
+        """Weights ``(inputs, outputs)`` and biases with normalizers and BatchNorm folded in.
 
-        ReLU lies between the layers; the same function as ``eval()`` mode, up to float32 rounding.
+        With ReLU between the layers they are the same function as the network in ``eval()`` mode,
+        up to float32 rounding.
         """
         layers = []
         # What stands before a layer, x -> (x - shift) / scale, moves into its weight and bias;
         # what stands after it, BatchNorm, too. All in float64, rounded once.
-        shift, scale = self.mean.double(), self.scale.double()
+        shift = self.mean.double()
+        scale = self.scale.double()
         for index, module in enumerate(self.linear):
             linear: Any = module
-            weight, bias = linear.weight.double(), linear.bias.double()
+            weight = linear.weight.double()
+            bias = linear.bias.double()
             if index == 0:
                 weight = weight / scale
                 bias = bias - weight @ shift

@@ -1,67 +1,101 @@
-"""What the policy sees: 42 numbers of the robot's state and 5 of its goal, as named slices.
+"""What the policy sees: 42 numbers about the robot's state and 5 about its goal, as named slices.
 
 Nothing in them tells where the robot is or which way is north: turning or shifting the whole robot
 leaves every number unchanged. Positions and headings enter only relative to the robot itself.
-The network's input is the observation followed by the goal.
+The network's input is the observation followed by the goal. Read next: ``policy.py``.
 """
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import dataclass
+from typing import ClassVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.config import Config, Phase
+from surefoot.errors import unknown
 from surefoot.rotations import to_heading
-from surefoot.types import Array, IntArray, State
+from surefoot.types import Array, IntArray, State, to_ticks
 
 Float32Array = NDArray[np.float32]
+"""Arrays of the type that networks take and give."""
 
-OBSERVATION_SIZES = {
-    "base_height": 1,
-    "gravity": 3,
-    "base_velocity": 6,
-    "joint_position": 12,
-    "joint_velocity": 12,
-    "feet": 8,
-}
-"""Base height [m]; direction of gravity in the base frame; linear and angular velocity of the base
-in its own frame [m/s, rad/s]; joint angles [rad] and rates [rad/s]; x, y of the four feet relative
-to the centre of mass in the heading frame [m]."""
 
-GOAL_SIZES = {"phase": 2, "command": 3}
-"""Gait phase, as sine and cosine, or as a fraction of the period and a zero; vx, vy [m/s] and yaw
-rate [rad/s] in the heading frame."""
+@dataclass(frozen=True)
+class ObservationSpec:
+    """All that turns a state, a tick and a command into a network's input: layout, phase, period.
 
-Phase = Literal["circle", "fraction"]
+    Attributes:
+        phase: How the network sees the gait clock, as `PolicyConfig.phase`.
+        period_ticks: Gait period [ms].
+
+    Raises:
+        ValueError: The phase is unknown, or the period is not positive.
+    """
+
+    observation_sizes: ClassVar[dict[str, int]] = {
+        "base_height": 1,
+        "gravity": 3,
+        "base_velocity": 6,
+        "joint_position": 12,
+        "joint_velocity": 12,
+        "feet": 8,
+    }
+    """Base height [m]; direction of gravity in the base frame; linear and angular velocity of the
+    base in its own frame [m/s, rad/s]; joint angles [rad] and rates [rad/s]; x, y of the four feet
+    relative to the center of mass in the heading frame [m]."""
+    goal_sizes: ClassVar[dict[str, int]] = {"phase": 2, "command": 3}
+    """Gait phase, as sine and cosine, or as a fraction of the period and a zero; vx, vy [m/s] and
+    yaw rate [rad/s] in the heading frame."""
+
+    phase: Phase
+    period_ticks: int
+
+    def __post_init__(self) -> None:
+        """Check both fields."""
+        if self.phase not in get_args(Phase):
+            raise ValueError(unknown("phase", str(self.phase), get_args(Phase)))
+        if self.period_ticks < 1:
+            raise ValueError(f"period_ticks is {self.period_ticks}, expected at least 1 [ms]")
+
+
+def observation_spec(config: Config) -> ObservationSpec:
+    """What a configuration says about the network's input."""
+    return ObservationSpec(config.policy.phase, to_ticks(config.gait.period))
 
 
 def _slices(sizes: dict[str, int]) -> dict[str, slice]:
     """Consecutive slices of the given sizes."""
-    ends = np.cumsum(list(sizes.values())).tolist()
-    return {
-        name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)
-    }
+    slices = {}
+    start = 0
+    for name, size in sizes.items():
+        slices[name] = slice(start, start + size)
+        start += size
+    return slices
 
 
-OBSERVATION = _slices(OBSERVATION_SIZES)
-OBSERVATION_SIZE = sum(OBSERVATION_SIZES.values())
-GOAL = _slices(GOAL_SIZES)
-GOAL_SIZE = sum(GOAL_SIZES.values())
+OBSERVATION = _slices(ObservationSpec.observation_sizes)
+"""Where each part of the observation lies in it."""
+OBSERVATION_SIZE = sum(ObservationSpec.observation_sizes.values())
+GOAL = _slices(ObservationSpec.goal_sizes)
+"""Where each part of the goal lies in it."""
+GOAL_SIZE = sum(ObservationSpec.goal_sizes.values())
 INPUT_SIZE = OBSERVATION_SIZE + GOAL_SIZE
 
 
 def observe(state: State, out: Float32Array | None = None) -> Float32Array:
-    """The observation of one robot, or of any batch of them.
+    """The observation of one robot, or of any batch of robots.
 
     Args:
-        state: with any leading axes.
+        state: States with any leading axes.
         out: ``(..., 42)`` array to write into.
 
     Returns:
         ``(..., 42)`` float32, laid out as ``OBSERVATION``.
     """
-    q, v = state.q, state.v
+    q = state.q
+    v = state.v
     if out is None:
         out = np.empty((*q.shape[:-1], OBSERVATION_SIZE), np.float32)
     feet = state.feet[..., :2] - state.com[..., None, :2]
@@ -71,24 +105,23 @@ def observe(state: State, out: Float32Array | None = None) -> Float32Array:
     out[..., OBSERVATION["base_velocity"]] = v[..., :6]
     out[..., OBSERVATION["joint_position"]] = q[..., 7:]
     out[..., OBSERVATION["joint_velocity"]] = v[..., 6:]
-    out[..., OBSERVATION["feet"]] = feet.reshape(*q.shape[:-1], OBSERVATION_SIZES["feet"])
+    sizes = ObservationSpec.observation_sizes
+    out[..., OBSERVATION["feet"]] = feet.reshape(*q.shape[:-1], sizes["feet"])
     return out
 
 
 def goal(
     tick: IntArray | int,
     command: Array,
-    period_ticks: int,
-    phase: Phase = "circle",
+    spec: ObservationSpec,
     out: Float32Array | None = None,
 ) -> Float32Array:
-    """The goal: where the gait is, and where to go.
+    """The goal: how far the gait cycle is, and where to go.
 
     Args:
         tick: ``(...)`` gait clock [ms].
         command: ``(..., 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
-        period_ticks: gait period [ms].
-        phase: as ``PolicyConfig.phase``.
+        spec: Gait period, and how the phase is given.
         out: ``(..., 5)`` array to write into.
 
     Returns:
@@ -98,13 +131,16 @@ def goal(
     if out is None:
         shape = np.broadcast_shapes(np.shape(tick), command.shape[:-1])
         out = np.empty((*shape, GOAL_SIZE), np.float32)
-    first, second = GOAL["phase"].start, GOAL["phase"].start + 1
-    within = np.asarray(tick) % period_ticks
-    if phase == "circle":
-        angle = within * (2.0 * np.pi / period_ticks)
-        out[..., first], out[..., second] = np.sin(angle), np.cos(angle)
+    first = GOAL["phase"].start
+    second = first + 1
+    within = np.asarray(tick) % spec.period_ticks
+    if spec.phase == "circle":
+        angle = within * (2.0 * np.pi / spec.period_ticks)
+        out[..., first] = np.sin(angle)
+        out[..., second] = np.cos(angle)
     else:
-        out[..., first], out[..., second] = within / period_ticks, 0.0
+        out[..., first] = within / spec.period_ticks
+        out[..., second] = 0.0
     out[..., GOAL["command"]] = command
     return out
 
@@ -113,22 +149,23 @@ def network_input(
     state: State,
     tick: IntArray | int,
     command: Array,
-    period_ticks: int,
-    phase: Phase = "circle",
+    spec: ObservationSpec,
     out: Float32Array | None = None,
 ) -> Float32Array:
-    """``(..., 47)`` observation and goal side by side, as the network takes them.
+    """Observation and goal side by side, as the network takes them.
 
     Args:
-        state: with any leading axes.
+        state: States with any leading axes.
         tick: ``(...)`` gait clock [ms].
         command: ``(..., 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
-        period_ticks: gait period [ms].
-        phase: as ``PolicyConfig.phase``.
+        spec: Gait period, and how the phase is given.
         out: ``(..., 47)`` array to write into.
+
+    Returns:
+        ``(..., 47)`` float32: first ``OBSERVATION``, then ``GOAL``.
     """
     if out is None:
         out = np.empty((*state.q.shape[:-1], INPUT_SIZE), np.float32)
     observe(state, out[..., :OBSERVATION_SIZE])
-    goal(tick, command, period_ticks, phase, out[..., OBSERVATION_SIZE:])
+    goal(tick, command, spec, out[..., OBSERVATION_SIZE:])
     return out

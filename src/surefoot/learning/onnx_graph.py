@@ -1,6 +1,6 @@
 """The network as an ONNX graph, and what runs it: a third of PyTorch's time for a few rows.
 
-Plain ``Gemm`` and ``Relu`` on float32 weights, so that any ONNX runtime computes it.
+The graph is plain ``Gemm`` and ``Relu`` on float32 weights, so that any ONNX runtime computes it.
 """
 
 from __future__ import annotations
@@ -8,49 +8,60 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float32Array = NDArray[np.float32]
+from surefoot.learning.observation import Float32Array
 
-OPSET, IR_VERSION = 17, 8
-"""Old enough for every runtime in use."""
+OPSET = 17
+"""Version of the operators, old enough for every runtime in use."""
+IR_VERSION = 8
+"""Version of the file format, old enough for every runtime in use."""
 
 
 def onnx_graph(layers: Sequence[tuple[Float32Array, Float32Array]]) -> bytes:
-    """A serialised model ``input (n, inputs) -> target (n, outputs)``, ReLU between the layers.
+    """A serialized model ``input (n, inputs) -> target (n, outputs)``, ReLU between the layers.
 
     Args:
-        layers: weight ``(inputs, outputs)`` and bias ``(outputs,)`` of each.
+        layers: Weight ``(inputs, outputs)`` and bias ``(outputs,)`` of each layer.
     """
     from onnx import TensorProto, helper, numpy_helper
 
-    nodes, weights, here = [], [], "input"
+    nodes = []
+    tensors = []
+    below = "input"
     for index, (weight, bias) in enumerate(layers):
         names = [f"weight{index}", f"bias{index}"]
-        weights += [numpy_helper.from_array(weight, names[0])]
-        weights += [numpy_helper.from_array(bias, names[1])]
-        last = index == len(layers) - 1
-        sums = "target" if last else f"sums{index}"
-        nodes.append(helper.make_node("Gemm", [here, *names], [sums]))
-        if not last:
-            here = f"hidden{index}"
-            nodes.append(helper.make_node("Relu", [sums], [here]))
+        tensors.append(numpy_helper.from_array(weight, names[0]))
+        tensors.append(numpy_helper.from_array(bias, names[1]))
+        is_last = index == len(layers) - 1
+        sums = "target" if is_last else f"sums{index}"
+        nodes.append(helper.make_node("Gemm", [below, *names], [sums]))
+        if not is_last:
+            below = f"hidden{index}"
+            nodes.append(helper.make_node("Relu", [sums], [below]))
     ends = [
         helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", size])
         for name, size in (("input", len(layers[0][0])), ("target", len(layers[-1][1])))
     ]
-    graph = helper.make_graph(nodes, "policy", ends[:1], ends[1:], weights)
+    graph = helper.make_graph(nodes, "policy", ends[:1], ends[1:], tensors)
     opset = helper.make_opsetid("", OPSET)
     model = helper.make_model(graph, opset_imports=[opset], ir_version=IR_VERSION)
     return model.SerializeToString()
 
 
 def runner(model: bytes) -> Callable[[Float32Array], Float32Array]:
-    """A function that computes a model on this process's core: one thread, so the same bits."""
+    """A function that computes a model on one core of this process: one thread, so the same bits.
+
+    Args:
+        model: A serialized model with one ``input`` and one output.
+
+    Returns:
+        The function, ``(n, inputs)`` to ``(n, outputs)``.
+    """
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
     options.log_severity_level = 3  # errors only
     session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 

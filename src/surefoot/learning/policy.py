@@ -1,54 +1,84 @@
 """The policy: a network that turns observation and goal into joint targets for a low-impedance PD.
 
-Observation and goal (``observation.py``) are normalised inside the network; 3 x 512 units with
+Observation and goal (``observation.py``) are normalized inside the network; 3 x 512 units with
 BatchNorm and ReLU give twelve joint targets a, and the joints get tau = kp (a - q) - kd qdot at
-1 kHz. Training inverts that law to turn an expert's torque into a label. A policy file holds all
-that running it needs: weights, normalisers, layouts, gains, rate, gait period and where it is from.
+1 kHz. Training inverts that law: `target_of` turns an expert's torque into what the network learns.
+A policy file holds all that running it needs: weights, normalizers, layouts, gains, rate, gait
+period and provenance. Read next: ``train.py``.
 """
 
 from __future__ import annotations
 
 import copy
-import hashlib
-import json
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save as to_bytes
-from torch import Tensor
+from numpy.typing import ArrayLike
 
-from surefoot.config import PolicyConfig
-from surefoot.files import write_atomic
+from surefoot.config import Config, PolicyConfig
+from surefoot.config.json_io import Plain
 from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork
-from surefoot.learning.observation import GOAL_SIZES, INPUT_SIZE, OBSERVATION_SIZES, network_input
+from surefoot.learning.observation import (
+    INPUT_SIZE,
+    Float32Array,
+    ObservationSpec,
+    network_input,
+    observation_spec,
+)
 from surefoot.learning.onnx_graph import onnx_graph, runner
+from surefoot.learning.tensor_file import is_intact, read_tensor_file, write_tensor_file
 from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray, State
 
 FORMAT = 2
 """Version of the policy file."""
 
 
-def pd(target: Array | NDArray[np.float32], q: Array, v: Array, config: PolicyConfig) -> Array:
-    """Joint torques ``(..., 12)`` [Nm] that draw the joints to their targets, damped to rest.
+@dataclass(frozen=True)
+class PolicySpec:
+    """What training, engine and policy file share besides the weights.
+
+    Attributes:
+        observation: How states, ticks and commands become the network's input.
+        kp: Proportional gain of the PD [N m/rad].
+        kd: Derivative gain of the PD [N m s/rad].
+    """
+
+    observation: ObservationSpec
+    kp: float
+    kd: float
+
+
+def policy_spec(config: Config) -> PolicySpec:
+    """What a configuration says about its policies."""
+    return PolicySpec(observation_spec(config), config.policy.kp, config.policy.kd)
+
+
+def pd(target: Array | Float32Array, q: Array, v: Array, spec: PolicySpec) -> Array:
+    """Joint torques ``(..., 12)`` [N m] that draw the joints to their targets, damped to rest.
 
     Args:
         target: ``(..., 12)`` joint targets a [rad].
         q: ``(..., 19)`` configuration.
         v: ``(..., 18)`` velocity.
-        config: kp and kd.
+        spec: The gains kp and kd.
     """
-    return config.kp * (target - q[..., 7:]) - config.kd * v[..., 6:]
+    return spec.kp * (target - q[..., 7:]) - spec.kd * v[..., 6:]
 
 
-def label(torque: Array, q: Array, v: Array, config: PolicyConfig) -> Array:
-    """The joint targets ``(..., 12)`` [rad] with which ``pd`` gives this torque [Nm]."""
-    return (torque + config.kd * v[..., 6:]) / config.kp + q[..., 7:]
+def target_of(torque: Array, q: Array, v: Array, spec: PolicySpec) -> Array:
+    """The joint targets ``(..., 12)`` [rad] with which `pd` gives this torque [N m].
+
+    Args:
+        torque: ``(..., 12)`` joint torques [N m].
+        q: ``(..., 19)`` configuration.
+        v: ``(..., 18)`` velocity.
+        spec: The gains kp and kd.
+    """
+    return (torque + spec.kd * v[..., 6:]) / spec.kp + q[..., 7:]
 
 
 class Policy:
@@ -57,59 +87,55 @@ class Policy:
     A robot's torque does not depend on the other robots in the batch, nor on their number.
 
     Args:
-        network: is copied: training it further does not change the policy.
-        config: kp and kd, and how the phase is given.
-        period_ticks: gait period [ms].
+        network: The network; a copy is kept, so training it further does not change the policy.
+        spec: Its input, and the gains of the PD that it drives.
         command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
-        robot: name of the robot.
-        provenance: anything that JSON can hold on where the policy comes from.
+        robot: Name of the robot.
+        provenance: Anything that JSON can hold about the origin of the policy.
     """
 
     def __init__(
         self,
         network: PolicyNetwork,
-        config: PolicyConfig,
-        period_ticks: int,
+        spec: PolicySpec,
         command_range: ArrayLike,
         robot: str = "solo12",
-        provenance: dict[str, Any] | None = None,
+        provenance: Mapping[str, Plain] | None = None,
     ) -> None:
         self.network = copy.deepcopy(network).eval()
-        self.config = config
-        self.period_ticks = period_ticks
+        self.spec = spec
         self.command_range = np.array(command_range, float).reshape(2, 3)
         self.robot = robot
-        self.provenance = provenance or {}
+        self.provenance = dict(provenance or {})
         self._batch = 0
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """For other processes, which make their own session."""
         return {name: value for name, value in vars(self).items() if name != "forward"}
 
     @cached_property
-    def forward(self) -> Callable[[NDArray[np.float32]], NDArray[np.float32]]:
+    def forward(self) -> Callable[[Float32Array], Float32Array]:
         """The network alone, ``(n, 47)`` inputs to ``(n, 12)`` joint targets [rad]."""
         layers = [(weight.numpy(), bias.numpy()) for weight, bias in self.network.folded()]
         return runner(onnx_graph(layers))
 
     def reset(self, batch: int) -> None:
-        """``batch`` robots follow."""
+        """Prepare for ``batch`` robots."""
         self._batch = batch
 
-    def target(self, state: State, tick: IntArray, command: Array) -> NDArray[np.float32]:
+    def target(self, state: State, tick: IntArray, command: Array) -> Float32Array:
         """Joint targets ``(B, 12)`` [rad]; the arguments are those of ``torque``."""
         batch = len(state.q)
         inputs = np.zeros((max(batch, MINIMUM_ROWS), INPUT_SIZE), np.float32)
         with np.errstate(over="ignore", invalid="ignore"):  # of a robot that has blown up
-            rows = inputs[:batch]
-            network_input(state, tick, command, self.period_ticks, self.config.phase, rows)
+            network_input(state, tick, command, self.spec.observation, inputs[:batch])
         return self.forward(inputs)[:batch]
 
     def torque(self, state: State, tick: IntArray, command: Array, mask: BoolArray) -> Array:
-        """Torques ``(B, 12)`` [Nm], before any clipping; rows outside the mask are arbitrary."""
+        """Torques ``(B, 12)`` [N m], before any clipping; rows outside the mask are arbitrary."""
         if not mask.any():
             return np.zeros((len(mask), len(JOINTS)))
-        return pd(self.target(state, tick, command), state.q, state.v, self.config)
+        return pd(self.target(state, tick, command), state.q, state.v, self.spec)
 
     @property
     def diverged(self) -> BoolArray:
@@ -137,37 +163,34 @@ class PolicyFileError(ValueError):
 
 
 def save(policy: Policy, path: Path | str) -> None:
-    """Write the policy to one self-contained safetensors file, whole or not at all."""
-    record = {
+    """Write the policy to one self-contained safetensors file, whole or not at all.
+
+    Raises:
+        WriteError: The disk is full, or read-only.
+    """
+    header = {
         **_interface(policy.robot),
         "hidden": policy.network.hidden,
-        "kp": policy.config.kp,
-        "kd": policy.config.kd,
-        "phase": policy.config.phase,
-        "period_ticks": policy.period_ticks,
+        "kp": policy.spec.kp,
+        "kd": policy.spec.kd,
+        "phase": policy.spec.observation.phase,
+        "period_ticks": policy.spec.observation.period_ticks,
         "command_range": policy.command_range.tolist(),
         "provenance": policy.provenance,
     }
-    tensors = {name: t.contiguous().cpu() for name, t in policy.network.state_dict().items()}
-    record["sha256"] = digest(tensors, record)
-    write_atomic(path, to_bytes(tensors, {"surefoot": json.dumps(record)}))
-
-
-def digest(tensors: Mapping[str, Tensor], record: Mapping[str, Any]) -> str:
-    """SHA-256 of all that a file holds: safetensors notices a cut file, not a changed bit."""
-    sha = hashlib.sha256(json.dumps(record, sort_keys=True).encode())
-    for name in sorted(tensors):
-        sha.update(name.encode())
-        sha.update(tensors[name].numpy().tobytes())
-    return sha.hexdigest()
+    write_tensor_file(path, policy.network.state_dict(), header)
 
 
 def load(path: Path | str, robot: str = "solo12") -> Policy:
     """Read a policy file; nothing in it is ever run.
 
+    Args:
+        path: The file.
+        robot: Name of the robot that the policy has to be made for.
+
     Raises:
-        FileNotFoundError: there is no such file.
-        PolicyFileError: the file is damaged, or of another robot, layout or version.
+        FileNotFoundError: There is no such file.
+        PolicyFileError: The file is damaged, or made for another robot, layout or version.
     """
     path = Path(path)
     if not path.is_file():
@@ -176,39 +199,28 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
             "--resume` trains it again, bit for bit"
         )
     try:
-        with safe_open(path, framework="pt") as file:
-            record = json.loads(file.metadata()["surefoot"])
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
+        tensors, header = read_tensor_file(path)
+    except ValueError as error:
         raise PolicyFileError(
             f"{path} is not a whole surefoot policy file ({error}); copy it again, or delete "
             "it in its run's folder: `surefoot train ... --resume` trains it again, bit for bit"
         ) from error
     for key, expected in _interface(robot).items():
-        if record.get(key) != expected:
+        if header.get(key) != expected:
             raise PolicyFileError(
-                f"{path} has {key} {record.get(key)!r}, expected {expected!r}; load a policy "
+                f"{path} has {key} {header.get(key)!r}, expected {expected!r}; load a policy "
                 "made for this, or train one"
             )
     try:
-        if record.pop("sha256", None) != digest(tensors, record):
+        if not is_intact(tensors, header):
             raise ValueError("its contents do not match their hash")
-        hidden, phase = tuple(record["hidden"]), record["phase"]
-        if phase not in ("circle", "fraction"):
-            raise ValueError(f"a phase given as {phase!r}")
-        config = PolicyConfig(hidden, record["kp"], record["kd"], phase)
-        network = PolicyNetwork(config)
+        observation = ObservationSpec(header["phase"], header["period_ticks"])
+        spec = PolicySpec(observation, header["kp"], header["kd"])
+        network = PolicyNetwork(PolicyConfig(hidden=tuple(header["hidden"])))
         network.load_state_dict(tensors)
         if not all(tensor.isfinite().all() for tensor in tensors.values()):
             raise ValueError("weights that are not finite")
-        return Policy(
-            network,
-            config,
-            record["period_ticks"],
-            record["command_range"],
-            robot,
-            record["provenance"],
-        )
+        return Policy(network, spec, header["command_range"], robot, header["provenance"])
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise PolicyFileError(
             f"{path} is not a complete policy ({error}); copy it again, or delete it in its run's "
@@ -216,13 +228,13 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
         ) from error
 
 
-def _interface(robot: str) -> dict[str, Any]:
-    """What a file must agree on with whoever runs it, as JSON gives it back."""
+def _interface(robot: str) -> dict[str, object]:
+    """What a file must agree on with the program that runs it, as JSON gives it back."""
     return {
         "format": FORMAT,
         "robot": robot,
         "rate": TICKS_PER_SECOND,
         "joints": list(JOINTS),
-        "observation": [[name, size] for name, size in OBSERVATION_SIZES.items()],
-        "goal": [[name, size] for name, size in GOAL_SIZES.items()],
+        "observation": [list(item) for item in ObservationSpec.observation_sizes.items()],
+        "goal": [list(item) for item in ObservationSpec.goal_sizes.items()],
     }

@@ -1,10 +1,10 @@
-"""Examples: what the network sees and what it should answer, from raw frames, in bounded memory.
+"""Training samples: what the network sees and what it should answer, in bounded memory.
 
-A row is 47 inputs (``observation``) and 12 labels (``policy.label``), float32. Rows stay in memory
-up to a limit. Beyond it they go through a temporary file without a name, which vanishes with the
-process, and an epoch reads it in random blocks: as many as fit are mixed row by row, then the next.
-A minibatch then holds rows of blocks from all over the data, and every row comes once an epoch.
-Read next: ``train.py``.
+A row is 47 inputs (``observation.network_input``) and 12 targets (``policy.target_of``), float32,
+derived from raw frames. Rows stay in memory up to a limit. Beyond it they go through a temporary
+file without a name, which vanishes with the process, and an epoch reads it in random blocks: as
+many as fit are mixed row by row, then the next. A minibatch then holds rows of blocks from all over
+the data, and every row comes once an epoch. Read next: ``train.py``.
 """
 
 from __future__ import annotations
@@ -17,31 +17,28 @@ from typing import IO
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from surefoot.config import PolicyConfig
 from surefoot.files import writing
-from surefoot.learning.dataset import Frames
-from surefoot.learning.observation import INPUT_SIZE, network_input
-from surefoot.learning.policy import label
+from surefoot.learning.frames import Frames
+from surefoot.learning.observation import INPUT_SIZE, Float32Array, network_input
+from surefoot.learning.policy import PolicySpec, target_of
 from surefoot.types import JOINTS, BoolArray, IntArray
 
 WIDTH = INPUT_SIZE + len(JOINTS)
-"""Numbers in a row: inputs, then labels."""
+"""Numbers in a row: inputs, then targets."""
 BLOCK = 256
 """Rows that are read together: a quarter of a second of one robot, 60 kB."""
+ROWS_AT_A_TIME = 16384
+"""Rows that are derived, summed or validated together, to bound the memory."""
 
-_ROWS = 16384
-"""Frames derived at a time."""
 
-
-class Examples:
+class TrainingSamples:
     """n rows ``(n, 59)``, of which at most ``limit`` bytes are in memory at a time.
 
     Args:
-        limit: bytes of memory; at least one block is held.
-        folder: of the temporary file, if one is needed; the system's without it.
+        limit: Memory [bytes]; at least one block is held.
+        folder: Folder of the temporary file, if one is needed; the system's without it.
     """
 
     def __init__(self, limit: int, folder: Path | None = None) -> None:
@@ -59,11 +56,11 @@ class Examples:
         """Whether all rows are in memory."""
         return self._file is None
 
-    def append(self, rows: NDArray[np.float32]) -> None:
+    def append(self, rows: Float32Array) -> None:
         """Add rows ``(k, 59)``.
 
         Raises:
-            WriteError: the disk is full.
+            WriteError: The disk is full.
         """
         end = self._count + len(rows)
         if self._file is None and end > len(self._memory):
@@ -76,7 +73,7 @@ class Examples:
             self._write(self._file, rows)
         self._count = end
 
-    def _write(self, file: IO[bytes], rows: NDArray[np.float32]) -> None:
+    def _write(self, file: IO[bytes], rows: Float32Array) -> None:
         """Append to the temporary file; flushed, so that a full disk shows here."""
         with self._writing():
             file.seek(0, 2)
@@ -90,31 +87,39 @@ class Examples:
         """Every row once, as many together as fit in memory; each buffer overwrites the last.
 
         Args:
-            order: draws the blocks of the file at random; in order of time without it. Rows within
-                a buffer are in order of time, block by block: mix them.
+            order: Generator that draws the blocks of the file at random; without it they come in
+                order of time. Rows within a buffer are in order of time, block by block: mix them.
         """
         if self._file is None:
             yield self._memory[: self._count]
             return
         whole, rest = divmod(self._count, BLOCK)
-        blocks = range(whole) if order is None else torch.randperm(whole, generator=order).tolist()
+        blocks = list(range(whole))
+        if order is not None:
+            blocks = torch.randperm(whole, generator=order).tolist()
         # The last block, if incomplete, comes last, so that every epoch has buffers of the same
         # sizes.
-        blocks = [*blocks, whole] if rest else list(blocks)
-        fit = len(self._memory) // BLOCK
-        for first in range(0, len(blocks), fit):
+        if rest:
+            blocks.append(whole)
+        capacity = len(self._memory) // BLOCK
+        for first in range(0, len(blocks), capacity):
             end = 0
-            for block in blocks[first : first + fit]:
-                start, end = end, end + min(BLOCK, self._count - block * BLOCK)
+            for block in blocks[first : first + capacity]:
+                start = end
+                end += min(BLOCK, self._count - block * BLOCK)
                 self._file.seek(block * BLOCK * WIDTH * 4)
                 self._file.readinto(self._memory[start:end].numpy())  # type: ignore[attr-defined]
             yield self._memory[:end]
 
     def batches(self, batch: int) -> int:
-        """Whole minibatches in an epoch; each buffer's incomplete last one is dropped."""
-        fit = len(self._memory)
-        full, rest = divmod(self._count, fit)
-        return full * (fit // batch) + rest // batch
+        """Whole minibatches in an epoch; each buffer's incomplete last one is dropped.
+
+        Args:
+            batch: Rows in a minibatch.
+        """
+        capacity = len(self._memory)
+        full, rest = divmod(self._count, capacity)
+        return full * (capacity // batch) + rest // batch
 
     def moments(self) -> tuple[Tensor, Tensor]:
         """Mean and standard deviation ``(59,)`` of every column, float64."""
@@ -122,37 +127,37 @@ class Examples:
         total = sum(
             part.sum(0, dtype=torch.float64)
             for rows in self.buffers()
-            for part in rows.split(_ROWS)
+            for part in rows.split(ROWS_AT_A_TIME)
         )
         mean = torch.as_tensor(total) / len(self)
-        # Centred before the squares are summed: float32 rows, so float32 rounding is the noise.
-        centre = mean.float()
+        # Centered before the squares are summed: float32 rows, so float32 rounding is the noise.
+        center = mean.float()
         squares = sum(
-            part.sub(centre).square_().sum(0, dtype=torch.float64)
+            part.sub(center).square_().sum(0, dtype=torch.float64)
             for rows in self.buffers()
-            for part in rows.split(_ROWS)
+            for part in rows.split(ROWS_AT_A_TIME)
         )
         return mean, (torch.as_tensor(squares) / len(self)).sqrt()
 
 
-def derive(frames: Frames, config: PolicyConfig, period_ticks: int) -> NDArray[np.float32]:
-    """Rows ``(n, 59)``: inputs and labels [rad] of raw frames.
+def derive(frames: Frames, spec: PolicySpec) -> Float32Array:
+    """Rows ``(n, 59)``: inputs and targets [rad] of raw frames.
 
     Args:
         frames: n recorded ticks.
-        config: kp and kd, for the labels, and how the phase is given.
-        period_ticks: gait period [ms].
+        spec: How inputs and targets follow from frames: gait period, phase, kp and kd.
 
     Raises:
-        ValueError: a number is not finite.
+        ValueError: A number is not finite.
     """
     rows = np.empty((len(frames), WIDTH), np.float32)
-    for start in range(0, len(frames), _ROWS):
-        part, out = frames[start : start + _ROWS], rows[start : start + _ROWS]
-        with np.errstate(over="ignore", invalid="ignore"):  # found below, and named
+    for start in range(0, len(frames), ROWS_AT_A_TIME):
+        part = frames[start : start + ROWS_AT_A_TIME]
+        out = rows[start : start + ROWS_AT_A_TIME]
+        with np.errstate(over="ignore", invalid="ignore"):  # such frames are named below
             inputs = out[:, :INPUT_SIZE]
-            network_input(part.state, part.tick, part.command, period_ticks, config.phase, inputs)
-            out[:, INPUT_SIZE:] = label(part.torque, part.q, part.v, config)
+            network_input(part.state, part.tick, part.command, spec.observation, inputs)
+            out[:, INPUT_SIZE:] = target_of(part.torque, part.q, part.v, spec)
         finite = np.ones(len(part), bool)
         for array in (part.q, part.v, part.com, part.feet, part.command, part.torque, out):
             finite &= np.isfinite(array).reshape(len(part), -1).all(1)
@@ -170,9 +175,9 @@ def held_out(episode: IntArray, share: float) -> BoolArray:
 
     Args:
         episode: ``(n,)`` episode ids.
-        share: of the ids, in the long run.
+        share: Share of the ids that is held out, in the long run.
     """
-    # The finaliser of SplitMix64 (Steele et al., 2014): neighbouring ids land far apart.
+    # The finalizer of SplitMix64 (Steele et al., 2014): neighboring ids land far apart.
     h = episode.astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
     h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

@@ -12,10 +12,11 @@ return the best pi_i on validation
 from __future__ import annotations
 
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
-from surefoot.config import LocoSafeDaggerConfig
+from surefoot.config import HandBack, LocoSafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.checks import check, check_guards, parameters
@@ -29,7 +30,7 @@ from surefoot.runs.sampling import (
     expert_rollouts,
 )
 from surefoot.runs.stages import best, collect, train, validate
-from surefoot.safety.monitor import HandBack, SafetyMonitor
+from surefoot.safety.monitor import SafetyMonitor
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 
@@ -51,7 +52,8 @@ def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = Non
     """
     method = parameters(run, LocoSafeDaggerConfig)
     check(run.config)
-    HandBack(method.hand_back)  # one that does not exist is an error now
+    if method.hand_back not in get_args(HandBack):
+        raise ValueError(f"there is no hand-back rule {method.hand_back!r}")
     check_guards(method.guard, method.T)
 
     # Pre-training (behaviour cloning)
@@ -77,7 +79,7 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     if i == 0:
         return expert_rollouts(config, method.pretraining, plan)
     pi_safety = guard(run, i, method.guard, method.alarm, method.tightest)
-    monitor = SafetyMonitor(pi_safety, method.T_block, HandBack(method.hand_back))
+    monitor = SafetyMonitor(pi_safety, method.T_block, method.hand_back)
     starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
     return Job(
         config,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import SafetyConfig
-from surefoot.learning.dataset import Frames
+from surefoot.learning.frames import Frames
 from surefoot.robots.model import RobotModel, clip_torque
 from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.outcome import Outcome, fallen, stepping

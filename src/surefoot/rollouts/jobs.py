@@ -14,7 +14,7 @@ from pathlib import Path
 from numpy.typing import NDArray
 
 from surefoot.config import Config, DisturbanceConfig
-from surefoot.learning.dataset import Frames, concatenate
+from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import Expert, make_expert
 from surefoot.robots.model import RobotModel

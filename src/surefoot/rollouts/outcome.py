@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from surefoot.config import SafetyConfig
-from surefoot.safety.gates import _outside
+from surefoot.safety.gates import outside
 from surefoot.types import Array, BoolArray, IntArray, State
 
 
@@ -29,7 +29,7 @@ class Outcome(IntEnum):
 def fallen(state: State, config: SafetyConfig) -> BoolArray:
     """``(B,)`` True where base height, roll or pitch is that of a robot that has fallen."""
     no_joints = state.q[:, 7:7]
-    return _outside(state.q[:, 2], state.roll_pitch, no_joints, *_fall_bounds(config))
+    return outside(state.q[:, 2], state.roll_pitch, no_joints, *_fall_bounds(config))
 
 
 @lru_cache

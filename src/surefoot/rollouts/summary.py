@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import SafetyConfig
-from surefoot.learning.dataset import Frames
+from surefoot.learning.frames import Frames
 from surefoot.rollouts.engine import Rollout
 from surefoot.rollouts.outcome import Outcome, strictly_stepping
 from surefoot.rotations import heading, roll_pitch, rotation, to_heading

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config, SafetyConfig
-from surefoot.learning.observation import INPUT_SIZE, network_input
+from surefoot.learning.observation import INPUT_SIZE, network_input, observation_spec
 from surefoot.rollouts.engine import Rollout
 from surefoot.safety.gates import unsafe
 from surefoot.safety.learned import EVERY, SAMPLES
-from surefoot.types import BoolArray, IntArray, to_ticks
+from surefoot.types import BoolArray, IntArray
 
 HORIZON = 300
 """[ms] within which the bounds are predicted to be left."""
@@ -44,8 +44,7 @@ def trace_of(record: Rollout, episode: IntArray, config: Config) -> Trace:
         record.seen[:, at],
         record.starts.tick[:, None] + at,
         record.starts.command[:, None],
-        to_ticks(config.gait.period),
-        config.policy.phase,
+        observation_spec(config),
     )
     return Trace(episode, inputs, labels_of(record, config.safety)[:, at].reshape(B, -1))
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from surefoot.config import METHODS, Config, Gait, Guard, IterativeConfig
 from surefoot.errors import unknown
-from surefoot.learning.train import choose_device
+from surefoot.learning.step import choose_device
 from surefoot.rollouts.traces import HORIZON
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import draw_starts

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from surefoot.config import Guard
+from surefoot.config.json_io import to_json
 from surefoot.files import load_arrays
 from surefoot.learning.classifier import digest, fit_classifier, load_classifier, save_classifier
-from surefoot.learning.observation import INPUT_SIZE
-from surefoot.learning.policy import load
+from surefoot.learning.observation import INPUT_SIZE, observation_spec
+from surefoot.learning.policy import load, policy_spec
 from surefoot.learning.samples import derive, held_out
 from surefoot.rollouts.traces import Trace, history_rows
 from surefoot.runs.run import Run, RunError
@@ -48,11 +49,11 @@ def guard(
             gates.append(Bounds(safety))
         elif name == "relaxing":
             share = rising(tightest, i, getattr(run.config.method, "iterations", 1))
-            gates.append(Bounds(tightened(safety, share)))
+            gates.append(Bounds(tightened(safety, share, run.config.gait.com_height)))
         elif not too_early(name, i):
             learned = {"classifier": Deviation, "history": History}[name]
             classifier = load_classifier(run.gate_path(name, i - 1))
-            gates.append(learned(classifier, run.config, alarm))
+            gates.append(learned(classifier, observation_spec(run.config), alarm))
     # Before there is anything to learn from, the paper's bounds stand in.
     gates = gates or [Bounds(safety)]
     return gates[0] if len(gates) == 1 else AnyOf(gates)
@@ -104,7 +105,7 @@ def train_deviation(run: Run, i: int, unsafe_share: float, alarm: float) -> None
     began = time.perf_counter()
     config, policy = run.config, load(run.policy_path(i))
     parts = [
-        (derive(frames, config.policy, policy.period_ticks), frames.episode)
+        (derive(frames, policy_spec(config)), frames.episode)
         for frames in dataset(run, i).parts()
         if len(frames)
     ]
@@ -147,7 +148,9 @@ def _train(
         RunError: it was lost, and training it again gave another one.
     """
     classifier = fit_classifier(rows, yes, held, run.torch_seed("gate", i), alarm)
-    figures = classifier.figures | figures | {"sha256": digest(classifier)}
+    quality = to_json(classifier.quality)
+    measured = {key: value for key, value in quality.items() if value is not None}
+    figures = measured | figures | {"sha256": digest(classifier)}
     done = run.done(f"guard_{kind}", i)
     if done and done.get("sha256", figures["sha256"]) != figures["sha256"]:
         raise RunError(

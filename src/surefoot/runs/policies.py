@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from surefoot.config import Config
-from surefoot.learning.policy import load
+from surefoot.config import Config, PolicyConfig
+from surefoot.learning.policy import load, policy_spec
 from surefoot.robots.solo12 import solo12
 from surefoot.runs.run import Run, open_run
-from surefoot.types import to_ticks
 
 
 def find_policy(target: Path) -> tuple[Path, Config]:
@@ -33,18 +32,30 @@ def find_policy(target: Path) -> tuple[Path, Config]:
     config = Config() if run is None else run.config
     loaded = load(policy, solo12(config.robot).name)  # fails here, not later in a worker
     if run is None:
-        config = replace(config, policy=loaded.config)
+        config = replace(
+            config,
+            policy=PolicyConfig(
+                loaded.network.hidden,
+                loaded.spec.kp,
+                loaded.spec.kd,
+                loaded.spec.observation.phase,
+            ),
+        )
         print(
             f"{target} lies in no run: simulator and expert as by default; gains and phase are its "
             f"own (kp {config.policy.kp} Nm/rad, kd {config.policy.kd} Nms/rad, phase as a "
             f"{config.policy.phase})"
         )
-    theirs, ours = loaded.config, config.policy
+    stored, wanted = loaded.spec, policy_spec(config)
     for what, given, expected in (
-        ("a gait period [ms]", loaded.period_ticks, to_ticks(config.gait.period)),
-        ("kp [Nm/rad]", theirs.kp, ours.kp),
-        ("kd [Nms/rad]", theirs.kd, ours.kd),
-        ("a phase given as", theirs.phase, ours.phase),
+        (
+            "a gait period [ms]",
+            stored.observation.period_ticks,
+            wanted.observation.period_ticks,
+        ),
+        ("kp [Nm/rad]", stored.kp, wanted.kp),
+        ("kd [Nms/rad]", stored.kd, wanted.kd),
+        ("a phase given as", stored.observation.phase, wanted.observation.phase),
     ):
         if given != expected:
             where = "the default configuration" if run is None else run.folder / "config.json"

@@ -17,7 +17,7 @@ from surefoot.evaluation.robustness import evaluate
 from surefoot.files import load_arrays, save_arrays
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.policy import Policy, load, save
+from surefoot.learning.policy import Policy, load, policy_spec, save
 from surefoot.learning.train import fit
 from surefoot.rollouts.jobs import Job, chunks_of, expert_name, run_chunk
 from surefoot.rollouts.summary import Summary, join
@@ -25,7 +25,6 @@ from surefoot.runs.accounting import collection_figures
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import EPISODES_PER_ITERATION
 from surefoot.scenarios.starts import load_starts
-from surefoot.types import to_ticks
 from surefoot.workers import Workers, each_chunk
 
 
@@ -83,7 +82,7 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
         name
         for name in run.dataset.shards
         if run.summary_path(name).exists()
-        and run.dataset.file(name).exists()
+        and run.dataset.shard_path(name).exists()
         and (run.trace_path(name).exists() or not job.trace)
     }
     missing = [number for number, name in enumerate(names) if name not in stored]
@@ -154,7 +153,6 @@ def train(
         network = PolicyNetwork(config.policy, run.torch_seed("network", 0))
     else:
         network = load(run.policy_path(iteration - 1)).network
-    period = to_ticks(config.gait.period)
     with tqdm(total=epochs, desc=f"iteration {iteration}: train", unit="epoch", leave=False) as bar:
 
         def progress(_epoch: int, _of: int, train_loss: float, validation_loss: float) -> None:
@@ -165,10 +163,9 @@ def train(
             network,
             data,
             config.training,
-            config.policy,
+            policy_spec(config),
             epochs,
             run.torch_seed("order", iteration),
-            period,
             progress,
             checkpoint,
         )
@@ -186,7 +183,7 @@ def train(
         "dataset_hash": data.hash,
     }
     policy = Policy(
-        result.network, config.policy, period, result.command_range, provenance=provenance
+        result.network, policy_spec(config), result.command_range, provenance=provenance
     )
     save(policy, run.policy_path(iteration))
     record = done or run.record(

@@ -1,1 +1,1 @@
-"""When the expert takes over: gates, and the monitor that blocks."""
+"""When the expert takes over: gates, and the monitor that adds blocking."""

@@ -1,9 +1,9 @@
-"""When the expert takes over, and when a robot has failed: gates, blocking, falls, stalls.
+"""Gates: which states are unsafe, so that the expert has to drive.
 
-A `Gate` calls states unsafe: `Bounds` by the paper's Table I, `AnyOf` if one of several does, and
-those that are learned (``gates.py``). `SafetyMonitor` adds the blocking of Algorithm 4. `fallen`
-ends an episode; `stepping` decides afterwards whether the robot kept walking. All array code over B
-robots.
+A `Gate` is asked once a tick about B robots. `Bounds` goes by the paper's Table I; `AnyOf` says
+unsafe if one of several gates does; those that are learned are in ``learned.py``. `unsafe` and
+`margin` are the table as plain functions. Read next: ``monitor.py``, which adds the blocking of
+Algorithm 4.
 """
 
 from __future__ import annotations
@@ -20,34 +20,123 @@ from surefoot.config import SafetyConfig
 from surefoot.types import Array, BoolArray, IntArray, State
 
 LEFT_RIGHT = np.array([1.0, -1.0, 1.0, -1.0])
+"""Sign of each leg's hip-abduction bounds: they are given for left legs."""
 FRONT_HIND = np.array([1.0, 1.0, -1.0, -1.0])
-TROT_HEIGHT = 0.20
-"""[m] of the centre of mass in the trot (BiConMP)."""
+"""Sign of each leg's hip-flexion and knee bounds: they are given for front legs."""
+
+
+class Gate(Protocol):
+    """Says in which states the expert is needed (the paper's pi_safe)."""
+
+    def reset(self, batch: int) -> None:
+        """Forget everything and prepare for ``batch`` robots."""
+        ...
+
+    def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """``(B,)`` True where a state is unsafe; called once a tick.
+
+        Args:
+            state: States of B robots, as they measure them.
+            tick: ``(B,)`` gait clock [ms].
+            command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
+        """
+        ...
+
+
+class Bounds:
+    """The gate of the paper's Table I.
+
+    Args:
+        config: The table.
+    """
+
+    def __init__(self, config: SafetyConfig) -> None:
+        self._config = config
+
+    def reset(self, batch: int) -> None:
+        """Do nothing: this gate has no memory."""
+
+    def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """``(B,)`` True where a robot is outside the table."""
+        return unsafe(state, self._config)
+
+
+class AnyOf:
+    """The gate that says unsafe where one of several gates does.
+
+    Args:
+        gates: The gates.
+    """
+
+    def __init__(self, gates: Sequence[Gate]) -> None:
+        self._gates = gates
+
+    def reset(self, batch: int) -> None:
+        """Reset all of them."""
+        for gate in self._gates:
+            gate.reset(batch)
+
+    def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
+        """``(B,)`` True where any gate says so; every gate is asked, because it may remember."""
+        return np.any([gate.unsafe(state, tick, command) for gate in self._gates], axis=0)
 
 
 def unsafe(state: State, config: SafetyConfig) -> BoolArray:
-    """``(B,)`` True where a robot is outside the paper's Table I."""
-    return _outside(state.com[:, 2], state.roll_pitch, state.q[:, 7:], *_table(config))
+    """``(B,)`` True where a robot is outside the paper's Table I.
+
+    Args:
+        state: States of B robots.
+        config: The table.
+    """
+    low, high = _bounds(config)
+    return outside(state.com[:, 2], state.roll_pitch, state.q[:, 7:], low, high)
 
 
 def margin(state: State, config: SafetyConfig, angle: float, height: float) -> Array:
-    """``(n,)`` distance to the nearest bound of Table I, in units; negative outside.
+    """``(B,)`` distance of each robot to the nearest bound of Table I, negative outside.
+
+    Distances to bounds on angles and on the height are made comparable by a unit for each: a margin
+    of 1 is ``angle`` away from a bound on an angle, or ``height`` away from one on the height.
 
     Args:
-        state: of n robots.
-        config: the bounds.
-        angle: the unit of an angle [rad].
-        height: the unit of the height [m].
+        state: States of B robots.
+        config: The table.
+        angle: Unit of the distance to a bound on an angle [rad].
+        height: Unit of the distance to a bound on the height [m].
     """
-    low, high = _table(config)
+    low, high = _bounds(config)
     values = np.column_stack([state.com[:, 2], state.roll_pitch, state.q[:, 7:]])
     unit = np.append(height, np.full(len(low) - 1, angle))
     return (np.minimum(values - low, high - values) / unit).min(axis=1)
 
 
+def tightened(config: SafetyConfig, share: float, height: float) -> SafetyConfig:
+    """The table with height, roll and pitch moved towards a level gait; joints keep their bounds.
+
+    Args:
+        config: The table.
+        share: How much is left of the angles, and of the distance from the gait's height down to
+            the lower bound; 1 changes nothing.
+        height: Height of the center of mass in the gait [m].
+    """
+    low, high = config.com_height
+    low = height - share * (height - low)
+    return replace(config, com_height=(low, high), roll_pitch=share * config.roll_pitch)
+
+
 @njit(cache=True)
-def _outside(height: Array, roll_pitch: Array, joints: Array, low: Array, high: Array) -> BoolArray:
-    """Where a number is outside its bounds, or none; compiled, because it is asked every tick."""
+def outside(height: Array, roll_pitch: Array, joints: Array, low: Array, high: Array) -> BoolArray:
+    """``(B,)`` True where a number is outside its bounds or is not a number.
+
+    Compiled, because it is asked every tick.
+
+    Args:
+        height: ``(B,)`` heights [m].
+        roll_pitch: ``(B, 2)`` roll and pitch [rad].
+        joints: ``(B, n)`` joint angles [rad].
+        low: ``(3 + n,)`` lower bounds of height, roll, pitch and joints.
+        high: ``(3 + n,)`` upper bounds.
+    """
     result = np.empty(len(height), np.bool_)
     for robot in range(len(height)):
         inside = low[0] <= height[robot] <= high[0]
@@ -60,74 +149,21 @@ def _outside(height: Array, roll_pitch: Array, joints: Array, low: Array, high: 
 
 
 @lru_cache
-def _table(config: SafetyConfig) -> tuple[Array, Array]:
-    """Bounds ``(15,)`` of the centre of mass's height [m], roll, pitch and the joints [rad]."""
-    hip, thigh, knee = config.hip_abduction, config.hip_flexion, config.knee
+def _bounds(config: SafetyConfig) -> tuple[Array, Array]:
+    """Lower and upper bounds ``(15,)`` of the center of mass's height [m] and the angles [rad].
+
+    The angles are roll, pitch, and the three joints of every leg.
+    """
     rows = [(-config.roll_pitch, config.roll_pitch)] * 2
-    for side, end in zip(LEFT_RIGHT, FRONT_HIND, strict=True):
-        for sign, bounds in ((side, hip), (end, thigh), (end, knee)):
+    for left, front in zip(LEFT_RIGHT, FRONT_HIND, strict=True):
+        joints = (
+            (left, config.hip_abduction),
+            (front, config.hip_flexion),
+            (front, config.knee),
+        )
+        for sign, bounds in joints:
             low, high = sorted(sign * bound for bound in bounds)
             rows.append((low, high))
-    low, high = np.radians(rows).T
-    return np.append(config.com_height[0], low), np.append(config.com_height[1], high)
-
-
-class Gate(Protocol):
-    """Says in which states the expert is needed (pi_safe, pi_safety)."""
-
-    def reset(self, batch: int) -> None:
-        """Forget everything; ``batch`` robots follow."""
-        ...
-
-    def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """``(B,)`` True where a state is unsafe; called once a tick.
-
-        Args:
-            state: of B robots, as they measure it.
-            tick: ``(B,)`` gait clock [ms].
-            command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
-        """
-        ...
-
-
-class Bounds:
-    """The paper's Table I."""
-
-    def __init__(self, config: SafetyConfig) -> None:
-        self._config = config
-
-    def reset(self, batch: int) -> None:
-        """It has no memory."""
-
-    def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """True outside the table."""
-        return unsafe(state, self._config)
-
-
-def tightened(config: SafetyConfig, share: float) -> SafetyConfig:
-    """The bounds on height, roll and pitch moved towards a level trot; the joints keep theirs.
-
-    Args:
-        config: Table I.
-        share: of the angles that is left, and of the height below that of the trot; 1 changes
-            nothing.
-    """
-    low, high = config.com_height
-    low = TROT_HEIGHT - share * (TROT_HEIGHT - low)
-    return replace(config, com_height=(low, high), roll_pitch=share * config.roll_pitch)
-
-
-class AnyOf:
-    """Unsafe where one of several gates says so."""
-
-    def __init__(self, gates: Sequence[Gate]) -> None:
-        self._gates = gates
-
-    def reset(self, batch: int) -> None:
-        """For all of them."""
-        for gate in self._gates:
-            gate.reset(batch)
-
-    def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """Every gate is asked at every tick, whatever the others say: they may remember."""
-        return np.any([gate.unsafe(state, tick, command) for gate in self._gates], axis=0)
+    lows, highs = np.radians(rows).T
+    lowest, highest = config.com_height
+    return np.append(lowest, lows), np.append(highest, highs)

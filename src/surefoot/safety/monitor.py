@@ -1,48 +1,46 @@
-"""The safety monitor: a gate with the blocking of Algorithm 4."""
+"""The safety monitor: a gate with the blocking of Algorithm 4.
+
+From a violation on, the expert drives for at least T_block; then a hand-back rule decides when the
+policy drives again. Read ``gates.py`` first; ``rollouts/arbiters.py`` uses the monitor.
+"""
 
 from __future__ import annotations
 
-from enum import Enum
+from typing import get_args
 
 import numpy as np
 
+from surefoot.config import HandBack
+from surefoot.errors import unknown
 from surefoot.safety.gates import Gate
 from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
 
 
-class HandBack(Enum):
-    """When the policy drives again after a takeover; the paper's text and code disagree."""
-
-    EVERY_VIOLATION_RESTARTS = "every_violation_restarts"
-    """T_block without a violation (Algorithm 4)."""
-    SAFE_OR_BLOCKED = "safe_or_blocked"
-    """Safe again, or T_block over (the paper's prose)."""
-    SAFE_AND_BLOCKED = "safe_and_blocked"
-    """Safe again, and at least T_block since the takeover (the paper's research code; "at least
-    2 s" in the text)."""
-
-
 class SafetyMonitor:
-    """Says who drives: the expert from a violation on, until the hand-back rule lets go.
+    """Says when the expert must drive: from a violation on, until the hand-back rule is met.
 
     Args:
-        gate: says which states are unsafe.
+        gate: The gate that says which states are unsafe.
         block: T_block [s]; 0 hands back as soon as the state is safe (Algorithm 2).
-        hand_back: the rule that ends a block.
+        hand_back: The rule that ends a block.
+
+    Raises:
+        ValueError: There is no such rule.
     """
 
-    def __init__(
-        self, gate: Gate, block: float, hand_back: HandBack = HandBack.SAFE_AND_BLOCKED
-    ) -> None:
+    def __init__(self, gate: Gate, block: float, hand_back: HandBack = "safe_and_blocked") -> None:
+        if hand_back not in get_args(HandBack):
+            raise ValueError(unknown("hand-back rule", hand_back, get_args(HandBack)))
         self._gate = gate
         self._block = to_ticks(block)
-        self._hand_back = HandBack(hand_back)
+        self._hand_back = hand_back
         self.reset(0)
 
     def reset(self, batch: int) -> None:
-        """No robot of ``batch`` is blocked."""
+        """Reset the gate and prepare for ``batch`` robots, none of which is blocked."""
         self._gate.reset(batch)
-        self._blocked_for, self._anyone = np.full(batch, -1), False
+        self._blocked_for = np.full(batch, -1)  # ticks since the takeover; -1: the policy drives
+        self._any_blocked = False
 
     def blocking(self, state: State, tick: IntArray, command: Array) -> BoolArray:
         """``(B,)`` True where the expert must drive during this tick; call once a tick.
@@ -50,17 +48,18 @@ class SafetyMonitor:
         The arguments are those of `Gate.unsafe`.
         """
         violation = self._gate.unsafe(state, tick, command)
-        if not self._anyone and not violation.any():
+        if not self._any_blocked and not violation.any():
             return violation
         clock = np.where(self._blocked_for >= 0, self._blocked_for + 1, -1)
-        if self._hand_back is HandBack.EVERY_VIOLATION_RESTARTS:
+        if self._hand_back == "every_violation_restarts":
             clock[violation] = 0
-        if self._hand_back is HandBack.SAFE_OR_BLOCKED:
+        if self._hand_back == "safe_or_blocked":
             release = (clock >= 0) & (~violation | (clock >= self._block))
         else:
             release = ~violation & (clock >= self._block)
         clock[release] = -1
         clock[violation & (clock < 0) & ~release] = 0
-        self._blocked_for, blocked = clock, clock >= 0
-        self._anyone = bool(blocked.any())
+        blocked = clock >= 0
+        self._blocked_for = clock
+        self._any_blocked = bool(blocked.any())
         return blocked

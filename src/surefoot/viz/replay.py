@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from surefoot.learning.dataset import concatenate
+from surefoot.learning.frames import concatenate
 from surefoot.methods import METHODS
 from surefoot.mpc.expert import Expert
 from surefoot.robots.model import standing

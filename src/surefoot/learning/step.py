@@ -1,0 +1,147 @@
+"""One step of Adam on a minibatch: which device computes it, in which precision, and how.
+
+On a GPU the step is a CUDA graph: one launch instead of a hundred. Nothing in it waits for the
+device: the loss is added up there. Read next: ``train.py``, which takes the steps.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from typing import Any, get_args
+
+import torch
+from torch import Tensor
+
+from surefoot.config import Device, TrainingConfig
+from surefoot.errors import unknown
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.observation import INPUT_SIZE
+from surefoot.learning.samples import WIDTH
+
+
+def choose_device(name: Device) -> torch.device:
+    """The device asked for; `auto` is a GPU if there is one.
+
+    Raises:
+        ValueError: A GPU is asked for and there is none, or the device is unknown.
+    """
+    if name not in get_args(Device):
+        raise ValueError(unknown("device", name, get_args(Device)))
+    if name == "cuda" and not torch.cuda.is_available():
+        raise ValueError(
+            f"PyTorch {torch.__version__} finds no GPU; use --device cpu, or install a CUDA build"
+        )
+    cuda = name != "cpu" and torch.cuda.is_available()
+    return torch.device("cuda" if cuda else "cpu")
+
+
+def device_name(device: torch.device) -> str:
+    """`cpu`, or the card's name."""
+    return torch.cuda.get_device_name(device) if device.type == "cuda" else "cpu"
+
+
+def has_bfloat16(device: torch.device) -> bool:
+    """Whether the device multiplies in bfloat16 faster than in float32."""
+    if device.type == "cuda":
+        return torch.cuda.is_bf16_supported(including_emulation=False)
+    capabilities = torch.cpu.get_capabilities()
+    return bool(capabilities.get("avx512_bf16") or capabilities.get("amx_bf16"))
+
+
+def make_optimizer(
+    network: PolicyNetwork, learning_rate: float, device: torch.device
+) -> torch.optim.Optimizer:
+    """Adam, with its learning rate on the device, where a graph can read it."""
+    rate = torch.tensor(learning_rate, device=device)
+    return torch.optim.Adam(
+        network.parameters(), lr=rate, fused=True, capturable=device.type == "cuda"
+    )
+
+
+class TrainingStep:
+    """One step of Adam on the L1 loss; called with one minibatch after the other.
+
+    Args:
+        network: The network that is trained, on the device.
+        optimizer: Its optimizer, as `make_optimizer` makes it.
+        config: Size of a minibatch, and precision.
+        device: The device that computes.
+    """
+
+    def __init__(
+        self,
+        network: PolicyNetwork,
+        optimizer: torch.optim.Optimizer,
+        config: TrainingConfig,
+        device: torch.device,
+    ) -> None:
+        self.device = device
+        self._network = network
+        self._optimizer = optimizer
+        self._short = config.precision == "bfloat16" and has_bfloat16(device)
+        self._rows = torch.zeros(config.batch, WIDTH, device=device)
+        self._loss = torch.zeros((), dtype=torch.float64, device=device)
+        self._launch = self._capture() if device.type == "cuda" else self._compute
+
+    def __call__(self, rows: Tensor) -> None:
+        """Train on ``(batch, 59)`` inputs and targets."""
+        self._rows.copy_(rows)
+        self._launch()
+
+    def set_learning_rate(self, rate: float) -> None:
+        """Learning rate of the following steps."""
+        self._optimizer.param_groups[0]["lr"].fill_(rate)
+
+    def take_loss(self) -> float:
+        """Sum of the losses since the last call."""
+        total = self._loss.item()
+        self._loss.zero_()
+        return total
+
+    def _compute(self) -> None:
+        inputs = self._rows[:, :INPUT_SIZE]
+        targets = self._rows[:, INPUT_SIZE:]
+        self._optimizer.zero_grad()
+        with torch.autocast(self.device.type, torch.bfloat16, self._short, cache_enabled=False):
+            answers = self._network(inputs)
+        loss = torch.nn.functional.l1_loss(answers, targets)
+        loss.backward()
+        self._optimizer.step()
+        self._loss += loss.detach()
+
+    def _capture(self) -> Callable[[], None]:
+        """The step as a CUDA graph."""
+        # Warming up and capturing are real steps; what they change is put back afterwards.
+        self._network.train()
+        before = copy.deepcopy((self._network.state_dict(), self._optimizer.state_dict()))
+        side = torch.cuda.Stream()
+        side.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(side):
+            for _ in range(3):
+                self._compute()
+        torch.cuda.current_stream().wait_stream(side)
+        self._optimizer.zero_grad()
+        graph = torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph):
+            self._compute()
+        self._put_back(*before)
+        return graph.replay
+
+    def _put_back(self, weights: dict[str, Tensor], optimizer: dict[str, Any]) -> None:
+        """Copy values into the very tensors that the graph uses.
+
+        Args:
+            weights: State of the network.
+            optimizer: State of the optimizer; moments that it lacks become zero.
+        """
+        for name, tensor in self._network.state_dict().items():
+            tensor.copy_(weights[name])
+        for index, moments in self._optimizer.state_dict()["state"].items():
+            for name, tensor in moments.items():
+                value = optimizer["state"].get(index, {}).get(name)
+                if value is None:
+                    tensor.zero_()
+                else:
+                    tensor.copy_(value)
+        self._loss.zero_()

@@ -1,0 +1,115 @@
+"""The three hand-back rules, tick by tick."""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from surefoot.config import HandBack, SafetyConfig
+from surefoot.safety.gates import Bounds
+from surefoot.safety.monitor import SafetyMonitor
+from tests.fakes.robots import STANDING
+from tests.fakes.states import state_of, turned_robot
+
+CONFIG = SafetyConfig()
+NOW = state_of(STANDING), np.zeros(1, int), np.zeros((1, 3))
+EVERY: HandBack = "every_violation_restarts"
+OR: HandBack = "safe_or_blocked"
+AND: HandBack = "safe_and_blocked"
+
+
+class Signal:
+    """A gate that says what it was told, tick by tick."""
+
+    def __init__(self, signal):
+        self.signal = signal
+
+    def reset(self, batch):
+        self.tick = -1
+
+    def unsafe(self, state, tick, command):
+        self.tick += 1
+        return self.signal[:, self.tick]
+
+
+def driven(violations, hand_back, block=0.005):
+    """Who drives on a scripted signal; X: violation or expert, dot: safe or policy."""
+    signal = np.array([[mark == "X" for mark in row] for row in violations])
+    monitor = SafetyMonitor(Signal(signal), block, hand_back)
+    monitor.reset(len(signal))
+    ticks = [monitor.blocking(*NOW) for _ in range(signal.shape[1])]
+    return ["".join(".X"[int(x)] for x in row) for row in np.array(ticks).T]
+
+
+@pytest.mark.parametrize(
+    ("violations", "rule", "expert"),
+    [
+        # One violation: T_block is five ticks, the one of the violation among them.
+        ("..X..........", EVERY, "..XXXXX......"),
+        ("..X..........", AND, "..XXXXX......"),
+        ("..X..........", OR, "..X.........."),
+        # A second one inside the block: (a) counts anew from it, (c) from the takeover.
+        ("..X..X.......", EVERY, "..XXXXXXXX..."),
+        ("..X..X.......", AND, "..XXXXX......"),
+        ("..X..X.......", OR, "..X..X......."),
+        # Unsafe until just after T_block is over.
+        ("..XXXXXX.....", EVERY, "..XXXXXXXXXX."),
+        ("..XXXXXX.....", AND, "..XXXXXX....."),
+        ("..XXXXXXXX...", OR, "..XXXXX.XX..."),
+        # Safe exactly when it is over.
+        ("..XXXXX......", AND, "..XXXXX......"),
+        ("..XXXXX......", OR, "..XXXXX......"),
+        # From the first tick on; a new violation right after the hand-back.
+        ("X....X.......", EVERY, "XXXXXXXXXX..."),
+        ("X....X.......", AND, "XXXXXX......."),
+        ("X.....X......", EVERY, "XXXXX.XXXXX.."),
+        ("X.....X......", AND, "XXXXX.XXXXX.."),
+        ("X.....X......", OR, "X.....X......"),
+        (".............", EVERY, "............."),
+        (".............", AND, "............."),
+        (".............", OR, "............."),
+    ],
+)
+def test_hand_back_tick_by_tick(violations, rule, expert):
+    assert driven([violations], rule) == [expert]
+
+
+@pytest.mark.parametrize("rule", get_args(HandBack))
+def test_robots_of_a_batch_are_blocked_on_their_own(rule):
+    rows = ["..X.....X....", ".............", "XXXXXXXXX....", "..X..X......."]
+    together = driven(rows, rule)
+    assert together == [driven([row], rule)[0] for row in rows]
+    assert len(set(together)) == 4
+
+
+@pytest.mark.parametrize("rule", get_args(HandBack))
+def test_reset_forgets_every_block(rule):
+    signal = np.array([[True, False], [False, False]])
+    monitor = SafetyMonitor(Signal(signal), 0.005, rule)
+    monitor.reset(2)
+    np.testing.assert_array_equal(monitor.blocking(*NOW), [True, False])
+    monitor.reset(2)
+    signal[:] = False
+    assert not monitor.blocking(*NOW).any()
+
+
+@pytest.mark.parametrize("rule", [EVERY, AND])
+def test_without_blocking_the_expert_drives_while_it_is_unsafe(rule):
+    assert driven(["..XXX..X."], rule, block=0.0) == ["..XXX..X."]
+
+
+def test_an_unknown_rule_is_an_error_that_names_the_known_ones():
+    with pytest.raises(ValueError, match=r"no hand-back rule 'sometimes'.* safe_or_blocked"):
+        SafetyMonitor(Bounds(CONFIG), 2.0, "sometimes")  # pyright: ignore[reportArgumentType]
+
+
+def test_monitor_looks_at_the_state():
+    monitor = SafetyMonitor(Bounds(CONFIG), 0.003, AND)
+    monitor.reset(2)
+    good = turned_robot()
+    bad = turned_robot(roll=26)
+    drives = [
+        monitor.blocking(state_of(np.array([good, q])), *NOW[1:])
+        for q in (good, bad, good, good, good)
+    ]
+    np.testing.assert_array_equal(np.array(drives).T, [[0, 0, 0, 0, 0], [0, 1, 1, 1, 0]])
