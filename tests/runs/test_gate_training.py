@@ -37,7 +37,7 @@ METHOD = LocoSafeDaggerConfig(
     T=0.8,
     T_block=0.15,
     T_end=0.1,
-    guard=("bounds", "history"),
+    gates=("bounds", "history"),
     alarm=0.3,
     epochs=1,
 )
@@ -78,13 +78,13 @@ def test_a_lost_network_comes_back_to_the_bit(run):
     path = run.gate_path("history", 2)
     before, records = path.read_bytes(), run.metrics
     path.unlink()
-    train_guards(open_run(run.folder), 2, METHOD.guard, alarm=METHOD.alarm)
+    train_guards(open_run(run.folder), 2, METHOD.gates, alarm=METHOD.alarm)
     assert path.read_bytes() == before
     assert run.metrics == records
 
 
 def test_networks_guard_from_the_iteration_after_their_first_data(run):
-    first, second = (guard(run, i, METHOD.guard) for i in (1, 2))
+    first, second = (guard(run, i, METHOD.gates) for i in (1, 2))
     assert isinstance(first, Bounds)
     assert isinstance(second, AnyOf)
     assert [type(gate) for gate in second._gates] == [Bounds, History]
