@@ -25,7 +25,7 @@ from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.jobs import Job, play_out, run_episodes
 from surefoot.rollouts.outcome import Outcome
-from surefoot.scenarios.disturbance import draw
+from surefoot.scenarios.disturbance import draw_disturbances
 from surefoot.scenarios.starts import load_starts
 from surefoot.study.expert_survey import PUSHES
 from surefoot.types import MotionPlan, to_ticks
@@ -296,7 +296,9 @@ def test_a_robot_keeps_its_floor_and_load_over_all_pushes():
     branch, up = branched(begin, Workers(1), "test")
     assert up.all()
     job = pushed(branch, np.array([0.0, 1.0]), np.array([1.0, 2.0]))
-    before, after = (draw(j.disturbance, 0, j.episode, j.duration, 0.5) for j in (begin, job))
+    before, after = (
+        draw_disturbances(j.disturbance, 0, j.episode, j.duration, 0.5) for j in (begin, job)
+    )
     for first, second in ((before.friction, after.friction), (before.mass, after.mass)):
         assert first is not None and second is not None
         assert len(set(first)) == 4

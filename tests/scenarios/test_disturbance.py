@@ -13,7 +13,7 @@ from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.checks import check
-from surefoot.scenarios.disturbance import Disturbance, Pushes, draw, senses
+from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances, senses
 from surefoot.scenarios.starts import Starts
 from surefoot.sim import make_simulator
 from surefoot.types import State
@@ -34,7 +34,7 @@ IDS = np.arange(1000)
 
 
 def drawn(config=ALL, seed=0, episode=IDS, duration=5.0) -> Disturbance:
-    return draw(config, seed, episode, duration, friction=0.5)
+    return draw_disturbances(config, seed, episode, duration, friction=0.5)
 
 
 def pushes_of(disturbance: Disturbance) -> Pushes:
@@ -82,17 +82,17 @@ def test_pushes_do_not_change_friction_and_mass():
 
 def test_one_more_push_comes_early_in_the_tail_if_there_is_one():
     config = replace(ALL, pushes=1, expert_impulse=(0.1, 0.2))
-    pushes = pushes_of(draw(config, 0, IDS, 5.0, 0.5, tail=1.0))
+    pushes = pushes_of(draw_disturbances(config, 0, IDS, 5.0, 0.5, tail=1.0))
     assert pushes.impulse.shape == (1000, 2, 3)
     size = np.hypot(*np.moveaxis(pushes.impulse[..., :2], -1, 0))
     assert 0.5 <= size[:, 0].min() <= size[:, 0].max() <= 2.0
     assert 0.1 <= size[:, 1].min() <= size[:, 1].max() <= 0.2
     assert pushes.tick[:, 0].max() < 5000
     assert (pushes.tick[:, 1].min(), pushes.tick[:, 1].max()) == (5000, 5199)
-    short = pushes_of(draw(config, 0, IDS, 5.0, 0.5, tail=0.01))
+    short = pushes_of(draw_disturbances(config, 0, IDS, 5.0, 0.5, tail=0.01))
     assert short.tick[:, 1].max() < 5010
-    assert pushes_of(draw(config, 0, IDS, 5.0, 0.5)).impulse.shape == (1000, 1, 3)
-    alone = pushes_of(draw(replace(config, pushes=0), 0, IDS, 5.0, 0.5, tail=1.0))
+    assert pushes_of(draw_disturbances(config, 0, IDS, 5.0, 0.5)).impulse.shape == (1000, 1, 3)
+    alone = pushes_of(draw_disturbances(replace(config, pushes=0), 0, IDS, 5.0, 0.5, tail=1.0))
     assert alone.tick.min() == 5000
 
 
@@ -197,7 +197,7 @@ def batch(q, v) -> State:
 def measured(state: State, noise=NOISE, episode=None, calls=1) -> list[State]:
     episode = np.arange(len(state.q)) if episode is None else episode
     config = DisturbanceConfig(noise=noise)
-    measure = senses(ROBOT, draw(config, 7, episode, 1.0, 0.5))
+    measure = senses(ROBOT, draw_disturbances(config, 7, episode, 1.0, 0.5))
     assert measure is not None
     return [measure(state) for _ in range(calls)]
 
@@ -329,7 +329,9 @@ def starts(n=2):
 
 
 def noisy(sigma, n=2):
-    return draw(DisturbanceConfig(noise=NoiseConfig(*[sigma] * 6)), 0, np.arange(n), 1.0, 0.5)
+    return draw_disturbances(
+        DisturbanceConfig(noise=NoiseConfig(*[sigma] * 6)), 0, np.arange(n), 1.0, 0.5
+    )
 
 
 def test_everyone_who_decides_sees_what_is_measured():
@@ -389,7 +391,7 @@ def test_friction_and_mass_are_given_before_the_reset():
 
 
 def test_nothing_drawn_disturbs_nobody():
-    nothing = draw(DisturbanceConfig(), 0, np.arange(2), 1.0, 0.5)
+    nothing = draw_disturbances(DisturbanceConfig(), 0, np.arange(2), 1.0, 0.5)
     assert (nothing.pushes, nothing.friction, nothing.mass, nothing.delay) == (None, None, None, 0)
     assert senses(ROBOT, nothing) is None
     simulator = FakeSimulator(2)
@@ -429,7 +431,7 @@ def test_nothing_drawn_is_no_disturbance_to_the_bit():
     undisturbed = shaken()
     nothing = DisturbanceConfig(impulse=(0.1, 3.0), gentle=0.1, push_duration=0.1)
     for config in (DisturbanceConfig(), nothing):
-        same = shaken(draw(config, 0, np.arange(3), 0.2, 0.5))
+        same = shaken(draw_disturbances(config, 0, np.arange(3), 0.2, 0.5))
         np.testing.assert_array_equal(same, undisturbed)
 
 
@@ -446,6 +448,6 @@ def test_nothing_drawn_is_no_disturbance_to_the_bit():
 )
 def test_every_kind_of_disturbance_reaches_every_robot(config):
     undisturbed = shaken()
-    disturbed = shaken(draw(config, 0, np.arange(3), 0.1, 0.5))
+    disturbed = shaken(draw_disturbances(config, 0, np.arange(3), 0.1, 0.5))
     assert (np.abs(disturbed - undisturbed).max(axis=(1, 2)) > 1e-6).all()
     np.testing.assert_array_equal(disturbed[:, 0], undisturbed[:, 0])

@@ -136,10 +136,15 @@ def _check_tuple(value: Any, kinds: tuple[Any, ...], path: str, limits: Within |
         _check(item, kind, f"{path}[{number}]", limits)
 
 
+def _is_number(value: object, kind: type) -> bool:
+    """Whether a value is a number of this kind; an integer serves as a float too."""
+    number = Integral if kind is int else Real
+    return isinstance(value, number) and not isinstance(value, bool)
+
+
 def _check_number(value: Any, kind: type, path: str, limits: Within | None) -> None:
     """Check that a number has its type, is finite and lies within its limits."""
-    number = Integral if kind is int else Real
-    if isinstance(value, bool) or not isinstance(value, number):
+    if not _is_number(value, kind):
         raise ValueError(f"{path} is {value!r}, expected {kind.__name__}")
     if limits is not None and not limits.least <= value <= limits.most:
         raise ValueError(f"{path} is {value}; use {limits.least} to {limits.most}")

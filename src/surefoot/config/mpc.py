@@ -111,9 +111,9 @@ class KinematicConfig(Checked):
     """[m] regularized height of the base frame."""
     max_iterations: Annotated[int, Within(1, 1_000_000)] = 3
     """Gauss-Newton iterations. With 1 the robot does not walk; with 2 and 3 it survives all of 500
-    perturbed initial states; of 200 much harder ones 2, 3 and 10 lose 2, 0 and 1. In a settled cycle
-    2 end 7e-5 above the optimal cost (median) and 3 end 3e-7 above: one iteration to spare, for half
-    a millisecond."""
+    perturbed initial states; of 200 much harder ones 2, 3 and 10 lose 2, 0 and 1. In a settled
+    cycle 2 end 7e-5 above the optimal cost (median) and 3 end 3e-7 above: one iteration to spare,
+    for half a millisecond."""
     tolerance: Share = 1e-6
     """The solver stops when an iteration lowers the cost by less than this share."""
 
@@ -142,8 +142,8 @@ class ExpertConfig(Checked):
     """[s] how far ahead the foothold is moved: about sqrt(z / g) = 0.143 s, where the capture point
     lies."""
     capture_deadband: Annotated[float, Within(0.0, 10.0)] = 0.1
-    """[m/s] excess velocity that belongs to a settled gait and moves no foothold: feedback on it would
-    multiply every small bias of the walking speed by four."""
+    """[m/s] excess velocity that belongs to a settled gait and moves no foothold: feedback on it
+    would multiply every small bias of the walking speed by four."""
     via_until: Share = 0.52
     """A swing foot is drawn to its via point up to this share of the swing (BiConMP)."""
     max_residual: Annotated[float, Within(0.0, 1000.0)] = 1e-2

@@ -31,7 +31,6 @@ from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.samples import WIDTH, Examples, derive, held_out
 from surefoot.types import Array
 
-
 Progress = Callable[[int, int, float, float], None]
 """``progress(epoch, epochs, train_loss, validation_loss)`` after each epoch, counted from 1."""
 
