@@ -60,11 +60,13 @@ def values_of(hint, limits=None) -> st.SearchStrategy:
         return items.map(lambda pair: tuple(sorted(pair))) if rises else items
     if bare is bool:
         return st.booleans()
+    if is_config(bare):
+        return configs(bare)
+    assert limits is not None, "a number without a range"
     if bare is int:
-        return st.integers(limits.least, limits.most)
-    if bare is float:
-        return st.floats(limits.least, limits.most, allow_nan=False)
-    return configs(bare)
+        return st.integers(int(limits.least), int(limits.most))
+    assert bare is float
+    return st.floats(limits.least, limits.most)
 
 
 def configs(kind) -> st.SearchStrategy:

@@ -204,7 +204,12 @@ def test_every_rule_has_its_message(change, text):
 
 def test_what_the_rules_allow_is_left_as_it_is():
     sample = Sample(
-        count=3, free=7, pair=(0.5, 0.5), names=(), flag=False, either=Config(seed=np.int64(4))
+        count=3,
+        free=7,
+        pair=(0.5, 0.5),
+        names=(),
+        flag=False,
+        either=Config(seed=cast(Any, np.int64(4))),
     )
     assert (sample.count, sample.free, sample.pair, sample.names) == (3, 7, (0.5, 0.5), ())
     assert hash(sample) == hash(replace(sample))

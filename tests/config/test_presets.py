@@ -19,7 +19,8 @@ from surefoot.config.presets import preset
 
 @pytest.mark.parametrize("name", ["default", "quick"])
 def test_tuned_presets_keep_the_papers_protocol(name):
-    dagger, cloning = preset("loco_safe_dagger", name), preset("behavior_cloning", name)
+    dagger = preset("loco_safe_dagger", name)
+    cloning = preset("behavior_cloning", name)
     paper = LocoSafeDaggerConfig()
     for field in ("T_end", "hand_back", "velocities", "perturbations"):
         assert getattr(dagger.method, field) == getattr(paper, field)
@@ -37,7 +38,8 @@ def test_paper_is_the_papers():
     config = preset("loco_safe_dagger", "paper")
     assert config.simulation.backend == "bullet"
     assert config.simulation.friction == 0.5
-    method, training = config.method, config.training
+    method = config.method
+    training = config.training
     assert isinstance(method, LocoSafeDaggerConfig)
     assert method.pretraining == ExpertData(10, 1, True, 1.5)
     assert (method.pretraining_epochs, method.epochs, method.iterations) == (150, 15, 10)

@@ -49,19 +49,20 @@ def seeds(disturbance):
 
 
 def test_what_is_drawn_depends_on_seed_and_id_alone():
-    everything, ids = drawn(), np.array([700, 3, 41])
-    some = drawn(episode=ids)
-    np.testing.assert_array_equal(pushes_of(some).impulse, pushes_of(everything).impulse[ids])
-    np.testing.assert_array_equal(pushes_of(some).tick, pushes_of(everything).tick[ids])
+    everything = drawn()
+    ids = np.array([700, 3, 41])
+    few = drawn(episode=ids)
+    np.testing.assert_array_equal(pushes_of(few).impulse, pushes_of(everything).impulse[ids])
+    np.testing.assert_array_equal(pushes_of(few).tick, pushes_of(everything).tick[ids])
     for name in ("friction", "mass"):
-        np.testing.assert_array_equal(getattr(some, name), getattr(everything, name)[ids])
-    assert seeds(some) == [seeds(everything)[id_] for id_ in ids]
+        np.testing.assert_array_equal(getattr(few, name), getattr(everything, name)[ids])
+    assert seeds(few) == [seeds(everything)[id_] for id_ in ids]
 
     other = drawn(seed=1, episode=ids)
-    assert not np.isin(pushes_of(other).impulse[..., :2], pushes_of(some).impulse).any()
+    assert not np.isin(pushes_of(other).impulse[..., :2], pushes_of(few).impulse).any()
     assert other.friction is not None
-    assert not np.isin(other.friction, np.array(some.friction)).any()
-    assert all(seed not in seeds(some) for seed in seeds(other))
+    assert not np.isin(other.friction, np.array(few.friction)).any()
+    assert all(seed not in seeds(few) for seed in seeds(other))
 
 
 def test_no_two_episodes_are_disturbed_alike():
@@ -73,10 +74,11 @@ def test_no_two_episodes_are_disturbed_alike():
 
 
 def test_pushes_do_not_change_friction_and_mass():
-    with_, without = drawn(), drawn(replace(ALL, pushes=0))
+    with_pushes = drawn()
+    without = drawn(replace(ALL, pushes=0))
     assert without.pushes is None
-    np.testing.assert_array_equal(with_.friction, without.friction)
-    np.testing.assert_array_equal(with_.mass, without.mass)
+    np.testing.assert_array_equal(with_pushes.friction, without.friction)
+    np.testing.assert_array_equal(with_pushes.mass, without.mass)
 
 
 def test_one_more_push_comes_early_in_the_tail_if_there_is_one():
@@ -187,7 +189,8 @@ def test_noise_has_the_deviations_asked_for_and_is_white():
         "joint_velocity": (v - truth.v)[..., 6:],
     }
     for name, error in errors.items():
-        sigma, n = getattr(NOISE, name), error.shape[0]
+        sigma = getattr(NOISE, name)
+        n = error.shape[0]
         # Each robot's, each axis's own; five standard errors.
         np.testing.assert_allclose(error.std(axis=0), sigma, rtol=5 / np.sqrt(2 * n), err_msg=name)
         assert np.abs(error.mean(axis=0)).max() < 5 * sigma / np.sqrt(n), name
@@ -197,7 +200,7 @@ def test_noise_has_the_deviations_asked_for_and_is_white():
         assert max(np.abs(across).max(), np.abs(after).max()) < 5 / np.sqrt(n), name
 
 
-def test_feet_and_centre_of_mass_are_those_of_the_measured_configuration():
+def test_feet_and_center_of_mass_are_those_of_the_measured_configuration():
     truth = batch(*random_states(5))
     (seen,) = measured(truth)
     data = MODEL.createData()
@@ -222,7 +225,7 @@ def test_one_kind_of_noise_leaves_all_else_alone():
     assert (seen.q[:, 2] != truth.q[:, 2]).all()
 
 
-def test_noise_of_a_robot_does_not_depend_on_its_neighbours():
+def test_noise_of_a_robot_does_not_depend_on_its_neighbors():
     truth = batch(*random_states(3))
     together = measured(truth, episode=np.array([5, 90, 2]), calls=3)
     alone = measured(truth[1:2], episode=np.array([90]), calls=3)

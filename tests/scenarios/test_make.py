@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from surefoot.config import Config, PerturbationConfig
+from surefoot.config import Config, PerturbationConfig, Split
 from surefoot.mpc.schedule import in_stance
 from surefoot.robots.solo12 import solo12
 from surefoot.scenarios.make import (
@@ -24,7 +24,7 @@ from surefoot.scenarios.starts import SPLITS, Starts, StartSet, load_starts
 CONFIG = Config()
 PERTURBATION = PerturbationConfig()
 ROBOT = solo12()
-SMALL = {
+SMALL: dict[Split, SplitSize] = {
     "nominal": SplitSize(2, 1),
     "train": SplitSize(2, 2),
     "select": SplitSize(2, 1),

@@ -10,7 +10,7 @@ What needs two configurations or the stored initial states is checked in `surefo
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 from numbers import Integral, Real
@@ -18,6 +18,9 @@ from types import UnionType
 from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
 
 from surefoot.errors import unknown
+
+Annotation = Any
+"""What stands behind the colon of a field: a type, or something made of types."""
 
 
 @dataclass(frozen=True)
@@ -64,33 +67,33 @@ class Checked:
 
     def __post_init__(self) -> None:
         """Check all fields."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+        values = [(field.name, getattr(self, field.name)) for field in fields(self)]  # type: ignore[arg-type]
         check_values(type(self), values, self.section)
 
 
-def check_values(kind: type, values: Mapping[str, object], path: str) -> None:
+def check_values(kind: type, values: Iterable[tuple[str, object]], path: str) -> None:
     """Check values against the annotations of a class's fields.
 
     Args:
         kind: The class.
-        values: A value for each field that is to be checked.
+        values: The name and the value of each field that is to be checked.
         path: The dotted path of the object, for messages; empty for the whole configuration.
 
     Raises:
         ValueError: A value has the wrong type, or is out of range.
     """
     hints = _annotations(kind)
-    for name, value in values.items():
+    for name, value in values:
         _check(value, hints[name], f"{path}.{name}" if path else name)
 
 
 @cache
-def _annotations(kind: type) -> Mapping[str, Any]:
+def _annotations(kind: type) -> Mapping[str, Annotation]:
     """The annotations of a class's fields, with their ranges."""
     return get_type_hints(kind, include_extras=True)
 
 
-def _check(value: Any, hint: Any, path: str, limits: Within | None = None) -> None:
+def _check(value: Any, hint: Annotation, path: str, limits: Within | None = None) -> None:
     """Check one value against its annotation; limits of a tuple hold for each of its numbers."""
     origin = get_origin(hint)
     if origin is Annotated:
@@ -111,7 +114,7 @@ def _check(value: Any, hint: Any, path: str, limits: Within | None = None) -> No
         raise ValueError(f"{path} is {value!r}, expected {hint.__name__}")
 
 
-def _check_annotated(value: Any, hint: Any, path: str, limits: Within | None) -> None:
+def _check_annotated(value: Any, hint: Annotation, path: str, limits: Within | None) -> None:
     """Check a value whose annotation carries rules."""
     kind, *rules = get_args(hint)
     for rule in rules:
@@ -124,7 +127,9 @@ def _check_annotated(value: Any, hint: Any, path: str, limits: Within | None) ->
             raise ValueError(f"{path} is {low} to {high}; the first must not exceed the second")
 
 
-def _check_tuple(value: Any, kinds: tuple[Any, ...], path: str, limits: Within | None) -> None:
+def _check_tuple(
+    value: Any, kinds: tuple[Annotation, ...], path: str, limits: Within | None
+) -> None:
     """Check a tuple and each of its items."""
     if not isinstance(value, tuple):
         raise ValueError(f"{path} is {value!r}, expected a tuple")

@@ -59,7 +59,7 @@ def from_json(kind: type[Record], values: object, where: str = "") -> Record:
     path = f"{where}." if where else ""
     hints = _field_types(kind)
     former = _renamed(kind)
-    arguments: dict[str, object] = {}
+    arguments = {}
     for key, value in _mapping(values, where or kind.__name__).items():
         if key == "name" and _is_named(kind):
             continue
@@ -74,7 +74,7 @@ def from_json(kind: type[Record], values: object, where: str = "") -> Record:
         raise ValueError(f"{where or kind.__name__} lacks {', '.join(missing)}")
     if issubclass(kind, Checked):
         # The object would check itself, but does not know where it stands.
-        check_values(kind, arguments, where or kind.section)
+        check_values(kind, arguments.items(), where or kind.section)
     return kind(**arguments)
 
 
