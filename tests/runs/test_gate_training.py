@@ -105,13 +105,6 @@ def test_relaxing_bounds_are_the_table_s_in_the_last_iteration(run, i, share):
         np.testing.assert_allclose(got.com_height, SafetyConfig().com_height)
 
 
-def test_rollouts_too_short_to_learn_from_are_an_error_before_any_work(tmp_path):
-    run = create(tmp_path / "run", replace(CONFIG, method=replace(METHOD, T=0.3)))
-    with pytest.raises(ValueError, match=r"method.T is 0.3 s; a history network predicts 0.3 s"):
-        loco_safe_dagger(run, Workers(1))
-    assert run.metrics == []
-
-
 def test_a_policy_answers_a_part_of_the_data_at_a_time(run, tmp_path, monkeypatch):
     written, sizes = [], []
 

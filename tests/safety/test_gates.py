@@ -1,7 +1,6 @@
 """The paper's table, the three hand-back rules tick by tick, falls, and what counts as stepping."""
 
 from dataclasses import replace
-from typing import get_args
 
 import numpy as np
 import pinocchio as pin
@@ -137,9 +136,9 @@ def driven(violations, hand_back, block=0.005):
     return ["".join(".X"[int(x)] for x in row) for row in np.array(ticks).T]
 
 
-EVERY = "every_violation_restarts"
-OR = "safe_or_blocked"
-AND = "safe_and_blocked"
+EVERY = HandBack.EVERY_VIOLATION_RESTARTS
+OR = HandBack.SAFE_OR_BLOCKED
+AND = HandBack.SAFE_AND_BLOCKED
 
 
 @pytest.mark.parametrize(
@@ -175,7 +174,7 @@ def test_hand_back_tick_by_tick(violations, rule, expert):
     assert driven([violations], rule) == [expert]
 
 
-@pytest.mark.parametrize("rule", get_args(HandBack))
+@pytest.mark.parametrize("rule", HandBack)
 def test_robots_of_a_batch_are_blocked_on_their_own(rule):
     rows = ["..X.....X....", ".............", "XXXXXXXXX....", "..X..X......."]
     together = driven(rows, rule)
@@ -183,7 +182,7 @@ def test_robots_of_a_batch_are_blocked_on_their_own(rule):
     assert len(set(together)) == 4
 
 
-@pytest.mark.parametrize("rule", get_args(HandBack))
+@pytest.mark.parametrize("rule", HandBack)
 def test_reset_forgets_every_block(rule):
     signal = np.array([[True, False], [False, False]])
     monitor = SafetyMonitor(Signal(signal), 0.005, rule)
@@ -199,7 +198,8 @@ def test_without_blocking_the_expert_drives_while_it_is_unsafe(rule):
     assert driven(["..XXX..X."], rule, block=0.0) == ["..XXX..X."]
 
 
-def test_a_rule_that_does_not_exist_is_an_error():
+def test_a_rule_goes_by_its_name():
+    assert HandBack("safe_and_blocked") is AND
     with pytest.raises(ValueError, match="sometimes"):
         SafetyMonitor(Bounds(CONFIG), 2.0, "sometimes")  # pyright: ignore[reportArgumentType]
 

@@ -7,10 +7,11 @@ The network's input is the observation followed by the goal.
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import Phase
 from surefoot.rotations import to_heading
 from surefoot.types import Array, IntArray, State
 
@@ -31,6 +32,8 @@ to the centre of mass in the heading frame [m]."""
 GOAL_SIZES = {"phase": 2, "command": 3}
 """Gait phase, as sine and cosine, or as a fraction of the period and a zero; vx, vy [m/s] and yaw
 rate [rad/s] in the heading frame."""
+
+Phase = Literal["circle", "fraction"]
 
 
 def _slices(sizes: dict[str, int]) -> dict[str, slice]:

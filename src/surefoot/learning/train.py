@@ -16,20 +16,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from surefoot.config import Device, PolicyConfig, TrainingConfig
-from surefoot.errors import unknown
+from surefoot.config import PolicyConfig, TrainingConfig
 from surefoot.learning.checkpoint import Losses, load_checkpoint, save_checkpoint
 from surefoot.learning.dataset import Dataset, Frames
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.samples import WIDTH, Examples, derive, held_out
 from surefoot.types import Array
+
+SCHEDULES = ("constant", "cosine")
 
 Progress = Callable[[int, int, float, float], None]
 """``progress(epoch, epochs, train_loss, validation_loss)`` after each epoch, counted from 1."""
@@ -90,11 +91,14 @@ def fit(
             the same kind of device, goes on from it.
 
     Raises:
-        ValueError: too few frames, numbers that are not finite, or no such device.
+        ValueError: too few frames, numbers that are not finite, an unknown schedule, or no such
+            device.
         FloatingPointError: the loss is not finite.
         DatasetError: a shard is damaged.
         WriteError: the disk is full.
     """
+    if config.schedule not in SCHEDULES:
+        raise ValueError(f"schedule {config.schedule!r} is unknown; use one of {SCHEDULES}")
     if epochs < 1:
         raise ValueError(f"{epochs} epochs: at least 1 is needed")
     device = choose_device(config.device)
@@ -186,8 +190,8 @@ def choose_device(name: str) -> torch.device:
     Raises:
         ValueError: a GPU is asked for and there is none, or no such device.
     """
-    if name not in get_args(Device):
-        raise ValueError(unknown("device", name, get_args(Device)))
+    if name not in ("auto", "cpu", "cuda"):
+        raise ValueError(f"device {name!r} is unknown; use auto, cpu or cuda")
     if name == "cuda" and not torch.cuda.is_available():
         raise ValueError(
             f"PyTorch {torch.__version__} finds no GPU; use --device cpu, or install a CUDA build"

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from typing import get_args
+from enum import Enum
 
 import numpy as np
 
-from surefoot.config import HandBack
-from surefoot.errors import unknown
 from surefoot.safety.gates import Gate
 from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
+
+
+class HandBack(Enum):
+    """When the policy drives again after a takeover; the paper's text and code disagree."""
+
+    EVERY_VIOLATION_RESTARTS = "every_violation_restarts"
+    """T_block without a violation (Algorithm 4)."""
+    SAFE_OR_BLOCKED = "safe_or_blocked"
+    """Safe again, or T_block over (the paper's prose)."""
+    SAFE_AND_BLOCKED = "safe_and_blocked"
+    """Safe again, and at least T_block since the takeover (the paper's research code; "at least
+    2 s" in the text)."""
 
 
 class SafetyMonitor:
@@ -18,18 +28,15 @@ class SafetyMonitor:
     Args:
         gate: says which states are unsafe.
         block: T_block [s]; 0 hands back as soon as the state is safe (Algorithm 2).
-        hand_back: The rule that ends a block; `surefoot.config.HandBack` explains them.
-
-    Raises:
-        ValueError: There is no such rule.
+        hand_back: the rule that ends a block.
     """
 
-    def __init__(self, gate: Gate, block: float, hand_back: HandBack = "safe_and_blocked") -> None:
-        if hand_back not in get_args(HandBack):
-            raise ValueError(unknown("hand-back rule", hand_back, get_args(HandBack)))
+    def __init__(
+        self, gate: Gate, block: float, hand_back: HandBack = HandBack.SAFE_AND_BLOCKED
+    ) -> None:
         self._gate = gate
         self._block = to_ticks(block)
-        self._hand_back = hand_back
+        self._hand_back = HandBack(hand_back)
         self.reset(0)
 
     def reset(self, batch: int) -> None:
@@ -46,9 +53,9 @@ class SafetyMonitor:
         if not self._anyone and not violation.any():
             return violation
         clock = np.where(self._blocked_for >= 0, self._blocked_for + 1, -1)
-        if self._hand_back == "every_violation_restarts":
+        if self._hand_back is HandBack.EVERY_VIOLATION_RESTARTS:
             clock[violation] = 0
-        if self._hand_back == "safe_or_blocked":
+        if self._hand_back is HandBack.SAFE_OR_BLOCKED:
             release = (clock >= 0) & (~violation | (clock >= self._block))
         else:
             release = ~violation & (clock >= self._block)
