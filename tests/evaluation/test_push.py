@@ -328,7 +328,9 @@ def still(posture):
 
 def test_robots_that_fall_before_the_push_are_not_branched():
     begin = job_of(2, 0.6, plan=still(np.zeros(12)))  # straight legs: they topple
-    begin.starts.v[0, 3] = 20.0  # the first one at once
+    v = begin.starts.v.copy()
+    v[0, 3] = 20.0  # the first one at once
+    begin = replace(begin, starts=replace(begin.starts, v=v))
     branch, up = branched(begin, Workers(1), "test")
     assert not up[0]
     assert len(branch.starts) == up.sum()

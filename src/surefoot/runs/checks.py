@@ -62,7 +62,7 @@ def _check_stored(config: Config, stored: StartSet) -> None:
     if config.gait != Gait():
         raise ValueError(
             f"the initial states {stored.name!r} belong to the default gait, but the configuration "
-            f"asks for {config.gait}: make a set for it first (surefoot.scenarios.make)"
+            f"asks for {config.gait}: make a set for it first (`surefoot make-starts`)"
         )
     available = len(stored["select"])
     if config.evaluation.episodes > available:
