@@ -38,7 +38,7 @@ def last_gate(run: Run) -> int:
     if not numbers:
         raise RunError(
             f"{run.folder} holds no policy with a history network; train one with "
-            "`surefoot train loco_safe_dagger --method.guard bounds history`"
+            "`surefoot train loco_safe_dagger --config.method.gates bounds history`"
         )
     return max(numbers)
 

@@ -6,9 +6,18 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 
-def unknown(what: str, given: str, allowed: Iterable[str]) -> str:
-    """Message for a name that does not exist: the nearest one that does, and all of them."""
+def unknown(what: str, value: str, allowed: Iterable[str]) -> str:
+    """Message for a name that does not exist.
+
+    Args:
+        what: What kind of thing the name stands for.
+        value: The name that does not exist.
+        allowed: The names that do exist.
+
+    Returns:
+        A sentence that names the nearest of the names, if one is near, and all of them.
+    """
     names = list(allowed)
-    near = get_close_matches(given, names, n=1, cutoff=0.4)
+    near = get_close_matches(value, names, n=1, cutoff=0.4)
     hint = f"; did you mean {near[0]!r}?" if near else "."
-    return f"there is no {what} {given!r}{hint} Known: {', '.join(names)}"
+    return f"there is no {what} {value!r}{hint} Known: {', '.join(names)}"

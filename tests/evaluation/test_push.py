@@ -25,7 +25,7 @@ from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.jobs import Job, play_out, run_episodes
 from surefoot.rollouts.outcome import Outcome
-from surefoot.scenarios.disturbance import draw
+from surefoot.scenarios.disturbance import draw_disturbances
 from surefoot.scenarios.starts import load_starts
 from surefoot.study.expert_survey import PUSHES
 from surefoot.types import MotionPlan, to_ticks
@@ -296,7 +296,9 @@ def test_a_robot_keeps_its_floor_and_load_over_all_pushes():
     branch, up = branched(begin, Workers(1), "test")
     assert up.all()
     job = pushed(branch, np.array([0.0, 1.0]), np.array([1.0, 2.0]))
-    before, after = (draw(j.disturbance, 0, j.episode, j.duration, 0.5) for j in (begin, job))
+    before, after = (
+        draw_disturbances(j.disturbance, 0, j.episode, j.duration, 0.5) for j in (begin, job)
+    )
     for first, second in ((before.friction, after.friction), (before.mass, after.mass)):
         assert first is not None and second is not None
         assert len(set(first)) == 4
@@ -326,7 +328,9 @@ def still(posture):
 
 def test_robots_that_fall_before_the_push_are_not_branched():
     begin = job_of(2, 0.6, plan=still(np.zeros(12)))  # straight legs: they topple
-    begin.starts.v[0, 3] = 20.0  # the first one at once
+    v = begin.starts.v.copy()
+    v[0, 3] = 20.0  # the first one at once
+    begin = replace(begin, starts=replace(begin.starts, v=v))
     branch, up = branched(begin, Workers(1), "test")
     assert not up[0]
     assert len(branch.starts) == up.sum()

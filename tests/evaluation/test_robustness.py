@@ -141,7 +141,7 @@ def test_without_a_policy_the_expert_is_evaluated():
     assert strict_json(figures) == figures
 
 
-@pytest.mark.parametrize("episodes", [0, 201])
+@pytest.mark.parametrize("episodes", [201])
 def test_more_episodes_than_there_are_starts_is_an_error(policy, episodes):
     config = replace(Config(), evaluation=EvaluationConfig(episodes=episodes))
     with pytest.raises(ValueError, match=f"{episodes} episodes asked.*hold 200 in 'select'"):

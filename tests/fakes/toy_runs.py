@@ -58,7 +58,7 @@ METHODS = {
     "loco_dagger-0.5": LocoDaggerConfig(**COMMON, alpha=0.5, N_query=3, T_query=0.12),
     "loco_dagger-0.8": LocoDaggerConfig(**COMMON, alpha=0.8, N_query=2, T_query=0.51),
     "loco_safe_dagger": LocoSafeDaggerConfig(
-        **COMMON, T_block=0.15, T_end=0.1, guard=("relaxing", "classifier"), alarm=ALARM
+        **COMMON, T_block=0.15, T_end=0.1, gates=("relaxing", "classifier"), alarm=ALARM
     ),
 }
 CONFIG = replace(

@@ -13,7 +13,7 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import join
 from surefoot.runs.accounting import collection_figures
 from surefoot.runs.sampling import keep_unless_failed
-from surefoot.scenarios.disturbance import Pushes, draw
+from surefoot.scenarios.disturbance import Pushes, draw_disturbances
 from surefoot.scenarios.starts import load_starts
 from tests.fakes import toy
 from tests.fakes.runs import fingerprint
@@ -58,7 +58,7 @@ def test_pushes_of_an_episode_depend_on_seed_and_id_alone(runs):
     ids = 200_000 + np.arange(6)
     names = ("dagger", "safe_dagger", "loco_safe_dagger", "loco_dagger-0.5")
     pairs = [replayed(runs(name), 2)[0] for name in names]
-    pushes = draw(CONFIG.collection, CONFIG.seed, ids, 0.7, 0.5).pushes
+    pushes = draw_disturbances(CONFIG.collection, CONFIG.seed, ids, 0.7, 0.5).pushes
     assert pushes is not None
     felt = 0
     for job, record in pairs:
@@ -69,11 +69,13 @@ def test_pushes_of_an_episode_depend_on_seed_and_id_alone(runs):
             felt += np.abs(expected).max() > 1e-3
     assert felt > 12
     for b, id_ in enumerate(ids):  # whoever else is drawn for
-        alone = draw(CONFIG.collection, CONFIG.seed, np.array([7, id_]), 0.7, 0.5).pushes
+        alone = draw_disturbances(
+            CONFIG.collection, CONFIG.seed, np.array([7, id_]), 0.7, 0.5
+        ).pushes
         assert alone is not None
         np.testing.assert_array_equal(alone.impulse[1], pushes.impulse[b])
         np.testing.assert_array_equal(alone.tick[1], pushes.tick[b])
-    other = draw(CONFIG.collection, CONFIG.seed + 1, ids, 0.7, 0.5).pushes
+    other = draw_disturbances(CONFIG.collection, CONFIG.seed + 1, ids, 0.7, 0.5).pushes
     assert other is not None and (other.impulse != pushes.impulse).any(axis=(1, 2)).all()
     assert len(np.unique(pushes.impulse[:, 0, 0])) == 6
 
@@ -81,7 +83,7 @@ def test_pushes_of_an_episode_depend_on_seed_and_id_alone(runs):
 def test_pushes_grow_from_gentle_to_whole(runs):
     """The first of two iterations has half of what its episodes would draw."""
     ((job, record),) = replayed(runs("dagger"), 1)
-    pushes = draw(CONFIG.collection, CONFIG.seed, job.episode, 0.7, 0.5).pushes
+    pushes = draw_disturbances(CONFIG.collection, CONFIG.seed, job.episode, 0.7, 0.5).pushes
     assert pushes is not None
     for b in range(6):
         expected = 0.5 * expected_kicks(pushes, record, b)
@@ -142,7 +144,9 @@ def test_queries_are_pushed_as_the_expert_shall_be(tmp_path):
         collected = DisturbanceConfig(pushes=2, impulse=(0.05, 0.06), expert_impulse=impulse)
         run = run_method(tmp_path / name, replace(CONFIG, method=method, collection=collected))
         _, (job, record) = replayed(run, 1)
-        drawn = draw(replace(collected, pushes=0), CONFIG.seed, job.episode, 0.0, 0.5, 0.3).pushes
+        drawn = draw_disturbances(
+            replace(collected, pushes=0), CONFIG.seed, job.episode, 0.0, 0.5, 0.3
+        ).pushes
         assert (drawn is None) == (impulse[1] == 0.0)
         if drawn is not None:
             size = np.linalg.norm(drawn.impulse[:, 0], axis=1)

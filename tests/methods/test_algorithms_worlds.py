@@ -239,7 +239,7 @@ def test_relaxing_bounds_end_as_in_the_table(tmp_path, monkeypatch, i):
     bounds = [0.175, 0.1625, 0.15]
     centre = [0.176, 0.174, 0.163, 0.162, 0.151, 0.149]
     heights = {b: spells((100, 110, z + 0.01)) for b, z in enumerate(centre)}
-    method = replace(RESCUE, guard=("relaxing",), tightest=0.5)
+    method = replace(RESCUE, gates=("relaxing",), tightest=0.5)
     _, _, ((_, record),) = one_iteration(tmp_path, monkeypatch, method, {"heights": heights}, i=i)
     for b, z in enumerate(centre):
         assert spans(record.expert_drove[b]) == (

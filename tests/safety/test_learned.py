@@ -15,7 +15,7 @@ from surefoot.rollouts.traces import Trace, history_rows, trace_of
 from surefoot.safety.gates import AnyOf, Bounds
 from surefoot.safety.learned import EVERY, SAMPLES, Deviation, History
 from surefoot.safety.monitor import SafetyMonitor
-from surefoot.scenarios.disturbance import draw
+from surefoot.scenarios.disturbance import draw_disturbances
 from surefoot.scenarios.starts import load_starts
 from surefoot.sim import make_simulator
 from surefoot.types import State
@@ -73,7 +73,7 @@ def played(gate, duration=0.735, starts=STARTS, config=CONFIG):
         Shaking(),
         Shaking(),
         tail=0.05,
-        disturbance=draw(disturbing, 3, starts.id, duration, 0.5),
+        disturbance=draw_disturbances(disturbing, 3, starts.id, duration, 0.5),
     )
 
 

@@ -22,7 +22,8 @@ from surefoot.scenarios.perturbation import (
 ROBOT = solo12()
 DATA = ROBOT.model.createData()
 STANDING = standing(ROBOT)
-CONFIG, SAFETY = PerturbationConfig(), SafetyConfig()
+CONFIG = PerturbationConfig()
+SAFETY = SafetyConfig()
 ALL = np.ones(4, bool)
 STANCES = [np.array(feet, bool) for feet in itertools.product([0, 1], repeat=4) if sum(feet) >= 2]
 
@@ -104,7 +105,8 @@ class Recorder:
     """A source of randomness that keeps what it gave."""
 
     def __init__(self, seed):
-        self.rng, self.draws = np.random.default_rng(seed), []
+        self.rng = np.random.default_rng(seed)
+        self.draws = []
 
     def standard_normal(self, size):
         self.draws.append(self.rng.standard_normal(size))
@@ -119,7 +121,8 @@ def test_sigmas_hold_before_the_projection(monkeypatch):
         lambda J, change: handed_over.append(change) or project(J, change),
     )
     config = PerturbationConfig(0.03, 0.05, 0.07, 0.11)
-    recorder, v = Recorder(0), np.full(18, 0.5)
+    recorder = Recorder(0)
+    v = np.full(18, 0.5)
     for _ in range(60):
         perturb(ROBOT, STANDING, v, ALL, config, SAFETY, recorder)  # pyright: ignore[reportArgumentType]
     accepted = [change for change in handed_over if change.mean() > 0.25]
@@ -144,17 +147,19 @@ def test_the_same_seed_gives_the_same_start_and_another_does_not():
 
 
 def test_the_state_given_is_left_alone():
-    q, v = STANDING.copy(), np.ones(18)
+    q = STANDING.copy()
+    v = np.ones(18)
     perturb(ROBOT, q, v, ALL, CONFIG, SAFETY, np.random.default_rng(0))
     np.testing.assert_array_equal(q, STANDING)
     np.testing.assert_array_equal(v, 1.0)
 
 
-def test_an_impossible_case_says_so():
+def test_an_impossible_case_says_so(monkeypatch):
+    monkeypatch.setattr("surefoot.scenarios.perturbation.ATTEMPTS", 20)
     with pytest.raises(ValueError, match=r"no acceptable start in 20 draws.*standard deviations"):
         # Nothing is acceptable where the fall bounds are empty.
         never = SafetyConfig(fall_height=(0.5, 0.5))
-        perturb(ROBOT, STANDING, np.zeros(18), ALL, CONFIG, never, np.random.default_rng(0), 20)
+        perturb(ROBOT, STANDING, np.zeros(18), ALL, CONFIG, never, np.random.default_rng(0))
 
 
 def rolled(roll=0.0, pitch=0.0, z=0.0):

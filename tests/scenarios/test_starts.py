@@ -1,4 +1,4 @@
-"""The stored starts: what is in the packaged set, and what files are refused."""
+"""The stored initial states: what is in the packaged set, and what files are refused."""
 
 import zipfile
 from dataclasses import fields
@@ -13,7 +13,16 @@ from surefoot.mpc.schedule import in_stance
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.outcome import fallen
 from surefoot.scenarios.perturbation import acceptable, stance_feet, stance_jacobian
-from surefoot.scenarios.starts import PACKAGED, SPLITS, Starts, StartSet, load_starts, save_starts
+from surefoot.scenarios.starts import (
+    PACKAGED,
+    SPLITS,
+    Starts,
+    StartSet,
+    at_rest,
+    join_starts,
+    load_starts,
+    save_starts,
+)
 from surefoot.types import State
 
 STORED = load_starts()
@@ -23,17 +32,13 @@ PERTURBED = ("train", "select", "test")
 
 
 def everything() -> Starts:
-    return Starts(
-        *(
-            np.concatenate([getattr(STORED[split], field.name) for split in SPLITS])
-            for field in fields(Starts)
-        )
-    )
+    return join_starts([STORED[split] for split in SPLITS])
 
 
 def small(seed=0) -> StartSet:
     rng = np.random.default_rng(seed)
-    grid, first = {}, 0
+    grid = {}
+    first = 0
     shapes = {"nominal": (1, 2, 3), "train": (2, 2, 3), "select": (1, 1, 1), "test": (1, 2, 1)}
     for split, shape in shapes.items():
         n = int(np.prod(shape))
@@ -59,7 +64,8 @@ def test_packaged_sets_have_the_splits_the_methods_need(name):
         "test": (10, 10, 10),
     }
     for split, shape in stored.shape.items():
-        starts, n = stored[split], int(np.prod(shape))
+        starts = stored[split]
+        n = int(np.prod(shape))
         assert len(starts) == n
         assert starts.q.shape == (n, 19)
         assert starts.v.shape == (n, 18)
@@ -85,7 +91,8 @@ def test_no_state_stands_in_two_places():
 
 @pytest.mark.parametrize("split", SPLITS)
 def test_grid_runs_over_perturbations_phases_and_velocities(split):
-    rows, starts = STORED.rows(split), STORED[split]
+    rows = STORED.rows(split)
+    starts = STORED[split]
     _, phases, velocities = STORED.shape[split]
     ticks = np.broadcast_to(50 * np.arange(phases)[None, :, None], rows.shape)
     np.testing.assert_array_equal(starts.tick[rows], ticks)
@@ -122,13 +129,14 @@ def test_perturbed_starts_agree_with_the_contacts_of_their_phase(split):
 def test_perturbed_starts_keep_the_stance_feet_of_their_nominal_state(split):
     """Up to the shift that puts x and y to zero, and the speeds of the 20-speed cycle."""
     data = ROBOT.model.createData()
-    starts, rows = STORED[split], STORED.rows(split)
+    starts = STORED[split]
+    rows = STORED.rows(split)
     for phase in range(10):
         # All perturbations of one phase and speed come from one state: their stance feet agree.
         for speed in (0, rows.shape[2] - 1):
-            some = rows[:, phase, speed]
-            stance = in_stance(CONFIG.gait, int(starts.tick[some[0]]))
-            feet = np.array([stance_feet(ROBOT, data, q, stance) for q in starts.q[some]])
+            repeats = rows[:, phase, speed]
+            stance = in_stance(CONFIG.gait, int(starts.tick[repeats[0]]))
+            feet = np.array([stance_feet(ROBOT, data, q, stance) for q in starts.q[repeats]])
             between = feet - feet[:, :1]
             np.testing.assert_allclose(
                 between, np.broadcast_to(between[0], between.shape), atol=1e-8
@@ -138,16 +146,48 @@ def test_perturbed_starts_keep_the_stance_feet_of_their_nominal_state(split):
             )
 
 
-def test_nominal_states_differ_from_perturbed_ones_as_much_as_asked():
-    train, rows = STORED["train"], STORED.rows("train")
-    nominal = STORED["nominal"]
-    apart = [
-        np.linalg.norm(
-            pin.difference(ROBOT.model, nominal.q[i % 200], train.q[rows.ravel()[i]])[3:6]
-        )
-        for i in range(400)
-    ]
-    assert 0.1 < np.median(apart) < 1.0
+@pytest.mark.parametrize(("name", "scale"), [(PACKAGED[0], 1.0), (PACKAGED[1], 1.5)])
+def test_perturbed_states_differ_from_nominal_ones_as_much_as_asked(name, scale):
+    stored = load_starts(name)
+    train = stored["train"]
+    nominal = stored["nominal"]
+    rows = stored.rows("train").reshape(8, -1)  # perturbation, phase and speed
+    joints = train.q[rows][..., 7:] - nominal.q[:, 7:]
+    assert np.sqrt((joints**2).mean()) == pytest.approx(0.2 * scale, rel=0.05)
+    # The projection onto still stance feet takes a part of a change of velocity away.
+    velocity = train.v[rows] - nominal.v
+    assert 0.14 * scale < np.sqrt((velocity**2).mean()) < 0.2 * scale
+    # Of the base's orientation less is left: states beyond 30 degrees are drawn again.
+    pairs = zip(np.tile(nominal.q, (8, 1)), train.q[rows.ravel()], strict=True)
+    turned = [pin.difference(ROBOT.model, one, other)[3:6] for one, other in pairs]
+    assert 0.1 * scale < np.sqrt(np.square(turned).mean()) < 0.2 * scale
+
+
+# --- reading and writing
+
+
+def test_the_packaged_sets_are_read_once():
+    assert load_starts() is load_starts() is STORED
+    assert load_starts(PACKAGED[1]) is load_starts(PACKAGED[1])
+    assert load_starts(PACKAGED[1]) is not STORED
+
+
+def test_a_file_is_read_anew(tmp_path):
+    path = tmp_path / "set.npz"
+    save_starts(small(1), path)
+    first = load_starts(path).hash
+    path.unlink()
+    save_starts(small(2), path)
+    assert load_starts(path).hash != first
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Starts)])
+def test_arrays_of_a_stored_set_cannot_be_written_to(name):
+    for split in SPLITS:
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(STORED[split], name)[0] = 0
+    taken = getattr(STORED["test"][np.array([0, 3])], name)
+    taken[0] = 0  # a selection by index is a copy
 
 
 def test_hash_is_the_same_after_another_load_and_after_saving(tmp_path):
@@ -180,11 +220,42 @@ def test_saved_arrays_come_back_bit_for_bit(tmp_path):
 
 def test_rows_are_taken_by_index_mask_or_slice():
     starts = STORED["select"]
-    some = starts[np.array([5, 2])]
-    assert len(some) == 2
-    np.testing.assert_array_equal(some.id, starts.id[[5, 2]])
-    np.testing.assert_array_equal(some.q, starts.q[[5, 2]])
+    taken = starts[np.array([5, 2])]
+    assert len(taken) == 2
+    for field in fields(Starts):
+        expected = getattr(starts, field.name)[[5, 2]]
+        np.testing.assert_array_equal(getattr(taken, field.name), expected)
     assert len(starts[:7]) == 7
+    mask = starts.tick == 50
+    assert 0 < len(starts[mask]) == mask.sum() < len(starts)
+
+
+def test_parts_are_joined_in_their_order():
+    test = STORED["test"]
+    joined = join_starts([test[:3], test[7:8]])
+    for field in fields(Starts):
+        expected = getattr(test, field.name)[[0, 1, 2, 7]]
+        np.testing.assert_array_equal(getattr(joined, field.name), expected)
+
+
+def test_states_at_rest_belong_to_no_set():
+    commands = np.array([[0.1, 0.0, 0.0], [0.2, 0.1, 0.3]])
+    starts = at_rest(STORED["test"].q[4], commands)
+    np.testing.assert_array_equal(starts.q, STORED["test"].q[[4, 4]])
+    np.testing.assert_array_equal(starts.command, commands)
+    assert not starts.v.any()
+    assert not starts.tick.any()
+    assert starts.id.tolist() == [-1, -1]
+
+
+@pytest.mark.parametrize("n", [0, 201])
+def test_more_states_or_velocities_than_there_are_is_an_error(n):
+    with pytest.raises(ValueError, match=f"{n} episodes asked for.* hold 200 in 'select'"):
+        STORED.first("select", n)
+    with pytest.raises(ValueError, match=f"{n} velocities asked for.* hold 10 in 'select'"):
+        STORED.velocities("select", n)
+    np.testing.assert_array_equal(STORED.first("select", 2).id, STORED["select"].id[:2])
+    assert STORED.velocities("select", 3).tolist() == [0, 4, 9]
 
 
 def test_a_set_is_never_overwritten(tmp_path):

@@ -362,7 +362,7 @@ def test_rows_are_told_apart(monkeypatch, runs, tmp_path):
 
 def test_best_or_last_policy(monkeypatch, runs, tmp_path):
     pretend(monkeypatch)
-    early = run_of(tmp_path / "2" / "safe", LocoSafeDaggerConfig(guard=("history",)), 50)
+    early = run_of(tmp_path / "2" / "safe", LocoSafeDaggerConfig(gates=("history",)), 50)
     row = measure([early])["rows"][1]
     assert (row["label"], row["policy"]) == (
         "LocoSafeDAGGER, history",

@@ -52,7 +52,7 @@ METHODS = {
     "safe_dagger": SafeDaggerConfig(**SMALL),
     "loco_dagger": LocoDaggerConfig(**SMALL, N_query=3, T_query=0.1),
     "loco_safe_dagger": LocoSafeDaggerConfig(
-        **SMALL, T_block=0.1, T_end=0.1, guard=("relaxing", "classifier", "history"), alarm=0.9
+        **SMALL, T_block=0.1, T_end=0.1, gates=("relaxing", "classifier", "history"), alarm=0.9
     ),
 }
 ROUGH = DisturbanceConfig(

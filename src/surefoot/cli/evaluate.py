@@ -54,12 +54,10 @@ class Evaluate(OnWorkers, OnSimulator):
         from surefoot.evaluation.push import push_difference, push_recovery
         from surefoot.evaluation.robustness import evaluate
         from surefoot.runs.policies import find_policy
-        from surefoot.scenarios.disturbance import check_disturbance
 
         stored = load_starts(self.starts)
         policy, trained_on = find_policy(self.target)
         config = self.as_asked(trained_on)
-        check_disturbance(config.evaluation.disturbance)
         found: dict[str, dict[str, Any]] = {}
         for name in ("policy", "expert") if self.expert else ("policy",):
             who = policy if name == "policy" else None

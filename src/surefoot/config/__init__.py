@@ -2,31 +2,41 @@
 
 "Paper" is *Safe Learning of Locomotion Skills from MPC* (Pua and Khadiv); "BiConMP" is Meduri et
 al., T-RO 2023, and its public trot for Solo12. Durations are in seconds here, and in ticks of 1 ms
-everywhere else. The command line, its help and the saved JSON all come from these classes.
+everywhere else. The command line, its help and the saved JSON all come from these classes, which
+check themselves when they are made (`surefoot.config.checked`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Annotated, ClassVar
 
+from surefoot.config.checked import Checked, Within
 from surefoot.config.evaluation import EvaluationConfig, PushConfig
-from surefoot.config.learning import Device, Phase, PolicyConfig, TrainingConfig
+from surefoot.config.learning import (
+    Device,
+    Phase,
+    PolicyConfig,
+    Precision,
+    Schedule,
+    TrainingConfig,
+)
 from surefoot.config.methods import (
     METHODS,
     BehaviorCloningConfig,
     DaggerConfig,
     ExpertData,
-    Guard,
     IterativeConfig,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
     MethodConfig,
     SafeDaggerConfig,
+    method_config,
 )
-from surefoot.config.mpc import CentroidalConfig, ExpertConfig, Gait, KinematicConfig
+from surefoot.config.mpc import CentroidalConfig, ExpertConfig, FootholdRule, Gait, KinematicConfig
 from surefoot.config.robots import RobotConfig
-from surefoot.config.safety import HandBack, SafetyConfig
-from surefoot.config.scenarios import DisturbanceConfig, NoiseConfig, PerturbationConfig
+from surefoot.config.safety import GateName, HandBack, SafetyConfig
+from surefoot.config.scenarios import DisturbanceConfig, NoiseConfig, PerturbationConfig, Split
 from surefoot.config.sim import Backend, SimulationConfig
 
 __all__ = [
@@ -41,8 +51,9 @@ __all__ = [
     "EvaluationConfig",
     "ExpertConfig",
     "ExpertData",
+    "FootholdRule",
     "Gait",
-    "Guard",
+    "GateName",
     "HandBack",
     "IterativeConfig",
     "KinematicConfig",
@@ -53,25 +64,31 @@ __all__ = [
     "PerturbationConfig",
     "Phase",
     "PolicyConfig",
+    "Precision",
     "PushConfig",
     "RobotConfig",
     "SafeDaggerConfig",
     "SafetyConfig",
+    "Schedule",
     "SimulationConfig",
+    "Split",
     "TrainingConfig",
+    "method_config",
     "method_name",
     "simulated",
 ]
 
 
 @dataclass(frozen=True)
-class Config:
-    """Everything that fixes a result, apart from the versions of what computes it."""
+class Config(Checked):
+    """Everything that fixes a result, apart from the versions of the packages that compute it."""
+
+    section: ClassVar[str] = ""
 
     method: MethodConfig = field(default_factory=LocoSafeDaggerConfig)
-    seed: int = 0
+    seed: Annotated[int, Within(0, 2**63 - 1)] = 0
     """Root of all randomness."""
-    chunk: int = 10
+    chunk: Annotated[int, Within(1, 10_000)] = 10
     """Robots simulated together; also the unit of work that is spread over processes."""
     robot: RobotConfig = field(default_factory=RobotConfig)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)

@@ -3,49 +3,56 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, ClassVar
 
-from surefoot.config.scenarios import DisturbanceConfig
+from surefoot.config.checked import Angle, Checked, Duration, Share, Within
+from surefoot.config.scenarios import DisturbanceConfig, Split
 
 
 @dataclass(frozen=True)
-class EvaluationConfig:
-    """The paper's robustness test (IV-F): one perturbed start per velocity and phase."""
+class EvaluationConfig(Checked):
+    """The paper's robustness test (IV-F): one perturbed initial state per velocity and phase."""
 
-    duration: float = 5.0
-    """[s] (paper)."""
-    episodes: int = 100
-    """The first so many of a split: 10 velocities x 10 phases each hundred."""
+    section: ClassVar[str] = "evaluation"
+
+    duration: Duration = 5.0
+    """[s] how long an episode lasts (paper)."""
+    episodes: Annotated[int, Within(1, 1_000_000)] = 100
+    """How many initial states of a split are used, from its first one on: each hundred are 10
+    velocities at 10 phases."""
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
-    """Axes of realism: friction, mass, sensor noise, late torques, pushes; the paper has none."""
+    """What makes an evaluation harder: friction, mass, sensor noise, delayed torques and pushes;
+    the paper has none of them."""
 
 
 @dataclass(frozen=True)
-class PushConfig:
+class PushConfig(Checked):
     """Push recovery: impulses on the base of a trotting robot (paper, IV-F).
 
-    Robots begin in the first perturbation of a split, ten phases at each speed, and are pushed at
-    2 s (the paper's research code: 100 robots a level, between 0.5 and 3 Ns).
+    Robots begin in the first perturbation of a split, at ten phases for each speed, and are pushed
+    at 2 s (the paper's research code: 100 robots a level, between 0.5 and 3 N s).
     """
 
-    split: Literal["nominal", "train", "select", "test"] = "test"
-    """of the stored starts; `nominal` is the settled gait cycle."""
-    speeds: int = 10
-    """Equally spaced ones of the split's, all by default."""
-    before: float = 2.0
+    section: ClassVar[str] = "push"
+
+    split: Split = "test"
+    """Split of the stored initial states; `nominal` is the settled gait cycle."""
+    speeds: Annotated[int, Within(1, 1000)] = 10
+    """How many equally spaced speeds of the split are used; the default is all of them."""
+    before: Duration = 2.0
     """[s] before the push (the paper's research code), simulated once for all levels."""
-    after: float = 1.6
-    """[s] that the robot has to stay up and stepping from the push on; of less than
-    `safety.stepping_from` the stepping is not judged."""
-    duration: float = 0.01
-    """[s] of the force."""
-    directions: int = 8
-    """Equally spaced, in the heading frame."""
-    success: float = 0.8
-    """Share of the robots that have to survive a level (the paper's research code)."""
-    fall_angle: float = 60.0
+    after: Duration = 1.6
+    """[s] that the robot has to stay up and stepping from the push on; if they are less than
+    `safety.stepping_from`, the stepping is not judged."""
+    duration: Duration = 0.01
+    """[s] how long the force acts."""
+    directions: Annotated[int, Within(1, 360)] = 8
+    """How many equally spaced directions are tried, in the heading frame."""
+    success: Share = 0.8
+    """Share of the robots that has to survive a level (the paper's research code)."""
+    fall_angle: Angle = 60.0
     """[deg] roll or pitch beyond this is a fall here (the paper's research code)."""
-    resolution: float = 0.2
-    """[Ns] between levels; the monotone fit interpolates."""
-    levels: int = 30
-    """The strongest push tried is this times the resolution."""
+    resolution: Annotated[float, Within(0.001, 100.0)] = 0.2
+    """[N s] between two levels; the monotone fit interpolates."""
+    levels: Annotated[int, Within(1, 10_000)] = 30
+    """How many levels are tried; the strongest push is this times the resolution."""

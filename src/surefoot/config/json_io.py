@@ -2,21 +2,25 @@
 
 `to_json` makes JSON of any record, `from_json` reads it back and checks it key by key: an unknown
 key names the nearest one that exists, a missing key and a value of the wrong type are named too.
-NaN, which JSON does not have, becomes null. A class with a `name` of its own (the methods'
-parameters) is written with that name, which tells it from the others when it is read.
+A class with a `name` of its own (the methods' parameters) is written with that name, which tells it
+from the others when it is read; a class with a table `renamed` still reads its former keys. A
+number that is not finite, which JSON does not have, becomes null; it is read back as NaN.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from surefoot.config.checked import Checked, check_values
 from surefoot.errors import unknown
 
 Record = TypeVar("Record")
@@ -28,7 +32,7 @@ def to_json(value: object) -> Any:
     """JSON values of a record, or of anything that a record may hold."""
     if is_dataclass(value) and not isinstance(value, type):
         named = {"name": value.name} if _is_named(type(value)) else {}
-        return named | {f.name: to_json(getattr(value, f.name)) for f in fields(value)}
+        return named | {field.name: to_json(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):
         return {str(key): to_json(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -36,7 +40,7 @@ def to_json(value: object) -> Any:
     if isinstance(value, list | tuple):
         return [to_json(item) for item in value]
     if isinstance(value, float):
-        return value if np.isfinite(value) else None
+        return value if math.isfinite(value) else None
     return str(value) if isinstance(value, Path) else value
 
 
@@ -44,27 +48,33 @@ def from_json(kind: type[Record], values: object, where: str = "") -> Record:
     """A record from JSON values; what is absent keeps its default.
 
     Args:
-        kind: the record's class.
-        values: JSON object with the class's fields as keys.
-        where: dotted path of the object, for messages.
+        kind: The record's class.
+        values: A JSON object with the class's fields as keys.
+        where: The dotted path of the object, for messages.
 
     Raises:
-        ValueError: an unknown or missing key, or a value of the wrong type or out of range.
+        ValueError: A key is unknown, missing or there twice under two names, or a value has the
+            wrong type or is out of range; the message names its whole dotted path.
     """
-    given = _mapping(values, where or kind.__name__)
     path = f"{where}." if where else ""
-    hints = get_type_hints(kind)
-    known = {field.name: hints[field.name] for field in fields(kind)}  # type: ignore[arg-type]
+    hints = _field_types(kind)
+    former = _renamed(kind)
     arguments = {}
-    for key, value in given.items():
+    for key, value in _mapping(values, where or kind.__name__).items():
         if key == "name" and _is_named(kind):
             continue
-        if key not in known:
-            raise ValueError(unknown("key", path + key, (path + name for name in known)))
-        arguments[key] = _value(known[key], value, path + key)
+        name = former.get(key, key)
+        if name not in hints:
+            raise ValueError(unknown("key", path + key, (path + known for known in hints)))
+        if name in arguments:
+            raise ValueError(f"{path}{name} is there twice: also under its former name")
+        arguments[name] = _value(hints[name], value, path + key)
     missing = [name for name in _required(kind) if name not in arguments]
     if missing:
         raise ValueError(f"{where or kind.__name__} lacks {', '.join(missing)}")
+    if issubclass(kind, Checked):
+        # The object would check itself, but does not know where it stands.
+        check_values(kind, arguments.items(), where or kind.section)
     return kind(**arguments)
 
 
@@ -72,7 +82,7 @@ def read_json(path: Path) -> Any:
     """The JSON values of a file.
 
     Raises:
-        ValueError: the file is not JSON.
+        ValueError: The file is not JSON.
     """
     try:
         return json.loads(path.read_bytes())
@@ -80,16 +90,23 @@ def read_json(path: Path) -> Any:
         raise ValueError(f"{path} is not JSON ({error})") from error
 
 
-def changes(record: Any, base: Any) -> Iterator[tuple[str, Plain, Plain]]:
+def changes(record: object, base: object) -> Iterator[tuple[str, Plain, Plain]]:
     """What differs between two instances of one class: dotted name, and both JSON values."""
-    for field in fields(record):
-        mine = getattr(record, field.name)
+    for field in fields(record):  # type: ignore[arg-type]
+        value = getattr(record, field.name)
         other = getattr(base, field.name)
-        if is_dataclass(mine) and type(mine) is type(other):
-            for name, *both in changes(mine, other):
-                yield f"{field.name}.{name}", *both
-        elif mine != other:
-            yield field.name, to_json(mine), to_json(other)
+        if is_dataclass(value) and type(value) is type(other):
+            for name, new, old in changes(value, other):
+                yield f"{field.name}.{name}", new, old
+        elif value != other:
+            yield field.name, to_json(value), to_json(other)
+
+
+@cache
+def _field_types(kind: type) -> Mapping[str, Any]:
+    """The types of a class's fields, by their names."""
+    hints = get_type_hints(kind)
+    return {field.name: hints[field.name] for field in fields(kind)}
 
 
 def _required(kind: type) -> list[str]:
@@ -106,6 +123,11 @@ def _is_named(kind: type) -> bool:
     return isinstance(vars(kind).get("name"), str)
 
 
+def _renamed(kind: type) -> Mapping[str, str]:
+    """Former names of a class's fields, with the names that they have now."""
+    return vars(kind).get("renamed", {})
+
+
 def _mapping(value: object, path: str) -> Mapping[str, Any]:
     """The value itself, if it has keys."""
     if not isinstance(value, Mapping):
@@ -120,7 +142,7 @@ def _value(hint: Any, value: Any, path: str) -> Any:
         return _one_of(get_args(hint), value, path)
     if origin is tuple:
         return _tuple(get_args(hint), value, path)
-    if origin is dict:
+    if origin in (dict, Mapping):
         kind = get_args(hint)[1]
         items = _mapping(value, path).items()
         return {key: _value(kind, item, f"{path}.{key}") for key, item in items}
@@ -130,8 +152,17 @@ def _value(hint: Any, value: Any, path: str) -> Any:
         return value
     if is_dataclass(hint):
         return from_json(hint, value, path)  # type: ignore[arg-type]
+    return _plain(hint, value, path)
+
+
+def _plain(hint: Any, value: Any, path: str) -> Any:
+    """A JSON value that is neither a list nor an object, as the type of its field."""
+    if hint is Any:
+        return value
     if hint is Path and isinstance(value, str):
         return Path(value)
+    if hint is float and value is None:
+        return math.nan
     if hint is float and type(value) is int:
         return float(value)
     if type(value) is not hint:
@@ -140,17 +171,26 @@ def _value(hint: Any, value: Any, path: str) -> Any:
 
 
 def _one_of(kinds: tuple[Any, ...], value: Any, path: str) -> Any:
-    """A value of one of several types: null, or the class that the value names, or what fits."""
+    """A value of one of several types: null, the class that the value names, or the first to fit.
+
+    Raises:
+        ValueError: None fits.
+    """
     if value is None and type(None) in kinds:
         return None
     kinds = tuple(kind for kind in kinds if kind is not type(None))
     named = {kind.name: kind for kind in kinds if isinstance(kind, type) and _is_named(kind)}
-    if not named:
-        return _value(kinds[0], value, path)
-    name = str(_mapping(value, path).get("name"))
-    if name not in named:
-        raise ValueError(unknown(path, name, named))
-    return from_json(named[name], value, path)
+    if named:
+        name = str(_mapping(value, path).get("name"))
+        if name not in named:
+            raise ValueError(unknown(path, name, named))
+        return from_json(named[name], value, path)
+    for kind in kinds[:-1]:
+        try:
+            return _value(kind, value, path)
+        except ValueError:
+            continue
+    return _value(kinds[-1], value, path)
 
 
 def _tuple(kinds: tuple[Any, ...], value: Any, path: str) -> tuple[Any, ...]:
@@ -160,6 +200,6 @@ def _tuple(kinds: tuple[Any, ...], value: Any, path: str) -> tuple[Any, ...]:
     if kinds[-1] is Ellipsis:
         kinds = kinds[:1] * len(value)
     if len(value) != len(kinds):
-        raise ValueError(f"{path} is {value!r}, expected {len(kinds)} numbers")
+        raise ValueError(f"{path} is {value!r}, expected {len(kinds)} values")
     pairs = zip(kinds, value, strict=True)
     return tuple(_value(kind, item, f"{path}[{n}]") for n, (kind, item) in enumerate(pairs))

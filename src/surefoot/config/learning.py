@@ -3,50 +3,62 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, ClassVar, Literal
+
+from surefoot.config.checked import Checked, Within
 
 Phase = Literal["circle", "fraction"]
 """How the network sees the phase of the gait: as its sine and cosine, or as a share of the period.
 """
+Schedule = Literal["constant", "cosine"]
+"""Names of the schedules of the learning rate."""
+Precision = Literal["float32", "bfloat16"]
+"""Names of the number formats of the hidden layers' products."""
 Device = Literal["auto", "cpu", "cuda"]
 """Names of the devices to train on."""
 
 
 @dataclass(frozen=True)
-class PolicyConfig:
-    """The network and the low-impedance PD it drives, at 1 kHz."""
+class PolicyConfig(Checked):
+    """The network and the low-impedance PD that it drives, at 1 kHz."""
 
-    hidden: tuple[int, ...] = (512, 512, 512)
+    section: ClassVar[str] = "policy"
+
+    hidden: Annotated[tuple[int, ...], Within(1, 65_536)] = (512, 512, 512)
     """Units of the hidden layers (paper, IV-A)."""
-    kp: float = 2.0
-    """[Nm/rad] (the paper's research code)."""
-    kd: float = 0.1
-    """[Nms/rad] (the paper's research code)."""
+    kp: Annotated[float, Within(0.0, 10_000.0)] = 2.0
+    """[N m/rad] stiffness of the PD (the paper's research code)."""
+    kd: Annotated[float, Within(0.0, 1000.0)] = 0.1
+    """[N m s/rad] damping of the PD (the paper's research code)."""
     phase: Phase = "circle"
-    """What the network sees of the gait clock: sine and cosine of the phase, or the phase itself,
-    which jumps from 1 to 0 (paper)."""
+    """What the network sees of the gait clock: the sine and the cosine of the phase, or the phase
+    itself, which jumps from 1 to 0 (paper)."""
 
 
 @dataclass(frozen=True)
-class TrainingConfig:
+class TrainingConfig(Checked):
     """Supervised training: Adam on the L1 loss (paper, IV-A)."""
 
-    learning_rate: float = 2e-3
-    """(paper)."""
-    batch: int = 256
-    """Frames a step; the last incomplete batch is dropped (paper)."""
-    schedule: Literal["constant", "cosine"] = "constant"
-    """`constant` (paper) or `cosine` to zero over a fit."""
-    validation: float = 0.1
-    """Share of episodes held out, chosen by episode id."""
-    threads: int = 1
+    section: ClassVar[str] = "training"
+
+    learning_rate: Annotated[float, Within(1e-12, 1.0)] = 2e-3
+    """The learning rate of Adam (paper)."""
+    batch: Annotated[int, Within(2, 1_000_000)] = 256
+    """Frames in a step; the last incomplete batch is dropped (paper)."""
+    schedule: Schedule = "constant"
+    """The learning rate stays `constant` (paper), or falls to zero over a fit as a `cosine`."""
+    validation: Annotated[float, Within(0.0, 0.9)] = 0.1
+    """Share of the episodes that is held out, chosen by episode id."""
+    threads: Annotated[int, Within(1, 1024)] = 1
     """Torch threads: a constant, because the bits depend on it. Two are faster on an idle machine,
-    and slower than one where a neighbour holds a core."""
-    precision: Literal["float32", "bfloat16"] = "bfloat16"
-    """of the products of the hidden layers, in training only. `bfloat16` is used where the
-    processor has instructions for it; weights, sums, the last layer and all else are float32."""
+    and slower than one where a neighbor holds a core."""
+    precision: Precision = "bfloat16"
+    """Number format of the products of the hidden layers, in training only. `bfloat16` is used
+    where the processor has instructions for it; weights, sums, the last layer and all else are
+    float32."""
     device: Device = "auto"
     """`auto` takes a GPU if there is one."""
-    memory: int = 1024
-    """[MB] that examples take at most; more go through a temporary file. 1024 hold 4.5 million
-    frames. The frames of one shard come on top while they are read, 120 MB at most as a rule."""
+    memory: Annotated[int, Within(1, 1_000_000_000)] = 1024
+    """[MB] that training samples take at most; more go through a temporary file. 1024 MB hold 4.5
+    million frames. The frames of one shard are added while they are read, usually 120 MB at most.
+    """

@@ -1,172 +1,175 @@
-"""The methods' parameters, as frozen dataclasses: the paper's numbers, in its symbols.
+"""The methods' parameters as frozen dataclasses: the paper's numbers, in its symbols.
 
-Part of `config`, where the rest stands.
+The four iterative methods share `IterativeConfig`: a pre-training on expert rollouts, then
+iterations that collect and train. The methods themselves are in `surefoot.methods`, one file each.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar
 
-from surefoot.config.safety import HandBack
+from surefoot.config.checked import Checked, Duration, Seconds, Share, Within
+from surefoot.config.safety import HISTORY_HORIZON, GateName, HandBack
+from surefoot.errors import unknown
+
+Epochs = Annotated[int, Within(1, 1_000_000)]
+"""Passes over the data."""
+Count = Annotated[int, Within(1, 10_000)]
+"""How many velocities or perturbations of the stored initial states are used."""
 
 
 @dataclass(frozen=True)
-class ExpertData:
+class ExpertData(Checked):
     """Expert rollouts to clone: velocities x phases x perturbations, and nominal ones."""
 
-    velocities: int
-    """Equally spaced forward speeds."""
-    perturbations: int
-    """Perturbed starts for each velocity and each of the ten phases of the gait cycle."""
+    section: ClassVar[str] = "expert_data"
+
+    velocities: Count
+    """How many equally spaced forward speeds are used."""
+    perturbations: Count
+    """Perturbed initial states for each velocity and each of the ten phases of the gait cycle."""
     nominal: bool
-    """Also one unperturbed rollout for each velocity, from standing still."""
-    duration: float
-    """[s] of each rollout."""
+    """Add one unperturbed rollout for each velocity, from standing still."""
+    duration: Duration
+    """[s] how long a rollout lasts."""
 
 
 @dataclass(frozen=True)
-class BehaviorCloningConfig:
-    """Behaviour cloning (paper, II-A and IV-E)."""
+class BehaviorCloningConfig(Checked):
+    """Behavior cloning (paper, II-A and IV-E)."""
 
     name: ClassVar[str] = "behavior_cloning"
+    section: ClassVar[str] = "method"
 
     data: ExpertData = field(default_factory=lambda: ExpertData(20, 2, False, 3.0))
-    """400 x 3 s (paper, IV-F)."""
-    epochs: int = 150
-    """(paper, IV-F)."""
-    frames: tuple[int, ...] = ()
-    """A series of dataset sizes: a policy of its own for each, trained on the first whole episodes
-    with at most so many frames. The last policy has all frames."""
+    """400 rollouts of 3 s (paper, IV-F)."""
+    epochs: Epochs = 150
+    """Passes over the data (paper, IV-F)."""
+    frames: Annotated[tuple[int, ...], Within(1, 1_000_000_000_000)] = ()
+    """A series of dataset sizes: each gives a policy that is trained on the first whole episodes
+    with at most so many frames. The last policy is trained on all frames."""
 
 
 @dataclass(frozen=True)
-class DaggerConfig:
+class IterativeConfig(Checked):
+    """What the methods share that alternate between rollouts and training."""
+
+    name: ClassVar[str]
+    section: ClassVar[str] = "method"
+
+    pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
+    """The expert's rollouts to begin with: 10 velocities x (1 nominal + 10 perturbed) x 1.5 s
+    (paper, IV-E); the same for all methods. DAGGER's i = 1 is this, because beta_1 = 1."""
+    pretraining_epochs: Epochs = 150
+    """Passes over the data of the pre-training: as many as for behavior cloning; the paper does
+    not say."""
+    iterations: Annotated[int, Within(0, 10_000)] = 10
+    """N, the iterations after the pre-training (paper)."""
+    velocities: Count = 10
+    """Rollouts of an iteration: velocities x one random phase x perturbations (paper: 10 rollouts
+    for LocoDAGGER)."""
+    perturbations: Count = 1
+    """Stored perturbations of each velocity in an iteration, drawn anew each time."""
+    T: Duration = 5.0
+    """[s] how long a rollout lasts (paper)."""
+    epochs: Epochs = 15
+    """Passes over the data in an iteration (paper)."""
+
+
+@dataclass(frozen=True)
+class DaggerConfig(IterativeConfig):
     """DAGGER (Ross et al., 2011; paper, Algorithm 1)."""
 
     name: ClassVar[str] = "dagger"
 
-    pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
-    """What i = 1 collects: with beta_1 = 1 it is the expert alone. As the other methods have it."""
-    pretraining_epochs: int = 150
-    """of i = 1."""
-    iterations: int = 10
-    """Iterations after that."""
-    velocities: int = 10
-    """Rollouts of an iteration: velocities x one random phase x perturbations."""
-    perturbations: int = 1
-    """Stored perturbations of each velocity in an iteration, drawn anew each time."""
-    T: float = 5.0
-    """[s] of a rollout."""
-    p: float = 0.5
-    """beta_i = p^(i-1) (Ross et al.): the share of steps that the expert drives."""
-    epochs: int = 15
-    """of an iteration."""
+    p: Share = 0.5
+    """beta_i = p^(i-1) (Ross et al.): the share of the steps that the expert drives."""
 
 
 @dataclass(frozen=True)
-class SafeDaggerConfig:
+class SafeDaggerConfig(IterativeConfig):
     """SafeDAGGER (Zhang and Cho, 2016; paper, Algorithm 2)."""
 
     name: ClassVar[str] = "safe_dagger"
 
-    pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
-    """As the other methods have it."""
-    pretraining_epochs: int = 150
-    """As for behaviour cloning."""
-    iterations: int = 10
-    """N"""
-    velocities: int = 20
-    """Rollouts of an iteration: velocities x one random phase x perturbations."""
-    perturbations: int = 2
-    """Stored perturbations of each velocity in an iteration, drawn anew each time."""
-    T: float = 5.0
-    """[s] of a rollout."""
-    unsafe_share: float = 0.2
+    velocities: Count = 20
+    perturbations: Count = 2
+    unsafe_share: Share = 0.2
     """tau is chosen so that the policy deviates by more than tau from the expert in this share of
     the held-out pre-training frames (Zhang and Cho)."""
-    epochs: int = 15
-    """of an iteration."""
 
 
 @dataclass(frozen=True)
-class LocoDaggerConfig:
+class LocoDaggerConfig(IterativeConfig):
     """LocoDAGGER (paper, Algorithm 3 and IV-E)."""
 
     name: ClassVar[str] = "loco_dagger"
 
-    pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
-    """10 velocities x (1 nominal + 10 perturbed) x 1.5 s (paper, IV-E)."""
-    pretraining_epochs: int = 150
-    """As for behaviour cloning; the paper does not say."""
-    iterations: int = 10
-    """N (paper)."""
-    velocities: int = 10
-    """Rollouts of an iteration: velocities x one random phase x perturbations; 10 (paper)."""
-    perturbations: int = 1
-    """Stored perturbations of each velocity in an iteration, drawn anew each time."""
-    T: float = 5.0
-    """[s] of a rollout (paper)."""
-    alpha: float = 0.5
+    alpha: Share = 0.5
     """Decay of the expert's influence: it drives a period of 50 ms with probability alpha^(i-1);
     the paper tries 0.5 and 0.8."""
-    N_query: int = 5
+    # More than 600 could run into the ids of the next iteration.
+    N_query: Annotated[int, Within(1, 600)] = 5
     """Expert rollouts from states of each rollout (paper)."""
-    T_query: float = 1.0
-    """[s] of each of them (paper)."""
-    before_fall: float = 0.2
-    """[s] states are sampled at the latest so long before a failure."""
-    epochs: int = 15
-    """of an iteration (paper)."""
-
-
-Guard = Literal["bounds", "relaxing", "classifier", "history"]
-"""Gates: `bounds`, the paper's table; `relaxing`, the same, tight at first and as in the table in
-the last iteration; `classifier`, SafeDAGGER's; `history`, a network that predicts from the last 100
-ms that the bounds will be left within 0.3 s (the second and the last are the paper's future work).
-Networks guard from the iteration after the first data they can learn from."""
+    T_query: Duration = 1.0
+    """[s] how long each of them lasts (paper)."""
+    before_fall: Seconds = 0.2
+    """[s] before a failure at the latest the states are sampled."""
 
 
 @dataclass(frozen=True)
-class LocoSafeDaggerConfig:
+class LocoSafeDaggerConfig(IterativeConfig):
     """LocoSafeDAGGER (paper, Algorithm 4 and IV-E)."""
 
     name: ClassVar[str] = "loco_safe_dagger"
+    renamed: ClassVar[Mapping[str, str]] = {"guard": "gates"}
 
-    pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
-    """10 velocities x (1 nominal + 10 perturbed) x 1.5 s (paper, IV-E)."""
-    pretraining_epochs: int = 150
-    """As for behaviour cloning; the paper does not say."""
-    iterations: int = 10
-    """N (paper)."""
-    velocities: int = 20
-    """Rollouts of an iteration: velocities x one random phase x perturbations."""
-    perturbations: int = 2
-    """Stored perturbations of each velocity in an iteration, drawn anew each time."""
-    T: float = 10.0
-    """[s] of a rollout (paper)."""
-    T_block: float = 2.0
+    velocities: Count = 20
+    perturbations: Count = 2
+    T: Duration = 10.0
+    T_block: Seconds = 2.0
     """[s] the expert drives at least, once it has taken over (paper)."""
-    T_end: float = 1.0
-    """[s] of the expert's tail after a rollout (paper)."""
+    T_end: Seconds = 1.0
+    """[s] how long the expert's tail after a rollout lasts (paper)."""
     hand_back: HandBack = "safe_and_blocked"
-    """When the policy drives again after a takeover: see `HandBack`."""
-    guard: tuple[Guard, ...] = ("bounds",)
-    """Who calls a state unsafe; of several, any of them. See `Guard`."""
-    tightest: float = 0.6
-    """Of the relaxing bounds in the first iteration, as a share of the paper's."""
-    alarm: float = 0.5
+    """When the policy drives again after a takeover: when the state is safe and T_block is over
+    (the paper's research code), or safe or T_block over (its prose), or T_block over without a
+    violation (its Algorithm 4)."""
+    gates: tuple[GateName, ...] = ("bounds",)
+    """The gates that call a state unsafe; with several, any of them. `bounds` is the paper's table,
+    `relaxing` the same table, tight in the first iteration; `classifier` and `history` are networks
+    that predict deviations from the expert, and that the bounds will be left."""
+    tightest: Share = 0.6
+    """The relaxing bounds in the first iteration, as a share of the paper's."""
+    alarm: Share = 0.5
     """Probability at which the history network, or the classifier, calls a state unsafe. The
-    network's are calibrated, and bounds are rarely left: 0.2 costs as many false takeovers as
-    bounds tightened to 0.6, and announces more falls (``benchmarks/README.md``)."""
-    epochs: int = 15
-    """of an iteration (paper)."""
+    network's probabilities are calibrated, and bounds are rarely left: 0.2 costs as many false
+    takeovers as bounds tightened to 0.6, and announces more falls (`benchmarks/README.md`)."""
+
+    def __post_init__(self) -> None:
+        """Check the fields, and that a history network would have something to learn from."""
+        super().__post_init__()
+        if not self.gates:
+            raise ValueError("method.gates is empty; name at least one gate, for example bounds")
+        # In ticks of 1 ms, as rollouts count their time.
+        if "history" in self.gates and round(1000 * self.T) <= round(1000 * HISTORY_HORIZON):
+            raise ValueError(
+                f"method.T is {self.T} s; a history network predicts {HISTORY_HORIZON} s ahead and "
+                "learns from longer rollouts only"
+            )
 
 
-IterativeConfig = DaggerConfig | SafeDaggerConfig | LocoDaggerConfig | LocoSafeDaggerConfig
-MethodConfig = BehaviorCloningConfig | IterativeConfig
+MethodConfig = (
+    BehaviorCloningConfig
+    | DaggerConfig
+    | SafeDaggerConfig
+    | LocoDaggerConfig
+    | LocoSafeDaggerConfig
+)
 
-METHODS: dict[str, type[MethodConfig]] = {
+METHODS: Mapping[str, type[MethodConfig]] = {
     kind.name: kind
     for kind in (
         BehaviorCloningConfig,
@@ -177,3 +180,14 @@ METHODS: dict[str, type[MethodConfig]] = {
     )
 }
 """Methods and their parameters, in the paper's order."""
+
+
+def method_config(name: str) -> MethodConfig:
+    """The paper's parameters of a method.
+
+    Raises:
+        ValueError: There is no such method.
+    """
+    if name not in METHODS:
+        raise ValueError(unknown("method", name, METHODS))
+    return METHODS[name]()

@@ -1,7 +1,7 @@
 """Presets: differences from the default configuration, all in one place.
 
 `Config` itself holds the paper's numbers with this package's expert. `paper` adds what else the
-paper does, `default` is the same protocol made cheap, `quick` a small run of `default`.
+paper does, `default` is the same protocol made cheap, and `quick` is a small run of `default`.
 """
 
 from __future__ import annotations
@@ -9,13 +9,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 from surefoot.config import (
+    BehaviorCloningConfig,
     Config,
     DisturbanceConfig,
+    ExpertData,
+    IterativeConfig,
+    LocoSafeDaggerConfig,
     PolicyConfig,
     SimulationConfig,
     TrainingConfig,
+    method_config,
 )
-from surefoot.config.methods import METHODS, BehaviorCloningConfig, ExpertData
 from surefoot.errors import unknown
 
 PRESETS = ("default", "quick", "paper")
@@ -28,24 +32,26 @@ def preset(method: str, name: str = "default") -> Config:
     """The configuration of a method under a preset.
 
     Args:
-        method: a key of `METHODS`.
+        method: A key of `METHODS`.
         name: `default`, `quick` (minutes) or `paper`.
 
     Raises:
-        ValueError: there is no such method or preset.
+        ValueError: There is no such method or preset.
     """
-    if method not in METHODS:
-        raise ValueError(unknown("method", method, METHODS))
-    if name not in PRESETS:
-        raise ValueError(unknown("preset", name, PRESETS))
-    return {"default": default, "quick": quick, "paper": paper}[name](method)
+    if name == "default":
+        return default(method)
+    if name == "quick":
+        return quick(method)
+    if name == "paper":
+        return paper(method)
+    raise ValueError(unknown("preset", name, PRESETS))
 
 
 def paper(method: str) -> Config:
     """The paper's numbers, its simulator, and its expert's rules."""
     # The precision stays bfloat16, of which the paper says nothing: no difference was measured.
     config = Config(
-        method=METHODS[method](),
+        method=method_config(method),
         simulation=SimulationConfig(backend="bullet"),
         policy=PolicyConfig(phase="fraction"),
     )
@@ -54,20 +60,24 @@ def paper(method: str) -> Config:
 
 def default(method: str) -> Config:
     """The paper's protocol with a quarter of its training steps: see benchmarks/README.md."""
+    parameters = method_config(method)
     # A rate that falls to zero may begin at four times the paper's, and needs fewer epochs.
     # Twenty robots to a batch halve the cost of the network on a machine of few cores.
-    config = Config(chunk=20, training=TrainingConfig(learning_rate=8e-3, schedule="cosine"))
-    if method == "behavior_cloning":
+    training = TrainingConfig(learning_rate=8e-3, schedule="cosine")
+    if isinstance(parameters, IterativeConfig):
+        parameters = replace(parameters, pretraining=_SHORT, pretraining_epochs=16, epochs=5)
+        # One push in five seconds: twice in the long rollouts.
+        collection = _pushes(round(parameters.T / 5.0))
+    else:
         # As many frames, and as many steps, as the iterative methods have in the end.
         data = replace(_SHORT, velocities=20, perturbations=5)
-        return replace(config, method=BehaviorCloningConfig(data, 32, (168_000, 400_000)))
-    iterative = METHODS[method](_SHORT, pretraining_epochs=16, epochs=5)
-    if method == "loco_safe_dagger":
+        parameters = replace(parameters, data=data, epochs=32, frames=(168_000, 400_000))
+        collection = DisturbanceConfig()
+    if isinstance(parameters, LocoSafeDaggerConfig):
         # Tight bounds at first: after a push they call the expert while it can still help. The
         # trot has settled after 0.8 s, so that a second of the expert is enough.
-        iterative = replace(iterative, guard=("relaxing",), T_block=1.0)
-    # One push in five seconds: twice in the long rollouts.
-    return replace(config, method=iterative, collection=_pushes(round(iterative.T / 5.0)))
+        parameters = replace(parameters, gates=("relaxing",), T_block=1.0)
+    return Config(method=parameters, chunk=20, training=training, collection=collection)
 
 
 def _pushes(count: int) -> DisturbanceConfig:
@@ -80,10 +90,10 @@ def _pushes(count: int) -> DisturbanceConfig:
 def quick(method: str) -> Config:
     """A small run of `default`."""
     config = default(method)
-    if method == "behavior_cloning":
-        return replace(config, method=BehaviorCloningConfig(_SHORT, epochs=12))
-    iterative = replace(config.method, pretraining_epochs=12, iterations=2, T=5.0, epochs=4)
-    return replace(config, method=iterative, collection=replace(config.collection, pushes=1))
+    if isinstance(config.method, IterativeConfig):
+        short = replace(config.method, pretraining_epochs=12, iterations=2, T=5.0, epochs=4)
+        return replace(config, method=short, collection=replace(config.collection, pushes=1))
+    return replace(config, method=BehaviorCloningConfig(_SHORT, epochs=12))
 
 
 def published_rules(config: Config) -> Config:

@@ -3,7 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, ClassVar, Literal
+
+from surefoot.config.checked import Checked, Rising, Seconds, Within
+
+GateName = Literal["bounds", "relaxing", "classifier", "history"]
+"""Names of the gates.
+
+- `bounds`: the paper's table.
+- `relaxing`: the same table, tight in the first iteration and the paper's in the last one.
+- `classifier`: SafeDAGGER's network, which predicts where the policy deviates from the expert.
+- `history`: a network that predicts from the last 100 ms that the bounds will be left within the
+  next 0.3 s.
+
+The second and the last one are the paper's future work. A network works as a gate from the
+iteration after the first data that it can learn from.
+"""
 
 HandBack = Literal["safe_and_blocked", "every_violation_restarts", "safe_or_blocked"]
 """Rules that say when the policy drives again after a takeover; the paper's text and code disagree.
@@ -14,27 +29,37 @@ HandBack = Literal["safe_and_blocked", "every_violation_restarts", "safe_or_bloc
   (the paper's research code; "at least 2 s" in the text).
 """
 
+HISTORY_HORIZON = 0.3
+"""How far ahead a history network predicts that the bounds will be left [s]."""
+
+Range = Annotated[tuple[float, float], Within(-10_000.0, 10_000.0), Rising()]
+"""The smallest and the largest value that is safe; a wide one switches its test off."""
+Tilt = Annotated[float, Within(0.0, 10_000.0)]
+"""Roll or pitch either way [deg]; a wide one switches its test off."""
+
 
 @dataclass(frozen=True)
-class SafetyConfig:
+class SafetyConfig(Checked):
     """When the expert takes over (paper, Table I), and what counts as a fall."""
 
-    com_height: tuple[float, float] = (0.15, 1.0)
-    """[m]"""
-    roll_pitch: float = 25.0
+    section: ClassVar[str] = "safety"
+
+    com_height: Range = (0.15, 1.0)
+    """[m] height of the center of mass."""
+    roll_pitch: Tilt = 25.0
     """[deg] either way."""
-    hip_abduction: tuple[float, float] = (-30.0, 60.0)
-    """[deg] left legs; mirrored for right legs."""
-    hip_flexion: tuple[float, float] = (0.0, 90.0)
-    """[deg] front legs; mirrored for hind legs."""
-    knee: tuple[float, float] = (-160.0, 0.0)
-    """[deg] front legs; mirrored for hind legs."""
-    fall_height: tuple[float, float] = (0.10, 2.0)
-    """[m] base height outside this is a fall (the paper's research code)."""
-    fall_angle: float = 30.0
+    hip_abduction: Range = (-30.0, 60.0)
+    """[deg] of the left legs; mirrored for the right legs."""
+    hip_flexion: Range = (0.0, 90.0)
+    """[deg] of the front legs; mirrored for the hind legs."""
+    knee: Range = (-160.0, 0.0)
+    """[deg] of the front legs; mirrored for the hind legs."""
+    fall_height: Range = (0.10, 2.0)
+    """[m] a base height outside this range is a fall (the paper's research code)."""
+    fall_angle: Tilt = 30.0
     """[deg] roll or pitch beyond this is a fall (the paper's research code)."""
-    grace: float = 0.5
+    grace: Seconds = 0.5
     """[s] falls are not tested earlier than this (the paper's research code)."""
-    stepping_from: float = 1.56
+    stepping_from: Seconds = 1.56
     """[s] shorter episodes are not judged for stepping: in their last third, even a perfect trot
     (period 0.5 s, touchdown 20 ms) has not touched down with every foot."""

@@ -25,7 +25,7 @@ from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.jobs import Job, chunks_of, play_out, run_episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Pushes
-from surefoot.scenarios.starts import Starts, StartSet, join, load_starts
+from surefoot.scenarios.starts import Starts, StartSet, join_starts, load_starts
 from surefoot.types import Array, BoolArray, PlanFunction, to_ticks
 from surefoot.workers import Workers, map_chunks
 
@@ -173,7 +173,7 @@ def branched(begin: Job, workers: Workers, label: str) -> tuple[Job, BoolArray]:
     """
     parts = map_chunks(states_at_the_end, chunks_of(begin), workers, label)
     up = np.concatenate([up for _, up in parts])
-    states = join([states for states, _ in parts])[up]
+    states = join_starts([states for states, _ in parts])[up]
     # Falls are tested at once: the grace is for starts that no robot walked into.
     config = replace(begin.config, safety=replace(begin.config.safety, grace=0.0))
     # The ids stay: each robot keeps its floor and its load, in every direction and level.

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from surefoot.config import BehaviorCloningConfig
 from surefoot.rollouts.jobs import Job
-from surefoot.runs.checks import check, parameters
+from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import expert_rollouts
 from surefoot.runs.stages import best, collect, first_frames, train, validate
@@ -36,7 +36,7 @@ def behavior_cloning(run: Run, workers: Workers, plan: PlanFunction | None = Non
         TypeError: the run was configured for another method.
     """
     method = parameters(run, BehaviorCloningConfig)
-    check(run.config)
+    check_config(run.config)
     collect(run, 0, collection(run, 0, plan), workers)
     for size, frames in enumerate(method.frames):
         train(run, size, method.epochs, first_frames(run, frames), fresh=True)

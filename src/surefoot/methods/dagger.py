@@ -21,7 +21,7 @@ from surefoot.config import DaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.engine import Rollout
 from surefoot.rollouts.jobs import Job
-from surefoot.runs.checks import check, parameters
+from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import disturbance_in, draw_starts, episode_ids, expert_rollouts
 from surefoot.runs.stages import best, collect, train, validate
@@ -45,7 +45,7 @@ def dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path
         ValueError: a parameter cannot be had.
     """
     method = parameters(run, DaggerConfig)
-    check(run.config)
+    check_config(run.config)
 
     for k in range(method.iterations + 1):
         collect(run, k, collection(run, k, plan), workers)

@@ -20,7 +20,7 @@ import numpy as np
 from surefoot.config import LocoDaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.jobs import Job
-from surefoot.runs.checks import check, parameters
+from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.query import Query
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import disturbance_in, draw_starts, episode_ids, expert_rollouts
@@ -45,7 +45,7 @@ def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
         ValueError: a parameter cannot be had.
     """
     method = parameters(run, LocoDaggerConfig)
-    check(run.config)
+    check_config(run.config)
 
     # Pre-training (behaviour cloning)
     collect(run, 0, collection(run, 0, plan), workers)

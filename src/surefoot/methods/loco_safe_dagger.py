@@ -12,14 +12,13 @@ return the best pi_i on validation
 from __future__ import annotations
 
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 
-from surefoot.config import HandBack, LocoSafeDaggerConfig
+from surefoot.config import LocoSafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.jobs import Job
-from surefoot.runs.checks import check, check_guards, parameters
+from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.gate_training import guard, train_guards
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import (
@@ -51,22 +50,19 @@ def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = Non
         ValueError: a parameter cannot be had, such as a hand-back rule that does not exist.
     """
     method = parameters(run, LocoSafeDaggerConfig)
-    check(run.config)
-    if method.hand_back not in get_args(HandBack):
-        raise ValueError(f"there is no hand-back rule {method.hand_back!r}")
-    check_guards(method.guard, method.T)
+    check_config(run.config)
 
     # Pre-training (behaviour cloning)
     collect(run, 0, collection(run, 0, plan), workers)
     train(run, 0, method.pretraining_epochs)
-    train_guards(run, 0, method.guard, alarm=method.alarm)
+    train_guards(run, 0, method.gates, alarm=method.alarm)
     validate(run, 0, workers)
 
     for i in range(1, method.iterations + 1):
         # Policy rollout + data collection, and the extra data collection of T_end
         collect(run, i, collection(run, i, plan), workers)
         train(run, i, method.epochs)
-        train_guards(run, i, method.guard, alarm=method.alarm)
+        train_guards(run, i, method.gates, alarm=method.alarm)
         validate(run, i, workers)
 
     best(run, method.iterations)
@@ -78,7 +74,7 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     config, method = run.config, parameters(run, LocoSafeDaggerConfig)
     if i == 0:
         return expert_rollouts(config, method.pretraining, plan)
-    pi_safety = guard(run, i, method.guard, method.alarm, method.tightest)
+    pi_safety = guard(run, i, method.gates, method.alarm, method.tightest)
     monitor = SafetyMonitor(pi_safety, method.T_block, method.hand_back)
     starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
     return Job(
@@ -92,5 +88,5 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
         keep=expert_frames,
         plan=plan,
         disturbance=disturbance_in(config, i, method.iterations),
-        trace="history" in method.guard,
+        trace="history" in method.gates,
     )

@@ -22,7 +22,7 @@ import numpy as np
 from surefoot.config import SafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.jobs import Job
-from surefoot.runs.checks import check, parameters
+from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.gate_training import guard, train_guards
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import (
@@ -55,7 +55,7 @@ def safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
         ValueError: a parameter cannot be had.
     """
     method = parameters(run, SafeDaggerConfig)
-    check(run.config)
+    check_config(run.config)
 
     # Pre-training (behaviour cloning)
     collect(run, 0, collection(run, 0, plan), workers)

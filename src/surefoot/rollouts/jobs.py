@@ -23,7 +23,7 @@ from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.engine import Rollout, rollout
 from surefoot.rollouts.summary import Summary, join, summarise
 from surefoot.rollouts.traces import Trace, trace_of
-from surefoot.scenarios.disturbance import Disturbance, Pushes, draw
+from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances
 from surefoot.scenarios.starts import Starts
 from surefoot.sim import make_simulator
 from surefoot.types import BoolArray, IntArray, PlanFunction, to_ticks
@@ -147,7 +147,7 @@ def disturbance_of(job: Job) -> Disturbance:
     # A query is all tail: the expert drives in order to teach.
     duration, tail = (0.0, job.duration) if job.query else (job.duration, job.tail)
     friction = config.simulation.friction
-    drawn = draw(job.disturbance, config.seed, job.episode, duration, friction, tail)
+    drawn = draw_disturbances(job.disturbance, config.seed, job.episode, duration, friction, tail)
     return drawn if job.pushes is None else replace(drawn, pushes=job.pushes)
 
 

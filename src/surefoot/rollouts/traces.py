@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config, SafetyConfig
+from surefoot.config.safety import HISTORY_HORIZON
 from surefoot.learning.observation import INPUT_SIZE, network_input, observation_spec
 from surefoot.rollouts.engine import Rollout
 from surefoot.safety.gates import unsafe
 from surefoot.safety.learned import EVERY, SAMPLES
-from surefoot.types import BoolArray, IntArray
+from surefoot.types import BoolArray, IntArray, to_ticks
 
-HORIZON = 300
+HORIZON = to_ticks(HISTORY_HORIZON)
 """[ms] within which the bounds are predicted to be left."""
 
 

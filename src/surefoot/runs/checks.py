@@ -1,109 +1,80 @@
-"""What would fail hours later fails before any work."""
+"""Checks of a run as a whole: what would fail hours later fails before any work.
+
+Each configuration checks its own numbers when it is made (`surefoot.config.checked`). What is left
+needs two configurations, the stored initial states, or this machine.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TypeVar, get_args
+from typing import TypeVar
 
 import numpy as np
 
-from surefoot.config import METHODS, Config, Gait, Guard, IterativeConfig
-from surefoot.errors import unknown
+from surefoot.config import (
+    Config,
+    Gait,
+    IterativeConfig,
+    LocoSafeDaggerConfig,
+    MethodConfig,
+    SafeDaggerConfig,
+)
 from surefoot.learning.step import choose_device
-from surefoot.rollouts.traces import HORIZON
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import draw_starts
-from surefoot.scenarios.disturbance import check_disturbance
-from surefoot.scenarios.starts import load_starts
-from surefoot.types import to_ticks
+from surefoot.scenarios.starts import StartSet, load_starts
 
-Parameters = TypeVar("Parameters")
+Parameters = TypeVar("Parameters", bound=MethodConfig)
 
 
 def parameters(run: Run, kind: type[Parameters]) -> Parameters:
     """The method's parameters.
 
     Raises:
-        TypeError: the run was configured for another method.
+        TypeError: The run was configured for another method.
     """
     method = run.config.method
     if not isinstance(method, kind):
-        name = next(name for name, each in METHODS.items() if each is kind)
-        raise TypeError(f"this run is configured for {run.method}, not for {name}")
+        raise TypeError(f"this run is configured for {run.method}, not for {kind.name}")
     return method
 
 
-METHOD_BOUNDS = {
-    "iterations": (0, 10_000),
-    "epochs": (1, 1_000_000),
-    "T": (0.001, 3600.0),
-    "T_block": (0.0, 3600.0),
-    "T_end": (0.0, 3600.0),
-    "p": (0.0, 1.0),
-    "alpha": (0.0, 1.0),
-    "N_query": (1, 600),  # more could run into the ids of the next iteration
-    "T_query": (0.001, 3600.0),
-    "before_fall": (0.0, 3600.0),
-    "unsafe_share": (0.0, 1.0),
-    "alarm": (0.0, 1.0),
-    "tightest": (0.0, 1.0),
-}
-"""Smallest and largest of the methods' parameters, of those that have them."""
-
-
-def check(config: Config) -> None:
-    """What would fail hours later fails before any work.
+def check_config(config: Config) -> None:
+    """Check that a run with this configuration can be done here.
 
     Raises:
-        ValueError: a number that cannot be worked with, and what it may be.
+        ValueError: It cannot; the message names the number and what it may be.
     """
     stored = load_starts()
-    if config.gait != Gait():
-        raise ValueError(
-            f"the starts {stored.name!r} are of the default gait, the configuration asks for "
-            f"{config.gait}: write a set of starts for it first (scripts/make_starts.py)"
-        )
-    checks = (
-        ("chunk", config.chunk, 1, 10_000),
-        ("training.batch", config.training.batch, 2, 1_000_000),
-        ("training.threads", config.training.threads, 1, 1024),
-        ("training.learning_rate", config.training.learning_rate, 1e-12, 1.0),
-        ("training.memory", config.training.memory, 1, 1_000_000_000),
-        ("training.validation", config.training.validation, 0.0, 0.9),
-        ("evaluation.episodes", config.evaluation.episodes, 1, len(stored["select"])),
-        ("evaluation.duration", config.evaluation.duration, 0.001, 3600.0),
-        *(
-            (f"method.{name}", getattr(config.method, name), *bounds)
-            for name, bounds in METHOD_BOUNDS.items()
-            if hasattr(config.method, name)
-        ),
-    )
-    for name, value, least, most in checks:
-        if not least <= value <= most:
-            raise ValueError(f"{name} is {value}; use {least} to {most}")
-    method = config.method
-    guards = getattr(method, "guard", ("classifier",) if hasattr(method, "unsafe_share") else ())
-    if wrong := [name for name in guards if name not in get_args(Guard)]:
-        raise ValueError(unknown("guard", wrong[0], get_args(Guard)))
-    if "classifier" in guards and config.training.validation == 0.0:
+    _check_stored(config, stored)
+    if _learns_deviations(config.method) and config.training.validation == 0.0:
         raise ValueError(
             "training.validation is 0, but tau is chosen on frames held out; use 0.1, for example"
         )
-    if isinstance(method, IterativeConfig):
-        draw_starts(method, np.random.default_rng())
-    check_disturbance(config.collection)
-    check_disturbance(config.evaluation.disturbance)
     choose_device(config.training.device)
 
 
-def check_guards(names: Sequence[Guard], duration: float) -> None:
-    """Whether the gates can be had with rollouts of so many seconds.
+def _check_stored(config: Config, stored: StartSet) -> None:
+    """Check that the stored initial states serve this configuration.
 
     Raises:
-        ValueError: a history network would have nothing to learn from.
+        ValueError: They belong to another gait, or there are too few of them.
     """
-    if "history" in names and to_ticks(duration) <= HORIZON:
+    if config.gait != Gait():
         raise ValueError(
-            f"method.T is {duration} s; a history network predicts {HORIZON / 1000} s ahead and "
-            "learns from longer rollouts only"
+            f"the initial states {stored.name!r} belong to the default gait, but the configuration "
+            f"asks for {config.gait}: make a set for it first (`surefoot make-starts`)"
         )
+    available = len(stored["select"])
+    if config.evaluation.episodes > available:
+        raise ValueError(
+            f"evaluation.episodes is {config.evaluation.episodes}; use 1 to {available}"
+        )
+    if isinstance(config.method, IterativeConfig):
+        draw_starts(config.method, np.random.default_rng())
+
+
+def _learns_deviations(method: MethodConfig) -> bool:
+    """Whether a classifier learns where the policy deviates from the expert by more than tau."""
+    if isinstance(method, LocoSafeDaggerConfig):
+        return "classifier" in method.gates
+    return isinstance(method, SafeDaggerConfig)

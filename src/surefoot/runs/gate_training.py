@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from surefoot.config import Guard
+from surefoot.config import GateName
 from surefoot.config.json_io import to_json
 from surefoot.files import load_arrays
 from surefoot.learning.classifier import digest, fit_classifier, load_classifier, save_classifier
@@ -32,7 +32,7 @@ TOGETHER = 8192
 
 
 def guard(
-    run: Run, i: int, names: Sequence[Guard], alarm: float = 0.5, tightest: float = 1.0
+    run: Run, i: int, names: Sequence[GateName], alarm: float = 0.5, tightest: float = 1.0
 ) -> Gate:
     """pi_safety of iteration i: any of the gates that are named.
 
@@ -65,7 +65,7 @@ def too_early(name: str, i: int) -> bool:
 
 
 def train_guards(
-    run: Run, i: int, names: Sequence[Guard], unsafe_share: float = 0.2, alarm: float = 0.5
+    run: Run, i: int, names: Sequence[GateName], unsafe_share: float = 0.2, alarm: float = 0.5
 ) -> None:
     """Train those of the gates that are learned, on what is there after iteration i.
 

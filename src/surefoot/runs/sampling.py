@@ -12,7 +12,7 @@ from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import Rollout
 from surefoot.rollouts.jobs import Job
-from surefoot.scenarios.starts import Starts, StartSet, at_rest, join, load_starts
+from surefoot.scenarios.starts import Starts, StartSet, at_rest, join_starts, load_starts
 from surefoot.types import BoolArray, IntArray, PlanFunction
 
 EPISODES_PER_ITERATION = 100_000
@@ -50,7 +50,7 @@ def expert_rollouts(
         # From standing still, as a robot is switched on: no other start teaches that.
         speeds = np.unique(parts[0].command, axis=0)
         parts.insert(0, at_rest(standing(solo12(config.robot)), speeds))
-    starts = join(parts)
+    starts = join_starts(parts)
     return Job(
         config,
         starts,

@@ -1,14 +1,15 @@
 """What disturbs a robot in simulation: pushes, sensor noise, another floor or load, late torques.
 
-`draw` fixes the disturbances of each episode by its id, whoever computes it. What a robot measures
-is what its policy, its expert and its safety monitor see, and what is recorded to learn from; falls
-and tracking errors are judged by the truth.
+`draw_disturbances` fixes the disturbances of each episode by its id, independent of the worker that
+computes it. What a robot measures is what its policy, its expert and its safety monitor see, and
+what is recorded to learn from; falls and tracking errors are judged by the truth. The numbers are
+those of `surefoot.config.DisturbanceConfig`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import astuple, dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +29,14 @@ class Pushes:
     """K pushes on the base of each of B robots.
 
     Attributes:
-        impulse: ``(B, K, 3)`` in the robot's heading frame at the time [Ns]; zero is no push.
-        tick: ``(B, K)`` of the episode at which each begins [ms].
-        duration: ticks over which each impulse is spread evenly.
+        impulse: ``(B, K, 3)`` impulse in the robot's heading frame at the time [N s]; zero is no
+            push.
+        tick: ``(B, K)`` tick of the episode at which each push begins [ms].
+        duration: The number of ticks over which each impulse is spread evenly.
 
     Raises:
-        ValueError: shapes that do not agree, an impulse that is not finite, no duration.
+        ValueError: The shapes do not agree, an impulse is not finite, or the duration is not
+            positive.
     """
 
     impulse: Array
@@ -41,7 +44,7 @@ class Pushes:
     duration: int
 
     def __post_init__(self) -> None:
-        """Nobody is pushed by accident, or not at all."""
+        """Check that every push is one that can act."""
         expected = (*self.tick.shape, 3)
         if self.impulse.shape != expected or len(expected) != 3:
             raise ValueError(
@@ -54,16 +57,21 @@ class Pushes:
             raise ValueError(f"pushes: a duration of {self.duration} ms; use at least 1 ms")
 
     def __getitem__(self, rows: slice | NDArray) -> Pushes:
-        """Those of some of the robots."""
+        """The pushes on the robots in these rows."""
         return Pushes(self.impulse[rows], self.tick[rows], self.duration)
 
     def begun(self, robot: int, length: int) -> tuple[int, ...]:
-        """Ticks at which one robot's pushes began in an episode that lasted so many ticks."""
+        """The ticks at which the pushes on one robot began.
+
+        Args:
+            robot: The row of the robot.
+            length: How many ticks its episode lasted; later pushes did not happen.
+        """
         felt = self.impulse[robot].any(axis=1) & (self.tick[robot] < length)
         return tuple(np.sort(self.tick[robot][felt]).tolist())
 
     def during(self, elapsed: int) -> Array | None:
-        """``(B, 3)`` impulse on each robot in this tick of the episode [Ns]; None without any."""
+        """``(B, 3)`` impulse on each robot in this tick of the episode [N s]; None without any."""
         since = elapsed - self.tick
         acting = (since >= 0) & (since < self.duration)
         if not acting.any():
@@ -76,15 +84,15 @@ class Disturbance:
     """What disturbs B robots during their episodes.
 
     Attributes:
-        pushes: if they are pushed.
+        pushes: The pushes on the robots; None without any.
         friction: ``(B,)`` coefficient of feet and floor; None leaves the simulator's.
         mass: ``(B,)`` factor on mass and inertia of the base; None leaves the robot's.
-        noise: standard deviations of what is measured.
-        delay: ticks from a torque's command to its action.
-        seeds: B roots of the sensors' noise.
+        noise: Standard deviations of the noise on what is measured.
+        delay: The number of ticks from a torque's command to its action.
+        seeds: The roots of the noise of the B robots' sensors.
 
     Raises:
-        ValueError: only one of friction and mass.
+        ValueError: Only one of friction and mass is given.
     """
 
     pushes: Pushes | None = None
@@ -96,16 +104,36 @@ class Disturbance:
 
     def __post_init__(self) -> None:
         """A simulator is given both or neither (`Simulator.vary`); one would go unnoticed."""
-        if (self.friction is None) != (self.mass is None):
-            given, missing = ("mass", "friction")[:: 1 if self.friction is None else -1]
-            raise ValueError(f"a disturbance of the {given} alone; give the {missing} too")
+        if self.friction is None and self.mass is not None:
+            raise ValueError("a disturbance of the mass alone; give the friction too")
+        if self.mass is None and self.friction is not None:
+            raise ValueError("a disturbance of the friction alone; give the mass too")
 
 
 EARLY = 0.2
 """[s] of the tail in which its push begins, so that the rest shows the recovery."""
 
 
-def draw(
+@dataclass(frozen=True)
+class _Drawn:
+    """What was drawn for one episode.
+
+    Attributes:
+        friction: Factor on the friction.
+        mass: Factor on the mass of the base.
+        impulse: ``(K, 3)`` its pushes [N s].
+        tick: ``(K,)`` when they begin [ms].
+        sensing: Root of the noise of its sensors.
+    """
+
+    friction: float
+    mass: float
+    impulse: Array
+    tick: IntArray
+    sensing: np.random.SeedSequence
+
+
+def draw_disturbances(
     config: DisturbanceConfig,
     seed: int,
     episode: IntArray,
@@ -116,88 +144,66 @@ def draw(
     """The disturbances of episodes, each drawn from its own id.
 
     Args:
-        config: how many, how large.
-        seed: root of the randomness.
-        episode: ``(B,)`` ids.
-        duration: [s] within which pushes begin; 0 for a tail alone.
-        friction: coefficient that the drawn factors multiply.
-        tail: [s] that follow, if any.
-
-    Raises:
-        ValueError: a range whose end lies below its beginning, or a value that makes no sense.
+        config: How many there are and how large they are.
+        seed: Root of the randomness.
+        episode: ``(B,)`` ids of the episodes.
+        duration: The time within which pushes begin [s]; 0 for a tail alone.
+        friction: The coefficient that the drawn factors multiply.
+        tail: How long the tail after it lasts [s], if there is one.
     """
-    check_disturbance(config)
-    pushes, factors, seeds = [], [], []
-    in_tail = tail > 0.0 and config.expert_impulse[1] > 0.0
-    for id_ in episode.tolist():
-        drawing, sensing = seed_of(seed, "disturbance", id_).spawn(2)
-        rng = np.random.default_rng(drawing)
-        factors.append([rng.uniform(*config.friction), rng.uniform(*config.mass)])
-        size = rng.uniform(*config.impulse, config.pushes)
-        at = rng.integers(0, max(to_ticks(duration), 1), config.pushes)
-        if in_tail:
-            size = np.append(size, rng.uniform(*config.expert_impulse))
-            early = rng.integers(0, to_ticks(min(tail, EARLY)))
-            at = np.append(at, to_ticks(duration) + early)
-        angle = rng.uniform(0.0, 2.0 * np.pi, len(size))
-        impulse = np.stack([size * np.cos(angle), size * np.sin(angle), 0.0 * angle], axis=1)
-        pushes.append((impulse, at))
-        seeds.append(sensing)
-    by_friction, by_mass = np.array(factors).T
-    varied = (config.friction, config.mass) != ((1.0, 1.0), (1.0, 1.0))
-    impulse, at = (np.array(part) for part in zip(*pushes, strict=True))
+    drawn = [_draw(config, seed, id_, duration, tail) for id_ in episode.tolist()]
+    impulse = np.array([each.impulse for each in drawn])
+    tick = np.array([each.tick for each in drawn])
+    pushes = Pushes(impulse, tick, to_ticks(config.push_duration)) if impulse.size else None
+    varied = config.friction != (1.0, 1.0) or config.mass != (1.0, 1.0)
     return Disturbance(
-        pushes=Pushes(impulse, at, to_ticks(config.push_duration)) if impulse.size else None,
-        friction=friction * by_friction if varied else None,
-        mass=by_mass if varied else None,
+        pushes=pushes,
+        friction=friction * np.array([each.friction for each in drawn]) if varied else None,
+        mass=np.array([each.mass for each in drawn]) if varied else None,
         noise=config.noise,
         delay=config.delay,
-        seeds=tuple(seeds),
+        seeds=tuple(each.sensing for each in drawn),
     )
 
 
-def check_disturbance(config: DisturbanceConfig) -> None:
-    """Whether the numbers can be worked with.
-
-    Raises:
-        ValueError: they cannot; the message says what may be.
-    """
-    for name, least in (
-        ("impulse", 0.0),
-        ("expert_impulse", 0.0),
-        ("friction", 1e-3),
-        ("mass", 1e-3),
-    ):
-        low, high = getattr(config, name)
-        if not least <= low <= high < np.inf:
-            raise ValueError(f"disturbance.{name} is {low} to {high}; use {least} or more, rising")
-    if config.pushes < 0 or not 1e-3 <= config.push_duration < np.inf:
-        raise ValueError(
-            f"disturbance.pushes is {config.pushes}, of {config.push_duration} s each; use 0 or "
-            "more, of at least 0.001 s"
-        )
-    if not 0.0 <= config.fall_angle <= 180.0:
-        raise ValueError(f"disturbance.fall_angle is {config.fall_angle}; use 0 to 180 degrees")
-    if not 0.0 <= config.gentle < np.inf:
-        raise ValueError(f"disturbance.gentle is {config.gentle}; use a share of 0 or more")
-    if not 0 <= config.delay <= 1000:
-        raise ValueError(f"disturbance.delay is {config.delay} ms; use 0 to 1000")
-    if not all(0.0 <= sigma < np.inf for sigma in astuple(config.noise)):
-        raise ValueError(f"disturbance.noise is {config.noise}; standard deviations are 0 or more")
+def _draw(
+    config: DisturbanceConfig, seed: int, episode: int, duration: float, tail: float
+) -> _Drawn:
+    """Draw what disturbs one episode; the arguments are those of `draw_disturbances`."""
+    drawing, sensing = seed_of(seed, "disturbance", episode).spawn(2)
+    rng = np.random.default_rng(drawing)
+    friction = rng.uniform(*config.friction)
+    mass = rng.uniform(*config.mass)
+    size = rng.uniform(*config.impulse, config.pushes)
+    tick = rng.integers(0, max(to_ticks(duration), 1), config.pushes)
+    if tail > 0.0 and config.expert_impulse[1] > 0.0:
+        size = np.append(size, rng.uniform(*config.expert_impulse))
+        early = rng.integers(0, to_ticks(min(tail, EARLY)))
+        tick = np.append(tick, to_ticks(duration) + early)
+    angle = rng.uniform(0.0, 2.0 * np.pi, len(size))
+    impulse = np.stack([size * np.cos(angle), size * np.sin(angle), 0.0 * angle], axis=1)
+    return _Drawn(friction, mass, impulse, tick, sensing)
 
 
 def senses(robot: RobotModel, disturbance: Disturbance) -> Callable[[State], State] | None:
     """What turns the true state of each tick into what the robots measure; None if they see it.
 
-    The robot computes its feet and centre of mass from what it measures, with its own model.
+    The robot computes its feet and center of mass from what it measures, with its own model.
     Contacts, x and y are seen as they are: no policy knows x and y anyway.
 
     Args:
-        robot: its model.
-        disturbance: the noise and its seeds.
+        robot: The model of the robots.
+        disturbance: The noise and its seeds.
     """
-    noise = disturbance.noise
-    sigma = np.concatenate(
+    sigma = _standard_deviations(disturbance.noise)
+    if not sigma.any():
+        return None
+    return _Sensors(robot, sigma, disturbance.seeds)
+
+
+def _standard_deviations(noise: NoiseConfig) -> Array:
+    """``(36,)`` standard deviations of a displacement in the base frame, and of a velocity."""
+    return np.concatenate(
         [
             [0.0, 0.0, noise.base_height],
             np.full(3, noise.base_orientation),
@@ -207,26 +213,45 @@ def senses(robot: RobotModel, disturbance: Disturbance) -> Callable[[State], Sta
             np.full(12, noise.joint_velocity),
         ]
     )
-    if not sigma.any():
-        return None
-    sources = [np.random.default_rng(seed) for seed in disturbance.seeds]
-    legs, masses = legs_of(robot), masses_of(robot)
-    block, ahead = np.empty((_BLOCK, len(sources), 36)), 0
 
-    def measure(state: State) -> State:
-        nonlocal ahead
-        if ahead == 0:
-            for number, source in enumerate(sources):
-                block[:, number] = source.standard_normal((_BLOCK, 36))
-        error = sigma * block[ahead]
-        ahead = (ahead + 1) % _BLOCK
+
+class _Sensors:
+    """Noisy sensors of B robots; a call makes the measurement of a tick from the true state.
+
+    Args:
+        robot: The model of the robots.
+        sigma: ``(36,)`` standard deviations of a displacement and of a velocity.
+        seeds: The roots of the noise of the B robots.
+    """
+
+    def __init__(
+        self, robot: RobotModel, sigma: Array, seeds: Sequence[np.random.SeedSequence]
+    ) -> None:
+        self._legs = legs_of(robot)
+        self._masses = masses_of(robot)
+        self._sigma = sigma
+        self._sources = [np.random.default_rng(seed) for seed in seeds]
+        self._block = np.empty((_BLOCK, len(seeds), 36))
+        self._next = 0
+
+    def __call__(self, state: State) -> State:
+        """What the robots measure of their state in this tick."""
+        error = self._error()
         # A displacement is one in the base frame; the height is the world's, however it tilts.
-        height, error[:, 2] = error[:, 2].copy(), 0.0
+        height = error[:, 2].copy()
+        error[:, 2] = 0.0
         q = np.array([integrate(*pair) for pair in zip(state.q, error[:, :18], strict=True)])
         q[:, :3] = state.q[:, :3]
         q[:, 2] += height
-        position, _ = feet(q, legs)
-        com = centre_of_mass(q, legs, masses)
+        position, _ = feet(q, self._legs)
+        com = centre_of_mass(q, self._legs, self._masses)
         return State(q, state.v + error[:, 18:], com, position, state.contacts)
 
-    return measure
+    def _error(self) -> Array:
+        """``(B, 36)`` the errors of the next tick."""
+        if self._next == 0:
+            for robot, source in enumerate(self._sources):
+                self._block[:, robot] = source.standard_normal((_BLOCK, 36))
+        error = self._sigma * self._block[self._next]
+        self._next = (self._next + 1) % _BLOCK
+        return error

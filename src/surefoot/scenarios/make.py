@@ -1,89 +1,184 @@
-"""Write the stored set of starts: settled gait cycles of the expert, and perturbed neighbours.
+"""Make a set of initial states: settled gait cycles of the expert, and perturbed neighbors of them.
 
-Each velocity's expert walks until its gait has settled; the states at the ten replanning instants
-of the next gait cycle are the nominal starts, and are perturbed contact-consistently, with the
-paper's standard deviations times SCALE. Run once per set; a set is never overwritten. Usage:
-python scripts/make_starts.py OUT.npz [SCALE]
+At each velocity the expert walks until its gait has settled. The states at the replanning instants
+of the next gait cycle are the nominal initial states; they are perturbed contact-consistently
+(paper, III-B) for the other splits. A set is made once, with the command ``surefoot make-starts``,
+and never changed. Next: `surefoot.scenarios.perturbation` and `surefoot.scenarios.starts`.
 """
 
-import sys
-from dataclasses import replace
-from pathlib import Path
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.config import Config, PerturbationConfig
+from surefoot.config import Config, PerturbationConfig, Split
 from surefoot.mpc.expert import make_expert
 from surefoot.mpc.schedule import in_stance
 from surefoot.robots.model import clip_torque, standing
 from surefoot.robots.solo12 import solo12
 from surefoot.scenarios.perturbation import perturb
-from surefoot.scenarios.starts import SPLITS, Starts, StartSet, save_starts
+from surefoot.scenarios.starts import SPLITS, Starts, StartSet
 from surefoot.sim import make_simulator
 from surefoot.types import GRID, Array, to_ticks
 
-SEED = 20240711  # any number; the stored set depends on it
-SETTLE = 2.0  # [s] whole gait periods
-VELOCITIES = {"nominal": 20, "train": 20, "select": 10, "test": 10}
-PERTURBATIONS = {"nominal": 1, "train": 8, "select": 2, "test": 10}
-TOP_SPEED = 0.3  # [m/s]
+SEED = 20240711
+"""Root of the perturbations' randomness: any number, but the stored sets depend on it."""
+SETTLE = 2.0
+"""[s] that the expert walks before a gait cycle is recorded: whole gait periods."""
+TOP_SPEED = 0.3
+"""[m/s] the largest forward speed."""
 
 
-def settled_cycle(config: Config, velocity: Array) -> tuple[Array, Array]:
-    """States ``(phases, n, 19)``, ``(phases, n, 18)`` of one gait cycle at n forward speeds."""
+@dataclass(frozen=True)
+class SplitSize:
+    """How large a split is.
+
+    Attributes:
+        velocities: The number of equally spaced forward speeds from 0 to the top speed.
+        perturbations: The number of initial states for each velocity and phase.
+    """
+
+    velocities: int
+    perturbations: int
+
+
+SIZES: Mapping[Split, SplitSize] = {
+    "nominal": SplitSize(20, 1),
+    "train": SplitSize(20, 8),
+    "select": SplitSize(10, 2),
+    "test": SplitSize(10, 10),
+}
+"""The sizes of the packaged sets; the states of ``nominal`` are not perturbed."""
+
+
+@dataclass(frozen=True)
+class GaitCycle:
+    """States of one settled gait cycle at n forward speeds.
+
+    Attributes:
+        q: ``(phases, n, 19)`` configuration [m, unit quaternion, rad].
+        v: ``(phases, n, 18)`` velocity [m/s, rad/s].
+        speed: ``(n,)`` the forward speeds that are commanded [m/s].
+    """
+
+    q: Array
+    v: Array
+    speed: Array
+
+
+def make_starts(
+    name: str,
+    config: Config,
+    perturbation: PerturbationConfig,
+    seed: int = SEED,
+    sizes: Mapping[Split, SplitSize] = SIZES,
+) -> StartSet:
+    """Make a set of initial states, in minutes.
+
+    Args:
+        name: The name of the set.
+        config: The robot, the gait, the expert, the simulator and the fall bounds.
+        perturbation: Standard deviations of the perturbations, before their projection.
+        seed: Root of the perturbations' randomness.
+        sizes: The size of each split.
+
+    Returns:
+        The set; `save_starts` writes it.
+
+    Raises:
+        ValueError: A state has no acceptable neighbor: the perturbation is too large.
+    """
+    counts = sorted({size.velocities for size in sizes.values()})
+    cycles = {count: settled_cycle(config, np.linspace(0, TOP_SPEED, count)) for count in counts}
+    grid: dict[str, Starts] = {}
+    shape: dict[str, tuple[int, int, int]] = {}
+    first_id = 0
+    for number, split in enumerate(SPLITS):
+        cycle = cycles[sizes[split].velocities]
+        repeats = sizes[split].perturbations
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
+        if split == "nominal":
+            starts = _nominal(cycle, repeats)
+        else:
+            starts = _perturbed(_nominal(cycle, repeats), config, perturbation, rng)
+        starts.q[:, :2] = 0.0
+        grid[split] = replace(starts, id=first_id + np.arange(len(starts)))
+        shape[split] = (repeats, len(cycle.q), len(cycle.speed))
+        first_id += len(starts)
+    return StartSet(name, grid, shape)
+
+
+def scaled(perturbation: PerturbationConfig, scale: float) -> PerturbationConfig:
+    """The perturbation with all its standard deviations multiplied by a factor."""
+    return replace(
+        perturbation,
+        base_position=scale * perturbation.base_position,
+        base_orientation=scale * perturbation.base_orientation,
+        joint_position=scale * perturbation.joint_position,
+        velocity=scale * perturbation.velocity,
+    )
+
+
+def settled_cycle(config: Config, speed: Array) -> GaitCycle:
+    """Let the expert walk at n forward speeds, until its gait has settled and for a cycle more.
+
+    Args:
+        config: The robot, the gait, the expert and the simulator.
+        speed: ``(n,)`` forward speeds to command [m/s].
+
+    Returns:
+        The states at the replanning instants of the last cycle.
+    """
     robot = solo12(config.robot)
-    n = len(velocity)
+    n = len(speed)
     simulator = make_simulator(robot, n, config.simulation)
     expert = make_expert(robot, config)
     expert.reset(n)
     simulator.reset(np.tile(standing(robot), (n, 1)), np.zeros((n, 18)))
     command = np.zeros((n, 3))
-    command[:, 0] = velocity
-    q, v = [], []
-    end = to_ticks(SETTLE) + to_ticks(config.gait.period)
+    command[:, 0] = speed
+    q = []
+    v = []
+    begin = to_ticks(SETTLE)
+    end = begin + to_ticks(config.gait.period)
     for tick in tqdm(range(end), desc=f"{n} speeds", unit="ms"):
         state = simulator.state
-        if tick >= to_ticks(SETTLE) and tick % GRID == 0:
+        if tick >= begin and tick % GRID == 0:
             q.append(state.q)
             v.append(state.v)
         torque = expert.torque(state, np.full(n, tick), command, np.ones(n, bool))
         simulator.step(clip_torque(torque, robot.torque_limit))
-    return np.array(q), np.array(v)
+    return GaitCycle(np.array(q), np.array(v), speed)
 
 
-def main(path: Path, scale: float) -> None:
-    """Make all splits and write them."""
-    config, paper = Config(), PerturbationConfig()
-    sigmas = ("base_position", "base_orientation", "joint_position", "velocity")
-    perturbation = replace(paper, **{name: scale * getattr(paper, name) for name in sigmas})
+def _nominal(cycle: GaitCycle, repeats: int) -> Starts:
+    """The states of a gait cycle, repeated: (repeats, phases, speeds), flattened in this order."""
+    phases, speeds, _ = cycle.q.shape
+    tick = np.repeat(GRID * np.arange(phases), speeds)
+    command = np.zeros((phases * speeds, 3))
+    command[:, 0] = np.tile(cycle.speed, phases)
+    return Starts(
+        np.tile(cycle.q.reshape(-1, 19), (repeats, 1)),
+        np.tile(cycle.v.reshape(-1, 18), (repeats, 1)),
+        np.tile(tick, repeats),
+        np.tile(command, (repeats, 1)),
+        np.full(repeats * phases * speeds, -1),
+    )
+
+
+def _perturbed(
+    starts: Starts, config: Config, perturbation: PerturbationConfig, rng: np.random.Generator
+) -> Starts:
+    """A random neighbor of each of the initial states, drawn in their order."""
     robot = solo12(config.robot)
-    phases = to_ticks(config.gait.period) // GRID
-    cycles = {n: settled_cycle(config, np.linspace(0, TOP_SPEED, n)) for n in (10, 20)}
-    grid, shape, first_id = {}, {}, 0
-    for number, split in enumerate(SPLITS):
-        speeds, repeats = VELOCITIES[split], PERTURBATIONS[split]
-        rng = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(number,)))
-        rows = []
-        for _ in tqdm(range(repeats), desc=split):
-            for phase in range(phases):
-                for speed in range(speeds):
-                    q, v = (part[phase, speed] for part in cycles[speeds])
-                    if split != "nominal":
-                        stance = in_stance(config.gait, phase * GRID)
-                        q, v = perturb(robot, q, v, stance, perturbation, config.safety, rng)
-                    rows.append((q, v, phase * GRID, np.linspace(0, TOP_SPEED, speeds)[speed]))
-        q, v, tick, vx = (np.array(column) for column in zip(*rows, strict=True))
-        q[:, :2] = 0.0
-        command = np.stack([vx, 0 * vx, 0 * vx], axis=1)
-        ids = first_id + np.arange(len(q))
-        grid[split] = Starts(q, v, tick, command, ids)
-        shape[split] = (repeats, phases, speeds)
-        first_id += len(q)
-    starts = StartSet(path.stem, grid, shape)
-    save_starts(starts, path)
-    print(f"{path}: {first_id} starts, hash {starts.hash}")
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else 1.0)
+    q = np.empty_like(starts.q)
+    v = np.empty_like(starts.v)
+    for row in tqdm(range(len(starts)), desc="perturbed states"):
+        stance = in_stance(config.gait, int(starts.tick[row]))
+        q[row], v[row] = perturb(
+            robot, starts.q[row], starts.v[row], stance, perturbation, config.safety, rng
+        )
+    return replace(starts, q=q, v=v)

@@ -3,7 +3,8 @@
 A random change of configuration is projected onto the null space of the stance feet's Jacobian and
 corrected until those feet are back where they were; a random change of velocity is projected at
 the new configuration, so that no stance foot moves. States that touch the ground with anything but
-the feet, or have fallen already, are drawn again.
+the feet, or have fallen already, are drawn again. Next: `surefoot.scenarios.make`, which perturbs
+whole sets.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ from surefoot.robots.model import RobotModel
 from surefoot.rotations import roll_pitch_yaw
 from surefoot.types import Array, BoolArray
 
+ATTEMPTS = 1000
+"""How many draws are made before giving up."""
+
 
 def perturb(
     robot: RobotModel,
@@ -26,25 +30,23 @@ def perturb(
     config: PerturbationConfig,
     safety: SafetyConfig,
     rng: np.random.Generator,
-    attempts: int = 1000,
 ) -> tuple[Array, Array]:
     """A random neighbour of a state in which the stance feet stay where they are and do not move.
 
     Args:
-        robot: its model.
-        q: ``(19,)`` configuration.
-        v: ``(18,)`` velocity.
-        stance: ``(4,)`` feet that are on the ground.
-        config: standard deviations before the projection.
-        safety: the fall bounds; a state beyond them is drawn again.
-        rng: source of randomness.
-        attempts: draws before giving up.
+        robot: The model of the robot.
+        q: ``(19,)`` configuration [m, unit quaternion, rad].
+        v: ``(18,)`` velocity [m/s, rad/s].
+        stance: ``(4,)`` True for the feet that are on the ground.
+        config: Standard deviations before the projection.
+        safety: The fall bounds; a state beyond them is drawn again.
+        rng: The source of randomness.
 
     Returns:
         ``(19,)`` configuration and ``(18,)`` velocity.
 
     Raises:
-        ValueError: no draw was acceptable; the perturbation is too large for this state.
+        ValueError: No draw was acceptable; the perturbation is too large for this state.
     """
     sigma = np.concatenate(
         [
@@ -56,7 +58,7 @@ def perturb(
     data = robot.model.createData()
     where = stance_feet(robot, data, q, stance)
     J = stance_jacobian(robot, data, q, stance)
-    for _ in range(attempts):
+    for _ in range(ATTEMPTS):
         change = project(J, sigma * rng.standard_normal(18))
         moved = pin.integrate(robot.model, q, change)
         velocity = v + config.velocity * rng.standard_normal(18)
@@ -65,7 +67,7 @@ def perturb(
             continue
         return moved, project(stance_jacobian(robot, data, moved, stance), velocity)
     raise ValueError(
-        f"no acceptable start in {attempts} draws: every one fell or touched the ground; "
+        f"no acceptable start in {ATTEMPTS} draws: every one fell or touched the ground; "
         f"lower the standard deviations ({config})"
     )
 
@@ -88,7 +90,7 @@ def stance_feet(robot: RobotModel, data: pin.Data, q: Array, stance: BoolArray) 
 
 
 def project(J: Array, change: Array) -> Array:
-    """``(18,)`` the part of a tangent vector that does not move the feet: (I - J^+ J) change."""
+    """``(18,)`` part of a tangent vector that does not move the feet: (I - J^+ J) change."""
     return change - np.linalg.pinv(J) @ (J @ change)
 
 

@@ -1,8 +1,8 @@
-"""Stored starts: every method, expert and version is tried from the same states.
+"""Stored initial states: every method, expert and version is tried from the same states.
 
-A set is written once (``scripts/make_starts.py``) and never changed; its hash stands beside every
-result taken on it. Four splits: ``nominal`` states of a settled gait cycle, and perturbed ones to
-``train`` on, to ``select`` a policy on, and to ``test`` it on once.
+A set is made once (`surefoot.scenarios.make`) and never changed; its hash stands beside every
+result that is taken on it. There are four splits: ``nominal`` states of a settled gait cycle, and
+perturbed ones to ``train`` on, to ``select`` a policy on, and to ``test`` it on once.
 """
 
 from __future__ import annotations
@@ -10,18 +10,21 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cache, cached_property
 from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.config import Split
 from surefoot.errors import unknown
 from surefoot.files import write_atomic
 from surefoot.types import Array, IntArray
 
-SPLITS = ("nominal", "train", "select", "test")
+SPLITS: tuple[Split, ...] = get_args(Split)
 PACKAGED = ("solo12-trot-v1", "solo12-trot-v1-wide")
 """The sets that come with the package: Solo12, trot, 0 to 0.3 m/s forward, perturbed with the
 paper's standard deviations; and with 1.5 times those."""
@@ -29,14 +32,14 @@ paper's standard deviations; and with 1.5 times those."""
 
 @dataclass(frozen=True)
 class Starts:
-    """n states to start from.
+    """n initial states of episodes.
 
     Attributes:
         q: ``(n, 19)`` configuration, x = y = 0 [m, unit quaternion, rad].
         v: ``(n, 18)`` velocity [m/s, rad/s], base part in the base frame.
         tick: ``(n,)`` gait clock [ms].
         command: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
-        id: ``(n,)`` row in the stored set.
+        id: ``(n,)`` row in the stored set; -1 if the state belongs to none.
     """
 
     q: Array
@@ -49,21 +52,30 @@ class Starts:
         return len(self.q)
 
     def __getitem__(self, rows: slice | NDArray) -> Starts:
-        """Some of the starts."""
-        return Starts(*(getattr(self, field.name)[rows] for field in fields(self)))
+        """The initial states in these rows."""
+        return Starts(
+            self.q[rows], self.v[rows], self.tick[rows], self.command[rows], self.id[rows]
+        )
 
 
-def join(parts: Sequence[Starts]) -> Starts:
-    """Starts one after another; of at least one part."""
-    names = [field.name for field in fields(Starts)]
-    return Starts(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+def join_starts(parts: Sequence[Starts]) -> Starts:
+    """The initial states of at least one part, one part after another."""
+    return Starts(
+        np.concatenate([part.q for part in parts]),
+        np.concatenate([part.v for part in parts]),
+        np.concatenate([part.tick for part in parts]),
+        np.concatenate([part.command for part in parts]),
+        np.concatenate([part.id for part in parts]),
+    )
 
 
 def at_rest(q: Array, commands: Array) -> Starts:
-    """Starts at rest in one configuration, at the beginning of the gait cycle; in no stored set.
+    """Initial states at rest in one configuration, at the beginning of the gait cycle.
+
+    They belong to no stored set.
 
     Args:
-        q: ``(19,)`` configuration.
+        q: ``(19,)`` configuration [m, unit quaternion, rad].
         commands: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s].
     """
     n = len(commands)
@@ -73,12 +85,13 @@ def at_rest(q: Array, commands: Array) -> Starts:
 
 @dataclass(frozen=True)
 class StartSet:
-    """A stored set of starts.
+    """A stored set of initial states.
 
     Attributes:
-        name: of the set; new states get a new name.
-        grid: split -> Starts of shape (perturbations, phases, velocities), flattened in this order.
-        shape: split -> that shape.
+        name: The name of the set; new states get a new name.
+        grid: The initial states of each split: (perturbations, phases, velocities), flattened in
+            this order.
+        shape: The numbers of perturbations, phases and velocities of each split.
     """
 
     name: str
@@ -86,40 +99,46 @@ class StartSet:
     shape: dict[str, tuple[int, int, int]]
 
     def __getitem__(self, split: str) -> Starts:
-        """All starts of a split; the first phases x velocities of them are one perturbation each.
+        """All initial states of a split.
+
+        The first phases x velocities of them are one perturbation each.
 
         Raises:
-            KeyError: there is no such split.
+            KeyError: There is no such split.
         """
         if split not in self.grid:
             raise KeyError(f"starts {self.name!r} have no split {split!r}; there are {SPLITS}")
         return self.grid[split]
 
     def first(self, split: str, n: int) -> Starts:
-        """The first n starts of a split.
+        """The first n initial states of a split.
 
         Raises:
-            KeyError: there is no such split.
-            ValueError: it holds fewer, or n is none.
+            KeyError: There is no such split.
+            ValueError: The split holds fewer, or n is not positive.
         """
-        some = self[split]
-        if not 1 <= n <= len(some):
+        starts = self[split]
+        if not 1 <= n <= len(starts):
             raise ValueError(
-                f"{n} episodes asked for, the starts {self.name!r} hold {len(some)} in {split!r}; "
-                f"use 1 to {len(some)}"
+                f"{n} episodes asked for, the starts {self.name!r} hold {len(starts)} in "
+                f"{split!r}; use 1 to {len(starts)}"
             )
-        return some[:n]
+        return starts[:n]
 
     def rows(self, split: str) -> IntArray:
-        """``(perturbations, phases, velocities)`` indices into the split."""
+        """``(perturbations, phases, velocities)`` indices into the split.
+
+        Raises:
+            KeyError: There is no such split.
+        """
         return np.arange(len(self[split])).reshape(self.shape[split])
 
     def velocities(self, split: str, n: int) -> IntArray:
-        """Indices of n equally spaced velocities of a split, both ends included.
+        """``(n,)`` indices of equally spaced velocities of a split, both ends included.
 
         Raises:
-            KeyError: there is no such split.
-            ValueError: it holds fewer, or n is none.
+            KeyError: There is no such split.
+            ValueError: The split holds fewer, or n is not positive.
         """
         available = self.rows(split).shape[2]
         if not 1 <= n <= available:
@@ -129,30 +148,47 @@ class StartSet:
             )
         return np.round(np.linspace(0, available - 1, n)).astype(np.int64)
 
-    @property
+    @cached_property
     def hash(self) -> str:
-        """SHA-256 over the arrays of all splits; stands beside every result."""
+        """SHA-256 over the arrays of all splits; it stands beside every result."""
         sha = hashlib.sha256()
         for split in SPLITS:
+            starts = self.grid[split]
             for field in fields(Starts):
-                sha.update(np.ascontiguousarray(getattr(self.grid[split], field.name)).data)
+                sha.update(np.ascontiguousarray(getattr(starts, field.name)).data)
         return sha.hexdigest()
 
 
 def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:
-    """Read a set of starts: one that comes with the package, by its name, or a file.
+    """Read a set: one that comes with the package, by its name, or a file.
+
+    The packaged sets are read once, and shared: the arrays of a set cannot be written to.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ValueError: the file is not a set of starts.
+        FileNotFoundError: There is no such file.
+        ValueError: The file is not a set of initial states.
     """
-    name = Path(which).stem
-    if which in PACKAGED:
-        content = files("surefoot.scenarios").joinpath(f"data/{name}.npz").read_bytes()
-    elif Path(which).is_file():
-        content = Path(which).read_bytes()
-    else:
+    if isinstance(which, str) and which in PACKAGED:
+        return _load_packaged(which)
+    path = Path(which)
+    if not path.is_file():
         raise FileNotFoundError(unknown("set of starts (or file)", str(which), PACKAGED))
+    return _parse(path.read_bytes(), path.stem, str(which))
+
+
+@cache
+def _load_packaged(name: str) -> StartSet:
+    """A set that comes with the package."""
+    content = files("surefoot.scenarios").joinpath(f"data/{name}.npz").read_bytes()
+    return _parse(content, name, name)
+
+
+def _parse(content: bytes, name: str, source: str) -> StartSet:
+    """The set that a file's bytes hold.
+
+    Raises:
+        ValueError: They hold none.
+    """
     try:
         with np.load(BytesIO(content), allow_pickle=False) as stored:
             arrays = {key: stored[key] for key in stored.files}
@@ -165,14 +201,11 @@ def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:
             arrays["command"],
             np.arange(bounds[-1]),
         )
-        expected = {"q": (19,), "v": (18,), "tick": (), "command": (3,)}
-        for key, shape in expected.items():
-            if arrays[key].shape != (bounds[-1], *shape) or len(shapes) != len(SPLITS):
-                raise ValueError(f"{key} has shape {arrays[key].shape}")
-    except FileNotFoundError:
-        raise
+        _check_shapes(everything, len(shapes), int(bounds[-1]))
     except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
-        raise ValueError(f"{which} is not a set of starts ({error}); write it again") from error
+        raise ValueError(f"{source} is not a set of starts ({error}); write it again") from error
+    for field in fields(Starts):
+        getattr(everything, field.name).flags.writeable = False
     grid = {
         split: everything[slice(start, stop)]
         for split, start, stop in zip(SPLITS, bounds[:-1], bounds[1:], strict=True)
@@ -180,22 +213,47 @@ def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:
     return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)))
 
 
+def _check_shapes(starts: Starts, splits: int, n: int) -> None:
+    """Check the shapes of the arrays of n initial states in so many splits.
+
+    Raises:
+        ValueError: A shape is not what it must be.
+    """
+    if splits != len(SPLITS):
+        raise ValueError(f"{splits} splits instead of {len(SPLITS)}")
+    expected = {"q": (n, 19), "v": (n, 18), "tick": (n,), "command": (n, 3)}
+    for name, shape in expected.items():
+        found = getattr(starts, name).shape
+        if found != shape:
+            raise ValueError(f"{name} has shape {found} instead of {shape}")
+
+
+def check_unused(path: Path) -> None:
+    """Check that a new set would not replace an existing one.
+
+    Raises:
+        FileExistsError: There is a file of this name already.
+    """
+    if path.exists():
+        raise FileExistsError(f"{path} exists; a set of starts is never changed: use a new name")
+
+
 def save_starts(starts: StartSet, path: Path) -> None:
     """Write a set, whole or not at all; an existing file is never overwritten.
 
     Raises:
-        FileExistsError: a set of this name exists already; new states get a new name.
+        FileExistsError: A set of this name exists already; new states get a new name.
+        WriteError: The disk is full, or read-only.
     """
-    if path.exists():
-        raise FileExistsError(f"{path} exists; a set of starts is never changed: use a new name")
+    check_unused(path)
+    everything = join_starts([starts.grid[split] for split in SPLITS])
     buffer = BytesIO()
-    parts = [starts.grid[split] for split in SPLITS]
     np.savez_compressed(
         buffer,
-        q=np.concatenate([part.q for part in parts]),
-        v=np.concatenate([part.v for part in parts]),
-        tick=np.concatenate([part.tick for part in parts]).astype(np.int16),
-        command=np.concatenate([part.command for part in parts]),
+        q=everything.q,
+        v=everything.v,
+        tick=everything.tick.astype(np.int16),
+        command=everything.command,
         shapes=np.array([starts.shape[split] for split in SPLITS]),
     )
     write_atomic(path, buffer.getvalue())

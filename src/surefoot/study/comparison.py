@@ -225,7 +225,7 @@ def label_of(run: Run) -> str:
     if isinstance(method, LocoDaggerConfig):
         parts.append(f"alpha {method.alpha:g}")
     if isinstance(method, LocoSafeDaggerConfig):
-        parts.append(" + ".join(method.guard))
+        parts.append(" + ".join(method.gates))
     if collection.pushes or collection.expert_impulse[1]:
         parts.append("pushes")
     plain = DisturbanceConfig()

@@ -1,0 +1,157 @@
+"""Configurations that check themselves when they are made.
+
+A configuration is a frozen dataclass that inherits from `Checked`. The range of a number stands
+with its field, as `Annotated[int, Within(2, 1_000_000)]`; its type, the names that a `Literal`
+allows and the order of a pair are checked from the annotation too. NaN and infinity are refused
+everywhere. So the command line, the JSON and Python users get the same error, before any work.
+What needs two configurations or the stored initial states is checked in `surefoot.runs.checks`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+from numbers import Integral, Real
+from types import UnionType
+from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
+
+from surefoot.errors import unknown
+
+Annotation = Any
+"""What stands behind the colon of a field: a type, or something made of types."""
+
+
+@dataclass(frozen=True)
+class Within:
+    """The range of a number, or of each number of a tuple.
+
+    Attributes:
+        least: The smallest value that is allowed.
+        most: The largest value that is allowed.
+    """
+
+    least: float
+    most: float
+
+
+@dataclass(frozen=True)
+class Rising:
+    """Marks a pair whose first number must not exceed its second one."""
+
+
+Share = Annotated[float, Within(0.0, 1.0)]
+"""A share or a probability."""
+Seconds = Annotated[float, Within(0.0, 3600.0)]
+"""A time that may be zero [s]."""
+Duration = Annotated[float, Within(0.001, 3600.0)]
+"""A time of at least one tick [s]."""
+Angle = Annotated[float, Within(0.0, 180.0)]
+"""An angle that counts either way [deg]."""
+
+
+class Checked:
+    """Base class of the configurations: every field is checked when one is made.
+
+    Attributes:
+        section: Where the class stands in the whole configuration, for messages.
+        renamed: Names that fields had in older JSON files, with the names that they have now.
+
+    Raises:
+        ValueError: A field has the wrong type, an unknown name, or a value out of its range.
+    """
+
+    section: ClassVar[str] = ""
+    renamed: ClassVar[Mapping[str, str]] = {}
+
+    def __post_init__(self) -> None:
+        """Check all fields."""
+        values = [(field.name, getattr(self, field.name)) for field in fields(self)]  # type: ignore[arg-type]
+        check_values(type(self), values, self.section)
+
+
+def check_values(kind: type, values: Iterable[tuple[str, object]], path: str) -> None:
+    """Check values against the annotations of a class's fields.
+
+    Args:
+        kind: The class.
+        values: The name and the value of each field that is to be checked.
+        path: The dotted path of the object, for messages; empty for the whole configuration.
+
+    Raises:
+        ValueError: A value has the wrong type, or is out of range.
+    """
+    hints = _annotations(kind)
+    for name, value in values:
+        _check(value, hints[name], f"{path}.{name}" if path else name)
+
+
+@cache
+def _annotations(kind: type) -> Mapping[str, Annotation]:
+    """The annotations of a class's fields, with their ranges."""
+    return get_type_hints(kind, include_extras=True)
+
+
+def _check(value: Any, hint: Annotation, path: str, limits: Within | None = None) -> None:
+    """Check one value against its annotation; limits of a tuple hold for each of its numbers."""
+    origin = get_origin(hint)
+    if origin is Annotated:
+        _check_annotated(value, hint, path, limits)
+    elif origin is tuple:
+        _check_tuple(value, get_args(hint), path, limits)
+    elif origin is Literal:
+        names = get_args(hint)
+        if value not in names:
+            raise ValueError(unknown(path, str(value), map(str, names)))
+    elif origin in (Union, UnionType):
+        if not isinstance(value, get_args(hint)):
+            names = ", ".join(kind.__name__ for kind in get_args(hint))
+            raise ValueError(f"{path} is {value!r}, expected one of {names}")
+    elif hint is int or hint is float:
+        _check_number(value, hint, path, limits)
+    elif not isinstance(value, hint):
+        raise ValueError(f"{path} is {value!r}, expected {hint.__name__}")
+
+
+def _check_annotated(value: Any, hint: Annotation, path: str, limits: Within | None) -> None:
+    """Check a value whose annotation carries rules."""
+    kind, *rules = get_args(hint)
+    for rule in rules:
+        if isinstance(rule, Within):
+            limits = rule
+    _check(value, kind, path, limits)
+    if any(isinstance(rule, Rising) for rule in rules):
+        low, high = value
+        if low > high:
+            raise ValueError(f"{path} is {low} to {high}; the first must not exceed the second")
+
+
+def _check_tuple(
+    value: Any, kinds: tuple[Annotation, ...], path: str, limits: Within | None
+) -> None:
+    """Check a tuple and each of its items."""
+    if not isinstance(value, tuple):
+        raise ValueError(f"{path} is {value!r}, expected a tuple")
+    if kinds[-1] is Ellipsis:
+        kinds = kinds[:1] * len(value)
+    if len(value) != len(kinds):
+        raise ValueError(f"{path} is {value!r}, expected {len(kinds)} values")
+    for number, (kind, item) in enumerate(zip(kinds, value, strict=True)):
+        _check(item, kind, f"{path}[{number}]", limits)
+
+
+def _is_number(value: object, kind: type) -> bool:
+    """Whether a value is a number of this kind; an integer serves as a float too."""
+    number = Integral if kind is int else Real
+    return isinstance(value, number) and not isinstance(value, bool)
+
+
+def _check_number(value: Any, kind: type, path: str, limits: Within | None) -> None:
+    """Check that a number has its type, is finite and lies within its limits."""
+    if not _is_number(value, kind):
+        raise ValueError(f"{path} is {value!r}, expected {kind.__name__}")
+    if limits is not None and not limits.least <= value <= limits.most:
+        raise ValueError(f"{path} is {value}; use {limits.least} to {limits.most}")
+    if not math.isfinite(value):
+        raise ValueError(f"{path} is {value}; use a finite number")

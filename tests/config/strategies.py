@@ -1,0 +1,77 @@
+"""Random configurations within their ranges, made from the annotations of their fields."""
+
+from dataclasses import fields
+from types import UnionType
+from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hints
+
+from hypothesis import strategies as st
+
+from surefoot.config import Config, PerturbationConfig
+from surefoot.config.checked import Checked, Rising, Within
+
+
+def config_classes() -> list[type[Checked]]:
+    """Every class of a configuration, and that of the perturbations."""
+    found: list[type[Checked]] = []
+    waiting: list[type[Checked]] = [Config, PerturbationConfig]
+    while waiting:
+        kind = waiting.pop()
+        if kind not in found:
+            found.append(kind)
+            for hint in get_type_hints(kind).values():
+                options = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+                waiting += [each for each in options if is_config(each)]
+    return found
+
+
+def is_config(hint) -> bool:
+    return isinstance(hint, type) and issubclass(hint, Checked)
+
+
+def field_hints(kind) -> dict:
+    """Names of a class's fields, with their annotations."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {field.name: hints[field.name] for field in fields(kind)}
+
+
+def rules_of(hint) -> tuple:
+    """The bare type, the range and whether a pair rises."""
+    if get_origin(hint) is not Annotated:
+        return hint, None, False
+    bare, *rules = get_args(hint)
+    ranges = [rule for rule in rules if isinstance(rule, Within)]
+    return bare, ranges[-1] if ranges else None, any(isinstance(rule, Rising) for rule in rules)
+
+
+def values_of(hint, limits=None) -> st.SearchStrategy:
+    """Random values that an annotation allows."""
+    bare, own, rises = rules_of(hint)
+    limits = own or limits
+    origin = get_origin(bare)
+    if origin in (Union, UnionType):
+        return st.one_of(*(values_of(each) for each in get_args(bare)))
+    if origin is Literal:
+        return st.sampled_from(get_args(bare))
+    if origin is tuple:
+        kinds = get_args(bare)
+        if kinds[-1] is Ellipsis:
+            return st.lists(values_of(kinds[0], limits), min_size=1, max_size=4).map(tuple)
+        items = st.tuples(*(values_of(kind, limits) for kind in kinds))
+        return items.map(lambda pair: tuple(sorted(pair))) if rises else items
+    if bare is bool:
+        return st.booleans()
+    if is_config(bare):
+        return configs(bare)
+    assert limits is not None, "a number without a range"
+    if bare is int:
+        return st.integers(int(limits.least), int(limits.most))
+    assert bare is float
+    return st.floats(limits.least, limits.most)
+
+
+def configs(kind) -> st.SearchStrategy:
+    """Random instances of a class of configurations."""
+    values = {name: values_of(hint) for name, hint in field_hints(kind).items()}
+    if "gates" in values:
+        values["T"] = st.floats(0.31, 100.0)  # long enough for a history network
+    return st.builds(kind, **values)

@@ -1,0 +1,89 @@
+"""Presets: the paper's numbers, and what the cheaper ones keep of them."""
+
+import pytest
+
+from surefoot.config import (
+    METHODS,
+    BehaviorCloningConfig,
+    DaggerConfig,
+    DisturbanceConfig,
+    ExpertData,
+    LocoDaggerConfig,
+    LocoSafeDaggerConfig,
+    PolicyConfig,
+    SafeDaggerConfig,
+    SafetyConfig,
+)
+from surefoot.config.presets import preset
+
+
+@pytest.mark.parametrize("name", ["default", "quick"])
+def test_tuned_presets_keep_the_papers_protocol(name):
+    dagger = preset("loco_safe_dagger", name)
+    cloning = preset("behavior_cloning", name)
+    paper = LocoSafeDaggerConfig()
+    for field in ("T_end", "hand_back", "velocities", "perturbations"):
+        assert getattr(dagger.method, field) == getattr(paper, field)
+    assert dagger.safety == SafetyConfig()
+    assert dagger.training == cloning.training
+    if name == "default":
+        assert (dagger.method.iterations, dagger.method.T) == (paper.iterations, paper.T)
+    else:
+        # Both methods start from the same data, so that they can be compared.
+        assert cloning.method.data == dagger.method.pretraining
+
+
+def test_paper_is_the_papers():
+    """Numbers of the paper and of its research code, written down once more."""
+    config = preset("loco_safe_dagger", "paper")
+    assert config.simulation.backend == "bullet"
+    assert config.simulation.friction == 0.5
+    method = config.method
+    training = config.training
+    assert isinstance(method, LocoSafeDaggerConfig)
+    assert method.pretraining == ExpertData(10, 1, True, 1.5)
+    assert (method.pretraining_epochs, method.epochs, method.iterations) == (150, 15, 10)
+    assert (method.velocities, method.perturbations, method.T) == (20, 2, 10.0)
+    assert (method.T_block, method.T_end) == (2.0, 1.0)
+    assert (training.learning_rate, training.batch, training.schedule) == (2e-3, 256, "constant")
+    assert training.validation == 0.1
+    assert config.policy == PolicyConfig((512, 512, 512), 2.0, 0.1, "fraction")
+    assert (config.expert.kp, config.expert.kd) == (3.0, 0.05)
+    assert (config.expert.foothold_rule, config.expert.command_gain) == ("published", (1, 1, 1))
+    assert (config.expert.centroidal.nodes, config.expert.kinematic.nodes) == (20, 10)
+    assert (config.gait.period, config.gait.duty, config.gait.step_height) == (0.5, 0.6, 0.075)
+    assert (config.evaluation.episodes, config.evaluation.duration) == (100, 5.0)
+    cloning = preset("behavior_cloning", "paper").method
+    assert cloning == BehaviorCloningConfig(ExpertData(20, 2, False, 3.0), 150)
+
+
+def test_paper_has_the_other_methods_as_the_paper_and_their_authors_do():
+    loco = preset("loco_dagger", "paper").method
+    assert isinstance(loco, LocoDaggerConfig)
+    assert (loco.iterations, loco.velocities * loco.perturbations, loco.T) == (10, 10, 5.0)
+    assert (loco.N_query, loco.T_query, loco.before_fall) == (5, 1.0, 0.2)
+    assert (loco.alpha, loco.epochs) == (0.5, 15)
+    safe = preset("safe_dagger", "paper").method
+    assert isinstance(safe, SafeDaggerConfig)
+    assert safe.unsafe_share == 0.2
+    dagger = preset("dagger", "paper").method
+    assert isinstance(dagger, DaggerConfig)
+    assert dagger.p == 0.5
+    for name in METHODS:
+        assert preset(name, "paper").collection == DisturbanceConfig()
+        assert preset(name, "paper").evaluation.disturbance == DisturbanceConfig()
+
+
+@pytest.mark.parametrize("name", ["default", "quick", "paper"])
+def test_all_iterative_methods_begin_with_the_same_data_and_training(name):
+    methods = [preset(each, name).method for each in METHODS if each != "behavior_cloning"]
+    assert len({(m.pretraining, m.pretraining_epochs, m.epochs) for m in methods}) == 1
+
+
+def test_unknown_preset_or_method_names_the_nearest():
+    with pytest.raises(ValueError, match="no preset 'quik'; did you mean 'quick'"):
+        preset("loco_safe_dagger", "quik")
+    with pytest.raises(
+        ValueError, match="no method 'locosafedagger'; did you mean 'loco_safe_dagger'"
+    ):
+        preset("locosafedagger")
