@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from surefoot.types import MotionPlan, State
 
 DT, INERTIA, GRAVITY, HELD, KICK = 1e-3, 0.02, 9.0, 5.0, 2.0
-"""[s], [kgm^2] of a joint, [1/s^2] of roll per rad, [1/(kgm^2)] per HAA torque, [rad/s] per Ns."""
+"""[s], [kg m^2] of a joint, [1/s^2] of roll per rad, [1/(kg m^2)] per HAA torque, [rad/s] per N s."""
 ARM = HELD * np.tile([1.0, 0.0, 0.0], 4)
 NOMINAL = np.array([0.0, 0.8, -1.6, 0.0, 0.8, -1.6, 0.0, -0.8, 1.6, 0.0, -0.8, 1.6])
 

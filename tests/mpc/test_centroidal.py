@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from surefoot.config import CentroidalConfig
 from surefoot.mpc import centroidal
-from surefoot.mpc.centroidal import solve_centroidal
+from surefoot.mpc.centroidal import CentroidalProblem, solve_centroidal
 from surefoot.mpc.footholds import ContactPlan
 
 CONFIG = CentroidalConfig()
@@ -60,7 +60,8 @@ def instance(seed):
 
 
 def solve(contacts, x0, reference, config=CONFIG, guess=None):
-    return solve_centroidal(contacts, x0, reference, MASS, FRICTION, config, guess)
+    problem = CentroidalProblem(contacts, x0, reference, MASS, FRICTION)
+    return solve_centroidal(problem, config, guess)
 
 
 def violation(X, F, contacts, x0):
@@ -278,7 +279,8 @@ def test_input_that_is_not_finite(field, bad):
         foot = position[*stance]  # a view
         {"x0": x0, "reference": reference, "position": foot, "dt": dt}[field].flat[2] = bad
     contacts = replace(contacts, position=position, dt=dt)
-    plan = solve_centroidal(contacts, x0, reference, mass, friction, CONFIG)
+    problem = CentroidalProblem(contacts, x0, reference, mass, friction)
+    plan = solve_centroidal(problem, CONFIG)
     if field == "friction" and bad > 0:
         assert np.all(np.isfinite(plan.forces))  # no friction limit is a problem like any other
     else:
@@ -295,7 +297,7 @@ def test_wrong_shapes_are_named():
 # The parts, against what they should equal.
 
 
-def problem(seed):
+def arrays_of(seed):
     contacts, x0, reference = instance(seed)
     rho = CONFIG.rho * np.repeat(centroidal.PENALTY, 3)
     return contacts, centroidal._Problem(
@@ -313,7 +315,7 @@ def problem(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_state_step_is_the_dense_least_squares_solution(seed):
-    contacts, p = problem(seed)
+    contacts, p = arrays_of(seed)
     rng = np.random.default_rng(seed)
     F = rng.normal(0, 4, (NODES, 4, 3)) * contacts.active[..., None]
     P = rng.normal(0, 0.01, (NODES + 1, 9))
@@ -344,7 +346,7 @@ def test_state_step_is_the_dense_least_squares_solution(seed):
 @pytest.mark.parametrize("push", [0.0, 0.05, 0.5])
 def test_force_step_is_the_constrained_least_squares_solution(push):
     """Node by node against SLSQP; a sideways dual pushes forces onto their cones."""
-    contacts, p = problem(1)
+    contacts, p = arrays_of(1)
     X = np.tile(p.x0, (NODES + 1, 1))
     P = np.random.default_rng(0).normal(0, 0.02, (NODES + 1, 9))
     P[:, 3] += push

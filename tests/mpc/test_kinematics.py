@@ -10,7 +10,6 @@ import pytest
 from surefoot.config import KinematicConfig
 from surefoot.mpc.footholds import ContactPlan
 from surefoot.mpc.kinematics import KinematicProblem, KinematicSolver
-from surefoot.mpc.riccati import riccati
 from surefoot.robots.solo12 import solo12
 
 ROBOT = solo12()
@@ -153,39 +152,6 @@ def test_gradient_vanishes_at_the_solution(seed):
     plan = subject.solve(problem)
     start = np.abs(subject.gradient(problem, np.zeros((10, 18)))).max()
     assert np.abs(subject.gradient(problem, plan.acceleration)).max() < 1e-5 * start
-
-
-def test_sweep_solves_the_linear_quadratic_problem():
-    """The gains against one dense least-squares solve over all decisions."""
-    rng = np.random.default_rng(0)
-    N, nx = 4, 36
-    roots = rng.normal(size=(N + 1, nx, nx))
-    Hx, gx = roots @ np.swapaxes(roots, 1, 2) + np.eye(nx), rng.normal(size=(N + 1, nx))
-    A = np.eye(6) + 0.3 * rng.normal(size=(N, 6, 6))
-    E = np.eye(6) + 0.3 * rng.normal(size=(N, 6, 6))
-    u, dt, Ru = rng.normal(size=(N, 18)), rng.uniform(0.01, 0.1, N), rng.uniform(0.1, 1.0, 18)
-    k, K, decrease = riccati(Hx, gx, A, E, u, dt, Ru, 0.0)
-
-    # x_t = (delta q_t, delta v_t) = S_t w for all decisions w = (delta v_1, ..., delta v_N).
-    S = np.zeros((N + 1, nx, 18 * N))
-    H, g = np.zeros((18 * N, 18 * N)), np.zeros(18 * N)
-    for t in range(N):
-        Jq, C = np.eye(18), dt[t] * np.eye(18)
-        Jq[:6, :6], C[:6, :6] = A[t], dt[t] * E[t]
-        S[t + 1, 18:, 18 * t : 18 * t + 18] = np.eye(18)
-        S[t + 1, :18] = Jq @ S[t, :18] + C @ S[t + 1, 18:]
-        rate = (S[t + 1, 18:] - S[t, 18:]) / dt[t]
-        H += dt[t] * rate.T @ (Ru[:, None] * rate)
-        g += dt[t] * rate.T @ (Ru * u[t])
-    for t in range(N + 1):
-        H += S[t].T @ Hx[t] @ S[t]
-        g += S[t].T @ gx[t]
-    w = -np.linalg.solve(H, g)
-    assert decrease == pytest.approx(-g @ w)
-    x = np.zeros(nx)
-    for t in range(N):
-        np.testing.assert_allclose(k[t] + K[t] @ x, w[18 * t : 18 * t + 18], atol=1e-9)
-        x = S[t + 1] @ w
 
 
 def test_start_that_is_not_finite_is_given_back_as_such():

@@ -173,7 +173,7 @@ def momentum_errors(seed: int | None, tick: int) -> list[float]:
 def test_whole_body_motion_carries_the_planned_momentum():
     """The whole-body stage trades momentum against feet (weights 500 and 1e4): close, not exact.
 
-    Measured at rest: 5 mm/s of the centre of mass and 3 % of the weight at worst; thrown out of
+    Measured at rest: 5 mm/s of the center of mass and 3 % of the weight at worst; thrown out of
     it, 0.03 kg m/s, 0.16 kg m^2/s and 1.3 N at the median. A lost term is ten times that.
     """
     for tick in (0, 133):
@@ -225,7 +225,7 @@ def test_numbers_that_make_no_plan_are_not_vouched_for(number):
         state = start(None)
         state.q[index] = number
         if index in (3, 6) and number == 1e200:
-            continue  # normalises to a unit quaternion
+            continue  # normalizes to a unit quaternion
         assert not PLANNER.plan(state, 0, FORWARD).valid, f"q[{index}]"
     for index in (0, 5, 9):
         state = start(None)

@@ -74,10 +74,16 @@ def test_phase_rises_by_a_period_and_agrees_with_stance_and_swing():
 
 @pytest.mark.parametrize("offset", range(GRID))
 def test_flags_belong_to_each_nodes_own_time(offset):
-    ticks = node_ticks(1000 + offset, 20)
-    flags = in_stance(TROT, ticks)
-    for node, tick in enumerate(ticks):
-        np.testing.assert_array_equal(flags[node], in_stance(TROT, int(tick)))
+    """A foot of the trot stands at 0 to 300 of 500 ms, a diagonal pair half a period later."""
+    tick = 1000 + offset
+    # The first node starts at the tick itself, and the second at the next point of the grid that
+    # is at least 10 ms away.
+    first = 50 - offset if offset <= 40 else 100 - offset
+    own_times = [tick] + [tick + first + 50 * node for node in range(20)]
+    front_left = [time % 500 <= 300 for time in own_times]
+    front_right = [(time + 250) % 500 <= 300 for time in own_times]
+    expected = np.column_stack([front_left, front_right, front_right, front_left])
+    np.testing.assert_array_equal(in_stance(TROT, node_ticks(tick, 20)), expected)
 
 
 def test_other_gaits_follow_their_own_numbers():

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from surefoot.robots.rigid import (
-    centre_of_mass,
+    center_of_mass,
     difference,
     difference_jacobian,
     feet,
@@ -98,8 +98,8 @@ def test_feet_and_their_jacobians_match_pinocchio(leg):
         assert not np.delete(expected, own, axis=1).any()
 
 
-def test_centre_of_mass_matches_pinocchio():
+def test_center_of_mass_matches_pinocchio():
     q, data = configurations(), MODEL.createData()
-    com = centre_of_mass(q, legs_of(ROBOT), masses_of(ROBOT))
+    com = center_of_mass(q, legs_of(ROBOT), masses_of(ROBOT))
     for t in range(len(q)):
         np.testing.assert_allclose(com[t], pin.centerOfMass(MODEL, data, q[t]), atol=1e-14)

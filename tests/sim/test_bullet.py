@@ -80,7 +80,7 @@ def test_conversion_round_trip():
 
 @needs_pybullet
 def test_kinematics_are_bullets_own():
-    """Feet and centre of mass are computed from q; PyBullet's links must be where q says."""
+    """Feet and center of mass are computed from q; PyBullet's links must be where q says."""
     import pybullet
 
     simulator = bullet()
@@ -93,10 +93,10 @@ def test_kinematics_are_bullets_own():
         simulator.body, range(count), computeForwardKinematics=1, **place
     )
     mass = [pybullet.getDynamicsInfo(simulator.body, i, **place)[0] for i in range(-1, count)]
-    centres = [pybullet.getBasePositionAndOrientation(simulator.body, **place)[0]]
-    centres += [link[0] for link in links]
+    centers = [pybullet.getBasePositionAndOrientation(simulator.body, **place)[0]]
+    centers += [link[0] for link in links]
     state = simulator.state
-    com = np.average(centres, axis=0, weights=mass)
+    com = np.average(centers, axis=0, weights=mass)
     np.testing.assert_allclose(state.com[0], com, atol=1e-7)
     feet = [links[link][4] for link in simulator.foot_links]
     np.testing.assert_allclose(state.feet[0], feet, atol=1e-7)

@@ -72,7 +72,7 @@ def test_sliding_angle(backend, friction, degrees):
     assert abs(speed[999][0] - speed[499][0]) < 2e-4
     acceleration = (speed[999][1] - speed[499][1]) / 0.5
     measured = slope[1] - acceleration / (GRAVITY * np.cos(angle[1]))
-    # Sliding feet hop by tenths of a millimetre in MuJoCo, so friction is known on average only.
+    # Sliding feet hop by tenths of a millimeter in MuJoCo, so friction is known on average only.
     tolerance = 0.03 if backend == "mujoco" else 5e-4
     assert measured == pytest.approx(friction, rel=tolerance)
 

@@ -164,7 +164,7 @@ def test_push_adds_its_impulse_to_the_momentum(make):
     impulse[1] = 0.0
     after = momentum()
     np.testing.assert_allclose(after[:, :3] - before[:, :3], impulse + fall, atol=3e-4)
-    # The lever is that of the base's origin, not of the centre of mass.
+    # The lever is that of the base's origin, not of the center of mass.
     turn = np.cross(state.q[:, :3] - state.com, impulse)
     np.testing.assert_allclose(after[:, 3:] - before[:, 3:], turn, atol=1e-3)
     assert np.abs(turn).max() > 4e-3
@@ -232,7 +232,7 @@ def test_mass_does_not_change_free_fall(make):
 
 
 def test_a_robot_does_not_know_its_payload(make):
-    """Feet and centre of mass are those of the nominal robot in the same configuration."""
+    """Feet and center of mass are those of the nominal robot in the same configuration."""
     simulator, data = varied(make(3), 0.5, np.array([1.0, 1.4, 0.7])), ROBOT.model.createData()
     for tick in range(200):
         state = simulator.state
@@ -351,7 +351,7 @@ def test_reset_of_some_leaves_the_others_alone(make):
 
 
 def test_rows_of_a_batch_are_single_robots(make):
-    """Also with neighbours that are not stepped: masked rows keep every bit."""
+    """Also with neighbors that are not stepped: masked rows keep every bit."""
     batch = make(6)
     q, v = random_states(6, height=0.28, seed=8)
     q[:, 3:7] = STANDING[3:7]

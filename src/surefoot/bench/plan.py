@@ -6,14 +6,14 @@ Figures of one machine and moment: trust the ratios.
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
 from surefoot.config import Config, ExpertConfig
 from surefoot.mpc.expert import Expert, make_planner
-from surefoot.mpc.planner import LAST_NODE, PlanStages
+from surefoot.mpc.planner import LAST_NODE, PlanStages, StageSeconds
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import rollout
@@ -91,12 +91,12 @@ def warm_plans(config: Config) -> Timed:
 def times_of(timed: Timed) -> dict[str, Any]:
     """``median``, ``p99`` and ``stages`` (median of each) of the wall time of plans [ms]."""
     ms = np.array([seconds for seconds, _ in timed]) * 1e3
-    stages = timed[0][1].seconds
+    stages = [field.name for field in fields(StageSeconds)]
     return {
         "median": float(np.median(ms)),
         "p99": float(np.percentile(ms, 99)),
         "stages": {
-            stage: 1e3 * float(np.median([plan.seconds[stage] for _, plan in timed]))
+            stage: 1e3 * float(np.median([getattr(plan.seconds, stage) for _, plan in timed]))
             for stage in stages
         },
     }

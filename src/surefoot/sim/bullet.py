@@ -20,7 +20,7 @@ import numpy as np
 
 from surefoot.config import SimulationConfig
 from surefoot.robots.model import RobotModel, Shape, standing
-from surefoot.robots.rigid import centre_of_mass, feet, legs_of, masses_of
+from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import rotation
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, positive
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
@@ -29,7 +29,8 @@ from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
 @contextmanager
 def _without_greeting() -> Iterator[None]:
     """PyBullet greets on the process's standard error when it is imported; here it does not."""
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)
     try:
         yield
@@ -102,17 +103,23 @@ def build_urdf(robot: RobotModel) -> str:
 
 def _collision(shape: Shape) -> ElementTree.Element:
     """A shape as an URDF element; capsules lie along z, so they are turned into place."""
-    start, end = np.array(shape.start), np.array(shape.end)
-    axis, length = end - start, float(np.linalg.norm(end - start))
+    start = np.array(shape.start)
+    end = np.array(shape.end)
+    axis = end - start
+    length = float(np.linalg.norm(end - start))
     roll = pitch = 0.0
     if len(shape.size) == 3:
-        kind, size = "box", {"size": " ".join(repr(2 * half) for half in shape.size)}
+        kind = "box"
+        size = {"size": " ".join(repr(2 * half) for half in shape.size)}
     elif length == 0.0:
-        kind, size = "sphere", {"radius": repr(shape.size[0])}
+        kind = "sphere"
+        size = {"radius": repr(shape.size[0])}
     else:
-        kind, size = "capsule", {"radius": repr(shape.size[0]), "length": repr(length)}
+        kind = "capsule"
+        size = {"radius": repr(shape.size[0]), "length": repr(length)}
         # Ry(pitch) Rx(roll) takes z to this axis.
-        roll, pitch = -np.arcsin(axis[1] / length), np.arctan2(axis[0], axis[2])
+        roll = -np.arcsin(axis[1] / length)
+        pitch = np.arctan2(axis[0], axis[2])
     collision = ElementTree.Element("collision")
     middle = " ".join(repr(float(x)) for x in (start + end) / 2)
     origin = {"xyz": middle, "rpy": f"{float(roll)!r} {float(pitch)!r} 0"}
@@ -144,7 +151,8 @@ class BulletSimulator:
         """
         self.batch = batch
         self._config = config or SimulationConfig()
-        self._legs, self._masses = legs_of(robot), masses_of(robot)
+        self._legs = legs_of(robot)
+        self._masses = masses_of(robot)
         folder = TemporaryDirectory(prefix="surefoot-")
         self._urdf = Path(folder.name) / f"{robot.name}.urdf"
         self._urdf.write_text(build_urdf(robot))
@@ -158,10 +166,12 @@ class BulletSimulator:
                     f"PyBullet refuses robot {len(self.clients) + 1} of {batch} ({error}); it "
                     "holds 1024 in one process: simulate fewer together"
                 ) from error
-        self._friction, self._mass = np.full(batch, self._config.friction), np.ones(batch)
+        self._friction = np.full(batch, self._config.friction)
+        self._mass = np.ones(batch)
         self.body = self._build(0)
         self.joints, self.foot_links = self._indices(robot)
-        self._q, self._v = np.zeros((batch, 19)), np.zeros((batch, 18))
+        self._q = np.zeros((batch, 19))
+        self._v = np.zeros((batch, 18))
         self._force = np.zeros((batch, 4))
         self._push = np.zeros((batch, 3))
         self._pushed = False
@@ -211,10 +221,13 @@ class BulletSimulator:
 
     def _indices(self, robot: RobotModel) -> tuple[list[int], list[int]]:
         """PyBullet's indices of the twelve joints and of the four feet."""
-        client, joints, links = self.clients[0], {}, {}
+        client = self.clients[0]
+        joints = {}
+        links = {}
         for index in range(pybullet.getNumJoints(self.body, physicsClientId=client)):
             info = pybullet.getJointInfo(self.body, index, physicsClientId=client)
-            joints[info[1].decode()], links[info[12].decode()] = index, index
+            joints[info[1].decode()] = index
+            links[info[12].decode()] = index
         base = pybullet.getDynamicsInfo(self.body, -1, physicsClientId=client)
         if any(base[3]) or base[4] != (0.0, 0.0, 0.0, 1.0):
             raise ValueError(
@@ -225,8 +238,10 @@ class BulletSimulator:
 
     def _place(self, row: int) -> None:
         """Put one robot into a new world, with the position and velocity in its row."""
-        client, body = self.clients[row], self._build(row)
-        q, v = self._q[row].tolist(), self._v[row].tolist()
+        client = self.clients[row]
+        body = self._build(row)
+        q = self._q[row].tolist()
+        v = self._v[row].tolist()
         pybullet.resetBasePositionAndOrientation(body, q[:3], q[3:7], physicsClientId=client)
         pybullet.resetBaseVelocity(body, v[:3], v[3:6], physicsClientId=client)
         for joint, angle, rate in zip(self.joints, q[7:], v[6:], strict=True):
@@ -241,7 +256,8 @@ class BulletSimulator:
         rows = np.ones(self.batch, dtype=bool) if mask is None else mask
         with np.errstate(invalid="ignore", over="ignore"):
             self._q[rows], self._v[rows] = to_bullet(q[rows], v[rows])
-        self._push[rows], self._force[rows] = 0.0, 0.0
+        self._push[rows] = 0.0
+        self._force[rows] = 0.0
         self._blown_up = np.where(rows, ~self._sane(), self._blown_up)
         for row in np.flatnonzero(rows & ~self._blown_up).tolist():
             # PyBullet knows no forces before it has made a step; make one, then begin anew.
@@ -253,10 +269,8 @@ class BulletSimulator:
 
     def vary(self, friction: Array, mass: Array) -> None:
         """See ``Simulator``. A reset builds a world with these values."""
-        self._friction, self._mass = (
-            positive("friction", friction, self.batch),
-            positive("mass", mass, self.batch),
-        )
+        self._friction = positive("friction", friction, self.batch)
+        self._mass = positive("mass", mass, self.batch)
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""
@@ -278,7 +292,8 @@ class BulletSimulator:
 
     def _tick(self, row: int, torque: list[float]) -> None:
         """Advance one robot, and read what it did."""
-        client, body = self.clients[row], self.body
+        client = self.clients[row]
+        body = self.body
         pybullet.setJointMotorControlArray(
             body, self.joints, pybullet.TORQUE_CONTROL, forces=torque, physicsClientId=client
         )
@@ -299,7 +314,8 @@ class BulletSimulator:
         """Sums of the normal forces of each foot in the last step of one robot."""
         force = dict.fromkeys(self.foot_links, 0.0)
         for contact in pybullet.getContactPoints(self.body, physicsClientId=self.clients[row]):
-            link, normal_force = contact[3], contact[9]
+            link = contact[3]
+            normal_force = contact[9]
             if link in force:
                 force[link] += normal_force
         self._force[row] = list(force.values())
@@ -322,7 +338,7 @@ class BulletSimulator:
             with np.errstate(invalid="ignore", over="ignore"):
                 q, v = from_bullet(self._q, self._v)
                 foot, _ = feet(q, self._legs)
-                com = centre_of_mass(q, self._legs, self._masses)
+                com = center_of_mass(q, self._legs, self._masses)
             self._state = State(q, v, com, foot, self._force > CONTACT_FORCE)
         return self._state
 

@@ -1,7 +1,7 @@
 """MuJoCo backend: a batch of robots on MuJoCo's own batched stepper, one thread.
 
 One tick is the second half of MuJoCo's step (forces, acceleration, integration) under the torques,
-followed by the first half (kinematics, collisions) of the next: positions, centre of mass and feet
+followed by the first half (kinematics, collisions) of the next: positions, center of mass and feet
 then belong to the new state at no extra cost, and foot forces to the tick just made. All that is
 read per tick lies in MuJoCo's state rows and sensors; the only layout conversions are
 ``to_mujoco`` and ``from_mujoco``. Read ``surefoot.sim`` first.
@@ -25,15 +25,17 @@ from surefoot.rotations import rotation
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, positive
 from surefoot.types import GRAVITY, LEGS, Array, BoolArray, State
 
-# Bad numbers in position, velocity and acceleration are neighbours in MuJoCo's list of warnings.
+# Bad numbers in position, velocity and acceleration are neighbors in MuJoCo's list of warnings.
 _BAD_NUMBERS = slice(
     mujoco.mjtWarning.mjWARN_BADQPOS.value, mujoco.mjtWarning.mjWARN_BADQACC.value + 1
 )
 _STAGE_NONE = mujoco.mjtStage.mjSTAGE_NONE.value
 _STAGE_VELOCITY = mujoco.mjtStage.mjSTAGE_VEL.value
 
-# Sensor layout of `build_model`: normal force of each foot, foot positions, centre of mass.
-_FORCE, _FEET, _COM = slice(0, 4), slice(4, 16), slice(16, 19)
+# Sensor layout of `build_model`: normal force of each foot, foot positions, center of mass.
+_FORCE = slice(0, 4)
+_FEET = slice(4, 16)
+_COM = slice(16, 19)
 
 
 def to_mujoco(q: Array, v: Array) -> tuple[Array, Array]:
@@ -42,8 +44,10 @@ def to_mujoco(q: Array, v: Array) -> tuple[Array, Array]:
     MuJoCo writes quaternions wxyz and the base's linear velocity in the world frame; its angular
     velocity is in the base frame, as Pinocchio's.
     """
-    qpos, qvel = q.copy(), v.copy()
-    qpos[:, 3], qpos[:, 4:7] = q[:, 6], q[:, 3:6]
+    qpos = q.copy()
+    qvel = v.copy()
+    qpos[:, 3] = q[:, 6]
+    qpos[:, 4:7] = q[:, 3:6]
     qvel[:, :3] = (rotation(q[:, 3:7]) * v[:, None, :3]).sum(axis=2)
     return qpos, qvel
 
@@ -61,8 +65,10 @@ def from_mujoco(qpos: Array, qvel: Array, com: Array, feet: Array, contacts: Boo
 def _convert(qpos: Array, qvel: Array, q: Array, v: Array, R: Array) -> None:
     """Fill q, v and the rotation; compiled, because it is done at every tick."""
     for robot in range(len(q)):
-        q[robot], v[robot] = qpos[robot], qvel[robot]
-        q[robot, 3:6], q[robot, 6] = qpos[robot, 4:7], qpos[robot, 3]
+        q[robot] = qpos[robot]
+        v[robot] = qvel[robot]
+        q[robot, 3:6] = qpos[robot, 4:7]
+        q[robot, 6] = qpos[robot, 3]
         rows = rigid.rotation(q[robot])
         for i in range(3):
             R[robot, i, 0], R[robot, i, 1], R[robot, i, 2] = rows[i]
@@ -76,7 +82,7 @@ def build_model(
 ) -> mujoco.MjModel:
     """The robot on a flat floor, from its URDF.
 
-    Links touch the floor only, never each other. There are no actuators: torques are generalised
+    Links touch the floor only, never each other. There are no actuators: torques are generalized
     forces. Joint limits of the URDF (10 rad) are dropped; they would only hide a broken controller.
 
     Args:
@@ -91,7 +97,9 @@ def build_model(
     base.add_freejoint()
     for joint in spec.joints:
         joint.limited = joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-        joint.damping, joint.armature, joint.frictionloss = np.zeros(3), 0.0, 0.0
+        joint.damping = np.zeros(3)
+        joint.armature = 0.0
+        joint.frictionloss = 0.0
 
     # Two geoms meet if the type of one is in the affinity of the other: here robot and floor only.
     # Of the friction of two geoms MuJoCo takes the larger; equal values need no rule.
@@ -120,8 +128,10 @@ def build_model(
         _decorate(spec)
 
     option = spec.option
-    option.timestep, option.gravity = TIME_STEP, [0.0, 0.0, -GRAVITY]
-    option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, config.impratio
+    option.timestep = TIME_STEP
+    option.gravity = [0.0, 0.0, -GRAVITY]
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = config.impratio
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     # Auto-reset would put a robot that blew up back to its start and say nothing. Islands only
     # cost time for one robot.
@@ -148,8 +158,9 @@ def _urdf(robot: RobotModel, visual: bool) -> str:
 
 
 def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
-    """Normal force and position of each foot, and the centre of mass, as the slices say."""
-    site, kind = mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtSensor
+    """Normal force and position of each foot, and the center of mass, as the slices say."""
+    site = mujoco.mjtObj.mjOBJ_SITE
+    kind = mujoco.mjtSensor
     for leg in LEGS:
         # A touch sensor adds up the normal forces at contacts of its body inside its site, which
         # has to hold the contact point of the foot: the sphere and 1 mm.
@@ -164,7 +175,8 @@ def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
 
 def _decorate(spec: mujoco.MjSpec) -> None:
     """Floor texture, sky, light and camera for pictures."""
-    texture, builtin = mujoco.mjtTexture, mujoco.mjtBuiltin
+    texture = mujoco.mjtTexture
+    builtin = mujoco.mjtBuiltin
     spec.add_texture(
         name="sky",
         type=texture.mjTEXTURE_SKYBOX,
@@ -206,7 +218,8 @@ def _decorate(spec: mujoco.MjSpec) -> None:
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
     spec.visual.headlight.diffuse = [0.35, 0.35, 0.35]
     spec.visual.quality.shadowsize = 4096
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
+    spec.visual.global_.offwidth = 1920
+    spec.visual.global_.offheight = 1080
 
 
 class MujocoSimulator:
@@ -282,7 +295,7 @@ class MujocoSimulator:
 
     @cached_property
     def _nominal(self) -> tuple[rigid.Legs, rigid.Masses]:
-        """What a robot believes of itself; a varied one has a centre of mass it does not know."""
+        """What a robot believes of itself; a varied one has a center of mass it does not know."""
         return rigid.legs_of(self._robot), rigid.masses_of(self._robot)
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
@@ -305,7 +318,7 @@ class MujocoSimulator:
         self._state = None
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
-        """See ``Simulator``. MuJoCo's first three generalised forces act at the base's origin."""
+        """See ``Simulator``. MuJoCo's first three generalized forces act at the base's origin."""
         rows = slice(None) if mask is None else mask
         self._applied[rows, :3] += (np.broadcast_to(impulse, (self.batch, 3)) / TIME_STEP)[rows]
         self._pushed = True
@@ -319,7 +332,7 @@ class MujocoSimulator:
             contacts = sensors[:, _FORCE] > CONTACT_FORCE
             self._state = from_mujoco(self._qpos, self._qvel, sensors[:, _COM], feet, contacts)
             if self._loaded.size:
-                believed = rigid.centre_of_mass(self._state.q[self._loaded], *self._nominal)
+                believed = rigid.center_of_mass(self._state.q[self._loaded], *self._nominal)
                 self._state.com[self._loaded] = believed
         return self._state
 

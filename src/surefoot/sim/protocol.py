@@ -60,14 +60,14 @@ class Simulator(Protocol):
         ...
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
-        """Advance by one tick under joint torques ``(B, 12)`` [Nm], which are not clipped here.
+        """Advance by one tick under joint torques ``(B, 12)`` [N m], which are not clipped here.
 
         Robots outside ``mask``, and robots that have blown up, keep their state bit for bit.
         """
         ...
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
-        """Give each base an impulse ``(B, 3)`` [Ns], world frame, during its next tick.
+        """Give each base an impulse ``(B, 3)`` [N s], world frame, during its next tick.
 
         The force impulse / 1 ms acts at the origin of the base frame for that one tick. A push
         that lasts n ticks is n calls, each with the n-th part of the impulse; pushes before the

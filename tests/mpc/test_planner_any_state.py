@@ -104,7 +104,7 @@ def for_all(*strategies, examples: int):
 
 def assert_sensible(plan):
     assert all(np.isfinite(rows).all() for rows in arrays(plan))
-    assert np.abs(plan.torque).max() <= 27.0  # [Nm] ten times what the motors give
+    assert np.abs(plan.torque).max() <= 27.0  # [N m] ten times what the motors give
     assert np.abs(plan.joint_position).max() <= 8.0  # [rad] a turn from the nominal pose
 
 
@@ -154,7 +154,7 @@ JOINTS, RATES = slice(7, 19), slice(6, 18)
 ABSURD = {
     "no quaternion": changed(q=(slice(3, 7), 0.0)),
     "a tiny quaternion": changed(q=(slice(3, 7), 1e-200)),
-    "five metres under ground": changed(q=(2, -5.0)),
+    "five meters under ground": changed(q=(2, -5.0)),
     "a kilometre up": changed(q=(2, 1e3)),
     "farther than the stars": changed(q=(2, 1e8)),
     "a joint wound up twice": changed(q=(9, 4 * np.pi)),
@@ -213,7 +213,7 @@ def test_same_input_same_bits_whatever_was_planned_before():
 
 @pytest.mark.slow
 def test_robots_that_recover_from_a_push_have_a_plan_at_any_time():
-    """A push of 3 Ns, which nearly all survive, makes plans of 1.9 times the motor limit."""
+    """A push of 3 N s, which nearly all survive, makes plans of 1.9 times the motor limit."""
     config = replace(Config(), push=PUSHES)
     starts = pushed_starts(config.push, load_starts())[2 * np.arange(20)]
     angle = 2 * np.pi * np.arange(20) / 20
@@ -281,7 +281,7 @@ def opposite(name: str) -> str:
     return {"FL": "FR", "FR": "FL", "HL": "HR", "HR": "HL"}.get(name[:2], name[:2]) + name[2:]
 
 
-def symmetrised(robot):
+def symmetrized(robot):
     """The robot, with each inertia and placement the mean of itself and its counterpart's image."""
     old, model = robot.model, robot.model.copy()
     for joint in range(1, old.njoints):
@@ -309,7 +309,7 @@ def halfway(mine: pin.SE3, image: pin.SE3) -> pin.SE3:
     return pin.SE3(np.eye(3), 0.5 * (mine.translation + ACROSS * image.translation))
 
 
-SYMMETRIC = planner(symmetrised(ROBOT))
+SYMMETRIC = planner(symmetrized(ROBOT))
 HALF_A_PERIOD = to_ticks(Gait().period) // 2
 
 
@@ -337,9 +337,9 @@ def test_a_symmetric_robot_has_mirror_images_of_plans(state, tick, command):
     ids=["gait cycle", "wide starts"],
 )
 def test_solo12_has_nearly_mirror_images_of_plans(starts, tolerance, offset):
-    """Its left and right upper legs differ: their centres of mass lie 0.03 mm apart along x.
+    """Its left and right upper legs differ: their centers of mass lie 0.03 mm apart along x.
 
-    Tolerances in rad, rad/s and Nm. Measured: 2e-5, 3e-4, 1e-4 in the gait cycle, and at all wide
+    Tolerances in rad, rad/s and N m. Measured: 2e-5, 3e-4, 1e-4 in the gait cycle, and at all wide
     starts 3e-4, 4e-3, 7e-4. Joint rates of a wide start are planned up to 27 rad/s, and do not meet
     1e-3. With random commands one pair of 3000 was 0.02 rad apart: where the line search is in two
     minds about a step, it can halve it for one and not for the other.
