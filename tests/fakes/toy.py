@@ -15,8 +15,16 @@ from scipy.spatial.transform import Rotation
 
 from surefoot.types import MotionPlan, State
 
-DT, INERTIA, GRAVITY, HELD, KICK = 1e-3, 0.02, 9.0, 5.0, 2.0
-"""[s], [kg m^2] of a joint, [1/s^2] of roll per rad, [1/(kg m^2)] per HAA torque, [rad/s] per N s."""
+DT = 1e-3
+"""[s]"""
+INERTIA = 0.02
+"""[kg m^2] The inertia of a joint."""
+GRAVITY = 9.0
+"""[1/s^2] The acceleration of roll per rad."""
+HELD = 5.0
+"""[1/(kg m^2)] The acceleration of roll per HAA torque."""
+KICK = 2.0
+"""[rad/s] The change of the roll rate per N s of a push sideways."""
 ARM = HELD * np.tile([1.0, 0.0, 0.0], 4)
 NOMINAL = np.array([0.0, 0.8, -1.6, 0.0, 0.8, -1.6, 0.0, -0.8, 1.6, 0.0, -0.8, 1.6])
 

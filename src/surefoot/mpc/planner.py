@@ -38,10 +38,10 @@ PLAN_TICKS = 2 * GRID
 LAST_NODE = 3
 """The node at or beyond the last tick of a plan, even where the first node is the shortest."""
 MOST_TORQUE = 10.0
-"""A valid plan may ask for this many times the motor limit. No robot can follow what no motor gives,
-but a plan that will be clipped can still save a robot that has no other. Measured: 1.7 times from
-initial states perturbed 1.5 times as much as the paper's; 3.4 times after pushes of 5 N s, half of
-which end in a fall."""
+"""A valid plan may ask for this many times the motor limit. No robot can follow what no motor
+gives, but a plan that will be clipped can still save a robot that has no other. Measured: 1.7 times
+from initial states perturbed 1.5 times as much as the paper's; 3.4 times after pushes of 5 N s,
+half of which end in a fall."""
 FARTHEST_JOINT = 2.0 * np.pi
 """[rad] The largest distance of a joint from its nominal angle in a valid plan. Beyond a turn a leg
 would have to unwind."""

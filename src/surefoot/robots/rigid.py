@@ -1,9 +1,9 @@
 """The motion of a floating base and the positions of its feet, as compiled array code.
 
 Pinocchio has all of this, one configuration and one frame a call; the planner needs it at hundreds
-of configurations a plan, where the calls cost ten times as much as the arithmetic. The conventions are
-Pinocchio's: a displacement ``d (18,)`` moves ``q`` by the twist d[:6] (linear, angular) in the base
-frame.
+of configurations a plan, where the calls cost ten times as much as the arithmetic. The conventions
+are Pinocchio's: a displacement ``d (18,)`` moves ``q`` by the twist d[:6] (linear, angular) in the
+base frame.
 
 A twist is a dual vector w + e v, so the Jacobians of SO(3), 1 + x [w] + y [w]^2 with x, y functions
 of |w|, give those of SE(3) by differentiating with respect to w along v. Read `mpc.kinematics`
@@ -25,7 +25,7 @@ SMALL = 1e-4
 """Below this squared angle [rad^2] coefficients come from their series; Jacobians are exact to
 1e-14 on both sides."""
 Vector = tuple[float, float, float]
-"""Three numbers in registers: arrays of three would be allocated each time, which is ten times slower."""
+"""Three numbers in registers: arrays of three would be allocated each time, ten times slower."""
 
 
 class Legs(NamedTuple):

@@ -1,9 +1,9 @@
-"""PyBullet backend, the paper's simulator: one physics client per robot, nothing shared.
+"""The PyBullet backend, the paper's simulator: one physics client per robot, nothing shared.
 
 What PyBullet measures of a robot is read after each tick, in PyBullet's own convention, and turned
 into a ``State`` for the whole batch at once: ``to_bullet`` and ``from_bullet`` are the only layout
 conversions. A walking robot's tick costs about four times MuJoCo's, two thirds of it inside
-``stepSimulation``; a client takes 28 MB and a reset 7 ms. Read ``surefoot.sim`` first.
+``stepSimulation``; a client takes 28 MB and a reset 7 ms. Read ``sim.protocol`` first.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
 
 @contextmanager
 def _without_greeting() -> Iterator[None]:
-    """PyBullet greets on the process's standard error when it is imported; here it does not."""
+    """Silence PyBullet, which writes a greeting to standard error when it is imported."""
     kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)
@@ -46,14 +46,22 @@ with _without_greeting():
 RUN_AWAY = 1e10
 """A robot with a larger number in its state has blown up: MuJoCo's limit (mjMAXVAL)."""
 NO_LIMIT = 1e30
-"""[rad/s] PyBullet caps joint rates at 100 rad/s by itself, and calls that a simulation."""
+"""[rad/s] By itself PyBullet caps joint rates at 100 rad/s without a word."""
 
 
 def to_bullet(q: Array, v: Array) -> tuple[Array, Array]:
-    """Pinocchio's ``(B, 19)`` and ``(B, 18)`` to PyBullet's: base velocities in the world frame.
+    """Convert Pinocchio's q and v to PyBullet's, which has base velocities in the world frame.
 
     Quaternions are xyzw in both. PyBullet's base is the inertial frame of the base link, which is
     the base frame itself for the robots that `BulletSimulator` accepts.
+
+    Args:
+        q: ``(B, 19)`` configurations.
+        v: ``(B, 18)`` velocities, base part in the base frame.
+
+    Returns:
+        The configurations ``(B, 19)``, and the velocities ``(B, 18)`` with the base part in the
+        world frame.
     """
     world = v.copy()
     R = rotation(q[:, 3:7])
@@ -63,7 +71,12 @@ def to_bullet(q: Array, v: Array) -> tuple[Array, Array]:
 
 
 def from_bullet(q: Array, v: Array) -> tuple[Array, Array]:
-    """PyBullet's numbers ``(B, 19)`` and ``(B, 18)`` to Pinocchio's q and v, in new arrays."""
+    """Convert PyBullet's numbers to Pinocchio's q and v, in new arrays; undoes `to_bullet`.
+
+    Args:
+        q: ``(B, 19)`` configurations.
+        v: ``(B, 18)`` velocities, base part in the world frame.
+    """
     base = v.copy()
     R = rotation(q[:, 3:7])
     for part in (slice(0, 3), slice(3, 6)):
@@ -72,10 +85,12 @@ def from_bullet(q: Array, v: Array) -> tuple[Array, Array]:
 
 
 def build_urdf(robot: RobotModel) -> str:
-    """The robot's URDF with the shapes of `RobotModel.shapes` for its collision meshes.
+    """Return the robot's URDF with the shapes of `RobotModel.shapes` for its collision meshes.
 
-    Joints turn without limits (those of the URDF, 10 rad, would only hide a broken controller) and
-    without damping.
+    Joints turn without limits, which would only hide a broken controller, and without damping.
+
+    Args:
+        robot: The robot.
     """
     root = ElementTree.fromstring(robot.urdf.read_text())
     shapes: dict[str, Shape] = {shape.link: shape for shape in robot.shapes}
@@ -83,7 +98,8 @@ def build_urdf(robot: RobotModel) -> str:
         for tag in ("visual", "collision", "contact"):
             for element in link.findall(tag):
                 link.remove(element)
-        if (shape := shapes.get(link.get("name", ""))) is None:
+        shape = shapes.get(link.get("name", ""))
+        if shape is None:
             continue
         # Of the friction of two bodies PyBullet takes the product; the floor has the pair's.
         contact = ElementTree.SubElement(link, "contact")
@@ -102,7 +118,7 @@ def build_urdf(robot: RobotModel) -> str:
 
 
 def _collision(shape: Shape) -> ElementTree.Element:
-    """A shape as an URDF element; capsules lie along z, so they are turned into place."""
+    """Return a shape as a URDF element; capsules lie along z, so they are turned into place."""
     start = np.array(shape.start)
     end = np.array(shape.end)
     axis = end - start
@@ -132,9 +148,10 @@ class BulletSimulator:
     """``Simulator`` on PyBullet.
 
     Attributes:
-        batch: number of robots B.
-        clients: PyBullet's ``physicsClientId`` of each robot, for whoever needs more than the
-            protocol; a reset builds a client's world anew.
+        robot: The robot that is simulated.
+        batch: The number of robots B.
+        clients: PyBullet's ``physicsClientId`` of each robot, for what the protocol does not offer;
+            a reset builds a client's world anew.
         body: PyBullet's id of the robot, in every client; the floor is body 0.
         joints: PyBullet's joint indices, in the order of ``JOINTS``.
         foot_links: PyBullet's link indices of the feet, in the order of ``LEGS``.
@@ -143,12 +160,18 @@ class BulletSimulator:
     def __init__(
         self, robot: RobotModel, batch: int, config: SimulationConfig | None = None
     ) -> None:
-        """``batch`` robots standing in the nominal pose.
+        """Make ``batch`` robots, which stand in the nominal pose.
+
+        Args:
+            robot: The robot.
+            batch: The number of robots B.
+            config: The settings of the contacts; the defaults if it is None.
 
         Raises:
-            ValueError: the base's inertial frame is not its frame.
+            ValueError: The inertial frame of the robot's base is not the base frame.
             RuntimeError: PyBullet has no room for so many robots in one process.
         """
+        self.robot = robot
         self.batch = batch
         self._config = config or SimulationConfig()
         self._legs = legs_of(robot)
@@ -180,7 +203,7 @@ class BulletSimulator:
         self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, 18)))
 
     def _build(self, row: int) -> int:
-        """A new world for one robot: nothing of what was simulated before is left."""
+        """Build a new world for one robot: nothing of what was simulated before is left."""
         client = self.clients[row]
         pybullet.resetSimulation(physicsClientId=client)
         pybullet.setPhysicsEngineParameter(
@@ -220,7 +243,7 @@ class BulletSimulator:
         return body
 
     def _indices(self, robot: RobotModel) -> tuple[list[int], list[int]]:
-        """PyBullet's indices of the twelve joints and of the four feet."""
+        """Return PyBullet's indices of the twelve joints and of the four feet."""
         client = self.clients[0]
         joints = {}
         links = {}
@@ -246,7 +269,7 @@ class BulletSimulator:
         pybullet.resetBaseVelocity(body, v[:3], v[3:6], physicsClientId=client)
         for joint, angle, rate in zip(self.joints, q[7:], v[6:], strict=True):
             pybullet.resetJointState(body, joint, angle, rate, physicsClientId=client)
-        # Joints are born with a motor that holds them.
+        # A new joint has a motor that holds it.
         pybullet.setJointMotorControlArray(
             body, self.joints, pybullet.VELOCITY_CONTROL, forces=[0.0] * 12, physicsClientId=client
         )
@@ -260,7 +283,7 @@ class BulletSimulator:
         self._force[rows] = 0.0
         self._blown_up = np.where(rows, ~self._sane(), self._blown_up)
         for row in np.flatnonzero(rows & ~self._blown_up).tolist():
-            # PyBullet knows no forces before it has made a step; make one, then begin anew.
+            # PyBullet has no forces before its first step; make one, then begin anew.
             self._place(row)
             pybullet.stepSimulation(physicsClientId=self.clients[row])
             self._read_forces(row)
@@ -269,8 +292,10 @@ class BulletSimulator:
 
     def vary(self, friction: Array, mass: Array) -> None:
         """See ``Simulator``. A reset builds a world with these values."""
-        self._friction = positive("friction", friction, self.batch)
-        self._mass = positive("mass", mass, self.batch)
+        checked_friction = positive("friction", friction, self.batch)
+        checked_mass = positive("mass", mass, self.batch)
+        self._friction = checked_friction
+        self._mass = checked_mass
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""
@@ -297,7 +322,8 @@ class BulletSimulator:
         pybullet.setJointMotorControlArray(
             body, self.joints, pybullet.TORQUE_CONTROL, forces=torque, physicsClientId=client
         )
-        if self._pushed and any(force := self._push[row].tolist()):
+        if self._pushed and self._push[row].any():
+            force = self._push[row].tolist()
             origin = self._q[row, :3].tolist()
             pybullet.applyExternalForce(
                 body, -1, force, origin, pybullet.WORLD_FRAME, physicsClientId=client
@@ -311,7 +337,7 @@ class BulletSimulator:
         self._read_forces(row)
 
     def _read_forces(self, row: int) -> None:
-        """Sums of the normal forces of each foot in the last step of one robot."""
+        """Read the sum of the normal forces on each foot in the last step of one robot."""
         force = dict.fromkeys(self.foot_links, 0.0)
         for contact in pybullet.getContactPoints(self.body, physicsClientId=self.clients[row]):
             link = contact[3]
@@ -334,7 +360,7 @@ class BulletSimulator:
     def state(self) -> State:
         """See ``Simulator``; computed once a tick."""
         if self._state is None:
-            # A robot that blew up may hold infinities; its rows are not numbers, nobody else's.
+            # A robot that blew up may hold infinities, which only make its own rows NaN.
             with np.errstate(invalid="ignore", over="ignore"):
                 q, v = from_bullet(self._q, self._v)
                 foot, _ = feet(q, self._legs)

@@ -1,16 +1,18 @@
-"""MuJoCo backend: a batch of robots on MuJoCo's own batched stepper, one thread.
+"""The MuJoCo backend: a batch of robots on MuJoCo's own batched stepper, one thread.
 
 One tick is the second half of MuJoCo's step (forces, acceleration, integration) under the torques,
 followed by the first half (kinematics, collisions) of the next: positions, center of mass and feet
 then belong to the new state at no extra cost, and foot forces to the tick just made. All that is
 read per tick lies in MuJoCo's state rows and sensors; the only layout conversions are
-``to_mujoco`` and ``from_mujoco``. Read ``surefoot.sim`` first.
+``to_mujoco`` and ``from_mujoco``. Read ``sim.protocol`` first.
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from functools import cached_property
+from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
@@ -39,10 +41,14 @@ _COM = slice(16, 19)
 
 
 def to_mujoco(q: Array, v: Array) -> tuple[Array, Array]:
-    """Pinocchio's ``(B, 19)`` and ``(B, 18)`` to MuJoCo's qpos and qvel.
+    """Convert Pinocchio's q and v to MuJoCo's qpos ``(B, 19)`` and qvel ``(B, 18)``.
 
     MuJoCo writes quaternions wxyz and the base's linear velocity in the world frame; its angular
-    velocity is in the base frame, as Pinocchio's.
+    velocity is in the base frame, as Pinocchio's is.
+
+    Args:
+        q: ``(B, 19)`` configurations.
+        v: ``(B, 18)`` velocities, base part in the base frame.
     """
     qpos = q.copy()
     qvel = v.copy()
@@ -53,12 +59,21 @@ def to_mujoco(q: Array, v: Array) -> tuple[Array, Array]:
 
 
 def from_mujoco(qpos: Array, qvel: Array, com: Array, feet: Array, contacts: BoolArray) -> State:
-    """A state of MuJoCo's qpos ``(B, 19)`` and qvel ``(B, 18)``, copied to Pinocchio's order."""
-    state = State(np.empty_like(qpos), np.empty_like(qvel), com, feet, contacts)
-    # The rotation is needed here, and known to the state from now on.
-    vars(state)["rotation"] = np.empty((len(qpos), 3, 3))
-    _convert(qpos, qvel, state.q, state.v, state.rotation)
-    return state
+    """Return the state with q and v copied to Pinocchio's order; undoes `to_mujoco`.
+
+    Args:
+        qpos: ``(B, 19)`` MuJoCo's positions.
+        qvel: ``(B, 18)`` MuJoCo's velocities.
+        com: ``(B, 3)`` center of mass, world frame [m].
+        feet: ``(B, 4, 3)`` foot positions, world frame [m].
+        contacts: ``(B, 4)`` True where a foot is in contact.
+    """
+    q = np.empty_like(qpos)
+    v = np.empty_like(qvel)
+    R = np.empty((len(qpos), 3, 3))
+    _convert(qpos, qvel, q, v, R)
+    # The conversion needs the rotation, so that the state need not compute it again.
+    return State.with_rotation(q, v, com, feet, contacts, R)
 
 
 @njit(cache=True, error_model="numpy")
@@ -80,16 +95,16 @@ def _convert(qpos: Array, qvel: Array, q: Array, v: Array, R: Array) -> None:
 def build_model(
     robot: RobotModel, config: SimulationConfig | None = None, visual: bool = False
 ) -> mujoco.MjModel:
-    """The robot on a flat floor, from its URDF.
+    """Build the MuJoCo model of the robot on a flat floor, from its URDF.
 
     Links touch the floor only, never each other. There are no actuators: torques are generalized
-    forces. Joint limits of the URDF (10 rad) are dropped; they would only hide a broken controller.
+    forces. The URDF's joint limits are dropped; they would only hide a broken controller.
 
     Args:
-        robot: the robot.
-        config: friction and stiffness of the contacts.
-        visual: keep the URDF's meshes and add floor texture, sky, light and a camera that follows
-            the robot (``"track"``). The physics is the same to the bit.
+        robot: The robot.
+        config: The friction and stiffness of the contacts; the defaults if it is None.
+        visual: True keeps the URDF's meshes and adds a floor texture, sky, light and a camera that
+            follows the robot (``"track"``). The physics is the same to the bit.
     """
     config = config or SimulationConfig()
     spec = mujoco.MjSpec.from_string(_urdf(robot, visual))
@@ -111,18 +126,7 @@ def build_model(
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     floor = {"size": [0, 0, 0.05], "contype": 1, "conaffinity": 0, **contact}
     spec.worldbody.add_geom(name="floor", type=plane, **floor)
-    for shape in robot.shapes:
-        body = spec.body(shape.link)
-        part = {"name": shape.link, "contype": 0, "conaffinity": 1, "mass": 0.0, **contact}
-        part["group"] = 3 if visual else 0  # renderers hide group 3
-        size = [*shape.size, 0.0, 0.0][:3]
-        if len(shape.size) == 3:
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=shape.start, size=size, **part)
-        elif shape.start == shape.end:
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=shape.start, size=size, **part)
-        else:
-            ends = [*shape.start, *shape.end]
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends, size=size, **part)
+    _add_shapes(spec, robot, contact, group=3 if visual else 0)  # renderers hide group 3
     _add_sensors(spec, robot)
     if visual:
         _decorate(spec)
@@ -141,7 +145,9 @@ def build_model(
 
 
 def _urdf(robot: RobotModel, visual: bool) -> str:
-    """The URDF with mesh paths MuJoCo can open, without collision meshes, and visual ones if asked.
+    """Return the URDF without collision meshes, with mesh paths that MuJoCo can open.
+
+    Visual meshes stay if they are asked for.
 
     Fixed joints are fused, as Pinocchio does: a foot becomes part of its lower leg.
     """
@@ -157,8 +163,27 @@ def _urdf(robot: RobotModel, visual: bool) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
+def _add_shapes(
+    spec: mujoco.MjSpec, robot: RobotModel, contact: Mapping[str, Any], group: int
+) -> None:
+    """Add the geometry that meets the floor, with MuJoCo's settings of its contacts."""
+    kind = mujoco.mjtGeom
+    for shape in robot.shapes:
+        body = spec.body(shape.link)
+        part = {"name": shape.link, "contype": 0, "conaffinity": 1, "mass": 0.0, **contact}
+        part["group"] = group
+        size = [*shape.size, 0.0, 0.0][:3]
+        if len(shape.size) == 3:
+            body.add_geom(type=kind.mjGEOM_BOX, pos=shape.start, size=size, **part)
+        elif shape.start == shape.end:
+            body.add_geom(type=kind.mjGEOM_SPHERE, pos=shape.start, size=size, **part)
+        else:
+            ends = [*shape.start, *shape.end]
+            body.add_geom(type=kind.mjGEOM_CAPSULE, fromto=ends, size=size, **part)
+
+
 def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
-    """Normal force and position of each foot, and the center of mass, as the slices say."""
+    """Add normal force and position of each foot, and the center of mass, as the slices say."""
     site = mujoco.mjtObj.mjOBJ_SITE
     kind = mujoco.mjtSensor
     for leg in LEGS:
@@ -174,7 +199,7 @@ def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
 
 
 def _decorate(spec: mujoco.MjSpec) -> None:
-    """Floor texture, sky, light and camera for pictures."""
+    """Add floor texture, sky, light and camera for pictures."""
     texture = mujoco.mjtTexture
     builtin = mujoco.mjtBuiltin
     spec.add_texture(
@@ -226,9 +251,10 @@ class MujocoSimulator:
     """``Simulator`` on MuJoCo.
 
     Attributes:
-        batch: number of robots B.
-        model: the MuJoCo model of one robot.
-        simulations: MuJoCo's own batch, for whoever needs more than the protocol, such as
+        robot: The robot that is simulated.
+        batch: The number of robots B.
+        model: The MuJoCo model of one robot.
+        simulations: MuJoCo's own batch, for what the protocol does not offer, such as
             ``simulations.expand("opt.gravity")`` for slopes.
     """
 
@@ -239,12 +265,19 @@ class MujocoSimulator:
         config: SimulationConfig | None = None,
         visual: bool = False,
     ) -> None:
-        """``batch`` robots standing in the nominal pose; arguments as for ``build_model``."""
+        """Make ``batch`` robots, which stand in the nominal pose.
+
+        Args:
+            robot: The robot.
+            batch: The number of robots B.
+            config: The friction and stiffness of the contacts; the defaults if it is None.
+            visual: True makes a model for pictures; see `build_model`.
+        """
         if mujoco.get_mju_user_warning() is None:
             # MuJoCo's own handler writes MUJOCO_LOG.TXT into the working directory.
             mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
+        self.robot = robot
         self.batch = batch
-        self._robot = robot
         self.model = build_model(robot, config, visual)
         # One thread: parallelism is over chunks of episodes. Persistent: each robot has its own
         # MjData, so that the kinematics of a new state serves the next tick as well.
@@ -295,8 +328,8 @@ class MujocoSimulator:
 
     @cached_property
     def _nominal(self) -> tuple[rigid.Legs, rigid.Masses]:
-        """What a robot believes of itself; a varied one has a center of mass it does not know."""
-        return rigid.legs_of(self._robot), rigid.masses_of(self._robot)
+        """What a robot knows of itself; a varied one has a center of mass that it does not know."""
+        return rigid.legs_of(self.robot), rigid.masses_of(self.robot)
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""
@@ -332,8 +365,8 @@ class MujocoSimulator:
             contacts = sensors[:, _FORCE] > CONTACT_FORCE
             self._state = from_mujoco(self._qpos, self._qvel, sensors[:, _COM], feet, contacts)
             if self._loaded.size:
-                believed = rigid.center_of_mass(self._state.q[self._loaded], *self._nominal)
-                self._state.com[self._loaded] = believed
+                q = self._state.q[self._loaded]
+                self._state.com[self._loaded] = rigid.center_of_mass(q, *self._nominal)
         return self._state
 
     @property
@@ -347,5 +380,9 @@ class MujocoSimulator:
         return self._blown_up.copy()
 
     def data(self, robot: int) -> mujoco.MjData:
-        """A copy of one robot's full MuJoCo data, for rendering or any ``mj_`` function."""
+        """Return a copy of one robot's full MuJoCo data, for rendering or any ``mj_`` function.
+
+        Args:
+            robot: The row of the robot in the batch.
+        """
         return self.simulations.get_data(robot)
