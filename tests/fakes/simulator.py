@@ -173,12 +173,13 @@ class FakeSimulator:
         return State(q, self.v.copy(), com, feet, contacts)
 
     def _contacts(self) -> BoolArray:
-        return (self.ticks[:, None] + np.array([0, 100, 100, 0])) % 200 < 100
+        phase = (self.ticks[:, None] + np.array([0, 100, 100, 0])) % 200
+        return np.asarray(phase < 100)
 
     @property
     def blown_up(self) -> BoolArray:
         late = [self.ticks[robot] >= self.lost.get(robot, NEVER) for robot in range(self.batch)]
-        return np.array(late) | self._bad_numbers
+        return np.logical_or(late, self._bad_numbers)
 
     @property
     def contact_force(self) -> Array:

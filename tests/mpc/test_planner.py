@@ -1,6 +1,5 @@
 """A whole plan: invariance, mechanics, failure, and takeovers at any tick."""
 
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -9,8 +8,19 @@ import pytest
 from surefoot.config import CentroidalConfig, ExpertConfig, Gait, KinematicConfig
 from surefoot.mpc.planner import PLAN_TICKS, Planner, to_heading_frame
 from surefoot.robots.model import standing
+from surefoot.testing import PlanContract
 from surefoot.types import Command, State
-from tests.fakes.plans import FORWARD, FRICTION, MODEL, PLANNER, ROBOT, arrays, same_bits, state_of
+from tests.fakes.plans import (
+    FORWARD,
+    FRICTION,
+    MODEL,
+    PLANNER,
+    ROBOT,
+    arrays,
+    planner,
+    same_bits,
+    state_of,
+)
 
 CONFIG = ExpertConfig()
 GRAVITY = 9.81
@@ -27,6 +37,14 @@ def start(seed: int | None) -> State:
     return state_of(q, v)
 
 
+class TestPlanner(PlanContract):
+    def make_plan(self):
+        return planner().plan
+
+    def make_robot(self):
+        return ROBOT
+
+
 @pytest.mark.parametrize("seed", [None, 0, 1, 2])
 @pytest.mark.parametrize("tick", TICKS)
 def test_plan_depends_on_neither_place_nor_heading(seed, tick):
@@ -38,8 +56,8 @@ def test_plan_depends_on_neither_place_nor_heading(seed, tick):
         q = np.concatenate([pin.SE3ToXYZQUAT(turn * pin.XYZQUATToSE3(state.q[:7])), state.q[7:]])
         for sign in (1.0, -1.0):  # both quaternions of an attitude
             q[3:7] *= sign
-            turned = PLANNER.plan(state_of(q, state.v), tick, FORWARD)
-            for a, b in zip(arrays(plan), arrays(turned), strict=True):
+            elsewhere = PLANNER.plan(state_of(q, state.v), tick, FORWARD)
+            for a, b in zip(arrays(plan), arrays(elsewhere), strict=True):
                 np.testing.assert_allclose(a, b, atol=1e-9, rtol=0)
 
 
@@ -47,14 +65,14 @@ def test_heading_frame_keeps_height_tilt_and_joints():
     rng = np.random.default_rng(0)
     for _ in range(50):
         q = pin.integrate(MODEL, ROBOT.nominal, rng.normal(size=18))
-        turned = to_heading_frame(q)
+        level = to_heading_frame(q)
         roll, pitch, _ = pin.rpy.matrixToRpy(pin.Quaternion(q[3:7]).matrix())
         expected = [roll, pitch, 0.0]
-        rpy = pin.rpy.matrixToRpy(pin.Quaternion(turned[3:7]).matrix())
+        rpy = pin.rpy.matrixToRpy(pin.Quaternion(level[3:7]).matrix())
         np.testing.assert_allclose(rpy, expected, atol=1e-12)
-        np.testing.assert_array_equal(turned[:2], 0.0)
-        np.testing.assert_array_equal(turned[2], q[2])
-        np.testing.assert_array_equal(turned[7:], q[7:])
+        np.testing.assert_array_equal(level[:2], 0.0)
+        np.testing.assert_array_equal(level[2], q[2])
+        np.testing.assert_array_equal(level[7:], q[7:])
 
 
 def test_a_plan_depends_on_configuration_velocity_clock_and_command_only():
@@ -66,17 +84,6 @@ def test_a_plan_depends_on_configuration_velocity_clock_and_command_only():
     assert same_bits(plan, PLANNER.plan(state, 133 + 500, FORWARD))
     assert not same_bits(plan, PLANNER.plan(state, 134, FORWARD))
     assert not same_bits(plan, PLANNER.plan(state, 133, Command(0.21, 0.05, 0.1)))
-
-
-def test_inputs_are_not_changed():
-    state = start(5)
-    before = replace(state, q=state.q.copy(), v=state.v.copy(), feet=state.feet.copy())
-    for array in (state.q, state.v, state.com, state.feet, state.contacts):
-        array.flags.writeable = False
-    plan = PLANNER.plan(state, 133, FORWARD)
-    np.testing.assert_array_equal(state.q, before.q)
-    np.testing.assert_array_equal(state.v, before.v)
-    assert same_bits(plan, PLANNER.plan(before, 133, FORWARD))
 
 
 @pytest.mark.parametrize("seed", [None, 0, 1])

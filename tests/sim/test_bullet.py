@@ -1,6 +1,6 @@
 """The PyBullet backend: model, conventions, contacts, and what happens without PyBullet.
 
-What every simulator promises is in test_simulators.py, what both have in common in test_parity.py.
+What every simulator promises is in test_protocol.py, what both share in test_parity.py.
 """
 
 import gc
