@@ -152,8 +152,8 @@ class FakeSimulator:
         return np.isfinite(self.q).all(axis=1) & np.isfinite(self.v).all(axis=1)
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
-        given = None if mask is None else mask.copy()
-        self.pushes.append((self.ticks.max(), np.array(impulse), given))
+        mask_copy = None if mask is None else mask.copy()
+        self.pushes.append((self.ticks.max(), np.array(impulse), mask_copy))
         rows = np.ones(self.batch, bool) if mask is None else mask
         self._impulse[rows] += np.broadcast_to(impulse, (self.batch, 3))[rows]
 
@@ -179,7 +179,9 @@ class FakeSimulator:
     @property
     def blown_up(self) -> BoolArray:
         late = [self.ticks[robot] >= self.lost.get(robot, NEVER) for robot in range(self.batch)]
-        return np.logical_or(late, self._bad_numbers)
+        flags = self._bad_numbers.copy()
+        flags |= late
+        return flags
 
     @property
     def contact_force(self) -> Array:

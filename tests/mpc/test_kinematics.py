@@ -45,7 +45,8 @@ def random_problem(seed: int) -> KinematicProblem:
     q_ref = np.array([pin.integrate(MODEL, q, rng.normal(0, 0.1, 18)) for q in problem.q_ref])
     dt = np.concatenate([[rng.integers(10, 60) / 1000], np.full(9, 0.05)])
     contacts = replace(problem.contacts, dt=dt)
-    v0, v_ref = rng.normal(0, 0.3, 18), rng.normal(0, 0.3, (11, 18))
+    v0 = rng.normal(0, 0.3, 18)
+    v_ref = rng.normal(0, 0.3, (11, 18))
     return KinematicProblem(q0, v0, contacts, problem.momentum, q_ref, v_ref)
 
 
@@ -86,10 +87,12 @@ def test_default_iterations_are_enough_on_nominal_states():
 
 def test_a_guess_does_no_harm_and_a_good_one_saves_iterations():
     """A wrong guess: another instance's motion. A good one: the solution's; kept where it helps."""
-    subject, once = solver(), solver(max_iterations=1)
+    subject = solver()
+    once = solver(max_iterations=1)
     lower = 0
     for i in range(COUNT):
-        problem, other = known_problem(i), known_problem((i + 7) % COUNT)
+        problem = known_problem(i)
+        other = known_problem((i + 7) % COUNT)
         solution = subject.solve(problem)
         wrong = subject.solve(problem, subject.solve(other).q)
         assert wrong.cost < 1.2 * solution.cost
@@ -108,7 +111,8 @@ def test_a_guess_that_costs_more_than_the_cold_start_is_not_taken(spoil):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_gradient_matches_central_differences(seed):
-    subject, problem = solver(), random_problem(seed)
+    subject = solver()
+    problem = random_problem(seed)
     rng = np.random.default_rng(seed)
     u = rng.normal(0, 1.0, (10, 18))
     gradient = subject.gradient(problem, u)
@@ -126,7 +130,8 @@ def test_gradient_matches_central_differences(seed):
 
 def rollout(problem, u):
     """The dynamics, with Pinocchio's integration."""
-    q, v = [problem.q0], [problem.v0]
+    q = [problem.q0]
+    v = [problem.v0]
     for dt, acceleration in zip(problem.contacts.dt, u, strict=True):
         v.append(v[-1] + dt * acceleration)
         q.append(pin.integrate(MODEL, q[-1], dt * v[-1]))
@@ -154,7 +159,7 @@ def test_gradient_vanishes_at_the_solution(seed):
     assert np.abs(subject.gradient(problem, plan.acceleration)).max() < 1e-5 * start
 
 
-def test_start_that_is_not_finite_is_given_back_as_such():
+def test_a_start_that_is_not_finite_has_a_cost_that_is_not_finite():
     problem = known_problem(0)
     for field in ("q0", "v0"):
         bad = getattr(problem, field).copy()

@@ -1,6 +1,5 @@
 """A whole plan: invariance, mechanics, failure, and takeovers at any tick."""
 
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -29,11 +28,13 @@ TICKS = [0, 50, 133, 249, 401, 447]
 
 def start(seed: int | None) -> State:
     """Standing at rest, or thrown out of it by a random displacement and velocity."""
-    q, v = standing(ROBOT), np.zeros(18)
+    q = standing(ROBOT)
+    v = np.zeros(18)
     if seed is not None:
         rng = np.random.default_rng(seed)
         sigma = np.concatenate([[0, 0, 0.02], np.full(3, 0.15), np.full(12, 0.1)])
-        q, v = pin.integrate(MODEL, q, sigma * rng.normal(size=18)), 0.2 * rng.normal(size=18)
+        q = pin.integrate(MODEL, q, sigma * rng.normal(size=18))
+        v = 0.2 * rng.normal(size=18)
     return state_of(q, v)
 
 
@@ -91,7 +92,9 @@ def test_a_plan_depends_on_configuration_velocity_clock_and_command_only():
 def test_centroidal_plan_obeys_newton_and_euler(seed, tick):
     state = start(seed)
     stages = PLANNER.solve(state, tick, FORWARD)
-    contacts, plan, mass = stages.contacts, stages.centroidal, ROBOT.mass
+    contacts = stages.contacts
+    plan = stages.centroidal
+    mass = ROBOT.mass
     dt = contacts.dt[:, None]
     force = plan.forces.sum(axis=1) - [0.0, 0.0, mass * GRAVITY]
     arm = contacts.position - plan.com[:-1, None]
@@ -142,7 +145,8 @@ def test_inverse_dynamics_obey_newton_and_euler(seed):
     """Momentum's rate by differences is gravity, contact forces and what the base rows leave."""
     q, v, a, force = random_motion(seed)
     tau = PLANNER.inverse_dynamics(q, v, a, force)
-    data, h = MODEL.createData(), 1e-5
+    data = MODEL.createData()
+    h = 1e-5
 
     def momentum(t, time):
         moved = pin.integrate(MODEL, q[t], time * v[t] + 0.5 * time**2 * a[t])
@@ -165,7 +169,9 @@ def test_inverse_dynamics_obey_newton_and_euler(seed):
 def momentum_errors(seed: int | None, tick: int) -> list[float]:
     """Largest error of linear and angular momentum at the nodes, and of the force it implies."""
     stages = PLANNER.solve(start(seed), tick, FORWARD)
-    data, N, plan = MODEL.createData(), CONFIG.kinematic.nodes, stages.centroidal
+    data = MODEL.createData()
+    N = CONFIG.kinematic.nodes
+    plan = stages.centroidal
     momentum = np.empty((N + 1, 6))
     for t in range(N + 1):
         pin.computeCentroidalMomentum(MODEL, data, stages.kinematic.q[t], stages.kinematic.v[t])

@@ -58,7 +58,8 @@ def test_gait_is_periodic_and_diagonal_legs_move_together():
 def test_half_a_period_mirrors_left_and_right():
     mirrored = [1, 0, 3, 2]
     for function in (phase, in_stance, swing_fraction):
-        now, later = function(TROT, CLOCK), function(TROT, CLOCK + PERIOD // 2)
+        now = function(TROT, CLOCK)
+        later = function(TROT, CLOCK + PERIOD // 2)
         np.testing.assert_array_equal(now, later[:, mirrored])
 
 
@@ -66,7 +67,8 @@ def test_phase_rises_by_a_period_and_agrees_with_stance_and_swing():
     p = phase(TROT, CLOCK)
     assert np.all((p >= 0) & (p < 1))
     np.testing.assert_allclose(np.diff(p, axis=0) % 1, 1 / PERIOD)
-    stance, fraction = in_stance(TROT, CLOCK), swing_fraction(TROT, CLOCK)
+    stance = in_stance(TROT, CLOCK)
+    fraction = swing_fraction(TROT, CLOCK)
     np.testing.assert_array_equal(stance, fraction < 1e-9)
     assert fraction.max() < 1
     assert np.all(stance[p == TROT.duty])  # the end of stance belongs to stance

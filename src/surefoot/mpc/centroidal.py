@@ -144,8 +144,8 @@ def _prepare(problem: CentroidalProblem, config: CentroidalConfig) -> _Problem:
     """Return the problem's arrays as the compiled functions want them."""
     contacts = problem.contacts
     nodes = len(contacts.dt)
-    given = (contacts.active, contacts.position, problem.x0, problem.reference)
-    shapes = [np.shape(array) for array in given]
+    checked = (contacts.active, contacts.position, problem.x0, problem.reference)
+    shapes = [np.shape(array) for array in checked]
     expected = [(nodes, 4), (nodes, 4, 3), (9,), (nodes + 1, 9)]
     if shapes != expected:
         raise ValueError(f"active, position, x0, reference are {shapes}, expected {expected}")

@@ -116,7 +116,7 @@ def build_model(
         joint.armature = 0.0
         joint.frictionloss = 0.0
 
-    # Two geoms meet if the type of one is in the affinity of the other: here robot and floor only.
+    # Two geoms meet if the type of one is in the affinity of the other: robot and floor only.
     # Of the friction of two geoms MuJoCo takes the larger; equal values need no rule.
     contact = {
         "friction": [config.friction, 0.005, 0.0001],
@@ -315,7 +315,7 @@ class MujocoSimulator:
         )
 
     def _apply(self, friction: Array, mass: Array, rows: BoolArray) -> None:
-        """Write what `vary` was given into the models of some robots."""
+        """Write friction and mass factors into the models of the robots in ``rows``."""
         base = self.model.body("base_link").id
         # Of the friction of two geoms MuJoCo takes the larger, so all have the same.
         self.simulations.expand("geom_friction")[rows, :, 0] = friction[rows, None]

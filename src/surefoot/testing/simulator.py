@@ -83,7 +83,7 @@ class SimulatorContract:
         assert seen.all(), "the test needs feet in the air and on the ground"
 
     def test_later_calls_do_not_change_arrays_handed_out(self) -> None:
-        """A state belongs to the caller, who may keep it."""
+        """A state belongs to the caller and may be kept."""
         simulator = self.make_simulator(2)
         state = simulator.state
         force = simulator.contact_force
@@ -260,14 +260,14 @@ class SimulatorContract:
         _vary(simulator, np.full(4, nominal), np.ones(4))
         np.testing.assert_array_equal(_record(simulator, self.ticks), plain)
         own = np.array([False, True, True, False])
-        some = self.make_simulator(4)
-        _vary(some, np.where(own, 0.6 * nominal, nominal), np.where(own, 1.3, 1.0))
-        rows = _record(some, self.ticks)
+        mixed = self.make_simulator(4)
+        _vary(mixed, np.where(own, 0.6 * nominal, nominal), np.where(own, 1.3, 1.0))
+        rows = _record(mixed, self.ticks)
         np.testing.assert_array_equal(rows[:, ~own], plain[:, ~own])
         differs = (rows[-1, own, :19] != plain[-1, own, :19]).any(axis=1)
         assert differs.all(), "a variation has no effect"
-        _vary(some, np.full(4, nominal), np.ones(4))
-        np.testing.assert_array_equal(_record(some, self.ticks), plain)
+        _vary(mixed, np.full(4, nominal), np.ones(4))
+        np.testing.assert_array_equal(_record(mixed, self.ticks), plain)
 
     def test_varied_rows_are_single_robots(self) -> None:
         """A varied robot moves as it would alone, bit for bit."""
