@@ -174,7 +174,7 @@ class FakeSimulator:
 
     def _contacts(self) -> BoolArray:
         phase = (self.ticks[:, None] + np.array([0, 100, 100, 0])) % 200
-        return np.asarray(phase < 100)
+        return np.less(phase, 100)
 
     @property
     def blown_up(self) -> BoolArray:
