@@ -149,7 +149,7 @@ class FakeSimulator:
         self._bad_numbers |= rows & ~self._finite()
 
     def _finite(self) -> BoolArray:
-        return np.isfinite(self.q).all(axis=1) & np.isfinite(self.v).all(axis=1)
+        return np.all(np.isfinite(np.hstack([self.q, self.v])), axis=1)
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
         mask_copy = None if mask is None else mask.copy()
@@ -174,7 +174,8 @@ class FakeSimulator:
 
     def _contacts(self) -> BoolArray:
         phase = (self.ticks[:, None] + np.array([0, 100, 100, 0])) % 200
-        return np.less(phase, 100)
+        contacts: BoolArray = phase < 100
+        return contacts
 
     @property
     def blown_up(self) -> BoolArray:
