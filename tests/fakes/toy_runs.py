@@ -35,8 +35,11 @@ from surefoot.workers import Workers
 from tests.fakes import toy
 from tests.fakes.toy import plan
 
-LIMIT, GRID, ALARM = 2.7, 50, 0.03
-KP, KD = 3.0, 0.05  # the expert's
+LIMIT = 2.7
+GRID = 50
+ALARM = 0.03
+KP = 3.0  # the expert's
+KD = 0.05
 POWERS = np.array([np.linalg.matrix_power(toy.A - toy.B @ toy.K, n) for n in range(100)])
 FREE = (-1e4, 1e4)
 SAFETY = SafetyConfig(hip_abduction=FREE, hip_flexion=FREE, knee=FREE)  # roll and height decide
@@ -109,7 +112,8 @@ def replayed(run, i):
     """The rollouts of an iteration, played once more: (job, record), and those that follow."""
     job = collection(run, i)
     pairs = [(job, play_out(job)[0])]
-    if job.then is not None and (more := job.then(*pairs[0])) is not None:
+    more = None if job.then is None else job.then(*pairs[0])
+    if more is not None:
         pairs.append((more, play_out(more)[0]))
     return pairs
 
@@ -129,13 +133,15 @@ def angles(q):
 
 
 def has_fallen(q, safety):
-    (low, high), angle = safety.fall_height, np.radians(safety.fall_angle)
+    (low, high) = safety.fall_height
+    angle = np.radians(safety.fall_angle)
     return (q[..., 2] < low) | (q[..., 2] > high) | (np.abs(angles(q)) > angle).any(-1)
 
 
 def outside(record, share=1.0):
     """(B, T) True where height, roll or pitch leaves the paper's table, or a share of it."""
-    z, limit = record.com[..., 2], np.radians(25.0 * share)
+    z = record.com[..., 2]
+    limit = np.radians(25.0 * share)
     low = z < 0.20 - share * 0.05
     return low | (z > 1.0) | (np.abs(angles(record.q)) > limit).any(-1)
 
@@ -149,16 +155,18 @@ def spans(mask):
 def answers(record, asked, invalid=()):
     """(B, T, 12) the expert's torque: LQR plans of the grid ticks and takeovers, followed.
 
-    A plan made t ticks ago predicts the error (A - B K)^t e. Without a valid one, the last goes on.
+    A plan made t ticks ago predicts the error (A - B K)^t e. Without a valid one, the last is kept.
     """
-    torque, asked = np.zeros(record.torque.shape), asked & record.happened
+    torque = np.zeros(record.torque.shape)
+    asked = asked & record.happened
     for b in range(len(asked)):
         clock = record.starts.tick[b] + np.arange(asked.shape[1])
         for first, last in spans(asked[b]):
             grid = (clock % GRID == 0) & ~np.isin(clock, invalid)
             made = [first, *(t for t in range(first + 1, last + 1) if grid[t])]
             for begin, end in zip(made, [*made[1:], last + 1], strict=True):
-                q, v = record.q[b, begin:end], record.v[b, begin:end]
+                q = record.q[b, begin:end]
+                v = record.v[b, begin:end]
                 goal = toy.goal_of(clock[begin], record.starts.command[b])
                 error = POWERS[: end - begin] @ (toy.x_of(q[0], v[0]) - goal)
                 x = error + goal
@@ -185,8 +193,9 @@ def alarms(classifier, record, alarm):
 
 
 def driven(violation, block, T):
-    """(T,) who drives when the rule is: safe again, and at least a block since the takeover."""
-    drives, since = np.zeros(T, bool), None
+    """(T,) True where the expert drives: until safe, and at least a block since the takeover."""
+    drives = np.zeros(T, bool)
+    since = None
     for t in range(T):
         if since is None and violation[t]:
             since = t
@@ -198,9 +207,11 @@ def driven(violation, block, T):
 
 def last_block(drove, length):
     """(T,) the expert's block that ends at a robot's end, if it drove there."""
-    block, t = np.zeros(len(drove), bool), length - 1
+    block = np.zeros(len(drove), bool)
+    t = length - 1
     while t >= 0 and drove[t]:
-        block[t], t = True, t - 1
+        block[t] = True
+        t = t - 1
     return block
 
 

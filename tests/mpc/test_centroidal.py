@@ -10,11 +10,13 @@ from scipy.optimize import minimize
 
 from surefoot.config import CentroidalConfig
 from surefoot.mpc import centroidal
-from surefoot.mpc.centroidal import solve_centroidal
+from surefoot.mpc.centroidal import CentroidalProblem, solve_centroidal
 from surefoot.mpc.footholds import ContactPlan
 
 CONFIG = CentroidalConfig()
-MASS, FRICTION, NODES = 2.5, 0.5, CONFIG.nodes
+MASS = 2.5
+FRICTION = 0.5
+NODES = CONFIG.nodes
 HIPS = np.array([[0.19, 0.14, 0.0], [0.19, -0.14, 0.0], [-0.19, 0.14, 0.0], [-0.19, -0.14, 0.0]])
 WEIGHT = np.vstack(
     (
@@ -60,7 +62,8 @@ def instance(seed):
 
 
 def solve(contacts, x0, reference, config=CONFIG, guess=None):
-    return solve_centroidal(contacts, x0, reference, MASS, FRICTION, config, guess)
+    problem = CentroidalProblem(contacts, x0, reference, MASS, FRICTION)
+    return solve_centroidal(problem, config, guess)
 
 
 def violation(X, F, contacts, x0):
@@ -95,12 +98,16 @@ def states(plan):
 def ipopt():
     """The nonconvex problem as a whole, by an interior-point method from the standing start."""
     ca = pytest.importorskip("casadi")
-    X, F = ca.SX.sym("X", 9, NODES + 1), ca.SX.sym("F", 12, NODES)
-    position, dt = ca.SX.sym("p", 12, NODES), ca.SX.sym("dt", NODES)
-    x0, reference = ca.SX.sym("x0", 9), ca.SX.sym("ref", 9, NODES + 1)
+    X = ca.SX.sym("X", 9, NODES + 1)
+    F = ca.SX.sym("F", 12, NODES)
+    position = ca.SX.sym("p", 12, NODES)
+    dt = ca.SX.sym("dt", NODES)
+    x0 = ca.SX.sym("x0", 9)
+    reference = ca.SX.sym("ref", 9, NODES + 1)
     objective = ca.sum1(ca.sum2(ca.DM(WEIGHT.T) * (X - reference) ** 2))
     objective += ca.sum1(ca.sum2(ca.repmat(ca.DM(CONFIG.force), 4, NODES) * F**2))
-    dynamics, cones = [X[:, 0] - x0], []
+    dynamics = [X[:, 0] - x0]
+    cones = []
     for t in range(NODES):
         feet = [F[3 * j : 3 * j + 3, t] for j in range(4)]
         moments = [ca.cross(position[3 * j : 3 * j + 3, t] - X[0:3, t], feet[j]) for j in range(4)]
@@ -117,7 +124,8 @@ def ipopt():
     }
     options = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-9}}
     solver = ca.nlpsol("solver", "ipopt", problem, options)
-    equalities, free = 9 * (NODES + 1), np.full(9 * (NODES + 1), np.inf)
+    equalities = 9 * (NODES + 1)
+    free = np.full(9 * (NODES + 1), np.inf)
 
     def solution(contacts, x0, reference):
         stance = np.repeat(contacts.active[..., None], 3, axis=2)
@@ -205,7 +213,10 @@ def test_plan_obeys_mechanics_and_contact(seed):
     """Momentum balance by differences of the plan; its norm is the residual reported."""
     contacts, x0, reference = instance(seed)
     plan = solve(contacts, x0, reference)
-    c, v, L, F = plan.com, plan.com_velocity, plan.angular_momentum, plan.forces
+    c = plan.com
+    v = plan.com_velocity
+    L = plan.angular_momentum
+    F = plan.forces
     h = contacts.dt[:, None]
     weight = MASS * np.array([0, 0, -9.81])
     linear = MASS * np.diff(v, axis=0) - h * (F.sum(axis=1) + weight)
@@ -223,7 +234,8 @@ def test_plan_obeys_mechanics_and_contact(seed):
 
 def test_mirror_symmetry():
     """Left and right exchanged in the problem are exchanged in the plan."""
-    flip, legs = np.array([1, -1, 1]), [1, 0, 3, 2]
+    flip = np.array([1, -1, 1])
+    legs = [1, 0, 3, 2]
     state = np.concatenate((flip, flip, -flip))  # angular momentum is a pseudovector
     for seed in range(4):
         contacts, x0, reference = instance(seed)
@@ -267,8 +279,10 @@ def test_flight():
 @pytest.mark.parametrize("field", ["x0", "reference", "position", "dt", "mass", "friction"])
 def test_input_that_is_not_finite(field, bad):
     contacts, x0, reference = instance(2)
-    mass, friction = MASS, FRICTION
-    position, dt = contacts.position.copy(), contacts.dt.copy()
+    mass = MASS
+    friction = FRICTION
+    position = contacts.position.copy()
+    dt = contacts.dt.copy()
     stance = np.argwhere(contacts.active)[4]
     if field == "mass":
         mass = bad
@@ -278,7 +292,8 @@ def test_input_that_is_not_finite(field, bad):
         foot = position[*stance]  # a view
         {"x0": x0, "reference": reference, "position": foot, "dt": dt}[field].flat[2] = bad
     contacts = replace(contacts, position=position, dt=dt)
-    plan = solve_centroidal(contacts, x0, reference, mass, friction, CONFIG)
+    problem = CentroidalProblem(contacts, x0, reference, mass, friction)
+    plan = solve_centroidal(problem, CONFIG)
     if field == "friction" and bad > 0:
         assert np.all(np.isfinite(plan.forces))  # no friction limit is a problem like any other
     else:
@@ -295,7 +310,7 @@ def test_wrong_shapes_are_named():
 # The parts, against what they should equal.
 
 
-def problem(seed):
+def arrays_of(seed):
     contacts, x0, reference = instance(seed)
     rho = CONFIG.rho * np.repeat(centroidal.PENALTY, 3)
     return contacts, centroidal._Problem(
@@ -313,7 +328,7 @@ def problem(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_state_step_is_the_dense_least_squares_solution(seed):
-    contacts, p = problem(seed)
+    contacts, p = arrays_of(seed)
     rng = np.random.default_rng(seed)
     F = rng.normal(0, 4, (NODES, 4, 3)) * contacts.active[..., None]
     P = rng.normal(0, 0.01, (NODES + 1, 9))
@@ -344,11 +359,12 @@ def test_state_step_is_the_dense_least_squares_solution(seed):
 @pytest.mark.parametrize("push", [0.0, 0.05, 0.5])
 def test_force_step_is_the_constrained_least_squares_solution(push):
     """Node by node against SLSQP; a sideways dual pushes forces onto their cones."""
-    contacts, p = problem(1)
+    contacts, p = arrays_of(1)
     X = np.tile(p.x0, (NODES + 1, 1))
     P = np.random.default_rng(0).normal(0, 0.02, (NODES + 1, 9))
     P[:, 3] += push
-    F, wrench = np.zeros((NODES, 4, 3)), np.empty((NODES, 6))
+    F = np.zeros((NODES, 4, 3))
+    wrench = np.empty((NODES, 6))
     centroidal._force_step(F, wrench, X, P, p)
     np.testing.assert_allclose(wrench[:, 0:3], F.sum(axis=1), atol=1e-12)
     np.testing.assert_allclose(
@@ -394,7 +410,8 @@ def test_cone_projection_is_exact(f, g, mu):
         centroidal._project_cones(x, mu)
         return x
 
-    p, q = project(f), project(g)
+    p = project(f)
+    q = project(g)
     assert np.hypot(p[0], p[1]) <= mu * p[2] + 1e-9
     rest = f - p
     assert mu * np.hypot(rest[0], rest[1]) <= -rest[2] + 1e-9

@@ -6,14 +6,17 @@ import pytest
 from surefoot.mpc.expert import DAMPING, Expert
 from surefoot.types import Command, MotionPlan, State
 
-KP, KD = 3.0, 0.05
+KP = 3.0
+KD = 0.05
 
 
 class Recorder:
-    """A toy MPC: notes who asked when, and answers with rows that say which tick they are for."""
+    """A toy MPC: notes which robot asked when, and answers with rows that name their tick."""
 
     def __init__(self, ticks: int = 100) -> None:
-        self.calls, self.ticks, self.invalid = [], ticks, set()
+        self.calls = []
+        self.ticks = ticks
+        self.invalid = set()
 
     def __call__(self, state: State, tick: int, command: Command) -> MotionPlan:
         self.calls.append((int(state.q[0]), tick, command))
@@ -24,14 +27,16 @@ class Recorder:
     @staticmethod
     def torque(state: State, robot: int, row_tick: int) -> np.ndarray:
         plan = 1e-3 * (row_tick + 0.01 * np.arange(12)) + state.q[robot, 0]
-        q, v = state.q[robot, 7:], state.v[robot, 6:]
+        q = state.q[robot, 7:]
+        v = state.v[robot, 6:]
         return 0.5 * plan + KP * (plan - q) + KD * (-2.0 * plan - v)
 
 
 def states(batch: int, seed: int = 0) -> State:
     """Random states; the first coordinate is the robot's number."""
     rng = np.random.default_rng(seed)
-    q, v = rng.normal(size=(batch, 19)), rng.normal(size=(batch, 18))
+    q = rng.normal(size=(batch, 19))
+    v = rng.normal(size=(batch, 18))
     q[:, 0] = np.arange(batch)
     return State(q, v, q[:, :3], np.zeros((batch, 4, 3)), np.ones((batch, 4), bool))
 
@@ -52,7 +57,7 @@ def make(batch: int = 1, ticks: int = 100):
 
 
 def asked_at(plan: Recorder, robot: int = 0) -> list[int]:
-    return [tick for who, tick, _ in plan.calls if who == robot]
+    return [tick for caller, tick, _ in plan.calls if caller == robot]
 
 
 def test_plans_at_the_takeover_and_on_the_grid_only():
@@ -113,7 +118,7 @@ def test_a_batch_gives_what_each_robot_gets_alone():
             np.testing.assert_array_equal(one[0], torque[robot])
 
 
-def test_an_invalid_replan_goes_on_with_the_old_plan():
+def test_after_an_invalid_replan_the_robot_follows_the_old_plan():
     expert, plan = make()
     plan.invalid = {2}  # the one at tick 50
     for tick in range(151):
@@ -207,7 +212,7 @@ def test_reset_forgets():
     assert not expert.diverged.any()
     np.testing.assert_array_equal(expert.plans, np.zeros(3))
     np.testing.assert_array_equal(expert.invalid_plans, np.zeros(3))
-    drive(expert, states(3), 8)  # one tick later, but a takeover: nobody drove before
+    drive(expert, states(3), 8)  # one tick later, but a takeover: the expert did not drive before
     np.testing.assert_array_equal(expert.plans, np.ones(3))
 
 
@@ -255,7 +260,8 @@ def test_a_users_own_mpc_is_a_plain_function():
         position = state.q[7:] * (1 - ramp)
         return MotionPlan(position, np.tile(-10.0 * state.q[7:], (100, 1)), np.zeros((100, 12)))
 
-    expert, state = Expert(stand, kp=5.0, kd=0.2), states(2)
+    expert = Expert(stand, kp=5.0, kd=0.2)
+    state = states(2)
     expert.reset(2)
     torque = drive(expert, state, 3)
     np.testing.assert_allclose(torque, 0.2 * (-10.0 * state.q[:, 7:] - state.v[:, 6:]))

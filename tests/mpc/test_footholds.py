@@ -6,18 +6,28 @@ import numpy as np
 import pytest
 
 from surefoot.config import ExpertConfig, Gait
-from surefoot.mpc.footholds import GRAVITY, hip_offsets, plan_contacts
+from surefoot.mpc.footholds import (
+    GRAVITY,
+    FootholdRule,
+    HorizonStart,
+    hip_offsets,
+    part_beyond,
+    plan_contacts,
+    rotate_horizontal,
+    travel_along_arc,
+)
 from surefoot.mpc.schedule import in_stance, node_ticks, swing_fraction
 from surefoot.robots.solo12 import solo12
 from surefoot.types import Command
 
-ROBOT, TROT, CONFIG = solo12(), Gait(), ExpertConfig()
+ROBOT = solo12()
+TROT = Gait()
+CONFIG = ExpertConfig()
 HIPS = hip_offsets(ROBOT, CONFIG.hip_outward)
 COM = np.array([0.013, -0.007, 0.21])
 FEET = np.column_stack([HIPS * 1.1 + COM[:2], np.full(4, 0.02)])
 REST = Command()
 TICKS = [0, 50, 113, 249, 441, 495]
-
 
 PUBLISHED = replace(CONFIG, foothold_rule="published")
 STILL = np.zeros(2)
@@ -32,7 +42,8 @@ def contacts(
     excess=STILL,
     config: ExpertConfig = CONFIG,
 ):
-    return plan_contacts(gait, config, HIPS, ROBOT.foot_radius, com, feet, tick, velocity, excess)
+    rule = FootholdRule(gait, config, HIPS, ROBOT.foot_radius)
+    return plan_contacts(rule, HorizonStart(tick, com, feet, velocity, excess))
 
 
 def landings(plan):
@@ -52,8 +63,9 @@ def test_footholds_lie_outward_of_the_hips():
 
 @pytest.mark.parametrize("tick", TICKS)
 def test_shapes_flags_and_durations(tick):
-    plan, ticks = contacts(tick), node_ticks(tick, CONFIG.centroidal.nodes)
     nodes = CONFIG.centroidal.nodes
+    plan = contacts(tick)
+    ticks = node_ticks(tick, nodes)
     assert plan.active.shape == plan.via.shape == (nodes, 4)
     assert plan.position.shape == (nodes, 4, 3)
     np.testing.assert_array_equal(plan.active, in_stance(TROT, ticks[:-1]))
@@ -87,7 +99,8 @@ def test_a_foot_in_stance_stays(tick):
 @pytest.mark.parametrize("tick", TICKS)
 def test_touchdown_travels_with_the_base_and_half_a_stance_further(tick):
     velocity = np.array([0.3, -0.1])
-    plan, rest = contacts(tick, Command(*velocity)), contacts(tick)
+    plan = contacts(tick, Command(*velocity))
+    rest = contacts(tick)
     time = np.concatenate([[0.0], np.cumsum(plan.dt)])
     for node, leg in landings(plan):
         travel = plan.position[node, leg] - rest.position[node, leg]
@@ -96,8 +109,10 @@ def test_touchdown_travels_with_the_base_and_half_a_stance_further(tick):
 
 
 @pytest.mark.parametrize("rule", ["published", "capture"])
-def test_turning(rule):
-    v, w, tick = np.array([0.2, 0.1, 0.0]), 0.7, 113
+def test_landings_of_a_turning_robot(rule):
+    v = np.array([0.2, 0.1, 0.0])
+    w = 0.7
+    tick = 113
     plan = contacts(tick, Command(v[0], v[1], w), config=replace(CONFIG, foothold_rule=rule))
     start = np.concatenate([[0.0], np.cumsum(plan.dt)])
     stride = 0.15 * v[:2] + 0.5 * np.sqrt(COM[2] / GRAVITY) * np.cross(v, [0.0, 0.0, w])[:2]
@@ -116,7 +131,8 @@ def test_turning(rule):
 @pytest.mark.parametrize("tick", TICKS)
 def test_excess_velocity_moves_landings_to_where_it_carries_the_robot(tick):
     excess = np.array([0.5, -1.2])  # 1.3 m/s
-    plan, calm = contacts(tick, excess=excess), contacts(tick)
+    plan = contacts(tick, excess=excess)
+    calm = contacts(tick)
     time = np.concatenate([[0.0], np.cumsum(plan.dt)])
     for node, leg in landings(plan):
         moved = plan.position[node, leg] - calm.position[node, leg]
@@ -129,7 +145,8 @@ def test_excess_velocity_moves_landings_to_where_it_carries_the_robot(tick):
 @pytest.mark.parametrize("config", [CONFIG, PUBLISHED])
 def test_velocity_of_a_settled_gait_moves_no_foothold(config):
     speed = 0.99 * CONFIG.capture_deadband if config is CONFIG else 2.0
-    plan, calm = contacts(113, excess=speed * np.array([0.6, 0.8]), config=config), contacts(113)
+    plan = contacts(113, excess=speed * np.array([0.6, 0.8]), config=config)
+    calm = contacts(113)
     np.testing.assert_array_equal(plan.position, calm.position)
 
 
@@ -154,3 +171,25 @@ def test_plan_moves_with_the_robot():
 def test_step_height_is_the_gaits():
     plan = contacts(0, gait=replace(TROT, step_height=0.05))
     assert np.all(plan.position[plan.via][:, 2] == 0.05)
+
+
+def test_part_beyond_a_size_keeps_the_direction():
+    np.testing.assert_allclose(part_beyond(np.array([3.0, -4.0]), 2.0), [1.8, -2.4])
+    np.testing.assert_array_equal(part_beyond(np.array([3.0, -4.0]), 5.0), [0.0, 0.0])
+    np.testing.assert_array_equal(part_beyond(np.array([3.0, -4.0]), 0.0), [3.0, -4.0])
+
+
+def test_rotation_about_the_vertical_known_answers():
+    angle = np.array([[0.0], [np.pi / 2], [np.pi], [np.pi / 6]])
+    expected = [[2, 1], [-1, 2], [-2, -1], [np.sqrt(3) - 0.5, 1 + np.sqrt(3) / 2]]
+    np.testing.assert_allclose(rotate_horizontal(np.array([2.0, 1.0]), angle), expected, atol=1e-15)
+
+
+@pytest.mark.parametrize("w", [0.0, 1e-9, 0.7, -2.0])
+def test_travel_along_an_arc_has_the_turning_velocity_as_its_derivative(w):
+    v = np.array([0.3, -0.1])
+    time = np.linspace(0.1, 1.0, 10)[:, None]
+    step = 1e-6
+    difference = travel_along_arc(v, w, time + step) - travel_along_arc(v, w, time - step)
+    np.testing.assert_allclose(difference / (2 * step), rotate_horizontal(v, w * time), atol=1e-9)
+    np.testing.assert_array_equal(travel_along_arc(v, w, np.zeros((1, 1))), [[0.0, 0.0]])

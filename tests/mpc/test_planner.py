@@ -1,7 +1,5 @@
 """A whole plan: invariance, mechanics, failure, and takeovers at any tick."""
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -9,8 +7,19 @@ import pytest
 from surefoot.config import CentroidalConfig, ExpertConfig, Gait, KinematicConfig
 from surefoot.mpc.planner import PLAN_TICKS, Planner, to_heading_frame
 from surefoot.robots.model import standing
+from surefoot.testing import PlanContract
 from surefoot.types import Command, State
-from tests.fakes.plans import FORWARD, FRICTION, MODEL, PLANNER, ROBOT, arrays, same_bits, state_of
+from tests.fakes.plans import (
+    FORWARD,
+    FRICTION,
+    MODEL,
+    PLANNER,
+    ROBOT,
+    arrays,
+    planner,
+    same_bits,
+    state_of,
+)
 
 CONFIG = ExpertConfig()
 GRAVITY = 9.81
@@ -19,12 +28,22 @@ TICKS = [0, 50, 133, 249, 401, 447]
 
 def start(seed: int | None) -> State:
     """Standing at rest, or thrown out of it by a random displacement and velocity."""
-    q, v = standing(ROBOT), np.zeros(18)
+    q = standing(ROBOT)
+    v = np.zeros(18)
     if seed is not None:
         rng = np.random.default_rng(seed)
         sigma = np.concatenate([[0, 0, 0.02], np.full(3, 0.15), np.full(12, 0.1)])
-        q, v = pin.integrate(MODEL, q, sigma * rng.normal(size=18)), 0.2 * rng.normal(size=18)
+        q = pin.integrate(MODEL, q, sigma * rng.normal(size=18))
+        v = 0.2 * rng.normal(size=18)
     return state_of(q, v)
+
+
+class TestPlanner(PlanContract):
+    def make_plan(self):
+        return planner().plan
+
+    def make_robot(self):
+        return ROBOT
 
 
 @pytest.mark.parametrize("seed", [None, 0, 1, 2])
@@ -38,8 +57,8 @@ def test_plan_depends_on_neither_place_nor_heading(seed, tick):
         q = np.concatenate([pin.SE3ToXYZQUAT(turn * pin.XYZQUATToSE3(state.q[:7])), state.q[7:]])
         for sign in (1.0, -1.0):  # both quaternions of an attitude
             q[3:7] *= sign
-            turned = PLANNER.plan(state_of(q, state.v), tick, FORWARD)
-            for a, b in zip(arrays(plan), arrays(turned), strict=True):
+            elsewhere = PLANNER.plan(state_of(q, state.v), tick, FORWARD)
+            for a, b in zip(arrays(plan), arrays(elsewhere), strict=True):
                 np.testing.assert_allclose(a, b, atol=1e-9, rtol=0)
 
 
@@ -47,14 +66,14 @@ def test_heading_frame_keeps_height_tilt_and_joints():
     rng = np.random.default_rng(0)
     for _ in range(50):
         q = pin.integrate(MODEL, ROBOT.nominal, rng.normal(size=18))
-        turned = to_heading_frame(q)
+        level = to_heading_frame(q)
         roll, pitch, _ = pin.rpy.matrixToRpy(pin.Quaternion(q[3:7]).matrix())
         expected = [roll, pitch, 0.0]
-        rpy = pin.rpy.matrixToRpy(pin.Quaternion(turned[3:7]).matrix())
+        rpy = pin.rpy.matrixToRpy(pin.Quaternion(level[3:7]).matrix())
         np.testing.assert_allclose(rpy, expected, atol=1e-12)
-        np.testing.assert_array_equal(turned[:2], 0.0)
-        np.testing.assert_array_equal(turned[2], q[2])
-        np.testing.assert_array_equal(turned[7:], q[7:])
+        np.testing.assert_array_equal(level[:2], 0.0)
+        np.testing.assert_array_equal(level[2], q[2])
+        np.testing.assert_array_equal(level[7:], q[7:])
 
 
 def test_a_plan_depends_on_configuration_velocity_clock_and_command_only():
@@ -68,23 +87,14 @@ def test_a_plan_depends_on_configuration_velocity_clock_and_command_only():
     assert not same_bits(plan, PLANNER.plan(state, 133, Command(0.21, 0.05, 0.1)))
 
 
-def test_inputs_are_not_changed():
-    state = start(5)
-    before = replace(state, q=state.q.copy(), v=state.v.copy(), feet=state.feet.copy())
-    for array in (state.q, state.v, state.com, state.feet, state.contacts):
-        array.flags.writeable = False
-    plan = PLANNER.plan(state, 133, FORWARD)
-    np.testing.assert_array_equal(state.q, before.q)
-    np.testing.assert_array_equal(state.v, before.v)
-    assert same_bits(plan, PLANNER.plan(before, 133, FORWARD))
-
-
 @pytest.mark.parametrize("seed", [None, 0, 1])
 @pytest.mark.parametrize("tick", [0, 133])
 def test_centroidal_plan_obeys_newton_and_euler(seed, tick):
     state = start(seed)
     stages = PLANNER.solve(state, tick, FORWARD)
-    contacts, plan, mass = stages.contacts, stages.centroidal, ROBOT.mass
+    contacts = stages.contacts
+    plan = stages.centroidal
+    mass = ROBOT.mass
     dt = contacts.dt[:, None]
     force = plan.forces.sum(axis=1) - [0.0, 0.0, mass * GRAVITY]
     arm = contacts.position - plan.com[:-1, None]
@@ -135,7 +145,8 @@ def test_inverse_dynamics_obey_newton_and_euler(seed):
     """Momentum's rate by differences is gravity, contact forces and what the base rows leave."""
     q, v, a, force = random_motion(seed)
     tau = PLANNER.inverse_dynamics(q, v, a, force)
-    data, h = MODEL.createData(), 1e-5
+    data = MODEL.createData()
+    h = 1e-5
 
     def momentum(t, time):
         moved = pin.integrate(MODEL, q[t], time * v[t] + 0.5 * time**2 * a[t])
@@ -158,7 +169,9 @@ def test_inverse_dynamics_obey_newton_and_euler(seed):
 def momentum_errors(seed: int | None, tick: int) -> list[float]:
     """Largest error of linear and angular momentum at the nodes, and of the force it implies."""
     stages = PLANNER.solve(start(seed), tick, FORWARD)
-    data, N, plan = MODEL.createData(), CONFIG.kinematic.nodes, stages.centroidal
+    data = MODEL.createData()
+    N = CONFIG.kinematic.nodes
+    plan = stages.centroidal
     momentum = np.empty((N + 1, 6))
     for t in range(N + 1):
         pin.computeCentroidalMomentum(MODEL, data, stages.kinematic.q[t], stages.kinematic.v[t])
@@ -173,7 +186,7 @@ def momentum_errors(seed: int | None, tick: int) -> list[float]:
 def test_whole_body_motion_carries_the_planned_momentum():
     """The whole-body stage trades momentum against feet (weights 500 and 1e4): close, not exact.
 
-    Measured at rest: 5 mm/s of the centre of mass and 3 % of the weight at worst; thrown out of
+    Measured at rest: 5 mm/s of the center of mass and 3 % of the weight at worst; thrown out of
     it, 0.03 kg m/s, 0.16 kg m^2/s and 1.3 N at the median. A lost term is ten times that.
     """
     for tick in (0, 133):
@@ -225,7 +238,7 @@ def test_numbers_that_make_no_plan_are_not_vouched_for(number):
         state = start(None)
         state.q[index] = number
         if index in (3, 6) and number == 1e200:
-            continue  # normalises to a unit quaternion
+            continue  # normalizes to a unit quaternion
         assert not PLANNER.plan(state, 0, FORWARD).valid, f"q[{index}]"
     for index in (0, 5, 9):
         state = start(None)

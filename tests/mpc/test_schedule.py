@@ -58,7 +58,8 @@ def test_gait_is_periodic_and_diagonal_legs_move_together():
 def test_half_a_period_mirrors_left_and_right():
     mirrored = [1, 0, 3, 2]
     for function in (phase, in_stance, swing_fraction):
-        now, later = function(TROT, CLOCK), function(TROT, CLOCK + PERIOD // 2)
+        now = function(TROT, CLOCK)
+        later = function(TROT, CLOCK + PERIOD // 2)
         np.testing.assert_array_equal(now, later[:, mirrored])
 
 
@@ -66,7 +67,8 @@ def test_phase_rises_by_a_period_and_agrees_with_stance_and_swing():
     p = phase(TROT, CLOCK)
     assert np.all((p >= 0) & (p < 1))
     np.testing.assert_allclose(np.diff(p, axis=0) % 1, 1 / PERIOD)
-    stance, fraction = in_stance(TROT, CLOCK), swing_fraction(TROT, CLOCK)
+    stance = in_stance(TROT, CLOCK)
+    fraction = swing_fraction(TROT, CLOCK)
     np.testing.assert_array_equal(stance, fraction < 1e-9)
     assert fraction.max() < 1
     assert np.all(stance[p == TROT.duty])  # the end of stance belongs to stance
@@ -74,10 +76,16 @@ def test_phase_rises_by_a_period_and_agrees_with_stance_and_swing():
 
 @pytest.mark.parametrize("offset", range(GRID))
 def test_flags_belong_to_each_nodes_own_time(offset):
-    ticks = node_ticks(1000 + offset, 20)
-    flags = in_stance(TROT, ticks)
-    for node, tick in enumerate(ticks):
-        np.testing.assert_array_equal(flags[node], in_stance(TROT, int(tick)))
+    """A foot of the trot stands at 0 to 300 of 500 ms, a diagonal pair half a period later."""
+    tick = 1000 + offset
+    # The first node starts at the tick itself, and the second at the next point of the grid that
+    # is at least 10 ms away.
+    first = 50 - offset if offset <= 40 else 100 - offset
+    own_times = [tick] + [tick + first + 50 * node for node in range(20)]
+    front_left = [time % 500 <= 300 for time in own_times]
+    front_right = [(time + 250) % 500 <= 300 for time in own_times]
+    expected = np.column_stack([front_left, front_right, front_right, front_left])
+    np.testing.assert_array_equal(in_stance(TROT, node_ticks(tick, 20)), expected)
 
 
 def test_other_gaits_follow_their_own_numbers():

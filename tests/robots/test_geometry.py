@@ -23,7 +23,8 @@ def random_configuration(rng):
 
 def surface(shape, rng, count=40_000):
     """Points on the surface of a shape, in its link's frame; corners and poles included."""
-    start, end = np.array(shape.start), np.array(shape.end)
+    start = np.array(shape.start)
+    end = np.array(shape.end)
     if len(shape.size) == 3:
         corners = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
         inside = rng.uniform(-1, 1, (count, 3))
@@ -41,12 +42,12 @@ def test_lowest_points_are_those_of_the_surfaces():
         q = random_configuration(rng)
         lowest = np.concatenate(lowest_points(ROBOT, data, q))
         assert len(lowest) == len(SHAPES)
-        for shape, found in zip(SHAPES, lowest, strict=True):
+        for shape, height in zip(SHAPES, lowest, strict=True):
             link = data.oMf[ROBOT.model.getFrameId(shape.link)]
             heights = surface(shape, rng) @ link.rotation.T[:, 2] + link.translation[2]
             # No point lies lower, and some sampled point comes close.
-            assert found <= heights.min() + 1e-12
-            assert found == pytest.approx(heights.min(), abs=1e-5 if len(shape.size) > 1 else 5e-5)
+            assert height <= heights.min() + 1e-12
+            assert height == pytest.approx(heights.min(), abs=1e-5 if len(shape.size) > 1 else 5e-5)
 
 
 def test_feet_come_first_in_the_order_of_the_legs():
@@ -73,7 +74,8 @@ def test_base_box_of_a_level_and_of_a_rolled_robot():
     data = ROBOT.model.createData()
     q = standing(ROBOT)
     base = [shape.link for shape in SHAPES].index("base_link") - 4
-    (cx, cy, cz), (hx, hy, hz) = SHAPES[4].start, SHAPES[4].size
+    (cx, cy, cz) = SHAPES[4].start
+    (hx, hy, hz) = SHAPES[4].size
     assert (cx, cy) == (0.0, 0.0)
     assert lowest_points(ROBOT, data, q)[1][base] == pytest.approx(q[2] + cz - hz)
     q[3:7] = [np.sin(np.pi / 4), 0, 0, np.cos(np.pi / 4)]  # on its side

@@ -1,83 +1,22 @@
-"""Solo12: mass, geometry, the order of joints, the standing pose, and the torque limit."""
+"""What the package knows of any robot: the order of its joints, standing, the torque limit."""
 
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-import surefoot.robots.solo12
-from surefoot.config import RobotConfig
 from surefoot.robots.model import RobotModel, clip_torque, standing
 from surefoot.robots.solo12 import solo12
-from surefoot.types import JOINTS, LEGS
 
 ROBOT = solo12()
 
 
-def placements(q):
-    data = ROBOT.model.createData()
-    pin.framesForwardKinematics(ROBOT.model, data, q)
-    return data
-
-
-def test_mass():
-    assert ROBOT.mass == pytest.approx(2.500, abs=5e-4)
-    assert sum(inertia.mass for inertia in ROBOT.model.inertias) == pytest.approx(ROBOT.mass)
-
-
-def test_joints_come_leg_by_leg_from_hip_to_knee():
-    assert tuple(ROBOT.model.names[2:]) == JOINTS
-    assert JOINTS[:4] == ("FL_HAA", "FL_HFE", "FL_KFE", "FR_HAA")
-    for index, name in enumerate(JOINTS):
-        joint = ROBOT.model.joints[ROBOT.model.getJointId(name)]
-        assert (joint.idx_q, joint.idx_v) == (7 + index, 6 + index)
-
-
-def test_axes_of_the_joints():
-    # Abduction turns about x, flexion and knee about y, on the left and on the right alike.
-    data = placements(pin.neutral(ROBOT.model))
-    pin.computeJointJacobians(ROBOT.model, data, pin.neutral(ROBOT.model))
-    for index, name in enumerate(JOINTS):
-        J = pin.getJointJacobian(ROBOT.model, data, ROBOT.model.getJointId(name), pin.LOCAL)
-        axis = [1, 0, 0] if name.endswith("HAA") else [0, 1, 0]
-        np.testing.assert_allclose(J[3:, 6 + index], axis, atol=1e-12)
-
-
-def test_legs_are_16_cm_by_16_cm_and_hips_sit_at_the_corners():
-    data = placements(pin.neutral(ROBOT.model))
-    for leg, foot, hip in zip(LEGS, ROBOT.feet, ROBOT.hips, strict=True):
-        knee = data.oMi[ROBOT.model.getJointId(f"{leg}_KFE")].translation
-        upper, lower = knee - data.oMi[hip].translation, data.oMf[foot].translation - knee
-        # In the plane of flexion; across it the links are offset a little.
-        assert np.hypot(upper[0], upper[2]) == pytest.approx(0.16, abs=1e-9)
-        assert np.hypot(lower[0], lower[2]) == pytest.approx(0.16, abs=1e-9)
-        front, left = (1 if leg[0] == "F" else -1), (1 if leg[1] == "L" else -1)
-        abduction = data.oMi[ROBOT.model.getJointId(f"{leg}_HAA")].translation
-        np.testing.assert_allclose(abduction, [front * 0.1946, left * 0.0875, 0.0], atol=2e-4)
-        np.testing.assert_allclose(
-            data.oMi[hip].translation, [front * 0.1946, left * 0.1015, 0.0], atol=5e-4
-        )
-
-
-def test_no_hidden_damping_or_armature():
-    assert not ROBOT.model.damping.any()
-    assert not ROBOT.model.armature.any()
-
-
-def test_nominal_pose_is_mirror_symmetric_and_bent_outwards():
-    legs = ROBOT.nominal[7:].reshape(4, 3)
-    np.testing.assert_array_equal(legs[0], legs[1])
-    np.testing.assert_array_equal(legs[0], -legs[2])
-    np.testing.assert_array_equal(legs[2], legs[3])
-    assert legs[0, 1] > 0 > legs[0, 2]
-    np.testing.assert_array_equal(ROBOT.nominal[3:7], [0, 0, 0, 1])
-
-
 def test_standing_touches_the_ground_with_all_four_feet():
     q = standing(ROBOT)
-    heights = [placements(q).oMf[foot].translation[2] for foot in ROBOT.feet]
+    data = ROBOT.model.createData()
+    pin.framesForwardKinematics(ROBOT.model, data, q)
+    heights = [data.oMf[foot].translation[2] for foot in ROBOT.feet]
     np.testing.assert_allclose(heights, ROBOT.foot_radius, atol=1e-12)
     np.testing.assert_array_equal(q[7:], ROBOT.nominal[7:])
     assert 0.2 < q[2] < 0.25
@@ -93,23 +32,9 @@ def test_clip_torque():
     assert clip_torque(np.ones((3, 12)), 0.5).shape == (3, 12)
 
 
-def test_limit_comes_from_the_config():
-    assert solo12(RobotConfig(torque_limit=1.25)).torque_limit == 1.25
-    assert ROBOT.torque_limit == RobotConfig().torque_limit == 2.7
-
-
 def test_joints_in_another_order_are_refused():
     model = pin.Model(ROBOT.model)
     model.names[2], model.names[3] = model.names[3], model.names[2]
     with pytest.raises(ValueError, match=r"solo12: joints are .*expected"):
         replace(ROBOT, model=model)
     assert isinstance(replace(ROBOT, name="other"), RobotModel)
-
-
-def test_missing_description_says_how_to_get_it(monkeypatch):
-    def missing(name):
-        raise PackageNotFoundError(name)
-
-    monkeypatch.setattr(surefoot.robots.solo12, "distribution", missing)
-    with pytest.raises(ImportError, match="pip install example-robot-data"):
-        solo12()

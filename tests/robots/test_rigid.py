@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from surefoot.robots.rigid import (
-    centre_of_mass,
+    center_of_mass,
     difference,
     difference_jacobian,
     feet,
@@ -47,7 +47,8 @@ def adjoint(twist) -> np.ndarray:
 
 def test_integrate_and_difference_match_pinocchio_and_each_other():
     for q, d in zip(configurations(300), displacements(), strict=True):
-        moved, expected = integrate(q, d), pin.integrate(MODEL, q, d)
+        moved = integrate(q, d)
+        expected = pin.integrate(MODEL, q, d)
         moved[3:7] *= np.sign(moved[3:7] @ expected[3:7])
         np.testing.assert_allclose(moved, expected, atol=1e-13)
         np.testing.assert_allclose(difference(q, expected), d, atol=1e-12)
@@ -57,7 +58,8 @@ def test_integrate_and_difference_match_pinocchio_and_each_other():
 
 def test_jacobians_match_the_exponential_series():
     for d in displacements():
-        ad, exact = adjoint(d[:6]), np.eye(6, dtype=np.longdouble)
+        ad = adjoint(d[:6])
+        exact = np.eye(6, dtype=np.longdouble)
         for n in range(60, 1, -1):
             exact = np.eye(6) - ad @ exact / n
         A, E = integrate_jacobians(d[:6])
@@ -86,7 +88,8 @@ def test_jacobians_match_pinocchio():
 
 @pytest.mark.parametrize("leg", range(4))
 def test_feet_and_their_jacobians_match_pinocchio(leg):
-    q, data = configurations(), MODEL.createData()
+    q = configurations()
+    data = MODEL.createData()
     position, J = feet(q, legs_of(ROBOT))
     own = [*range(6), *range(6 + 3 * leg, 9 + 3 * leg)]
     for t in range(len(q)):
@@ -98,8 +101,9 @@ def test_feet_and_their_jacobians_match_pinocchio(leg):
         assert not np.delete(expected, own, axis=1).any()
 
 
-def test_centre_of_mass_matches_pinocchio():
-    q, data = configurations(), MODEL.createData()
-    com = centre_of_mass(q, legs_of(ROBOT), masses_of(ROBOT))
+def test_center_of_mass_matches_pinocchio():
+    q = configurations()
+    data = MODEL.createData()
+    com = center_of_mass(q, legs_of(ROBOT), masses_of(ROBOT))
     for t in range(len(q)):
         np.testing.assert_allclose(com[t], pin.centerOfMass(MODEL, data, q[t]), atol=1e-14)

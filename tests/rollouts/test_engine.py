@@ -20,8 +20,9 @@ from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.disturbance import Disturbance, Pushes
 from surefoot.scenarios.starts import Starts, load_starts
 from surefoot.sim import make_simulator
-from surefoot.types import MotionPlan, State
+from surefoot.types import MotionPlan
 from tests.fakes.learning import spec_of
+from tests.fakes.simulator import FakeSimulator
 
 ROBOT = solo12()
 STANDING = standing(ROBOT)
@@ -35,59 +36,6 @@ def starts_of(ticks, commands=None):
     command = np.zeros((n, 3)) if commands is None else np.array(commands, float)
     q = np.tile(STANDING, (n, 1))
     return Starts(q, np.zeros((n, 18)), np.array(ticks), command, np.arange(n) + 70)
-
-
-class FakeSimulator:
-    """Joints move with the torque, the base stays at 0.25 m unless told otherwise, feet trot."""
-
-    def __init__(self, batch, z=None, blown_up_at=None):
-        self.batch = batch
-        self.z, self.blown_up_at = z or {}, blown_up_at or {}
-        self.applied, self.masks, self.pushes = [], [], []
-
-    def reset(self, q, v, mask=None):
-        self.q, self.v = q.copy(), v.copy()
-        self.ticks = np.zeros(self.batch, int)
-
-    def step(self, torque, mask=None):
-        assert mask is not None
-        self.applied.append(torque.copy())
-        self.masks.append(mask.copy())
-        self.q[mask, 7:] += 1e-3 * torque[mask]
-        self.q[mask, 0] += 1e-3
-        self.v[mask, 0] = self.ticks[mask]
-        self.ticks[mask] += 1
-
-    @property
-    def state(self):
-        q = self.q.copy()
-        for robot, (tick, height) in self.z.items():
-            if self.ticks[robot] >= tick:
-                q[robot, 2] = height
-        phase = (self.ticks[:, None] + np.array([0, 100, 100, 0])) % 200
-        contacts = phase < 100
-        feet = np.zeros((self.batch, 4, 3))
-        feet[..., 0] = self.ticks[:, None]
-        feet[..., 2] = np.where(contacts, ROBOT.foot_radius, 0.05)
-        com = q[:, :3] + [0.0, 0.0, -0.01]
-        return State(q, self.v.copy(), com, feet, contacts)
-
-    @property
-    def blown_up(self):
-        return np.array(
-            [self.ticks[b] >= self.blown_up_at.get(b, 10**9) for b in range(self.batch)]
-        )
-
-    @property
-    def contact_force(self):
-        raise NotImplementedError  # the engine never asks for forces
-
-    def vary(self, friction, mass):
-        raise NotImplementedError
-
-    def push(self, impulse, mask=None):
-        assert mask is not None
-        self.pushes.append((self.ticks.max(), impulse.copy(), mask.copy()))
 
 
 class Fake:
@@ -203,7 +151,7 @@ def test_applied_torque_is_clipped_and_recorded_as_applied():
 
 
 def test_a_fall_ends_that_robot_and_it_is_stepped_no_more():
-    simulator, expert, policy = FakeSimulator(3, z={1: (620, 0.09)}), Fake(0.1), Fake(-0.1)
+    simulator, expert, policy = FakeSimulator(3, heights={1: [(620, 0.09)]}), Fake(0.1), Fake(-0.1)
     script = Script("." * 800, "X" * 800, "." * 800)
     record = rollout(simulator, ROBOT, starts_of([0, 0, 0]), 0.8, script, expert, policy)
     assert record.length.tolist() == [800, 620, 800]
@@ -219,7 +167,7 @@ def test_a_fall_ends_that_robot_and_it_is_stepped_no_more():
     ("fall", "length"), [(0, 500), (3, 500), (499, 500), (500, 500), (501, 501), (700, 700)]
 )
 def test_falls_are_tested_from_the_end_of_the_grace_on(fall, length):
-    simulator = FakeSimulator(1, z={0: (fall, 0.09)})
+    simulator = FakeSimulator(1, heights={0: [(fall, 0.09)]})
     record = rollout(simulator, ROBOT, starts_of([0]), 0.7, ExpertOnly(), Fake(0.0))
     # Also the state that the last tick leads to is looked at.
     assert (record.length[0], record.outcome[0]) == (length, Outcome.FELL)
@@ -239,7 +187,7 @@ def test_a_robot_that_gets_up_within_the_grace_has_not_fallen():
 
 @pytest.mark.parametrize("tick", [0, 1, 137, 500, 640])
 def test_numbers_that_run_away_end_a_robot_at_once(tick):
-    simulator = FakeSimulator(2, blown_up_at={1: tick})
+    simulator = FakeSimulator(2, lost={1: tick})
     record = rollout(simulator, ROBOT, starts_of([0, 0]), 0.7, ExpertOnly(), Fake(0.0))
     assert record.length.tolist() == [700, tick]
     assert record.outcome.tolist() == [Outcome.SUCCESS, Outcome.FELL]
@@ -247,7 +195,7 @@ def test_numbers_that_run_away_end_a_robot_at_once(tick):
 
 
 def test_a_rollout_of_robots_that_are_all_lost_stops():
-    simulator = FakeSimulator(2, blown_up_at={0: 4, 1: 9})
+    simulator = FakeSimulator(2, lost={0: 4, 1: 9})
     record = rollout(simulator, ROBOT, starts_of([0, 0]), 0.7, ExpertOnly(), Fake(0.0))
     assert len(simulator.applied) == 9
     assert record.length.tolist() == [4, 9]
@@ -282,7 +230,7 @@ def test_invalid_plans_at_a_takeover_are_divergence():
 
 
 def test_the_expert_drives_the_tail_and_fallen_robots_get_none():
-    simulator, expert, policy = FakeSimulator(2, z={0: (700, 0.05)}), Fake(1.0), Fake(-1.0)
+    simulator, expert, policy = FakeSimulator(2, heights={0: [(700, 0.05)]}), Fake(1.0), Fake(-1.0)
     record = rollout(
         simulator, ROBOT, starts_of([0, 0]), 0.8, PolicyOnly(), expert, policy, tail=0.2
     )
@@ -298,7 +246,7 @@ def test_the_expert_drives_the_tail_and_fallen_robots_get_none():
 
 
 def test_falls_in_the_tail_are_falls():
-    simulator = FakeSimulator(2, z={0: (900, 0.05), 1: (1000, 0.05)})
+    simulator = FakeSimulator(2, heights={0: [(900, 0.05)], 1: [(1000, 0.05)]})
     record = rollout(simulator, ROBOT, starts_of([0, 0]), 0.8, ExpertOnly(), Fake(0.0), tail=0.2)
     assert record.length.tolist() == [900, 1000]
     assert record.outcome.tolist() == [Outcome.FELL, Outcome.FELL]
@@ -371,7 +319,7 @@ def test_fall_bounds_come_from_the_config():
 
 
 def test_frames_come_episode_by_episode_in_time_and_hold_the_record():
-    simulator = FakeSimulator(3, z={1: (510, 0.05)})
+    simulator = FakeSimulator(3, heights={1: [(510, 0.05)]})
     rng = np.random.default_rng(0)
     script = Script(*("".join(rng.choice(["X", "."], 600)) for _ in range(3)))
     starts = starts_of([50, 400, 0], [[0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]])
@@ -519,7 +467,7 @@ def test_recorded_torques_replay_the_motion():
 
 
 def test_a_push_acts_on_its_robot_at_its_time_in_its_heading():
-    simulator = FakeSimulator(3, z={2: (4, 0.05)})
+    simulator = FakeSimulator(3, heights={2: [(4, 0.05)]})
     starts = starts_of([0, 0, 0])
     starts.q[1, 3:7] = [0.0, 0.0, np.sin(np.pi / 4), np.cos(np.pi / 4)]  # heads along y
     impulse = np.array([[0.0, 0.0, 0.0], [1.0, 0.5, 0.2], [3.0, 0.0, 0.0]])

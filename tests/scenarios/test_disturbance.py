@@ -18,6 +18,7 @@ from surefoot.sim import make_simulator
 from surefoot.types import State
 from tests.fakes.plans import MODEL, state_of
 from tests.fakes.robots import ROBOT, STANDING, random_states
+from tests.fakes.simulator import FakeSimulator
 
 NOISE = NoiseConfig(0.01, 0.05, 0.1, 0.2, 0.03, 0.4)
 ALL = DisturbanceConfig(
@@ -238,35 +239,6 @@ def test_noise_of_a_robot_does_not_depend_on_its_neighbors():
 # --- in the engine, on a simulator of a few lines
 
 
-class FakeSimulator:
-    """Joints move with the torque; says in which order it was asked for things."""
-
-    def __init__(self, size, height=0.25):
-        self.batch, self.height, self.order = size, height, []
-        self.blown_up, self.contact_force = np.zeros(size, bool), np.zeros((size, 4))
-        self.applied, self.pushed, self.varied = [], [], []
-
-    def vary(self, friction, mass):
-        self.order.append("vary")
-        self.varied.append((friction.tolist(), mass.tolist()))
-
-    def reset(self, q, v, mask=None):
-        self.order.append("reset")
-        self.q, self.v = q.copy(), v.copy()
-        self.q[:, 2] = self.height
-
-    def step(self, torque, mask=None):
-        self.applied.append(torque.copy())
-        self.q[:, 7:] += 1e-3 * torque
-
-    def push(self, impulse, mask=None):
-        self.pushed.append(impulse.copy())
-
-    @property
-    def state(self):
-        return batch(self.q, self.v)
-
-
 class Numbered:
     """A controller whose torque is the number of its call; keeps the states it was shown."""
 
@@ -328,7 +300,8 @@ def test_falls_are_judged_by_the_truth(height, sigma):
     safety = SafetyConfig(grace=0.01)
     disturbance = noisy(sigma)
     record = rollout(
-        FakeSimulator(2, height), ROBOT, starts(), 0.05, ExpertOnly(), Numbered(),
+        FakeSimulator(2, {0: [(0, height)], 1: [(0, height)]}), ROBOT, starts(), 0.05,
+        ExpertOnly(), Numbered(),
         safety=safety, disturbance=disturbance,
     )  # fmt: skip
     fell = height < 0.1
@@ -368,7 +341,7 @@ def test_nothing_drawn_disturbs_nobody():
         simulator, ROBOT, starts(), 0.01, ExpertOnly(), Numbered(), disturbance=nothing
     )
     assert simulator.order == ["reset"]
-    assert simulator.pushed == []
+    assert simulator.pushes == []
     assert record.seen.q.base is record.q.base  # the very same numbers
 
 

@@ -1,6 +1,6 @@
 """The PyBullet backend: model, conventions, contacts, and what happens without PyBullet.
 
-What every simulator promises is in test_simulators.py, what both have in common in test_parity.py.
+What every simulator promises is in test_protocol.py, what both share in test_parity.py.
 """
 
 import gc
@@ -80,7 +80,7 @@ def test_conversion_round_trip():
 
 @needs_pybullet
 def test_kinematics_are_bullets_own():
-    """Feet and centre of mass are computed from q; PyBullet's links must be where q says."""
+    """Feet and center of mass are computed from q; PyBullet's links must be where q says."""
     import pybullet
 
     simulator = bullet()
@@ -93,10 +93,10 @@ def test_kinematics_are_bullets_own():
         simulator.body, range(count), computeForwardKinematics=1, **place
     )
     mass = [pybullet.getDynamicsInfo(simulator.body, i, **place)[0] for i in range(-1, count)]
-    centres = [pybullet.getBasePositionAndOrientation(simulator.body, **place)[0]]
-    centres += [link[0] for link in links]
+    centers = [pybullet.getBasePositionAndOrientation(simulator.body, **place)[0]]
+    centers += [link[0] for link in links]
     state = simulator.state
-    com = np.average(centres, axis=0, weights=mass)
+    com = np.average(centers, axis=0, weights=mass)
     np.testing.assert_allclose(state.com[0], com, atol=1e-7)
     feet = [links[link][4] for link in simulator.foot_links]
     np.testing.assert_allclose(state.feet[0], feet, atol=1e-7)
@@ -107,7 +107,8 @@ def test_shapes_are_where_the_geometry_says():
     """Height of the lowest point of every shape above the floor, at odd attitudes."""
     import pybullet
 
-    simulator, data = bullet(), ROBOT.model.createData()
+    simulator = bullet()
+    data = ROBOT.model.createData()
     place = {"physicsClientId": simulator.clients[0]}
     for row, q in enumerate(random_states(5, height=0.4)[0]):
         simulator.reset(q[None], REST)
@@ -131,12 +132,16 @@ def test_robot_meets_the_floor_only():
     simulator = bullet()
     place = {"physicsClientId": simulator.clients[0]}
     q = STANDING.copy()[None]
-    q[0, 2], q[0, 8::3], q[0, 9::3] = 1.0, 0.0, 3.1
+    q[0, 2] = 1.0
+    q[0, 8::3] = 0.0
+    q[0, 9::3] = 3.1
     simulator.reset(q, REST)
     simulator.step(np.zeros((1, 12)))
     assert not pybullet.getContactPoints(**place)
     # Legs stretched out flat, 10 mm above the ground: every shape is in it.
-    q[0, 2], q[0, 8::3], q[0, 9::3] = 0.01, np.pi / 2, 0.0
+    q[0, 2] = 0.01
+    q[0, 8::3] = np.pi / 2
+    q[0, 9::3] = 0.0
     simulator.reset(q, REST)
     simulator.step(np.zeros((1, 12)))
     contacts = pybullet.getContactPoints(**place)
@@ -151,10 +156,14 @@ def test_robot_meets_the_floor_only():
 
 @needs_pybullet
 def test_nothing_caps_the_joints():
-    """PyBullet stops joints at 100 rad/s, the URDF at 10 rad; here dynamics go on as they must."""
-    simulator, data = bullet(), ROBOT.model.createData()
-    q, v = STANDING.copy()[None], np.zeros((1, 18))
-    q[0, 2], q[0, 8], v[0, 9] = 2.0, 12.0, 150.0
+    """PyBullet stops joints at 100 rad/s, the URDF at 10 rad; the simulator has neither limit."""
+    simulator = bullet()
+    data = ROBOT.model.createData()
+    q = STANDING.copy()[None]
+    v = np.zeros((1, 18))
+    q[0, 2] = 2.0
+    q[0, 8] = 12.0
+    v[0, 9] = 150.0
     simulator.reset(q, v)
     simulator.step(np.zeros((1, 12)))
     acceleration = pin.aba(ROBOT.model, data, q[0], v[0], np.zeros(18))
@@ -167,7 +176,8 @@ def test_nothing_caps_the_joints():
 def test_a_robot_that_pybullet_refuses_has_blown_up(monkeypatch):
     import pybullet
 
-    reference, simulator = bullet(3), bullet(3)
+    reference = bullet(3)
+    simulator = bullet(3)
     real = pybullet.getBaseVelocity
 
     def refuse(body, physicsClientId):
@@ -177,7 +187,8 @@ def test_a_robot_that_pybullet_refuses_has_blown_up(monkeypatch):
 
     before = simulator.state
     monkeypatch.setattr(pybullet, "getBaseVelocity", refuse)
-    first, second = record(reference, 5), record(simulator, 5)
+    first = record(reference, 5)
+    second = record(simulator, 5)
     assert simulator.blown_up.tolist() == [False, True, False]
     np.testing.assert_array_equal(first[:, [0, 2]], second[:, [0, 2]])
     np.testing.assert_array_equal(simulator.state.q[1], before.q[1])
@@ -185,7 +196,7 @@ def test_a_robot_that_pybullet_refuses_has_blown_up(monkeypatch):
 
 @needs_pybullet
 def test_solver_settings_matter():
-    """A floor that mends no penetration leaves a robot in it, one that mends all throws it out."""
+    """A floor that corrects no penetration leaves a robot in it; the default pushes it out."""
     heights = []
     for erp in (0.0, 0.08):
         simulator = make_simulator(ROBOT, 1, replace(BULLET, contact_erp=erp))
@@ -212,7 +223,8 @@ def test_a_base_with_another_inertial_frame_is_refused(tmp_path):
 def test_too_many_robots_are_refused(monkeypatch):
     import pybullet
 
-    real, opened = pybullet.connect, []
+    real = pybullet.connect
+    opened = []
 
     def connect(method):
         if len(opened) == 2:
@@ -240,7 +252,7 @@ def test_clients_end_with_their_simulator():
 
 
 @needs_pybullet
-def test_pybullet_says_nothing():
+def test_pybullet_prints_nothing():
     code = (
         "import numpy as np; from surefoot.config import SimulationConfig\n"
         "from surefoot.robots.solo12 import solo12; from surefoot.sim import make_simulator\n"
@@ -256,4 +268,4 @@ def test_without_pybullet_the_error_says_how_to_get_it(monkeypatch):
     monkeypatch.delattr(surefoot.sim, "bullet", raising=False)
     with pytest.raises(ImportError, match=r"up to Python 3.11 only: pip install 'surefoot\[pyb"):
         make_simulator(ROBOT, 1, BULLET)
-    make_simulator(ROBOT, 1)  # nobody else needs it
+    make_simulator(ROBOT, 1)  # MuJoCo does not need it

@@ -42,7 +42,10 @@ def test_touch_is_the_sum_of_contact_normals():
     q[0, 3:7] = STANDING[3:7]
     simulator.reset(q, REST)
     feet = [simulator.model.geom(f"{leg}_FOOT").id for leg in LEGS]
-    data, force, others, seen = mujoco.MjData(simulator.model), np.zeros(6), 0, 0
+    data = mujoco.MjData(simulator.model)
+    force = np.zeros(6)
+    others = 0
+    seen = 0
     for tick in range(600):
         before = simulator.data(0)
         torque = shaken(simulator.state, tick)
@@ -67,11 +70,15 @@ def test_robot_meets_the_floor_only():
     """A robot that lies in itself feels nothing in the air, and every link on the floor."""
     simulator = MujocoSimulator(ROBOT, 1)
     q = STANDING.copy()[None]
-    q[0, 2], q[0, 8::3], q[0, 9::3] = 1.0, 0.0, 3.1
+    q[0, 2] = 1.0
+    q[0, 8::3] = 0.0
+    q[0, 9::3] = 3.1
     simulator.reset(q, REST)
     assert simulator.data(0).ncon == 0
     # Legs stretched out flat, 10 mm above the ground.
-    q[0, 2], q[0, 8::3], q[0, 9::3] = 0.01, np.pi / 2, 0.0
+    q[0, 2] = 0.01
+    q[0, 8::3] = np.pi / 2
+    q[0, 9::3] = 0.0
     simulator.reset(q, REST)
     pairs = simulator.data(0).contact.geom
     assert {simulator.model.geom(pair[0]).name for pair in pairs} == {"floor"}
@@ -81,7 +88,8 @@ def test_robot_meets_the_floor_only():
 
 def test_varied_models_are_compiled_ones():
     """Also in what MuJoCo derives from masses, which makes contacts as stiff as they should be."""
-    mass, friction = np.array([1.0, 1.5]), np.array([0.3, 0.8])
+    mass = np.array([1.0, 1.5])
+    friction = np.array([0.3, 0.8])
     simulator = varied(MujocoSimulator(ROBOT, 2), friction, mass)
     for row in range(2):
         expected = build_model(ROBOT, SimulationConfig(friction=friction[row]))
@@ -103,7 +111,8 @@ def test_varied_models_are_compiled_ones():
 
 
 def test_pictures_do_not_change_the_physics():
-    plain, pretty = MujocoSimulator(ROBOT, 1), MujocoSimulator(ROBOT, 1, visual=True)
+    plain = MujocoSimulator(ROBOT, 1)
+    pretty = MujocoSimulator(ROBOT, 1, visual=True)
     assert plain.model.nmesh == 0
     assert pretty.model.nmesh > 0
     assert pretty.model.camera("track").id >= 0

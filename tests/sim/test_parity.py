@@ -59,7 +59,8 @@ def test_sliding_angle(backend, friction, degrees):
     """
     simulator = make_simulator(ROBOT, 2, SimulationConfig(backend, friction=friction))
     slope = friction + np.array([-0.03, 0.03])
-    angle, heading = np.arctan(slope), np.deg2rad(degrees)
+    angle = np.arctan(slope)
+    heading = np.deg2rad(degrees)
     way = np.array([np.cos(heading), np.sin(heading)])
     gravity = np.column_stack([np.sin(angle)[:, None] * way, -np.cos(angle)])
     stiff_on_a_slope(simulator, backend, GRAVITY * gravity)
@@ -72,7 +73,7 @@ def test_sliding_angle(backend, friction, degrees):
     assert abs(speed[999][0] - speed[499][0]) < 2e-4
     acceleration = (speed[999][1] - speed[499][1]) / 0.5
     measured = slope[1] - acceleration / (GRAVITY * np.cos(angle[1]))
-    # Sliding feet hop by tenths of a millimetre in MuJoCo, so friction is known on average only.
+    # Sliding feet hop by tenths of a millimeter in MuJoCo, so friction is known on average only.
     tolerance = 0.03 if backend == "mujoco" else 5e-4
     assert measured == pytest.approx(friction, rel=tolerance)
 
@@ -102,7 +103,7 @@ def test_each_robot_slides_at_its_own_friction(backend):
 @needs_pybullet
 @pytest.mark.parametrize("mass", [[1.0, 1.0, 1.0], [0.6, 1.3, 2.0]])
 def test_free_fall_is_the_same_to_rounding(mass):
-    """Both integrate semi-implicitly; here no contact is in play, and every joint moves."""
+    """Both integrate semi-implicitly; the robots touch nothing, and every joint moves."""
     q, v = random_states(3)
     torque = np.random.default_rng(1).normal(0.0, 0.02, (3, 12))
     ends = []
@@ -114,8 +115,8 @@ def test_free_fall_is_the_same_to_rounding(mass):
         ends.append(simulator.state)
     mujoco, bullet = ends
     for row in range(3):  # the quaternions may have either sign
-        apart = pin.difference(ROBOT.model, mujoco.q[row], bullet.q[row])
-        np.testing.assert_allclose(apart, 0.0, atol=1e-12)
+        difference = pin.difference(ROBOT.model, mujoco.q[row], bullet.q[row])
+        np.testing.assert_allclose(difference, 0.0, atol=1e-12)
     np.testing.assert_allclose(mujoco.v, bullet.v, atol=1e-11)
     np.testing.assert_allclose(mujoco.com, bullet.com, atol=1e-12)
 

@@ -191,12 +191,10 @@ def times_of(timed: Sequence[TimedPlan]) -> Times:
         median=_median_ms(seconds),
         p99=1e3 * float(np.percentile(seconds, 99)),
         stages=StageTimes(
-            contacts=_median_ms([plan.stages.seconds["contacts"] for plan in timed]),
-            centroidal=_median_ms([plan.stages.seconds["centroidal"] for plan in timed]),
-            kinematics=_median_ms([plan.stages.seconds["kinematics"] for plan in timed]),
-            inverse_dynamics=_median_ms(
-                [plan.stages.seconds["inverse_dynamics"] for plan in timed]
-            ),
+            contacts=_median_ms([plan.stages.seconds.contacts for plan in timed]),
+            centroidal=_median_ms([plan.stages.seconds.centroidal for plan in timed]),
+            kinematics=_median_ms([plan.stages.seconds.kinematics for plan in timed]),
+            inverse_dynamics=_median_ms([plan.stages.seconds.inverse_dynamics for plan in timed]),
         ),
     )
 

@@ -1,6 +1,6 @@
-"""Contact forces and centre-of-mass motion over a horizon: the biconvex centroidal problem.
+"""Contact forces and center-of-mass motion over a horizon: the biconvex centroidal problem.
 
-With states x_t = (c, v, k) (centre of mass, its velocity, angular momentum per mass), weights W
+With states x_t = (c, v, k) (center of mass, its velocity, angular momentum per mass), weights W
 and foot forces f_j per mass in the cone |f_xy| <= mu f_z,
 
     min  sum_t |x_t - ref_t|^2_W + |f_t|^2_W     s.t.  c' = c + dt v'
@@ -9,7 +9,7 @@ and foot forces f_j per mass in the cone |f_xy| <= mu f_z,
 
 The only product of unknowns is c x f: the problem is convex in the forces for given states, and in
 the states for given forces. ADMM alternates the two (BiConMP, Meduri et al. 2023): the forces
-separate by node, the states are one block-tridiagonal solve. Next: ``kinematics``.
+separate by node, the states are one block-tridiagonal solve. Read `kinematics` next.
 """
 
 from __future__ import annotations
@@ -25,11 +25,15 @@ from surefoot.mpc.footholds import ContactPlan
 from surefoot.types import GRAVITY, Array, BoolArray
 
 PENALTY = (1e4, 0.2, 2.0)
-"""ADMM penalty, in units of ``rho``, on the rows of position and start, velocity, and momentum. It
-sets the pace, not the optimum: 1, 1, 1 takes 2.8 times the iterations and stops farther from it."""
+"""The ADMM penalty, in units of ``rho``, on the rows of position and start, velocity, and momentum.
+It sets the pace, not the optimum: 1, 1, 1 takes 2.8 times as many iterations and stops farther
+from the optimum."""
 RELAXATION = 1.6
-"""ADMM over-relaxation, 1 is none; 1.5 to 1.8 is usual (Boyd et al. 2011, section 3.4.3)."""
-FORCE_ITERATIONS, FORCE_TOLERANCE = 500, 1e-9  # gradient steps end at a smaller change [N/kg]
+"""The ADMM over-relaxation: 1 is none, 1.5 to 1.8 is usual (Boyd et al. 2011, section 3.4.3)."""
+FORCE_ITERATIONS = 500
+"""The largest number of gradient steps in one force step."""
+FORCE_TOLERANCE = 1e-9
+"""[N/kg] The gradient steps end at a smaller change."""
 
 
 @dataclass(frozen=True)
@@ -37,14 +41,15 @@ class CentroidalPlan:
     """Centroidal motion and contact forces over N nodes.
 
     Attributes:
-        com: ``(N+1, 3)`` centre of mass [m].
-        com_velocity: ``(N+1, 3)`` its velocity [m/s].
-        angular_momentum: ``(N+1, 3)`` about the centre of mass [kg m^2/s].
-        forces: ``(N, 4, 3)`` on the feet, constant over a node; exactly 0 for a swing foot [N].
+        com: ``(N+1, 3)`` center of mass [m].
+        com_velocity: ``(N+1, 3)`` velocity of the center of mass [m/s].
+        angular_momentum: ``(N+1, 3)`` angular momentum about the center of mass [kg m^2/s].
+        forces: ``(N, 4, 3)`` forces on the feet, constant over a node; exactly 0 for a swing foot
+            [N].
         dual: ``(N+1, 9)`` scaled dual of the dynamics, the last row that of the start; with the
-            states, all that a warm start needs.
-        residual: 2-norm of the violation of dynamics and start, per mass; ``inf`` on failure.
-        iterations: ADMM iterations done.
+            states, it is all that a warm start needs.
+        residual: The 2-norm of the violation of dynamics and start, per mass; ``inf`` on failure.
+        iterations: The number of ADMM iterations.
     """
 
     com: Array
@@ -54,6 +59,26 @@ class CentroidalPlan:
     dual: Array
     residual: float
     iterations: int
+
+
+@dataclass(frozen=True)
+class CentroidalProblem:
+    """One instance, in the planning frame.
+
+    Attributes:
+        contacts: The contacts over N nodes.
+        x0: ``(9,)`` measured center of mass [m], its velocity [m/s], angular momentum / mass
+            [m^2/s].
+        reference: ``(N+1, 9)`` states in the same units; the last row meets the terminal weights.
+        mass: The mass of the robot [kg].
+        friction: The coefficient mu of the cone |f_xy| <= mu f_z.
+    """
+
+    contacts: ContactPlan
+    x0: Array
+    reference: Array
+    mass: float
+    friction: float
 
 
 class _Problem(NamedTuple):
@@ -69,71 +94,82 @@ class _Problem(NamedTuple):
 
 
 def solve_centroidal(
-    contacts: ContactPlan,
-    x0: Array,
-    reference: Array,
-    mass: float,
-    friction: float,
-    config: CentroidalConfig,
-    guess: CentroidalPlan | None = None,
+    problem: CentroidalProblem, config: CentroidalConfig, guess: CentroidalPlan | None = None
 ) -> CentroidalPlan:
-    """Optimal forces and centroidal motion for given contacts.
+    """Find the optimal forces and centroidal motion for given contacts.
 
     The same input gives the same bits, whatever was solved before. The published method also boxes
-    the centre of mass around the feet; in a trot that is almost never active, and is left out.
+    the center of mass around the feet; in a trot that box is almost never active, and is left out.
 
     Args:
-        contacts: of N nodes.
-        x0: ``(9,)`` CoM [m], CoM velocity [m/s], angular momentum / mass [m^2/s].
-        reference: ``(N+1, 9)`` in the same units; the last row meets the terminal weights.
-        mass: of the robot [kg].
-        friction: coefficient mu of the cone |f_xy| <= mu f_z.
-        config: weights (on the forces: positive), penalty and stopping rule.
-        guess: plan of N nodes whose states (but the first) and dual to start from; where that does
-            not lead to the tolerance, and without one, the start is cold: at rest in ``x0``.
+        problem: The instance, with N nodes.
+        config: The weights (those of the forces must be positive), penalty and stopping rule.
+        guess: A plan of N nodes whose states (except the first) and dual to start from. Where that
+            does not lead to the tolerance, and without one, the start is cold: at rest in ``x0``.
 
     Returns:
-        The plan. If input is not finite: residual ``inf``, zero forces, the state held at ``x0``.
+        The plan. If the input is not finite, its residual is ``inf``, its forces are zero and its
+        states are held at ``x0``.
 
     Raises:
-        ValueError: if the arrays do not have these shapes.
+        ValueError: The arrays do not have the shapes of a problem of N nodes.
     """
+    arrays = _prepare(problem, config)
+    mass = problem.mass
+    nodes = len(arrays.dt)
+    F = np.zeros((nodes, 4, 3))
+    residual = np.inf
+    iterations = 0
+    if guess is not None:
+        X = np.hstack((guess.com, guess.com_velocity, guess.angular_momentum / mass))
+        X[0] = arrays.x0
+        P = guess.dual.copy()
+        residual, iterations = _admm(X, P, F, arrays, config.max_iterations, config.tolerance)
+    if not residual < config.tolerance:
+        X = np.tile(arrays.x0, (nodes + 1, 1))
+        P = np.zeros((nodes + 1, 9))
+        residual, more = _admm(X, P, F, arrays, config.max_iterations, config.tolerance)
+        iterations += more
+    if not (np.isfinite(residual) and np.isfinite(mass)):
+        X[:] = problem.x0
+        P[:] = 0.0
+        F[:] = 0.0
+        mass = 1.0
+        residual = np.inf
+    com, velocity, momentum = np.split(X, 3, axis=1)
+    return CentroidalPlan(com, velocity, mass * momentum, mass * F, P, residual, iterations)
+
+
+def _prepare(problem: CentroidalProblem, config: CentroidalConfig) -> _Problem:
+    """Return the problem's arrays as the compiled functions want them."""
+    contacts = problem.contacts
     nodes = len(contacts.dt)
-    shapes = [np.shape(a) for a in (contacts.active, contacts.position, x0, reference)]
+    checked = (contacts.active, contacts.position, problem.x0, problem.reference)
+    shapes = [np.shape(array) for array in checked]
     expected = [(nodes, 4), (nodes, 4, 3), (9,), (nodes + 1, 9)]
     if shapes != expected:
         raise ValueError(f"active, position, x0, reference are {shapes}, expected {expected}")
-    w, rho = config, config.rho * np.repeat(PENALTY, 3)
+    w = config
     running = np.ravel((w.position, w.velocity, w.angular_momentum))
     terminal = np.ravel((w.terminal_position, w.terminal_velocity, w.terminal_angular_momentum))
     weight = np.vstack((np.tile(running, (nodes, 1)), terminal))
-    arrays = (contacts.position, contacts.dt, x0, reference, weight, w.force, rho)
-    problem = _Problem(
+    rho = config.rho * np.repeat(PENALTY, 3)
+    arrays = (contacts.position, contacts.dt, problem.x0, problem.reference, weight, w.force, rho)
+    return _Problem(
         np.array(contacts.active, np.bool_, order="C"),
-        float(friction),
+        float(problem.friction),
         *(np.array(array, np.float64, order="C") for array in arrays),
     )
-    F, residual, iterations = np.zeros((nodes, 4, 3)), np.inf, 0
-    if guess is not None:
-        X = np.hstack((guess.com, guess.com_velocity, guess.angular_momentum / mass))
-        X[0], P = problem.x0, guess.dual.copy()
-        residual, iterations = _admm(X, P, F, problem, w.max_iterations, w.tolerance)
-    if not residual < w.tolerance:
-        X, P = np.tile(problem.x0, (nodes + 1, 1)), np.zeros((nodes + 1, 9))
-        residual, more = _admm(X, P, F, problem, w.max_iterations, w.tolerance)
-        iterations += more
-    if not (np.isfinite(residual) and np.isfinite(mass)):
-        X[:], P[:], F[:], mass, residual = x0, 0.0, 0.0, 1.0, np.inf
-    com, velocity, momentum = np.split(X, 3, axis=1)
-    return CentroidalPlan(com, velocity, mass * momentum, mass * F, P, residual, iterations)
 
 
 @njit(cache=True, error_model="numpy")
 def _admm(
     X: Array, P: Array, F: Array, problem: _Problem, most: int, tolerance: float
 ) -> tuple[float, int]:
-    """Alternates force and state step from X on; P is the scaled dual of the dynamics."""
-    wrench, residual, iteration = np.zeros((len(F), 6)), np.inf, 0
+    """Alternate force and state steps from X on; P is the scaled dual of the dynamics."""
+    wrench = np.zeros((len(F), 6))
+    residual = np.inf
+    iteration = 0
     while iteration < most and residual >= tolerance:
         iteration += 1
         _force_step(F, wrench, X, P, problem)
@@ -146,17 +182,22 @@ def _admm(
 
 @njit(cache=True, error_model="numpy")
 def _dual_step(P: Array, X: Array, wrench: Array, step: float, problem: _Problem) -> float:
-    """Adds ``step`` times the violation ``(N+1, 9)`` of the dynamics to P and returns its 2-norm.
+    """Add ``step`` times the violation ``(N+1, 9)`` of the dynamics to P and return its 2-norm.
 
     The last row is that of the start. ``wrench (N, 6)`` is the sum s of the forces and m of their
-    moments about the origin, per mass; the moment about the centre of mass is then m + s x c.
+    moments about the origin, per mass; the moment about the center of mass is then m + s x c.
     """
-    R, total = X[0] - problem.x0, 0.0
+    R = X[0] - problem.x0
+    total = 0.0
     for t in range(len(P) - 1, -1, -1):
         if t < len(P) - 1:
-            h, c, s, R = problem.dt[t], X[t], wrench[t], X[t + 1] - X[t]
+            h = problem.dt[t]
+            c = X[t]
+            s = wrench[t]
+            R = X[t + 1] - X[t]
             for i in range(3):
-                j, k = (i + 1) % 3, (i + 2) % 3
+                j = (i + 1) % 3
+                k = (i + 2) % 3
                 R[i] -= h * X[t + 1, 3 + i]
                 R[3 + i] -= h * s[i]
                 R[6 + i] -= h * (s[3 + i] + s[j] * c[k] - s[k] * c[j])
@@ -169,19 +210,23 @@ def _dual_step(P: Array, X: Array, wrench: Array, step: float, problem: _Problem
 
 @njit(cache=True, error_model="numpy")
 def _force_step(F: Array, wrench: Array, X: Array, P: Array, problem: _Problem) -> None:
-    """Writes the forces that minimise |f|^2_W + |violation + P|^2_rho inside the cones.
+    """Write the forces that minimize |f|^2_W + |violation + P|^2_rho inside the cones.
 
     The nodes separate. With n stance feet, A ``(6, 3n)`` maps their forces to the change of (v, k)
-    over the node and b is the wanted change; then z minimises z^T H z - 2 g^T z.
+    over the node and b is the wanted change; then z minimizes z^T H z - 2 g^T z.
     """
     A = np.zeros((6, 12))
     for t in range(len(problem.dt)):
-        h, feet = problem.dt[t], np.flatnonzero(problem.active[t])
+        h = problem.dt[t]
+        feet = np.flatnonzero(problem.active[t])
         size = 3 * len(feet)
-        H, g = np.zeros((size, size)), np.zeros(size)
+        H = np.zeros((size, size))
+        g = np.zeros(size)
         for m in range(size):
-            i, r = m % 3, problem.position[t, feet[m // 3]]
-            j, k = (i + 1) % 3, (i + 2) % 3
+            i = m % 3
+            r = problem.position[t, feet[m // 3]]
+            j = (i + 1) % 3
+            k = (i + 2) % 3
             H[m, 0] = problem.force_weight[i]
             A[i, m] = h
             A[3 + j, m] = h * (r[k] - X[t, k])
@@ -197,8 +242,10 @@ def _force_step(F: Array, wrench: Array, X: Array, P: Array, problem: _Problem) 
         z = _solve_forces(H, g, problem.friction, problem.force_weight.min())
         wrench[t] = 0.0
         for m in range(size):
-            i, r = m % 3, problem.position[t, feet[m // 3]]
-            j, k = (i + 1) % 3, (i + 2) % 3
+            i = m % 3
+            r = problem.position[t, feet[m // 3]]
+            j = (i + 1) % 3
+            k = (i + 2) % 3
             F[t, feet[m // 3], i] = z[m]
             wrench[t, i] += z[m]
             wrench[t, 3 + j] += r[k] * z[m]
@@ -207,23 +254,26 @@ def _force_step(F: Array, wrench: Array, X: Array, P: Array, problem: _Problem) 
 
 @njit(cache=True, error_model="numpy")
 def _solve_forces(H: Array, g: Array, mu: float, smallest: float) -> Array:
-    """Minimises z^T H z - 2 g^T z over stacked forces z ``(3n,)`` inside their cones.
+    """Minimize z^T H z - 2 g^T z over stacked forces z ``(3n,)`` inside their cones.
 
     The optimum without cones is the answer where it lies inside all of them, as it mostly does.
     Else Nesterov's projected gradient for a strongly convex function: ``smallest`` and L, the
     largest row sum, bound the eigenvalues of H. ``H[i, d]`` holds entry (i, i + d).
     """
-    size, z = len(g), g.copy()
+    size = len(g)
+    z = g.copy()
     _solve_banded(H.copy(), z)
     if _project_cones(z, mu) == 0:
         return z
-    S, L = np.empty((size, size)), 0.0
+    S = np.empty((size, size))
+    L = 0.0
     for i in range(size):
         for k in range(size):
             S[i, k] = H[min(i, k), abs(i - k)]
         L = max(L, np.abs(S[i]).sum())
     momentum = (np.sqrt(L) - np.sqrt(smallest)) / (np.sqrt(L) + np.sqrt(smallest))
-    y, new = z.copy(), z.copy()
+    y = z.copy()
+    new = z.copy()
     for _ in range(FORCE_ITERATIONS):
         for i in range(size):
             s = g[i]
@@ -243,7 +293,7 @@ def _solve_forces(H: Array, g: Array, mu: float, smallest: float) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _project_cones(z: Array, mu: float) -> int:
-    """Moves each stacked force to the nearest point with |f_xy| <= mu f_z; says how many moved."""
+    """Move each stacked force to the nearest point with |f_xy| <= mu f_z; count those moved."""
     moved = 0
     for j in range(0, len(z), 3):
         n = np.sqrt(z[j] ** 2 + z[j + 1] ** 2)
@@ -252,33 +302,42 @@ def _project_cones(z: Array, mu: float) -> int:
             # Below zero the force is in the polar cone, and the apex is nearest.
             fz = max(0.0, (mu * n + z[j + 2]) / (mu * mu + 1.0))
             scale = mu * fz / n if n > 0.0 else 0.0
-            z[j], z[j + 1], z[j + 2] = scale * z[j], scale * z[j + 1], fz
+            z[j] = scale * z[j]
+            z[j + 1] = scale * z[j + 1]
+            z[j + 2] = fz
     return moved
 
 
 @njit(cache=True, error_model="numpy")
 def _state_step(X: Array, wrench: Array, P: Array, problem: _Problem) -> None:
-    """Writes the states that minimise |X - reference|^2_W + |violation + P|^2_rho.
+    """Write the states that minimize |X - reference|^2_W + |violation + P|^2_rho.
 
     The violation of node t is J (x_t, x_{t+1}) - b with J ``(9, 18)`` sparse, so the normal
     equations H X = y are banded, with 17 upper diagonals; y is built and solved in place of X.
     """
-    nodes, rho, y = len(problem.dt), problem.rho, X.reshape(-1)
-    H, J = np.zeros((9 * (nodes + 1), 18)), np.zeros((9, 18))
+    nodes = len(problem.dt)
+    rho = problem.rho
+    y = X.reshape(-1)
+    H = np.zeros((9 * (nodes + 1), 18))
+    J = np.zeros((9, 18))
     for t in range(nodes + 1):
         for i in range(9):
             H[9 * t + i, 0] = problem.weight[t, i]
             y[9 * t + i] = problem.weight[t, i] * problem.reference[t, i]
     for i in range(9):
-        J[i, i], J[i, 9 + i] = -1.0, 1.0
+        J[i, i] = -1.0
+        J[i, 9 + i] = 1.0
         H[i, 0] += rho[0]
         y[i] += rho[0] * (problem.x0[i] - P[nodes, i])
     for t in range(nodes):
-        h, s = problem.dt[t], wrench[t]
+        h = problem.dt[t]
+        s = wrench[t]
         for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
+            j = (i + 1) % 3
+            k = (i + 2) % 3
             J[i, 12 + i] = -h
-            J[6 + i, j], J[6 + i, k] = h * s[k], -h * s[j]
+            J[6 + i, j] = h * s[k]
+            J[6 + i, k] = -h * s[j]
         for i in range(9):
             b = (h * s[i - 3] if i >= 3 else 0.0) - (h * GRAVITY if i == 5 else 0.0)
             for j in range(18):
@@ -292,7 +351,7 @@ def _state_step(X: Array, wrench: Array, P: Array, problem: _Problem) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _solve_banded(H: Array, y: Array) -> None:
-    """Solves H X = y into y by Cholesky, H = U^T U, in place and row by row.
+    """Solve H X = y into y by Cholesky, H = U^T U, in place and row by row.
 
     ``H[i, d]`` holds entry (i, i + d). In the state step row i ends with the next node's block,
     which leaves it 18 - i % 9 entries; in the force step the bound is never below the size.

@@ -1,7 +1,8 @@
-"""The expert: replans on the 50-ms grid and at takeovers, drives at 1 kHz; the fall-back.
+"""The expert: replans on the 50-ms grid and at takeovers, drives at 1 kHz, survives failed plans.
 
 tau = tau_ff + kp (q_ref - q) + kd (v_ref - v), for B robots at once. `Expert` wraps any plain
 function ``plan(state, tick, command) -> MotionPlan``, so that a user's own MPC is that function.
+Read `rollouts.engine` next.
 """
 
 from __future__ import annotations
@@ -14,30 +15,32 @@ from surefoot.robots.model import RobotModel
 from surefoot.types import GRID, Array, BoolArray, Command, IntArray, PlanFunction, State
 
 DAMPING = 0.1
-"""[Nms/rad] joint damping of a robot that has no valid plan: the policy's kd."""
+"""[N m s/rad] The joint damping of a robot that has no valid plan: the policy's kd."""
 
 
 class Expert:
     """Drives robots with plans, and survives a planner that fails.
 
     A robot that the expert did not drive one tick ago is a takeover: it gets a fresh plan at once.
-    After an invalid replan the old plan's second half goes on; after a second in a row, or at a
-    takeover, the expert gives up on the robot: joint damping, and `diverged` is True.
+    After an invalid replan the robot follows the second half of its old plan. After a second one in
+    a row, or an invalid plan at a takeover, the expert gives up on the robot: it gets joint damping
+    only, and `diverged` is True.
 
     Args:
-        plan: the MPC, one robot at a time. Of more than 100 ticks the rest is never used; the last
-            of fewer is held.
-        kp: proportional gain [Nm/rad].
-        kd: derivative gain [Nms/rad].
+        plan: The MPC, which plans for one robot at a time. Ticks of a plan beyond 100 are never
+            used; the last tick of a shorter plan is held.
+        kp: The proportional gain [N m/rad].
+        kd: The derivative gain [N m s/rad].
 
     Attributes:
-        plans: ``(B,)`` plans asked for since the reset.
-        invalid_plans: ``(B,)`` how many of them were not valid.
+        plans: ``(B,)`` number of plans asked for since the reset.
+        invalid_plans: ``(B,)`` number of those that were not valid.
     """
 
     def __init__(self, plan: PlanFunction, kp: float, kd: float) -> None:
         self._plan = plan
-        self._kp, self._kd = kp, kd
+        self._kp = kp
+        self._kd = kd
         self.reset(0)
 
     def reset(self, batch: int) -> None:
@@ -52,14 +55,20 @@ class Expert:
 
     @property
     def diverged(self) -> BoolArray:
-        """``(B,)`` True where no valid plan is to be had."""
+        """``(B,)`` True where the expert has given up on a robot, which has no valid plan."""
         return self._diverged
 
     def torque(self, state: State, tick: IntArray, command: Array, mask: BoolArray) -> Array:
-        """Torques ``(B, 12)`` [Nm] of the robots in ``mask``; see `Controller`.
+        """Return the torques ``(B, 12)`` [N m] of the robots in ``mask``; see `Controller`.
+
+        Args:
+            state: The states of B robots.
+            tick: ``(B,)`` gait clock of each robot [ms].
+            command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
+            mask: ``(B,)`` True for the robots that the expert drives now.
 
         Raises:
-            ValueError: if B is not what `reset` was told, or a plan's arrays are not (ticks, 12).
+            ValueError: B is not what `reset` was told, or a plan's arrays are not (ticks, 12).
         """
         if len(tick) != len(self.plans):
             raise ValueError(f"{len(tick)} robots, but reset was told {len(self.plans)}")
@@ -70,7 +79,8 @@ class Expert:
             self._replan(robot, state[robot], int(tick[robot]), command[robot], takeover[robot])
         row = np.clip(tick - self._planned_at, 0, PLAN_TICKS - 1)
         q_ref, v_ref, tau = np.split(self._reference[np.arange(len(row)), row], 3, axis=1)
-        q, v = state.q[:, 7:], state.v[:, 6:]
+        q = state.q[:, 7:]
+        v = state.v[:, 6:]
         torque = tau + self._kp * (q_ref - q) + self._kd * (v_ref - v)
         return np.where(self._diverged[:, None], -DAMPING * v, torque)
 
@@ -94,12 +104,18 @@ class Expert:
 
 
 def make_planner(robot: RobotModel, config: Config) -> Planner:
-    """The planner of a configuration; its friction is the simulator's."""
+    """Return the planner of a configuration; its friction is the simulator's."""
     return Planner(robot, config.gait, config.expert, config.simulation.friction)
 
 
 def make_expert(robot: RobotModel, config: Config, plan: PlanFunction | None = None) -> Expert:
-    """The expert of a configuration: its gains around its planner, or around your own plan."""
+    """Return the expert of a configuration: its gains around its planner, or around your own plan.
+
+    Args:
+        robot: The robot.
+        config: The configuration, for gains, gait, planner and friction.
+        plan: Your own MPC; the planner of the configuration if it is None.
+    """
     if plan is None:
         plan = make_planner(robot, config).plan
     return Expert(plan, config.expert.kp, config.expert.kd)

@@ -1,13 +1,13 @@
-"""Contact plan of a horizon: who stands, where feet land, how high they swing.
+"""Contact plan of a horizon: which feet stand, where they land, how high they swing.
 
 BiConMP's rule puts a foot that lands at time t under its hip as the base is expected to stand then,
 plus half a stance of travel: p = c + R(w t) o + v t + v T_stance / 2 + sqrt(z / g) / 2 (v x w),
-with o the hip offset moved outward, v the planned velocity, w the yaw rate. It takes no notice of
-the measured velocity. The capture rule moves p by (t + t_c) e, e the velocity in excess of the
-command beyond a deadband: that is how much farther the robot will have come, and where it can stop
-from there (the capture point, Pratt et al. 2006). It also takes v t along the arc of a turn, and
-turns the last two terms by w t. There is no spline: a swing foot is drawn to one via point.
-Next: `centroidal`.
+with o the hip offset moved outward, v the planned velocity, w the yaw rate. It ignores the measured
+velocity. The capture rule moves p by (t + t_c) e, where e is the velocity in excess of the command
+beyond a deadband: that is how much farther the robot will have come, and where it can stop from
+there (the capture point, Pratt et al. 2006). It also takes v t along the arc of a turn, and turns
+the last two terms by w t. There is no spline: a swing foot is drawn to one via point.
+Read `centroidal` next.
 """
 
 from __future__ import annotations
@@ -24,12 +24,48 @@ from surefoot.types import GRAVITY, TICKS_PER_SECOND, Array, BoolArray, Command
 
 
 @dataclass(frozen=True)
+class FootholdRule:
+    """What is the same in all contact plans of one robot and gait.
+
+    Attributes:
+        gait: The timing and the step height.
+        config: The nodes of the horizon, the foothold rule and how long a via point draws a foot.
+        hips: ``(4, 2)`` nominal footholds from `hip_offsets` [m].
+        foot_radius: The height of a foot frame in contact [m].
+    """
+
+    gait: Gait
+    config: ExpertConfig
+    hips: Array
+    foot_radius: float
+
+
+@dataclass(frozen=True)
+class HorizonStart:
+    """Where a horizon starts, and how the robot is to move from there.
+
+    Attributes:
+        tick: The gait clock of the first node [ms].
+        com: ``(3,)`` measured center of mass, planning frame [m].
+        feet: ``(4, 3)`` measured foot positions, planning frame [m].
+        velocity: The planned velocity in the heading frame [m/s, rad/s].
+        excess: ``(2,)`` horizontal velocity measured beyond the commanded one [m/s].
+    """
+
+    tick: int
+    com: Array
+    feet: Array
+    velocity: Command
+    excess: Array
+
+
+@dataclass(frozen=True)
 class ContactPlan:
     """Contacts over N nodes, in the planning frame (heading frame below the base).
 
     Attributes:
         active: ``(N, 4)`` True where a foot is planned to be in stance during the node.
-        position: ``(N, 4, 3)`` contact position of a stance foot; via point of a swing foot [m].
+        position: ``(N, 4, 3)`` contact position of a stance foot, via point of a swing foot [m].
         dt: ``(N,)`` duration of each node [s].
         via: ``(N, 4)`` True where a swing foot is drawn to its via point.
     """
@@ -41,7 +77,12 @@ class ContactPlan:
 
 
 def hip_offsets(robot: RobotModel, outward: float) -> Array:
-    """``(4, 2)`` nominal foothold of each leg relative to the centre of mass [m], heading frame."""
+    """Return the nominal footholds ``(4, 2)`` relative to the center of mass [m], heading frame.
+
+    Args:
+        robot: The robot, in its nominal pose.
+        outward: How far a foothold lies outside of its hip [m].
+    """
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.nominal)
     com = pin.centerOfMass(robot.model, data, robot.nominal)
@@ -50,43 +91,27 @@ def hip_offsets(robot: RobotModel, outward: float) -> Array:
     return offset
 
 
-def plan_contacts(
-    gait: Gait,
-    config: ExpertConfig,
-    hips: Array,
-    foot_radius: float,
-    com: Array,
-    feet: Array,
-    tick: int,
-    velocity: Command,
-    excess: Array,
-) -> ContactPlan:
-    """Contacts over the centroidal horizon.
+def plan_contacts(rule: FootholdRule, start: HorizonStart) -> ContactPlan:
+    """Plan the contacts over the centroidal horizon.
 
     Args:
-        gait: timing and step height.
-        config: nodes of the horizon and how long a via point draws.
-        hips: ``(4, 2)`` from `hip_offsets` [m].
-        foot_radius: height of a foot frame in contact [m].
-        com: ``(3,)`` measured centre of mass, planning frame [m].
-        feet: ``(4, 3)`` measured foot positions, planning frame [m].
-        tick: gait clock of the first node [ms].
-        velocity: planned velocity in the heading frame [m/s, rad/s].
-        excess: ``(2,)`` horizontal velocity measured beyond the one commanded [m/s].
+        rule: What is the same in all contact plans of this robot and gait.
+        start: The measured state and the planned velocity.
     """
-    ticks = node_ticks(tick, config.centroidal.nodes)
+    gait = rule.gait
+    ticks = node_ticks(start.tick, rule.config.centroidal.nodes)
     active = in_stance(gait, ticks[:-1])
     fraction = swing_fraction(gait, ticks[:-1])
-    via = ~active & (fraction < config.via_until)
+    via = ~active & (fraction < rule.config.via_until)
     via[0] = False
 
-    time = (ticks[:-1] - tick)[:, None, None] / TICKS_PER_SECOND
-    below_hip, landing = footholds(gait, config, hips, com, time, velocity, excess)
+    time = (ticks[:-1] - start.tick)[:, None, None] / TICKS_PER_SECOND
+    below_hip, landing = footholds(rule, start, time)
     early = (~active & (fraction < 0.5))[:, :, None]
     position = np.empty((len(active), 4, 3))
     position[:, :, :2] = np.where(early, below_hip, landing)
-    position[:, :, 2] = np.where(active, foot_radius, gait.step_height)
-    position[0] = feet
+    position[:, :, 2] = np.where(active, rule.foot_radius, gait.step_height)
+    position[0] = start.feet
     # A foot that stays in stance stays where it was first.
     node = np.arange(len(active))[:, None]
     first = np.maximum.accumulate(np.where(active & np.roll(active, 1, axis=0), 0, node))
@@ -94,44 +119,50 @@ def plan_contacts(
     return ContactPlan(active, position, np.diff(ticks) / TICKS_PER_SECOND, via)
 
 
-def footholds(
-    gait: Gait,
-    config: ExpertConfig,
-    hips: Array,
-    com: Array,
-    time: Array,
-    velocity: Command,
-    excess: Array,
-) -> tuple[Array, Array]:
-    """Points ``(N, 4, 2)`` below the hips after ``time (N, 1, 1)`` [s], and where feet land then.
+def footholds(rule: FootholdRule, start: HorizonStart, time: Array) -> tuple[Array, Array]:
+    """Return the points ``(N, 4, 2)`` below the hips after some time, and where feet land then.
 
-    Other arguments are those of `plan_contacts`.
+    Args:
+        rule: What is the same in all contact plans of this robot and gait.
+        start: The measured state and the planned velocity.
+        time: ``(N, 1, 1)`` time since the start of the horizon [s].
     """
-    v, w = np.array(velocity[:2]), velocity.yaw_rate
+    gait = rule.gait
+    config = rule.config
+    v = np.array(start.velocity[:2])
+    w = start.velocity.yaw_rate
     stride = 0.5 * gait.duty * gait.period * v
-    stride = stride + 0.5 * np.sqrt(max(com[2], 0.0) / GRAVITY) * w * np.array([v[1], -v[0]])
-    below_hip = com[:2] + turned(hips, w * time)
+    height = max(start.com[2], 0.0)
+    stride = stride + 0.5 * np.sqrt(height / GRAVITY) * w * np.array([v[1], -v[0]])
+    below_hip = start.com[:2] + rotate_horizontal(rule.hips, w * time)
     if config.foothold_rule == "published":
         below_hip = below_hip + time * v
         return below_hip, below_hip + stride
-    below_hip = below_hip + travelled(v, w, time)
-    capture = (time + config.capture_time) * beyond(excess, config.capture_deadband)
-    return below_hip, below_hip + turned(stride, w * time) + capture
+    below_hip = below_hip + travel_along_arc(v, w, time)
+    capture = (time + config.capture_time) * part_beyond(start.excess, config.capture_deadband)
+    return below_hip, below_hip + rotate_horizontal(stride, w * time) + capture
 
 
-def beyond(vector: Array, size: float) -> Array:
-    """The part of a vector that is longer than ``size``; zero if it is shorter."""
+def part_beyond(vector: Array, size: float) -> Array:
+    """Return the part of a vector that is longer than ``size``; zero if the vector is shorter."""
     length = np.hypot(*vector)
     return vector * (1.0 - size / max(length, size)) if size > 0.0 else vector
 
 
-def turned(vector: Array, angle: Array) -> Array:
-    """``(..., 2)`` vectors turned by ``angle (..., 1)`` [rad]."""
-    s, c = np.sin(angle), np.cos(angle)
+def rotate_horizontal(vector: Array, angle: Array) -> Array:
+    """Rotate horizontal vectors ``(..., 2)`` about the vertical by ``angle (..., 1)`` [rad]."""
+    s = np.sin(angle)
+    c = np.cos(angle)
     return c * vector + s * vector[..., ::-1] * (-1.0, 1.0)
 
 
-def travelled(v: Array, w: float, time: Array) -> Array:
-    """``(..., 2)`` way made in ``time (..., 1)`` at a velocity ``v (2,)`` that turns at ``w``."""
+def travel_along_arc(v: Array, w: float, time: Array) -> Array:
+    """Return the way ``(..., 2)`` made in some time at a velocity that turns [m].
+
+    Args:
+        v: ``(2,)`` horizontal velocity at the start [m/s].
+        w: The yaw rate at which the velocity turns [rad/s].
+        time: ``(..., 1)`` time since the start [s].
+    """
     half = 0.5 * w * time
-    return time * np.sinc(half / np.pi) * turned(v, half)
+    return time * np.sinc(half / np.pi) * rotate_horizontal(v, half)

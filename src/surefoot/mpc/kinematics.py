@@ -1,6 +1,6 @@
 """Whole-body kinematic problem: Gauss-Newton with a Riccati sweep (BiConMP, second stage).
 
-Over nodes t with state x = (q, v) and generalised acceleration u as control,
+Over nodes t with state x = (q, v) and generalized acceleration u as control,
 
     min  sum_t dt_t l(x_t, u_t) + l_N(x_N)
     l = 1/2 w_foot sum_j |p_j(q) - r_j|^2        stance feet to contacts, swing feet to via points
@@ -9,7 +9,7 @@ Over nodes t with state x = (q, v) and generalised acceleration u as control,
     v_{t+1} = v_t + dt u_t,   q_{t+1} = q_t (+) dt v_{t+1}
 
 The next velocity serves as the decision of the sweep (u follows from it), so 18 x 18 blocks are
-all there is to solve. Momentum and its derivatives are Pinocchio's. Next: `planner`.
+all there is to solve. Momentum and its derivatives are Pinocchio's. Read `planner` next.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numba import njit
 
 from surefoot.config import KinematicConfig
 from surefoot.mpc.footholds import ContactPlan
-from surefoot.mpc.riccati import NV, riccati
+from surefoot.mpc.riccati import NV, QuadraticModel, riccati
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import (
     difference,
@@ -36,9 +36,11 @@ from surefoot.robots.rigid import (
 from surefoot.types import Array, BoolArray
 
 STEPS = (1.0, 0.5, 0.25, 0.125, 0.03125)
-"""Line search: step lengths tried in this order, with 0.1 of the expected decrease asked for."""
-LEAST_DAMPING, MOST_DAMPING = 1e-9, 1e6
-"""Range of the damping added where no step length helps."""
+"""The line search tries these step lengths in order, and asks for 0.1 of the expected decrease."""
+LEAST_DAMPING = 1e-9
+"""The damping at the start; more is added where no step length helps."""
+MOST_DAMPING = 1e6
+"""The solver stops where more damping than this would be needed."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +50,10 @@ class KinematicProblem:
     Attributes:
         q0: ``(19,)`` start configuration.
         v0: ``(18,)`` start velocity.
-        contacts: of at least N nodes; the first N are used.
+        contacts: The contacts over at least N nodes; the first N are used.
         momentum: ``(N+1, 6)`` centroidal momentum reference, linear first [kg m/s, kg m^2/s].
-        q_ref: ``(N+1, 19)`` regularised configuration.
-        v_ref: ``(N+1, 18)`` regularised velocity.
+        q_ref: ``(N+1, 19)`` regularized configuration.
+        v_ref: ``(N+1, 18)`` regularized velocity.
     """
 
     q0: Array
@@ -69,9 +71,9 @@ class KinematicPlan:
     Attributes:
         q: ``(N+1, 19)`` configurations.
         v: ``(N+1, 18)`` velocities.
-        acceleration: ``(N, 18)`` generalised accelerations [m/s^2, rad/s^2].
-        cost: value of the objective.
-        iterations: Gauss-Newton iterations taken.
+        acceleration: ``(N, 18)`` generalized accelerations [m/s^2, rad/s^2].
+        cost: The value of the objective.
+        iterations: The number of Gauss-Newton iterations.
     """
 
     q: Array
@@ -94,6 +96,12 @@ class _Problem(NamedTuple):
     momentum_weight: float
 
 
+class _Motion(NamedTuple):
+    q: Array  # (N+1, 19)
+    v: Array  # (N+1, 18)
+    u: Array  # (N, 18)
+
+
 class _Residuals(NamedTuple):
     foot: Array  # (N, 4, 3), zero where a foot has no target
     foot_jacobian: Array  # (N+1, 4, 3, 9), with respect to base and own leg
@@ -101,12 +109,18 @@ class _Residuals(NamedTuple):
     state: Array  # (N+1, 36)
 
 
+class _Iterate(NamedTuple):
+    motion: _Motion
+    cost: float
+    residuals: _Residuals
+
+
 class KinematicSolver:
     """Solves kinematic problems of one robot.
 
     Args:
-        robot: its model.
-        config: nodes, weights, iterations.
+        robot: The robot.
+        config: The nodes, weights and stopping rule.
     """
 
     def __init__(self, robot: RobotModel, config: KinematicConfig) -> None:
@@ -133,67 +147,90 @@ class KinematicSolver:
         )
 
     def solve(self, problem: KinematicProblem, guess: Array | None = None) -> KinematicPlan:
-        """Minimise by Gauss-Newton; every iterate satisfies the dynamics.
+        """Minimize by Gauss-Newton; every iterate satisfies the dynamics.
 
         Input that is not finite comes back as a plan whose cost is not finite.
 
         Args:
-            problem: the instance.
+            problem: The instance.
             guess: ``(N+1, 19)`` configurations whose postures to start from, where that costs less
-                than the cold start from the regularised ones.
+                than the cold start from the regularized ones.
         """
-        config, p = self._config, self._prepare(problem)
-        q, v, u = _first_guess(np.array(problem.q0), np.array(problem.v0), p.q_ref, p.dt)
-        cost, residuals = self._evaluate(p, q, v, u)
+        config = self._config
+        p = self._prepare(problem)
+        q0 = np.array(problem.q0)
+        v0 = np.array(problem.v0)
+        iterate = self._evaluate(p, _first_guess(q0, v0, p.q_ref, p.dt))
         if guess is not None:
-            warm = _first_guess(q[0], v[0], guess, p.dt)
-            warm_cost, warm_residuals = self._evaluate(p, *warm)
-            if warm_cost < cost:
-                (q, v, u), cost, residuals = warm, warm_cost, warm_residuals
-        damping, iteration = LEAST_DAMPING, 0
-        while iteration < config.max_iterations and np.isfinite(cost):
+            warm = self._evaluate(p, _first_guess(q0, v0, guess, p.dt))
+            if warm.cost < iterate.cost:
+                iterate = warm
+        damping = LEAST_DAMPING
+        iteration = 0
+        while iteration < config.max_iterations and np.isfinite(iterate.cost):
             iteration += 1
-            k, K, decrease = riccati(
-                *self._linearise(p, q, v, residuals), u, p.dt, p.control_weight, damping
-            )
-            for step in STEPS:
-                trial = _roll(q, v, k, K, p.dt, step)
-                trial_cost, trial_residuals = self._evaluate(p, *trial)
-                if cost - trial_cost >= 0.1 * (step - 0.5 * step**2) * decrease:
-                    break
-            else:
+            better = self._line_search(p, iterate, damping)
+            if better is None:
                 damping *= 100.0
                 if damping > MOST_DAMPING:
                     break
                 continue
-            gain = cost - trial_cost
-            (q, v, u), cost, residuals = trial, trial_cost, trial_residuals
+            gain = iterate.cost - better.cost
+            iterate = better
             damping = max(damping / 10.0, LEAST_DAMPING)
-            if gain <= config.tolerance * cost:
+            if gain <= config.tolerance * iterate.cost:
                 break
-        return KinematicPlan(q, v, u, cost, iteration)
+        q, v, u = iterate.motion
+        return KinematicPlan(q, v, u, iterate.cost, iteration)
+
+    def _line_search(self, p: _Problem, iterate: _Iterate, damping: float) -> _Iterate | None:
+        """Return a better iterate along the Gauss-Newton step; None if no step length helps."""
+        model = self._linearize(p, iterate.motion, iterate.residuals)
+        k, K, decrease = riccati(model, damping)
+        for step in STEPS:
+            trial = self._evaluate(p, _roll(iterate.motion, k, K, p.dt, step))
+            if iterate.cost - trial.cost >= 0.1 * (step - 0.5 * step**2) * decrease:
+                return trial
+        return None
 
     def cost(self, problem: KinematicProblem, q: Array, v: Array, u: Array) -> float:
-        """Objective of a trajectory ``q (N+1, 19)``, ``v (N+1, 18)``, ``u (N, 18)``."""
-        return self._evaluate(self._prepare(problem), q, v, u)[0]
+        """Return the objective of a trajectory.
+
+        Args:
+            problem: The instance.
+            q: ``(N+1, 19)`` configurations.
+            v: ``(N+1, 18)`` velocities.
+            u: ``(N, 18)`` generalized accelerations.
+        """
+        return self._evaluate(self._prepare(problem), _Motion(q, v, u)).cost
 
     def gradient(self, problem: KinematicProblem, u: Array) -> Array:
-        """Gradient ``(N, 18)`` of the objective with respect to the controls, by the adjoint."""
+        """Return the gradient ``(N, 18)`` of the objective by the adjoint method.
+
+        Args:
+            problem: The instance.
+            u: ``(N, 18)`` generalized accelerations, with respect to which the gradient is taken.
+        """
         p = self._prepare(problem)
         q, v = simulate(np.array(problem.q0), np.array(problem.v0), u, p.dt)
-        _, gx, A, E = self._linearise(p, q, v, self._evaluate(p, q, v, u)[1])
+        motion = _Motion(q, v, u)
+        model = self._linearize(p, motion, self._evaluate(p, motion).residuals)
+        gx = model.gradient
         gradient = np.empty_like(u)
-        to_q, to_v = gx[-1, :NV], gx[-1, NV:]
+        to_q = gx[-1, :NV]
+        to_v = gx[-1, NV:]
         for t in range(len(u) - 1, -1, -1):
-            to_v = to_v + p.dt[t] * np.concatenate([E[t].T @ to_q[:6], to_q[6:]])
+            to_v = to_v + p.dt[t] * np.concatenate([model.E[t].T @ to_q[:6], to_q[6:]])
             gradient[t] = p.dt[t] * (self._control_weight * u[t] + to_v)
-            to_q = gx[t, :NV] + np.concatenate([A[t].T @ to_q[:6], to_q[6:]])
+            to_q = gx[t, :NV] + np.concatenate([model.A[t].T @ to_q[:6], to_q[6:]])
             to_v = gx[t, NV:] + to_v
         return gradient
 
     def _prepare(self, problem: KinematicProblem) -> _Problem:
-        """The problem's arrays as the compiled functions want them."""
-        N, contacts, config = self._config.nodes, problem.contacts, self._config
+        """Return the problem's arrays as the compiled functions want them."""
+        N = self._config.nodes
+        contacts = problem.contacts
+        config = self._config
         return _Problem(
             contacts.dt[:N],
             contacts.active[:N] | contacts.via[:N],
@@ -207,36 +244,48 @@ class KinematicSolver:
             config.momentum_weight,
         )
 
-    def _evaluate(self, p: _Problem, q: Array, v: Array, u: Array) -> tuple[float, _Residuals]:
-        """Objective of a trajectory, and its residuals."""
-        model, data = self._model, self._data
-        momentum = np.empty((len(q), 6))
-        for t in range(len(q)):
-            pin.computeCentroidalMomentum(model, data, q[t], v[t])
+    def _evaluate(self, p: _Problem, motion: _Motion) -> _Iterate:
+        """Return a trajectory with its objective and residuals."""
+        model = self._model
+        data = self._data
+        momentum = np.empty((len(motion.q), 6))
+        for t in range(len(motion.q)):
+            pin.computeCentroidalMomentum(model, data, motion.q[t], motion.v[t])
             momentum[t] = data.hg.vector
-        return _objective(p, q, v, u, momentum, *feet(q, self._legs))
+        foot, foot_jacobian = feet(motion.q, self._legs)
+        cost, residuals = _objective(p, motion, momentum, foot, foot_jacobian)
+        return _Iterate(motion, cost, residuals)
 
-    def _linearise(
-        self, p: _Problem, q: Array, v: Array, residuals: _Residuals
-    ) -> tuple[Array, Array, Array, Array]:
-        """Hessians ``(N+1, 36, 36)``, gradients ``(N+1, 36)`` and the dynamics' base blocks."""
-        model, data = self._model, self._data
-        momentum_jacobian, zero = np.empty((len(q), 6, 2 * NV)), np.zeros(NV)
-        for t in range(len(q)):
+    def _linearize(self, p: _Problem, motion: _Motion, residuals: _Residuals) -> QuadraticModel:
+        """Return the costs to second order and the dynamics to first order."""
+        model = self._model
+        data = self._data
+        momentum_jacobian = np.empty((len(motion.q), 6, 2 * NV))
+        zero = np.zeros(NV)
+        for t in range(len(motion.q)):
             dh_dq, _, _, dh_dv = pin.computeCentroidalDynamicsDerivatives(
-                model, data, q[t], v[t], zero
+                model, data, motion.q[t], motion.v[t], zero
             )
             momentum_jacobian[t, :, :NV] = dh_dq
             momentum_jacobian[t, :, NV:] = dh_dv
-        return _gauss_newton(p, v, residuals, momentum_jacobian)
+        return _gauss_newton(p, motion, residuals, momentum_jacobian)
 
 
 @njit(cache=True, error_model="numpy")
 def simulate(q0: Array, v0: Array, u: Array, dt: Array) -> tuple[Array, Array]:
-    """Trajectory q ``(N+1, 19)``, v ``(N+1, 18)`` under accelerations ``u (N, 18)``."""
+    """Return the trajectory q ``(N+1, 19)``, v ``(N+1, 18)`` under given accelerations.
+
+    Args:
+        q0: ``(19,)`` configuration at the start.
+        v0: ``(18,)`` velocity at the start.
+        u: ``(N, 18)`` generalized accelerations.
+        dt: ``(N,)`` durations of the nodes [s].
+    """
     N = len(u)
-    q, v = np.empty((N + 1, NV + 1)), np.empty((N + 1, NV))
-    q[0], v[0] = q0, v0
+    q = np.empty((N + 1, NV + 1))
+    v = np.empty((N + 1, NV))
+    q[0] = q0
+    v[0] = v0
     for t in range(N):
         v[t + 1] = v[t] + dt[t] * u[t]
         q[t + 1] = integrate(q[t], dt[t] * v[t + 1])
@@ -244,30 +293,35 @@ def simulate(q0: Array, v0: Array, u: Array, dt: Array) -> tuple[Array, Array]:
 
 
 @njit(cache=True, error_model="numpy")
-def _first_guess(q0: Array, v0: Array, posture: Array, dt: Array) -> tuple[Array, Array, Array]:
-    """A motion that takes the posture of ``posture (N+1, 19)`` in its first node and keeps to it.
+def _first_guess(q0: Array, v0: Array, posture: Array, dt: Array) -> _Motion:
+    """Return a motion that takes the postures ``(N+1, 19)`` from its first node on.
 
-    The base goes on at its velocity. The joints do not: half a second of a swinging leg's rate
+    The base keeps its velocity. The joints do not: half a second of a swinging leg's rate
     turns its knee inside out, and Gauss-Newton stays in that local minimum.
     """
     N = len(dt)
-    q, v, u = np.empty((N + 1, NV + 1)), np.empty((N + 1, NV)), np.empty((N, NV))
-    q[0], v[0] = q0, v0
+    q = np.empty((N + 1, NV + 1))
+    v = np.empty((N + 1, NV))
+    u = np.empty((N, NV))
+    q[0] = q0
+    v[0] = v0
     for t in range(N):
         v[t + 1] = difference(q[t], posture[t + 1]) / dt[t]
         v[t + 1, :3] = v[0, :3]
         u[t] = (v[t + 1] - v[t]) / dt[t]
         q[t + 1] = integrate(q[t], dt[t] * v[t + 1])
-    return q, v, u
+    return _Motion(q, v, u)
 
 
 @njit(cache=True, error_model="numpy")
-def _roll(
-    q: Array, v: Array, k: Array, K: Array, dt: Array, step: float
-) -> tuple[Array, Array, Array]:
-    """Nonlinear rollout of the sweep's policy around ``q, v``."""
-    new_q, new_v, new_u = np.empty_like(q), np.empty_like(v), np.empty_like(k)
-    new_q[0], new_v[0] = q[0], v[0]
+def _roll(motion: _Motion, k: Array, K: Array, dt: Array, step: float) -> _Motion:
+    """Roll out the sweep's policy around ``motion``, with the nonlinear dynamics."""
+    q, v, _ = motion
+    new_q = np.empty_like(q)
+    new_v = np.empty_like(v)
+    new_u = np.empty_like(k)
+    new_q[0] = q[0]
+    new_v[0] = v[0]
     change = np.empty(2 * NV)
     for t in range(len(dt)):
         change[:NV] = difference(q[t], new_q[t])
@@ -275,14 +329,15 @@ def _roll(
         new_v[t + 1] = v[t + 1] + step * k[t] + K[t] @ change
         new_u[t] = (new_v[t + 1] - new_v[t]) / dt[t]
         new_q[t + 1] = integrate(new_q[t], dt[t] * new_v[t + 1])
-    return new_q, new_v, new_u
+    return _Motion(new_q, new_v, new_u)
 
 
 @njit(cache=True, error_model="numpy")
 def _objective(
-    p: _Problem, q: Array, v: Array, u: Array, momentum: Array, foot: Array, foot_jacobian: Array
+    p: _Problem, motion: _Motion, momentum: Array, foot: Array, foot_jacobian: Array
 ) -> tuple[float, _Residuals]:
-    """Objective and residuals, from the momenta and foot positions of a trajectory."""
+    """Return the objective and residuals, from momenta and foot positions of a trajectory."""
+    q, v, u = motion
     N = len(p.dt)
     momentum = momentum - p.momentum
     error = np.zeros((N, 4, 3))
@@ -306,19 +361,18 @@ def _objective(
 
 @njit(cache=True, error_model="numpy")
 def _gauss_newton(
-    p: _Problem, v: Array, r: _Residuals, momentum_jacobian: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Quadratic model of the state costs, and the dynamics' base blocks.
+    p: _Problem, motion: _Motion, r: _Residuals, momentum_jacobian: Array
+) -> QuadraticModel:
+    """Return the quadratic model of the state costs, and the dynamics' base blocks.
 
-    The state's Jacobian is the identity but for the base; a foot depends on base and own leg.
-
-    Returns:
-        Gauss-Newton Hessians ``(N+1, 36, 36)``, gradients ``(N+1, 36)``; base blocks ``(N, 6, 6)``
-        A of d q_{t+1} / d q_t and E of d q_{t+1} / d (dt v_{t+1}).
+    The state's Jacobian is the identity except for the base; a foot depends on base and own leg.
     """
+    v = motion.v
     N = len(p.dt)
-    H, g = np.empty((N + 1, 2 * NV, 2 * NV)), np.empty((N + 1, 2 * NV))
-    A, E = np.empty((N, 6, 6)), np.empty((N, 6, 6))
+    H = np.empty((N + 1, 2 * NV, 2 * NV))
+    g = np.empty((N + 1, 2 * NV))
+    A = np.empty((N, 6, 6))
+    E = np.empty((N, 6, 6))
     own = np.arange(9)  # columns of a foot's Jacobian among the 36
     for t in range(N + 1):
         J = momentum_jacobian[t]
@@ -351,4 +405,4 @@ def _gauss_newton(
         H[t] *= p.dt[t]
         g[t] *= p.dt[t]
         A[t], E[t] = integrate_jacobians(p.dt[t] * v[t + 1, :6])
-    return H, g, A, E
+    return QuadraticModel(H, g, A, E, motion.u, p.control_weight, p.dt)

@@ -1,10 +1,10 @@
-"""The planner: state in, arrays out. Contacts, centroidal, kinematics, inverse dynamics (BiConMP).
+"""The planner (BiConMP): contacts, centroidal problem, kinematics and inverse dynamics in turn.
 
 `Planner.plan` is a pure function of (state, tick, command): every stage starts cold, so the same
 input gives the same bits whatever was solved before. It plans in the heading frame, with the origin
 below the base, so a plan depends on neither x, y nor yaw; yaw rate is regulated, yaw is not. For
-real-time use `Planner.solve` can start from an earlier plan; never for data, where the bits would
-depend on it. The stages are public and can be called alone. Next: `expert`.
+real-time use `Planner.solve` can start from an earlier plan. Data must never be made that way: its
+bits would depend on that plan. The stages are public and can be called alone. Read `expert` next.
 """
 
 from __future__ import annotations
@@ -17,8 +17,16 @@ import pinocchio as pin
 from numba import njit
 
 from surefoot.config import ExpertConfig, Gait
-from surefoot.mpc.centroidal import CentroidalPlan, solve_centroidal
-from surefoot.mpc.footholds import ContactPlan, hip_offsets, plan_contacts, travelled, turned
+from surefoot.mpc.centroidal import CentroidalPlan, CentroidalProblem, solve_centroidal
+from surefoot.mpc.footholds import (
+    ContactPlan,
+    FootholdRule,
+    HorizonStart,
+    hip_offsets,
+    plan_contacts,
+    rotate_horizontal,
+    travel_along_arc,
+)
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
 from surefoot.mpc.schedule import node_ticks
 from surefoot.robots.model import RobotModel
@@ -30,25 +38,43 @@ PLAN_TICKS = 2 * GRID
 LAST_NODE = 3
 """The node at or beyond the last tick of a plan, even where the first node is the shortest."""
 MOST_TORQUE = 10.0
-"""Times the motor limit that a valid plan may ask for. What no motor gives, no robot follows; but a
-plan that will be clipped can still save a robot that has no other. Measured: 1.7 times at starts
-perturbed 1.5 times as much as the paper's; 3.4 after pushes of 5 Ns, half of which end in a fall.
-"""
+"""A valid plan may ask for this many times the motor limit. No robot can follow what no motor
+gives, but a plan that will be clipped can still save a robot that has no other. Measured: 1.7 times
+from initial states perturbed 1.5 times as much as the paper's; 3.4 times after pushes of 5 N s,
+half of which end in a fall."""
 FARTHEST_JOINT = 2.0 * np.pi
-"""[rad] from the nominal angle in a valid plan: beyond a turn a leg would have to unwind."""
+"""[rad] The largest distance of a joint from its nominal angle in a valid plan. Beyond a turn a leg
+would have to unwind."""
+
+
+@dataclass(frozen=True)
+class StageSeconds:
+    """Wall time of each stage of a plan.
+
+    Attributes:
+        contacts: Time of the measurement and the contact plan [s].
+        centroidal: Time of the centroidal problem [s].
+        kinematics: Time of the whole-body problem [s].
+        inverse_dynamics: Time of the interpolation and the inverse dynamics [s].
+    """
+
+    contacts: float
+    centroidal: float
+    kinematics: float
+    inverse_dynamics: float
 
 
 @dataclass(frozen=True)
 class PlanStages:
-    """Everything between state and torque, for those who want to look inside.
+    """Everything between state and torque, for a look inside a plan.
 
     Attributes:
-        tick: gait clock the plan was asked for at [ms].
-        contacts: over the centroidal horizon, heading frame below the base.
-        centroidal: centre of mass, momentum and forces.
-        kinematic: whole-body motion at the nodes.
-        motion: the arrays the robot follows.
-        seconds: wall time of each stage; the only field that differs between equal plans.
+        tick: The gait clock that the plan was asked for at [ms].
+        contacts: The contacts over the centroidal horizon, heading frame below the base.
+        centroidal: The center of mass, the momentum and the forces.
+        kinematic: The whole-body motion at the nodes.
+        motion: The arrays that the robot follows.
+        seconds: The wall time of each stage; the only field that differs between equal plans.
     """
 
     tick: int
@@ -56,20 +82,20 @@ class PlanStages:
     centroidal: CentroidalPlan
     kinematic: KinematicPlan
     motion: MotionPlan
-    seconds: dict[str, float]
+    seconds: StageSeconds
 
 
 class Planner:
     """BiConMP's planner for one robot and gait.
 
     Args:
-        robot: its model.
-        gait: timing and posture.
-        config: horizon, weights, iterations.
-        friction: coefficient of the force cone; the simulator's.
+        robot: The robot.
+        gait: The timing and posture.
+        config: The horizon, weights and stopping rules.
+        friction: The coefficient of the force cone, which should be the simulator's.
 
     Raises:
-        ValueError: if the horizon does not cover a plan's ticks.
+        ValueError: The horizon does not cover a plan's ticks.
     """
 
     def __init__(
@@ -86,7 +112,8 @@ class Planner:
         self._friction = friction
         self._data = robot.model.createData()
         self._mass = robot.mass
-        self._hips = hip_offsets(robot, config.hip_outward)
+        hips = hip_offsets(robot, config.hip_outward)
+        self._foothold_rule = FootholdRule(gait, config, hips, robot.foot_radius)
         self._legs = legs_of(robot)
         self._yaw_inertia = self._inertia_about_the_vertical()
         self._kinematics = KinematicSolver(robot, config.kinematic)
@@ -95,9 +122,9 @@ class Planner:
         """Plan 100 ticks from the state of one robot.
 
         Args:
-            state: of one robot, in any heading.
-            tick: gait clock [ms]; off the 50-ms grid the first node ends on the grid.
-            command: in the heading frame.
+            state: The state of one robot, in any heading.
+            tick: The gait clock [ms]; off the 50-ms grid the first node ends on the grid.
+            command: The command in the heading frame.
         """
         with np.errstate(all="ignore"):  # what is not finite shows in `valid`
             return self.solve(state, tick, command).motion
@@ -105,61 +132,58 @@ class Planner:
     def solve(
         self, state: State, tick: int, command: Command, previous: PlanStages | None = None
     ) -> PlanStages:
-        """All stages of one plan.
+        """Compute all stages of one plan.
 
         Args:
-            state: of one robot, in any heading.
-            tick: gait clock [ms].
-            command: in the heading frame.
-            previous: a plan to start from, for real-time use; the result then agrees with the cold
-                one within the solvers' tolerances. See `warm_start`. By itself it saves no time to
-                speak of; what it buys is that 2 `kinematic.max_iterations` come close to 3.
+            state: The state of one robot, in any heading.
+            tick: The gait clock [ms].
+            command: The command in the heading frame.
+            previous: A plan to start from, for real-time use; the result then agrees with the cold
+                one within the solvers' tolerances. See `warm_start`. A warm start alone saves
+                little time, but it makes 2 `kinematic.max_iterations` nearly as good as 3.
         """
         clock = [perf_counter()]
-        q, v = to_heading_frame(state.q), state.v
+        q = to_heading_frame(state.q)
+        v = state.v
         velocity = Command(*np.multiply(self._config.command_gain, command))
         x0, foot_positions = self.measure(q, v)
-        contacts = plan_contacts(
-            self._gait,
-            self._config,
-            self._hips,
-            self._robot.foot_radius,
-            x0[:3],
-            foot_positions,
-            tick,
-            velocity,
-            x0[3:5] - command[:2],
-        )
+        start = HorizonStart(tick, x0[:3], foot_positions, velocity, x0[3:5] - command[:2])
+        contacts = plan_contacts(self._foothold_rule, start)
         clock.append(perf_counter())
         reference = self.centroidal_reference(q, x0, contacts, velocity)
         guess, postures = self.warm_start(previous, tick, x0)
-        centroidal = solve_centroidal(
-            contacts, x0, reference, self._mass, self._friction, self._config.centroidal, guess
-        )
+        problem = CentroidalProblem(contacts, x0, reference, self._mass, self._friction)
+        centroidal = solve_centroidal(problem, self._config.centroidal, guess)
         clock.append(perf_counter())
-        problem = self.kinematic_problem(q, v, contacts, centroidal, velocity)
-        kinematic = self._kinematics.solve(problem, postures)
+        whole_body = self.kinematic_problem(q, v, contacts, centroidal, velocity)
+        kinematic = self._kinematics.solve(whole_body, postures)
         clock.append(perf_counter())
         motion = self.to_ticks(contacts, centroidal, kinematic)
         clock.append(perf_counter())
-        stages = ("contacts", "centroidal", "kinematics", "inverse_dynamics")
-        seconds: dict[str, float] = dict(zip(stages, np.diff(clock).tolist(), strict=True))
+        seconds = StageSeconds(*np.diff(clock).tolist())
         return PlanStages(tick, contacts, centroidal, kinematic, motion, seconds)
 
     def warm_start(
         self, previous: PlanStages | None, tick: int, x0: Array
     ) -> tuple[CentroidalPlan | None, Array | None]:
-        """First guesses of both solvers for a plan at ``tick``: the rows of an earlier plan.
+        """Return first guesses of both solvers for a plan at ``tick``: rows of an earlier plan.
 
-        The nodes of both plans lie on one grid but for the first, where the state is measured; so
-        nothing is interpolated. Beyond the old horizon its last row is repeated. The centre of mass
-        is moved to the measured one; the little that the heading has turned is neglected.
+        The nodes of both plans lie on one grid except for the first, where the state is measured,
+        so nothing is interpolated. Beyond the old horizon its last row is repeated. The center of
+        mass is moved to the measured one; the little that the heading has turned is neglected.
+
+        Args:
+            previous: The earlier plan, or None.
+            tick: The gait clock of the new plan [ms].
+            x0: ``(9,)`` measured centroidal state, from `measure`.
 
         Returns:
-            Centroidal plan, and ``(kinematic nodes + 1, 19)`` configurations; None, a cold start,
-            if the earlier plan is not valid, has other nodes or none of its ticks is this one.
+            A centroidal plan, and ``(kinematic nodes + 1, 19)`` configurations. Both are None, for
+            a cold start, if the earlier plan is not valid, has other nodes or does not cover the
+            tick.
         """
-        N, M = self._config.centroidal.nodes, self._config.kinematic.nodes
+        N = self._config.centroidal.nodes
+        M = self._config.kinematic.nodes
         if (
             previous is None
             or not previous.motion.valid
@@ -167,7 +191,8 @@ class Planner:
             or (len(previous.contacts.dt), len(previous.kinematic.acceleration)) != (N, M)
         ):
             return None, None
-        old, new = node_ticks(previous.tick, N), node_ticks(tick, N)
+        old = node_ticks(previous.tick, N)
+        new = node_ticks(tick, N)
         row = np.minimum(np.searchsorted(old, new, side="right") - 1, N)
         plan = previous.centroidal
         com = plan.com[row]
@@ -182,8 +207,17 @@ class Planner:
         return guess, previous.kinematic.q[np.minimum(row[: M + 1], M)]
 
     def measure(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Centroidal state ``(9,)`` (com, its velocity, momentum / mass) and feet ``(4, 3)``."""
-        model, data = self._robot.model, self._data
+        """Return the centroidal state ``(9,)`` and the foot positions ``(4, 3)`` [m].
+
+        The centroidal state is the center of mass [m], its velocity [m/s] and the angular momentum
+        per mass [m^2/s].
+
+        Args:
+            q: ``(19,)`` configuration.
+            v: ``(18,)`` velocity.
+        """
+        model = self._robot.model
+        data = self._data
         pin.computeCentroidalMomentum(model, data, q, v)
         x0 = np.concatenate([data.com[0], data.hg.vector / self._mass])
         return x0, feet(q[None], self._legs)[0][0]
@@ -191,17 +225,24 @@ class Planner:
     def centroidal_reference(
         self, q: Array, x0: Array, contacts: ContactPlan, velocity: Command
     ) -> Array:
-        """``(N+1, 9)`` reference of the centroidal problem; momentum levels the base.
+        """Return the reference ``(N+1, 9)`` of the centroidal problem.
 
-        The angular momentum reference is proportional to the orientation error, and to the yaw
-        rate asked for about the vertical.
+        The angular momentum levels the base: its reference is proportional to the orientation
+        error, and about the vertical to the commanded yaw rate.
+
+        Args:
+            q: ``(19,)`` configuration in the planning frame.
+            x0: ``(9,)`` measured centroidal state, from `measure`.
+            contacts: The contact plan, for the durations of the nodes.
+            velocity: The planned velocity in the heading frame.
         """
         time = np.concatenate([[0.0], np.cumsum(contacts.dt)])
-        v, w = np.array(velocity[:2]), velocity.yaw_rate
+        v = np.array(velocity[:2])
+        w = velocity.yaw_rate
         reference = np.zeros((len(time), 9))
-        reference[:, :2] = x0[:2] + travelled(v, w, time[:, None])
+        reference[:, :2] = x0[:2] + travel_along_arc(v, w, time[:, None])
         reference[:, 2] = self._gait.com_height
-        reference[:, 3:5] = turned(v, w * time[:, None])
+        reference[:, 3:5] = rotate_horizontal(v, w * time[:, None])
         error = pin.log3(pin.Quaternion(q[3:7]).matrix().T)
         reference[:-1, 6:] = np.array(self._config.centroidal.orientation_gain) * error
         reference[-1, 6:] = error
@@ -216,7 +257,15 @@ class Planner:
         centroidal: CentroidalPlan,
         velocity: Command,
     ) -> KinematicProblem:
-        """The whole-body problem that follows a centroidal plan; the base is to stay level."""
+        """Return the whole-body problem that follows a centroidal plan, with a level base.
+
+        Args:
+            q: ``(19,)`` configuration in the planning frame.
+            v: ``(18,)`` velocity.
+            contacts: The contact plan.
+            centroidal: The centroidal plan, for its momentum.
+            velocity: The planned velocity, for its yaw rate.
+        """
         N = self._config.kinematic.nodes
         time = np.concatenate([[0.0], np.cumsum(contacts.dt[:N])])
         momentum = np.concatenate(
@@ -243,6 +292,11 @@ class Planner:
 
         The residual knows the momentum only: a state that no robot is ever in, with its legs wound
         up or a joint at 1000 rad/s, can have a good one. So the joints are judged as well.
+
+        Args:
+            contacts: The contact plan, for the durations of the nodes.
+            centroidal: The centroidal plan, for its forces and residual.
+            kinematic: The whole-body motion at the nodes.
         """
         q, v, a, force = self.interpolate(contacts, centroidal, kinematic)
         torque = self.inverse_dynamics(q, v, a, force)[:, 6:]
@@ -259,7 +313,17 @@ class Planner:
     def interpolate(
         self, contacts: ContactPlan, centroidal: CentroidalPlan, kinematic: KinematicPlan
     ) -> tuple[Array, Array, Array, Array]:
-        """Rows of q ``(100, 19)``, v and a ``(100, 18)`` and forces ``(100, 4, 3)``, one a tick."""
+        """Interpolate the nodes of a plan linearly, to one row a tick.
+
+        Args:
+            contacts: The contact plan, for the durations of the nodes.
+            centroidal: The centroidal plan, for its forces.
+            kinematic: The whole-body motion at the nodes.
+
+        Returns:
+            The configurations ``(100, 19)``, the velocities and accelerations ``(100, 18)`` and the
+            forces on the feet ``(100, 4, 3)`` [N].
+        """
         start = np.concatenate([[0.0], np.cumsum(contacts.dt[: LAST_NODE - 1])])
         time = np.arange(PLAN_TICKS) / TICKS_PER_SECOND
         node = np.searchsorted(start, time + 1e-9, side="right") - 1
@@ -272,11 +336,18 @@ class Planner:
         return q, v, a, force.reshape(PLAN_TICKS, 4, 3)
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array, force: Array) -> Array:
-        """``(T, 18)`` generalised force that the motion needs beyond the contact forces.
+        """Return the generalized force ``(T, 18)`` that a motion needs beyond the contact forces.
 
-        The first six rows are the wrench that nobody applies: the momentum mismatch of the plan.
+        The first six columns are a wrench that nothing applies: the momentum mismatch of the plan.
+
+        Args:
+            q: ``(T, 19)`` configurations.
+            v: ``(T, 18)`` velocities.
+            a: ``(T, 18)`` generalized accelerations.
+            force: ``(T, 4, 3)`` forces on the feet, world axes [N].
         """
-        model, data = self._robot.model, self._data
+        model = self._robot.model
+        data = self._data
         tau = np.empty((len(q), 18))
         for t in range(len(q)):
             tau[t] = pin.rnea(model, data, q[t], v[t], a[t])
@@ -284,20 +355,21 @@ class Planner:
         return tau
 
     def _inertia_about_the_vertical(self) -> float:
-        """Composite, in the nominal pose [kg m^2]."""
-        model, data = self._robot.model, self._data
+        """Return the composite inertia in the nominal pose [kg m^2]."""
+        model = self._robot.model
+        data = self._data
         pin.ccrba(model, data, self._robot.nominal, np.zeros(18))
         return float(data.Ig.inertia[2, 2])
 
 
 @njit(cache=True, error_model="numpy")
 def subtract_contacts(tau: Array, J: Array, force: Array) -> None:
-    """Subtracts sum_j J_j^T f_j from ``tau (T, 18)``; a foot acts on the base and its own leg.
+    """Subtract sum_j J_j^T f_j from ``tau (T, 18)``; a foot acts on the base and its own leg.
 
     Args:
-        tau: generalised forces, changed in place.
-        J: ``(T, 4, 3, 9)`` from `feet`.
-        force: ``(T, 4, 3)`` on the feet, world axes [N].
+        tau: ``(T, 18)`` generalized forces, which are changed in place.
+        J: ``(T, 4, 3, 9)`` foot Jacobians, from `feet`.
+        force: ``(T, 4, 3)`` forces on the feet, world axes [N].
     """
     for t in range(len(tau)):
         for leg in range(4):
@@ -310,11 +382,12 @@ def subtract_contacts(tau: Array, J: Array, force: Array) -> None:
 
 
 def to_heading_frame(q: Array) -> Array:
-    """Configuration ``(19,)`` seen from below the base, turned by minus its (ZYX) yaw."""
+    """Return the configuration ``(19,)`` seen from below the base, turned by minus its ZYX yaw."""
     x, y, z, w = q[3:7] / np.linalg.norm(q[3:7])
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    s, c = np.sin(-0.5 * yaw), np.cos(0.5 * yaw)
-    turned = q.copy()
-    turned[:2] = 0.0
-    turned[3:7] = [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z]
-    return turned
+    s = np.sin(-0.5 * yaw)
+    c = np.cos(0.5 * yaw)
+    level = q.copy()
+    level[:2] = 0.0
+    level[3:7] = [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z]
+    return level

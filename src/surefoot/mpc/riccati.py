@@ -1,11 +1,13 @@
 """Backward sweep of a Gauss-Newton step for a floating-base motion: 18 x 18 blocks, nothing larger.
 
 The next velocity serves as the decision of a node, and the acceleration u = (v_{t+1} - v_t) / dt
-follows from it; the dynamics q_{t+1} = q_t (+) dt v_{t+1} are the identity but for the base, and
-enter as two 6 x 6 blocks. Next: `kinematics`.
+follows from it. The dynamics q_{t+1} = q_t (+) dt v_{t+1} are the identity except for the base, and
+enter as two 6 x 6 blocks. Read `kinematics` next.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,42 +17,64 @@ from surefoot.types import Array
 NV = 18
 
 
+class QuadraticModel(NamedTuple):
+    """Costs to second order and dynamics to first order, around a trajectory of N nodes.
+
+    Attributes:
+        hessian: ``(N+1, 36, 36)`` Hessians of the state costs.
+        gradient: ``(N+1, 36)`` gradients of the state costs.
+        A: ``(N, 6, 6)`` base block of d q_{t+1} / d q_t.
+        E: ``(N, 6, 6)`` base block of d q_{t+1} / d (dt v_{t+1}).
+        control: ``(N, 18)`` controls of the trajectory.
+        control_weight: ``(18,)`` weights of the controls.
+        dt: ``(N,)`` durations of the nodes [s].
+    """
+
+    hessian: Array
+    gradient: Array
+    A: Array
+    E: Array
+    control: Array
+    control_weight: Array
+    dt: Array
+
+
 @njit(cache=True, error_model="numpy")
-def riccati(
-    Hx: Array, gx: Array, A: Array, E: Array, u: Array, dt: Array, Ru: Array, damping: float
-) -> tuple[Array, Array, float]:
-    """Backward sweep in the tangent space; the decision of node t is w = delta v_{t+1}.
+def riccati(model: QuadraticModel, damping: float) -> tuple[Array, Array, float]:
+    """Sweep backward in the tangent space; the decision of node t is w = delta v_{t+1}.
 
     With V, g the value function of node t+1, its quadratic model in (delta q_t, w) is T^T V T,
     T^T g, where T = [[A, dt E], [0, 1]] and blockdiag(A, 1), blockdiag(E, 1) are meant. The control
     u = (v_{t+1} - v_t) / dt couples w and delta v_t by a diagonal.
 
     Args:
-        Hx: ``(N+1, 36, 36)`` Hessians of the state costs.
-        gx: ``(N+1, 36)`` their gradients.
-        A: ``(N, 6, 6)`` base block of d q_{t+1} / d q_t.
-        E: ``(N, 6, 6)`` base block of d q_{t+1} / d (dt v_{t+1}).
-        u: ``(N, 18)`` controls of the current iterate.
-        dt: ``(N,)`` durations [s].
-        Ru: ``(18,)`` weights of the controls.
-        damping: added to the diagonal of the decision's Hessian.
+        model: The costs and dynamics around the current iterate.
+        damping: A number that is added to the diagonal of the decision's Hessian.
 
     Returns:
-        Feed-forward ``(N, 18)``, gains ``(N, 18, 36)``, decrease: a step of length s is expected to
-        lower the objective by (s - s^2 / 2) times this.
+        The feed-forward ``(N, 18)``, the gains ``(N, 18, 36)`` and the decrease: a step of length s
+        is expected to lower the objective by (s - s^2 / 2) times this.
     """
-    N = len(dt)
-    k, K = np.empty((N, NV)), np.empty((N, NV, 2 * NV))
-    V, g = Hx[N], gx[N]
+    u = model.control
+    Ru = model.control_weight
+    N = len(model.dt)
+    k = np.empty((N, NV))
+    K = np.empty((N, NV, 2 * NV))
+    V = model.hessian[N]
+    g = model.gradient[N]
     decrease = 0.0
     M = np.empty((NV, 3 * NV + 1))  # Q_ww | Q_wx | q_w
     for t in range(N - 1, -1, -1):
-        half = _through_dynamics(V, A[t], E[t], dt[t])
-        H = _through_dynamics(half.T.copy(), A[t], E[t], dt[t])
-        gradient = _through_dynamics(g.reshape(1, 2 * NV), A[t], E[t], dt[t])[0]
-        V, g = Hx[t].copy(), gx[t].copy()
+        A = model.A[t]
+        E = model.E[t]
+        dt = model.dt[t]
+        half = _through_dynamics(V, A, E, dt)
+        H = _through_dynamics(half.T.copy(), A, E, dt)
+        gradient = _through_dynamics(g.reshape(1, 2 * NV), A, E, dt)[0]
+        V = model.hessian[t].copy()
+        g = model.gradient[t].copy()
         for i in range(NV):
-            r = Ru[i] / dt[t]
+            r = Ru[i] / dt
             rate = Ru[i] * u[t, i]
             for j in range(NV):
                 V[i, j] += H[i, j]
@@ -64,7 +88,8 @@ def riccati(
             g[NV + i] -= rate
             M[i, 3 * NV] = gradient[NV + i] + rate
         _eliminate(M)
-        W, w = M[:, NV : 3 * NV].copy(), M[:, 3 * NV].copy()
+        W = M[:, NV : 3 * NV].copy()
+        w = M[:, 3 * NV].copy()
         V -= W.T @ W
         g -= W.T @ w
         decrease += np.sum(w * w)

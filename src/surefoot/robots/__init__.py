@@ -1,1 +1,5 @@
-"""Robots: their models, shapes and rigid-body motion."""
+"""Robots: their models, shapes and rigid-body motion.
+
+`model` says what the package needs to know of a robot, and each robot has a file of its own.
+Nothing is imported here, so that a name costs nothing. Read `robots.model` next.
+"""

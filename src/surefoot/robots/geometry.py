@@ -1,7 +1,7 @@
-"""What of the robot can touch the ground: the same shapes in every simulator and every check.
+"""Where a robot touches the ground: the lowest points of its shapes in a configuration.
 
-Mesh hulls are slow and differ between engines, so a foot is a sphere around its frame, a leg two
-capsules, the base a box.
+The shapes are those of `RobotModel.shapes`, the same in every simulator: spheres for the feet,
+capsules for the legs and a box for the base.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from surefoot.types import LEGS, Array
 
 
 def lowest_points(robot: RobotModel, data: pin.Data, q: Array) -> tuple[Array, Array]:
-    """Height of the lowest point of each foot sphere, and of each other shape [m].
+    """Return the height of the lowest point of each foot ``(4,)`` and each other shape [m].
 
     Args:
-        robot: its model.
-        data: Pinocchio data; kinematics is computed here.
+        robot: The robot, with its shapes.
+        data: Pinocchio data of its model, in which this function computes the kinematics.
         q: ``(19,)`` configuration; the ground is z = 0.
     """
     pin.framesForwardKinematics(robot.model, data, q)
@@ -26,10 +26,9 @@ def lowest_points(robot: RobotModel, data: pin.Data, q: Array) -> tuple[Array, A
     for shape in robot.shapes:
         link = data.oMf[robot.model.getFrameId(shape.link)]
         ends = np.array([link.act(np.array(point)) for point in (shape.start, shape.end)])
-        reach = (
-            np.abs(link.rotation[2]) @ np.array(shape.size)
-            if len(shape.size) == 3
-            else shape.size[0]
-        )
+        if len(shape.size) == 3:
+            reach = np.abs(link.rotation[2]) @ np.array(shape.size)
+        else:
+            reach = shape.size[0]
         lowest.append(ends[:, 2].min() - reach)
     return np.array(lowest[: len(LEGS)]), np.array(lowest[len(LEGS) :])

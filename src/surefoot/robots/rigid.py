@@ -1,12 +1,13 @@
-"""Motion of a floating base and positions of its feet, as compiled array code.
+"""The motion of a floating base and the positions of its feet, as compiled array code.
 
 Pinocchio has all of this, one configuration and one frame a call; the planner needs it at hundreds
-of configurations a plan, where the calls cost ten times the arithmetic. The conventions are
-Pinocchio's: a displacement ``d (18,)`` moves ``q`` by the twist d[:6] (linear, angular) in the base
-frame.
+of configurations a plan, where the calls cost ten times as much as the arithmetic. The conventions
+are Pinocchio's: a displacement ``d (18,)`` moves ``q`` by the twist d[:6] (linear, angular) in the
+base frame.
 
 A twist is a dual vector w + e v, so the Jacobians of SO(3), 1 + x [w] + y [w]^2 with x, y functions
-of |w|, give those of SE(3) by differentiating with respect to w along v. Next: `mpc.kinematics`.
+of |w|, give those of SE(3) by differentiating with respect to w along v. Read `mpc.kinematics`
+next.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ SMALL = 1e-4
 """Below this squared angle [rad^2] coefficients come from their series; Jacobians are exact to
 1e-14 on both sides."""
 Vector = tuple[float, float, float]
-"""Three numbers in registers: arrays of three would be allocated each time, ten times dearer."""
+"""Three numbers in registers: arrays of three would be allocated each time, ten times slower."""
 
 
 class Legs(NamedTuple):
@@ -32,12 +33,12 @@ class Legs(NamedTuple):
 
     Attributes:
         axis: ``(4, 3, 3)`` unit axis of each joint.
-        centre: ``(4, 3, 3)`` a point of each axis [m].
-        foot: ``(4, 3)`` foot [m].
+        center: ``(4, 3, 3)`` a point of each axis [m].
+        foot: ``(4, 3)`` position of the foot [m].
     """
 
     axis: Array
-    centre: Array
+    center: Array
     foot: Array
 
 
@@ -45,10 +46,10 @@ class Masses(NamedTuple):
     """Mass and first moment of mass of what moves, base frame, joints at zero.
 
     Attributes:
-        base: [kg] of the base.
-        base_moment: ``(3,)`` mass times centre of mass of the base [kg m].
-        link: ``(4, 3)`` of what each joint turns by itself [kg].
-        link_moment: ``(4, 3, 3)`` mass times centre of mass of each [kg m].
+        base: The mass of the base [kg].
+        base_moment: ``(3,)`` mass times center of mass of the base [kg m].
+        link: ``(4, 3)`` mass of what each joint turns by itself [kg].
+        link_moment: ``(4, 3, 3)`` mass times center of mass of each of them [kg m].
     """
 
     base: float
@@ -58,56 +59,61 @@ class Masses(NamedTuple):
 
 
 def legs_of(robot: RobotModel) -> Legs:
-    """Geometry of a robot's legs."""
-    model, data = robot.model, robot.model.createData()
+    """Return the geometry of a robot's legs."""
+    model = robot.model
+    data = robot.model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
     axis = pin.computeJointJacobians(model, data, pin.neutral(model))[3:, 6:].T
-    centre = np.array([data.oMi[joint].translation for joint in range(2, model.njoints)])
+    center = np.array([data.oMi[joint].translation for joint in range(2, model.njoints)])
     foot = np.array([data.oMf[frame].translation for frame in robot.feet])
-    return Legs(axis.reshape(4, 3, 3).copy(), centre.reshape(4, 3, 3), foot)
+    return Legs(axis.reshape(4, 3, 3).copy(), center.reshape(4, 3, 3), foot)
 
 
 def masses_of(robot: RobotModel) -> Masses:
-    """Masses of a robot's base and legs."""
-    model, data = robot.model, robot.model.createData()
+    """Return the masses of a robot's base and legs."""
+    model = robot.model
+    data = robot.model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
     bodies = range(1, model.njoints)
     mass = np.array([model.inertias[body].mass for body in bodies])
-    centre = np.array([data.oMi[body].act(model.inertias[body].lever) for body in bodies])
-    moment = mass[:, None] * centre
+    center = np.array([data.oMi[body].act(model.inertias[body].lever) for body in bodies])
+    moment = mass[:, None] * center
     return Masses(mass[0], moment[0], mass[1:].reshape(4, 3), moment[1:].reshape(4, 3, 3))
 
 
 @njit(cache=True, error_model="numpy")
 def feet(q: Array, legs: Legs) -> tuple[Array, Array]:
-    """Foot positions and their Jacobians at T configurations.
+    """Return the foot positions and their Jacobians at T configurations.
 
     Product of exponentials: from the foot up, each joint turns all that hangs below it.
 
     Args:
         q: ``(T, 19)`` configurations.
-        legs: from `legs_of`.
+        legs: The geometry of the legs, from `legs_of`.
 
     Returns:
-        ``(T, 4, 3)`` positions in the world frame [m], and ``(T, 4, 3, 9)`` their derivatives with
-        respect to the base twist (6) and the three joints of the foot's own leg.
+        The positions ``(T, 4, 3)`` in the world frame [m], and their derivatives ``(T, 4, 3, 9)``
+        with respect to the base twist (6) and the three joints of the foot's own leg.
     """
     T = len(q)
-    position, J = np.empty((T, 4, 3)), np.empty((T, 4, 3, 9))
+    position = np.empty((T, 4, 3))
+    J = np.empty((T, 4, 3, 9))
     by_joint = np.empty((3, 3))  # row i: derivative with respect to joint i, base frame
     for t in range(T):
         R = rotation(q[t])
         for leg in range(4):
             p = vector(legs.foot[leg])
             for i in range(2, -1, -1):
-                axis, centre = vector(legs.axis[leg, i]), vector(legs.centre[leg, i])
+                axis = vector(legs.axis[leg, i])
+                center = vector(legs.center[leg, i])
                 angle = q[t, 7 + 3 * leg + i]
-                s, c = np.sin(angle), np.cos(angle)
+                s = np.sin(angle)
+                c = np.cos(angle)
                 for j in range(i + 1, 3):
-                    store(by_joint[j], turned(vector(by_joint[j]), axis, s, c))
-                arm = turned(combine(1.0, p, -1.0, centre), axis, s, c)
+                    store(by_joint[j], rotate_about_axis(vector(by_joint[j]), axis, s, c))
+                arm = rotate_about_axis(combine(1.0, p, -1.0, center), axis, s, c)
                 store(by_joint[i], cross(axis, arm))
-                p = combine(1.0, centre, 1.0, arm)
+                p = combine(1.0, center, 1.0, arm)
             for i in range(3):
                 position[t, leg, i] = q[t, i] + dot(R[i], p)
                 store(J[t, leg, i, :3], R[i])
@@ -118,25 +124,34 @@ def feet(q: Array, legs: Legs) -> tuple[Array, Array]:
 
 
 @njit(cache=True, error_model="numpy")
-def centre_of_mass(q: Array, legs: Legs, masses: Masses) -> Array:
-    """``(T, 3)`` centres of mass in the world frame [m] at T configurations ``q (T, 19)``.
+def center_of_mass(q: Array, legs: Legs, masses: Masses) -> Array:
+    """Return the centers of mass ``(T, 3)`` in the world frame [m] at T configurations.
 
     As in `feet`, each joint turns all that hangs below it: here the moments of mass, summed up
     from the foot.
+
+    Args:
+        q: ``(T, 19)`` configurations.
+        legs: The geometry of the legs, from `legs_of`.
+        masses: The masses of base and legs, from `masses_of`.
     """
     T = len(q)
     com = np.empty((T, 3))
     for t in range(T):
-        total, moment = masses.base, vector(masses.base_moment)
+        total = masses.base
+        moment = vector(masses.base_moment)
         for leg in range(4):
-            hanging, p = 0.0, (0.0, 0.0, 0.0)
+            hanging = 0.0
+            p = (0.0, 0.0, 0.0)
             for i in range(2, -1, -1):
-                axis, centre = vector(legs.axis[leg, i]), vector(legs.centre[leg, i])
+                axis = vector(legs.axis[leg, i])
+                center = vector(legs.center[leg, i])
                 angle = q[t, 7 + 3 * leg + i]
                 hanging += masses.link[leg, i]
                 p = combine(1.0, p, 1.0, vector(masses.link_moment[leg, i]))
-                arm = combine(1.0, p, -hanging, centre)
-                p = combine(hanging, centre, 1.0, turned(arm, axis, np.sin(angle), np.cos(angle)))
+                arm = combine(1.0, p, -hanging, center)
+                moved = rotate_about_axis(arm, axis, np.sin(angle), np.cos(angle))
+                p = combine(hanging, center, 1.0, moved)
             total += hanging
             moment = combine(1.0, moment, 1.0, p)
         R = rotation(q[t])
@@ -147,8 +162,9 @@ def centre_of_mass(q: Array, legs: Legs, masses: Masses) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def integrate(q: Array, d: Array) -> Array:
-    """Configuration ``(19,)`` after the displacement ``d (18,)``."""
-    v, w = vector(d[:3]), vector(d[3:6])
+    """Return the configuration ``(19,)`` after the displacement ``d (18,)``."""
+    v = vector(d[:3])
+    w = vector(d[3:6])
     s = dot(w, w)
     a, b, _, _ = _exponential(s)
     wv = cross(w, v)
@@ -161,7 +177,10 @@ def integrate(q: Array, d: Array) -> Array:
     out = np.empty(19)
     for i in range(3):
         out[i] = q[i] + dot(R[i], p)
-    out[3], out[4], out[5], out[6] = scale * x, scale * y, scale * z, scale * turn
+    out[3] = scale * x
+    out[4] = scale * y
+    out[5] = scale * z
+    out[6] = scale * turn
     for i in range(12):
         out[7 + i] = q[7 + i] + d[6 + i]
     return out
@@ -169,7 +188,7 @@ def integrate(q: Array, d: Array) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def difference(start: Array, end: Array) -> Array:
-    """Displacement ``(18,)`` from ``start`` to ``end``, the inverse of `integrate`."""
+    """Return the displacement ``(18,)`` from ``start`` to ``end``, the inverse of `integrate`."""
     back = combine(-1.0, vector(start[3:6]), 0.0, vector(start[3:6]))
     n, cosine = product(back, start[6], vector(end[3:6]), end[6])
     sine = np.sqrt(dot(n, n))
@@ -193,14 +212,22 @@ def difference(start: Array, end: Array) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def integrate_jacobians(twist: Array) -> tuple[Array, Array]:
-    """Base blocks ``(6, 6)`` of d integrate(q, d) / dq and / dd; the joints are the identity."""
-    v, w = vector(twist[:3]), vector(twist[3:6])
+    """Return the base blocks ``(6, 6)`` of d integrate(q, d) / dq and / dd.
+
+    The blocks of the joints are the identity.
+
+    Args:
+        twist: ``(6,)`` base part of the displacement d.
+    """
+    v = vector(twist[:3])
+    w = vector(twist[3:6])
     a, b, da, db = _exponential(dot(w, w))
     E = _dual(v, w, -a, b, -da, db)
     # d/dq is the adjoint of exp(-twist): 1 - ad E, with ad = [[[w], [v]], [0, [w]]].
     A = np.eye(6)
     for j in range(6):
-        upper, lower = vector(E[:3, j]), vector(E[3:, j])
+        upper = vector(E[:3, j])
+        lower = vector(E[3:, j])
         top = combine(1.0, cross(w, upper), 1.0, cross(v, lower))
         bottom = cross(w, lower)
         for i in range(3):
@@ -211,20 +238,26 @@ def integrate_jacobians(twist: Array) -> tuple[Array, Array]:
 
 @njit(cache=True, error_model="numpy")
 def difference_jacobian(twist: Array) -> Array:
-    """Base block ``(6, 6)`` of d difference(start, end) / d end at the difference ``twist``."""
-    v, w = vector(twist[:3]), vector(twist[3:6])
+    """Return the base block ``(6, 6)`` of d difference(start, end) / d end.
+
+    Args:
+        twist: ``(6,)`` base part of the difference.
+    """
+    v = vector(twist[:3])
+    w = vector(twist[3:6])
     c, dc = _logarithm(dot(w, w))
     return _dual(v, w, 0.5, c, 0.0, dc)
 
 
 @njit(cache=True, error_model="numpy")
 def _exponential(s: float) -> tuple[float, float, float, float]:
-    """Coefficients a = (1 - cos) / angle^2 and b = (angle - sin) / angle^3 for angle^2 = ``s``.
+    """Return a = (1 - cos) / angle^2 and b = (angle - sin) / angle^3 for angle^2 = ``s``.
 
-    And their derivatives with respect to the angle, over the angle.
+    After them come their derivatives with respect to the angle, over the angle.
     """
     if s < SMALL:
-        a, b = 0.5 - s / 24.0 + s * s / 720.0, 1.0 / 6.0 - s / 120.0 + s * s / 5040.0
+        a = 0.5 - s / 24.0 + s * s / 720.0
+        b = 1.0 / 6.0 - s / 120.0 + s * s / 5040.0
         return a, b, -1.0 / 12.0 + s / 180.0, -1.0 / 60.0 + s / 1260.0
     angle = np.sqrt(s)
     sin = np.sin(angle)
@@ -235,7 +268,7 @@ def _exponential(s: float) -> tuple[float, float, float, float]:
 
 @njit(cache=True, error_model="numpy")
 def _logarithm(s: float) -> tuple[float, float]:
-    """Coefficient c = (1 - h cot h) / angle^2 with h = angle / 2; its derivative over the angle."""
+    """Return c = (1 - h cot h) / angle^2, h = angle / 2, and its derivative over the angle."""
     if s < SMALL:
         return 1.0 / 12.0 + s / 720.0, 1.0 / 360.0 + s / 7560.0
     h = 0.5 * np.sqrt(s)
@@ -245,12 +278,14 @@ def _logarithm(s: float) -> tuple[float, float]:
 
 @njit(cache=True, error_model="numpy")
 def _dual(v: Vector, w: Vector, x: float, y: float, dx: float, dy: float) -> Array:
-    """1 + x [w] + y [w]^2 for the dual vector w + e v: ``(6, 6)`` [[J, dJ], [0, J]].
+    """Return 1 + x [w] + y [w]^2 for the dual vector w + e v: ``(6, 6)`` [[J, dJ], [0, J]].
 
     ``dx``, ``dy`` are the derivatives of x, y with respect to |w|, over |w|.
     """
-    wv, ww = dot(w, v), dot(w, w)
-    V, W = skew(v), skew(w)
+    wv = dot(w, v)
+    ww = dot(w, w)
+    V = skew(v)
+    W = skew(w)
     J = np.zeros((6, 6))
     for i in range(3):
         for j in range(3):
@@ -264,8 +299,11 @@ def _dual(v: Vector, w: Vector, x: float, y: float, dx: float, dy: float) -> Arr
 
 @njit(cache=True, error_model="numpy")
 def rotation(q: Array) -> tuple[Vector, Vector, Vector]:
-    """Rows of the base's rotation matrix at configuration ``q (19,)``."""
-    x, y, z, w = q[3], q[4], q[5], q[6]
+    """Return the rows of the base's rotation matrix at the configuration ``q (19,)``."""
+    x = q[3]
+    y = q[4]
+    z = q[5]
+    w = q[6]
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
         (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
@@ -275,49 +313,49 @@ def rotation(q: Array) -> tuple[Vector, Vector, Vector]:
 
 @njit(cache=True, error_model="numpy")
 def product(a: Vector, a0: float, b: Vector, b0: float) -> tuple[Vector, float]:
-    """Product of two quaternions: vector parts a, b and scalar parts a0, b0."""
+    """Return the product of two quaternions with vector parts a, b and scalar parts a0, b0."""
     n = combine(1.0, combine(a0, b, b0, a), 1.0, cross(a, b))
     return n, a0 * b0 - dot(a, b)
 
 
 @njit(cache=True, error_model="numpy")
-def turned(p: Vector, axis: Vector, s: float, c: float) -> Vector:
-    """``p`` turned about a unit axis by the angle with sine ``s`` and cosine ``c``."""
+def rotate_about_axis(p: Vector, axis: Vector, s: float, c: float) -> Vector:
+    """Rotate ``p`` about a unit axis by the angle with sine ``s`` and cosine ``c``."""
     rest = combine(s, cross(axis, p), (1.0 - c) * dot(axis, p), axis)
     return combine(c, p, 1.0, rest)
 
 
 @njit(cache=True, error_model="numpy")
 def skew(a: Vector) -> tuple[Vector, Vector, Vector]:
-    """Rows of [a], the matrix of a x."""
+    """Return the rows of [a], the matrix of a x."""
     return (0.0, -a[2], a[1]), (a[2], 0.0, -a[0]), (-a[1], a[0], 0.0)
 
 
 @njit(cache=True, error_model="numpy")
 def vector(a: Array) -> Vector:
-    """The first three entries of an array."""
+    """Return the first three entries of an array."""
     return a[0], a[1], a[2]
 
 
 @njit(cache=True, error_model="numpy")
 def store(out: Array, a: Vector) -> None:
-    """Writes a vector into the first three entries of an array."""
+    """Write a vector into the first three entries of an array."""
     out[0], out[1], out[2] = a
 
 
 @njit(cache=True, error_model="numpy")
 def combine(x: float, a: Vector, y: float, b: Vector) -> Vector:
-    """The vector x a + y b."""
+    """Return the vector x a + y b."""
     return x * a[0] + y * b[0], x * a[1] + y * b[1], x * a[2] + y * b[2]
 
 
 @njit(cache=True, error_model="numpy")
 def cross(a: Vector, b: Vector) -> Vector:
-    """The vector a x b."""
+    """Return the vector a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(cache=True, error_model="numpy")
 def dot(a: Vector, b: Vector) -> float:
-    """The number a . b."""
+    """Return the number a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -1,4 +1,4 @@
-"""Solo12, as described by ``example-robot-data``."""
+"""Solo12, as ``example-robot-data`` describes it (Grimminger et al., 2020)."""
 
 from __future__ import annotations
 
@@ -18,17 +18,20 @@ BASE_HALF_EDGES = (0.2241, 0.1095, 0.0265)
 UPPER_LEG_RADIUS = 0.0185
 LOWER_LEG_RADIUS = 0.0135
 FOOT_RADIUS = 0.018
-"""[m] height of the foot frame above the ground in contact."""
+"""[m] The height of the foot frame above the ground in contact."""
 
 
 def solo12(config: RobotConfig | None = None) -> RobotModel:
-    """Solo12 as described by ``example-robot-data``: 2.500 kg, point feet, 12 joints.
+    """Load Solo12 as ``example-robot-data`` describes it: 2.500 kg, point feet, 12 joints.
 
-    Joint damping and armature are zero in planner and simulators alike. The foot radius is the
-    height of the foot frame above the ground in contact, 18 mm.
+    Joint damping and armature are zero in the planner and the simulators alike. The foot radius is
+    the height of the foot frame above the ground in contact, 18 mm.
+
+    Args:
+        config: The robot's limits; the defaults if it is None.
 
     Raises:
-        ImportError: ``example-robot-data`` is missing.
+        ImportError: The package ``example-robot-data`` is missing.
     """
     config = config or RobotConfig()
     try:
@@ -42,7 +45,8 @@ def solo12(config: RobotConfig | None = None) -> RobotModel:
     model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
     model.damping[:] = 0.0
     model.armature[:] = 0.0
-    front, hind = (0.0, 0.8, -1.6), (0.0, -0.8, 1.6)
+    front = (0.0, 0.8, -1.6)
+    hind = (0.0, -0.8, 1.6)
     # At 0.25 m the foot spheres hang 9 mm above the ground; the nominal pose stands on them.
     nominal = np.array([0, 0, 0.25, 0, 0, 0, 1, *front, *front, *hind, *hind])
     return RobotModel(
@@ -58,11 +62,14 @@ def solo12(config: RobotConfig | None = None) -> RobotModel:
 
 
 def contact_shapes(model: pin.Model) -> tuple[Shape, ...]:
-    """The geometry that meets the ground, the same in every simulator; feet first, as ``LEGS``.
+    """Return the geometry that meets the ground, the feet first, in the order of ``LEGS``.
 
     Mesh hulls are slow and differ between engines. A foot is a sphere around its frame, a leg two
     capsules, the base (whose outline includes the hips) a box. The lower leg's capsule stops one
     foot diameter short of the foot, so that a foot's force is never a shin's.
+
+    Args:
+        model: The Pinocchio model, for the positions of knees and feet.
     """
     feet = []
     rest = [Shape("base_link", BASE_CENTER, BASE_CENTER, BASE_HALF_EDGES)]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from surefoot.config import DisturbanceConfig, NoiseConfig
 from surefoot.robots.model import RobotModel
-from surefoot.robots.rigid import centre_of_mass, feet, integrate, legs_of, masses_of
+from surefoot.robots.rigid import center_of_mass, feet, integrate, legs_of, masses_of
 from surefoot.seeds import seed_of
 from surefoot.types import Array, IntArray, State, to_ticks
 
@@ -244,7 +244,7 @@ class _Sensors:
         q[:, :3] = state.q[:, :3]
         q[:, 2] += height
         position, _ = feet(q, self._legs)
-        com = centre_of_mass(q, self._legs, self._masses)
+        com = center_of_mass(q, self._legs, self._masses)
         return State(q, state.v + error[:, 18:], com, position, state.contacts)
 
     def _error(self) -> Array:

@@ -1,4 +1,4 @@
-"""Simulators; `protocol` says what they agree on, `make_simulator` gives the one that is named."""
+"""Simulators: `protocol` says what they agree on, and `make_simulator` makes the one you name."""
 
 from __future__ import annotations
 
@@ -15,11 +15,16 @@ __all__ = ["Simulator", "make_simulator"]
 def make_simulator(
     robot: RobotModel, batch: int, config: SimulationConfig | None = None
 ) -> Simulator:
-    """A simulator of ``batch`` robots, standing in the nominal pose.
+    """Make a simulator of ``batch`` robots, which stand in the nominal pose.
+
+    Args:
+        robot: The robot.
+        batch: The number of robots B.
+        config: The physics engine and its settings; the defaults if it is None.
 
     Raises:
         ValueError: ``config.backend`` is not a simulator, or ``batch`` is not positive.
-        ImportError: the physics engine is missing.
+        ImportError: The physics engine is missing.
     """
     config = config or SimulationConfig()
     if batch < 1:

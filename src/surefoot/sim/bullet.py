@@ -1,9 +1,9 @@
-"""PyBullet backend, the paper's simulator: one physics client per robot, nothing shared.
+"""The PyBullet backend, the paper's simulator: one physics client per robot, nothing shared.
 
 What PyBullet measures of a robot is read after each tick, in PyBullet's own convention, and turned
 into a ``State`` for the whole batch at once: ``to_bullet`` and ``from_bullet`` are the only layout
 conversions. A walking robot's tick costs about four times MuJoCo's, two thirds of it inside
-``stepSimulation``; a client takes 28 MB and a reset 7 ms. Read ``surefoot.sim`` first.
+``stepSimulation``; a client takes 28 MB and a reset 7 ms. Read ``sim.protocol`` first.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 
 from surefoot.config import SimulationConfig
 from surefoot.robots.model import RobotModel, Shape, standing
-from surefoot.robots.rigid import centre_of_mass, feet, legs_of, masses_of
+from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import rotation
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, positive
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
@@ -28,8 +28,9 @@ from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
 
 @contextmanager
 def _without_greeting() -> Iterator[None]:
-    """PyBullet greets on the process's standard error when it is imported; here it does not."""
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    """Silence PyBullet, which writes a greeting to standard error when it is imported."""
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)
     try:
         yield
@@ -45,14 +46,22 @@ with _without_greeting():
 RUN_AWAY = 1e10
 """A robot with a larger number in its state has blown up: MuJoCo's limit (mjMAXVAL)."""
 NO_LIMIT = 1e30
-"""[rad/s] PyBullet caps joint rates at 100 rad/s by itself, and calls that a simulation."""
+"""[rad/s] By itself PyBullet caps joint rates at 100 rad/s without a word."""
 
 
 def to_bullet(q: Array, v: Array) -> tuple[Array, Array]:
-    """Pinocchio's ``(B, 19)`` and ``(B, 18)`` to PyBullet's: base velocities in the world frame.
+    """Convert Pinocchio's q and v to PyBullet's, which has base velocities in the world frame.
 
     Quaternions are xyzw in both. PyBullet's base is the inertial frame of the base link, which is
     the base frame itself for the robots that `BulletSimulator` accepts.
+
+    Args:
+        q: ``(B, 19)`` configurations.
+        v: ``(B, 18)`` velocities, base part in the base frame.
+
+    Returns:
+        The configurations ``(B, 19)``, and the velocities ``(B, 18)`` with the base part in the
+        world frame.
     """
     world = v.copy()
     R = rotation(q[:, 3:7])
@@ -62,7 +71,12 @@ def to_bullet(q: Array, v: Array) -> tuple[Array, Array]:
 
 
 def from_bullet(q: Array, v: Array) -> tuple[Array, Array]:
-    """PyBullet's numbers ``(B, 19)`` and ``(B, 18)`` to Pinocchio's q and v, in new arrays."""
+    """Convert PyBullet's numbers to Pinocchio's q and v, in new arrays; undoes `to_bullet`.
+
+    Args:
+        q: ``(B, 19)`` configurations.
+        v: ``(B, 18)`` velocities, base part in the world frame.
+    """
     base = v.copy()
     R = rotation(q[:, 3:7])
     for part in (slice(0, 3), slice(3, 6)):
@@ -71,10 +85,12 @@ def from_bullet(q: Array, v: Array) -> tuple[Array, Array]:
 
 
 def build_urdf(robot: RobotModel) -> str:
-    """The robot's URDF with the shapes of `RobotModel.shapes` for its collision meshes.
+    """Return the robot's URDF with the shapes of `RobotModel.shapes` for its collision meshes.
 
-    Joints turn without limits (those of the URDF, 10 rad, would only hide a broken controller) and
-    without damping.
+    Joints turn without limits, which would only hide a broken controller, and without damping.
+
+    Args:
+        robot: The robot.
     """
     root = ElementTree.fromstring(robot.urdf.read_text())
     shapes: dict[str, Shape] = {shape.link: shape for shape in robot.shapes}
@@ -82,7 +98,8 @@ def build_urdf(robot: RobotModel) -> str:
         for tag in ("visual", "collision", "contact"):
             for element in link.findall(tag):
                 link.remove(element)
-        if (shape := shapes.get(link.get("name", ""))) is None:
+        shape = shapes.get(link.get("name", ""))
+        if shape is None:
             continue
         # Of the friction of two bodies PyBullet takes the product; the floor has the pair's.
         contact = ElementTree.SubElement(link, "contact")
@@ -101,18 +118,24 @@ def build_urdf(robot: RobotModel) -> str:
 
 
 def _collision(shape: Shape) -> ElementTree.Element:
-    """A shape as an URDF element; capsules lie along z, so they are turned into place."""
-    start, end = np.array(shape.start), np.array(shape.end)
-    axis, length = end - start, float(np.linalg.norm(end - start))
+    """Return a shape as a URDF element; capsules lie along z, so they are turned into place."""
+    start = np.array(shape.start)
+    end = np.array(shape.end)
+    axis = end - start
+    length = float(np.linalg.norm(end - start))
     roll = pitch = 0.0
     if len(shape.size) == 3:
-        kind, size = "box", {"size": " ".join(repr(2 * half) for half in shape.size)}
+        kind = "box"
+        size = {"size": " ".join(repr(2 * half) for half in shape.size)}
     elif length == 0.0:
-        kind, size = "sphere", {"radius": repr(shape.size[0])}
+        kind = "sphere"
+        size = {"radius": repr(shape.size[0])}
     else:
-        kind, size = "capsule", {"radius": repr(shape.size[0]), "length": repr(length)}
+        kind = "capsule"
+        size = {"radius": repr(shape.size[0]), "length": repr(length)}
         # Ry(pitch) Rx(roll) takes z to this axis.
-        roll, pitch = -np.arcsin(axis[1] / length), np.arctan2(axis[0], axis[2])
+        roll = -np.arcsin(axis[1] / length)
+        pitch = np.arctan2(axis[0], axis[2])
     collision = ElementTree.Element("collision")
     middle = " ".join(repr(float(x)) for x in (start + end) / 2)
     origin = {"xyz": middle, "rpy": f"{float(roll)!r} {float(pitch)!r} 0"}
@@ -125,9 +148,10 @@ class BulletSimulator:
     """``Simulator`` on PyBullet.
 
     Attributes:
-        batch: number of robots B.
-        clients: PyBullet's ``physicsClientId`` of each robot, for whoever needs more than the
-            protocol; a reset builds a client's world anew.
+        robot: The robot that is simulated.
+        batch: The number of robots B.
+        clients: PyBullet's ``physicsClientId`` of each robot, for what the protocol does not offer;
+            a reset builds a client's world anew.
         body: PyBullet's id of the robot, in every client; the floor is body 0.
         joints: PyBullet's joint indices, in the order of ``JOINTS``.
         foot_links: PyBullet's link indices of the feet, in the order of ``LEGS``.
@@ -136,15 +160,22 @@ class BulletSimulator:
     def __init__(
         self, robot: RobotModel, batch: int, config: SimulationConfig | None = None
     ) -> None:
-        """``batch`` robots standing in the nominal pose.
+        """Make ``batch`` robots, which stand in the nominal pose.
+
+        Args:
+            robot: The robot.
+            batch: The number of robots B.
+            config: The settings of the contacts; the defaults if it is None.
 
         Raises:
-            ValueError: the base's inertial frame is not its frame.
+            ValueError: The inertial frame of the robot's base is not the base frame.
             RuntimeError: PyBullet has no room for so many robots in one process.
         """
+        self.robot = robot
         self.batch = batch
         self._config = config or SimulationConfig()
-        self._legs, self._masses = legs_of(robot), masses_of(robot)
+        self._legs = legs_of(robot)
+        self._masses = masses_of(robot)
         folder = TemporaryDirectory(prefix="surefoot-")
         self._urdf = Path(folder.name) / f"{robot.name}.urdf"
         self._urdf.write_text(build_urdf(robot))
@@ -158,10 +189,12 @@ class BulletSimulator:
                     f"PyBullet refuses robot {len(self.clients) + 1} of {batch} ({error}); it "
                     "holds 1024 in one process: simulate fewer together"
                 ) from error
-        self._friction, self._mass = np.full(batch, self._config.friction), np.ones(batch)
+        self._friction = np.full(batch, self._config.friction)
+        self._mass = np.ones(batch)
         self.body = self._build(0)
         self.joints, self.foot_links = self._indices(robot)
-        self._q, self._v = np.zeros((batch, 19)), np.zeros((batch, 18))
+        self._q = np.zeros((batch, 19))
+        self._v = np.zeros((batch, 18))
         self._force = np.zeros((batch, 4))
         self._push = np.zeros((batch, 3))
         self._pushed = False
@@ -170,7 +203,7 @@ class BulletSimulator:
         self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, 18)))
 
     def _build(self, row: int) -> int:
-        """A new world for one robot: nothing of what was simulated before is left."""
+        """Build a new world for one robot: nothing of what was simulated before is left."""
         client = self.clients[row]
         pybullet.resetSimulation(physicsClientId=client)
         pybullet.setPhysicsEngineParameter(
@@ -210,11 +243,14 @@ class BulletSimulator:
         return body
 
     def _indices(self, robot: RobotModel) -> tuple[list[int], list[int]]:
-        """PyBullet's indices of the twelve joints and of the four feet."""
-        client, joints, links = self.clients[0], {}, {}
+        """Return PyBullet's indices of the twelve joints and of the four feet."""
+        client = self.clients[0]
+        joints = {}
+        links = {}
         for index in range(pybullet.getNumJoints(self.body, physicsClientId=client)):
             info = pybullet.getJointInfo(self.body, index, physicsClientId=client)
-            joints[info[1].decode()], links[info[12].decode()] = index, index
+            joints[info[1].decode()] = index
+            links[info[12].decode()] = index
         base = pybullet.getDynamicsInfo(self.body, -1, physicsClientId=client)
         if any(base[3]) or base[4] != (0.0, 0.0, 0.0, 1.0):
             raise ValueError(
@@ -225,13 +261,15 @@ class BulletSimulator:
 
     def _place(self, row: int) -> None:
         """Put one robot into a new world, with the position and velocity in its row."""
-        client, body = self.clients[row], self._build(row)
-        q, v = self._q[row].tolist(), self._v[row].tolist()
+        client = self.clients[row]
+        body = self._build(row)
+        q = self._q[row].tolist()
+        v = self._v[row].tolist()
         pybullet.resetBasePositionAndOrientation(body, q[:3], q[3:7], physicsClientId=client)
         pybullet.resetBaseVelocity(body, v[:3], v[3:6], physicsClientId=client)
         for joint, angle, rate in zip(self.joints, q[7:], v[6:], strict=True):
             pybullet.resetJointState(body, joint, angle, rate, physicsClientId=client)
-        # Joints are born with a motor that holds them.
+        # A new joint has a motor that holds it.
         pybullet.setJointMotorControlArray(
             body, self.joints, pybullet.VELOCITY_CONTROL, forces=[0.0] * 12, physicsClientId=client
         )
@@ -241,10 +279,11 @@ class BulletSimulator:
         rows = np.ones(self.batch, dtype=bool) if mask is None else mask
         with np.errstate(invalid="ignore", over="ignore"):
             self._q[rows], self._v[rows] = to_bullet(q[rows], v[rows])
-        self._push[rows], self._force[rows] = 0.0, 0.0
+        self._push[rows] = 0.0
+        self._force[rows] = 0.0
         self._blown_up = np.where(rows, ~self._sane(), self._blown_up)
         for row in np.flatnonzero(rows & ~self._blown_up).tolist():
-            # PyBullet knows no forces before it has made a step; make one, then begin anew.
+            # PyBullet has no forces before its first step; make one, then begin anew.
             self._place(row)
             pybullet.stepSimulation(physicsClientId=self.clients[row])
             self._read_forces(row)
@@ -253,10 +292,10 @@ class BulletSimulator:
 
     def vary(self, friction: Array, mass: Array) -> None:
         """See ``Simulator``. A reset builds a world with these values."""
-        self._friction, self._mass = (
-            positive("friction", friction, self.batch),
-            positive("mass", mass, self.batch),
-        )
+        checked_friction = positive("friction", friction, self.batch)
+        checked_mass = positive("mass", mass, self.batch)
+        self._friction = checked_friction
+        self._mass = checked_mass
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""
@@ -278,11 +317,13 @@ class BulletSimulator:
 
     def _tick(self, row: int, torque: list[float]) -> None:
         """Advance one robot, and read what it did."""
-        client, body = self.clients[row], self.body
+        client = self.clients[row]
+        body = self.body
         pybullet.setJointMotorControlArray(
             body, self.joints, pybullet.TORQUE_CONTROL, forces=torque, physicsClientId=client
         )
-        if self._pushed and any(force := self._push[row].tolist()):
+        if self._pushed and self._push[row].any():
+            force = self._push[row].tolist()
             origin = self._q[row, :3].tolist()
             pybullet.applyExternalForce(
                 body, -1, force, origin, pybullet.WORLD_FRAME, physicsClientId=client
@@ -296,10 +337,11 @@ class BulletSimulator:
         self._read_forces(row)
 
     def _read_forces(self, row: int) -> None:
-        """Sums of the normal forces of each foot in the last step of one robot."""
+        """Read the sum of the normal forces on each foot in the last step of one robot."""
         force = dict.fromkeys(self.foot_links, 0.0)
         for contact in pybullet.getContactPoints(self.body, physicsClientId=self.clients[row]):
-            link, normal_force = contact[3], contact[9]
+            link = contact[3]
+            normal_force = contact[9]
             if link in force:
                 force[link] += normal_force
         self._force[row] = list(force.values())
@@ -318,11 +360,11 @@ class BulletSimulator:
     def state(self) -> State:
         """See ``Simulator``; computed once a tick."""
         if self._state is None:
-            # A robot that blew up may hold infinities; its rows are not numbers, nobody else's.
+            # A robot that blew up may hold infinities, which only make its own rows NaN.
             with np.errstate(invalid="ignore", over="ignore"):
                 q, v = from_bullet(self._q, self._v)
                 foot, _ = feet(q, self._legs)
-                com = centre_of_mass(q, self._legs, self._masses)
+                com = center_of_mass(q, self._legs, self._masses)
             self._state = State(q, v, com, foot, self._force > CONTACT_FORCE)
         return self._state
 

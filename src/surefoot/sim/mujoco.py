@@ -1,16 +1,18 @@
-"""MuJoCo backend: a batch of robots on MuJoCo's own batched stepper, one thread.
+"""The MuJoCo backend: a batch of robots on MuJoCo's own batched stepper, one thread.
 
 One tick is the second half of MuJoCo's step (forces, acceleration, integration) under the torques,
-followed by the first half (kinematics, collisions) of the next: positions, centre of mass and feet
+followed by the first half (kinematics, collisions) of the next: positions, center of mass and feet
 then belong to the new state at no extra cost, and foot forces to the tick just made. All that is
 read per tick lies in MuJoCo's state rows and sensors; the only layout conversions are
-``to_mujoco`` and ``from_mujoco``. Read ``surefoot.sim`` first.
+``to_mujoco`` and ``from_mujoco``. Read ``sim.protocol`` first.
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from functools import cached_property
+from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
@@ -25,44 +27,63 @@ from surefoot.rotations import rotation
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, positive
 from surefoot.types import GRAVITY, LEGS, Array, BoolArray, State
 
-# Bad numbers in position, velocity and acceleration are neighbours in MuJoCo's list of warnings.
+# Bad numbers in position, velocity and acceleration are neighbors in MuJoCo's list of warnings.
 _BAD_NUMBERS = slice(
     mujoco.mjtWarning.mjWARN_BADQPOS.value, mujoco.mjtWarning.mjWARN_BADQACC.value + 1
 )
 _STAGE_NONE = mujoco.mjtStage.mjSTAGE_NONE.value
 _STAGE_VELOCITY = mujoco.mjtStage.mjSTAGE_VEL.value
 
-# Sensor layout of `build_model`: normal force of each foot, foot positions, centre of mass.
-_FORCE, _FEET, _COM = slice(0, 4), slice(4, 16), slice(16, 19)
+# Sensor layout of `build_model`: normal force of each foot, foot positions, center of mass.
+_FORCE = slice(0, 4)
+_FEET = slice(4, 16)
+_COM = slice(16, 19)
 
 
 def to_mujoco(q: Array, v: Array) -> tuple[Array, Array]:
-    """Pinocchio's ``(B, 19)`` and ``(B, 18)`` to MuJoCo's qpos and qvel.
+    """Convert Pinocchio's q and v to MuJoCo's qpos ``(B, 19)`` and qvel ``(B, 18)``.
 
     MuJoCo writes quaternions wxyz and the base's linear velocity in the world frame; its angular
-    velocity is in the base frame, as Pinocchio's.
+    velocity is in the base frame, as Pinocchio's is.
+
+    Args:
+        q: ``(B, 19)`` configurations.
+        v: ``(B, 18)`` velocities, base part in the base frame.
     """
-    qpos, qvel = q.copy(), v.copy()
-    qpos[:, 3], qpos[:, 4:7] = q[:, 6], q[:, 3:6]
+    qpos = q.copy()
+    qvel = v.copy()
+    qpos[:, 3] = q[:, 6]
+    qpos[:, 4:7] = q[:, 3:6]
     qvel[:, :3] = (rotation(q[:, 3:7]) * v[:, None, :3]).sum(axis=2)
     return qpos, qvel
 
 
 def from_mujoco(qpos: Array, qvel: Array, com: Array, feet: Array, contacts: BoolArray) -> State:
-    """A state of MuJoCo's qpos ``(B, 19)`` and qvel ``(B, 18)``, copied to Pinocchio's order."""
-    state = State(np.empty_like(qpos), np.empty_like(qvel), com, feet, contacts)
-    # The rotation is needed here, and known to the state from now on.
-    vars(state)["rotation"] = np.empty((len(qpos), 3, 3))
-    _convert(qpos, qvel, state.q, state.v, state.rotation)
-    return state
+    """Return the state with q and v copied to Pinocchio's order; undoes `to_mujoco`.
+
+    Args:
+        qpos: ``(B, 19)`` MuJoCo's positions.
+        qvel: ``(B, 18)`` MuJoCo's velocities.
+        com: ``(B, 3)`` center of mass, world frame [m].
+        feet: ``(B, 4, 3)`` foot positions, world frame [m].
+        contacts: ``(B, 4)`` True where a foot is in contact.
+    """
+    q = np.empty_like(qpos)
+    v = np.empty_like(qvel)
+    R = np.empty((len(qpos), 3, 3))
+    _convert(qpos, qvel, q, v, R)
+    # The conversion needs the rotation, so that the state need not compute it again.
+    return State.with_rotation(q, v, com, feet, contacts, R)
 
 
 @njit(cache=True, error_model="numpy")
 def _convert(qpos: Array, qvel: Array, q: Array, v: Array, R: Array) -> None:
     """Fill q, v and the rotation; compiled, because it is done at every tick."""
     for robot in range(len(q)):
-        q[robot], v[robot] = qpos[robot], qvel[robot]
-        q[robot, 3:6], q[robot, 6] = qpos[robot, 4:7], qpos[robot, 3]
+        q[robot] = qpos[robot]
+        v[robot] = qvel[robot]
+        q[robot, 3:6] = qpos[robot, 4:7]
+        q[robot, 6] = qpos[robot, 3]
         rows = rigid.rotation(q[robot])
         for i in range(3):
             R[robot, i, 0], R[robot, i, 1], R[robot, i, 2] = rows[i]
@@ -74,16 +95,16 @@ def _convert(qpos: Array, qvel: Array, q: Array, v: Array, R: Array) -> None:
 def build_model(
     robot: RobotModel, config: SimulationConfig | None = None, visual: bool = False
 ) -> mujoco.MjModel:
-    """The robot on a flat floor, from its URDF.
+    """Build the MuJoCo model of the robot on a flat floor, from its URDF.
 
-    Links touch the floor only, never each other. There are no actuators: torques are generalised
-    forces. Joint limits of the URDF (10 rad) are dropped; they would only hide a broken controller.
+    Links touch the floor only, never each other. There are no actuators: torques are generalized
+    forces. The URDF's joint limits are dropped; they would only hide a broken controller.
 
     Args:
-        robot: the robot.
-        config: friction and stiffness of the contacts.
-        visual: keep the URDF's meshes and add floor texture, sky, light and a camera that follows
-            the robot (``"track"``). The physics is the same to the bit.
+        robot: The robot.
+        config: The friction and stiffness of the contacts; the defaults if it is None.
+        visual: True keeps the URDF's meshes and adds a floor texture, sky, light and a camera that
+            follows the robot (``"track"``). The physics is the same to the bit.
     """
     config = config or SimulationConfig()
     spec = mujoco.MjSpec.from_string(_urdf(robot, visual))
@@ -91,9 +112,11 @@ def build_model(
     base.add_freejoint()
     for joint in spec.joints:
         joint.limited = joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-        joint.damping, joint.armature, joint.frictionloss = np.zeros(3), 0.0, 0.0
+        joint.damping = np.zeros(3)
+        joint.armature = 0.0
+        joint.frictionloss = 0.0
 
-    # Two geoms meet if the type of one is in the affinity of the other: here robot and floor only.
+    # Two geoms meet if the type of one is in the affinity of the other: robot and floor only.
     # Of the friction of two geoms MuJoCo takes the larger; equal values need no rule.
     contact = {
         "friction": [config.friction, 0.005, 0.0001],
@@ -103,25 +126,16 @@ def build_model(
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     floor = {"size": [0, 0, 0.05], "contype": 1, "conaffinity": 0, **contact}
     spec.worldbody.add_geom(name="floor", type=plane, **floor)
-    for shape in robot.shapes:
-        body = spec.body(shape.link)
-        part = {"name": shape.link, "contype": 0, "conaffinity": 1, "mass": 0.0, **contact}
-        part["group"] = 3 if visual else 0  # renderers hide group 3
-        size = [*shape.size, 0.0, 0.0][:3]
-        if len(shape.size) == 3:
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=shape.start, size=size, **part)
-        elif shape.start == shape.end:
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=shape.start, size=size, **part)
-        else:
-            ends = [*shape.start, *shape.end]
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends, size=size, **part)
+    _add_shapes(spec, robot, contact, group=3 if visual else 0)  # renderers hide group 3
     _add_sensors(spec, robot)
     if visual:
         _decorate(spec)
 
     option = spec.option
-    option.timestep, option.gravity = TIME_STEP, [0.0, 0.0, -GRAVITY]
-    option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, config.impratio
+    option.timestep = TIME_STEP
+    option.gravity = [0.0, 0.0, -GRAVITY]
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = config.impratio
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     # Auto-reset would put a robot that blew up back to its start and say nothing. Islands only
     # cost time for one robot.
@@ -131,7 +145,9 @@ def build_model(
 
 
 def _urdf(robot: RobotModel, visual: bool) -> str:
-    """The URDF with mesh paths MuJoCo can open, without collision meshes, and visual ones if asked.
+    """Return the URDF without collision meshes, with mesh paths that MuJoCo can open.
+
+    Visual meshes stay if they are asked for.
 
     Fixed joints are fused, as Pinocchio does: a foot becomes part of its lower leg.
     """
@@ -147,9 +163,29 @@ def _urdf(robot: RobotModel, visual: bool) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
+def _add_shapes(
+    spec: mujoco.MjSpec, robot: RobotModel, contact: Mapping[str, Any], group: int
+) -> None:
+    """Add the geometry that meets the floor, with MuJoCo's settings of its contacts."""
+    kind = mujoco.mjtGeom
+    for shape in robot.shapes:
+        body = spec.body(shape.link)
+        part = {"name": shape.link, "contype": 0, "conaffinity": 1, "mass": 0.0, **contact}
+        part["group"] = group
+        size = [*shape.size, 0.0, 0.0][:3]
+        if len(shape.size) == 3:
+            body.add_geom(type=kind.mjGEOM_BOX, pos=shape.start, size=size, **part)
+        elif shape.start == shape.end:
+            body.add_geom(type=kind.mjGEOM_SPHERE, pos=shape.start, size=size, **part)
+        else:
+            ends = [*shape.start, *shape.end]
+            body.add_geom(type=kind.mjGEOM_CAPSULE, fromto=ends, size=size, **part)
+
+
 def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
-    """Normal force and position of each foot, and the centre of mass, as the slices say."""
-    site, kind = mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtSensor
+    """Add normal force and position of each foot, and the center of mass, as the slices say."""
+    site = mujoco.mjtObj.mjOBJ_SITE
+    kind = mujoco.mjtSensor
     for leg in LEGS:
         # A touch sensor adds up the normal forces at contacts of its body inside its site, which
         # has to hold the contact point of the foot: the sphere and 1 mm.
@@ -163,8 +199,9 @@ def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
 
 
 def _decorate(spec: mujoco.MjSpec) -> None:
-    """Floor texture, sky, light and camera for pictures."""
-    texture, builtin = mujoco.mjtTexture, mujoco.mjtBuiltin
+    """Add floor texture, sky, light and camera for pictures."""
+    texture = mujoco.mjtTexture
+    builtin = mujoco.mjtBuiltin
     spec.add_texture(
         name="sky",
         type=texture.mjTEXTURE_SKYBOX,
@@ -206,16 +243,18 @@ def _decorate(spec: mujoco.MjSpec) -> None:
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
     spec.visual.headlight.diffuse = [0.35, 0.35, 0.35]
     spec.visual.quality.shadowsize = 4096
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
+    spec.visual.global_.offwidth = 1920
+    spec.visual.global_.offheight = 1080
 
 
 class MujocoSimulator:
     """``Simulator`` on MuJoCo.
 
     Attributes:
-        batch: number of robots B.
-        model: the MuJoCo model of one robot.
-        simulations: MuJoCo's own batch, for whoever needs more than the protocol, such as
+        robot: The robot that is simulated.
+        batch: The number of robots B.
+        model: The MuJoCo model of one robot.
+        simulations: MuJoCo's own batch, for what the protocol does not offer, such as
             ``simulations.expand("opt.gravity")`` for slopes.
     """
 
@@ -226,12 +265,19 @@ class MujocoSimulator:
         config: SimulationConfig | None = None,
         visual: bool = False,
     ) -> None:
-        """``batch`` robots standing in the nominal pose; arguments as for ``build_model``."""
+        """Make ``batch`` robots, which stand in the nominal pose.
+
+        Args:
+            robot: The robot.
+            batch: The number of robots B.
+            config: The friction and stiffness of the contacts; the defaults if it is None.
+            visual: True makes a model for pictures; see `build_model`.
+        """
         if mujoco.get_mju_user_warning() is None:
             # MuJoCo's own handler writes MUJOCO_LOG.TXT into the working directory.
             mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
+        self.robot = robot
         self.batch = batch
-        self._robot = robot
         self.model = build_model(robot, config, visual)
         # One thread: parallelism is over chunks of episodes. Persistent: each robot has its own
         # MjData, so that the kinematics of a new state serves the next tick as well.
@@ -269,7 +315,7 @@ class MujocoSimulator:
         )
 
     def _apply(self, friction: Array, mass: Array, rows: BoolArray) -> None:
-        """Write what `vary` was given into the models of some robots."""
+        """Write friction and mass factors into the models of the robots in ``rows``."""
         base = self.model.body("base_link").id
         # Of the friction of two geoms MuJoCo takes the larger, so all have the same.
         self.simulations.expand("geom_friction")[rows, :, 0] = friction[rows, None]
@@ -282,8 +328,8 @@ class MujocoSimulator:
 
     @cached_property
     def _nominal(self) -> tuple[rigid.Legs, rigid.Masses]:
-        """What a robot believes of itself; a varied one has a centre of mass it does not know."""
-        return rigid.legs_of(self._robot), rigid.masses_of(self._robot)
+        """What a robot knows of itself; a varied one has a center of mass that it does not know."""
+        return rigid.legs_of(self.robot), rigid.masses_of(self.robot)
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""
@@ -305,7 +351,7 @@ class MujocoSimulator:
         self._state = None
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
-        """See ``Simulator``. MuJoCo's first three generalised forces act at the base's origin."""
+        """See ``Simulator``. MuJoCo's first three generalized forces act at the base's origin."""
         rows = slice(None) if mask is None else mask
         self._applied[rows, :3] += (np.broadcast_to(impulse, (self.batch, 3)) / TIME_STEP)[rows]
         self._pushed = True
@@ -319,8 +365,8 @@ class MujocoSimulator:
             contacts = sensors[:, _FORCE] > CONTACT_FORCE
             self._state = from_mujoco(self._qpos, self._qvel, sensors[:, _COM], feet, contacts)
             if self._loaded.size:
-                believed = rigid.centre_of_mass(self._state.q[self._loaded], *self._nominal)
-                self._state.com[self._loaded] = believed
+                q = self._state.q[self._loaded]
+                self._state.com[self._loaded] = rigid.center_of_mass(q, *self._nominal)
         return self._state
 
     @property
@@ -334,5 +380,9 @@ class MujocoSimulator:
         return self._blown_up.copy()
 
     def data(self, robot: int) -> mujoco.MjData:
-        """A copy of one robot's full MuJoCo data, for rendering or any ``mj_`` function."""
+        """Return a copy of one robot's full MuJoCo data, for rendering or any ``mj_`` function.
+
+        Args:
+            robot: The row of the robot in the batch.
+        """
         return self.simulations.get_data(robot)

@@ -19,7 +19,7 @@ OFFSETS = 50
 
 @dataclass(frozen=True)
 class HandOver:
-    """The expert under test drives from its own tick on; before that, somebody else does."""
+    """The expert under test drives from its own tick on, another controller before that."""
 
     at: IntArray
 
@@ -32,7 +32,8 @@ class HandOver:
 
 def survivors(starts_per_offset: int, duration: float) -> np.ndarray:
     """``(50, n)`` True where a robot survives a takeover at that offset from the gait grid."""
-    config, robot = Config(), solo12()
+    config = Config()
+    robot = solo12()
     stored = load_starts()["test"]
     rows = 300 + np.arange(starts_per_offset) * 7
     survived = np.zeros((OFFSETS, starts_per_offset), dtype=bool)

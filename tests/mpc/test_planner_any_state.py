@@ -104,7 +104,7 @@ def for_all(*strategies, examples: int):
 
 def assert_sensible(plan):
     assert all(np.isfinite(rows).all() for rows in arrays(plan))
-    assert np.abs(plan.torque).max() <= 27.0  # [Nm] ten times what the motors give
+    assert np.abs(plan.torque).max() <= 27.0  # [N m] ten times what the motors give
     assert np.abs(plan.joint_position).max() <= 8.0  # [rad] a turn from the nominal pose
 
 
@@ -114,7 +114,8 @@ def test_any_state_gives_a_sensible_plan_or_none(state, tick, command):
         stages = PLANNER.solve(state, tick, command)
     if stages.motion.valid:
         assert_sensible(stages.motion)
-    forces, active = stages.centroidal.forces, stages.contacts.active
+    forces = stages.centroidal.forces
+    active = stages.contacts.active
     assert np.isfinite(forces).all()
     assert (forces[~active] == 0.0).all()
     rounding = max(1e-6, 1e-12 * np.abs(forces).max())  # absurd states get forces of 1e8 N
@@ -132,7 +133,8 @@ def test_the_expert_never_gives_a_torque_that_is_no_number(states, first, comman
     """Robots that leap from one state to another, through a takeover and two replans."""
     EXPERT.reset(len(states))
     batch = State(*(np.array([getattr(s, name) for s in states]) for name in State.__annotations__))
-    everyone, commands = np.ones(len(states), bool), np.tile(command, (len(states), 1))
+    everyone = np.ones(len(states), bool)
+    commands = np.tile(command, (len(states), 1))
     for elapsed in range(101):
         state = batch[np.roll(np.arange(len(states)), elapsed // 20)]
         with np.errstate(over="ignore"):  # of the PD law
@@ -144,17 +146,19 @@ def test_the_expert_never_gives_a_torque_that_is_no_number(states, first, comman
 
 def changed(**parts) -> State:
     """A standing robot with some numbers of q or v replaced."""
-    q, v = standing(ROBOT), np.zeros(18)
+    q = standing(ROBOT)
+    v = np.zeros(18)
     for name, (index, value) in parts.items():
         (q if name == "q" else v)[index] = value
     return State(q, v, q[:3], np.zeros((4, 3)), np.ones(4, bool))
 
 
-JOINTS, RATES = slice(7, 19), slice(6, 18)
+JOINTS = slice(7, 19)
+RATES = slice(6, 18)
 ABSURD = {
     "no quaternion": changed(q=(slice(3, 7), 0.0)),
     "a tiny quaternion": changed(q=(slice(3, 7), 1e-200)),
-    "five metres under ground": changed(q=(2, -5.0)),
+    "five meters under ground": changed(q=(2, -5.0)),
     "a kilometre up": changed(q=(2, 1e3)),
     "farther than the stars": changed(q=(2, 1e8)),
     "a joint wound up twice": changed(q=(9, 4 * np.pi)),
@@ -197,7 +201,7 @@ def plan_of_start(k: int):
 
 
 def test_same_input_same_bits_whatever_was_planned_before():
-    """A thousand starts of the hard set, each of which must have a plan, and some without one."""
+    """A thousand wide initial states, each of which must have a plan, and states without one."""
     cases = [(k, plan_of_start(k)) for k in range(0, 50, 3)]
     for k, plan in cases:
         assert same_bits(plan, plan_of_start(k))
@@ -207,13 +211,14 @@ def test_same_input_same_bits_whatever_was_planned_before():
     assert all(plan_of_start(k).valid for k in range(len(WIDE)))
     for k, plan in reversed(cases):
         assert same_bits(plan, plan_of_start(k))
-    start, other = state_of(WIDE.q[0], WIDE.v[0]), planner()
+    start = state_of(WIDE.q[0], WIDE.v[0])
+    other = planner()
     assert same_bits(PLANNER.plan(start, 133, FORWARD), other.plan(start, 133, FORWARD))
 
 
 @pytest.mark.slow
 def test_robots_that_recover_from_a_push_have_a_plan_at_any_time():
-    """A push of 3 Ns, which nearly all survive, makes plans of 1.9 times the motor limit."""
+    """A push of 3 N s, which nearly all survive, makes plans of 1.9 times the motor limit."""
     config = replace(Config(), push=PUSHES)
     starts = pushed_starts(config.push, load_starts())[2 * np.arange(20)]
     angle = 2 * np.pi * np.arange(20) / 20
@@ -269,10 +274,12 @@ def mirrored_joints(rows):
 
 
 def mirrored(state: State) -> State:
-    q, v = state.q.copy(), state.v.copy()
+    q = state.q.copy()
+    v = state.v.copy()
     q[[1, 3, 5]] *= -1.0
     v[[1, 3, 5]] *= -1.0
-    q[7:], v[6:] = mirrored_joints(q[7:]), mirrored_joints(v[6:])
+    q[7:] = mirrored_joints(q[7:])
+    v[6:] = mirrored_joints(v[6:])
     return state_of(q, v)
 
 
@@ -281,16 +288,18 @@ def opposite(name: str) -> str:
     return {"FL": "FR", "FR": "FL", "HL": "HR", "HR": "HL"}.get(name[:2], name[:2]) + name[2:]
 
 
-def symmetrised(robot):
+def symmetrized(robot):
     """The robot, with each inertia and placement the mean of itself and its counterpart's image."""
-    old, model = robot.model, robot.model.copy()
+    old = robot.model
+    model = robot.model.copy()
     for joint in range(1, old.njoints):
         other = old.getJointId(opposite(old.names[joint]))
-        mine, image = old.inertias[joint], old.inertias[other]
+        own = old.inertias[joint]
+        image = old.inertias[other]
         model.inertias[joint] = pin.Inertia(
-            0.5 * (mine.mass + image.mass),
-            0.5 * (mine.lever + ACROSS * image.lever),
-            0.5 * (mine.inertia + np.outer(ACROSS, ACROSS) * image.inertia),
+            0.5 * (own.mass + image.mass),
+            0.5 * (own.lever + ACROSS * image.lever),
+            0.5 * (own.inertia + np.outer(ACROSS, ACROSS) * image.inertia),
         )
         model.jointPlacements[joint] = halfway(
             old.jointPlacements[joint], old.jointPlacements[other]
@@ -303,13 +312,13 @@ def symmetrised(robot):
     return replace(robot, model=model)
 
 
-def halfway(mine: pin.SE3, image: pin.SE3) -> pin.SE3:
+def halfway(own: pin.SE3, image: pin.SE3) -> pin.SE3:
     """Between a placement and the image of another; Solo12's frames are all parallel."""
-    assert mine.isApprox(pin.SE3(np.eye(3), mine.translation), 1e-12)
-    return pin.SE3(np.eye(3), 0.5 * (mine.translation + ACROSS * image.translation))
+    assert own.isApprox(pin.SE3(np.eye(3), own.translation), 1e-12)
+    return pin.SE3(np.eye(3), 0.5 * (own.translation + ACROSS * image.translation))
 
 
-SYMMETRIC = planner(symmetrised(ROBOT))
+SYMMETRIC = planner(symmetrized(ROBOT))
 HALF_A_PERIOD = to_ticks(Gait().period) // 2
 
 
@@ -337,12 +346,12 @@ def test_a_symmetric_robot_has_mirror_images_of_plans(state, tick, command):
     ids=["gait cycle", "wide starts"],
 )
 def test_solo12_has_nearly_mirror_images_of_plans(starts, tolerance, offset):
-    """Its left and right upper legs differ: their centres of mass lie 0.03 mm apart along x.
+    """Its left and right upper legs differ: their centers of mass lie 0.03 mm apart along x.
 
-    Tolerances in rad, rad/s and Nm. Measured: 2e-5, 3e-4, 1e-4 in the gait cycle, and at all wide
+    Tolerances in rad, rad/s and N m. Measured: 2e-5, 3e-4, 1e-4 in the gait cycle, and at all wide
     starts 3e-4, 4e-3, 7e-4. Joint rates of a wide start are planned up to 27 rad/s, and do not meet
-    1e-3. With random commands one pair of 3000 was 0.02 rad apart: where the line search is in two
-    minds about a step, it can halve it for one and not for the other.
+    1e-3. With random commands one pair of 3000 was 0.02 rad apart: where a step is about as
+    long as the line search accepts, it can halve it for one and not for the other.
     """
     for k in range(len(starts)):
         command = Command(starts.command[k, 0], 0.05, 0.1)

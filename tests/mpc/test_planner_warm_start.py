@@ -24,7 +24,8 @@ TOLERANCE = CONFIG.centroidal.tolerance
 @pytest.fixture(scope="module")
 def trot():
     """``(state, tick, previous, warm)`` of each replan of a trot whose plans all start warm."""
-    replans, previous = [], None
+    replans = []
+    previous = None
 
     def plan(state, tick, command):
         nonlocal previous
@@ -38,7 +39,8 @@ def trot():
     simulator = make_simulator(ROBOT, 1)
     simulator.reset(standing(ROBOT)[None], np.zeros((1, 18)))
     for tick in range(1500):
-        state, clock = simulator.state, np.array([tick])
+        state = simulator.state
+        clock = np.array([tick])
         simulator.step(expert.torque(state, clock, np.array([FORWARD]), np.array([True])))
     assert simulator.state.q[0, 0] > 0.2  # it walks
     return replans[1:]
@@ -54,13 +56,14 @@ def test_warm_plans_of_a_trot_need_fewer_admm_iterations(trot):
 
 
 def test_warm_plans_of_a_trot_agree_with_cold_ones(trot):
-    torque, cost = [], []
+    torque = []
+    cost = []
     for state, tick, _, warm in trot:
         cold = PLANNER.solve(state, tick, FORWARD)
         assert warm.motion.valid
         assert warm.centroidal.residual < TOLERANCE
         np.testing.assert_allclose(warm.centroidal.forces, cold.centroidal.forces, atol=0.2)
-        # Where the robot will be in y after a second hardly matters to the objective; here it does.
+        # The first nodes only: y after a second hardly matters to the objective.
         np.testing.assert_allclose(warm.centroidal.com[:4], cold.centroidal.com[:4], atol=5e-4)
         torque.append(np.abs(warm.motion.torque - cold.motion.torque).max())
         cost.append(warm.kinematic.cost / cold.kinematic.cost - 1)
@@ -74,7 +77,8 @@ def test_one_gauss_newton_iteration_gets_farther_from_a_warm_start(trot):
     many = Planner(
         ROBOT, Gait(), replace(CONFIG, kinematic=KinematicConfig(max_iterations=30)), FRICTION
     )
-    cold, warm = [], []
+    cold = []
+    warm = []
     for state, tick, previous, _ in trot[5:]:
         best = many.solve(state, tick, FORWARD).kinematic.cost
         cold.append(once.solve(state, tick, FORWARD).kinematic.cost / best - 1)

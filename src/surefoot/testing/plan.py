@@ -1,0 +1,152 @@
+"""What every plan function promises, so that `surefoot.mpc.expert.Expert` can drive robots with it.
+
+A plan is a pure function of (state, tick, command): the same input gives the same bits, whatever
+was planned before, because an episode must not depend on the worker that computes it.
+Read `testing.gate` next.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from surefoot.robots.model import RobotModel
+from surefoot.testing.states import Moment, falling_moments, state_of
+from surefoot.types import Command, MotionPlan, PlanFunction, State
+
+
+class PlanContract:
+    """Tests that a plan function must pass; inherit it and make your plan function.
+
+    Attributes:
+        command: A command in the range that your planner is made for.
+        ticks: Gait clocks to plan at [ms]; takeovers happen at any tick, so they are not only those
+            of a grid.
+    """
+
+    command: Command = Command(0.2, 0.0, 0.1)
+    ticks: tuple[int, ...] = (0, 50, 133, 249)
+
+    def make_plan(self) -> PlanFunction:
+        """Return your plan function, newly made."""
+        raise NotImplementedError("return plan(state, tick, command) -> MotionPlan")
+
+    def make_robot(self) -> RobotModel:
+        """Return the robot that your plan function plans for."""
+        raise NotImplementedError("return the RobotModel that you plan for")
+
+    def make_states(self) -> list[State]:
+        """Return states of one robot each from which your plan function must find a plan.
+
+        By default these are nearly standing robots.
+        """
+        robot = self.make_robot()
+        moment: Moment = falling_moments(robot, 6, 1)[0]
+        state = moment.state
+        state.q[1::2, 3:7] = [0.0, 0.0, 0.0, 1.0]
+        upright = state_of(robot, state.q, state.v)
+        return [upright[row] for row in range(6)]
+
+    def test_plans_have_their_shapes_and_numbers(self) -> None:
+        """A plan is three arrays ``(ticks, 12)`` of finite numbers, and it is valid."""
+        plan = self.make_plan()
+        for state in self.make_states():
+            for tick in self.ticks:
+                motion = plan(state, tick, self.command)
+                length = len(motion.joint_position)
+                assert length >= 1, "a plan has no ticks"
+                for array in _arrays(motion):
+                    assert np.shape(array) == (length, 12), f"{np.shape(array)}, not (ticks, 12)"
+                    assert np.isfinite(array).all(), "a plan is not finite"
+                assert motion.valid, "a plan from a state that must have one is not valid"
+
+    def test_same_input_same_bits(self) -> None:
+        """A plan depends on its arguments alone, and not on the object that makes it."""
+        plan = self.make_plan()
+        another = self.make_plan()
+        for state in self.make_states():
+            for tick in self.ticks:
+                first = plan(state, tick, self.command)
+                copies = [array.copy() for array in _arrays(first)]
+                _assert_same_plans(plan(state, tick, self.command), copies)
+                _assert_same_plans(another(state, tick, self.command), copies)
+
+    def test_same_bits_whatever_was_planned_before(self) -> None:
+        """Other states, other commands and states that are no numbers leave no trace."""
+        plan = self.make_plan()
+        states = self.make_states()
+        expected = [
+            [array.copy() for array in _arrays(self.make_plan()(state, 133, self.command))]
+            for state in states
+        ]
+        with np.errstate(all="ignore"):
+            plan(_lost_robot(), 17, self.command)
+        for order in (range(len(states)), reversed(range(len(states)))):
+            for row in order:
+                plan(states[row - 1], 300, Command(-0.1, 0.1, -0.2))
+                _assert_same_plans(plan(states[row], 133, self.command), expected[row])
+
+    def test_state_and_command_matter(self) -> None:
+        """Different states give different plans; so do different commands."""
+        plan = self.make_plan()
+        states = self.make_states()
+        tick = self.ticks[0]
+        first = plan(states[0], tick, self.command)
+        stopped = plan(states[0], tick, Command(0.0, 0.0, 0.0))
+        elsewhere = plan(states[1], tick, self.command)
+        assert _differ(first, elsewhere), "two states have the same plan"
+        assert _differ(first, stopped), "two commands have the same plan"
+
+    def test_arguments_are_not_changed(self) -> None:
+        """A state may be read-only, and is the same after the plan."""
+        plan = self.make_plan()
+        for state in self.make_states():
+            q = state.q.copy()
+            v = state.v.copy()
+            for array in (state.q, state.v, state.com, state.feet, state.contacts):
+                array.flags.writeable = False
+            plan(state, self.ticks[0], self.command)
+            np.testing.assert_array_equal(state.q, q)
+            np.testing.assert_array_equal(state.v, v)
+
+    def test_later_plans_do_not_change_earlier_ones(self) -> None:
+        """The arrays of a plan belong to the caller."""
+        plan = self.make_plan()
+        states = self.make_states()
+        first = plan(states[0], self.ticks[0], self.command)
+        copies = [array.copy() for array in _arrays(first)]
+        for state in states[1:]:
+            plan(state, self.ticks[-1], self.command)
+        _assert_same_plans(first, copies)
+
+    def test_a_state_that_is_no_number_has_no_plan(self) -> None:
+        """Bad numbers give a plan that is not valid or not finite, and no exception."""
+        plan = self.make_plan()
+        with np.errstate(all="ignore"):
+            motion = plan(_lost_robot(), self.ticks[0], self.command)
+        finite = all(np.isfinite(array).all() for array in _arrays(motion))
+        assert not (motion.valid and finite), "a state that is no number has a plan"
+
+
+def _arrays(plan: MotionPlan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the three arrays of a plan."""
+    return plan.joint_position, plan.joint_velocity, plan.torque
+
+
+def _lost_robot() -> State:
+    """Return the state of a robot that has blown up."""
+    feet = np.full((4, 3), np.nan)
+    return State(
+        np.full(19, np.nan), np.full(18, np.nan), feet[0], feet, np.zeros(4, dtype=np.bool_)
+    )
+
+
+def _assert_same_plans(plan: MotionPlan, expected: list[np.ndarray]) -> None:
+    """The arrays of a plan are equal to others bit for bit."""
+    for array, other in zip(_arrays(plan), expected, strict=True):
+        np.testing.assert_array_equal(array, other, "the same input gave another plan")
+
+
+def _differ(plan: MotionPlan, other: MotionPlan) -> bool:
+    """Whether two plans differ in any array."""
+    pairs = zip(_arrays(plan), _arrays(other), strict=True)
+    return any(not np.array_equal(a, b) for a, b in pairs)

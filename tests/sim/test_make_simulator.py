@@ -1,0 +1,22 @@
+"""The function that makes the simulator of a configuration."""
+
+import pytest
+
+from surefoot.config import SimulationConfig
+from surefoot.sim import make_simulator
+from tests.fakes.robots import BACKENDS, ROBOT
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_simulator_is_that_of_the_config_and_knows_its_robot(backend):
+    simulator = make_simulator(ROBOT, 3, SimulationConfig(backend))
+    assert type(simulator).__name__ == f"{backend.title()}Simulator"
+    assert simulator.robot is ROBOT
+    assert simulator.batch == 3
+
+
+def test_unusable_arguments_are_refused():
+    with pytest.raises(ValueError, match="at least one"):
+        make_simulator(ROBOT, 0)
+    with pytest.raises(ValueError, match="mujoco"):
+        make_simulator(ROBOT, 1, SimulationConfig(backend="mujco"))  # pyright: ignore
