@@ -42,7 +42,7 @@ from surefoot.learning.policy import Policy
 from surefoot.robots.model import RobotModel, clip_torque, standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import SafetySwitch
-from surefoot.rollouts.engine import Rollout, rollout
+from surefoot.rollouts.engine import Episodes, Rollout, rollout
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor
@@ -88,9 +88,8 @@ def surefoot_contender(config: Config, robot: RobotModel, robots: int, seconds: 
 
     def collect() -> Rollout:
         # A standing robot violates no bound, so that the expert, here the policy, is never asked.
-        record = rollout(
-            simulator, robot, starts, seconds, arbiter, policy, policy, safety=config.safety
-        )
+        episodes = Episodes(starts, seconds)
+        record = rollout(simulator, episodes, arbiter, policy, policy, config.safety)
         if record.expert_drove.any() or (record.outcome == Outcome.FELL).any():
             raise RuntimeError("surefoot: a robot fell or was taken over; figures would mislead")
         return record

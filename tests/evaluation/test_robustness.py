@@ -13,7 +13,7 @@ from surefoot.learning.policy import Policy, save
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
-from tests.fakes.records import summary_of
+from tests.fakes.rollouts import summary_of
 
 SUCCESS, FELL, STALLED, DIVERGED = Outcome
 

@@ -69,9 +69,11 @@ class Toy:
         batch: B.
         heights: robot -> (first tick, height [m]) pairs, rising; without them the start's.
         lost: robot -> tick at which its numbers run away.
+        robot: the robot that it stands for; the engine asks for its torque limit.
     """
 
-    def __init__(self, batch, heights=None, lost=None):
+    def __init__(self, batch, heights=None, lost=None, robot=None):
+        self.robot = robot
         self.batch, self.heights, self.lost = batch, heights or {}, lost or {}
 
     def reset(self, q, v, mask=None):
@@ -139,7 +141,7 @@ class Worlds:
     def __call__(self, robot, batch, config):
         script = self.scripts[self.made] if self.made < len(self.scripts) else {}
         self.made += 1
-        return Toy(batch, **script)
+        return Toy(batch, **script, robot=robot)
 
 
 FLAT = SimpleNamespace(height=0.22, low=0.13, fallen=0.05)

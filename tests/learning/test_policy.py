@@ -19,6 +19,7 @@ from surefoot.learning.observation import INPUT_SIZE, network_input
 from surefoot.learning.onnx_graph import onnx_graph
 from surefoot.learning.policy import Policy, PolicyFileError, check_command, label, load, pd, save
 from surefoot.rollouts.arbiters import ExpertOnly
+from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import Controller, State
@@ -148,7 +149,7 @@ def test_torque_is_the_pd_law_on_the_target():
 def walked():
     """States of real rollouts from perturbed starts, and their ticks and commands."""
     starts = load_starts()["test"][:100:25]
-    record, _ = play_out(Job(Config(), starts, np.arange(4), ExpertOnly(), 0.5))
+    record, _ = play_out(Job(Config(), Episodes(starts, 0.5), ExpertOnly()))
     robot, elapsed = np.nonzero(record.happened)
     return record.seen[record.happened], starts.tick[robot] + elapsed, starts.command[robot]
 

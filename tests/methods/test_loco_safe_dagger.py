@@ -36,7 +36,7 @@ from surefoot.runs.sampling import (
 from surefoot.runs.stages import best
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
-from tests.fakes.records import blank
+from tests.fakes.rollouts import blank
 from tests.fakes.runs import figures_of, fingerprint
 
 METHOD = LocoSafeDaggerConfig(

@@ -46,6 +46,7 @@ class Play(OnSimulator):
         """Play, print, film; 1 if the robot fell."""
         from surefoot.learning.policy import check_command, load
         from surefoot.rollouts.arbiters import PolicyOnly
+        from surefoot.rollouts.engine import Episodes
         from surefoot.rollouts.jobs import Job, play_out
         from surefoot.rollouts.summary import velocities
         from surefoot.runs.policies import find_policy
@@ -63,7 +64,7 @@ class Play(OnSimulator):
             command = Command(self.vx, self.vy, self.yaw_rate)
             check_command(load(policy), np.array(command))
             start = standing_start(command)
-            job = Job(config, start, np.zeros(1, int), PolicyOnly(), self.seconds, policy=policy)
+            job = Job(config, Episodes(start, self.seconds), PolicyOnly(), policy=policy)
             folder = self.target if self.target.is_dir() else self.target.parent
             out = self.out or folder / "play.mp4"
         job = replace(job, config=self.simulated(job.config))

@@ -58,13 +58,14 @@ class Walk(OnSimulator):
     def __call__(self) -> int:
         """Walk, print, film; 1 if the robot fell."""
         from surefoot.rollouts.arbiters import ExpertOnly
+        from surefoot.rollouts.engine import Episodes
         from surefoot.rollouts.jobs import Job, play_out
         from surefoot.rollouts.outcome import Outcome
         from surefoot.rollouts.summary import velocities
         from surefoot.viz.replay import standing_start
 
         command, config = Command(self.vx, self.vy, self.yaw_rate), self.simulated(self.config)
-        job = Job(config, standing_start(command), np.zeros(1, int), ExpertOnly(), self.seconds)
+        job = Job(config, Episodes(standing_start(command), self.seconds), ExpertOnly())
         with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
             record, expert = play_out(job, progress=bar.update)
         length = int(record.length[0])

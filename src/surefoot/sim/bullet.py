@@ -143,6 +143,7 @@ class BulletSimulator:
             RuntimeError: PyBullet has no room for so many robots in one process.
         """
         self.batch = batch
+        self.robot = robot
         self._config = config or SimulationConfig()
         self._legs, self._masses = legs_of(robot), masses_of(robot)
         folder = TemporaryDirectory(prefix="surefoot-")

@@ -231,7 +231,7 @@ class MujocoSimulator:
             # MuJoCo's own handler writes MUJOCO_LOG.TXT into the working directory.
             mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
         self.batch = batch
-        self._robot = robot
+        self.robot = robot
         self.model = build_model(robot, config, visual)
         # One thread: parallelism is over chunks of episodes. Persistent: each robot has its own
         # MjData, so that the kinematics of a new state serves the next tick as well.
@@ -283,7 +283,7 @@ class MujocoSimulator:
     @cached_property
     def _nominal(self) -> tuple[rigid.Legs, rigid.Masses]:
         """What a robot believes of itself; a varied one has a centre of mass it does not know."""
-        return rigid.legs_of(self._robot), rigid.masses_of(self._robot)
+        return rigid.legs_of(self.robot), rigid.masses_of(self.robot)
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""

@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from surefoot.robots.model import RobotModel
 from surefoot.types import Array, BoolArray, State
 
 TIME_STEP = 1e-3
@@ -31,6 +32,11 @@ class Simulator(Protocol):
     @property
     def batch(self) -> int:
         """Number of robots B."""
+        ...
+
+    @property
+    def robot(self) -> RobotModel:
+        """The robot that is simulated, B times."""
         ...
 
     def reset(self, q: Array, v: Array, mask: BoolArray | None = None) -> None:
