@@ -377,8 +377,8 @@ def test_some_of_the_episodes_keep_their_ids_and_what_disturbs_them():
     seeds = tuple(np.random.SeedSequence(number) for number in range(4))
     disturbance = Disturbance(
         Pushes(np.arange(12.0).reshape(4, 1, 3), np.arange(4)[:, None], 10),
-        friction=np.arange(4) + 0.5,
-        mass=np.arange(4) + 1.5,
+        friction=np.array([0.5, 1.5, 2.5, 3.5]),
+        mass=np.array([1.5, 2.5, 3.5, 4.5]),
         delay=3,
         seeds=seeds,
     )
