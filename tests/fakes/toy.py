@@ -2,7 +2,7 @@
 
 Each of the 12 joints is a double integrator under its torque. Roll is an inverted pendulum that the
 four HAA torques push; a push sideways is a kick to its rate. The rest of the base stays where the
-episode began. A script may put the base of a robot to any height from tick to tick.
+episode began.
 """
 
 from __future__ import annotations
@@ -13,19 +13,31 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 from scipy.spatial.transform import Rotation
 
-from surefoot.types import MotionPlan, State
+from surefoot.types import MotionPlan
+from tests.fakes.robots import ROBOT
+from tests.fakes.simulator import FakeSimulator
 
-DT, INERTIA, GRAVITY, HELD, KICK = 1e-3, 0.02, 9.0, 5.0, 2.0
-"""[s], [kgm^2] of a joint, [1/s^2] of roll per rad, [1/(kgm^2)] per HAA torque, [rad/s] per Ns."""
+DT = 1e-3
+"""[s]"""
+INERTIA = 0.02
+"""[kg m^2] The inertia of a joint."""
+GRAVITY = 9.0
+"""[1/s^2] The acceleration of roll per rad."""
+HELD = 5.0
+"""[1/(kg m^2)] The acceleration of roll per HAA torque."""
+KICK = 2.0
+"""[rad/s] The change of the roll rate per N s of a push sideways."""
 ARM = HELD * np.tile([1.0, 0.0, 0.0], 4)
 NOMINAL = np.array([0.0, 0.8, -1.6, 0.0, 0.8, -1.6, 0.0, -0.8, 1.6, 0.0, -0.8, 1.6])
 
 
 def matrices():
     """x' = A x + B tau, for x = [roll, 12 joints, roll rate, 12 joint rates]."""
-    force, push = np.zeros((13, 13)), np.zeros((13, 12))
+    force = np.zeros((13, 13))
+    push = np.zeros((13, 12))
     force[0, 0] = GRAVITY
-    push[0], push[1:] = ARM, np.eye(12) / INERTIA
+    push[0] = ARM
+    push[1:] = np.eye(12) / INERTIA
     one = np.eye(13)
     A = np.block([[one + DT * DT * force, DT * one], [DT * force, one]])
     return A, np.vstack([DT * DT * push, DT * push])
@@ -51,9 +63,13 @@ def x_of(q, v):
 
 def plan(state, tick, command):
     """The toy's MPC: LQR towards the goal of the tick at which it is asked, for 100 ticks."""
+    if not np.isfinite(state.q).all():
+        nothing = np.zeros((100, 12))
+        return MotionPlan(nothing, nothing, nothing, valid=False)
     goal = goal_of(tick, command)
     error = x_of(state.q, state.v) - goal
-    rows, torque = [], []
+    rows = []
+    torque = []
     for _ in range(100):
         rows.append(error + goal)
         torque.append(-K @ error)
@@ -62,70 +78,44 @@ def plan(state, tick, command):
     return MotionPlan(x[:, 1:13].copy(), x[:, 14:].copy(), np.array(torque))
 
 
-class Toy:
-    """B toy robots: a `Simulator`.
+class LinearPlant:
+    """B linear plants, whose rolls are those of x."""
 
-    Args:
-        batch: B.
-        heights: robot -> (first tick, height [m]) pairs, rising; without them the start's.
-        lost: robot -> tick at which its numbers run away.
-        robot: the robot that it stands for; the engine asks for its torque limit.
-    """
+    def __init__(self, batch):
+        self.roll = np.zeros(batch)
+        self.level = np.zeros((batch, 4))
 
-    def __init__(self, batch, heights=None, lost=None, robot=None):
-        self.robot = robot
-        self.batch, self.heights, self.lost = batch, heights or {}, lost or {}
+    def reset(self, q, v, rows):
+        angles = Rotation.from_quat(q[rows, 3:7]).as_euler("ZYX")
+        self.roll[rows] = angles[:, 2]
+        self.level[rows] = Rotation.from_euler("ZY", angles[:, :2]).as_quat()
+        v[np.ix_(rows, [0, 1, 2, 4, 5])] = 0.0
 
-    def reset(self, q, v, mask=None):
-        assert mask is None
-        self.q, self.v = q.copy(), v.copy()
-        angles = Rotation.from_quat(q[:, 3:7]).as_euler("ZYX")
-        self.roll = angles[:, 2].copy()
-        self.level = Rotation.from_euler("ZY", angles[:, :2]).as_quat()
-        self.v[:, [0, 1, 2, 4, 5]] = 0.0
-        self.ticks, self.kick = np.zeros(self.batch, int), np.zeros(self.batch)
-        self._stand()
-
-    def step(self, torque, mask=None):
-        assert mask is not None
-        m, q, v = mask, self.q, self.v
-        v[m, 3] += DT * (GRAVITY * self.roll[m] + (torque[m] * ARM).sum(axis=1)) + self.kick[m]
-        v[m, 6:] += DT * (torque[m] / INERTIA)
-        self.roll[m] += DT * v[m, 3]
-        q[m, 7:] += DT * v[m, 6:]
-        x, y, z, w = self.level[m].T
-        sin, cos = np.sin(self.roll[m] / 2), np.cos(self.roll[m] / 2)
-        q[m, 3:7] = np.stack(
+    def step(self, q, v, torque, impulse, rows):
+        kick = KICK * impulse[rows, 1]
+        v[rows, 3] += DT * (GRAVITY * self.roll[rows] + (torque[rows] * ARM).sum(axis=1)) + kick
+        v[rows, 6:] += DT * (torque[rows] / INERTIA)
+        self.roll[rows] += DT * v[rows, 3]
+        q[rows, 7:] += DT * v[rows, 6:]
+        x, y, z, w = self.level[rows].T
+        sin = np.sin(self.roll[rows] / 2)
+        cos = np.cos(self.roll[rows] / 2)
+        q[rows, 3:7] = np.stack(
             [w * sin + x * cos, y * cos + z * sin, z * cos - y * sin, w * cos - x * sin], axis=1
         )
-        self.kick[m] = 0.0
-        self.ticks[m] += 1
-        self._stand()
 
-    def _stand(self):
-        for robot, steps in self.heights.items():
-            if robot < self.batch:
-                past = [height for tick, height in steps if tick <= self.ticks[robot]]
-                self.q[robot, 2] = past[-1] if past else self.q[robot, 2]
-
-    def push(self, impulse, mask=None):
-        self.kick[mask] += KICK * impulse[mask, 1]
-
-    def vary(self, friction, mass):
+    def vary(self, friction, mass, rows):
         raise NotImplementedError
 
-    @property
-    def state(self):
-        contacts = (self.ticks[:, None] + np.array([0, 100, 100, 0])) % 200 < 100
-        feet = np.zeros((self.batch, 4, 3))
-        feet[..., 2] = np.where(contacts, 0.018, 0.05)
-        feet[..., 0] = self.q[:, [9, 12, 15, 18]]
-        com = self.q[:, :3] + [0.0, 0.0, -0.01]
-        return State(self.q.copy(), self.v.copy(), com, feet, contacts)
+    def feet_x(self, q, ticks):
+        return q[:, [9, 12, 15, 18]]
 
-    @property
-    def blown_up(self):
-        return np.array([self.ticks[b] >= self.lost.get(b, 10**9) for b in range(self.batch)])
+
+class Toy(FakeSimulator):
+    """B toy robots; the arguments are those of `FakeSimulator`."""
+
+    def __init__(self, batch, heights=None, lost=None, robot=ROBOT):
+        super().__init__(batch, heights, lost, robot, LinearPlant(batch))
 
     @property
     def contact_force(self):
@@ -136,7 +126,8 @@ class Worlds:
     """Stands for `make_simulator`: the n-th simulator made gets the n-th script, the rest none."""
 
     def __init__(self, *scripts):
-        self.scripts, self.made = list(scripts), 0
+        self.scripts = list(scripts)
+        self.made = 0
 
     def __call__(self, robot, batch, config):
         script = self.scripts[self.made] if self.made < len(self.scripts) else {}

@@ -14,7 +14,7 @@ from surefoot.scenarios.disturbance import Disturbance, Pushes
 from surefoot.scenarios.starts import Starts
 from surefoot.types import MotionPlan
 from tests.fakes.robots import ROBOT, STANDING
-from tests.fakes.simulators import FakeSimulator
+from tests.fakes.simulator import FakeSimulator
 
 LIMIT = ROBOT.torque_limit
 
@@ -176,7 +176,7 @@ def test_the_arbiter_gets_the_ids_of_the_episodes():
 
 
 def test_a_fall_ends_that_robot_and_it_is_stepped_no_more():
-    simulator = FakeSimulator(3, z={1: (620, 0.09)})
+    simulator = FakeSimulator(3, heights={1: [(620, 0.09)]})
     expert = FakeController(0.1)
     script = Script("." * 800, "X" * 800, "." * 800)
     episodes = standing_for(0.8, batch=3)
@@ -195,7 +195,7 @@ def test_a_fall_ends_that_robot_and_it_is_stepped_no_more():
     ("fall", "length"), [(0, 500), (3, 500), (499, 500), (500, 500), (501, 501), (700, 700)]
 )
 def test_falls_are_tested_from_the_end_of_the_grace_on(fall, length):
-    simulator = FakeSimulator(1, z={0: (fall, 0.09)})
+    simulator = FakeSimulator(1, heights={0: [(fall, 0.09)]})
     rollouts = rollout(simulator, standing_for(0.7), ExpertOnly(), FakeController())
     # The state that the last tick leads to is tested too.
     assert (rollouts.length[0], rollouts.outcome[0]) == (length, Outcome.FELL)
@@ -215,7 +215,7 @@ def test_a_robot_that_gets_up_within_the_grace_has_not_fallen():
 
 @pytest.mark.parametrize("tick", [0, 1, 137, 500, 640])
 def test_numbers_that_run_away_end_a_robot_at_once(tick):
-    simulator = FakeSimulator(2, blown_up_at={1: tick})
+    simulator = FakeSimulator(2, lost={1: tick})
     rollouts = rollout(simulator, standing_for(0.7, batch=2), ExpertOnly(), FakeController())
     assert rollouts.length.tolist() == [700, tick]
     assert rollouts.outcome.tolist() == [Outcome.SUCCESS, Outcome.FELL]
@@ -223,7 +223,7 @@ def test_numbers_that_run_away_end_a_robot_at_once(tick):
 
 
 def test_a_rollout_of_robots_that_are_all_lost_stops():
-    simulator = FakeSimulator(2, blown_up_at={0: 4, 1: 9})
+    simulator = FakeSimulator(2, lost={0: 4, 1: 9})
     rollouts = rollout(simulator, standing_for(0.7, batch=2), ExpertOnly(), FakeController())
     assert len(simulator.applied) == 9
     assert rollouts.length.tolist() == [4, 9]
@@ -269,7 +269,7 @@ def test_fall_bounds_come_from_the_config():
 
 
 def test_the_expert_drives_the_tail_of_robots_that_have_not_fallen():
-    simulator = FakeSimulator(2, z={0: (700, 0.05)})
+    simulator = FakeSimulator(2, heights={0: [(700, 0.05)]})
     expert = FakeController(1.0)
     episodes = standing_for(0.8, tail=0.2, batch=2)
     rollouts = rollout(simulator, episodes, PolicyOnly(), expert, FakeController(-1.0))
@@ -285,7 +285,7 @@ def test_the_expert_drives_the_tail_of_robots_that_have_not_fallen():
 
 
 def test_falls_in_the_tail_are_falls():
-    simulator = FakeSimulator(2, z={0: (900, 0.05), 1: (1000, 0.05)})
+    simulator = FakeSimulator(2, heights={0: [(900, 0.05)], 1: [(1000, 0.05)]})
     episodes = standing_for(0.8, tail=0.2, batch=2)
     rollouts = rollout(simulator, episodes, ExpertOnly(), FakeController())
     assert rollouts.length.tolist() == [900, 1000]
@@ -398,7 +398,7 @@ def test_some_of_the_episodes_keep_their_ids_and_what_disturbs_them():
 
 
 def test_a_push_acts_on_its_robot_at_its_time_in_its_heading():
-    simulator = FakeSimulator(3, z={2: (4, 0.05)})
+    simulator = FakeSimulator(3, heights={2: [(4, 0.05)]})
     starts = starts_of([0, 0, 0])
     starts.q[1, 3:7] = [0.0, 0.0, np.sin(np.pi / 4), np.cos(np.pi / 4)]  # heads along y
     impulse = np.array([[0.0, 0.0, 0.0], [1.0, 0.5, 0.2], [3.0, 0.0, 0.0]])
@@ -417,7 +417,7 @@ def test_a_push_acts_on_its_robot_at_its_time_in_its_heading():
 
 
 def test_frames_come_episode_by_episode_in_time_and_hold_what_happened():
-    simulator = FakeSimulator(3, z={1: (510, 0.05)})
+    simulator = FakeSimulator(3, heights={1: [(510, 0.05)]})
     rng = np.random.default_rng(0)
     script = Script(*("".join(rng.choice(["X", "."], 600)) for _ in range(3)))
     starts = starts_of([50, 400, 0], [[0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]])

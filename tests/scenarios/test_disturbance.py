@@ -19,6 +19,7 @@ from surefoot.sim import make_simulator
 from surefoot.types import State
 from tests.fakes.plans import MODEL, state_of
 from tests.fakes.robots import ROBOT, STANDING, random_states
+from tests.fakes.simulator import FakeSimulator
 
 NOISE = NoiseConfig(0.01, 0.05, 0.1, 0.2, 0.03, 0.4)
 ALL = DisturbanceConfig(
@@ -269,36 +270,6 @@ def test_noise_of_a_robot_does_not_depend_on_its_neighbours():
 # --- in the engine, on a simulator of a few lines
 
 
-class FakeSimulator:
-    """Joints move with the torque; says in which order it was asked for things."""
-
-    def __init__(self, size, height=0.25):
-        self.batch, self.height, self.order = size, height, []
-        self.robot = ROBOT
-        self.blown_up, self.contact_force = np.zeros(size, bool), np.zeros((size, 4))
-        self.applied, self.pushed, self.varied = [], [], []
-
-    def vary(self, friction, mass):
-        self.order.append("vary")
-        self.varied.append((friction.tolist(), mass.tolist()))
-
-    def reset(self, q, v, mask=None):
-        self.order.append("reset")
-        self.q, self.v = q.copy(), v.copy()
-        self.q[:, 2] = self.height
-
-    def step(self, torque, mask=None):
-        self.applied.append(torque.copy())
-        self.q[:, 7:] += 1e-3 * torque
-
-    def push(self, impulse, mask=None):
-        self.pushed.append(impulse.copy())
-
-    @property
-    def state(self):
-        return batch(self.q, self.v)
-
-
 class Numbered:
     """A controller whose torque is the number of its call; keeps the states it was shown."""
 
@@ -356,7 +327,8 @@ def test_falls_are_judged_by_the_truth(height, sigma):
     """With such noise a standing robot is measured on its side; a fallen one fell anyway."""
     safety = SafetyConfig(grace=0.01)
     episodes = Episodes(starts(), 0.05, disturbance=noisy(sigma))
-    record = rollout(FakeSimulator(2, height), episodes, ExpertOnly(), Numbered(), safety=safety)
+    simulator = FakeSimulator(2, {0: [(0, height)], 1: [(0, height)]})
+    record = rollout(simulator, episodes, ExpertOnly(), Numbered(), safety=safety)
     fell = height < 0.1
     assert (record.outcome == Outcome.FELL).tolist() == [fell] * 2
     assert record.length.tolist() == [10 if fell else 50] * 2
@@ -392,7 +364,7 @@ def test_nothing_drawn_disturbs_nobody():
     episodes = Episodes(starts(), 0.01, disturbance=nothing)
     record = rollout(simulator, episodes, ExpertOnly(), Numbered())
     assert simulator.order == ["reset"]
-    assert simulator.pushed == []
+    assert simulator.pushes == []
     assert record.seen.q.base is record.q.base  # the very same numbers
 
 
