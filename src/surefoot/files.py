@@ -50,7 +50,7 @@ def writing(path: Path | str) -> Iterator[None]:
         ) from error
 
 
-def write_atomic(path: Path | str, content: bytes | Callable[[Path], None]) -> None:
+def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) -> None:
     """Write a file so that a reader sees the old one or the new one, never a part.
 
     The content is written under a temporary name in the same folder, flushed to the disk, and

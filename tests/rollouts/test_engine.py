@@ -11,67 +11,12 @@ from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.engine import Episodes, rollout
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Disturbance, Pushes
-from surefoot.scenarios.starts import Starts
 from surefoot.types import MotionPlan
-from tests.fakes.robots import ROBOT, STANDING
+from tests.fakes.drivers import FakeController, Script, standing_for, starts_of
+from tests.fakes.robots import ROBOT
 from tests.fakes.simulator import FakeSimulator
 
 LIMIT = ROBOT.torque_limit
-
-
-def starts_of(ticks, commands=None):
-    n = len(ticks)
-    command = np.zeros((n, 3)) if commands is None else np.array(commands, float)
-    q = np.tile(STANDING, (n, 1))
-    return Starts(q, np.zeros((n, 18)), np.array(ticks), command, np.arange(n) + 70)
-
-
-def standing_for(duration, tail=0.0, batch=1):
-    """Episodes of standing robots, at the beginning of the gait cycle."""
-    return Episodes(starts_of([0] * batch), duration, tail)
-
-
-class FakeController:
-    """Torque is ``base`` plus a little of the state and the tick; remembers its calls.
-
-    Args:
-        base: torque [N m].
-        gives_up: robot -> tick from which on the controller has given up on it, if asked.
-    """
-
-    def __init__(self, base=0.0, gives_up=None):
-        self.base = base
-        self.gives_up = gives_up or {}
-
-    def reset(self, batch):
-        self.calls = []
-        self._diverged = np.zeros(batch, bool)
-
-    def torque(self, state, tick, command, mask):
-        self.calls.append((tick.copy(), command.copy(), mask.copy()))
-        for robot, at in self.gives_up.items():
-            self._diverged[robot] |= bool(mask[robot] and tick[robot] >= at)
-        torque = self.base + 0.01 * state.q[:, 7:] + 1e-3 * (tick % 7)[:, None] + command[:, :1]
-        return np.where(mask[:, None], torque, np.nan)  # rows outside the mask are arbitrary
-
-    @property
-    def diverged(self):
-        return self._diverged
-
-
-class Script:
-    """An arbiter that reads who drives from a string for each robot: X expert, dot policy."""
-
-    def __init__(self, *rows):
-        self.rows = np.array([[mark == "X" for mark in row] for row in rows])
-
-    def reset(self, episode):
-        self.episode = episode
-        self.ticks = []
-
-    def choose(self, state, tick, command):
-        self.ticks.append(tick.copy())
-        return self.rows[:, len(self.ticks) - 1]
 
 
 # --- what is recorded
@@ -349,54 +294,6 @@ def test_progress_counts_all_ticks():
     assert sum(done) == 500
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"duration": 0.0}, "use at least 0.001 s"),
-        ({"duration": -1.0}, "use at least 0.001 s"),
-        ({"duration": np.nan}, "use at least 0.001 s"),
-        ({"duration": np.inf}, "use at least 0.001 s"),
-        ({"tail": -0.1}, "a tail of 0 s or more"),
-        ({"tail": np.nan}, "a tail of 0 s or more"),
-        ({"starts": starts_of([0], [[np.nan, 0, 0]])}, "commands must be finite numbers"),
-        ({"id": np.arange(2)}, "2 ids for 1 starts"),
-    ],
-)
-def test_episodes_that_cannot_be_simulated_are_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        Episodes(**{"starts": starts_of([0]), "duration": 0.1, **arguments})
-
-
-def test_there_are_as_many_pushed_robots_as_episodes():
-    pushes = Disturbance(Pushes(np.ones((3, 1, 3)), np.zeros((3, 1), int), 10))
-    with pytest.raises(ValueError, match="pushes of 3 robots for 1 robots"):
-        Episodes(starts_of([0]), 0.1, disturbance=pushes)
-
-
-def test_some_of_the_episodes_keep_their_ids_and_what_disturbs_them():
-    seeds = tuple(np.random.SeedSequence(number) for number in range(4))
-    disturbance = Disturbance(
-        Pushes(np.arange(12.0).reshape(4, 1, 3), np.arange(4)[:, None], 10),
-        friction=np.array([0.5, 1.5, 2.5, 3.5]),
-        mass=np.array([1.5, 2.5, 3.5, 4.5]),
-        delay=3,
-        seeds=seeds,
-    )
-    whole = Episodes(starts_of([0, 10, 20, 30]), 0.3, 0.2, disturbance=disturbance)
-    for rows in (slice(1, 3), np.array([1, 2]), np.array([False, True, True, False])):
-        part = whole[rows]
-        assert len(part) == 2
-        assert part.ids.tolist() == [1, 2]
-        assert part.starts.tick.tolist() == [10, 20]
-        assert (part.duration, part.tail) == (0.3, 0.2)
-        assert part.disturbance is not None and part.disturbance.pushes is not None
-        assert part.disturbance.pushes.tick.tolist() == [[1], [2]]
-        assert part.disturbance.seeds == seeds[1:3]
-        np.testing.assert_array_equal(part.disturbance.friction, [1.5, 2.5])
-        np.testing.assert_array_equal(part.disturbance.mass, [2.5, 3.5])
-        assert part.disturbance.delay == 3
-
-
 def test_a_push_acts_on_its_robot_at_its_time_in_its_heading():
     simulator = FakeSimulator(3, heights={2: [(4, 0.05)]})
     starts = starts_of([0, 0, 0])
@@ -411,47 +308,3 @@ def test_a_push_acts_on_its_robot_at_its_time_in_its_heading():
         # The first robot is not pushed, nor is the third once it has fallen.
         assert mask.tolist() == [False, True, tick < 4]
         np.testing.assert_allclose(applied[1], np.array([-0.5, 1.0, 0.2]) / 5, atol=1e-15)
-
-
-# --- frames
-
-
-def test_frames_come_episode_by_episode_in_time_and_hold_what_happened():
-    simulator = FakeSimulator(3, heights={1: [(510, 0.05)]})
-    rng = np.random.default_rng(0)
-    script = Script(*("".join(rng.choice(["X", "."], 600)) for _ in range(3)))
-    starts = starts_of([50, 400, 0], [[0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]])
-    episodes = Episodes(starts, 0.6)
-    rollouts = rollout(simulator, episodes, script, FakeController(1.0), FakeController(-1.0))
-    keep = (rng.random((3, 600)) < 0.3) & rollouts.expert_drove
-    keep[1, 510:] = True
-    episode = np.array([12, 5, 900])
-    frames = rollouts.frames(keep, episode)
-
-    expected = [
-        (b, t) for b in range(3) for t in range(600) if keep[b, t] and t < rollouts.length[b]
-    ]
-    assert len(frames) == len(expected)
-    assert (keep[1, 510:]).any()  # to be kept, but these ticks did not happen
-    for row, (b, t) in enumerate(expected):
-        for name in ("q", "v", "com", "feet", "contacts", "torque", "expert_drove"):
-            np.testing.assert_array_equal(getattr(frames, name)[row], getattr(rollouts, name)[b, t])
-        assert frames.tick[row] == starts.tick[b] + t
-        np.testing.assert_array_equal(frames.command[row], starts.command[b])
-        assert frames.episode[row] == episode[b]
-        assert frames.outcome[row] == rollouts.outcome[b]
-
-
-def test_frames_that_the_expert_was_not_asked_about_are_refused():
-    script = Script("XX..XX")
-    episodes = standing_for(0.006)
-    rollouts = rollout(FakeSimulator(1), episodes, script, FakeController(), FakeController(1.0))
-    with pytest.raises(ValueError, match="the expert was not asked"):
-        rollouts.frames(np.ones((1, 6), bool), np.array([0]))
-    assert len(rollouts.frames(rollouts.expert_drove, np.array([0]))) == 4
-
-
-def test_a_rule_that_keeps_nothing_gives_no_frames():
-    rollouts = rollout(FakeSimulator(1), standing_for(0.01), ExpertOnly(), FakeController())
-    assert len(rollouts.frames(np.zeros((1, 10), bool), np.array([0]))) == 0
-    assert len(rollouts.frames(np.ones((1, 10), bool), np.array([0]))) == 10

@@ -23,7 +23,8 @@ from surefoot.mpc.planner import Planner
 from surefoot.robots.model import RobotModel
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import Arbiter
-from surefoot.rollouts.engine import Episodes, Rollout, rollout
+from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.summary import EpisodeInfo, Summary, join_summaries, summarize
 from surefoot.rollouts.traces import Trace, trace_of
 from surefoot.scenarios.disturbance import Disturbance, draw

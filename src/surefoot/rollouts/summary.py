@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from surefoot.config import Config, SafetyConfig
 from surefoot.learning.dataset import Frames
 from surefoot.robots.model import RobotModel
-from surefoot.rollouts.engine import Rollout
+from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.outcome import failed, strictly_stepping
 from surefoot.rotations import heading, roll_pitch, roll_pitch_yaw, rotation, to_heading
 from surefoot.safety.gates import margin

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from surefoot.config import Config, SafetyConfig
 from surefoot.learning.observation import INPUT_SIZE, network_input
-from surefoot.rollouts.engine import Rollout
+from surefoot.rollouts.episodes import Rollout
 from surefoot.safety.gates import unsafe
 from surefoot.safety.learned import EVERY, SAMPLES
 from surefoot.types import BoolArray, IntArray, to_ticks
