@@ -1,4 +1,4 @@
-"""Chunks over processes: order, a dead worker, errors, and nobody left behind after Ctrl-C."""
+"""Chunks over processes: order, dead workers, errors, and no process left after Ctrl-C."""
 
 import os
 import re
@@ -6,11 +6,20 @@ import signal
 import subprocess
 import sys
 import time
+from ast import literal_eval
 from pathlib import Path
 
 import pytest
 
-from surefoot.workers import RETRIES, Workers, default_workers, each_chunk, map_chunks
+from surefoot.workers import (
+    ONE_THREAD,
+    RETRIES,
+    Workers,
+    _listed,
+    default_workers,
+    each_chunk,
+    map_chunks,
+)
 
 
 def square(number):
@@ -23,7 +32,7 @@ def slow_first(number):
 
 
 def count_and_die(argument):
-    """Leaves a mark for every try, and dies as often as told."""
+    """Leaves a mark for every try, and dies in the first ``deaths`` of them."""
     number, folder, deaths = argument
     tries = len(list(folder.glob(f"{number}.*")))
     (folder / f"{number}.{tries}").touch()
@@ -40,22 +49,15 @@ def refuse(number):
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_come_in_the_order_of_the_chunks(workers):
-    assert map_chunks(square, list(range(7)), Workers(workers), "squares") == [
-        0,
-        1,
-        4,
-        9,
-        16,
-        25,
-        36,
-    ]
+    squares = map_chunks(square, list(range(7)), Workers(workers), "squares")
+    assert squares == [0, 1, 4, 9, 16, 25, 36]
     results = map_chunks(slow_first, list(range(6)), Workers(workers), "slow")
     assert [number for number, _ in results] == list(range(6))
     assert (os.getpid() in {pid for _, pid in results}) == (workers == 1)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_nothing_to_do_is_no_result(workers):
+def test_no_chunks_give_no_results(workers):
     assert map_chunks(square, [], Workers(workers), "nothing") == []
 
 
@@ -71,13 +73,19 @@ def test_a_chunk_whose_process_dies_is_run_again(tmp_path):
     assert map_chunks(square, [1, 2, 3], Workers(2), "after") == [1, 4, 9]
 
 
-def test_a_process_that_dies_is_said(tmp_path, capsys):
+def test_a_worker_that_dies_is_logged(tmp_path, caplog):
     chunks = [(number, tmp_path, 1 if number == 2 else 0) for number in range(5)]
     map_chunks(count_and_die, chunks, Workers(2), "dies once")
-    assert re.search(r"dies once: a worker died; run again: chunks? .*2", capsys.readouterr().out)
+    assert re.search(r"dies once: a worker died; run again: chunks? .*2", caplog.text)
+    assert {record.name for record in caplog.records} == {"surefoot.workers"}
 
 
-def test_no_chunk_is_lost_when_its_pool_breaks_while_nobody_looks(tmp_path):
+def test_chunks_are_listed_in_order_with_their_number():
+    assert _listed([3]) == "chunk 3"
+    assert _listed([12, 1, 3]) == "chunks 1, 3, 12"
+
+
+def test_no_chunk_is_lost_when_its_pool_breaks_between_two_results(tmp_path):
     """The next chunk is handed to a pool that broke while a result was being stored."""
     chunks = [(number, tmp_path, 1 if number == 1 else 0) for number in range(8)]
     results = each_chunk(count_and_die, chunks, Workers(2), "breaks")
@@ -100,21 +108,21 @@ def die_beside_others(argument):
 
 
 def test_a_chunk_that_always_dies_is_an_error_that_names_it(tmp_path):
-    """The others that were under way are not blamed."""
+    """The others that were in progress are not blamed."""
     chunks = [(number, tmp_path) for number in range(3)]
-    with pytest.raises(RuntimeError, match="always: a worker died 3 times while chunk 1 was under"):
+    with pytest.raises(RuntimeError, match="always: a worker died 3 times while chunk 1 was in p"):
         map_chunks(die_beside_others, chunks, Workers(2), "always")
     assert len(list(tmp_path.glob("*.tried"))) == RETRIES + 1
 
 
 def test_results_before_an_error_are_handed_over(tmp_path):
     chunks = [(number, tmp_path, 100 if number == 5 else 0) for number in range(6)]
-    kept = []
-    with pytest.raises(RuntimeError, match="while chunk 5 was under way"):
-        for number, result in each_chunk(count_and_die, chunks, Workers(2), "kept"):
+    stored = []
+    with pytest.raises(RuntimeError, match="while chunk 5 was in progress"):
+        for number, result in each_chunk(count_and_die, chunks, Workers(2), "stored"):
             assert result == 10 * number
-            kept.append(number)
-    assert sorted(kept) == [0, 1, 2, 3, 4]
+            stored.append(number)
+    assert sorted(stored) == [0, 1, 2, 3, 4]
 
 
 class TwoWordsError(Exception):
@@ -142,7 +150,7 @@ def test_an_error_in_a_chunk_is_passed_on(workers):
     assert map_chunks(square, [4, 5], Workers(workers), "after") == [16, 25]
 
 
-def test_results_are_handed_over_as_they_come():
+def test_results_are_handed_over_as_they_arrive():
     """The first chunk sleeps; the others do not wait for it."""
     results = each_chunk(slow_first, [0, 1, 2, 3], Workers(2), "any order")
     arrived = [number for number, _ in results]
@@ -156,7 +164,7 @@ def mark(argument):
     return number
 
 
-def test_few_chunks_are_under_way_at_a_time(tmp_path):
+def test_few_chunks_are_in_progress_at_a_time(tmp_path):
     """However slowly the results are taken."""
     chunks = [(number, tmp_path) for number in range(20)]
     for taken, _ in enumerate(each_chunk(mark, chunks, Workers(2), "few"), 1):
@@ -166,11 +174,23 @@ def test_few_chunks_are_under_way_at_a_time(tmp_path):
 
 
 def threads(_):
-    return [os.environ.get(f"{name}_NUM_THREADS") for name in ("OMP", "OPENBLAS", "MKL")]
+    return {name: os.environ.get(name) for name in ONE_THREAD}
 
 
 def test_workers_have_one_thread_each():
-    assert map_chunks(threads, [0, 1], Workers(2), "threads") == [["1"] * 3] * 2
+    assert set(ONE_THREAD.values()) == {"1"}
+    assert map_chunks(threads, [0, 1], Workers(2), "threads") == [ONE_THREAD] * 2
+
+
+def test_the_command_line_has_one_thread_before_numpy_is_loaded():
+    code = "import sys, surefoot.__main__, os; print('numpy' in sys.modules, dict(os.environ))"
+    environment = {name: value for name, value in os.environ.items() if name not in ONE_THREAD}
+    run = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    loaded, variables = run.stdout.split(" ", 1)
+    assert loaded == "False"
+    assert literal_eval(variables).items() >= ONE_THREAD.items()
 
 
 def test_no_workers_is_an_error():
@@ -178,7 +198,7 @@ def test_no_workers_is_an_error():
         map_chunks(square, [1], Workers(0), "none")
 
 
-def test_workers_are_at_least_one_and_those_we_may_use():
+def test_the_default_is_one_worker_for_each_core_that_may_be_used():
     assert default_workers() == len(os.sched_getaffinity(0)) >= 1
 
 
@@ -192,7 +212,7 @@ def sleep(folder):
 
 if __name__ == "__main__":
     from surefoot.workers import Workers, map_chunks
-    # Whoever starts the tests in the background has children that ignore Ctrl-C.
+    # Tests that are started in the background have children that ignore Ctrl-C.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         map_chunks(sleep, [sys.argv[1]] * 4, Workers(2), "asleep")
@@ -216,8 +236,7 @@ def holds_back_ctrl_c(pid: int) -> bool:
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGKILL])
-def test_nobody_outlives_the_parent(tmp_path, ending):
-    """Neither after Ctrl-C nor after a kill."""
+def test_no_worker_outlives_the_parent_after_ctrl_c_or_a_kill(tmp_path, ending):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
 
@@ -242,7 +261,7 @@ def test_nobody_outlives_the_parent(tmp_path, ending):
         assert all(holds_back_ctrl_c(pid) for pid in pids)
         assert not holds_back_ctrl_c(process.pid)
         process.send_signal(ending)
-        # The chunks sleep for two minutes: whoever is gone before was ended.
+        # The chunks sleep for two minutes: a worker that is gone before was ended.
         assert process.wait(timeout=60) != 0
         assert (tmp_path / "interrupted").exists() == (ending == signal.SIGINT)
         assert until(lambda: not any(alive(pid) for pid in pids))

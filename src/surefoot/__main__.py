@@ -3,14 +3,13 @@
 import os
 import sys
 
-# One thread per process, before NumPy and PyTorch are loaded: the work is spread over processes,
-# and bits may depend on the number of threads.
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[_variable] = "1"
+from surefoot.workers import ONE_THREAD
+
+os.environ.update(ONE_THREAD)
 
 
 def main() -> int:
-    """Run the command line."""
+    """Run the command line; returns its exit status."""
     try:
         from surefoot.cli.main import main as command_line
     except KeyboardInterrupt:  # loading takes a second or two

@@ -1,4 +1,8 @@
-"""Files that are there whole or not at all, whenever the process is killed: bytes, JSON, arrays."""
+"""Files that are there whole or not at all, whenever the process is killed: bytes, JSON, arrays.
+
+`write_atomic` is below every file of the package: a reader sees the old content or the new one,
+never a part. `write_json` and `save_arrays` write records with it.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,10 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import fields
 from io import BytesIO
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,38 +21,48 @@ from numpy.typing import ArrayLike
 from surefoot.config.json_io import to_json
 from surefoot.types import IntArray
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 Record = TypeVar("Record")
 
 
 class WriteError(OSError):
-    """A file cannot be written: the disk is full, or the folder is not ours to write to."""
+    """A file cannot be written: the disk is full, or the folder is read-only."""
 
 
 @contextmanager
-def writing(what: Path | str) -> Iterator[None]:
-    """Whatever goes wrong inside is an error that names the file and says what to do."""
+def writing(path: Path | str) -> Iterator[None]:
+    """A context in which an `OSError` becomes one that names the file and says what to do.
+
+    Args:
+        path: The file or folder, or words for it.
+
+    Raises:
+        WriteError: Writing failed inside.
+    """
     try:
         yield
     except OSError as error:
         raise WriteError(
-            f"{what} cannot be written ({error}). Nothing that was complete is lost: free some "
-            "space or mend the folder's permissions, then go on (train: with --resume)"
+            f"{path} cannot be written ({error}). Nothing that was complete is lost: free some "
+            "space or fix the folder's permissions, then resume (train: with --resume)"
         ) from error
 
 
-def write_atomic(path: Path | str, content: bytes | Callable[[Path], None]) -> None:
+def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) -> None:
     """Write a file so that a reader sees the old one or the new one, never a part.
 
-    The content goes to a temporary name in the same folder and to the disk, then takes the name
-    over. After a power cut the file is the old or the new one too; after a kill in the middle only
-    a hidden ``.NAME.PID.tmp`` may stay behind.
+    The content is written under a temporary name in the same folder, flushed to the disk, and
+    renamed. After a power cut, too, the file is the old or the new one; after a kill in the middle
+    only a hidden ``.NAME.PID.tmp`` may stay behind.
 
     Args:
-        path: the file; its folder is made if it is not there.
-        content: the bytes, or a function that writes them to the path it is given.
+        path: The file; its folder is made if it does not exist.
+        content: The bytes, or a function that writes them to the path that it is called with.
 
     Raises:
-        WriteError: the disk is full, or read-only.
+        WriteError: The disk is full, or read-only.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
@@ -76,36 +91,57 @@ def _flush(path: Path) -> None:
 
 
 def write_json(path: Path, record: object) -> None:
-    """Write a record as JSON, whole or not at all; NaN becomes null."""
+    """Write a record as JSON, whole or not at all; NaN becomes null.
+
+    Args:
+        path: The file.
+        record: A dataclass instance, or plain JSON values.
+
+    Raises:
+        WriteError: The disk is full, or read-only.
+    """
     write_atomic(path, json.dumps(to_json(record), indent=1, allow_nan=False).encode())
 
 
 def as_digits(values: ArrayLike) -> str:
-    """One digit for each of ``(n,)`` truth values or numbers of 0 to 9: short in JSON."""
-    return "".join(map(str, np.asarray(values, int).tolist()))
+    """A string of n digits, which is short in JSON.
+
+    Args:
+        values: ``(n,)`` truth values, or integers from 0 to 9.
+    """
+    return "".join(str(value) for value in np.asarray(values, int).tolist())
 
 
 def from_digits(text: str) -> IntArray:
-    """The other way round: ``(n,)`` numbers."""
+    """``(n,)`` numbers of a string of digits; undoes `as_digits`."""
     return np.array([int(digit) for digit in text], dtype=np.int64)
 
 
-def save_arrays(path: Path, record: Any) -> None:
-    """Write a dataclass of arrays to an npz file, whole or not at all."""
+def save_arrays(path: Path, record: DataclassInstance) -> None:
+    """Write a dataclass of arrays to an npz file, whole or not at all.
+
+    Args:
+        path: The file.
+        record: A dataclass instance whose fields are all arrays.
+
+    Raises:
+        WriteError: The disk is full, or read-only.
+    """
+    arrays = {field.name: getattr(record, field.name) for field in fields(record)}
     buffer = BytesIO()
-    np.savez(buffer, **vars(record))
+    np.savez(buffer, **arrays)
     write_atomic(path, buffer.getvalue())
 
 
 def load_arrays(path: Path, kind: type[Record]) -> Record:
-    """Read a dataclass of arrays back, to the bit.
+    """Read a dataclass of arrays that `save_arrays` wrote, to the bit.
 
     Args:
-        path: the file.
-        kind: the dataclass.
+        path: The file.
+        kind: The dataclass.
 
     Raises:
-        ValueError: the file is missing, damaged, or of another version.
+        ValueError: The file is missing, damaged, or holds other arrays than the dataclass has.
     """
     try:
         with np.load(path, allow_pickle=False) as stored:

@@ -1,19 +1,26 @@
-"""Randomness: every draw has a seed of its own, fixed by the root seed and by what it is for."""
+"""Randomness: every draw has a seed of its own, fixed by the root seed and by its purpose.
+
+Seeds are spawned by purpose and by the number of the iteration or episode, never by worker, so that
+results do not depend on how the work is spread.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 PURPOSES = ("starts", "network", "order", "disturbance", "coin", "query", "gate")
-"""What is random; the place in this list is the first number of a seed's spawn key."""
+"""What is random; the index in this list is the first number of a seed's spawn key."""
 
 
 def seed_of(root: int, purpose: str, number: int) -> np.random.SeedSequence:
-    """The seed of a draw: never one of who computes it.
+    """The seed of a draw, independent of the worker that uses it.
 
     Args:
-        root: the configuration's seed.
-        purpose: one of `PURPOSES`.
-        number: of the iteration, or the id of the episode.
+        root: The seed of the configuration.
+        purpose: What is drawn, one of `PURPOSES`.
+        number: The number of the iteration, or the id of the episode.
+
+    Raises:
+        ValueError: There is no such purpose.
     """
     return np.random.SeedSequence(root, spawn_key=(PURPOSES.index(purpose), number))

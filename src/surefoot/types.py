@@ -3,8 +3,8 @@
 Arrays follow Pinocchio's conventions: ``q = [x y z, qx qy qz qw, 12 joints]``, ``v = [base linear
 and angular velocity in the base frame, 12 joint rates]``; legs FL, FR, HL, HR; joints HAA, HFE, KFE
 of each leg. SI units, radians; time is an integer tick of 1 ms. ``...`` is a batch axis that may be
-absent: one ``State`` serves one robot and a batch alike. Needs numpy only, so that learning
-runs where there is no robotics stack.
+absent: one ``State`` serves one robot and a batch alike. The module needs numpy only, so that
+learning runs where there is no robotics stack. Read `rollouts.engine` next, where they meet.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ IntArray = NDArray[np.int64]
 
 TICKS_PER_SECOND = 1000
 GRID = 50
-"""[ms] node spacing and replanning period (BiConMP: 20 Hz)."""
+"""[ms] The node spacing of plans, and the period of replanning (BiConMP: 20 Hz)."""
 GRAVITY = 9.81
-"""[m/s^2] in planner and simulators alike."""
+"""[m/s^2] The gravity of planner and simulators alike."""
 LEGS = ("FL", "FR", "HL", "HR")
 JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("HAA", "HFE", "KFE"))
 
@@ -47,15 +47,16 @@ class Command(NamedTuple):
 
 @dataclass(frozen=True)
 class State:
-    """What a simulator measures of one robot, or of B robots in lockstep.
+    """The measured state of one robot, or of B robots in lockstep.
 
-    What follows from it is computed once, when it is first asked for.
+    What follows from it (rotation, heading, roll and pitch) is computed once, when it is first
+    needed.
 
     Attributes:
         q: ``(..., 19)`` configuration [m, unit quaternion, rad].
         v: ``(..., 18)`` velocity [m/s, rad/s], base part in the base frame.
-        com: ``(..., 3)`` centre of mass, world frame [m].
-        feet: ``(..., 4, 3)`` centres of the foot spheres, world frame [m].
+        com: ``(..., 3)`` center of mass, world frame [m].
+        feet: ``(..., 4, 3)`` centers of the foot spheres, world frame [m].
         contacts: ``(..., 4)`` True where a foot carries more than 0.5 N.
     """
 
@@ -96,14 +97,14 @@ class State:
 
 @dataclass(frozen=True)
 class MotionPlan:
-    """A plan as arrays, one row a tick, row 0 at the tick the plan was asked for.
+    """A plan as arrays, one row for each tick, row 0 at the tick at which the plan was made.
 
     Attributes:
         joint_position: ``(100, 12)`` reference joint angles [rad].
         joint_velocity: ``(100, 12)`` reference joint rates [rad/s].
-        torque: ``(100, 12)`` feed-forward joint torques [Nm].
-        valid: False when the planner does not vouch for the arrays (not finite, not converged, not
-            to be followed by any robot).
+        torque: ``(100, 12)`` feed-forward joint torques [N m].
+        valid: False if the plan must not be executed (it is not finite, has not converged, or
+            could be followed by no robot).
     """
 
     joint_position: Array
@@ -117,20 +118,20 @@ PlanFunction = Callable[[State, int, Command], MotionPlan]
 
 
 class Controller(Protocol):
-    """Whoever computes joint torques for B robots: an expert, a policy, or a user's own."""
+    """Anything that computes joint torques for B robots: an expert, a policy, or a user's own."""
 
     def reset(self, batch: int) -> None:
         """Forget everything; ``batch`` robots follow."""
         ...
 
     def torque(self, state: State, tick: IntArray, command: Array, mask: BoolArray) -> Array:
-        """Torques ``(B, 12)`` [Nm] for the robots in ``mask``; rows outside it are ignored.
+        """``(B, 12)`` torques for the robots in ``mask`` [N m]; rows outside it are ignored.
 
         Args:
-            state: of B robots.
+            state: The states of B robots.
             tick: ``(B,)`` gait clock of each robot [ms].
             command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
-            mask: ``(B,)`` the robots this controller drives now.
+            mask: ``(B,)`` True for the robots that this controller drives now.
         """
         ...
 

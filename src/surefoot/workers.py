@@ -1,13 +1,15 @@
 """Chunks of work over processes of this machine, or over a Ray cluster: the same results on both.
 
 A chunk is fixed by its argument alone, so results are the same for any number of workers. Few
-chunks are under way at a time, and results are handed over as they come, so that memory does not
-grow with their number. A chunk whose worker dies is run again.
+chunks are in progress at a time, and results are handed over as they arrive, so that memory does
+not grow with their number. A chunk whose worker dies is run again. Read `rollouts.jobs` next for
+what is run.
 """
 
 from __future__ import annotations
 
 import ctypes
+import logging
 import os
 import signal
 import sys
@@ -23,28 +25,33 @@ from tqdm import tqdm
 Argument = TypeVar("Argument")
 Result = TypeVar("Result")
 
+logger = logging.getLogger(__name__)
+
 RETRIES = 2
 """How often a chunk is tried again when its worker dies."""
 
-_PR_SET_PDEATHSIG = 1
-"""Of Linux's prctl: the signal to a process whose parent ends."""
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+"""Environment of every process: the work is spread over processes, and bits may depend on the
+number of threads. It must be set before NumPy and PyTorch are loaded."""
 
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+_PR_SET_PDEATHSIG = 1
+"""Linux's prctl: send a signal to this process when its parent ends."""
 
 
 def default_workers() -> int:
-    """The cores this process may use."""
+    """The number of cores that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Who does the work; results never depend on it.
+    """The processes that do the work; results never depend on them.
 
     Attributes:
-        count: processes; one stays in this process. Of a Ray cluster all cores are used.
-        backend: ``loky`` (processes of this machine) or ``ray`` (tasks on a cluster).
-        ray_address: of a running cluster, ``auto`` or host:port; without it Ray is started here.
+        count: Number of processes; 1 works in this process. A Ray cluster uses all its cores.
+        backend: Where the processes run: ``loky`` (on this machine) or ``ray`` (on a cluster).
+        ray_address: Address of a running cluster, ``auto`` or host:port; without one, Ray is
+            started on this machine.
     """
 
     count: int = field(default_factory=default_workers)
@@ -56,10 +63,10 @@ def map_chunks(
     function: Callable[[Argument], Result],
     chunks: Sequence[Argument],
     workers: Workers,
-    label: str,
+    title: str,
 ) -> list[Result]:
     """``[function(chunk) for chunk in chunks]``; see `each_chunk`."""
-    results = dict(each_chunk(function, chunks, workers, label))
+    results = dict(each_chunk(function, chunks, workers, title))
     return [results[number] for number in range(len(chunks))]
 
 
@@ -67,33 +74,33 @@ def each_chunk(
     function: Callable[[Argument], Result],
     chunks: Sequence[Argument],
     workers: Workers,
-    label: str,
+    title: str,
 ) -> Generator[tuple[int, Result], None, None]:
     """``(number, function(chunk))`` of every chunk as it is done, in any order.
 
     Args:
-        function: of a module's top level; runs in another process.
-        chunks: picklable arguments.
-        workers: who runs it.
-        label: in front of the progress bar.
+        function: A function at a module's top level; it runs in another process.
+        chunks: Its arguments, which can be pickled.
+        workers: The processes that run it.
+        title: Text of the progress bar.
 
     Raises:
-        RuntimeError: a chunk's worker died again and again (usually for want of memory), or what
-            the function returns or raises cannot be pickled.
+        RuntimeError: A chunk's worker died again and again (usually because memory ran out), or
+            what the function returns or raises cannot be pickled.
         ImportError: Ray is asked for and missing.
-        ValueError: there is no such cluster, or no worker.
+        ValueError: There is no such cluster, or the number of workers is not positive.
     """
     if workers.count < 1:
         raise ValueError(f"{workers.count} workers; use at least 1")
     if not chunks:  # a resumed run has many such stages: start nothing for them
         return
     if workers.backend == "ray":
-        results = _spread(_Cluster(function, workers), chunks, label)
+        results = _spread(_Cluster(function, workers), chunks, title)
     elif workers.count == 1 or len(chunks) == 1:
         results = ((number, function(chunk)) for number, chunk in enumerate(chunks))
     else:
-        results = _spread(_Processes(function, workers.count), chunks, label)
-    with tqdm(total=len(chunks), desc=label, unit="chunk", leave=False) as bar:
+        results = _spread(_Processes(function, workers.count), chunks, title)
+    with tqdm(total=len(chunks), desc=title, unit="chunk", leave=False) as bar:
         for number, result in results:
             bar.update()
             yield number, result
@@ -107,19 +114,23 @@ class _Pool(Protocol):
     """Runs tasks elsewhere; a task is a handle that only the pool understands."""
 
     def room(self) -> int:
-        """How many tasks may be under way: who is done with one has the next at hand."""
+        """How many tasks may be in progress: enough that a worker never waits for its next."""
         ...
 
     def start(self, chunk: Any) -> Any:
-        """The task of a chunk."""
+        """Start the task of a chunk."""
         ...
 
     def done(self, tasks: Sequence[Any]) -> Iterable[Any]:
-        """Those of the tasks that have ended; waits for the first."""
+        """Wait until one of the tasks has ended, and return those that have."""
         ...
 
     def result(self, task: Any) -> Any:
-        """Of a task that has ended; raises what it raised, or `_DeadWorkerError`."""
+        """The result of a task that has ended.
+
+        Raises:
+            _DeadWorkerError: Its worker is gone. Whatever else the task raised is raised too.
+        """
         ...
 
     def stop(self, tasks: Sequence[Any]) -> None:
@@ -127,13 +138,15 @@ class _Pool(Protocol):
         ...
 
 
-def _spread(pool: _Pool, chunks: Sequence[Any], label: str) -> Iterator[tuple[int, Any]]:
+def _spread(pool: _Pool, chunks: Sequence[Any], title: str) -> Iterator[tuple[int, Any]]:
     """Every chunk by a pool, few at a time, and again where its worker died.
 
-    The last try is alone: with all the memory, and nobody else to blame. (When one process of a
-    pool dies, nobody knows whose it was, and all that is under way is lost.)
+    The last try runs alone: with all the memory, and with no other chunk to blame. (When one
+    process of a pool dies, it is unknown which chunk it ran, and all chunks in progress are lost.)
     """
-    waiting, running, deaths = deque(range(len(chunks))), {}, Counter()
+    waiting = deque(range(len(chunks)))
+    running: dict[Any, int] = {}
+    deaths: Counter[int] = Counter()
 
     def another_may_start() -> bool:
         if not running or not waiting:
@@ -155,15 +168,15 @@ def _spread(pool: _Pool, chunks: Sequence[Any], label: str) -> Iterator[tuple[in
                     deaths[number] += 1
                     if deaths[number] > RETRIES:
                         raise RuntimeError(
-                            f"{label}: a worker died {deaths[number]} times while chunk {number} "
-                            "was under way, at last alone (out of memory?)"
+                            f"{title}: a worker died {deaths[number]} times while chunk {number} "
+                            "was in progress, the last time alone (out of memory?)"
                         ) from death
                     lost.append(number)
                 else:
                     yield number, result
             if lost:
                 waiting.extend(sorted(lost))
-                tqdm.write(f"{label}: a worker died; run again: {_listed(lost)}")
+                logger.warning("%s: a worker died; run again: %s", title, _listed(lost))
     except BaseException:
         pool.stop(list(running))
         raise
@@ -171,16 +184,19 @@ def _spread(pool: _Pool, chunks: Sequence[Any], label: str) -> Iterator[tuple[in
 
 def _listed(numbers: list[int]) -> str:
     """``chunk 3``, ``chunks 1, 2, 3``."""
-    return f"chunk{'s' * (len(numbers) > 1)} {', '.join(map(str, sorted(numbers)))}"
+    noun = "chunk" if len(numbers) == 1 else "chunks"
+    return f"{noun} {', '.join(str(number) for number in sorted(numbers))}"
 
 
 class _Processes:
-    """Processes of this machine, by loky."""
+    """Processes of this machine, started by loky."""
 
     def __init__(self, function: Callable[[Any], Any], count: int) -> None:
         from loky.process_executor import TerminatedWorkerError
 
-        self.function, self.count, self.executor = function, count, None
+        self.function = function
+        self.count = count
+        self.executor = None
         self.died = TerminatedWorkerError
 
     def room(self) -> int:
@@ -193,10 +209,10 @@ class _Processes:
 
         ensure_running()  # loky starts it too, and its start lets Ctrl-C through again
         while True:
-            # The one in use, or a new one if a process of it died.
+            # The executor in use, or a new one if one of its processes died.
             self.executor = get_reusable_executor(
                 self.count,
-                env=_ONE_THREAD,
+                env=ONE_THREAD,
                 timeout=300,
                 initializer=_end_with_the_parent,
                 initargs=(os.getpid(),),
@@ -204,7 +220,7 @@ class _Processes:
             try:
                 with _ctrl_c_held_back():
                     return self.executor.submit(self.function, chunk)
-            except self.died:  # just now
+            except self.died:  # between the two calls
                 continue
 
     def done(self, tasks: Sequence[Any]) -> Iterable[Any]:
@@ -227,8 +243,8 @@ class _Processes:
 def _ctrl_c_held_back() -> Iterator[None]:
     """Hold Ctrl-C back for a moment; processes started meanwhile never see it.
 
-    It goes to all processes of a terminal. This one ends its workers itself; they would only print
-    where they were, and may do so before any code of ours runs in them.
+    A terminal sends it to all its processes. This process ends its workers itself; they would only
+    print where they were, and may do so before any of this package's code runs in them.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -241,7 +257,7 @@ def _end_with_the_parent(parent: int) -> None:
     """In a worker: end when the parent does, however it ends."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # it is gone already
+    if os.getppid() != parent:  # the parent has ended already
         os._exit(1)
 
 
@@ -249,11 +265,12 @@ class _Cluster:
     """Tasks on a Ray cluster."""
 
     def __init__(self, function: Callable[[Any], Any], workers: Workers) -> None:
-        self.ray, self.count = _connected(workers), workers.count
-        # `_spread` tries again and says so; Ray itself would be quiet about it, and try forever
-        # where memory is short (its task_oom_retries is -1, and 0 for a task without retries).
+        self.ray = _connected(workers)
+        self.count = workers.count
+        # `_spread` tries again and logs it; Ray itself would do so silently, and try forever where
+        # memory is short (its task_oom_retries is -1, and 0 for a task without retries).
         self.task: Any = self.ray.remote(function).options(
-            max_retries=0, runtime_env={"env_vars": _ONE_THREAD}
+            max_retries=0, runtime_env={"env_vars": ONE_THREAD}
         )
 
     def room(self) -> int:
@@ -312,6 +329,6 @@ def _connected(workers: Workers) -> Any:
 
 
 def _answer_sigterm_by(handler: Any) -> None:
-    """Ray takes SIGTERM over; what our caller does with it stands."""
+    """Give SIGTERM back to the handler that the caller had set; Ray takes it over."""
     if handler is not None and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, handler)

@@ -20,6 +20,7 @@ from surefoot.evaluation.statistics import wilson
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy
 from surefoot.rollouts.arbiters import PolicyOnly, SafetySwitch
+from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import AnyOf, Bounds
@@ -28,7 +29,7 @@ from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
 from tests.fakes.learning import OBSERVATION_SPEC, spec_of
-from tests.fakes.records import blank
+from tests.fakes.rollouts import blank
 
 
 def alarms(T, *rows):
@@ -185,7 +186,7 @@ class Scripted:
 
 def watched(record, monkeypatch, **gates):
     monkeypatch.setattr(gate_evaluation, "play_out", lambda job: (record, None))
-    job = Job(Config(), record.starts, np.arange(len(record.length)), PolicyOnly(), 1.0)
+    job = Job(Config(), Episodes(record.starts, 1.0), PolicyOnly())
     return watch((job, gates))
 
 
@@ -270,7 +271,7 @@ def test_a_policy_drives_alone_and_any_number_of_workers_says_the_same():
 def test_the_first_alarm_is_where_the_expert_would_take_over(gate):
     """Up to the first takeover a rollout with a monitor is the same as one without."""
     starts = load_starts()["select"][:5]
-    alone = Job(CONFIG, starts, starts.id, PolicyOnly(), 0.9, policy=LIMP,
+    alone = Job(CONFIG, Episodes(starts, 0.9, id=starts.id), PolicyOnly(), policy=LIMP,
                 disturbance=CONFIG.evaluation.disturbance)  # fmt: skip
     said = watch((alone, {"gate": gate})).alarm["gate"]
     guarded = replace(alone, arbiter=SafetySwitch(SafetyMonitor(AnyOf([gate]), 2.0)))

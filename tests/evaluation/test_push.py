@@ -23,9 +23,9 @@ from surefoot.evaluation.statistics import RESAMPLES, resamples
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.jobs import Job, play_out, run_episodes
+from surefoot.rollouts.engine import Episodes
+from surefoot.rollouts.jobs import Job, disturbance_of, play_out, run_episodes
 from surefoot.rollouts.outcome import Outcome
-from surefoot.scenarios.disturbance import draw_disturbances
 from surefoot.scenarios.starts import load_starts
 from surefoot.study.expert_survey import PUSHES
 from surefoot.types import MotionPlan, to_ticks
@@ -46,9 +46,9 @@ def pretend(monkeypatch, limit, unpushed=Outcome.SUCCESS, lost=()):
         return [(chunk.starts, ~np.isin(chunk.starts.id, lost)) for chunk in chunks]
 
     def run_episodes(job, workers, label):
-        assert job.duration == CONFIG.push.after
+        assert job.episodes.duration == CONFIG.push.after
         assert not np.isin(job.starts.id, lost).any()
-        impulse = job.pushes.impulse.reshape(len(job.episode), 3)
+        impulse = job.episodes.disturbance.pushes.impulse.reshape(len(job.episode), 3)
         strength, angle = np.hypot(*impulse[:, :2].T), np.arctan2(impulse[:, 1], impulse[:, 0])
         outcome = np.where(strength > 0, Outcome.SUCCESS, unpushed)
         outcome[strength > limit(angle, job.starts.id) + 1e-9] = Outcome.FELL
@@ -247,21 +247,26 @@ def test_starts_are_the_first_perturbation_of_the_split():
 
 
 def job_of(n, before, config=CONFIG, plan=None):
-    return Job(config, STORED["test"][:n], np.arange(n), ExpertOnly(), before, plan=plan)
+    return Job(config, Episodes(STORED["test"][:n], before), ExpertOnly(), plan=plan)
+
+
+def lasting(job, duration):
+    return replace(job, episodes=replace(job.episodes, duration=duration))
 
 
 def test_every_direction_pushes_every_start_at_once():
     base = job_of(3, 2.0)
     job = pushed(base, np.array([0.0, np.pi / 2]), np.array([1.0, 2.0]))
-    assert job.pushes is not None
+    pushes = disturbance_of(job).pushes
+    assert pushes is not None
     expected = np.array([[1, 0, 0]] * 3 + [[0, 2, 0]] * 3)
-    np.testing.assert_allclose(job.pushes.impulse.reshape(6, 3), expected, atol=1e-15)
-    assert not job.pushes.tick.any()
+    np.testing.assert_allclose(pushes.impulse.reshape(6, 3), expected, atol=1e-15)
+    assert not pushes.tick.any()
     np.testing.assert_array_equal(job.starts.id, np.tile(base.starts.id, 2))
     np.testing.assert_array_equal(job.episode, np.tile(base.episode, 2))
-    part = job[np.array([4])]
-    assert part.pushes is not None
-    np.testing.assert_array_equal(part.pushes.impulse, job.pushes.impulse[[4]])
+    part = disturbance_of(job[np.array([4])]).pushes
+    assert part is not None
+    np.testing.assert_array_equal(part.impulse, pushes.impulse[[4]])
 
 
 def test_branches_begin_in_the_state_at_the_push():
@@ -270,19 +275,19 @@ def test_branches_begin_in_the_state_at_the_push():
     branch, up = branched(begin, Workers(1), "test")
     assert up.all()
     for part in (slice(0, 2), slice(2, 4)):
-        whole, _ = play_out(replace(begin[part], duration=0.3))
+        whole, _ = play_out(lasting(begin[part], 0.3))
         np.testing.assert_array_equal(branch.starts.q[part], whole.q[:, 130])
         np.testing.assert_array_equal(branch.starts.v[part], whole.v[:, 130])
     np.testing.assert_array_equal(branch.starts.tick, begin.starts.tick + 130)
     np.testing.assert_array_equal(branch.starts.command, begin.starts.command)
     np.testing.assert_array_equal(branch.starts.id, begin.starts.id)
-    assert branch.duration == config.push.after
+    assert branch.episodes.duration == config.push.after
     assert branch.config.safety == replace(config.safety, grace=0.0)
 
 
 def test_a_push_of_nothing_is_no_push():
     branch, _ = branched(job_of(2, 0.1), Workers(1), "test")
-    branch = replace(branch, duration=0.2)
+    branch = lasting(branch, 0.2)
     nothing, something = (pushed(branch, np.zeros(1), np.array([size])) for size in (0.0, 0.1))
     plain, zero, some = (run_episodes(j, Workers(1), "test") for j in (branch, nothing, something))
     for field in fields(plain):
@@ -296,9 +301,7 @@ def test_a_robot_keeps_its_floor_and_load_over_all_pushes():
     branch, up = branched(begin, Workers(1), "test")
     assert up.all()
     job = pushed(branch, np.array([0.0, 1.0]), np.array([1.0, 2.0]))
-    before, after = (
-        draw_disturbances(j.disturbance, 0, j.episode, j.duration, 0.5) for j in (begin, job)
-    )
+    before, after = disturbance_of(begin), disturbance_of(job)
     for first, second in ((before.friction, after.friction), (before.mass, after.mass)):
         assert first is not None and second is not None
         assert len(set(first)) == 4

@@ -14,7 +14,7 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
 from tests.fakes.learning import spec_of
-from tests.fakes.records import summary_of
+from tests.fakes.rollouts import summary_of
 
 SUCCESS, FELL, STALLED, DIVERGED = Outcome
 

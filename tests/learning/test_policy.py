@@ -29,6 +29,7 @@ from surefoot.learning.policy import (
     target_of,
 )
 from surefoot.rollouts.arbiters import ExpertOnly
+from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import JOINTS, Controller, State
@@ -95,7 +96,7 @@ def test_torque_is_the_pd_law_on_the_target():
 def walked():
     """States of real rollouts from perturbed starts, and their ticks and commands."""
     starts = load_starts()["test"][:100:25]
-    rollouts, _ = play_out(Job(Config(), starts, np.arange(4), ExpertOnly(), 0.5))
+    rollouts, _ = play_out(Job(Config(), Episodes(starts, 0.5), ExpertOnly()))
     robot, elapsed = np.nonzero(rollouts.happened)
     return rollouts.seen[rollouts.happened], starts.tick[robot] + elapsed, starts.command[robot]
 

@@ -11,9 +11,10 @@ import pytest
 
 from surefoot.files import load_arrays
 from surefoot.rollouts.arbiters import ExpertOnly
+from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job, run_chunk
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import Summary, join
+from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.run import Run, create, open_run
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
@@ -159,7 +160,7 @@ def test_frames_are_conserved(runs, name):
     for i in range(1 if run.method == "behavior_cloning" else 3):
         shards = [s for s in run.dataset.shards if s.startswith(f"iteration_{i:03d}")]
         frames = run.dataset.load(shards)
-        summary = join([load_arrays(run.summary_path(name), Summary) for name in shards])
+        summary = join_summaries([load_arrays(run.summary_path(name), Summary) for name in shards])
         count = {e: int((frames.episode == e).sum()) for e in summary.episode.tolist()}
         assert summary.kept.tolist() == list(count.values())
         assert len(frames) == sum(count.values()) == figures_of(run, "collect", i)["frames_kept"]
@@ -202,7 +203,7 @@ def test_chunks_do_not_matter(small, tmp_path, name, chunk):
         assert one == other
     summaries = []
     for each in (run, small(name)):
-        summary = join(
+        summary = join_summaries(
             [load_arrays(each.summary_path(shard), Summary) for shard in each.dataset.shards]
         )
         summaries.append(vars(summary[np.argsort(summary.episode)]))
@@ -216,7 +217,7 @@ def test_what_would_have_been_after_the_end_counts_for_nothing(monkeypatch):
     for batch in (1, 2):
         monkeypatch.setattr("surefoot.rollouts.jobs.make_simulator", Worlds({"lost": {0: 510}}))
         some = starts[:batch]
-        job = Job(CONFIG, some, np.arange(batch), ExpertOnly(), 1.1, plan=plan)
+        job = Job(CONFIG, Episodes(some, 1.1), ExpertOnly(), plan=plan)
         summaries.append(run_chunk(job).summary)
     assert summaries[0].ticks.tolist() == [510]
     assert summaries[0].strict.tolist() == [False] and summaries[1].strict.tolist()[1:] == [True]

@@ -94,7 +94,8 @@ def test_daggers_coin_is_thrown_at_every_tick_for_every_episode(runs):
 
 def shifted(job, by):
     """The same rollouts, each begun between two ticks of the grid."""
-    return replace(job, starts=replace(job.starts, tick=job.starts.tick + by))
+    starts = replace(job.starts, tick=job.starts.tick + by)
+    return replace(job, episodes=replace(job.episodes, starts=starts))
 
 
 def test_dagger_plans_on_the_grid_wherever_it_begins_and_whoever_drives(runs):

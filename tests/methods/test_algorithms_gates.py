@@ -9,6 +9,7 @@ from surefoot.learning.observation import network_input
 from surefoot.learning.policy import load
 from surefoot.learning.samples import held_out
 from surefoot.rollouts.arbiters import SafetySwitch
+from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.safety.learned import Deviation
 from surefoot.safety.monitor import SafetyMonitor
@@ -100,9 +101,8 @@ def test_pi_safe_comes_back_and_guards_at_run_time(runs):
         switch = SafetySwitch(
             SafetyMonitor(Deviation(classifier, OBSERVATION_SPEC, alarm), block=0.0)
         )
-        job = Job(
-            run.config, starts, starts.id, switch, 0.3, policy=run.best_policy_path, plan=plan
-        )
+        episodes = Episodes(starts, 0.3, id=starts.id)
+        job = Job(run.config, episodes, switch, policy=run.best_policy_path, plan=plan)
         return play_out(job)[0]
 
     never = driven_by(1.0)

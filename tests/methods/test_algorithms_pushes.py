@@ -8,12 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from surefoot.config import DisturbanceConfig
 from surefoot.rollouts.arbiters import ExpertOnly
+from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job, play_out, run_chunk
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import join
+from surefoot.rollouts.summary import join_summaries
 from surefoot.runs.accounting import collection_figures
 from surefoot.runs.sampling import keep_unless_failed
-from surefoot.scenarios.disturbance import Pushes, draw_disturbances
+from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances
 from surefoot.scenarios.starts import load_starts
 from tests.fakes import toy
 from tests.fakes.runs import fingerprint
@@ -95,16 +96,13 @@ def pushed_expert(impulses, at, **disturbance):
     starts = load_starts().first("nominal", len(impulses))
     push = np.zeros((len(impulses), 1, 3))
     push[:, 0, 1] = impulses
+    pushes = Pushes(push, np.array(at)[:, None], 10)
     return Job(
         CONFIG,
-        starts,
-        np.arange(len(impulses)),
+        Episodes(starts, 0.7, 0.5, disturbance=Disturbance(pushes)),
         ExpertOnly(),
-        0.7,
-        tail=0.5,
         keep=keep_unless_failed,
         plan=toy.plan,
-        pushes=Pushes(push, np.array(at)[:, None], 10),
         disturbance=DisturbanceConfig(**disturbance),
     )
 
@@ -129,7 +127,7 @@ def test_a_pushed_robot_may_tilt_further_where_the_disturbance_says_so():
     assert (figures["falls"], figures["near_falls"]) == (1, 2)
     assert figures["near_falls_in_tail"] == expected[2:4, 1].sum()
     queries = replace(summary, query=np.ones(5, bool))
-    assert collection_figures(join([summary, queries]))["near_falls"] == 2
+    assert collection_figures(join_summaries([summary, queries]))["near_falls"] == 2
     # An angle stricter than the safety table's, as 0 is, leaves that one.
     for angle in (0.0, 20.0):
         summary = run_chunk(pushed_expert(impulses, at, fall_angle=angle)).summary

@@ -210,7 +210,8 @@ def test_divergence_at_a_takeover_and_within_a_block(tmp_path, monkeypatch):
 
     def from_zero(run, i, plan):
         job = loco_safe_dagger.collection(run, i, failing)
-        return replace(job, starts=replace(job.starts, tick=np.zeros(10, int)))
+        starts = replace(job.starts, tick=np.zeros(10, int))
+        return replace(job, episodes=replace(job.episodes, starts=starts))
 
     monkeypatch.setitem(COLLECTION, "loco_safe_dagger", from_zero)
     run, figures, ((job, record),) = one_iteration(

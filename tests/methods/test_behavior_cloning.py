@@ -23,7 +23,7 @@ from surefoot.runs.run import Run, create, open_run
 from surefoot.runs.sampling import expert_rollouts, keep_unless_failed
 from surefoot.types import MotionPlan
 from surefoot.workers import Workers
-from tests.fakes.records import blank
+from tests.fakes.rollouts import blank
 from tests.fakes.runs import fingerprint
 
 CONFIG = replace(

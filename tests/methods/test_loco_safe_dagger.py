@@ -36,7 +36,7 @@ from surefoot.runs.sampling import (
 from surefoot.runs.stages import best
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
-from tests.fakes.records import blank
+from tests.fakes.rollouts import blank
 from tests.fakes.runs import figures_of, fingerprint
 
 METHOD = LocoSafeDaggerConfig(
@@ -126,7 +126,7 @@ def test_each_policy_is_what_training_the_last_one_on_that_data_gives(finished, 
 def test_the_last_policy_drives_the_next_rollouts(finished, i):
     job = collection(finished, i)
     assert job.policy == finished.policy_path(i - 1)
-    assert (job.duration, job.tail) == (0.6, 0.1)
+    assert (job.episodes.duration, job.episodes.tail) == (0.6, 0.1)
     assert len(job.starts) == 4
 
 

@@ -8,7 +8,7 @@ import pytest
 from surefoot.config import Config
 from surefoot.mpc.expert import make_expert
 from surefoot.robots.solo12 import solo12
-from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.engine import Episodes, rollout
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.starts import load_starts
 from surefoot.sim import make_simulator
@@ -43,9 +43,7 @@ def survivors(starts_per_offset: int, duration: float) -> np.ndarray:
         # A second expert, planning on the grid, drives the robot up to the takeover.
         record = rollout(
             make_simulator(robot, len(starts), config.simulation),
-            robot,
-            starts,
-            duration,
+            Episodes(starts, duration),
             HandOver(starts.tick + offsets),
             make_expert(robot, config),
             make_expert(robot, config),

@@ -21,7 +21,7 @@ from surefoot.evaluation.push import pushed_starts
 from surefoot.mpc.expert import DAMPING, make_expert
 from surefoot.robots.model import standing
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.engine import Episodes, rollout
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Disturbance, Pushes
 from surefoot.scenarios.starts import load_starts
@@ -224,15 +224,13 @@ def test_robots_that_recover_from_a_push_have_a_plan_at_any_time():
     angle = 2 * np.pi * np.arange(20) / 20
     impulse = 3.0 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     at = np.full((20, 1), to_ticks(config.push.before))
+    pushes = Pushes(impulse[:, None], at, to_ticks(config.push.duration))
     record = rollout(
         make_simulator(ROBOT, 20, config.simulation),
-        ROBOT,
-        starts,
-        2.0,
+        Episodes(starts, 2.0, disturbance=Disturbance(pushes)),
         ExpertOnly(),
         EXPERT,
         safety=replace(config.safety, fall_angle=config.push.fall_angle),
-        disturbance=Disturbance(Pushes(impulse[:, None], at, to_ticks(config.push.duration))),
     )
     assert (record.outcome == Outcome.SUCCESS).sum() >= 15
     assert EXPERT.plans.sum() > 700

@@ -10,7 +10,7 @@ from surefoot.config import Config, DisturbanceConfig, NoiseConfig, PolicyConfig
 from surefoot.learning.classifier import Classifier, ClassifierQuality
 from surefoot.learning.observation import INPUT_SIZE, network_input, observation_spec
 from surefoot.rollouts.arbiters import SafetySwitch
-from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.engine import Episodes, rollout
 from surefoot.rollouts.traces import Trace, history_rows, trace_of
 from surefoot.safety.gates import AnyOf, Bounds
 from surefoot.safety.learned import EVERY, SAMPLES, Deviation, History
@@ -64,16 +64,13 @@ class Shaking:
 def played(gate, duration=0.735, starts=STARTS, config=CONFIG):
     """A real rollout with noise and pushes, with a tail; the gate is asked at every tick of T."""
     disturbing = DisturbanceConfig(2, noise=NoiseConfig(*[0.02] * 6))
+    disturbance = draw_disturbances(disturbing, 3, starts.id, duration, 0.5)
     return rollout(
         make_simulator(ROBOT, len(starts), config.simulation),
-        ROBOT,
-        starts,
-        duration,
+        Episodes(starts, duration, 0.05, starts.id, disturbance),
         SafetySwitch(SafetyMonitor(gate, 0.1)),
         Shaking(),
         Shaking(),
-        tail=0.05,
-        disturbance=draw_disturbances(disturbing, 3, starts.id, duration, 0.5),
     )
 
 

@@ -10,7 +10,7 @@ from scipy.stats import kstest
 
 from surefoot.config import Config, DisturbanceConfig, NoiseConfig, SafetyConfig
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
-from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.engine import Episodes, rollout
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances, senses
 from surefoot.scenarios.starts import Starts
@@ -277,9 +277,8 @@ def noisy(sigma, n=2):
 
 def test_everyone_who_decides_sees_what_is_measured():
     simulator, expert, policy, arbiter = FakeSimulator(2), Numbered(), Numbered(), Watching()
-    record = rollout(
-        simulator, ROBOT, starts(), 0.02, arbiter, expert, policy, disturbance=noisy(0.02)
-    )
+    episodes = Episodes(starts(), 0.02, disturbance=noisy(0.02))
+    record = rollout(simulator, episodes, arbiter, expert, policy)
     assert (record.q != record.seen.q)[..., 7:].all()
     np.testing.assert_array_equal(record.q[:, 0, 7:], starts().q[:, 7:])
     shown = {"arbiter": range(20), "policy": range(0, 20, 2), "expert": range(1, 20, 2)}
@@ -298,12 +297,9 @@ def test_everyone_who_decides_sees_what_is_measured():
 def test_falls_are_judged_by_the_truth(height, sigma):
     """With such noise a standing robot is measured on its side; a fallen one fell anyway."""
     safety = SafetyConfig(grace=0.01)
-    disturbance = noisy(sigma)
-    record = rollout(
-        FakeSimulator(2, {0: [(0, height)], 1: [(0, height)]}), ROBOT, starts(), 0.05,
-        ExpertOnly(), Numbered(),
-        safety=safety, disturbance=disturbance,
-    )  # fmt: skip
+    episodes = Episodes(starts(), 0.05, disturbance=noisy(sigma))
+    simulator = FakeSimulator(2, {0: [(0, height)], 1: [(0, height)]})
+    record = rollout(simulator, episodes, ExpertOnly(), Numbered(), safety=safety)
     fell = height < 0.1
     assert (record.outcome == Outcome.FELL).tolist() == [fell] * 2
     assert record.length.tolist() == [10 if fell else 50] * 2
@@ -314,10 +310,8 @@ def test_falls_are_judged_by_the_truth(height, sigma):
 @pytest.mark.parametrize("delay", [0, 1, 7, 1000])
 def test_a_late_torque_is_the_one_commanded_so_many_ticks_ago(delay):
     simulator = FakeSimulator(2)
-    record = rollout(
-        simulator, ROBOT, starts(), 0.02, ExpertOnly(), Numbered(),
-        disturbance=Disturbance(delay=delay),
-    )  # fmt: skip
+    episodes = Episodes(starts(), 0.02, disturbance=Disturbance(delay=delay))
+    record = rollout(simulator, episodes, ExpertOnly(), Numbered())
     commanded = 0.01 * (np.arange(20) + 1)
     late = commanded[np.maximum(np.arange(20) - delay, 0)]
     np.testing.assert_allclose(record.torque[0, :, 0], commanded)  # as commanded, not as applied
@@ -327,7 +321,8 @@ def test_a_late_torque_is_the_one_commanded_so_many_ticks_ago(delay):
 def test_friction_and_mass_are_given_before_the_reset():
     simulator = FakeSimulator(2)
     disturbance = Disturbance(friction=np.array([0.3, 0.4]), mass=np.array([1.1, 1.2]))
-    rollout(simulator, ROBOT, starts(), 0.002, ExpertOnly(), Numbered(), disturbance=disturbance)
+    episodes = Episodes(starts(), 0.002, disturbance=disturbance)
+    rollout(simulator, episodes, ExpertOnly(), Numbered())
     assert simulator.order == ["vary", "reset"]
     assert simulator.varied == [([0.3, 0.4], [1.1, 1.2])]
 
@@ -337,9 +332,8 @@ def test_nothing_drawn_disturbs_nobody():
     assert (nothing.pushes, nothing.friction, nothing.mass, nothing.delay) == (None, None, None, 0)
     assert senses(ROBOT, nothing) is None
     simulator = FakeSimulator(2)
-    record = rollout(
-        simulator, ROBOT, starts(), 0.01, ExpertOnly(), Numbered(), disturbance=nothing
-    )
+    episodes = Episodes(starts(), 0.01, disturbance=nothing)
+    record = rollout(simulator, episodes, ExpertOnly(), Numbered())
     assert simulator.order == ["reset"]
     assert simulator.pushes == []
     assert record.seen.q.base is record.q.base  # the very same numbers
@@ -363,9 +357,8 @@ class Shaking:
 
 def shaken(disturbance=None):
     simulator = make_simulator(ROBOT, 3, Config().simulation)
-    record = rollout(
-        simulator, ROBOT, starts(3), 0.2, ExpertOnly(), Shaking(), disturbance=disturbance
-    )
+    episodes = Episodes(starts(3), 0.2, disturbance=disturbance)
+    record = rollout(simulator, episodes, ExpertOnly(), Shaking())
     return np.concatenate([record.q, record.v], axis=2)
 
 
@@ -393,3 +386,17 @@ def test_every_kind_of_disturbance_reaches_every_robot(config):
     disturbed = shaken(draw_disturbances(config, 0, np.arange(3), 0.1, 0.5))
     assert (np.abs(disturbed - undisturbed).max(axis=(1, 2)) > 1e-6).all()
     np.testing.assert_array_equal(disturbed[:, 0], undisturbed[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("impulse", "tick", "duration", "message"),
+    [
+        (np.zeros((1, 1, 3)), np.zeros((2, 1), int), 10, "impulse"),
+        (np.zeros((2, 3)), np.zeros(2, int), 10, "impulse"),
+        (np.full((2, 1, 3), np.nan), np.zeros((2, 1), int), 10, "finite"),
+        (np.ones((2, 1, 3)), np.zeros((2, 1), int), 0, "at least 1 ms"),
+    ],
+)
+def test_pushes_of_other_shapes_or_without_a_duration_are_refused(impulse, tick, duration, message):
+    with pytest.raises(ValueError, match=message):
+        Pushes(impulse, tick, duration)

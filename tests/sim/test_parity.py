@@ -8,6 +8,7 @@ import pytest
 
 from surefoot.config import Config, SimulationConfig
 from surefoot.rollouts.arbiters import ExpertOnly
+from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import velocities
@@ -144,7 +145,7 @@ def test_the_expert_walks_the_same():
     for backend in ("mujoco", "bullet"):
         config = replace(Config(), simulation=SimulationConfig(backend))
         start = standing_start(Command(0.2))
-        record, expert = play_out(Job(config, start, np.zeros(1, int), ExpertOnly(), 5.0))
+        record, expert = play_out(Job(config, Episodes(start, 5.0), ExpertOnly()))
         assert record.outcome[0] == Outcome.SUCCESS
         assert not expert.invalid_plans.any()
         records.append(record)

@@ -26,7 +26,7 @@ from surefoot.learning.policy import Policy, save
 from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import Summary, join
+from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_figures, cost_of
 from surefoot.runs.run import RunError, create, open_run
 from surefoot.scenarios.starts import load_starts
@@ -412,17 +412,17 @@ def test_cost_is_pooled_exactly(tail, queries, fell):
         drove = 1.0 if i == 0 or (i == 1 and queries) else 0.8**i
         part = summary_of(rng, 10 + i, T, 0 if i == 0 else tail, drove, fell)
         if queries and i > 0:
-            part = join([part, summary_of(rng, 50, 1000, 0, 1.0, fell, query=True)])
+            part = join_summaries([part, summary_of(rng, 50, 1000, 0, 1.0, fell, query=True)])
         figures = json.loads(json.dumps(collection_figures(part)))
         records.append({"stage": "collect", "iteration": i, "seconds": 2.0, **figures})
         parts.append(part)
-    cost, pooled = cost_of(records, T / 1000), collection_figures(join(parts[1:]))
+    cost, pooled = cost_of(records, T / 1000), collection_figures(join_summaries(parts[1:]))
     for key in ("episodes", "falls", "takeovers"):
         assert cost[key] == pooled[key]
     for key in ("expert_share", "falls_per_robot_minute"):
         assert cost[key] == pytest.approx(pooled[key], rel=1e-9)
     assert cost["expert_share"] < 0.99
-    everything = collection_figures(join(parts))
+    everything = collection_figures(join_summaries(parts))
     keys = ("expert_seconds", "plans", "frames_kept", "queries_failed", "recoveries_tilted")
     for key in (*keys, "near_falls", "near_falls_in_tail"):
         assert cost[key] == pytest.approx(everything[key])
@@ -510,7 +510,7 @@ def test_a_real_comparison(trained, tmp_path):
     assert len({json.dumps(results["evaluation"]) for results in policies}) == 2
     run = open_run(trained[1])
     later = [run.summary_path(name) for name in run.dataset.shards if "_000-" not in name]
-    pooled = collection_figures(join([load_arrays(file, Summary) for file in later]))
+    pooled = collection_figures(join_summaries([load_arrays(file, Summary) for file in later]))
     for key in ("episodes", "falls", "takeovers", "expert_share", "falls_per_robot_minute"):
         assert record["rows"][2]["cost"][key] == pytest.approx(pooled[key], rel=1e-9)
     assert label_of(run) == record["rows"][2]["label"]

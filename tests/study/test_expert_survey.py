@@ -14,7 +14,7 @@ from surefoot.config import Config
 from surefoot.rollouts.outcome import Outcome
 from surefoot.study.expert_survey import PUSHES, lost_by_all, survey, table, variant_of
 from surefoot.workers import Workers
-from tests.fakes.records import summary_of
+from tests.fakes.rollouts import summary_of
 
 CONFIG = Config()
 

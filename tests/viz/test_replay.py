@@ -32,9 +32,9 @@ from surefoot.config import (
 from surefoot.config.json_io import to_json
 from surefoot.files import load_arrays
 from surefoot.learning.policy import load, save
-from surefoot.rollouts.jobs import disturbance_of, play_out, sum_up
+from surefoot.rollouts.jobs import disturbance_of, play_out, summarize_job
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import Summary, join
+from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.policies import find_policy
 from surefoot.runs.query import QUERIES, Query
 from surefoot.runs.run import Run, create, open_run
@@ -91,7 +91,9 @@ def run_of(tmp_path_factory):
 
 
 def summary_of(run: Run):
-    return join([load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards])
+    return join_summaries(
+        [load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards]
+    )
 
 
 UNKNOWN_ALONE = ("kept", "kept_tilted", "kept_near_bounds", "strict")
@@ -122,7 +124,7 @@ def test_every_episode_repeats_bit_for_bit(run_of, method, backend):
             np.testing.assert_array_equal(seen, getattr(mine, name), strict=True)
         np.testing.assert_array_equal(record.expert_torque[0, rows], mine.torque)
         np.testing.assert_array_equal(record.expert_drove[0, rows], mine.expert_drove)
-        alone = sum_up(job, record, expert, mine)
+        alone = summarize_job(job, record, expert, mine)
         stored = summary[summary.episode == episode]
         for field in fields(stored):
             if field.name not in UNKNOWN_ALONE:

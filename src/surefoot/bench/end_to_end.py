@@ -21,6 +21,7 @@ from surefoot.config import Config, method_name
 from surefoot.learning.policy import save
 from surefoot.methods import METHODS
 from surefoot.rollouts.arbiters import PolicyOnly
+from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.runs.run import Run, create
 from surefoot.scenarios.starts import load_starts
@@ -139,14 +140,15 @@ def bench_evaluation(config: Config, workers: Workers) -> EvaluationSpeed:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "standing.safetensors"
         save(standing_policy(config), file)
-        job = Job(config, starts, starts.id, PolicyOnly(), config.evaluation.duration, policy=file)
+        episodes = Episodes(starts, config.evaluation.duration, id=starts.id)
+        job = Job(config, episodes, PolicyOnly(), policy=file)
         run_episodes(job[: workers.count], workers, "warming up")
         began = time.perf_counter()
         summary = run_episodes(job, workers, "evaluation")
         seconds = time.perf_counter() - began
     floor_seconds = float(summary.ticks.sum()) / rate / workers.count
     return EvaluationSpeed(
-        episodes=episodes,
+        episodes=len(starts),
         workers=workers.count,
         seconds=seconds,
         floor_seconds=floor_seconds,

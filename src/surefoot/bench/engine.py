@@ -22,7 +22,7 @@ from surefoot.mpc.expert import Expert, make_planner
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
-from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.engine import Episodes, rollout
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor
@@ -124,7 +124,7 @@ def _rollout_times(config: Config, batch: int, seconds: float) -> RolloutTimes:
     steps = []
     for _ in range(5):
         began = time.perf_counter()
-        rollouts = rollout(simulator, robot, starts, seconds, arbiter, policy, policy)
+        rollouts = rollout(simulator, Episodes(starts, seconds), arbiter, policy, policy)
         whole.append(time.perf_counter() - began)
         if (rollouts.outcome == Outcome.FELL).any() or rollouts.expert_drove.any():
             raise RuntimeError("a robot did not stand in the benchmark; its figures mean nothing")
@@ -163,7 +163,7 @@ def _standing_rate(chunk: tuple[Config, int, float]) -> float:
     starts = _standing(batch)
     simulator = make_simulator(robot, batch, config.simulation)
     began = time.perf_counter()
-    rollout(simulator, robot, starts, seconds, PolicyOnly(), policy, policy)
+    rollout(simulator, Episodes(starts, seconds), PolicyOnly(), policy, policy)
     return batch * seconds * TICKS_PER_SECOND / (time.perf_counter() - began)
 
 
@@ -192,10 +192,10 @@ def _plan_shares(config: Config, batch: int, steps: float) -> tuple[float, float
     expert = Expert(plan, config.expert.kp, config.expert.kd)
     simulator = make_simulator(robot, batch, config.simulation)
     starts = load_starts()["nominal"][np.arange(batch)]
-    rollout(simulator, robot, starts, 0.1, ExpertOnly(), expert)
+    rollout(simulator, Episodes(starts, 0.1), ExpertOnly(), expert)
     spent = 0.0
     began = time.perf_counter()
-    rollout(simulator, robot, starts, 1.0, ExpertOnly(), expert)
+    rollout(simulator, Episodes(starts, 1.0), ExpertOnly(), expert)
     whole = time.perf_counter() - began
     return spent / whole, spent / (spent + steps)
 

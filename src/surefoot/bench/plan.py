@@ -17,7 +17,7 @@ from surefoot.mpc.expert import Expert, make_planner
 from surefoot.mpc.planner import LAST_NODE, PlanStages
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.engine import Episodes, rollout
 from surefoot.scenarios.starts import load_starts
 from surefoot.sim import make_simulator
 from surefoot.types import Command, MotionPlan, State
@@ -180,7 +180,8 @@ def warm_plans(config: Config) -> list[TimedPlan]:
     expert = Expert(plan, config.expert.kp, config.expert.kd)
     for row in range(WARM_ROBOTS):
         previous = None
-        rollout(simulator, robot, starts[row : row + 1], WARM_SECONDS, ExpertOnly(), expert)
+        episodes = Episodes(starts[row : row + 1], WARM_SECONDS)
+        rollout(simulator, episodes, ExpertOnly(), expert)
     return timed
 
 

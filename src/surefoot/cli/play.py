@@ -116,6 +116,7 @@ class Play(OnSimulator):
         """
         from surefoot.learning.policy import check_command, load
         from surefoot.rollouts.arbiters import PolicyOnly
+        from surefoot.rollouts.engine import Episodes
         from surefoot.rollouts.jobs import Job
         from surefoot.runs.policies import find_policy
         from surefoot.viz.replay import standing_start
@@ -126,7 +127,7 @@ class Play(OnSimulator):
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_command(load(policy), np.array(command))
         start = standing_start(command)
-        return Job(config, start, np.zeros(1, int), PolicyOnly(), self.seconds, policy=policy)
+        return Job(config, Episodes(start, self.seconds), PolicyOnly(), policy=policy)
 
     def recorded_job(self, episode: int) -> Job:
         """The job that repeats a recorded episode.

@@ -79,13 +79,14 @@ class Walk(OnSimulator):
         """Walk, print, film; 1 if the robot fell."""
         from surefoot.robots.solo12 import solo12
         from surefoot.rollouts.arbiters import ExpertOnly
+        from surefoot.rollouts.engine import Episodes
         from surefoot.rollouts.jobs import Job, play_out
         from surefoot.viz.film import Recording
         from surefoot.viz.replay import standing_start
 
         command = Command(self.vx, self.vy, self.yaw_rate)
         config = self.simulated(self.config)
-        job = Job(config, standing_start(command), np.zeros(1, int), ExpertOnly(), self.seconds)
+        job = Job(config, Episodes(standing_start(command), self.seconds), ExpertOnly())
         with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
             rollouts, expert = play_out(job, progress=bar.update)
         report = walk_report(rollouts, expert, command)

@@ -30,6 +30,7 @@ from surefoot.config import Config
 from surefoot.evaluation.statistics import percentiles, resamples, wilson
 from surefoot.learning.policy import Policy
 from surefoot.rollouts.arbiters import PolicyOnly
+from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job, chunks_of, play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import Gate
@@ -88,10 +89,8 @@ def announcements(
     some = stored.first(split, evaluation.episodes)
     job = Job(
         config,
-        some,
-        some.id,
+        Episodes(some, evaluation.duration, id=some.id),
         PolicyOnly(),
-        evaluation.duration,
         policy=policy,
         disturbance=evaluation.disturbance,
     )

@@ -22,7 +22,8 @@ from surefoot.config import Config, PushConfig
 from surefoot.evaluation.statistics import percentiles, resamples
 from surefoot.files import as_digits, from_digits
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
-from surefoot.rollouts.jobs import Job, chunks_of, play_out, run_episodes
+from surefoot.rollouts.engine import Episodes
+from surefoot.rollouts.jobs import Job, chunks_of, disturbance_of, play_out, run_episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Pushes
 from surefoot.scenarios.starts import Starts, StartSet, join_starts, load_starts
@@ -65,12 +66,11 @@ def push_recovery(
         ValueError: more speeds asked for than the split has.
     """
     push, stored = config.push, stored or load_starts()
+    starts = pushed_starts(push, stored)
     begin = Job(
         replace(config, safety=replace(config.safety, fall_angle=push.fall_angle)),
-        starts := pushed_starts(push, stored),
-        np.arange(len(starts)),
+        Episodes(starts, push.before),
         ExpertOnly() if policy is None else PolicyOnly(),
-        push.before,
         policy=policy,
         plan=plan,
         disturbance=replace(config.evaluation.disturbance, pushes=0, fall_angle=0.0),
@@ -177,15 +177,16 @@ def branched(begin: Job, workers: Workers, label: str) -> tuple[Job, BoolArray]:
     # Falls are tested at once: the grace is for starts that no robot walked into.
     config = replace(begin.config, safety=replace(begin.config.safety, grace=0.0))
     # The ids stay: each robot keeps its floor and its load, in every direction and level.
-    branch = replace(begin, config=config, starts=states, episode=begin.episode[up])
-    return replace(branch, duration=config.push.after), up
+    episodes = Episodes(states, config.push.after, id=begin.episode[up])
+    return replace(begin, config=config, episodes=episodes), up
 
 
 def states_at_the_end(job: Job) -> tuple[Starts, BoolArray]:
     """Starts at the states in which the episodes of one chunk end, and who is up by then."""
-    ticks = to_ticks(job.duration)
+    ticks = to_ticks(job.episodes.duration)
     # A state is recorded before its tick is made: one tick more records the last.
-    record, _ = play_out(replace(job, duration=job.duration + 1e-3))
+    longer = replace(job.episodes, duration=job.episodes.duration + 1e-3)
+    record, _ = play_out(replace(job, episodes=longer))
     tick = job.starts.tick + ticks
     states = replace(job.starts, q=record.q[:, ticks], v=record.v[:, ticks], tick=tick)
     return states, record.length > ticks
@@ -198,7 +199,9 @@ def pushed(branch: Job, angles: Array, impulse: Array) -> Job:
     vectors = impulse[:, None] * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
     at, duration = np.zeros((len(rows), 1), int), to_ticks(branch.config.push.duration)
     pushes = Pushes(np.repeat(vectors, n, axis=0)[:, None], at, duration)
-    return replace(branch[rows], pushes=pushes)
+    job = branch[rows]
+    disturbance = replace(disturbance_of(job), pushes=pushes)
+    return replace(job, episodes=replace(job.episodes, disturbance=disturbance))
 
 
 def enough(share: float, n: int) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from surefoot.config import Config
 from surefoot.evaluation.statistics import wilson
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
+from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
@@ -54,10 +55,8 @@ def evaluate(
     starts = stored.first(split, config.evaluation.episodes)
     job = Job(
         config,
-        starts,
-        starts.id,
+        Episodes(starts, config.evaluation.duration, id=starts.id),
         ExpertOnly() if policy is None else PolicyOnly(),
-        config.evaluation.duration,
         policy=policy,
         plan=plan,
         disturbance=config.evaluation.disturbance,

@@ -19,7 +19,7 @@ import numpy as np
 
 from surefoot.config import DaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
-from surefoot.rollouts.engine import Rollout
+from surefoot.rollouts.engine import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.run import Run
@@ -64,10 +64,8 @@ def collection(run: Run, k: int, plan: PlanFunction | None = None) -> Job:
     starts = draw_starts(method, np.random.default_rng(run.seed("starts", k)))
     return Job(
         config,
-        starts,
-        episode_ids(k, len(starts)),
+        Episodes(starts, method.T, id=episode_ids(k, len(starts))),
         RandomMix(method.p**k, 1, config.seed),
-        method.T,
         policy=run.policy_path(k - 1),
         keep=visited,
         plan=plan,

@@ -19,6 +19,7 @@ import numpy as np
 
 from surefoot.config import LocoDaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
+from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.query import Query
@@ -70,10 +71,8 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
     return Job(
         config,
-        starts,
-        episode_ids(i, len(starts)),
+        Episodes(starts, method.T, id=episode_ids(i, len(starts))),
         RandomMix(method.alpha ** (i - 1), GRID, config.seed),
-        method.T,
         policy=run.policy_path(i - 1),
         plan=plan,
         disturbance=disturbance_in(config, i, method.iterations),

@@ -17,6 +17,7 @@ import numpy as np
 
 from surefoot.config import LocoSafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
+from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.gate_training import guard, train_guards
@@ -79,11 +80,8 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
     return Job(
         config,
-        starts,
-        episode_ids(i, len(starts)),
+        Episodes(starts, method.T, method.T_end, episode_ids(i, len(starts))),
         SafetySwitch(monitor),
-        method.T,
-        tail=method.T_end,
         policy=run.policy_path(i - 1),
         keep=expert_frames,
         plan=plan,

@@ -21,6 +21,7 @@ import numpy as np
 
 from surefoot.config import SafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
+from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.gate_training import guard, train_guards
@@ -82,11 +83,9 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     pi_safe = guard(run, i, ["classifier"])
     return Job(
         config,
-        starts,
-        episode_ids(i, len(starts)),
+        Episodes(starts, method.T, id=episode_ids(i, len(starts))),
         # Without blocking: the expert drives in the states called unsafe, and only in those.
         SafetySwitch(SafetyMonitor(pi_safe, block=0.0)),
-        method.T,
         policy=run.policy_path(i - 1),
         keep=expert_frames,
         plan=plan,

@@ -1,7 +1,7 @@
 """Arbiters: who drives each robot, the expert or the policy, decided anew at every tick.
 
 `ExpertOnly` collects data to clone, `PolicyOnly` evaluates, `RandomMix` throws DAGGER's coin, and
-`SafetySwitch` lets the expert rescue.
+`SafetySwitch` lets the expert rescue. Read `engine` next, which asks them.
 """
 
 from __future__ import annotations
@@ -19,14 +19,18 @@ class Arbiter(Protocol):
     """Decides who drives each robot, anew at every tick."""
 
     def reset(self, episode: IntArray) -> None:
-        """New episodes begin; all randomness is fixed by their ids ``(B,)``."""
+        """Begin new episodes.
+
+        Args:
+            episode: ``(B,)`` ids of the episodes; they fix all randomness.
+        """
         ...
 
     def choose(self, state: State, tick: IntArray, command: Array) -> BoolArray:
         """``(B,)`` True where the expert drives during this tick; called once a tick.
 
         Args:
-            state: of B robots, as they measure it.
+            state: The states of B robots, as they measure them.
             tick: ``(B,)`` gait clock [ms].
             command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
         """
@@ -34,24 +38,24 @@ class Arbiter(Protocol):
 
 
 class ExpertOnly:
-    """The expert drives, always (behaviour cloning)."""
+    """The expert always drives (behavior cloning)."""
 
     def reset(self, episode: IntArray) -> None:
-        """Nothing to forget."""
+        """Do nothing: there is no memory."""
 
     def choose(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """All True."""
+        """``(B,)`` all True."""
         return np.ones(len(tick), dtype=bool)
 
 
 class PolicyOnly:
-    """The policy drives, always (evaluation)."""
+    """The policy always drives (evaluation)."""
 
     def reset(self, episode: IntArray) -> None:
-        """Nothing to forget."""
+        """Do nothing: there is no memory."""
 
     def choose(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """All False."""
+        """``(B,)`` all False."""
         return np.zeros(len(tick), dtype=bool)
 
 
@@ -59,9 +63,13 @@ class RandomMix:
     """A coin decides: at every tick (DAGGER), or once per expert period (LocoDAGGER).
 
     Args:
-        probability: that the expert drives: beta_i, or alpha^(i-1).
-        every: ticks of the gait clock between throws; the first tick of an episode is one too.
-        seed: root of the randomness; each episode throws its own coin.
+        probability: Probability that the expert drives: beta_i, or alpha^(i-1).
+        every: Number of ticks of the gait clock between throws; the coin is also thrown in the
+            first tick of an episode.
+        seed: Root of the randomness; each episode throws its own coin.
+
+    Raises:
+        ValueError: The probability is not in 0 to 1, or there is no tick between throws.
     """
 
     def __init__(self, probability: float, every: int, seed: int) -> None:
@@ -70,17 +78,19 @@ class RandomMix:
                 f"a coin with probability {probability} every {every} ticks; use a probability of "
                 "0 to 1, and at least 1 tick"
             )
-        self._probability, self._every, self._seed = probability, every, seed
+        self._probability = probability
+        self._every = every
+        self._seed = seed
         self.reset(np.zeros(0, dtype=np.int64))
 
     def reset(self, episode: IntArray) -> None:
-        """Take up each episode's own coin."""
+        """Give each episode its own coin."""
         seeds = [seed_of(self._seed, "coin", id_) for id_ in episode.tolist()]
         self._coins = [np.random.default_rng(seed) for seed in seeds]
         self._expert: BoolArray | None = None
 
     def choose(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """What the coin last said."""
+        """``(B,)`` True where the last throw chose the expert."""
         if self._expert is None:
             thrown = np.ones(len(tick), dtype=bool)
             self._expert = np.zeros(len(tick), dtype=bool)
@@ -94,15 +104,19 @@ class RandomMix:
 
 
 class SafetySwitch:
-    """The policy drives; the expert does while the monitor blocks (Algorithms 2 and 4)."""
+    """The policy drives; the expert does while the monitor blocks (Algorithms 2 and 4).
+
+    Args:
+        monitor: A gate with blocking.
+    """
 
     def __init__(self, monitor: SafetyMonitor) -> None:
         self._monitor = monitor
 
     def reset(self, episode: IntArray) -> None:
-        """No robot is blocked."""
+        """Unblock all robots."""
         self._monitor.reset(len(episode))
 
     def choose(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """True while blocking."""
+        """``(B,)`` True where the monitor blocks the policy."""
         return self._monitor.blocking(state, tick, command)

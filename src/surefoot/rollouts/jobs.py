@@ -1,7 +1,9 @@
-"""Many episodes: cut into chunks, spread over processes, summed up.
+"""Many episodes: cut into chunks, spread over processes, summarized.
 
-A job is all that fixes its episodes: configuration, starts, ids, arbiter, policy file. Each process
-builds robot and expert once. Methods and evaluation are written on `run_episodes`.
+A job is all that fixes its episodes: configuration, initial states, ids, arbiter, policy file. A
+chunk is simulated in lockstep by one process (`run_chunk`), which returns a `Summary`, the frames
+that the method keeps, and a `Trace` where one is asked for. Methods and evaluation are written on
+`run_episodes`, `chunks_of` and `play_out`. Read `engine` next for what one rollout does.
 """
 
 from __future__ import annotations
@@ -13,76 +15,92 @@ from pathlib import Path
 
 from numpy.typing import NDArray
 
-from surefoot.config import Config, DisturbanceConfig
+from surefoot.config import Config, DisturbanceConfig, RobotConfig
 from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.policy import Policy, load
-from surefoot.mpc.expert import Expert, make_expert
+from surefoot.mpc.expert import Expert, make_expert, make_planner
+from surefoot.mpc.planner import Planner
 from surefoot.robots.model import RobotModel
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import Arbiter
-from surefoot.rollouts.engine import Rollout, rollout
-from surefoot.rollouts.summary import Summary, join, summarise
+from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.episodes import Episodes, Rollout
+from surefoot.rollouts.summary import EpisodeInfo, Summary, join_summaries, summarize
 from surefoot.rollouts.traces import Trace, trace_of
-from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances
+from surefoot.scenarios.disturbance import Disturbance, draw
 from surefoot.scenarios.starts import Starts
 from surefoot.sim import make_simulator
-from surefoot.types import BoolArray, IntArray, PlanFunction, to_ticks
+from surefoot.types import BoolArray, IntArray, PlanFunction
 from surefoot.workers import Workers, map_chunks
 
 PLANNER = "surefoot.mpc.planner"
-"""Name of the package's own expert."""
+"""Name of the package's own expert. Metrics of runs hold it: it stays, whatever modules are
+called."""
 Keep = Callable[[Rollout], BoolArray]
-"""A method's rule: ``(B, T)`` True for the frames of a rollout that go into the dataset."""
+"""The rule of a method for its dataset: ``(B, T)`` True for the frames of a rollout to keep. It may
+be asked about any part of a job, so it decides on each episode by that episode alone."""
+FollowUp = Callable[["Job", Rollout], "Job | None"]
+"""The rule for episodes that follow from a chunk: from its job and its rollout, the job of further
+episodes, or None if none follow. They run in the same process right after the chunk, and their
+summary and frames are appended to the chunk's. It decides on each episode by that episode alone."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """Episodes to run, and all that fixes them.
+    """Episodes to run, all that fixes them, and what to return of them.
 
     Attributes:
-        config: of robot, simulator, expert, bounds.
-        starts: one per episode.
-        episode: ``(n,)`` ids.
-        arbiter: who drives.
-        duration: T [s].
-        tail: [s] of expert driving at the end.
-        policy: the policy or its file, where the arbiter needs one.
-        keep: the frames to return; none without it.
-        plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
-        disturbance: what disturbs the robots, drawn from the seed and the ids, and how far they may
-            tilt then.
-        pushes: of the episodes, instead of drawn ones.
-        ask_always: the expert is asked at every tick, see `rollout`.
-        query: these are the expert's rollouts from states of other episodes.
-        then: episodes that follow from a chunk's rollout, if any.
-        trace: whether to return what a history gate learns from.
+        config: The configuration: robot, simulator, expert, fall bounds, root seed, chunk size.
+        episodes: Where the episodes begin, how long they last, and their ids. Their disturbance, if
+            there is one, takes the place of the drawn one.
+        arbiter: Decides at every tick who drives.
+        policy: The policy or its file, where the arbiter needs one.
+        plan: The expert's MPC, any plain function; None is the BiConMP-style planner.
+        disturbance: What disturbs the robots, drawn from the root seed and the ids, and how far the
+            robots may tilt under it.
+        ask_always: Whether the expert is asked at every tick, see `rollout`.
+        query: Whether these are the expert's rollouts from states of other episodes (LocoDAGGER).
+        keep: The rule that says which frames to return; None returns none.
+        then: The rule for episodes that follow from a chunk's rollout; None lets none follow.
+        trace: Whether to return what a history gate learns from.
     """
 
     config: Config
-    starts: Starts
-    episode: IntArray
+    episodes: Episodes
     arbiter: Arbiter
-    duration: float
-    tail: float = 0.0
     policy: Path | Policy | None = None
-    keep: Keep | None = None
     plan: PlanFunction | None = None
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
-    pushes: Pushes | None = None
     ask_always: bool = False
     query: bool = False
-    then: Callable[[Job, Rollout], Job | None] | None = None
+    keep: Keep | None = None
+    then: FollowUp | None = None
     trace: bool = False
 
     def __getitem__(self, rows: slice | NDArray) -> Job:
         """Some of the episodes."""
-        pushes = None if self.pushes is None else self.pushes[rows]
-        return replace(self, starts=self.starts[rows], episode=self.episode[rows], pushes=pushes)
+        return replace(self, episodes=self.episodes[rows])
+
+    @property
+    def starts(self) -> Starts:
+        """The initial states of the episodes."""
+        return self.episodes.starts
+
+    @property
+    def episode(self) -> IntArray:
+        """``(n,)`` ids of the episodes."""
+        return self.episodes.ids
 
 
 @dataclass(frozen=True)
 class Result:
-    """What is left of a chunk: its figures, the frames to keep, and a trace where asked."""
+    """What is left of a chunk.
+
+    Attributes:
+        summary: The outcomes and figures of its episodes.
+        frames: The frames that the job's rule keeps.
+        trace: What a history gate learns from, if the job asks for it.
+    """
 
     summary: Summary
     frames: Frames
@@ -90,14 +108,20 @@ class Result:
 
 
 def expert_name(job: Job) -> str:
-    """Whose plans a job's expert follows: the package's planner, or a function by its name."""
+    """Name of the expert of a job: the package's planner, or a function's own name."""
     return PLANNER if job.plan is None else job.plan.__qualname__
 
 
-def run_episodes(job: Job, workers: Workers, label: str) -> Summary:
-    """Run all episodes of a job; the same results, bit for bit, for any number of workers."""
-    results = map_chunks(run_chunk, chunks_of(job), workers, label)
-    return join([result.summary for result in results])
+def run_episodes(job: Job, workers: Workers, title: str) -> Summary:
+    """Run all episodes of a job; the same results, bit for bit, for any number of workers.
+
+    Args:
+        job: The episodes.
+        workers: The processes that run them.
+        title: Text of the progress bar.
+    """
+    results = map_chunks(run_chunk, chunks_of(job), workers, title)
+    return join_summaries([result.summary for result in results])
 
 
 def chunks_of(job: Job) -> list[Job]:
@@ -105,84 +129,102 @@ def chunks_of(job: Job) -> list[Job]:
 
     The policy comes with every chunk, for workers that cannot see its file.
     """
-    job, size = replace(job, policy=_policy(job)), job.config.chunk
-    return [job[first : first + size] for first in range(0, len(job.starts), size)]
+    job = replace(job, policy=_policy_of(job))
+    size = job.config.chunk
+    return [job[first : first + size] for first in range(0, len(job.episodes), size)]
 
 
 def run_chunk(job: Job) -> Result:
     """Run the episodes of one chunk in this process, and those that follow from them."""
-    record, expert = play_out(job)
+    rollouts, expert = play_out(job)
     frames = concatenate([])
     if job.keep is not None:
-        frames = record.frames(job.keep(record), job.episode)
-    summary = sum_up(job, record, expert, frames)
-    trace = trace_of(record, job.episode, job.config) if job.trace else None
-    if job.then is not None and (following := job.then(job, record)) is not None:
+        frames = rollouts.frames(job.keep(rollouts), job.episode)
+    summary = summarize_job(job, rollouts, expert, frames)
+    trace = trace_of(rollouts, job.episode, job.config) if job.trace else None
+    following = None if job.then is None else job.then(job, rollouts)
+    if following is not None:
         more = run_chunk(following)
-        summary = join([summary, more.summary])
+        summary = join_summaries([summary, more.summary])
         frames = concatenate([frames, more.frames])
     return Result(summary, frames, trace)
 
 
-def sum_up(job: Job, record: Rollout, expert: Expert, frames: Frames) -> Summary:
-    """The figures of a job that was played out, and of the frames kept of it."""
-    robot, _ = _team(job.config, job.plan)
-    return summarise(
-        record,
-        frames,
+def summarize_job(job: Job, rollouts: Rollout, expert: Expert, frames: Frames) -> Summary:
+    """The summary of a job's episodes.
+
+    Args:
+        job: The job.
+        rollouts: What happened, from `play_out`.
+        expert: The expert that took part, from `play_out`.
+        frames: The frames that are kept.
+    """
+    info = EpisodeInfo(
         episode=job.episode,
         query=job.query,
         expert=expert_name(job),
-        plans=expert.plans.copy(),
-        invalid_plans=expert.invalid_plans.copy(),
-        foot_radius=robot.foot_radius,
-        gait_period=to_ticks(job.config.gait.period),
-        safety=job.config.safety,
+        plans=expert.plans,
+        invalid_plans=expert.invalid_plans,
     )
+    return summarize(rollouts, frames, info, _robot(job.config.robot), job.config)
 
 
 def disturbance_of(job: Job) -> Disturbance:
-    """What disturbs a job's robots: drawn from its seed and ids, with the pushes it gives."""
+    """What disturbs a job's robots: what its episodes bring, or what its seed and ids draw."""
+    if job.episodes.disturbance is not None:
+        return job.episodes.disturbance
     config = job.config
-    # A query is all tail: the expert drives in order to teach.
-    duration, tail = (0.0, job.duration) if job.query else (job.duration, job.tail)
+    duration = job.episodes.duration
+    tail = job.episodes.tail
+    if job.query:  # it is all tail: the expert drives in order to teach
+        tail = duration
+        duration = 0.0
     friction = config.simulation.friction
-    drawn = draw_disturbances(job.disturbance, config.seed, job.episode, duration, friction, tail)
-    return drawn if job.pushes is None else replace(drawn, pushes=job.pushes)
+    return draw(job.disturbance, config.seed, job.episode, duration, friction, tail)
 
 
 def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple[Rollout, Expert]:
-    """The rollout of a job's episodes, all in lockstep, and the expert that took part."""
+    """Run all episodes of a job in lockstep, in this process.
+
+    Args:
+        job: The episodes.
+        progress: Called with the number of ticks done since its last call.
+
+    Returns:
+        What happened, and the expert that took part, made for this rollout alone: its ``plans`` and
+        ``invalid_plans`` count those of these episodes.
+    """
     config = job.config
-    robot, expert = _team(config, job.plan)
+    robot = _robot(config.robot)
+    expert = make_expert(robot, config, job.plan or _planner(config).plan)
     fall_angle = max(config.safety.fall_angle, job.disturbance.fall_angle)
-    simulator = make_simulator(robot, len(job.starts), config.simulation)
-    record = rollout(
-        simulator,
-        robot,
-        job.starts,
-        job.duration,
+    rollouts = rollout(
+        make_simulator(robot, len(job.episodes), config.simulation),
+        replace(job.episodes, disturbance=disturbance_of(job)),
         job.arbiter,
         expert,
-        _policy(job),
-        job.tail,
+        _policy_of(job),
         replace(config.safety, fall_angle=fall_angle),
-        disturbance_of(job),
-        job.episode,
         job.ask_always,
         progress,
     )
-    return record, expert
+    return rollouts, expert
 
 
-def _policy(job: Job) -> Policy | None:
+def _policy_of(job: Job) -> Policy | None:
     """The job's policy, read if it is a file."""
     if isinstance(job.policy, Path):
-        return load(job.policy, _team(job.config, job.plan)[0].name)
+        return load(job.policy, _robot(job.config.robot).name)
     return job.policy
 
 
 @lru_cache(maxsize=4)
-def _team(config: Config, plan: PlanFunction | None) -> tuple[RobotModel, Expert]:
-    robot = solo12(config.robot)
-    return robot, make_expert(robot, config, plan)
+def _robot(config: RobotConfig) -> RobotModel:
+    """The robot of a configuration, built once per process."""
+    return solo12(config)
+
+
+@lru_cache(maxsize=4)
+def _planner(config: Config) -> Planner:
+    """The planner of a configuration, built once per process: planning leaves no trace in it."""
+    return make_planner(_robot(config.robot), config)

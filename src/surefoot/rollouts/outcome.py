@@ -1,7 +1,7 @@
 """How an episode ends: falls, and whether a robot kept stepping.
 
-`fallen` ends an episode; `stepping` decides afterwards whether the robot kept walking. All array
-code over B robots.
+`fallen` ends an episode; `stepping` decides afterwards whether the robot kept walking (paper,
+IV-F). All of it is array code over B robots. Read `engine` for where they are asked.
 """
 
 from __future__ import annotations
@@ -16,14 +16,26 @@ from surefoot.config import SafetyConfig
 from surefoot.safety.gates import outside
 from surefoot.types import Array, BoolArray, IntArray, State
 
+AIRBORNE = 40
+"""[ms] A foot without contact for so long may have swung."""
+CLEARANCE = 0.005
+"""[m] A foot that rose so high above the ground in that time has swung."""
+GROUNDED = 20
+"""[ms] A foot in contact for so long after it swung has touched down."""
+
 
 class Outcome(IntEnum):
-    """How an episode ended. Failure is data: its id replays it."""
+    """How an episode ended. Failure is data: the episode's id replays it."""
 
     SUCCESS = 0
     FELL = 1
     STALLED = 2
     DIVERGED = 3
+
+
+def failed(outcome: IntArray) -> BoolArray:
+    """``(n,)`` True for robots that fell, or that the expert gave up on."""
+    return (outcome == Outcome.FELL) | (outcome == Outcome.DIVERGED)
 
 
 def fallen(state: State, config: SafetyConfig) -> BoolArray:
@@ -35,7 +47,8 @@ def fallen(state: State, config: SafetyConfig) -> BoolArray:
 @lru_cache
 def _fall_bounds(config: SafetyConfig) -> tuple[Array, Array]:
     """Bounds ``(3,)`` of the base's height [m], roll and pitch [rad]."""
-    (low, high), angle = config.fall_height, np.radians(config.fall_angle)
+    low, high = config.fall_height
+    angle = np.radians(config.fall_angle)
     return np.array([low, -angle, -angle]), np.array([high, angle, angle])
 
 
@@ -45,22 +58,18 @@ def stepping(feet_height: Array, contacts: BoolArray, foot_radius: float) -> Boo
     The earliest of the four feet's last touchdowns lies at or after 2/3 of the episode.
 
     Args:
-        feet_height: ``(B, T, 4)`` height of the foot centres above the ground [m].
+        feet_height: ``(B, T, 4)`` height of the foot centers above the ground [m].
         contacts: ``(B, T, 4)`` foot contacts.
-        foot_radius: [m].
+        foot_radius: Radius of the foot spheres [m].
     """
-    last = np.array(
-        [
-            [
-                touchdowns(feet_height[b, :, leg] - foot_radius, contacts[b, :, leg])[-1:].max(
-                    initial=-1
-                )
-                for leg in range(4)
-            ]
-            for b in range(len(contacts))
-        ]
-    )
-    return last.min(axis=1) >= 2 * contacts.shape[1] / 3
+    B, T, _ = contacts.shape
+    last = np.full((B, 4), -1)
+    for b in range(B):
+        for leg in range(4):
+            down = touchdowns(feet_height[b, :, leg] - foot_radius, contacts[b, :, leg])
+            if len(down):
+                last[b, leg] = down[-1]
+    return last.min(axis=1) >= 2 * T / 3
 
 
 def strictly_stepping(
@@ -68,7 +77,13 @@ def strictly_stepping(
 ) -> BoolArray:
     """``(B,)`` True where every foot touches down in every window of 1.5 gait periods.
 
-    Over at least two thirds of the episode; reported beside `stepping`.
+    It has to do so over at least two thirds of the episode; reported beside `stepping`.
+
+    Args:
+        feet_height: ``(B, T, 4)`` height of the foot centers above the ground [m].
+        contacts: ``(B, T, 4)`` foot contacts.
+        foot_radius: Radius of the foot spheres [m].
+        period: Gait period [ms].
     """
     T = contacts.shape[1]
     window = 3 * period // 2
@@ -85,14 +100,11 @@ def strictly_stepping(
     return result
 
 
-AIRBORNE, CLEARANCE, GROUNDED = 40, 0.005, 20
-"""A touchdown: 40 ms without contact, at least 5 mm of clearance in them, 20 ms of contact."""
-
-
 def touchdowns(clearance: Array, contact: BoolArray) -> IntArray:
-    """Ticks at which one foot touches down for good.
+    """Ticks at which one foot touches down after a swing.
 
-    A trembling foot of a standing robot passes anything weaker than the rule above.
+    A swing is `AIRBORNE` ticks without contact that reach `CLEARANCE`, a touchdown `GROUNDED` ticks
+    of contact after it. A trembling foot of a standing robot passes any weaker rule.
 
     Args:
         clearance: ``(T,)`` height of the foot sphere above the ground [m].
@@ -101,15 +113,15 @@ def touchdowns(clearance: Array, contact: BoolArray) -> IntArray:
     edges = np.flatnonzero(np.diff(contact.astype(np.int8)))
     starts = np.concatenate([[0], edges + 1])
     ends = np.concatenate([edges + 1, [len(contact)]])
-    found = []
+    ticks = []
     swung = False
     for start, end in zip(starts, ends, strict=True):
         if contact[start]:
             if swung and end - start >= GROUNDED:
-                found.append(start)
+                ticks.append(start)
                 swung = False
         else:
             # A bounce shorter than a touchdown does not undo the swing before it.
-            long = end - start >= AIRBORNE and clearance[start:end].max() >= CLEARANCE
-            swung = swung or long
-    return np.array(found, dtype=np.int64)
+            long = end - start >= AIRBORNE
+            swung = swung or (long and clearance[start:end].max() >= CLEARANCE)
+    return np.array(ticks, dtype=np.int64)

@@ -1,4 +1,9 @@
-"""What is left of many episodes besides their frames: outcomes, who drove, what it cost."""
+"""What is left of many episodes besides their frames: outcomes, who drove, what it cost.
+
+`summarize` makes a `Summary` of a rollout, `join_summaries` puts several together; runs store one
+per chunk. Base velocities, and the tracking errors that follow from them, are computed here too.
+Read `evaluation.robustness` and `runs.accounting` next for what is reported of it.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +13,23 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import SafetyConfig
+from surefoot.config import Config, SafetyConfig
 from surefoot.learning.frames import Frames
-from surefoot.rollouts.engine import Rollout
-from surefoot.rollouts.outcome import Outcome, strictly_stepping
-from surefoot.rotations import heading, roll_pitch, rotation, to_heading
+from surefoot.robots.model import RobotModel
+from surefoot.rollouts.episodes import Rollout
+from surefoot.rollouts.outcome import failed, strictly_stepping
+from surefoot.rotations import heading, roll_pitch, roll_pitch_yaw, rotation, to_heading
 from surefoot.safety.gates import margin
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, Command, IntArray, to_ticks
 
 TILTED = np.radians(10.0)
-"""[rad] a frame with a larger roll or pitch is a recovery: the settled gait cycles of the stored
-starts (split `nominal`) reach 6.8 degrees."""
-NEAR_BOUNDS = np.radians(5.0), 0.01
-"""[rad, m] a frame with an angle or the height so close to the paper's table, or beyond it, is a
+"""[rad] A frame with a larger roll or pitch is a recovery: the settled gait cycles of the stored
+initial states (split `nominal`) reach 6.8 degrees."""
+NEAR_ANGLE = np.radians(5.0)
+"""[rad] A frame with an angle so close to its bound in the paper's table, or beyond it, is a
+recovery by distance."""
+NEAR_HEIGHT = 0.01
+"""[m] A frame with the height so close to its bound in the paper's table, or beyond it, is a
 recovery by distance."""
 
 
@@ -29,30 +38,31 @@ class Summary:
     """What is left of n episodes besides their frames; first axis the episode.
 
     Attributes:
-        episode: ``(n,)`` ids.
-        start: ``(n,)`` ids of the starts.
+        episode: ``(n,)`` ids of the episodes.
+        start: ``(n,)`` ids of the initial states.
         query: ``(n,)`` True for the expert's rollouts from states of other episodes (LocoDAGGER).
-        expert: ``(n,)`` whose plans the expert follows.
-        command: ``(n, 3)`` [m/s, m/s, rad/s].
-        outcome: ``(n,)`` of `Outcome`.
-        ticks: ``(n,)`` simulated [ms], tail included.
-        proper_ticks: ``(n,)`` of them before the tail.
-        expert_ticks: ``(n,)`` ticks before the tail that the expert drove.
-        takeovers: ``(n,)`` times before the tail that the expert took over from the policy.
+        expert: ``(n,)`` name of the MPC whose plans the expert follows.
+        command: ``(n, 3)`` velocity command [m/s, m/s, rad/s].
+        outcome: ``(n,)`` values of `Outcome`.
+        ticks: ``(n,)`` number of ticks simulated, tail included [ms].
+        proper_ticks: ``(n,)`` number of ticks simulated before the tail [ms].
+        expert_ticks: ``(n,)`` number of ticks before the tail that the expert drove [ms].
+        takeovers: ``(n,)`` how often the expert took over from the policy before the tail.
         expert_drove_last: ``(n,)`` True where the expert drove the last tick.
-        expert_drove_before: ``(n,)`` True where it drove 0.5 s before that.
-        plans: ``(n,)`` MPC solves.
-        invalid_plans: ``(n,)`` of them not valid.
-        tilted_far: ``(n, 2)`` True where roll or pitch passed ``safety.fall_angle`` after the
+        expert_drove_before: ``(n,)`` True where it drove the tick 0.5 s before the last.
+        plans: ``(n,)`` number of MPC solves.
+        invalid_plans: ``(n,)`` number of MPC solves that were not valid.
+        tilted_far: ``(n, 2)`` True where roll or pitch exceeded ``safety.fall_angle`` after the
             grace, before the tail and in it; the disturbance has to allow for it, or it is a fall.
-        kept: ``(n,)`` frames kept.
-        kept_tilted: ``(n,)`` of them with roll or pitch beyond `TILTED`.
-        kept_near_bounds: ``(n,)`` of them closer than `NEAR_BOUNDS` to the paper's table.
+        kept: ``(n,)`` number of frames kept.
+        kept_tilted: ``(n,)`` number of frames kept with roll or pitch beyond `TILTED`.
+        kept_near_bounds: ``(n,)`` number of frames kept closer to the paper's table than
+            `NEAR_ANGLE` or `NEAR_HEIGHT`.
         strict: ``(n,)`` True where every foot stepped in every 1.5 periods over 2/3 of T.
-        mean_velocity: ``(n, 3)`` vx, vy, yaw rate in the heading frame [m/s, m/s, rad/s].
+        mean_velocity: ``(n, 3)`` mean vx, vy, yaw rate in the heading frame [m/s, m/s, rad/s].
         mse: ``(n, 3)`` mean squared velocity error over the whole episode.
-        settled_mse: ``(n, 3)`` the same from 1 s on; NaN for shorter episodes.
-        max_torque: ``(n,)`` largest joint torque commanded [Nm].
+        settled_mse: ``(n, 3)`` mean squared velocity error from 1 s on; NaN for shorter episodes.
+        max_torque: ``(n,)`` largest joint torque commanded [N m].
     """
 
     episode: IntArray
@@ -82,89 +92,90 @@ class Summary:
     @property
     def failed(self) -> BoolArray:
         """``(n,)`` True for robots that fell, or that the expert gave up on."""
-        return (self.outcome == Outcome.FELL) | (self.outcome == Outcome.DIVERGED)
+        return failed(self.outcome)
 
     def __getitem__(self, rows: NDArray) -> Summary:
         """Some of the episodes."""
         return Summary(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
-def join(parts: Sequence[Summary]) -> Summary:
-    """Episodes of several summaries, one after another."""
+def join_summaries(parts: Sequence[Summary]) -> Summary:
+    """The episodes of several summaries, one after another."""
     names = [field.name for field in fields(Summary)]
     return Summary(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def summarise(
-    record: Rollout,
-    frames: Frames,
-    *,
-    episode: IntArray,
-    query: bool,
-    expert: str,
-    plans: IntArray,
-    invalid_plans: IntArray,
-    foot_radius: float,
-    gait_period: int,
-    safety: SafetyConfig,
+@dataclass(frozen=True)
+class EpisodeInfo:
+    """What a summary tells of B episodes that their rollout does not know.
+
+    Attributes:
+        episode: ``(B,)`` ids of the episodes.
+        query: True if these are the expert's rollouts from states of other episodes.
+        expert: Name of the MPC whose plans the expert follows.
+        plans: ``(B,)`` number of MPC solves.
+        invalid_plans: ``(B,)`` number of MPC solves that were not valid.
+    """
+
+    episode: IntArray
+    query: bool
+    expert: str
+    plans: IntArray
+    invalid_plans: IntArray
+
+
+def summarize(
+    rollouts: Rollout, frames: Frames, info: EpisodeInfo, robot: RobotModel, config: Config
 ) -> Summary:
-    """The figures of a rollout.
+    """The summary of B episodes.
 
     Args:
-        record: of B robots.
-        frames: those kept.
-        episode: ``(B,)`` ids.
-        query: whether these are the expert's rollouts from states of other episodes.
-        expert: whose plans the expert follows.
-        plans: ``(B,)`` MPC solves.
-        invalid_plans: ``(B,)`` of them not valid.
-        foot_radius: [m].
-        gait_period: [ms].
-        safety: the grace, and the bounds that recoveries are told by.
+        rollouts: What happened in them.
+        frames: The frames that are kept.
+        info: What the rollout does not know of them.
+        robot: The robot; its foot radius is needed.
+        config: Gives the gait period, the grace, and the bounds that recoveries are told by.
     """
-    B, T = len(record.length), record.duration
-    proper, by_expert = record.happened[:, :T], record.expert_drove & record.happened
-    last = np.maximum(record.length - 1, 0)
-    before = np.maximum(record.length - 1 - TICKS_PER_SECOND // 2, 0)
-    robots = np.arange(B)
-    velocity = velocities(record)[:, :T]
-    error = (velocity - record.starts.command[:, None]) ** 2
-    settled = proper & (np.arange(T) >= TICKS_PER_SECOND)
-    torque = np.abs(record.torque[:, :T]).max(axis=2)
-    tilt = np.abs(roll_pitch(rotation(record.q[..., 3:7]))).max(axis=2)
-    judged = record.happened & (np.arange(tilt.shape[1]) >= to_ticks(safety.grace))
-    far = judged & (tilt > np.radians(safety.fall_angle))
-    by_policy = proper & ~record.expert_drove[:, :T]
+    B = len(rollouts.length)
+    T = rollouts.duration
+    happened = rollouts.happened
+    proper = happened[:, :T]
+    by_expert = rollouts.expert_drove & happened
+    by_policy = proper & ~rollouts.expert_drove[:, :T]
     took_over = by_expert[:, 1:T] & by_policy[:, : T - 1]
-
-    def count(which: BoolArray) -> IntArray:
-        return np.array([which[frames.episode == id_].sum() for id_ in episode], dtype=np.int64)
-
+    robots = np.arange(B)
+    last = np.maximum(rollouts.length - 1, 0)
+    before = np.maximum(rollouts.length - 1 - TICKS_PER_SECOND // 2, 0)
+    velocity = velocities(rollouts)[:, :T]
+    error = (velocity - rollouts.starts.command[:, None]) ** 2
+    settled = proper & (np.arange(T) >= TICKS_PER_SECOND)
+    torque = np.abs(rollouts.torque[:, :T]).max(axis=2)
     tilted = (np.abs(frames.state.roll_pitch) > TILTED).any(axis=1)
+    near_bounds = margin(frames.state, config.safety, NEAR_ANGLE, NEAR_HEIGHT) < 1.0
     return Summary(
-        episode=episode,
-        start=record.starts.id,
-        query=np.full(B, query),
-        expert=np.full(B, expert),
-        command=record.starts.command,
-        outcome=record.outcome,
-        ticks=record.length,
+        episode=info.episode,
+        start=rollouts.starts.id,
+        query=np.full(B, info.query),
+        expert=np.full(B, info.expert),
+        command=rollouts.starts.command,
+        outcome=rollouts.outcome,
+        ticks=rollouts.length,
         proper_ticks=proper.sum(axis=1),
         expert_ticks=by_expert[:, :T].sum(axis=1),
         takeovers=took_over.sum(axis=1) + by_expert[:, 0] * by_policy.any(axis=1),
         expert_drove_last=by_expert[robots, last],
         expert_drove_before=by_expert[robots, before],
-        plans=plans,
-        invalid_plans=invalid_plans,
-        tilted_far=np.stack([far[:, :T].any(axis=1), far[:, T:].any(axis=1)], axis=1),
-        kept=count(np.ones(len(frames), dtype=bool)),
-        kept_tilted=count(tilted),
-        kept_near_bounds=count(margin(frames.state, safety, *NEAR_BOUNDS) < 1.0),
+        plans=info.plans,
+        invalid_plans=info.invalid_plans,
+        tilted_far=_tilted_far(rollouts, config.safety),
+        kept=_count(np.ones(len(frames), dtype=bool), frames, info.episode),
+        kept_tilted=_count(tilted, frames, info.episode),
+        kept_near_bounds=_count(near_bounds, frames, info.episode),
         strict=strictly_stepping(
-            record.feet[:, :T, :, 2],
-            record.contacts[:, :T] & proper[..., None],
-            foot_radius,
-            gait_period,
+            rollouts.feet[:, :T, :, 2],
+            rollouts.contacts[:, :T] & proper[..., None],
+            robot.foot_radius,
+            to_ticks(config.gait.period),
         ),
         mean_velocity=_mean(velocity, proper),
         mse=_mean(error, proper),
@@ -173,13 +184,19 @@ def summarise(
     )
 
 
-def velocities(record: Rollout) -> Array:
-    """``(B, T, 3)`` base vx, vy [m/s] and yaw rate [rad/s] in the heading frame."""
-    R = rotation(record.q[..., 3:7])
-    linear = np.einsum("...ij,...j->...i", R, record.v[..., :3])
-    yaw_rate = np.einsum("...j,...j->...", R[..., 2, :], record.v[..., 3:6])
-    horizontal = to_heading(linear[..., :2], heading(R))
-    return np.concatenate([horizontal, yaw_rate[..., None]], axis=-1)
+def _tilted_far(rollouts: Rollout, safety: SafetyConfig) -> BoolArray:
+    """``(B, 2)`` True where roll or pitch exceeded the fall angle, before the tail and in it."""
+    T = rollouts.duration
+    tilt = np.abs(roll_pitch(rotation(rollouts.q[..., 3:7]))).max(axis=2)
+    judged = rollouts.happened & (np.arange(tilt.shape[1]) >= to_ticks(safety.grace))
+    far = judged & (tilt > np.radians(safety.fall_angle))
+    return np.stack([far[:, :T].any(axis=1), far[:, T:].any(axis=1)], axis=1)
+
+
+def _count(which: BoolArray, frames: Frames, episode: IntArray) -> IntArray:
+    """``(B,)`` number of the frames ``which`` that belong to each episode."""
+    counts = [which[frames.episode == id_].sum() for id_ in episode]
+    return np.array(counts, dtype=np.int64)
 
 
 def _mean(values: Array, mask: BoolArray) -> Array:
@@ -189,14 +206,30 @@ def _mean(values: Array, mask: BoolArray) -> Array:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
+def velocities(rollouts: Rollout) -> Array:
+    """``(B, T, 3)`` base vx, vy [m/s] and yaw rate [rad/s] in the heading frame."""
+    R = rotation(rollouts.q[..., 3:7])
+    linear = np.einsum("...ij,...j->...i", R, rollouts.v[..., :3])
+    yaw_rate = np.einsum("...j,...j->...", R[..., 2, :], rollouts.v[..., 3:6])
+    horizontal = to_heading(linear[..., :2], heading(R))
+    return np.concatenate([horizontal, yaw_rate[..., None]], axis=-1)
+
+
 def settled_part(length: int) -> slice:
-    """The ticks of an episode from 1 s on; the second half of a shorter one."""
+    """The ticks of an episode from 1 s on; the second half of a shorter one.
+
+    Args:
+        length: Number of ticks simulated.
+    """
     return slice(min(TICKS_PER_SECOND, length // 2), length)
 
 
-def heading_drift(q: np.ndarray, command: Command) -> float:
-    """Degrees by which configurations ``(T, 19)`` end off the heading that was commanded."""
-    from surefoot.rotations import roll_pitch_yaw
+def heading_drift(q: Array, command: Command) -> float:
+    """Angle between the last heading and the commanded one [deg], positive to the left.
 
+    Args:
+        q: ``(T, 19)`` configurations of one robot, tick by tick.
+        command: The command it followed.
+    """
     yaw = np.unwrap(roll_pitch_yaw(q[:, 3:7])[:, 2])
     return float(np.degrees(yaw[-1] - yaw[0] - command.yaw_rate * len(q) / TICKS_PER_SECOND))

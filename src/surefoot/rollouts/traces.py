@@ -1,4 +1,9 @@
-"""What a history gate learns from: what robots saw while a policy drove, and what became of it."""
+"""What a history gate learns from: what robots saw while a policy drove, and what became of it.
+
+`trace_of` makes a `Trace` of a rollout; runs store one per chunk. `history_rows` turns traces into
+rows to train a classifier on. Read `safety.learned` next for the gate, and `runs.gate_training` for
+its training.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +16,13 @@ from numpy.typing import NDArray
 from surefoot.config import Config, SafetyConfig
 from surefoot.config.safety import HISTORY_HORIZON
 from surefoot.learning.observation import INPUT_SIZE, network_input, observation_spec
-from surefoot.rollouts.engine import Rollout
+from surefoot.rollouts.episodes import Rollout
 from surefoot.safety.gates import unsafe
 from surefoot.safety.learned import EVERY, SAMPLES
 from surefoot.types import BoolArray, IntArray, to_ticks
 
 HORIZON = to_ticks(HISTORY_HORIZON)
-"""[ms] within which the bounds are predicted to be left."""
+"""[ms] A history gate predicts whether the bounds are left within this time."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +30,11 @@ class Trace:
     """What B robots saw every 10 ms, and what became of it.
 
     Attributes:
-        episode: ``(B,)`` ids.
+        episode: ``(B,)`` ids of the episodes.
         inputs: ``(B, n, 47)`` observation and goal.
-        label: ``(B, n)`` int8: 1, the policy drives and the bounds are left within 0.3 s; 0, it
-            drives that long without; -1, nobody knows: the expert drives, or takes over earlier,
-            or the episode ends, or the state is outside the bounds already.
+        label: ``(B, n)`` int8: 1 where the policy drives and the bounds are left within 0.3 s; 0
+            where it drives that long and they are not; -1 where that is unknown: the expert drives
+            or takes over earlier, the episode ends, or the state is outside the bounds already.
     """
 
     episode: IntArray
@@ -37,34 +42,42 @@ class Trace:
     label: NDArray[np.int8]
 
 
-def trace_of(record: Rollout, episode: IntArray, config: Config) -> Trace:
-    """What a history gate learns from a rollout."""
-    B, T = len(episode), record.duration
-    at = np.arange(0, T, EVERY)
+def trace_of(rollouts: Rollout, episode: IntArray, config: Config) -> Trace:
+    """What a history gate learns from a rollout.
+
+    Args:
+        rollouts: What happened in B episodes.
+        episode: ``(B,)`` ids of the episodes.
+        config: Gives the gait period, the layout of the goal, and the bounds.
+    """
+    B = len(episode)
+    at = np.arange(0, rollouts.duration, EVERY)
     inputs = network_input(
-        record.seen[:, at],
-        record.starts.tick[:, None] + at,
-        record.starts.command[:, None],
+        rollouts.seen[:, at],
+        rollouts.starts.tick[:, None] + at,
+        rollouts.starts.command[:, None],
         observation_spec(config),
     )
-    return Trace(episode, inputs, labels_of(record, config.safety)[:, at].reshape(B, -1))
+    label = labels_of(rollouts, config.safety)[:, at].reshape(B, -1)
+    return Trace(episode, inputs, label)
 
 
-def labels_of(record: Rollout, safety: SafetyConfig) -> NDArray[np.int8]:
+def labels_of(rollouts: Rollout, safety: SafetyConfig) -> NDArray[np.int8]:
     """``(B, T)`` the label of every tick, as `Trace` explains."""
-    T = record.duration
-    happened, ticks = record.happened[:, :T], np.arange(T)
+    T = rollouts.duration
+    happened = rollouts.happened[:, :T]
+    ticks = np.arange(T)
     outside = np.zeros(happened.shape, dtype=bool)
-    outside[happened] = unsafe(record.seen[:, :T][happened], safety)
-    policy = ~record.expert_drove[:, :T] & happened
-    # The next tick outside the bounds, and the next one that the policy does not drive, from each;
-    # nobody knows what it would have done after the last.
+    outside[happened] = unsafe(rollouts.seen[:, :T][happened], safety)
+    policy = ~rollouts.expert_drove[:, :T] & happened
+    # From each tick on, the next tick outside the bounds, and the next one that the policy does not
+    # drive. What it would have done after its last tick is unknown.
     leaves = _next(outside, T + HORIZON)
     ends = _next(~policy, T)
     label = np.full(happened.shape, -1, np.int8)
     known = policy & ~outside
     soon = leaves - ticks <= HORIZON
-    # A takeover at the very tick at which the bounds are left comes of their being left.
+    # A takeover at the very tick at which the bounds are left is a consequence of that.
     label[known & soon & (leaves <= ends)] = 1
     label[known & ~soon & (ends - ticks > HORIZON)] = 0
     return label
@@ -77,14 +90,26 @@ def _next(event: BoolArray, never: int) -> IntArray:
 
 
 def history_rows(traces: Sequence[Trace]) -> tuple[NDArray[np.float32], BoolArray, IntArray]:
-    """Rows ``(n, 470)`` to train a `History` gate's classifier on, their labels and episodes."""
+    """What to train the classifier of a `History` gate on: one row for each known label.
+
+    Args:
+        traces: The traces; a row never reaches beyond the beginning of its episode.
+
+    Returns:
+        Rows ``(n, 470)``, ``(n,)`` True where the bounds are left, and ``(n,)`` episode ids.
+    """
     known = [np.nonzero(trace.label >= 0) for trace in traces]
-    yes = [trace.label[at] == 1 for trace, at in zip(traces, known, strict=True)]
-    episode = [trace.episode[robot] for trace, (robot, _) in zip(traces, known, strict=True)]
+    count = sum(len(robot) for robot, _ in known)
     # Filled in place: ten iterations of the paper's size are 750 MB.
-    rows, end = np.empty((sum(map(len, yes)), SAMPLES, INPUT_SIZE), np.float32), 0
+    rows = np.empty((count, SAMPLES, INPUT_SIZE), np.float32)
+    leaves = np.empty(count, dtype=bool)
+    episode = np.empty(count, dtype=np.int64)
+    begin = 0
     for trace, (robot, sample) in zip(traces, known, strict=True):
-        back = np.maximum(sample[:, None] + np.arange(1 - SAMPLES, 1), 0)
-        begin, end = end, end + len(robot)
-        rows[begin:end] = trace.inputs[robot[:, None], back]
-    return rows.reshape(-1, SAMPLES * INPUT_SIZE), np.concatenate(yes), np.concatenate(episode)
+        end = begin + len(robot)
+        history = np.maximum(sample[:, None] + np.arange(1 - SAMPLES, 1), 0)
+        rows[begin:end] = trace.inputs[robot[:, None], history]
+        leaves[begin:end] = trace.label[robot, sample] == 1
+        episode[begin:end] = trace.episode[robot]
+        begin = end
+    return rows.reshape(-1, SAMPLES * INPUT_SIZE), leaves, episode

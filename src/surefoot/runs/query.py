@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.engine import Rollout
+from surefoot.rollouts.engine import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.sampling import EPISODES_PER_ITERATION, keep_unless_failed
 from surefoot.scenarios.starts import Starts
@@ -69,10 +69,8 @@ class Query:
         )
         return replace(
             job,
-            starts=starts,
-            episode=np.array(ids),
+            episodes=Episodes(starts, self.T_query, id=np.array(ids)),
             arbiter=ExpertOnly(),
-            duration=self.T_query,
             policy=None,
             keep=keep_unless_failed,
             disturbance=replace(job.disturbance, pushes=0),

@@ -10,7 +10,7 @@ from surefoot.config import Config, DisturbanceConfig, ExpertData, IterativeConf
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.engine import Rollout
+from surefoot.rollouts.engine import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
 from surefoot.scenarios.starts import Starts, StartSet, at_rest, join_starts, load_starts
 from surefoot.types import BoolArray, IntArray, PlanFunction
@@ -53,10 +53,8 @@ def expert_rollouts(
     starts = join_starts(parts)
     return Job(
         config,
-        starts,
-        episode_ids(0, len(starts)),
+        Episodes(starts, data.duration, id=episode_ids(0, len(starts))),
         ExpertOnly(),
-        data.duration,
         keep=keep_unless_failed,
         plan=plan,
         disturbance=disturbance or DisturbanceConfig(),

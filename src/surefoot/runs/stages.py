@@ -20,7 +20,7 @@ from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, policy_spec, save
 from surefoot.learning.train import fit
 from surefoot.rollouts.jobs import Job, chunks_of, expert_name, run_chunk
-from surefoot.rollouts.summary import Summary, join
+from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_figures
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import EPISODES_PER_ITERATION
@@ -103,7 +103,7 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
                 save_arrays(run.trace_path(name), result.trace)
             save_arrays(run.summary_path(name), result.summary)
             run.dataset.append(name, result.frames)
-    return join([load_arrays(run.summary_path(name), Summary) for name in names])
+    return join_summaries([load_arrays(run.summary_path(name), Summary) for name in names])
 
 
 def _ran(summary: Summary, chunk: Job) -> bool:
@@ -120,7 +120,9 @@ def first_frames(run: Run, frames: int) -> Dataset:
     Raises:
         ValueError: not even one episode does.
     """
-    summary = join([load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards])
+    summary = join_summaries(
+        [load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards]
+    )
     order = np.argsort(summary.episode)
     fits = np.cumsum(summary.kept[order]) <= frames
     if not fits[0]:

@@ -9,7 +9,7 @@ those of `surefoot.config.DisturbanceConfig`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,6 +101,17 @@ class Disturbance:
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     delay: int = 0
     seeds: tuple[np.random.SeedSequence, ...] = ()
+
+    def __getitem__(self, rows: slice | NDArray) -> Disturbance:
+        """What disturbs some of the robots."""
+        chosen = np.arange(len(self.seeds))[rows] if self.seeds else ()
+        return replace(
+            self,
+            pushes=None if self.pushes is None else self.pushes[rows],
+            friction=None if self.friction is None else self.friction[rows],
+            mass=None if self.mass is None else self.mass[rows],
+            seeds=tuple(self.seeds[row] for row in chosen),
+        )
 
     def __post_init__(self) -> None:
         """A simulator is given both or neither (`Simulator.vary`); one would go unnoticed."""

@@ -173,6 +173,7 @@ class BulletSimulator:
         """
         self.robot = robot
         self.batch = batch
+        self.robot = robot
         self._config = config or SimulationConfig()
         self._legs = legs_of(robot)
         self._masses = masses_of(robot)

@@ -14,7 +14,7 @@ from surefoot.mpc.expert import Expert
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.engine import Rollout
-from surefoot.rollouts.jobs import Job, disturbance_of, expert_name, play_out, sum_up
+from surefoot.rollouts.jobs import Job, disturbance_of, expert_name, play_out, summarize_job
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.query import QUERIES, Query
 from surefoot.runs.run import open_run, warn_of_versions
@@ -101,7 +101,7 @@ def episode_figures(job: Job, record: Rollout, expert: Expert) -> dict[str, Any]
     ``drove_last`` is who drove the last tick; ``takeovers`` and ``expert_share`` are before the
     tail; ``pushes`` are the times at which one began [s].
     """
-    summary, length = sum_up(job, record, expert, concatenate([])), int(record.length[0])
+    summary, length = summarize_job(job, record, expert, concatenate([])), int(record.length[0])
     return {
         "outcome": Outcome(int(record.outcome[0])).name,
         "command": job.starts.command[0].tolist(),

@@ -21,11 +21,12 @@ def blank(B: int, T: int, **changes) -> Rollout:
         np.zeros((B, T, 4, 3)),
         np.ones((B, T, 4), bool),
     )
-    drove, torque = changes.pop("expert_drove", np.zeros((B, T), bool)), np.zeros((B, T, 12))
+    drove = changes.pop("expert_drove", np.zeros((B, T), bool))
+    torque = np.zeros((B, T, 12))
     starts = Starts(
         np.zeros((B, 19)), np.zeros((B, 18)), np.zeros(B, int), np.zeros((B, 3)), np.arange(B)
     )
-    record = Rollout(
+    rollouts = Rollout(
         **vars(states),
         seen=states,
         torque=torque,
@@ -37,13 +38,13 @@ def blank(B: int, T: int, **changes) -> Rollout:
         outcome=np.zeros(B, np.int64),
         duration=T,
     )
-    return replace(record, **changes)
+    return replace(rollouts, **changes)
 
 
-def summary_of(outcome, **given) -> Summary:
-    """Episodes with these outcomes, and zeros where nothing else is given."""
+def summary_of(outcome, **figures) -> Summary:
+    """Episodes with these outcomes, and zeros for all figures that are not given."""
     n = len(outcome)
-    blank = {
+    zeros = {
         "expert_drove_last": np.zeros(n, bool),
         "expert_drove_before": np.zeros(n, bool),
         "tilted_far": np.zeros((n, 2), bool),
@@ -54,6 +55,6 @@ def summary_of(outcome, **given) -> Summary:
         "settled_mse": np.zeros((n, 3)),
         "max_torque": np.zeros(n),
     }
-    whole = {field.name: np.zeros(n, np.int64) for field in fields(Summary)}
-    arrays = {name: np.array(array) for name, array in given.items()}
-    return Summary(**{**whole, **blank, "outcome": np.array(outcome, np.int64), **arrays})
+    counts = {field.name: np.zeros(n, np.int64) for field in fields(Summary)}
+    arrays = {name: np.array(array) for name, array in figures.items()}
+    return Summary(**{**counts, **zeros, "outcome": np.array(outcome, np.int64), **arrays})

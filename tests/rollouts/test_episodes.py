@@ -1,0 +1,103 @@
+"""Episodes check themselves, and the frames of a rollout hold what happened."""
+
+import numpy as np
+import pytest
+
+from surefoot.rollouts.arbiters import ExpertOnly
+from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.episodes import Episodes
+from surefoot.scenarios.disturbance import Disturbance, Pushes
+from tests.fakes.drivers import FakeController, Script, standing_for, starts_of
+from tests.fakes.simulator import FakeSimulator
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"duration": 0.0}, "use at least 0.001 s"),
+        ({"duration": -1.0}, "use at least 0.001 s"),
+        ({"duration": np.nan}, "use at least 0.001 s"),
+        ({"duration": np.inf}, "use at least 0.001 s"),
+        ({"tail": -0.1}, "a tail of 0 s or more"),
+        ({"tail": np.nan}, "a tail of 0 s or more"),
+        ({"starts": starts_of([0], [[np.nan, 0, 0]])}, "commands must be finite numbers"),
+        ({"id": np.arange(2)}, "2 ids for 1 starts"),
+    ],
+)
+def test_episodes_that_cannot_be_simulated_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Episodes(**{"starts": starts_of([0]), "duration": 0.1, **arguments})
+
+
+def test_there_are_as_many_pushed_robots_as_episodes():
+    pushes = Disturbance(Pushes(np.ones((3, 1, 3)), np.zeros((3, 1), int), 10))
+    with pytest.raises(ValueError, match="pushes of 3 robots for 1 robots"):
+        Episodes(starts_of([0]), 0.1, disturbance=pushes)
+
+
+def test_some_of_the_episodes_keep_their_ids_and_what_disturbs_them():
+    seeds = tuple(np.random.SeedSequence(number) for number in range(4))
+    disturbance = Disturbance(
+        Pushes(np.arange(12.0).reshape(4, 1, 3), np.arange(4)[:, None], 10),
+        friction=np.array([0.5, 1.5, 2.5, 3.5]),
+        mass=np.array([1.5, 2.5, 3.5, 4.5]),
+        delay=3,
+        seeds=seeds,
+    )
+    whole = Episodes(starts_of([0, 10, 20, 30]), 0.3, 0.2, disturbance=disturbance)
+    for rows in (slice(1, 3), np.array([1, 2]), np.array([False, True, True, False])):
+        part = whole[rows]
+        assert len(part) == 2
+        assert part.ids.tolist() == [1, 2]
+        assert part.starts.tick.tolist() == [10, 20]
+        assert (part.duration, part.tail) == (0.3, 0.2)
+        assert part.disturbance is not None and part.disturbance.pushes is not None
+        assert part.disturbance.pushes.tick.tolist() == [[1], [2]]
+        assert part.disturbance.seeds == seeds[1:3]
+        np.testing.assert_array_equal(part.disturbance.friction, [1.5, 2.5])
+        np.testing.assert_array_equal(part.disturbance.mass, [2.5, 3.5])
+        assert part.disturbance.delay == 3
+
+
+# --- frames
+
+
+def test_frames_come_episode_by_episode_in_time_and_hold_what_happened():
+    simulator = FakeSimulator(3, heights={1: [(510, 0.05)]})
+    rng = np.random.default_rng(0)
+    script = Script(*("".join(rng.choice(["X", "."], 600)) for _ in range(3)))
+    starts = starts_of([50, 400, 0], [[0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]])
+    episodes = Episodes(starts, 0.6)
+    rollouts = rollout(simulator, episodes, script, FakeController(1.0), FakeController(-1.0))
+    keep = (rng.random((3, 600)) < 0.3) & rollouts.expert_drove
+    keep[1, 510:] = True
+    episode = np.array([12, 5, 900])
+    frames = rollouts.frames(keep, episode)
+
+    expected = [
+        (b, t) for b in range(3) for t in range(600) if keep[b, t] and t < rollouts.length[b]
+    ]
+    assert len(frames) == len(expected)
+    assert (keep[1, 510:]).any()  # to be kept, but these ticks did not happen
+    for row, (b, t) in enumerate(expected):
+        for name in ("q", "v", "com", "feet", "contacts", "torque", "expert_drove"):
+            np.testing.assert_array_equal(getattr(frames, name)[row], getattr(rollouts, name)[b, t])
+        assert frames.tick[row] == starts.tick[b] + t
+        np.testing.assert_array_equal(frames.command[row], starts.command[b])
+        assert frames.episode[row] == episode[b]
+        assert frames.outcome[row] == rollouts.outcome[b]
+
+
+def test_frames_that_the_expert_was_not_asked_about_are_refused():
+    script = Script("XX..XX")
+    episodes = standing_for(0.006)
+    rollouts = rollout(FakeSimulator(1), episodes, script, FakeController(), FakeController(1.0))
+    with pytest.raises(ValueError, match="the expert was not asked"):
+        rollouts.frames(np.ones((1, 6), bool), np.array([0]))
+    assert len(rollouts.frames(rollouts.expert_drove, np.array([0]))) == 4
+
+
+def test_a_rule_that_keeps_nothing_gives_no_frames():
+    rollouts = rollout(FakeSimulator(1), standing_for(0.01), ExpertOnly(), FakeController())
+    assert len(rollouts.frames(np.zeros((1, 10), bool), np.array([0]))) == 0
+    assert len(rollouts.frames(np.ones((1, 10), bool), np.array([0]))) == 10

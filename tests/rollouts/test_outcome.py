@@ -1,0 +1,210 @@
+"""How an episode ends: falls, touchdowns to the tick, and what counts as stepping."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from surefoot.config import SafetyConfig
+from surefoot.rollouts.outcome import (
+    Outcome,
+    failed,
+    fallen,
+    stepping,
+    strictly_stepping,
+    touchdowns,
+)
+from surefoot.types import State
+from tests.fakes.robots import ROBOT, STANDING
+
+CONFIG = SafetyConfig()
+RADIUS = ROBOT.foot_radius
+T = 3000
+
+
+def state_of(q):
+    q = np.atleast_2d(q)
+    B = len(q)
+    return State(q, np.zeros((B, 18)), q[:, :3], np.zeros((B, 4, 3)), np.ones((B, 4), bool))
+
+
+def turned(roll=0.0, pitch=0.0, yaw=0.0, z=0.25):
+    q = STANDING.copy()
+    R = pin.rpy.rpyToMatrix(*np.radians([roll, pitch, yaw]))
+    q[2] = z
+    q[3:7] = pin.Quaternion(R).coeffs()
+    return q
+
+
+# --- falls
+
+
+def test_falls_and_divergence_are_failures_and_stalls_are_not():
+    outcome = np.array([Outcome.SUCCESS, Outcome.FELL, Outcome.STALLED, Outcome.DIVERGED])
+    assert failed(outcome).tolist() == [False, True, False, True]
+
+
+@pytest.mark.parametrize("axis", ["roll", "pitch"])
+def test_falls_by_angle(axis):
+    for yaw in (0, 130):
+        q = np.array([turned(**{axis: x}, yaw=yaw) for x in (-30.1, -29.9, 29.9, 30.1, 180)])
+        np.testing.assert_array_equal(fallen(state_of(q), CONFIG), [True, False, False, True, True])
+
+
+def test_falls_by_height():
+    q = np.array([turned(z=z) for z in (0.099, 0.101, 1.999, 2.001)])
+    np.testing.assert_array_equal(fallen(state_of(q), CONFIG), [True, False, False, True])
+
+
+# --- touchdowns and stepping
+
+
+def foot(*spells, high=0.02):
+    """Clearance and contact of one foot from spells in ms: positive on the ground, negative off."""
+    contact = np.concatenate([np.full(abs(n), n > 0) for n in spells])
+    return np.where(contact, 0.0, high), contact
+
+
+@pytest.mark.parametrize(
+    ("spells", "expected"),
+    [
+        ((100, -40, 20), [140]),
+        ((100, -39, 20), []),
+        ((100, -40, 19), []),
+        ((-40, 20), [40]),  # in the air at the beginning
+        ((100,), []),  # on the ground at the beginning is no touchdown
+        ((-100,), []),
+        ((100, -40, 30, -60, 20), [140, 230]),
+        ((100, -200, 300, -200, 300), [300, 800]),
+        # A bounce before the contact that holds: one touchdown, when it holds.
+        ((100, -60, 5, -3, 30), [168]),
+        # A bounce inside a swing leaves two swings that are too short, or one that is long enough.
+        ((100, -30, 5, -30, 30), []),
+        ((100, -60, 5, -30, 30), [195]),
+        # Trembling after a good touchdown is no second one.
+        ((100, -60, 30, *(-10, 30) * 9), [160]),
+        # Trembling: off and on again, never long enough.
+        ((100, *(-10, 10) * 50), []),
+        ((100, *(-39, 60) * 10), []),
+    ],
+)
+def test_touchdowns_tick_by_tick(spells, expected):
+    assert touchdowns(*foot(*spells)).tolist() == expected
+
+
+def test_a_touchdown_needs_clearance_at_some_time_of_the_swing():
+    clearance, contact = foot(100, -50, 30, high=0.0049)
+    assert touchdowns(clearance, contact).tolist() == []
+    clearance[120] = 0.005
+    assert touchdowns(clearance, contact).tolist() == [150]
+    clearance[120] = 0.0
+    clearance[99] = 0.01  # high, but in contact
+    assert touchdowns(clearance, contact).tolist() == []
+
+
+def gait(stride=500, stance=300, until=(T, T, T, T), high=0.03):
+    """Heights of the foot centers and contacts of a trot whose feet stop at the given ticks."""
+    t = np.arange(T)
+    height = np.zeros((1, T, 4))
+    contact = np.zeros((1, T, 4), bool)
+    for leg, shift in enumerate((0, stride // 2, stride // 2, 0)):
+        phase = (t + shift) % stride
+        down = (phase < stance) | (t >= until[leg])
+        swing = np.sin(np.pi * np.clip((phase - stance) / (stride - stance), 0, 1))
+        contact[0, :, leg] = down
+        height[0, :, leg] = RADIUS + np.where(down, 0.0, high * swing)
+    return height, contact
+
+
+def jitter(seed=0, high=0.004, switching=0.2):
+    """A standing robot whose feet tremble: contacts flicker, feet lift a little."""
+    rng = np.random.default_rng(seed)
+    contact = rng.random((1, T, 4)) > switching
+    height = RADIUS + np.where(contact, 0.0, high * rng.random((1, T, 4)))
+    return height, contact
+
+
+def test_a_trotting_robot_steps():
+    assert stepping(*gait(), RADIUS).tolist() == [True]
+    assert strictly_stepping(*gait(), RADIUS, 500).tolist() == [True]
+
+
+@pytest.mark.parametrize("switching", [0.0, 0.05, 0.5, 0.95])
+@pytest.mark.parametrize("high", [0.004, 0.2])
+def test_a_standing_jittering_robot_does_not_step(high, switching):
+    for seed in range(3):
+        signal = jitter(seed, high, switching)
+        if high > 0.005 and switching > 0.9:
+            continue  # long in the air and high: that is hopping
+        assert stepping(*signal, RADIUS).tolist() == [False]
+        assert strictly_stepping(*signal, RADIUS, 500).tolist() == [False]
+
+
+def test_feet_that_shuffle_below_five_millimeters_do_not_step():
+    assert stepping(*gait(high=0.0045), RADIUS).tolist() == [False]
+    assert stepping(*gait(high=0.0055), RADIUS).tolist() == [True]
+
+
+@pytest.mark.parametrize("leg", range(4))
+def test_every_foot_has_to_step_until_two_thirds_of_the_episode(leg):
+    down = touchdowns(gait()[0][0, :, leg] - RADIUS, gait()[1][0, :, leg])
+    np.testing.assert_array_equal(down, np.arange(250 if leg in (1, 2) else 500, T, 500))
+
+    def stops_after(tick):
+        until = (tick if i == leg else T for i in range(4))
+        return stepping(*gait(until=tuple(until)), RADIUS).tolist()
+
+    assert stops_after(down[down >= 2000][0] + 100) == [True]
+    assert stops_after(down[down < 2000][-1] + 100) == [False]
+
+
+def test_two_thirds_are_tick_exact():
+    def with_last_touchdown(tick):
+        _, contact = foot(100, -(tick - 100), T - tick)
+        contact = np.repeat(contact[None, :, None], 4, axis=2)
+        return stepping(np.where(contact, RADIUS, 0.05), contact, RADIUS).tolist()
+
+    assert with_last_touchdown(2000) == [True]
+    assert with_last_touchdown(1999) == [False]
+
+
+def test_robots_of_a_batch_step_on_their_own():
+    pairs = [gait(), jitter(), gait(until=(900, T, T, T)), gait(until=(2600, T, T, T))]
+    height, contact = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    assert stepping(height, contact, RADIUS).tolist() == [True, False, False, True]
+    assert strictly_stepping(height, contact, RADIUS, 500).tolist() == [True, False, False, True]
+
+
+def test_strict_is_about_the_whole_episode_and_stepping_about_its_end():
+    height, contact = gait()
+    # No steps until the last third, then a trot: constant stepping by the letter, not strictly.
+    height[:, :1400] = RADIUS
+    contact[:, :1400] = True
+    assert stepping(height, contact, RADIUS).tolist() == [True]
+    assert strictly_stepping(height, contact, RADIUS, 500).tolist() == [False]
+
+
+def test_strict_allows_a_third_of_the_episode_without_a_foot():
+    def one_foot_rests(until):
+        height, contact = gait()
+        height[:, 1000:until, 3] = RADIUS
+        contact[:, 1000:until, 3] = True
+        return strictly_stepping(height, contact, RADIUS, 500).tolist()
+
+    assert one_foot_rests(1300) == [True]  # no touchdown missed
+    assert one_foot_rests(1500) == [True]  # one missed: nothing for 1000 of 3000 ticks
+    assert one_foot_rests(2000) == [False]  # two missed: nothing for 1500
+
+
+def test_strict_window_is_one_and_a_half_periods():
+    height, contact = gait(stride=700, stance=400)
+    assert strictly_stepping(height, contact, RADIUS, 500).tolist() == [True]
+    height, contact = gait(stride=800, stance=400)
+    assert strictly_stepping(height, contact, RADIUS, 500).tolist() == [False]
+    assert strictly_stepping(height, contact, RADIUS, 600).tolist() == [True]
+
+
+def test_a_robot_in_the_air_does_not_step():
+    height = np.full((1, T, 4), 0.5)
+    contact = np.zeros((1, T, 4), bool)
+    assert stepping(height, contact, RADIUS).tolist() == [False]
+    assert strictly_stepping(height, contact, RADIUS, 500).tolist() == [False]
