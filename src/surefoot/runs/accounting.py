@@ -3,25 +3,76 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
 from surefoot.types import TICKS_PER_SECOND
 
-SUMMED = (
-    "expert_seconds",
-    "plans",
-    "diverged",
-    "queries",
-    "queries_failed",
-    "near_falls",
-    "near_falls_in_tail",
-    "frames_kept",
-    "recoveries_tilted",
-    "recoveries_near_bounds",
-)
-"""Figures of a collection that a whole run's cost adds up, the pre-training's too."""
+@dataclass(frozen=True)
+class StageSeconds:
+    """Wall time of a run's stages, over all iterations; of a series of sizes, of the last size.
+
+    Attributes:
+        collect: Wall time of collecting data [s].
+        train: Wall time of training policies [s].
+        validate: Wall time of choosing among policies [s].
+        gates: Wall time of training gates [s].
+    """
+
+    collect: float
+    train: float
+    validate: float
+    gates: float
+
+
+@dataclass(frozen=True)
+class RunCost:
+    """What a whole run cost; iteration 0 is the pre-training, where the expert drives alone.
+
+    What is over the later iterations is None for a run that has none (behavior cloning).
+
+    Attributes:
+        expert_seconds: Time that the expert drove [s]. Where it is only asked (DAGGER), `plans`
+            shows it.
+        plans: Number of MPC solves.
+        diverged: Number of rollouts that ended because the expert had no valid plan.
+        queries: Number of the expert's rollouts from visited states (LocoDAGGER).
+        queries_failed: Number of these that were lost.
+        near_falls: Number of rollouts that tilted beyond ``safety.fall_angle`` and did not fall.
+        near_falls_in_tail: Number of these that tilted so far in the tail.
+        frames_kept: Number of frames kept.
+        recoveries_tilted: Number of kept frames that are tilted (`surefoot.rollouts.summary`).
+        recoveries_near_bounds: Number of kept frames near the bounds.
+        pretraining_episodes: Number of rollouts of the pre-training.
+        pretraining_falls: Number of these that fell.
+        episodes: Number of rollouts of the later iterations.
+        falls: Number of these that fell.
+        takeovers: Number of times that the expert took over in the later iterations.
+        falls_per_robot_minute: Falls per minute of the later iterations' rollouts, tail included.
+        expert_share: Share of T that the expert drove, pooled over the later iterations.
+        seconds: Wall time of the stages.
+    """
+
+    expert_seconds: float
+    plans: int
+    diverged: int
+    queries: int
+    queries_failed: int
+    near_falls: int
+    near_falls_in_tail: int
+    frames_kept: int
+    recoveries_tilted: int
+    recoveries_near_bounds: int
+    pretraining_episodes: int
+    pretraining_falls: int
+    episodes: int | None
+    falls: int | None
+    takeovers: int | None
+    falls_per_robot_minute: float | None
+    expert_share: float | None
+    seconds: StageSeconds
 
 
 def collection_figures(summary: Summary) -> dict[str, Any]:
@@ -71,48 +122,59 @@ def collection_figures(summary: Summary) -> dict[str, Any]:
     }
 
 
-def cost_of(metrics: Sequence[dict[str, Any]], T: float) -> dict[str, Any]:
+def cost_of(metrics: Sequence[dict[str, Any]], T: float) -> RunCost:
     """What a whole run cost; iteration 0 is the pre-training.
 
     Args:
-        metrics: the run's records (`surefoot.runs.run.Run.metrics`).
-        T: [s] of a rollout, of an iterative method.
-
-    Returns:
-        Over everything: ``expert_seconds``, ``plans`` (MPC solves), ``diverged``, ``queries`` (the
-        expert's rollouts from visited states, LocoDAGGER) and ``queries_failed``, ``frames_kept``,
-        ``recoveries_tilted``, ``recoveries_near_bounds``, ``near_falls``, ``near_falls_in_tail``,
-        ``pretraining_episodes`` and ``pretraining_falls``; over the later iterations: ``episodes``,
-        ``falls``, ``falls_per_robot_minute``, ``takeovers`` and ``expert_share``, pooled over T;
-        None where there are none. ``seconds``: wall time of collect, train, validate and guards; of
-        a series of behaviour cloning that of the last size, whose policy owes nothing to the
-        others.
+        metrics: The run's records (`surefoot.runs.run.Run.metrics`).
+        T: Duration of a rollout of an iterative method [s].
     """
     collected = [record for record in metrics if record["stage"] == "collect"]
+    first = [record for record in collected if record["iteration"] == 0]
     later = [record for record in collected if record["iteration"] > 0]
-    cost: dict[str, Any] = {key: sum(record[key] for record in collected) for key in SUMMED}
-    for key in ("episodes", "falls"):
-        cost[f"pretraining_{key}"] = sum(r[key] for r in collected if r["iteration"] == 0)
-    for key in ("episodes", "falls", "takeovers"):
-        cost[key] = sum(record[key] for record in later) if later else None
     minutes = sum(rollout_seconds(r, r["expert_share_with_tail"], T) for r in later) / 60
     seconds = [rollout_seconds(record, record["expert_share"], T) for record in later]
     shares = [record["expert_share"] for record in later]
     by_expert = sum(share * time for share, time in zip(shares, seconds, strict=True))
-    cost["falls_per_robot_minute"] = cost["falls"] / minutes if later else None
-    cost["expert_share"] = by_expert / sum(seconds) if later else None
+    falls = sum(record["falls"] for record in later)
+    return RunCost(
+        expert_seconds=sum(record["expert_seconds"] for record in collected),
+        plans=sum(record["plans"] for record in collected),
+        diverged=sum(record["diverged"] for record in collected),
+        queries=sum(record["queries"] for record in collected),
+        queries_failed=sum(record["queries_failed"] for record in collected),
+        near_falls=sum(record["near_falls"] for record in collected),
+        near_falls_in_tail=sum(record["near_falls_in_tail"] for record in collected),
+        frames_kept=sum(record["frames_kept"] for record in collected),
+        recoveries_tilted=sum(record["recoveries_tilted"] for record in collected),
+        recoveries_near_bounds=sum(record["recoveries_near_bounds"] for record in collected),
+        pretraining_episodes=sum(record["episodes"] for record in first),
+        pretraining_falls=sum(record["falls"] for record in first),
+        episodes=sum(record["episodes"] for record in later) if later else None,
+        falls=falls if later else None,
+        takeovers=sum(record["takeovers"] for record in later) if later else None,
+        falls_per_robot_minute=falls / minutes if later else None,
+        expert_share=by_expert / sum(seconds) if later else None,
+        seconds=stage_seconds(metrics, bool(later)),
+    )
+
+
+def stage_seconds(metrics: Sequence[dict[str, Any]], iterative: bool) -> StageSeconds:
+    """Wall time of a run's stages.
+
+    Args:
+        metrics: The run's records.
+        iterative: Whether each policy continues from the one before; if not, as in a series of
+            behavior cloning, only the time of the last policy counts.
+    """
     last = max((r["iteration"] for r in metrics if r["stage"] == "train"), default=0)
-    timed = [r for r in metrics if later or r["stage"] == "collect" or r["iteration"] == last]
-    cost["seconds"] = {
-        stage: sum(r["seconds"] for r in timed if r["stage"].startswith(prefix))
-        for stage, prefix in (
-            ("collect", "collect"),
-            ("train", "train"),
-            ("validate", "validate"),
-            ("guards", "guard_"),
-        )
-    }
-    return cost
+    timed = [r for r in metrics if iterative or r["stage"] == "collect" or r["iteration"] == last]
+    return StageSeconds(
+        collect=sum(r["seconds"] for r in timed if r["stage"] == "collect"),
+        train=sum(r["seconds"] for r in timed if r["stage"] == "train"),
+        validate=sum(r["seconds"] for r in timed if r["stage"] == "validate"),
+        gates=sum(r["seconds"] for r in timed if r["stage"].startswith(("gate_", "guard_"))),
+    )
 
 
 def rollout_seconds(record: dict[str, Any], share: float, T: float) -> float:
