@@ -75,7 +75,7 @@ def bench_end_to_end(
         ``floor_step_ms`` that the floors are made of; ``select_successes`` of the best policy;
         ``method``, ``workers``.
     """
-    plan_ms = times_of(cold_plans(config, 100))["median"]
+    plan_ms = times_of(cold_plans(config, 100)).median
     rate = engine_floor(config)
     step_ms = bench_train(config)["floor_step_ms"]
     with tempfile.TemporaryDirectory() as temporary:

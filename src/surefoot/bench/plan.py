@@ -6,7 +6,7 @@ Figures of one machine and moment: trust the ratios.
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,38 @@ WARM_ROBOTS, WARM_SECONDS = 12, 0.5
 
 Timed = list[tuple[float, PlanStages]]
 """Wall time [s] and result of plans."""
+
+
+@dataclass(frozen=True)
+class StageTimes:
+    """Median wall time of each stage of a plan.
+
+    Attributes:
+        contacts: Time of the footholds [ms].
+        centroidal: Time of the centroidal solve [ms].
+        kinematics: Time of the kinematic solve [ms].
+        inverse_dynamics: Time of the torques [ms].
+    """
+
+    contacts: float
+    centroidal: float
+    kinematics: float
+    inverse_dynamics: float
+
+
+@dataclass(frozen=True)
+class Times:
+    """Wall time of many plans.
+
+    Attributes:
+        median: Median of the whole plan [ms].
+        p99: 99th percentile of the whole plan [ms].
+        stages: Median of each stage [ms].
+    """
+
+    median: float
+    p99: float
+    stages: StageTimes
 
 
 def bench_plan(config: Config, plans: int = 300) -> dict[str, Any]:
@@ -88,32 +120,38 @@ def warm_plans(config: Config) -> Timed:
     return timed
 
 
-def times_of(timed: Timed) -> dict[str, Any]:
-    """``median``, ``p99`` and ``stages`` (median of each) of the wall time of plans [ms]."""
+def times_of(timed: Timed) -> Times:
+    """Summarize the wall times of plans [ms]."""
     ms = np.array([seconds for seconds, _ in timed]) * 1e3
-    stages = timed[0][1].seconds
-    return {
-        "median": float(np.median(ms)),
-        "p99": float(np.percentile(ms, 99)),
-        "stages": {
-            stage: 1e3 * float(np.median([plan.seconds[stage] for _, plan in timed]))
-            for stage in stages
-        },
-    }
+    return Times(
+        median=float(np.median(ms)),
+        p99=float(np.percentile(ms, 99)),
+        stages=StageTimes(
+            contacts=_median_ms(timed, "contacts"),
+            centroidal=_median_ms(timed, "centroidal"),
+            kinematics=_median_ms(timed, "kinematics"),
+            inverse_dynamics=_median_ms(timed, "inverse_dynamics"),
+        ),
+    )
+
+
+def _median_ms(timed: Timed, stage: str) -> float:
+    """Median wall time of one stage of plans [ms]."""
+    return 1e3 * float(np.median([plan.seconds[stage] for _, plan in timed]))
 
 
 def plan_table(figures: dict[str, Any]) -> str:
     """The figures of `bench_plan` as a table."""
-    stages = list(figures["plan_ms"]["stages"])
+    stages = [field.name for field in fields(StageTimes)]
     columns = "".join(f"{stage:>18}" for stage in stages)
     lines = [f"{'nodes':<7}{'start':<6}{'median':>8}{'p99':>8}{columns}{'ADMM':>7}   [ms]"]
     for prefix in ("", "half_"):
         nodes = "/".join(map(str, figures[prefix + "nodes"]))
         for start, name in (("cold", prefix), ("warm", prefix + "warm_")):
             times = figures[name + "plan_ms"]
-            row = "".join(f"{times['stages'][stage]:>18.2f}" for stage in stages)
+            row = "".join(f"{getattr(times.stages, stage):>18.2f}" for stage in stages)
             lines.append(
-                f"{nodes:<7}{start:<6}{times['median']:>8.2f}{times['p99']:>8.2f}{row}"
+                f"{nodes:<7}{start:<6}{times.median:>8.2f}{times.p99:>8.2f}{row}"
                 f"{figures[name + 'iterations']:>7.1f}"
             )
     return "\n".join(lines)

@@ -41,9 +41,10 @@ class Bench(OnWorkers, OnSimulator):
     def __call__(self) -> int:
         """Measure and print."""
         if self.what == "expert":
-            from surefoot.study.expert_survey import survey, table
+            from surefoot.study.expert_survey import survey_expert, survey_table
 
-            print(table(survey(self.config, self.sim, self.episodes, self.spread, self.json)))
+            survey = survey_expert(self.config, self.sim, self.episodes, self.spread, self.json)
+            print(survey_table(survey))
             return 0
 
         from surefoot.bench.end_to_end import MEASURES, bench_table

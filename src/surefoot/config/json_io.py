@@ -146,7 +146,9 @@ def _one_of(kinds: tuple[Any, ...], value: Any, path: str) -> Any:
     kinds = tuple(kind for kind in kinds if kind is not type(None))
     named = {kind.name: kind for kind in kinds if isinstance(kind, type) and _is_named(kind)}
     if not named:
-        return _value(kinds[0], value, path)
+        # Of a number and a list of numbers, what the value is.
+        listed = [kind for kind in kinds if (get_origin(kind) is tuple) == isinstance(value, list)]
+        return _value([*listed, *kinds][0], value, path)
     name = str(_mapping(value, path).get("name"))
     if name not in named:
         raise ValueError(unknown(path, name, named))

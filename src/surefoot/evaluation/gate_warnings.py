@@ -107,6 +107,19 @@ class FallWarnings:
 
 
 @dataclass(frozen=True)
+class RunWarnings(FallWarnings):
+    """How well the gates of a run warned of the falls of one of its policies.
+
+    Attributes:
+        run: Name of the run's folder.
+        iteration: Iteration that trained the policy and the learned gates.
+    """
+
+    run: str
+    iteration: int
+
+
+@dataclass(frozen=True)
 class WatchedRobots:
     """n robots that drove alone, and the alarms of gates about them.
 

@@ -4,7 +4,8 @@ A push lasts 10 ms and comes from one of eight directions in the robot's heading
 after a perturbed start; a level is survived if at least 80 % of the robots neither fall nor stop
 stepping (paper, IV-F). Those two seconds are the same for every push: they are simulated once, and
 each push branches off from the states in which they end. The levels tried are bisected; a monotone
-curve is fitted over all of them and read at 80 %. Its interval draws the robots anew.
+curve is fitted over all of them and read at 80 %. Its interval draws the robots anew. Next:
+`push_fit`, the curve.
 """
 
 from __future__ import annotations
@@ -14,13 +15,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.optimize import isotonic_regression
 
 from surefoot.config import Config, PushConfig
+from surefoot.evaluation.push_fit import fitted_level, resampled_impulses, robots_needed
 from surefoot.evaluation.robustness import controller_title
-from surefoot.evaluation.statistics import Interval, percentiles, resamples
-from surefoot.files import as_digits, from_digits
+from surefoot.evaluation.statistics import Interval, percentiles
+from surefoot.files import as_digits
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.jobs import Job, chunks_of, play_out, run_episodes
 from surefoot.rollouts.outcome import Outcome
@@ -114,9 +114,7 @@ class Branch:
     job: Job
     up: BoolArray
 
-    def survivors(
-        self, angles: Array, impulses: Array, workers: Workers, title: str
-    ) -> BoolArray:
+    def survivors(self, angles: Array, impulses: Array, workers: Workers, title: str) -> BoolArray:
         """Push every robot once for each direction.
 
         Args:
@@ -361,48 +359,3 @@ def push_result(
         interval=tuple(percentiles(impulses) for impulses in drawn.T),
         mean_interval=percentiles(drawn.mean(axis=1)),
     )
-
-
-def robots_needed(share: float, n: int) -> float:
-    """Number of robots that have to survive: a share of n, rounded, since 0.7 * 10 is above 7."""
-    return round(share * n, 9)
-
-
-def fitted_level(levels: Sequence[float], successes: ArrayLike, needed: float) -> float:
-    """Impulse at which a falling curve, fitted to the successes, meets the number needed [N s].
-
-    Args:
-        levels: The levels tried, rising [N s].
-        successes: Number of robots that survived each level.
-        needed: Number of robots that have to.
-    """
-    curve = isotonic_regression(np.asarray(successes), increasing=False).x.round(9)
-    below = np.flatnonzero(curve < needed)
-    if not below.size:
-        return float(levels[-1])
-    k = int(below[0])
-    if k == 0:
-        return 0.0
-    part = (curve[k - 1] - needed) / (curve[k - 1] - curve[k])
-    return float(levels[k - 1] + part * (levels[k] - levels[k - 1]))
-
-
-def resampled_impulses(
-    levels: Sequence[Sequence[float]], survived: Sequence[Sequence[str]], needed: float
-) -> Array:
-    """Fitted impulses of robots drawn anew.
-
-    Args:
-        levels: For each of D directions, the levels tried, rising [N s].
-        survived: For each of these levels, one digit a robot: 1 if it survived.
-        needed: Number of robots that have to.
-
-    Returns:
-        ``(RESAMPLES, D)`` impulses [N s].
-    """
-    draws = resamples(len(survived[0][0]))
-    columns = []
-    for levels_tried, digits in zip(levels, survived, strict=True):
-        counts = draws @ np.array([from_digits(robots) for robots in digits]).T
-        columns.append([fitted_level(levels_tried, row, needed) for row in counts])
-    return np.array(columns).T

@@ -10,6 +10,7 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
 from surefoot.types import TICKS_PER_SECOND
 
+
 @dataclass(frozen=True)
 class StageSeconds:
     """Wall time of a run's stages, over all iterations; of a series of sizes, of the last size.

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from surefoot.config.json_io import to_json
 from surefoot.evaluation.robustness import evaluate
 from surefoot.files import load_arrays, save_arrays
 from surefoot.learning.dataset import Dataset
@@ -213,17 +214,13 @@ def validate(run: Run, iteration: int, workers: Workers) -> dict[str, Any]:
     if done := run.done("validate", iteration):
         return done
     began = time.perf_counter()
-    figures, _ = evaluate(
-        run.config,
-        run.policy_path(iteration),
-        "select",
-        workers,
-        f"iteration {iteration}: validate",
+    robustness, _ = evaluate(run.config, run.policy_path(iteration), "select", workers)
+    record = run.record(
+        "validate", iteration, **to_json(robustness), seconds=time.perf_counter() - began
     )
-    record = run.record("validate", iteration, **figures, seconds=time.perf_counter() - began)
     tqdm.write(
-        f"iteration {iteration}: {figures['successes']} of {figures['episodes']} select starts, "
-        f"{figures['falls']} fell, {figures['stalls']} stalled"
+        f"iteration {iteration}: {robustness.successes} of {robustness.episodes} select starts, "
+        f"{robustness.falls} fell, {robustness.stalls} stalled"
     )
     return record
 

@@ -1,4 +1,4 @@
-"""Pictures: the learning curves of a run, and a comparison of methods."""
+"""Pictures: the learning curves of a run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from surefoot.files import write_atomic
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.projections.polar import PolarAxes
 
 BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
 """Of the palette of Okabe and Ito, which colour-blind people can tell apart."""
@@ -85,11 +84,11 @@ def learning_curves(metrics: list[dict[str, Any]], path: Path) -> Path:
         frames = {i: record["dataset_frames"] for i, record in collected.items()}
         _label_iterations(success, frames | {i: r["frames"] for i, r in trained.items()})
         figure.align_ylabels()
-        _save(figure, path)
+        save_figure(figure, path)
     return path
 
 
-def _save(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
     """Write a picture, whole or not at all."""
     svg = path.suffix.lower() == ".svg"
     options: dict[str, Any] = {"format": "svg" if svg else "png"}
@@ -165,97 +164,3 @@ def _label_iterations(axes: Axes, frames: dict[int, int]) -> None:
     axes.set_xticks(at, [f"{i}\n{frames[i] / 1000:,.0f}k" for i in at])
     axes.set_xlim(min(frames) - 0.5, max(frames) + 0.5)
     axes.set_xlabel("iteration (0 is the pre-training), and frames that it trained on")
-
-
-def comparison_figure(record: dict[str, Any], path: Path) -> Path:
-    """Picture of a comparison: success, mean push, push by direction; a column per simulator.
-
-    Args:
-        record: of `surefoot.study.comparison.compare`; what has not been measured is left out.
-        path: the picture, a PNG, or an SVG if the name ends so; it is there whole or not at all.
-
-    Returns:
-        The path.
-
-    Raises:
-        ValueError: nothing has been measured yet.
-    """
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-    rows = record["rows"]
-    simulators = list(dict.fromkeys(name for row in rows for name in row["results"]))
-    found = [results for row in rows for results in row["results"].values()]
-    tested = [results["evaluation"] for results in found if "evaluation" in results]
-    pushed = [results["pushes"] for results in found if "pushes" in results]
-    if not tested and not pushed:
-        raise ValueError("nothing has been measured yet; there is nothing to draw")
-    colours = ["black", *(PALETTE[i % len(PALETTE)] for i in range(len(rows) - 1))]
-    worst = min((figures["success_interval"][0] for figures in tested), default=0.0)
-    strongest = 1.08 * max([0.1, *(max(figures["fitted_impulse"]) for figures in pushed)])
-    height = 0.9 + 0.32 * len(rows)
-    heights = [height, height, 4.2] if pushed else [height]
-    with rc_context({**STYLE, "axes.grid.axis": "x"}):
-        size = 3.0 + 4.4 * len(simulators), sum(heights) + 0.4
-        # The layout does not see the names of directions beside a circle: room for them.
-        figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.3))
-        grid = figure.add_gridspec(len(heights), len(simulators), height_ratios=heights)
-        for column, simulator in enumerate(simulators):
-            results = [row["results"].get(simulator, {}) for row in rows]
-            evaluations, pushes = (
-                [r.get(key) for r in results] for key in ("evaluation", "pushes")
-            )
-            axes = [figure.add_subplot(grid[row, column]) for row in range(2 if pushed else 1)]
-            title = {"mujoco": "MuJoCo", "bullet": "PyBullet"}.get(simulator, simulator)
-            _intervals(axes[0], evaluations, "success_rate", "success_interval", colours, 100)
-            axes[0].set(title=title, xlabel="success on the test starts [%]")
-            axes[0].set_xlim(max(10 * np.floor(10 * worst - 0.2), 0), 100)
-            if pushed:
-                keys = "mean_fitted_impulse", "mean_interval"
-                _intervals(axes[1], pushes, *keys, colours, 1)
-                share = 100 * pushed[0]["share"]
-                axes[1].set(xlabel=f"push that {share:.0f} % survive, mean of directions [Ns]")
-                axes[1].set_xlim(0, strongest)
-                polar: Any = figure.add_subplot(grid[2, column], projection="polar")
-                _directions(polar, pushes, colours)
-                polar.set_ylim(0, strongest)
-            for each in axes:
-                labels = [row["label"] if column == 0 else "" for row in rows]
-                each.set_yticks(range(len(rows)), labels)
-                each.set_ylim(len(rows) - 0.4, -0.6)
-        _save(figure, path)
-    return path
-
-
-def _intervals(
-    axes: Axes, figures: list[Any], key: str, interval: str, colours: list[str], scale: float
-) -> None:
-    """A point with its interval for each row; the first, the expert's, also as a line."""
-    for row, (each, colour) in enumerate(zip(figures, colours, strict=True)):
-        if each is None:
-            continue
-        value, (low, high) = scale * each[key], (scale * end for end in each[interval])
-        # Where all robots are alike rounding may leave the value just outside.
-        around = [[max(value - low, 0.0)], [max(high - value, 0.0)]]
-        axes.errorbar([value], [row], xerr=around, fmt="o", color=colour, capsize=4, clip_on=False)
-        if row == 0:
-            axes.axvline(value, color=colour, linestyle=":", linewidth=1.2)
-
-
-def _directions(axes: PolarAxes, pushes: list[Any], colours: list[str]) -> None:
-    """The push [Ns] from each direction, seen from above: forward is up, left is left."""
-    from matplotlib.ticker import MaxNLocator
-
-    axes.set_theta_zero_location("N")
-    axes.set_thetagrids([0, 90, 180, 270], ["forward", "left", "back", "right"])
-    axes.set_rlabel_position(-22.5)
-    axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
-    axes.grid(visible=True)
-    axes.set_title("Push by direction [Ns]", loc="center")
-    for each, colour in zip(pushes, colours, strict=True):
-        if each is not None:
-            angles = np.radians([*each["direction_deg"], each["direction_deg"][0]])
-            impulses = [*each["fitted_impulse"], each["fitted_impulse"][0]]
-            style = ":" if colour == "black" else "-"
-            axes.plot(angles, impulses, style, marker="o", markersize=4, color=colour)
