@@ -93,7 +93,7 @@ def test_evaluate_with_pushes(monkeypatch, capsys, run_folder, tmp_path):
         figures["pushes"]["mean_fitted_impulse"] - expert["mean_fitted_impulse"]
     )
     printed = capsys.readouterr().out
-    assert f"push that 80 % survive [Ns]: {expert['mean_fitted_impulse']:.2f} (" in printed
+    assert f"push that 80 % survive [N s]: {expert['mean_fitted_impulse']:.2f} (" in printed
     assert "policy minus expert: " in printed
 
 
