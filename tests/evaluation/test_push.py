@@ -261,7 +261,8 @@ def test_a_robot_keeps_its_friction_and_load_over_all_pushes():
     branch = branch_at_push(begin, Workers(1), "test")
     assert branch.up.all()
     job = pushed_job(branch.job, np.array([0.0, 1.0]), np.array([1.0, 2.0]))
-    before, after = (draw(j.disturbance, 0, j.episode, j.duration, 0.5) for j in (begin, job))
+    before = draw(begin.disturbance, 0, begin.episode, begin.duration, 0.5)
+    after = draw(job.disturbance, 0, job.episode, job.duration, 0.5)
     for first, second in ((before.friction, after.friction), (before.mass, after.mass)):
         assert first is not None and second is not None
         assert len(set(first)) == 4

@@ -20,7 +20,7 @@ SUCCESS, FELL, STALLED, DIVERGED = Outcome
 STORED = load_starts()
 
 
-def figures_of(outcome, **arrays):
+def robustness_from(outcome, **arrays):
     """The robustness of episodes with these outcomes."""
     return robustness_of(summary_of(outcome, **arrays), STORED, "test")
 
@@ -43,7 +43,7 @@ def through_json(robustness):
     ],
 )
 def test_the_interval_of_the_success_rate_is_wilsons(successes, n, low, high):
-    robustness = figures_of([SUCCESS] * successes + [FELL] * (n - successes))
+    robustness = robustness_from([SUCCESS] * successes + [FELL] * (n - successes))
     assert robustness.success_interval == pytest.approx([low, high], abs=1e-5)
     z = 1.959964
     p = successes / n
@@ -55,7 +55,7 @@ def test_the_interval_of_the_success_rate_is_wilsons(successes, n, low, high):
 
 def test_outcomes_are_counted():
     outcome = [SUCCESS, FELL, SUCCESS, STALLED, FELL, DIVERGED, FELL]
-    robustness = figures_of(
+    robustness = robustness_from(
         outcome,
         strict=[True, True, False, True, False, True, False],
         max_torque=[1.0, 2.5, 0.1, 0.2, 0.3, 0.4, 0.5],
@@ -76,7 +76,7 @@ def test_outcomes_are_counted():
 
 
 def test_errors_are_over_successes_and_settled_ones_over_all():
-    robustness = figures_of(
+    robustness = robustness_from(
         [SUCCESS, FELL, SUCCESS, FELL],
         mse=[[1, 2, 3], [100, 100, 100], [3, 4, 5], [np.nan] * 3],
         settled_mse=[[1, 1, 1], [4, 5, 6], [1, 3, 5], [np.nan] * 3],
@@ -86,7 +86,7 @@ def test_errors_are_over_successes_and_settled_ones_over_all():
 
 
 def test_errors_without_successes_or_settled_ticks_are_none():
-    robustness = figures_of(
+    robustness = robustness_from(
         [FELL, FELL],
         mse=[[1, 2, 3], [np.nan] * 3],
         settled_mse=np.full((2, 3), np.nan),
@@ -162,6 +162,6 @@ def test_another_set_of_starts_and_one_that_does_not_exist(tmp_path):
     message = r"no set of starts.*'solo12-trot-v2'; did you mean 'solo12-trot-v1'\? Known: .*wide"
     with pytest.raises(FileNotFoundError, match=message):
         load_starts("solo12-trot-v2")
-    (tmp_path / "mine.npz").write_bytes(b"no starts")
-    with pytest.raises(ValueError, match=r"mine\.npz is not a set of starts"):
-        load_starts(tmp_path / "mine.npz")
+    (tmp_path / "own.npz").write_bytes(b"no starts")
+    with pytest.raises(ValueError, match=r"own\.npz is not a set of starts"):
+        load_starts(tmp_path / "own.npz")

@@ -1,4 +1,4 @@
-"""Runs to compare that nobody trained, and measurements of them with known answers."""
+"""Untrained runs to compare, and measurements of them with known answers."""
 
 from pathlib import Path
 from types import SimpleNamespace

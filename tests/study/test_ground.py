@@ -13,13 +13,13 @@ from surefoot.config import (
     PushConfig,
 )
 from surefoot.runs.run import RunError, create, open_run
-from surefoot.study.ground import open_comparable_runs, rows_of
+from surefoot.study.ground import WhichPolicy, open_comparable_runs, rows_of
 from tests.fakes.comparisons import SMALL, collected, run_of
 
 BASE = Config()
 
 
-def rows(folders, names=(), which="best"):
+def rows(folders, names=(), which: WhichPolicy = "best"):
     return rows_of(open_comparable_runs(folders), names, which)
 
 

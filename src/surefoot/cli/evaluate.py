@@ -19,7 +19,7 @@ from surefoot.files import write_json
 from surefoot.scenarios.starts import PACKAGED, load_starts
 
 if TYPE_CHECKING:
-    from surefoot.evaluation.push import PushResult
+    from surefoot.evaluation.push import PushDifference, PushResult
     from surefoot.evaluation.report import EvaluationReport
     from surefoot.evaluation.robustness import Robustness, VelocityError
 
@@ -58,13 +58,13 @@ class Evaluate(OnWorkers, OnSimulator):
     episodes: int | None = None
     """The number of initial states; without it, the number in the run's configuration."""
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
-    """What makes it harder: another floor or load, noise, late torques. Without any of these
-    options, the run's configuration decides."""
+    """What makes the episodes harder: another friction or load, noise, late torques. Without any of
+    these options, the run's configuration decides."""
     json: Path | None = None
     """Write the report to this file."""
 
     def __call__(self) -> int:
-        """Evaluate, print the report, and write it where asked."""
+        """Evaluate, print each result as soon as it is there, and write the report where asked."""
         from surefoot.runs.policies import find_policy
         from surefoot.scenarios.disturbance import check_disturbance
 
@@ -72,7 +72,6 @@ class Evaluate(OnWorkers, OnSimulator):
         config = self.as_asked(trained_on)
         check_disturbance(config.evaluation.disturbance)
         report = self.measure(policy, config)
-        print_report(report)
         if self.target.is_dir() and self.expert and self.episodes is None:
             write_json(self.target / self.file_name(config, trained_on), report)
         if self.json:
@@ -80,7 +79,7 @@ class Evaluate(OnWorkers, OnSimulator):
         return 0
 
     def measure(self, policy: Path, config: Config) -> EvaluationReport:
-        """Evaluate a policy, and the expert if it was asked for.
+        """Evaluate a policy, and the expert if it was asked for, and print the results.
 
         Args:
             policy: File of the policy.
@@ -90,13 +89,16 @@ class Evaluate(OnWorkers, OnSimulator):
         from surefoot.evaluation.report import EvaluationReport, ExpertReport
 
         robustness, pushes = self.measure_controller(policy, config)
+        print_controller("policy", robustness, pushes)
         expert = None
         difference = None
         if self.expert:
             expert_robustness, expert_pushes = self.measure_controller(None, config)
+            print_controller("expert", expert_robustness, expert_pushes)
             expert = ExpertReport(**vars(expert_robustness), pushes=expert_pushes)
             if pushes is not None and expert_pushes is not None:
                 difference = push_difference(pushes, expert_pushes)
+                print_difference(difference)
         return EvaluationReport(
             **vars(robustness),
             policy=str(policy),
@@ -167,23 +169,8 @@ def disturbances(config: Config) -> Iterator[tuple[str, Any, Any]]:
     return changes(config.evaluation.disturbance, DisturbanceConfig())
 
 
-def print_report(report: EvaluationReport) -> None:
-    """Print the policy's figures, the expert's, and how their pushes differ."""
-    print_robustness("policy", report)
-    if report.pushes is not None:
-        print_pushes(report.pushes)
-    if report.expert is not None:
-        print_robustness("expert", report.expert)
-        if report.expert.pushes is not None:
-            print_pushes(report.expert.pushes)
-    if report.push_difference is not None:
-        difference = report.push_difference.difference
-        low, high = report.push_difference.interval
-        print(f"policy minus expert: {difference:+.2f} N s ({low:+.2f}, {high:+.2f})")
-
-
-def print_robustness(name: str, robustness: Robustness) -> None:
-    """Print one controller's robustness in three lines."""
+def print_controller(name: str, robustness: Robustness, pushes: PushResult | None) -> None:
+    """Print one controller's robustness in three lines, and its pushes in one more."""
     low, high = robustness.success_interval
     print(
         f"{name}: {robustness.successes} of {robustness.episodes} {robustness.split} starts "
@@ -192,6 +179,14 @@ def print_robustness(name: str, robustness: Robustness) -> None:
     )
     print(f"  velocity MSE vx, vy, yaw rate (successes): {_numbers(robustness.mse)}")
     print(f"  velocity MSE vx, vy, yaw rate (all, from 1 s on): {_numbers(robustness.settled_mse)}")
+    if pushes is not None:
+        print(f"  {_pushes_line(pushes)}")
+
+
+def print_difference(difference: PushDifference) -> None:
+    """Print how the pushes of policy and expert differ."""
+    low, high = difference.interval
+    print(f"policy minus expert: {difference.difference:+.2f} N s ({low:+.2f}, {high:+.2f})")
 
 
 def _numbers(mse: VelocityError) -> str:
@@ -199,8 +194,8 @@ def _numbers(mse: VelocityError) -> str:
     return ", ".join("-" if error is None else f"{error:.5f}" for error in mse)
 
 
-def print_pushes(pushes: PushResult) -> None:
-    """Print the impulses that one controller withstands in one line."""
+def _pushes_line(pushes: PushResult) -> str:
+    """The impulses that one controller withstands."""
     low, high = pushes.mean_interval
     directions = ", ".join(
         f"{direction:.0f}: {impulse:.2f} ({weakest:.2f} to {strongest:.2f})"
@@ -208,7 +203,7 @@ def print_pushes(pushes: PushResult) -> None:
             pushes.direction_deg, pushes.fitted_impulse, pushes.interval, strict=True
         )
     )
-    print(
-        f"  push that {100 * pushes.share:.0f} % survive [N s]: "
+    return (
+        f"push that {100 * pushes.share:.0f} % survive [N s]: "
         f"{pushes.mean_fitted_impulse:.2f} ({low:.2f} to {high:.2f}); by direction: {directions}"
     )

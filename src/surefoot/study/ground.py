@@ -130,7 +130,7 @@ def common_ground(config: Config, episodes: int) -> Config:
 
 
 def check_comparable(run: Run, first: Run) -> None:
-    """Check that two runs were made on the same ground, from the packaged set and expert.
+    """Check that two runs were made on the same ground, with the packaged set and expert.
 
     Raises:
         ValueError: Physics, gait, expert, falls, evaluation, pushes or initial states differ.
