@@ -17,8 +17,8 @@ venv: $(VENV)/.complete  ## .venv with everything that demo, test and check need
 
 $(VENV)/.complete: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \
-	  { echo "surefoot needs Python 3.11 to 3.13, found $$($(PYTHON) --version 2>&1)." \
-	    "Name another: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
+	  { echo "surefoot needs Python 3.11 to 3.13; this is $$($(PYTHON) --version 2>&1)." \
+	    "Name another one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[viz,dev]'
@@ -36,20 +36,21 @@ test: venv  ## the tests that are run often
 test-slow: venv  ## the tests that take minutes
 	$(BIN)/python -m pytest -n auto -m slow
 
-check: venv  ## format, lint, types, import contracts
+check: venv  ## format, lint, types, import contracts, plain Python
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
+	$(BIN)/python checks/plain_python.py src examples benchmarks checks
 
-format: venv  ## format and mend what ruff can
+format: venv  ## format, and fix what ruff can fix
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: venv  ## plan, engine, training, evaluation and a whole quick run, each beside its floor
+bench: venv  ## speed of plan, engine, training, evaluation and a quick run, with lower bounds
 	$(BIN)/surefoot bench
 
-peers: .venv-peers/.complete  ## collection speed beside imitation and Stable-Baselines3 (three minutes)
+peers: .venv-peers/.complete  ## collection speed, compared with imitation and Stable-Baselines3 (three minutes)
 	.venv-peers/bin/python benchmarks/peers/compare.py $(if $(JSON),--json-file $(JSON))
 
 .venv-peers/.complete: benchmarks/peers/requirements.txt pyproject.toml constraints.txt
@@ -61,5 +62,5 @@ peers: .venv-peers/.complete  ## collection speed beside imitation and Stable-Ba
 system:  ## Debian packages for headless rendering (needs root)
 	apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri
 
-clean:  ## remove the environment and caches, never runs
-	rm -rf $(VENV) .venv-peers .pytest_cache .ruff_cache .hypothesis
+clean:  ## remove the environments and caches; runs stay
+	rm -rf $(VENV) .venv-peers .pytest_cache .ruff_cache .hypothesis .import_linter_cache

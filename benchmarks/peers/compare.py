@@ -1,23 +1,22 @@
-"""surefoot's collection beside imitation's and Stable-Baselines3's: one robot, network and run.
+"""Speed of surefoot's collection, compared with imitation's and Stable-Baselines3's.
 
-Everybody advances the same MuJoCo model of a standing Solo12 at 1 kHz with a 3 x 512 network in the
-loop. Counted are robot-milliseconds per second of CPU time, over all processes of the contender:
-that is speed per core, of one process or of many, and waiting for a busy core is not counted. The
-contenders take turns, each soon after surefoot; medians over the rounds. The README beside this
-file says what is fair.
+All libraries advance the same MuJoCo model of a standing Solo12 at 1 kHz with a 3 x 512 network in
+the loop. The measure is robot-milliseconds per second of CPU time, over all processes of a
+contender: this is the speed per core of one process or of many, and waiting for a busy core is not
+counted. The contenders take turns, each soon after surefoot; the results are medians over the
+rounds. The README in this folder says what makes the comparison fair.
 """
 
 from __future__ import annotations
 
 import gc
-import json
 import os
 import sys
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from itertools import pairwise
@@ -36,13 +35,14 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from surefoot.config import Config
+from surefoot.files import write_json
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE, network_input
-from surefoot.learning.policy import Policy
+from surefoot.learning.policy import Policy, pd, policy_spec
 from surefoot.robots.model import RobotModel, clip_torque, standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import SafetySwitch
-from surefoot.rollouts.engine import Rollout, rollout
+from surefoot.rollouts.engine import Episodes, Rollout, rollout
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor
@@ -59,13 +59,13 @@ class Contender:
     """One way to collect.
 
     Attributes:
-        library: whose.
-        what: the call, as the table says it.
-        robots: advanced together.
-        collect: runs one episode of every robot and returns what it kept.
-        cpu: [s] of CPU time used so far, by all processes that take part.
-        keeps: the frames are there afterwards.
-        usual: set up as the libraries' tutorials do, not as fast as can be.
+        library: Name of the library.
+        what: The call, as the table names it.
+        robots: Number of robots that are advanced together.
+        collect: Runs one episode of every robot and returns what it kept.
+        cpu: Returns the CPU time that all processes which take part have used so far [s].
+        keeps: True if the frames are there afterwards.
+        usual: True if it is set up as in the libraries' tutorials, not as fast as possible.
     """
 
     library: str
@@ -77,36 +77,88 @@ class Contender:
     usual: bool = False
 
 
+@dataclass(frozen=True)
+class Row:
+    """The speed of one contender; `ratio`, `cores` and the speed are medians over the rounds.
+
+    Attributes:
+        library: Name of the library.
+        what: The call, as the table names it.
+        robots: Number of robots that are advanced together.
+        usual: True if it is set up as in the libraries' tutorials.
+        keeps: True if the frames are there afterwards.
+        robot_ms_per_cpu_s: Robot-milliseconds per second of CPU time.
+        all_rounds: The same in each round.
+        ratio: Speed of surefoot just before, divided by this speed.
+        cores: CPU time divided by wall time.
+        bytes_per_frame: Memory that a frame takes; None where it was not measured.
+    """
+
+    library: str
+    what: str
+    robots: int
+    usual: bool
+    keeps: bool
+    robot_ms_per_cpu_s: float
+    all_rounds: tuple[float, ...]
+    ratio: float
+    cores: float
+    bytes_per_frame: float | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The speeds of all contenders.
+
+    Attributes:
+        rows: One row for each contender; the first is surefoot's.
+        ratio: Speed of surefoot, divided by that of the fastest other contender.
+        ratio_keeping: The same for the fastest contender that keeps its frames.
+        ratio_usual: The same for the fastest of these in the usual form.
+        rounds: Number of turns of each contender.
+        seconds: Duration of an episode [s].
+        versions: Version of each package.
+    """
+
+    rows: tuple[Row, ...]
+    ratio: float
+    ratio_keeping: float
+    ratio_usual: float
+    rounds: int
+    seconds: float
+    versions: dict[str, str]
+
+
 def surefoot_contender(config: Config, robot: RobotModel, robots: int, seconds: float) -> Contender:
-    """Algorithm 4's collection: the policy drives, the monitor watches, everything is recorded."""
+    """The collection of Algorithm 4: the policy drives, the monitor watches, all is recorded."""
     network = PolicyNetwork(config.policy)
     hold_nominal(network.linear[-1], robot)
-    policy = Policy(network, config.policy, to_ticks(config.gait.period), np.zeros((2, 3)))
+    policy = Policy(network, policy_spec(config), np.zeros((2, 3)))
     simulator = make_simulator(robot, robots, config.simulation)
-    starts = at_rest(standing(robot), np.zeros((robots, 3)))
+    episodes = Episodes(at_rest(standing(robot), np.zeros((robots, 3))), seconds)
     arbiter = SafetySwitch(SafetyMonitor(Bounds(config.safety), 2.0))
 
     def collect() -> Rollout:
         # A standing robot violates no bound, so that the expert, here the policy, is never asked.
-        record = rollout(
-            simulator, robot, starts, seconds, arbiter, policy, policy, safety=config.safety
-        )
-        if record.expert_drove.any() or (record.outcome == Outcome.FELL).any():
-            raise RuntimeError("surefoot: a robot fell or was taken over; figures would mislead")
-        return record
+        rollouts = rollout(simulator, episodes, arbiter, policy, policy, safety=config.safety)
+        if rollouts.expert_drove.any() or (rollouts.outcome == Outcome.FELL).any():
+            raise RuntimeError(
+                "surefoot: a robot fell, or the expert took over: nothing to compare"
+            )
+        return rollouts
 
     return Contender("surefoot", "rollout, monitor on", robots, collect, time.process_time)
 
 
 @dataclass(frozen=True)
 class Venue:
-    """A vector environment, what to call it, and which libraries collect in it.
+    """A vector environment, its name, and the libraries that collect in it.
 
     Attributes:
-        name: as the table says it.
-        venv: the environments.
-        libraries: who collects here.
-        usual: see `Contender`.
+        name: Its name in the table.
+        venv: The environments.
+        libraries: Names of the libraries that collect in it.
+        usual: See `Contender`.
     """
 
     name: str
@@ -116,9 +168,10 @@ class Venue:
 
 
 def peers(config: Config, robot: RobotModel, venue: Venue, seconds: float) -> list[Contender]:
-    """What imitation and Stable-Baselines3 can do in a vector environment."""
+    """The ways in which imitation and Stable-Baselines3 collect in a vector environment."""
     venv = venue.venv
-    ticks, n = to_ticks(seconds), venv.num_envs
+    ticks = to_ticks(seconds)
+    n = venv.num_envs
     model = ppo(config, robot, venv, ticks)
     module = ReluNetwork(config, robot)
     _, callback = model._setup_learn(n * ticks)
@@ -131,18 +184,18 @@ def peers(config: Config, robot: RobotModel, venue: Venue, seconds: float) -> li
             np.random.default_rng(0),
             deterministic_policy=deterministic,
         )
-        check_whole(sum(len(one) for one in kept), n * ticks)
+        check_frames(sum(len(trajectory) for trajectory in kept), n * ticks)
         return kept
 
     def evaluate() -> None:
         _, lengths = evaluate_policy(model.policy, venv, n, return_episode_rewards=True, warn=False)
-        check_whole(sum(lengths), n * ticks)  # type: ignore[arg-type]
+        check_frames(sum(lengths), n * ticks)  # type: ignore[arg-type]
 
     def buffer() -> Any:
         model._last_obs = venv.reset()  # type: ignore[assignment]
         model._last_episode_starts = np.ones(n, bool)
         model.collect_rollouts(venv, callback, model.rollout_buffer, ticks)
-        check_whole(int(model.rollout_buffer.episode_starts.sum()), n)
+        check_frames(int(model.rollout_buffer.episode_starts.sum()), n)
         return model.rollout_buffer
 
     cpu = partial(cpu_of, venv)
@@ -164,7 +217,8 @@ def peers(config: Config, robot: RobotModel, venue: Venue, seconds: float) -> li
 def ppo(config: Config, robot: RobotModel, venv: VecEnv, ticks: int) -> PPO:
     """A PPO whose actor has surefoot's layers and holds the nominal pose.
 
-    Its critic, which surefoot has not, is one linear layer; its exploration noise is 2e-9 rad.
+    Its critic, which surefoot does not have, is one linear layer; the exploration noise is 2e-9
+    rad.
     """
     layout = {"pi": list(config.policy.hidden), "vf": []}
     model = PPO(
@@ -180,7 +234,7 @@ def ppo(config: Config, robot: RobotModel, venv: VecEnv, ticks: int) -> PPO:
 
 
 class ReluNetwork:
-    """The same layers without a policy class around them, as imitation's callable."""
+    """The same layers without a policy class, as a callable for imitation."""
 
     def __init__(self, config: Config, robot: RobotModel) -> None:
         sizes = (INPUT_SIZE, *config.policy.hidden)
@@ -192,59 +246,66 @@ class ReluNetwork:
         self._module = torch.nn.Sequential(*layers, last).eval()
 
     def __call__(self, obs: np.ndarray, state: Any, done: Any) -> tuple[np.ndarray, Any]:
-        """Actions ``(n, 12)`` of observations ``(n, 47)``."""
+        """Actions ``(n, 12)`` for observations ``(n, 47)``."""
         with torch.inference_mode():
             return self._module(torch.from_numpy(obs)).numpy(), state
 
 
 def hold_nominal(layer: Any, robot: RobotModel) -> None:
-    """A last layer that gives the nominal pose, whatever the hidden ones compute."""
+    """Make a last layer return the nominal pose, whatever the hidden layers compute."""
     with torch.no_grad():
         layer.weight.zero_()
         layer.bias.copy_(torch.from_numpy(robot.nominal[7:]))
 
 
 def cpu_of(venv: VecEnv) -> float:
-    """[s] of CPU time of this process and of those that hold the environments."""
-    others = venv.env_method("process_time") if isinstance(venv, SubprocVecEnv) else []
-    return time.process_time() + sum(others)
+    """CPU time of this process and of those that hold the environments [s]."""
+    total = time.process_time()
+    if isinstance(venv, SubprocVecEnv):
+        total += sum(venv.env_method("process_time"))
+    return total
 
 
-def check_whole(got: int, expected: int) -> None:
-    """Raises RuntimeError when an episode ended early."""
-    if got != expected:
-        raise RuntimeError(f"counted {got}, not {expected}: a robot fell; figures would mislead")
+def check_frames(counted: int, expected: int) -> None:
+    """Check that no episode ended early.
+
+    Raises:
+        RuntimeError: A robot fell, so that there are fewer frames than expected.
+    """
+    if counted != expected:
+        raise RuntimeError(f"{counted} frames instead of {expected}: a robot fell")
 
 
 def check_same_robot(config: Config, robot: RobotModel, env: Solo12Env) -> None:
-    """The environment sees what surefoot's simulator and observation give, tick by tick.
+    """Check that the environment gives surefoot's own observations, tick by tick.
 
     Raises:
-        RuntimeError: it does not.
+        RuntimeError: An observation differs.
     """
     simulator = make_simulator(robot, 1, config.simulation)
     simulator.reset(standing(robot)[None], np.zeros((1, 18)))
-    rng, period = np.random.default_rng(0), to_ticks(config.gait.period)
-    ours = network_input(simulator.state, 0, np.zeros(3), period)[0]
-    theirs, _ = env.reset()
+    rng = np.random.default_rng(0)
+    spec = policy_spec(config)
+    expected = network_input(simulator.state, 0, np.zeros(3), spec.observation)[0]
+    observation, _ = env.reset()
     for tick in range(1, 201):
-        if not np.allclose(ours, theirs, atol=1e-5):
+        if not np.allclose(expected, observation, atol=1e-5):
             raise RuntimeError(f"the environment differs from surefoot at tick {tick - 1}")
         action = (robot.nominal[7:] + 0.3 * rng.standard_normal(12)).astype(np.float32)
         state = simulator.state
-        torque = config.policy.kp * (action - state.q[:, 7:]) - config.policy.kd * state.v[:, 6:]
+        torque = pd(action, state.q, state.v, spec)
         simulator.step(clip_torque(torque, robot.torque_limit))
-        ours = network_input(simulator.state, tick, np.zeros(3), period)[0]
-        theirs = env.step(action)[0]
+        expected = network_input(simulator.state, tick, np.zeros(3), spec.observation)[0]
+        observation = env.step(action)[0]
 
 
 def bytes_per_frame(contender: Contender, frames: int) -> float | None:
-    """What a frame that was kept takes in memory, Python's objects included."""
+    """Memory that a frame takes, including Python's objects; None if no frames are kept."""
     if not contender.keeps:
         return None
-    if contender.library == "stable-baselines3":  # a buffer that lives on
-        arrays = [a for a in vars(contender.collect()).values() if isinstance(a, np.ndarray)]
-        return sum(a.nbytes for a in arrays) / frames
+    if contender.library == "stable-baselines3":  # it reuses one buffer
+        values = vars(contender.collect()).values()
+        return sum(value.nbytes for value in values if isinstance(value, np.ndarray)) / frames
     gc.collect()
     tracemalloc.start()
     try:
@@ -259,130 +320,143 @@ def bytes_per_frame(contender: Contender, frames: int) -> float | None:
 
 @contextmanager
 def venues(config: Config, robot: RobotModel, seconds: float) -> Iterator[list[Venue]]:
-    """Where the peers collect: 8 and 20 robots in this process, 8 in one each; the usual form."""
+    """The environments: 8 and 20 robots in this process, 8 in one process each, the usual form."""
     model = build_model(robot, config.simulation)
     qpos = to_mujoco(standing(robot)[None], np.zeros((1, 18)))[0][0]
-    make, usual = (
-        partial(kind, model, qpos, seconds, config) for kind in (Solo12Env, UsualSolo12Env)
-    )
-    for env in (make(), usual()):
-        check_same_robot(config, robot, env)
-    # Forked, the processes begin in milliseconds: nothing is imported or compiled again. With
-    # Monitor, and for imitation RolloutInfoWrapper, is how the tutorials make environments.
-    told = make_vec_env(usual, 20, wrapper_class=RolloutInfoWrapper)
-    built = [
-        *(Venue("DummyVecEnv", DummyVecEnv([make] * n)) for n in (8, 20)),
-        Venue("SubprocVecEnv", SubprocVecEnv([make] * 8, "fork")),
-        Venue("usual form", told, ("imitation",), usual=True),
+    fast = partial(Solo12Env, model, qpos, seconds, config)
+    usual = partial(UsualSolo12Env, model, qpos, seconds, config)
+    check_same_robot(config, robot, fast())
+    check_same_robot(config, robot, usual())
+    # The tutorials make environments with Monitor, and for imitation with RolloutInfoWrapper.
+    wrapped = make_vec_env(usual, 20, wrapper_class=RolloutInfoWrapper)
+    all_venues = [
+        Venue("DummyVecEnv", DummyVecEnv([fast] * 8)),
+        Venue("DummyVecEnv", DummyVecEnv([fast] * 20)),
+        # A fork takes milliseconds: nothing is imported or compiled again.
+        Venue("SubprocVecEnv", SubprocVecEnv([fast] * 8, "fork")),
+        Venue("usual form", wrapped, ("imitation",), usual=True),
         Venue("usual form", make_vec_env(usual, 20), ("stable-baselines3",), usual=True),
     ]
     try:
-        yield built
+        yield all_venues
     finally:
-        for venue in built:
+        for venue in all_venues:
             venue.venv.close()
 
 
-def compare(rounds: int, seconds: float) -> dict[str, Any]:
-    """All contenders in turns; surefoot again before each vector environment.
+@dataclass(frozen=True)
+class Turn:
+    """One turn of a contender.
 
-    Returns:
-        ``rows``, one for each contender: ``library``, ``what``, ``robots``, ``usual``, ``keeps``,
-        ``robot_ms_per_cpu_s`` (median), ``all_rounds``, ``ratio`` (surefoot's speed just before
-        over it, median), ``cores`` (CPU time over wall time, median), ``bytes_per_frame`` (of
-        some); ``ratio``, over the fastest of all peers; ``ratio_keeping``, over the fastest that
-        keeps frames; ``ratio_usual``, over the fastest of these in the usual form; ``versions``.
+    Attributes:
+        rate: Robot-milliseconds per second of CPU time.
+        cores: CPU time divided by wall time.
+        ratio: Speed of surefoot just before, divided by this rate.
     """
+
+    rate: float
+    cores: float
+    ratio: float = 1.0
+
+
+def compare(rounds: int, seconds: float) -> Comparison:
+    """Let all contenders take turns, and surefoot again before each vector environment."""
     config = Config()
-    robot, ticks = solo12(config.robot), to_ticks(seconds)
-    with venues(config, robot, seconds) as where:
-        ours = surefoot_contender(config, robot, 20, seconds)
-        groups = [peers(config, robot, venue, seconds) for venue in where]
-        turns: dict[Contender, list[tuple[float, float, float]]] = {}
-        for turn in range(rounds):
+    robot = solo12(config.robot)
+    ticks = to_ticks(seconds)
+    turns: dict[Contender, list[Turn]] = {}
+    with venues(config, robot, seconds) as all_venues:
+        surefoot = surefoot_contender(config, robot, 20, seconds)
+        groups = [peers(config, robot, venue, seconds) for venue in all_venues]
+        for number in range(rounds):
             for group in groups:
-                reference, cores = timed(ours, ticks)
-                turns.setdefault(ours, []).append((reference, 1.0, cores))
+                reference = timed(surefoot, ticks)
+                turns.setdefault(surefoot, []).append(reference)
                 for peer in group:
-                    rate, cores = timed(peer, ticks)
-                    turns.setdefault(peer, []).append((rate, reference / rate, cores))
-            print(f"round {turn + 1} of {rounds}", file=sys.stderr)
-        rows = []
-        for contender, figures in turns.items():
-            rate, ratio, cores = np.median(figures, axis=0).tolist()
-            row = {
-                "library": contender.library,
-                "what": contender.what,
-                "robots": contender.robots,
-                "usual": contender.usual,
-                "keeps": contender.keeps,
-                "robot_ms_per_cpu_s": rate,
-                "all_rounds": [figure[0] for figure in figures],
-                "ratio": ratio,
-                "cores": cores,
-                "bytes_per_frame": None,
-            }
-            if contender.robots == 20:
-                row["bytes_per_frame"] = bytes_per_frame(contender, 20 * ticks)
-            rows.append(row)
+                    turn = timed(peer, ticks)
+                    turn = replace(turn, ratio=reference.rate / turn.rate)
+                    turns.setdefault(peer, []).append(turn)
+            print(f"round {number + 1} of {rounds}", file=sys.stderr)
+        rows = tuple(row_of(contender, turns[contender], ticks) for contender in turns)
     peer_rows = rows[1:]
-    return {
-        "rows": rows,
-        "ratio": min(row["ratio"] for row in peer_rows),
-        "ratio_keeping": min(row["ratio"] for row in peer_rows if row["keeps"]),
-        "ratio_usual": min(row["ratio"] for row in peer_rows if row["keeps"] and row["usual"]),
-        "rounds": rounds,
-        "seconds": seconds,
-        "versions": {name: version(name) for name in VERSIONS},
-    }
+    keeping = [row for row in peer_rows if row.keeps]
+    return Comparison(
+        rows,
+        ratio=min(row.ratio for row in peer_rows),
+        ratio_keeping=min(row.ratio for row in keeping),
+        ratio_usual=min(row.ratio for row in keeping if row.usual),
+        rounds=rounds,
+        seconds=seconds,
+        versions={name: version(name) for name in VERSIONS},
+    )
 
 
-def timed(contender: Contender, ticks: int) -> tuple[float, float]:
-    """Robot-ms per second of CPU time, and cores used, in one turn."""
+def timed(contender: Contender, ticks: int) -> Turn:
+    """Let a contender collect once."""
     gc.collect()
-    began, before = time.perf_counter(), contender.cpu()
+    wall_before = time.perf_counter()
+    cpu_before = contender.cpu()
     contender.collect()
-    used, wall = contender.cpu() - before, time.perf_counter() - began
-    return contender.robots * ticks / used, used / wall
+    cpu = contender.cpu() - cpu_before
+    wall = time.perf_counter() - wall_before
+    return Turn(rate=contender.robots * ticks / cpu, cores=cpu / wall)
 
 
-def table(figures: dict[str, Any]) -> str:
-    """The figures of `compare`, as Markdown."""
+def row_of(contender: Contender, turns: list[Turn], ticks: int) -> Row:
+    """Sum up the turns of a contender; with 20 robots, measure the memory too."""
+    memory = None
+    if contender.robots == 20:
+        memory = bytes_per_frame(contender, 20 * ticks)
+    return Row(
+        library=contender.library,
+        what=contender.what,
+        robots=contender.robots,
+        usual=contender.usual,
+        keeps=contender.keeps,
+        robot_ms_per_cpu_s=float(np.median([turn.rate for turn in turns])),
+        all_rounds=tuple(turn.rate for turn in turns),
+        ratio=float(np.median([turn.ratio for turn in turns])),
+        cores=float(np.median([turn.cores for turn in turns])),
+        bytes_per_frame=memory,
+    )
+
+
+def table(comparison: Comparison) -> str:
+    """The rows as a Markdown table."""
     lines = [
-        "| library | what | robots | robot-ms per CPU second | surefoot over it | cores "
-        "| bytes a frame |",
+        "| library | what | robots | robot-ms per CPU second | ratio: surefoot to this row | cores "
+        "| bytes per frame |",
         "|---|---|---|---|---|---|---|",
     ]
-    for row in figures["rows"]:
-        size = row["bytes_per_frame"]
+    for row in comparison.rows:
+        memory = "-" if row.bytes_per_frame is None else f"{row.bytes_per_frame:.0f}"
         lines.append(
-            f"| {row['library']} | {row['what']} | {row['robots']} "
-            f"| {row['robot_ms_per_cpu_s']:.0f} | {row['ratio']:.2f} "
-            f"| {row['cores']:.2f} | {'-' if size is None else f'{size:.0f}'} |"
+            f"| {row.library} | {row.what} | {row.robots} | {row.robot_ms_per_cpu_s:.0f} "
+            f"| {row.ratio:.2f} | {row.cores:.2f} | {memory} |"
         )
     return "\n".join(lines)
 
 
 def main(json_file: Path | None = None, rounds: int = 3, seconds: float = 2.0) -> None:
-    """Compare, print a table, and write all figures to a file if one is named.
+    """Compare, print a table, and write all results to a file if one is named.
 
     Args:
-        json_file: where to write the figures.
-        rounds: how often each contender takes its turn; figures are medians.
-        seconds: of an episode.
+        json_file: File to write the results to.
+        rounds: Number of turns of each contender; the results are medians over them.
+        seconds: Duration of an episode [s].
     """
     if os.environ.get("OMP_NUM_THREADS") != "1":
         sys.exit("speed per core needs one thread: run it with OMP_NUM_THREADS=1, or `make peers`")
     torch.set_num_threads(1)
-    figures = compare(rounds, seconds)
-    print(table(figures))
+    comparison = compare(rounds, seconds)
+    print(table(comparison))
     print(
-        f"\nsurefoot over the fastest peer: {figures['ratio']:.2f}; over the fastest that keeps "
-        f"frames: {figures['ratio_keeping']:.2f}; over the fastest that keeps frames in the usual "
-        f"form: {figures['ratio_usual']:.2f}"
+        f"\nratio of surefoot to the fastest other library: {comparison.ratio:.2f}; to the fastest "
+        f"that keeps frames: {comparison.ratio_keeping:.2f}; to the fastest that keeps frames in "
+        f"the usual form: {comparison.ratio_usual:.2f}"
     )
     if json_file is not None:
-        json_file.write_text(json.dumps(figures, indent=1) + "\n")
+        write_json(json_file, comparison)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """One Solo12 as a Gymnasium environment at 1 kHz, as fast as a careful user would write it.
 
-The model is surefoot's own, compiled by ``build_model``; so are the 47 numbers of the observation,
-the PD law, the torque limit and the fall test. For one robot at a time, a few views into MuJoCo's
-memory and Python floats are faster than array code: that is why surefoot's is not called here.
-``UsualSolo12Env`` calls it.
+The model is surefoot's own, compiled by ``build_model``. The 47 numbers of the observation, the PD
+law, the torque limit and the fall test are the same, too. For one robot at a time, a few views into
+MuJoCo's memory and Python floats are faster than array code, so surefoot's array functions are not
+called here. ``UsualSolo12Env`` calls them.
 """
 
 from __future__ import annotations
@@ -18,53 +18,65 @@ from numpy.typing import NDArray
 
 from surefoot.config import Config
 from surefoot.learning.observation import INPUT_SIZE, Float32Array, goal, network_input
+from surefoot.learning.policy import policy_spec
 from surefoot.sim.mujoco import from_mujoco
 from surefoot.sim.protocol import CONTACT_FORCE
 from surefoot.types import Array, to_ticks
 
-_FORCE, _FEET, _COM = slice(0, 4), slice(4, 16), slice(16, 19)
-"""Where ``build_model`` puts foot forces and positions and centre of mass among the sensors."""
+_FORCE = slice(0, 4)
+"""Place of the foot forces among the sensors that ``build_model`` makes."""
+_FEET = slice(4, 16)
+"""Place of the foot positions."""
+_COM = slice(16, 19)
+"""Place of the center of mass."""
 
 
 class Solo12Env(gymnasium.Env):
-    """Action: twelve joint targets [rad], for 1 ms. Reward: 1 a tick.
+    """A standing robot; the action is twelve joint targets [rad] for 1 ms, the reward is 1.
 
     An episode ends with a fall, or is truncated after its duration.
 
     Args:
-        model: of ``build_model``; environments of a process share it.
-        qpos: ``(19,)`` MuJoCo configuration to start from, at rest.
-        duration: of an episode [s].
-        config: gains, gait period, torque limit, fall bounds.
+        model: Model that ``build_model`` made; the environments of a process share it.
+        qpos: ``(19,)`` configuration in MuJoCo's order to start from, at rest.
+        duration: Duration of an episode [s].
+        config: Gains, gait period, torque limit and fall bounds.
     """
 
     def __init__(self, model: mujoco.MjModel, qpos: Array, duration: float, config: Config) -> None:
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (INPUT_SIZE,), np.float32)
         self.action_space = gymnasium.spaces.Box(-np.pi, np.pi, (12,), np.float32)
-        self._model, self._data = model, mujoco.MjData(model)
-        self._start, self._duration = qpos, to_ticks(duration)
+        self._model = model
+        self._data = mujoco.MjData(model)
+        self._start = qpos
+        self._duration = to_ticks(duration)
         self._grace = to_ticks(config.safety.grace)
-        self._kp, self._kd = config.policy.kp, config.policy.kd
+        self._kp = config.policy.kp
+        self._kd = config.policy.kd
         self._limit = np.full(12, config.robot.torque_limit)
         self._height = config.safety.fall_height
-        # Bounds of |pitch| and |roll| as the rotation matrix shows them.
+        # Bounds of |pitch| and |roll| in terms of the rotation matrix.
         angle = np.radians(config.safety.fall_angle)
-        self._pitch, self._roll = float(np.sin(angle)), float(np.tan(angle))
-        self._period = to_ticks(config.gait.period)
-        ticks = np.arange(self._period)
-        self._goals: Float32Array = goal(ticks, np.zeros(3), self._period)
-        # Views: MuJoCo writes, these read.
-        self._qpos, self._qvel = self._data.qpos, self._data.qvel
-        self._joints, self._rates = self._qpos[7:], self._qvel[6:]
+        self._pitch = float(np.sin(angle))
+        self._roll = float(np.tan(angle))
+        self._spec = policy_spec(config).observation
+        self._period = self._spec.period_ticks
+        self._goals: Float32Array = goal(np.arange(self._period), np.zeros(3), self._spec)
+        # These are views of what MuJoCo writes.
+        self._qpos = self._data.qpos
+        self._qvel = self._data.qvel
+        self._joints = self._qpos[7:]
+        self._rates = self._qvel[6:]
         self._torque = self._data.qfrc_applied[6:]
-        self._feet, self._com = self._data.sensordata[_FEET], self._data.sensordata[_COM]
+        self._feet = self._data.sensordata[_FEET]
+        self._com = self._data.sensordata[_COM]
         self._matrix = self._data.body("base_link").xmat
         self._tick = 0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float32Array, dict[str, Any]]:
-        """Back to the start."""
+        """Put the robot back to the beginning of an episode."""
         super().reset(seed=seed)
         mujoco.mj_resetData(self._model, self._data)
         self._qpos[:] = self._start
@@ -75,12 +87,12 @@ class Solo12Env(gymnasium.Env):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[Float32Array, float, bool, bool, dict[str, Any]]:
-        """One tick: PD torque, clipped; physics; fall test."""
+        """Advance one tick: clipped PD torque, physics, fall test."""
         torque = self._kp * (action - self._joints) - self._kd * self._rates
         np.minimum(torque, self._limit, out=torque)
         np.maximum(torque, -self._limit, out=self._torque)
-        # The second half of a step, then the first half of the next: positions and sensors then
-        # belong to the new state, and no kinematics is computed twice.
+        # The second half of a step is followed by the first half of the next one: positions and
+        # sensors then belong to the new state, and the kinematics are not computed twice.
         mujoco.mj_step2(self._model, self._data)
         mujoco.mj_step1(self._model, self._data)
         self._tick += 1
@@ -91,20 +103,21 @@ class Solo12Env(gymnasium.Env):
         return self._observe(R), 1.0, fell, self._tick >= self._duration, {}
 
     def process_time(self) -> float:
-        """CPU time this process has used so far [s]."""
+        """CPU time that this process has used so far [s]."""
         return time.process_time()
 
     def _observe(self, R: list[float]) -> Float32Array:
-        """``(47,)`` what ``network_input`` gives for this robot, at a command of zero.
+        """What ``network_input`` gives for this robot at a command of zero, ``(47,)``.
 
         Args:
-            R: base to world frame, row by row.
+            R: Rotation matrix from base to world frame, row by row.
         """
         vx, vy, vz = self._qvel[:3].tolist()
         x, y, _ = self._com.tolist()
         ax, ay, _, bx, by, _, cx, cy, _, dx, dy, _ = self._feet.tolist()
         length = (R[0] * R[0] + R[3] * R[3]) ** 0.5
-        c, s = R[0] / length, R[3] / length
+        c = R[0] / length
+        s = R[3] / length
         out = np.empty(INPUT_SIZE, np.float32)
         out[:7] = (
             self._qpos[2],
@@ -118,8 +131,14 @@ class Solo12Env(gymnasium.Env):
         out[7:10] = self._qvel[3:6]
         out[10:22] = self._joints
         out[22:34] = self._rates
-        ax, ay, bx, by = ax - x, ay - y, bx - x, by - y
-        cx, cy, dx, dy = cx - x, cy - y, dx - x, dy - y
+        ax -= x
+        ay -= y
+        bx -= x
+        by -= y
+        cx -= x
+        cy -= y
+        dx -= x
+        dy -= y
         out[34:42] = (
             c * ax + s * ay,
             c * ay - s * ax,
@@ -135,7 +154,7 @@ class Solo12Env(gymnasium.Env):
 
 
 class UsualSolo12Env(Solo12Env):
-    """The same with the observation as most would write it: by array functions."""
+    """The same with the observation from surefoot's array functions, as most would write it."""
 
     def _observe(self, R: list[float]) -> Float32Array:
         sensors = self._data.sensordata
@@ -143,4 +162,4 @@ class UsualSolo12Env(Solo12Env):
         feet = sensors[_FEET].reshape(1, 4, 3)
         com = sensors[None, _COM]
         state = from_mujoco(self._qpos[None], self._qvel[None], com, feet, contacts)
-        return network_input(state, self._tick, np.zeros(3), self._period)[0]
+        return network_input(state, self._tick, np.zeros(3), self._spec)[0]

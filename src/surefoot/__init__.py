@@ -1,7 +1,9 @@
 """Distil a model predictive controller into a 1 kHz neural policy for a legged robot, safely.
 
-The whole public API; everything is imported when it is first used, so that learning runs where
-there is no robotics stack.
+This is the whole public API. A name is imported when it is first used, so that `import surefoot`
+takes no time and learning runs where there is no robotics stack. The table below says in which
+module each name is defined; `__init__.pyi` repeats it for editors and type checkers. Read
+`surefoot.types` next.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ from importlib import import_module
 from typing import Any
 
 _HOME = {
-    "config": ("Config",),
+    "config": ("Config", "HandBack"),
     "config.presets": ("preset", "published_rules"),
     "types": ("Command", "State", "MotionPlan", "Controller"),
     "robots.model": ("RobotModel", "standing"),
@@ -21,13 +23,15 @@ _HOME = {
     "scenarios.starts": ("Starts", "load_starts"),
     "scenarios.perturbation": ("perturb",),
     "safety.gates": ("Gate", "Bounds", "AnyOf"),
-    "safety.monitor": ("SafetyMonitor", "HandBack"),
+    "safety.monitor": ("SafetyMonitor",),
     "rollouts.outcome": ("Outcome",),
     "rollouts.arbiters": ("Arbiter", "ExpertOnly", "PolicyOnly", "RandomMix", "SafetySwitch"),
     "scenarios.disturbance": ("Disturbance", "Pushes"),
-    "rollouts.engine": ("rollout", "Rollout"),
-    "learning.dataset": ("Dataset", "Frames"),
-    "learning.policy": ("Policy", "PolicyNetwork", "load", "save"),
+    "rollouts.engine": ("Episodes", "rollout", "Rollout"),
+    "learning.dataset": ("Dataset",),
+    "learning.frames": ("Frames",),
+    "learning.network": ("PolicyNetwork",),
+    "learning.policy": ("Policy", "PolicySpec", "policy_spec", "load", "save"),
     "learning.train": ("fit",),
     "workers": ("Workers",),
     "runs.run": ("Run", "create", "open_run"),

@@ -1,0 +1,66 @@
+"""The public API for editors and type checkers; `__init__.py` imports the same names lazily.
+
+`tests/test_api.py` holds both lists together.
+"""
+
+from surefoot.config import Config as Config
+from surefoot.config import HandBack as HandBack
+from surefoot.config.presets import preset as preset
+from surefoot.config.presets import published_rules as published_rules
+from surefoot.evaluation.push import push_difference as push_difference
+from surefoot.evaluation.push import push_recovery as push_recovery
+from surefoot.evaluation.robustness import evaluate as evaluate
+from surefoot.evaluation.statistics import paired_difference as paired_difference
+from surefoot.evaluation.statistics import run_bootstrap as run_bootstrap
+from surefoot.learning.dataset import Dataset as Dataset
+from surefoot.learning.frames import Frames as Frames
+from surefoot.learning.network import PolicyNetwork as PolicyNetwork
+from surefoot.learning.policy import Policy as Policy
+from surefoot.learning.policy import PolicySpec as PolicySpec
+from surefoot.learning.policy import load as load
+from surefoot.learning.policy import policy_spec as policy_spec
+from surefoot.learning.policy import save as save
+from surefoot.learning.train import fit as fit
+from surefoot.methods.behavior_cloning import behavior_cloning as behavior_cloning
+from surefoot.methods.dagger import dagger as dagger
+from surefoot.methods.loco_dagger import loco_dagger as loco_dagger
+from surefoot.methods.loco_safe_dagger import loco_safe_dagger as loco_safe_dagger
+from surefoot.methods.safe_dagger import safe_dagger as safe_dagger
+from surefoot.mpc.expert import Expert as Expert
+from surefoot.mpc.expert import make_expert as make_expert
+from surefoot.mpc.planner import Planner as Planner
+from surefoot.robots.model import RobotModel as RobotModel
+from surefoot.robots.model import standing as standing
+from surefoot.robots.solo12 import solo12 as solo12
+from surefoot.rollouts.arbiters import Arbiter as Arbiter
+from surefoot.rollouts.arbiters import ExpertOnly as ExpertOnly
+from surefoot.rollouts.arbiters import PolicyOnly as PolicyOnly
+from surefoot.rollouts.arbiters import RandomMix as RandomMix
+from surefoot.rollouts.arbiters import SafetySwitch as SafetySwitch
+from surefoot.rollouts.engine import Episodes as Episodes
+from surefoot.rollouts.engine import Rollout as Rollout
+from surefoot.rollouts.engine import rollout as rollout
+from surefoot.rollouts.outcome import Outcome as Outcome
+from surefoot.runs.run import Run as Run
+from surefoot.runs.run import create as create
+from surefoot.runs.run import open_run as open_run
+from surefoot.safety.gates import AnyOf as AnyOf
+from surefoot.safety.gates import Bounds as Bounds
+from surefoot.safety.gates import Gate as Gate
+from surefoot.safety.monitor import SafetyMonitor as SafetyMonitor
+from surefoot.scenarios.disturbance import Disturbance as Disturbance
+from surefoot.scenarios.disturbance import Pushes as Pushes
+from surefoot.scenarios.perturbation import perturb as perturb
+from surefoot.scenarios.starts import Starts as Starts
+from surefoot.scenarios.starts import load_starts as load_starts
+from surefoot.sim import Simulator as Simulator
+from surefoot.sim import make_simulator as make_simulator
+from surefoot.study.comparison import compare as compare
+from surefoot.types import Command as Command
+from surefoot.types import Controller as Controller
+from surefoot.types import MotionPlan as MotionPlan
+from surefoot.types import State as State
+from surefoot.workers import Workers as Workers
+
+__version__: str
+__all__: list[str]
