@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from surefoot.config.json_io import to_json
-from surefoot.evaluation.push import PushLimits, PushResult
+from surefoot.evaluation.push import PushResult
 from surefoot.files import write_json
 from surefoot.study.expert_survey import survey_table
-from surefoot.study.records import read_comparison, read_survey
+from surefoot.study.records import read_comparison, read_survey, write_survey
 from surefoot.study.tables import comparison_tables, page_with
 from tests.fakes.comparisons import measure, pretend_measurements
 
@@ -47,20 +46,14 @@ def test_the_published_survey_gives_the_published_table():
         assert row in page
 
 
-def test_the_published_survey_loses_nothing_but_a_count():
+def test_the_published_survey_loses_nothing_but_a_count(tmp_path):
+    write_survey(tmp_path / "again.json", read_survey(DOCS / "expert.json"))
     before = json.loads((DOCS / "expert.json").read_text())
-    survey = read_survey(DOCS / "expert.json")
-    assert to_json(survey.lost_by_all) == before["lost_by_all"]
-    for cell, old in zip(survey.cells, before["cells"], strict=True):
-        assert cell.paper is not None and cell.wide is not None
-        for name, value in to_json(cell.paper).items():
-            assert value == old[name]
-        for name, value in to_json(cell.wide).items():
-            assert value == old[f"wide_{name}"]
-        assert type(cell.push) is PushLimits
-        assert old["push"].pop("unpushed_successes") == 40
-        assert to_json(cell.push) == old["push"]
-        assert to_json(cell.plan_ms) == old["plan_ms"]
+    after = json.loads((tmp_path / "again.json").read_text())
+    for cell in before["cells"]:
+        assert cell["push"].pop("unpushed_successes") == 40
+    for key in ("episodes", "versions", "starts", "cells", "lost_by_all"):
+        assert after[key] == before[key]
 
 
 def test_a_survey_of_this_version_keeps_the_outcome_of_every_robot(tmp_path):
@@ -82,7 +75,7 @@ def test_a_survey_of_this_version_keeps_the_outcome_of_every_robot(tmp_path):
     push = survey.cells[0].push
     assert isinstance(push, PushResult)
     assert push.survived == (("11",),)
-    write_json(path, survey)
+    write_survey(path, survey)
     assert read_survey(path) == survey
 
 

@@ -23,10 +23,17 @@ from surefoot.config.presets import published_rules
 from surefoot.evaluation.push import PushLimits, push_recovery
 from surefoot.evaluation.robustness import evaluate
 from surefoot.evaluation.statistics import wilson
-from surefoot.files import write_json
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import PACKAGED, load_starts
-from surefoot.study.records import Nodes, Rules, Survey, SurveyCell, Survival, read_survey
+from surefoot.study.records import (
+    Nodes,
+    Rules,
+    Survey,
+    SurveyCell,
+    Survival,
+    read_survey,
+    write_survey,
+)
 from surefoot.study.tables import markdown, percent_range
 from surefoot.workers import Workers
 
@@ -76,7 +83,7 @@ def survey_expert(
             measured = tuple(cells.values())
             survey = replace(survey, cells=measured, lost_by_all=lost_by_all(measured))
             if path is not None:
-                write_json(path, survey)
+                write_survey(path, survey)
     return survey
 
 

@@ -14,10 +14,11 @@ from typing import Any, Literal
 
 from surefoot.bench.plan import Times
 from surefoot.config import Backend, Config
-from surefoot.config.json_io import from_json, read_json
+from surefoot.config.json_io import from_json, read_json, to_json
 from surefoot.evaluation.push import PushDifference, PushLimits, PushResult
 from surefoot.evaluation.robustness import Robustness, VelocityError
 from surefoot.evaluation.statistics import Interval, PairedDifference
+from surefoot.files import write_json
 from surefoot.runs.accounting import RunCost
 
 Nodes = tuple[int, int]
@@ -26,6 +27,8 @@ Rules = Literal["published", "own"]
 """The rules for footholds and commands: BiConMP's, or this package's."""
 Variant = tuple[Backend, Nodes, Rules]
 """A variant of the expert."""
+_PREFIXES = {"paper": "", "wide": "wide_"}
+"""What the keys of a cell's two survivals begin with in JSON."""
 
 
 @dataclass(frozen=True)
@@ -240,14 +243,24 @@ def read_survey(path: Path) -> Survey:
         raise ValueError(f"{path} is no survey that this version can read: {error}") from error
 
 
-def _read_cell(values: dict[str, Any]) -> SurveyCell:
-    """A cell from its JSON values.
+def write_survey(path: Path, survey: Survey) -> None:
+    """Write a survey as JSON, in which the two survivals of a cell stand flat beside its rest.
 
-    Earlier versions wrote the two survivals flat, that of the wide set with a prefix, and pushes
-    without the outcome of each robot.
+    Raises:
+        WriteError: The file cannot be written.
     """
+    values = to_json(survey)
+    for cell in values["cells"]:
+        for name, prefix in _PREFIXES.items():
+            survival = cell.pop(name) or {}
+            cell |= {prefix + key: value for key, value in survival.items()}
+    write_json(path, values)
+
+
+def _read_cell(values: dict[str, Any]) -> SurveyCell:
+    """A cell from its JSON values, in which the two survivals stand flat."""
     values = dict(values)
-    for name, prefix in (("paper", ""), ("wide", "wide_")):
+    for name, prefix in _PREFIXES.items():
         if f"{prefix}survived" in values:
             keys = [field.name for field in fields(Survival) if prefix + field.name in values]
             values[name] = {key: values.pop(prefix + key) for key in keys}
@@ -257,7 +270,7 @@ def _read_cell(values: dict[str, Any]) -> SurveyCell:
 
 
 def _read_push(values: dict[str, Any]) -> PushLimits:
-    """Pushes from their JSON values, with or without the outcome of each robot."""
+    """Pushes from their JSON values; earlier versions wrote no outcome of each robot."""
     if "survived" in values:
         return from_json(PushResult, values, "push")
     known = {key: value for key, value in values.items() if key != "unpushed_successes"}
