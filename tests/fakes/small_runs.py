@@ -32,6 +32,31 @@ CLONING = replace(
 """Behavior cloning: 20 rollouts of 0.1 s in four chunks."""
 CLONING_STAGES = [("collect", 0), ("train", 0), ("validate", 0), ("best", 0)]
 
+RESCUING = replace(
+    Config(),
+    method=LocoSafeDaggerConfig(
+        pretraining=ExpertData(2, 1, True, 0.12),
+        pretraining_epochs=1,
+        iterations=2,
+        velocities=2,
+        perturbations=2,
+        T=0.6,
+        T_block=0.15,
+        T_end=0.1,
+        epochs=1,
+    ),
+    chunk=3,
+    seed=11,
+    policy=PolicyConfig(hidden=(16, 16)),
+    training=TrainingConfig(batch=64),
+    evaluation=EvaluationConfig(duration=0.1, episodes=4),
+)
+"""LocoSafeDAGGER: 22 rollouts of the pre-training in eight chunks, then twice four in two."""
+RESCUING_STAGES = [
+    *((stage, i) for i in range(3) for stage in ("collect", "train", "validate")),
+    ("best", 0),
+]
+
 DATA = ExpertData(2, 1, False, 0.12)
 SMALL = {
     "pretraining": DATA,

@@ -9,12 +9,7 @@ import pytest
 
 from surefoot.config import (
     BehaviorCloningConfig,
-    Config,
-    EvaluationConfig,
     ExpertData,
-    LocoSafeDaggerConfig,
-    PolicyConfig,
-    TrainingConfig,
 )
 from surefoot.learning.dataset import Frames
 from surefoot.learning.network import PolicyNetwork
@@ -29,46 +24,18 @@ from surefoot.runs.run import Run, create, open_run
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
 from tests.fakes.runs import Killed, collected, fingerprint, stages_of, trained
-
-METHOD = LocoSafeDaggerConfig(
-    pretraining=ExpertData(2, 1, True, 0.12),
-    pretraining_epochs=1,
-    iterations=2,
-    velocities=2,
-    perturbations=2,
-    T=0.6,
-    T_block=0.15,
-    T_end=0.1,
-    epochs=1,
-)
-
-
-CONFIG = replace(
-    Config(),
-    method=METHOD,
-    chunk=3,
-    seed=11,
-    policy=PolicyConfig(hidden=(16, 16)),
-    training=TrainingConfig(batch=64),
-    evaluation=EvaluationConfig(duration=0.1, episodes=4),
-)
-
-
-STAGES = [
-    *((stage, i) for i in range(3) for stage in ("collect", "train", "validate")),
-    ("best", 0),
-]
+from tests.fakes.small_runs import RESCUING, RESCUING_STAGES
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Run:
-    run = create(tmp_path_factory.mktemp("finished") / "run", CONFIG)
+    run = create(tmp_path_factory.mktemp("finished") / "run", RESCUING)
     loco_safe_dagger(run, workers=Workers(1))
     return run
 
 
 def test_stages_follow_the_algorithm(finished):
-    assert stages_of(finished) == STAGES
+    assert stages_of(finished) == RESCUING_STAGES
     assert sorted(path.name for path in finished.policy_path(0).parent.iterdir()) == [
         "000.safetensors",
         "001.safetensors",
@@ -104,12 +71,12 @@ def test_each_policy_is_trained_on_all_data_so_far(finished):
 def test_each_policy_is_what_training_the_last_one_on_that_data_gives(finished, i):
     if i == 0:
         seed = int(finished.seed("network", 0).generate_state(1)[0])
-        network = PolicyNetwork(CONFIG.policy, seed)
+        network = PolicyNetwork(RESCUING.policy, seed)
     else:
         network = load(finished.policy_path(i - 1)).network
     frames = of_iterations(finished, range(i + 1))
     order = int(finished.seed("order", i).generate_state(1)[0])
-    result = fit(network, frames, CONFIG.training, CONFIG.policy, 1, order, 500)
+    result = fit(network, frames, RESCUING.training, RESCUING.policy, 1, order, 500)
     trained = load(finished.policy_path(i)).network.state_dict()
     before = network.state_dict()
     for name, tensor in result.network.state_dict().items():
@@ -145,13 +112,15 @@ def test_pretraining_starts_are_nominal_and_first_perturbations(finished):
 @pytest.mark.parametrize("workers", [2, 4])
 def test_the_same_run_again_has_the_same_bits(finished, tmp_path, workers):
     """With more processes, too."""
-    run = create(tmp_path / "run", CONFIG)
+    run = create(tmp_path / "run", RESCUING)
     loco_safe_dagger(run, Workers(workers))
     assert fingerprint(run) == fingerprint(finished)
 
 
 def test_another_seed_gives_other_data(finished, tmp_path):
-    run = create(tmp_path / "run", replace(CONFIG, seed=12, method=replace(METHOD, iterations=0)))
+    run = create(
+        tmp_path / "run", replace(RESCUING, seed=12, method=replace(RESCUING.method, iterations=0))
+    )
     loco_safe_dagger(run, workers=Workers(1))
     # The stored starts of the pre-training are the same for every seed; the network is not.
     hashes = [collected(each, 0).dataset_hash for each in (run, finished)]
@@ -180,11 +149,11 @@ def test_a_run_killed_at_every_stage_ends_with_the_same_bits(
         raise Killed
 
     monkeypatch.setattr(Run, "append_metrics", append_and_die)
-    for _ in range(len(STAGES)):
+    for _ in range(len(RESCUING_STAGES)):
         with pytest.raises(Killed):
-            loco_safe_dagger(create(tmp_path / "run", CONFIG, resume=True), workers=Workers(1))
-    loco_safe_dagger(create(tmp_path / "run", CONFIG, resume=True), workers=Workers(1))
-    assert killed == STAGES
+            loco_safe_dagger(create(tmp_path / "run", RESCUING, resume=True), workers=Workers(1))
+    loco_safe_dagger(create(tmp_path / "run", RESCUING, resume=True), workers=Workers(1))
+    assert killed == RESCUING_STAGES
     assert fingerprint(open_run(tmp_path / "run")) == fingerprint(finished)
 
 
@@ -265,7 +234,7 @@ def test_episode_ids_are_unique_over_all_iterations(finished):
 
 
 def test_a_run_of_another_method_is_refused(tmp_path):
-    run = create(tmp_path / "run", replace(CONFIG, method=BehaviorCloningConfig()))
+    run = create(tmp_path / "run", replace(RESCUING, method=BehaviorCloningConfig()))
     with pytest.raises(TypeError, match="configured for behavior_cloning, not for loco_safe"):
         loco_safe_dagger(run, workers=Workers(1))
     assert run.metrics == []
@@ -290,19 +259,19 @@ def test_a_parameter_out_of_range_is_an_error_before_any_work(
     tmp_path, monkeypatch, change, message
 ):
     monkeypatch.setattr("surefoot.runs.stages.run_chunk", None)
-    run = create(tmp_path / "run", replace(CONFIG, method=replace(METHOD, **change)))
+    run = create(tmp_path / "run", replace(RESCUING, method=replace(RESCUING.method, **change)))
     with pytest.raises(ValueError, match=message):
         loco_safe_dagger(run, workers=Workers(1))
     assert run.metrics == []
 
 
-@pytest.mark.parametrize("lines", range(len(STAGES)))
+@pytest.mark.parametrize("lines", range(len(RESCUING_STAGES)))
 def test_stages_whose_records_are_lost_are_done_again_to_the_same_bits(finished, tmp_path, lines):
     """Though the dataset holds the frames of later iterations by then."""
     shutil.copytree(finished.folder, tmp_path / "run")
     path = tmp_path / "run" / "metrics.jsonl"
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:lines]))
-    run = create(tmp_path / "run", CONFIG, resume=True)
+    run = create(tmp_path / "run", RESCUING, resume=True)
     loco_safe_dagger(run, workers=Workers(1))
     assert fingerprint(run) == fingerprint(finished)
 
@@ -311,6 +280,6 @@ def test_stages_whose_records_are_lost_are_done_again_to_the_same_bits(finished,
 def test_a_policy_that_is_lost_is_trained_again_to_the_same_bits(finished, tmp_path, iteration):
     shutil.copytree(finished.folder, tmp_path / "run")
     open_run(tmp_path / "run").policy_path(iteration).unlink()
-    run = create(tmp_path / "run", CONFIG, resume=True)
+    run = create(tmp_path / "run", RESCUING, resume=True)
     loco_safe_dagger(run, workers=Workers(1))
     assert fingerprint(run) == fingerprint(finished)

@@ -60,8 +60,8 @@ def rewrite(run: Run, **changes) -> None:
     ("changes", "message"),
     [
         ({"gait": Gait(period=0.4)}, r"a gait period \[ms\] 500, .*config.json has 400"),
-        ({"policy": PolicyConfig((16, 16), kp=3.0)}, r"kp \[Nm/rad\] 2.0, .*config.json has 3.0"),
-        ({"policy": PolicyConfig((16, 16), kd=0.2)}, r"kd \[Nms/rad\] 0.1, .*has 0.2"),
+        ({"policy": PolicyConfig((16, 16), kp=3.0)}, r"kp \[N m/rad\] 2.0, .*config.json has 3.0"),
+        ({"policy": PolicyConfig((16, 16), kd=0.2)}, r"kd \[N m s/rad\] 0.1, .*has 0.2"),
         ({"policy": PolicyConfig((16, 16), phase="fraction")}, "a phase given as circle.*fraction"),
     ],
 )
@@ -86,7 +86,7 @@ def test_a_policy_that_lies_in_no_run_brings_its_gains(finished, tmp_path, caplo
     with caplog.at_level(logging.INFO, logger="surefoot"):
         assert find_policy(path) == (path, replace(Config(), policy=policy.config))
     assert "lies in no run" in caplog.text
-    assert "kp 2.5 Nm/rad, kd 0.07 Nms/rad, phase as a fr" in caplog.text
+    assert "kp 2.5 N m/rad, kd 0.07 N m s/rad, phase as a fr" in caplog.text
     policy.period_ticks = 400
     save(policy, path)
     with pytest.raises(ValueError, match=r"period \[ms\] 400, the default configuration has 500"):

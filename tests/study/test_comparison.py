@@ -27,13 +27,20 @@ from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join
-from surefoot.runs.accounting import collection_figures, cost_of
+from surefoot.runs.accounting import collection_cost, cost_of
+from surefoot.runs.metrics import Best, StageRecord
 from surefoot.runs.run import RunError, create, open_run
 from surefoot.scenarios.starts import load_starts
 from surefoot.study.comparison import compare, label_of
 from surefoot.study.tables import BEGIN, END, page, tables
 from surefoot.viz.plots import comparison_figure
 from surefoot.workers import Workers
+from tests.fakes.runs import (
+    collected_record,
+    gate_record,
+    trained_record,
+    validated_record,
+)
 
 SMALL = PolicyConfig(hidden=(4,))
 DATA = ExpertData(1, 1, False, 0.2)
@@ -46,22 +53,20 @@ class Interrupted(Exception):
 
 def collected(iteration, **figures):
     """A record of a collection: by default 10 rollouts of 6 s, of which the expert drove 1 s."""
-    keys = ("falls", "near_falls", "near_falls_in_tail", "diverged", "takeovers", "queries")
-    keys = (*keys, "queries_failed", "plans", "recoveries_tilted", "recoveries_near_bounds")
     share = 1.0 if iteration == 0 else 1 / 6
-    given = {
+    changes = {
         "episodes": 10,
+        "plans": 0,
         "frames_kept": 1000,
         "expert_share": share,
         "expert_share_with_tail": share,
         "robot_seconds": 60.0,
         "expert_seconds": 60.0 * share,
         "falls_per_robot_minute": float(figures.get("falls", 0)),
-        "expert": "surefoot.mpc.planner",
         "starts_hash": STARTS.hash,
         "seconds": 100.0,
     }
-    return dict.fromkeys(keys, 0) | given | figures
+    return collected_record(iteration, **(changes | figures))
 
 
 def run_of(folder: Path, method, weights: int, best: int | None = 0, **config) -> Path:
@@ -73,16 +78,14 @@ def run_of(folder: Path, method, weights: int, best: int | None = 0, **config) -
             Policy(PolicyNetwork(SMALL, weights + i), SMALL, 500, np.zeros((2, 3))),
             run.policy_path(i),
         )
-        run.record(
-            "collect",
-            i,
-            **collected(i, falls=3 * i, near_falls=4 * i, near_falls_in_tail=2 * i, plans=1200),
+        run.append_metrics(
+            collected(i, falls=3 * i, near_falls=4 * i, near_falls_in_tail=2 * i, plans=1200)
         )
-        run.record("train", i, seconds=20.0)
-        run.record("guard_classifier", i, seconds=0.5)
-        run.record("validate", i, starts_hash=STARTS.hash, seconds=3.0)
+        run.append_metrics(trained_record(i, seconds=20.0))
+        run.append_metrics(gate_record("classifier", i, seconds=0.5))
+        run.append_metrics(validated_record(i, starts_hash=STARTS.hash, seconds=3.0))
     if best is not None:
-        run.record("best", 0, best_iteration=best)
+        run.append_metrics(Best(best_iteration=best))
     return folder
 
 
@@ -333,7 +336,7 @@ def test_a_run_on_other_starts_or_with_an_own_expert_is_named(monkeypatch, runs,
         ("own", {"expert": "mine.plan"}, "own expert mine.plan"),
     ):
         run = create(tmp_path / name, Config(policy=SMALL))
-        run.record("collect", 0, **collected(0, **record))
+        run.append_metrics(collected(0, **record))
         with pytest.raises(ValueError, match=f"{name} .*{message}"):
             measure([*runs, run.folder])
 
@@ -412,16 +415,15 @@ def test_cost_is_pooled_exactly(tail, queries, fell):
         part = summary_of(rng, 10 + i, T, 0 if i == 0 else tail, drove, fell)
         if queries and i > 0:
             part = join([part, summary_of(rng, 50, 1000, 0, 1.0, fell, query=True)])
-        figures = json.loads(json.dumps(collection_figures(part)))
-        records.append({"stage": "collect", "iteration": i, "seconds": 2.0, **figures})
+        records.append(collected_record(i, seconds=2.0, **vars(collection_cost(part))))
         parts.append(part)
-    cost, pooled = cost_of(records, T / 1000), collection_figures(join(parts[1:]))
+    cost, pooled = cost_of(records, T / 1000), vars(collection_cost(join(parts[1:])))
     for key in ("episodes", "falls", "takeovers"):
         assert cost[key] == pooled[key]
     for key in ("expert_share", "falls_per_robot_minute"):
         assert cost[key] == pytest.approx(pooled[key], rel=1e-9)
     assert cost["expert_share"] < 0.99
-    everything = collection_figures(join(parts))
+    everything = vars(collection_cost(join(parts)))
     keys = ("expert_seconds", "plans", "frames_kept", "queries_failed", "recoveries_tilted")
     for key in (*keys, "near_falls", "near_falls_in_tail"):
         assert cost[key] == pytest.approx(everything[key])
@@ -430,15 +432,15 @@ def test_cost_is_pooled_exactly(tail, queries, fell):
 
 
 def test_of_a_series_of_sizes_only_the_last_is_what_a_policy_cost():
-    records = [{"stage": "collect", "iteration": 0, **collected(0)}]
+    records: list[StageRecord] = [collected(0)]
     for size in range(3):
-        records.append({"stage": "train", "iteration": size, "seconds": 10.0 * (size + 1)})
-        records.append({"stage": "validate", "iteration": size, "seconds": size + 1.0})
-    records.append({"stage": "best", "iteration": 0, "best_iteration": 2})
+        records.append(trained_record(size, seconds=10.0 * (size + 1)))
+        records.append(validated_record(size, seconds=size + 1.0))
+    records.append(Best(best_iteration=2))
     cost = cost_of(records, 0.0)
     assert cost["seconds"] == {"collect": 100.0, "train": 30.0, "validate": 3.0, "guards": 0}
     # Of an iterative method each policy goes on from the one before.
-    records += [{"stage": "collect", "iteration": i, **collected(i)} for i in (1, 2)]
+    records += [collected(i) for i in (1, 2)]
     cost = cost_of(records, 6.0)
     assert cost["seconds"] == {"collect": 300.0, "train": 60.0, "validate": 6.0, "guards": 0}
 
@@ -509,7 +511,7 @@ def test_a_real_comparison(trained, tmp_path):
     assert len({json.dumps(results["evaluation"]) for results in policies}) == 2
     run = open_run(trained[1])
     later = [run.summary_path(name) for name in run.dataset.shards if "_000-" not in name]
-    pooled = collection_figures(join([load_arrays(file, Summary) for file in later]))
+    pooled = vars(collection_cost(join([load_arrays(file, Summary) for file in later])))
     for key in ("episodes", "falls", "takeovers", "expert_share", "falls_per_robot_minute"):
         assert record["rows"][2]["cost"][key] == pytest.approx(pooled[key], rel=1e-9)
     assert label_of(run) == record["rows"][2]["label"]

@@ -51,7 +51,7 @@ def find_policy(target: Path) -> tuple[Path, Config]:
         config = replace(config, policy=policy.config)
         logger.info(
             f"{target} lies in no run: simulator and expert as by default; gains and phase are its "
-            f"own (kp {config.policy.kp} Nm/rad, kd {config.policy.kd} Nms/rad, phase as a "
+            f"own (kp {config.policy.kp} N m/rad, kd {config.policy.kd} N m s/rad, phase as a "
             f"{config.policy.phase})"
         )
         source = "the default configuration"
@@ -75,8 +75,8 @@ def _check_fit(path: Path, policy: Policy, config: Config, source: str) -> None:
     """
     pairs = (
         ("a gait period [ms]", policy.period_ticks, to_ticks(config.gait.period)),
-        ("kp [Nm/rad]", policy.config.kp, config.policy.kp),
-        ("kd [Nms/rad]", policy.config.kd, config.policy.kd),
+        ("kp [N m/rad]", policy.config.kp, config.policy.kp),
+        ("kd [N m s/rad]", policy.config.kd, config.policy.kd),
         ("a phase given as", policy.config.phase, config.policy.phase),
     )
     for name, trained_for, configured in pairs:

@@ -1,7 +1,7 @@
 """Plots: the learning curves of a run, and a comparison of methods.
 
 `learning_curves` draws the records of a run (`runs.metrics`): falls, the expert's share and the
-success on the `select` starts over the iterations, which the paper plots for its methods too (IV-F).
+success on the `select` starts over the iterations, as the paper plots them for its methods (IV-F).
 """
 
 from __future__ import annotations
@@ -95,11 +95,11 @@ def learning_curves(metrics: Sequence[StageRecord], path: Path) -> Path:
         _plot_success(success, validated, best)
         _label_iterations(success, frames)
         figure.align_ylabels()
-        _save(figure, path)
+        save_figure(figure, path)
     return path
 
 
-def _save(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
     """Write a plot, whole or not at all."""
     svg = path.suffix.lower() == ".svg"
     options: dict[str, Any] = {"format": "svg" if svg else "png"}
@@ -238,7 +238,7 @@ def comparison_figure(record: dict[str, Any], path: Path) -> Path:
                 labels = [row["label"] if column == 0 else "" for row in rows]
                 each.set_yticks(range(len(rows)), labels)
                 each.set_ylim(len(rows) - 0.4, -0.6)
-        _save(figure, path)
+        save_figure(figure, path)
     return path
 
 
