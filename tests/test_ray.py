@@ -10,11 +10,11 @@ import pytest
 
 from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
 from surefoot.rollouts.jobs import chunks_of, run_chunk
-from surefoot.runs.run import Run, create
-from surefoot.runs.stages import collect
+from surefoot.runs.run import create
+from surefoot.runs.stages import collect_data
 from surefoot.workers import RETRIES, Workers, each_chunk, map_chunks
-from tests.fakes.runs import fingerprint
-from tests.methods.test_loco_safe_dagger import CONFIG
+from tests.fakes.runs import fingerprint, measurements
+from tests.fakes.small_runs import RESCUING
 
 ray = pytest.importorskip("ray", reason="the extra ray is not installed")
 from ray.cluster_utils import Cluster  # noqa: E402
@@ -60,7 +60,7 @@ def threads(_):
 def test_a_run_on_ray_has_the_bits_of_one_in_this_process(fresh, tmp_path, capsys):
     """And chunks whose worker dies are run again; errors come as they are."""
     answer = signal.getsignal(signal.SIGTERM)
-    here, there = (create(tmp_path / name / "run", CONFIG) for name in ("here", "there"))
+    here, there = (create(tmp_path / name / "run", RESCUING) for name in ("here", "there"))
     loco_safe_dagger(here, Workers(1))
     loco_safe_dagger(there, RAY)
     assert fingerprint(here) == fingerprint(there)
@@ -93,9 +93,9 @@ def slowly(job, marks):
 
 def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, capsys):
     """Two nodes of one core each; one is killed while both collect."""
-    config = replace(CONFIG, chunk=2)
+    config = replace(RESCUING, chunk=2)
     undisturbed = create(tmp_path / "undisturbed", config)
-    collect(undisturbed, 0, collection(undisturbed, 0), Workers(1))
+    collect_data(undisturbed, 0, collection(undisturbed, 0), Workers(1))
 
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
     lost = cluster.add_node(num_cpus=1)
@@ -125,7 +125,7 @@ def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, capsy
     monkeypatch.setattr("surefoot.runs.stages.each_chunk", then_kill)
     disturbed = create(tmp_path / "disturbed", config)
     try:
-        collect(disturbed, 0, collection(disturbed, 0), workers)
+        collect_data(disturbed, 0, collection(disturbed, 0), workers)
         assert killed
     finally:
         ray.shutdown()
@@ -133,8 +133,4 @@ def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, capsy
     assert "collect: a worker died; run again: chunk" in capsys.readouterr().out
     assert len(chunks_of(collection(disturbed, 0))) == 11
     assert disturbed.dataset.hash == undisturbed.dataset.hash
-    assert figures(disturbed) == figures(undisturbed)
-
-
-def figures(run: Run) -> dict:
-    return {key: value for key, value in run.metrics[0].items() if key != "seconds"}
+    assert measurements(disturbed) == measurements(undisturbed)

@@ -10,12 +10,14 @@ from surefoot.config import BehaviorCloningConfig, Config, PolicyConfig
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
 from surefoot.rollouts.outcome import Outcome
+from surefoot.runs.metrics import Best, Collected
 from surefoot.runs.run import create
 from surefoot.scenarios.starts import load_starts
 from surefoot.study.comparison import Measurements, compare
 from surefoot.study.records import Comparison
 from surefoot.workers import Workers
 from tests.fakes.results import push_result, robustness
+from tests.fakes.runs import collected_record, gate_record, trained_record, validated_record
 
 SMALL = PolicyConfig(hidden=(4,))
 STARTS = load_starts()
@@ -26,24 +28,22 @@ class Interrupted(Exception):
     """Stands for Ctrl-C."""
 
 
-def collected(iteration, **figures):
-    """The metrics of a collection: by default 10 rollouts of 6 s, of which the expert drove 1 s."""
-    keys = ("falls", "near_falls", "near_falls_in_tail", "diverged", "takeovers", "queries")
-    keys = (*keys, "queries_failed", "plans", "recoveries_tilted", "recoveries_near_bounds")
+def collected(iteration, **changes) -> Collected:
+    """The record of a collection: by default 10 rollouts of 6 s, of which the expert drove 1 s."""
     share = 1.0 if iteration == 0 else 1 / 6
     defaults = {
         "episodes": 10,
+        "plans": 0,
         "frames_kept": 1000,
         "expert_share": share,
         "expert_share_with_tail": share,
         "robot_seconds": 60.0,
         "expert_seconds": 60.0 * share,
-        "falls_per_robot_minute": float(figures.get("falls", 0)),
-        "expert": "surefoot.mpc.planner",
+        "falls_per_robot_minute": float(changes.get("falls", 0)),
         "starts_hash": STARTS.hash,
         "seconds": 100.0,
     }
-    return dict.fromkeys(keys, 0) | defaults | figures
+    return collected_record(iteration, **(defaults | changes))
 
 
 def save_policy(path: Path, seed: int) -> None:
@@ -57,13 +57,14 @@ def run_of(folder: Path, method, weights_seed: int, best: int | None = 0, **conf
     iterations = 1 if isinstance(method, BehaviorCloningConfig) else 2
     for i in range(iterations):
         save_policy(run.policy_path(i), weights_seed + i)
-        figures = collected(i, falls=3 * i, near_falls=4 * i, near_falls_in_tail=2 * i, plans=1200)
-        run.record("collect", i, **figures)
-        run.record("train", i, seconds=20.0)
-        run.record("guard_classifier", i, seconds=0.5)
-        run.record("validate", i, starts_hash=STARTS.hash, seconds=3.0)
+        run.append_metrics(
+            collected(i, falls=3 * i, near_falls=4 * i, near_falls_in_tail=2 * i, plans=1200)
+        )
+        run.append_metrics(trained_record(i, seconds=20.0))
+        run.append_metrics(gate_record("classifier", i, seconds=0.5))
+        run.append_metrics(validated_record(i, starts_hash=STARTS.hash, seconds=3.0))
     if best is not None:
-        run.record("best", 0, best_iteration=best)
+        run.append_metrics(Best(best_iteration=best))
     return folder
 
 

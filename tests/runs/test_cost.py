@@ -1,6 +1,5 @@
 """What a whole run cost, from what is recorded of its iterations."""
 
-import json
 from dataclasses import fields
 
 import numpy as np
@@ -8,8 +7,10 @@ import pytest
 
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join
-from surefoot.runs.accounting import StageSeconds, collection_figures, cost_of
+from surefoot.runs.accounting import StageSeconds, collection_cost, cost_of
+from surefoot.runs.metrics import Best, StageRecord
 from tests.fakes.comparisons import collected
+from tests.fakes.runs import collected_record, gate_record, trained_record, validated_record
 
 
 def random_summary(rng, n: int, T: int, tail: int, drove: float, fell: float, query: bool = False):
@@ -47,43 +48,42 @@ def test_cost_is_pooled_exactly(tail, queries, fell):
         part = random_summary(rng, 10 + i, T, 0 if i == 0 else tail, drove, fell)
         if queries and i > 0:
             part = join([part, random_summary(rng, 50, 1000, 0, 1.0, fell, query=True)])
-        figures = json.loads(json.dumps(collection_figures(part)))
-        records.append({"stage": "collect", "iteration": i, "seconds": 2.0, **figures})
+        records.append(collected_record(i, seconds=2.0, **vars(collection_cost(part))))
         parts.append(part)
     cost = cost_of(records, T / 1000)
-    pooled = collection_figures(join(parts[1:]))
-    assert cost.episodes == pooled["episodes"]
-    assert cost.falls == pooled["falls"]
-    assert cost.takeovers == pooled["takeovers"]
-    assert cost.expert_share == pytest.approx(pooled["expert_share"], rel=1e-9)
-    assert cost.falls_per_robot_minute == pytest.approx(pooled["falls_per_robot_minute"], rel=1e-9)
+    pooled = collection_cost(join(parts[1:]))
+    assert cost.episodes == pooled.episodes
+    assert cost.falls == pooled.falls
+    assert cost.takeovers == pooled.takeovers
+    assert cost.expert_share == pytest.approx(pooled.expert_share, rel=1e-9)
+    assert cost.falls_per_robot_minute == pytest.approx(pooled.falls_per_robot_minute, rel=1e-9)
     assert cost.expert_share is not None and cost.expert_share < 0.99
-    everything = collection_figures(join(parts))
-    assert cost.expert_seconds == pytest.approx(everything["expert_seconds"])
-    assert cost.plans == everything["plans"]
-    assert cost.frames_kept == everything["frames_kept"]
-    assert cost.queries_failed == everything["queries_failed"]
-    assert cost.recoveries_tilted == everything["recoveries_tilted"]
-    assert cost.near_falls == everything["near_falls"]
-    assert cost.near_falls_in_tail == everything["near_falls_in_tail"]
+    everything = collection_cost(join(parts))
+    assert cost.expert_seconds == pytest.approx(everything.expert_seconds)
+    assert cost.plans == everything.plans
+    assert cost.frames_kept == everything.frames_kept
+    assert cost.queries_failed == everything.queries_failed
+    assert cost.recoveries_tilted == everything.recoveries_tilted
+    assert cost.near_falls == everything.near_falls
+    assert cost.near_falls_in_tail == everything.near_falls_in_tail
     assert cost.pretraining_episodes == 10
     assert cost.seconds == StageSeconds(collect=10.0, train=0, validate=0, gates=0)
 
 
 def test_of_a_series_of_sizes_only_the_last_is_what_a_policy_cost():
-    records = [{"stage": "collect", "iteration": 0, **collected(0)}]
+    records: list[StageRecord] = [collected(0)]
     for size in range(3):
-        records.append({"stage": "train", "iteration": size, "seconds": 10.0 * (size + 1)})
-        records.append({"stage": "validate", "iteration": size, "seconds": size + 1.0})
-    records.append({"stage": "best", "iteration": 0, "best_iteration": 2})
+        records.append(trained_record(size, seconds=10.0 * (size + 1)))
+        records.append(validated_record(size, seconds=size + 1.0))
+    records.append(Best(best_iteration=2))
     assert cost_of(records, 0.0).seconds == StageSeconds(100.0, 30.0, 3.0, 0)
     # In an iterative method each policy continues from the one before.
-    records += [{"stage": "collect", "iteration": i, **collected(i)} for i in (1, 2)]
+    records += [collected(i) for i in (1, 2)]
     assert cost_of(records, 6.0).seconds == StageSeconds(300.0, 60.0, 6.0, 0)
 
 
-def test_the_training_of_gates_has_its_time_whatever_it_was_called():
-    records = [{"stage": "collect", "iteration": i, **collected(i)} for i in (0, 1)]
-    records.append({"stage": "guard_classifier", "iteration": 0, "seconds": 2.0})
-    records.append({"stage": "gate_history", "iteration": 1, "seconds": 3.0})
+def test_the_training_of_gates_has_its_time():
+    records: list[StageRecord] = [collected(i) for i in (0, 1)]
+    records.append(gate_record("classifier", 0, seconds=2.0))
+    records.append(gate_record("history", 1, seconds=3.0))
     assert cost_of(records, 6.0).seconds == StageSeconds(200.0, 0, 0, 5.0)

@@ -22,7 +22,7 @@ from surefoot.files import load_arrays
 from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.rollouts.summary import Summary, join
-from surefoot.runs.accounting import collection_figures
+from surefoot.runs.accounting import collection_cost
 from surefoot.runs.run import create, open_run
 from surefoot.study.comparison import Measurements, compare
 from surefoot.study.ground import label_of
@@ -225,11 +225,11 @@ def test_the_cost_of_a_trained_run_is_that_of_its_rollouts(trained):
     comparison = measure(trained, simulators=("mujoco",), which="last", pushes=False)
     run = open_run(trained[1])
     later = [run.summary_path(name) for name in run.dataset.shards if "_000-" not in name]
-    pooled = collection_figures(join([load_arrays(file, Summary) for file in later]))
+    pooled = collection_cost(join([load_arrays(file, Summary) for file in later]))
     cost = comparison.rows[2].cost
     assert cost is not None
-    assert cost.episodes == pooled["episodes"]
-    assert cost.falls == pooled["falls"]
-    assert cost.takeovers == pooled["takeovers"]
-    assert cost.expert_share == pytest.approx(pooled["expert_share"], rel=1e-9)
-    assert cost.falls_per_robot_minute == pytest.approx(pooled["falls_per_robot_minute"], rel=1e-9)
+    assert cost.episodes == pooled.episodes
+    assert cost.falls == pooled.falls
+    assert cost.takeovers == pooled.takeovers
+    assert cost.expert_share == pytest.approx(pooled.expert_share, rel=1e-9)
+    assert cost.falls_per_robot_minute == pytest.approx(pooled.falls_per_robot_minute, rel=1e-9)

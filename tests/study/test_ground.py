@@ -54,17 +54,17 @@ def test_what_bears_on_training_only_may_differ(runs, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "figures", "message"),
+    ("name", "changes", "message"),
     [
         ("starts", {"starts_hash": "0123456789"}, "made from other starts .01234567"),
         ("own", {"expert": "mine.plan"}, "own expert mine.plan"),
     ],
 )
 def test_a_run_from_other_starts_or_of_an_own_expert_is_refused(
-    runs, tmp_path, name, figures, message
+    runs, tmp_path, name, changes, message
 ):
     run = create(tmp_path / name, Config(policy=SMALL))
-    run.record("collect", 0, **collected(0, **figures))
+    run.append_metrics(collected(0, **changes))
     with pytest.raises(ValueError, match=f"{name} .*{message}"):
         open_comparable_runs([*runs, run.folder])
 

@@ -12,7 +12,7 @@ from surefoot.config import SimulationConfig
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.viz.film import RenderingUnavailable, contact_sheet, film
-from surefoot.viz.plots import BLUE, GREY, RED
+from surefoot.viz.plots import BLUE, GRAY, RED
 
 ROBOT, CONFIG = solo12(), SimulationConfig()
 SIZE = (160, 90)
@@ -126,7 +126,7 @@ def test_a_push_is_marked_on_the_timeline_and_named_for_150_ms():
     assert named == [False, True, True, False]
     # Without a driver the timeline is grey, and nobody is named.
     picture = frame(0, expert_drove=None, pushes=(40,))
-    assert is_colour(picture[-2, 10:], GREY, 1).all()
+    assert is_colour(picture[-2, 10:], GRAY, 1).all()
     assert (picture[170:212] == 255).all()
 
 

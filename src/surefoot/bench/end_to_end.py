@@ -22,6 +22,7 @@ from surefoot.learning.policy import save
 from surefoot.methods import METHODS
 from surefoot.rollouts.arbiters import PolicyOnly
 from surefoot.rollouts.jobs import Job, run_episodes
+from surefoot.runs.metrics import Collected, Trained, Validated
 from surefoot.runs.run import Run, create
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import TICKS_PER_SECOND
@@ -85,7 +86,9 @@ def bench_end_to_end(
         METHODS[name].train(run, workers, None)
         seconds = time.perf_counter() - began
         stages = stage_times(run, workers.count, plan_ms, rate, step_ms)
-        winner = run.done("validate", (run.done("best", 0) or {})["best_iteration"]) or {}
+        assert run.best is not None
+        winner = run.validated(run.best.best_iteration)
+        assert winner is not None
     return {
         "method": name,
         "workers": workers.count,
@@ -95,7 +98,7 @@ def bench_end_to_end(
         "plan_ms": plan_ms,
         "floor_robot_ms_per_s": rate,
         "floor_step_ms": step_ms,
-        "select_successes": winner["successes"],
+        "select_successes": winner.successes,
     }
 
 
@@ -112,14 +115,15 @@ def stage_times(
         step_ms: of one training step [ms].
     """
     totals = {stage: {"seconds": 0.0, "floor_seconds": 0.0} for stage in STAGES}
-    for line in run.metrics:
-        if line["stage"] in STAGES:
-            rollouts = line.get("robot_seconds", 0.0) * TICKS_PER_SECOND / rate
-            plans = line.get("plans", 0) * plan_ms / 1e3
-            total = totals[line["stage"]]
-            total["seconds"] += line["seconds"]
-            total["floor_seconds"] += (rollouts + plans) / workers
-            total["floor_seconds"] += line.get("steps", 0) * step_ms / 1e3
+    for record in run.metrics:
+        if isinstance(record, Collected | Validated):
+            rollouts = record.robot_seconds * TICKS_PER_SECOND / rate
+            plans = record.plans * plan_ms / 1e3
+            totals[record.stage]["seconds"] += record.seconds
+            totals[record.stage]["floor_seconds"] += (rollouts + plans) / workers
+        elif isinstance(record, Trained):
+            totals["train"]["seconds"] += record.seconds
+            totals["train"]["floor_seconds"] += record.steps * step_ms / 1e3
     return totals
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import tyro
 
 from surefoot.cli.options import OnSimulator, film_episode, show
-from surefoot.rollouts.summary import settled_part
+from surefoot.config.json_io import to_json
 from surefoot.types import Command
 
 
@@ -47,9 +47,13 @@ class Play(OnSimulator):
         from surefoot.learning.policy import check_command, load
         from surefoot.rollouts.arbiters import PolicyOnly
         from surefoot.rollouts.jobs import Job, play_out
-        from surefoot.rollouts.summary import velocities
         from surefoot.runs.policies import find_policy
-        from surefoot.viz.replay import episode_figures, pushes_of, recorded_episode, standing_start
+        from surefoot.viz.replay import (
+            push_ticks,
+            recorded_episode,
+            report_episode,
+            standing_start,
+        )
 
         if self.iteration is not None and self.episode is None:
             raise ValueError(f"iteration {self.iteration} of which --episode? Name one, from 0 on")
@@ -69,13 +73,9 @@ class Play(OnSimulator):
         job = replace(job, config=self.simulated(job.config))
         record, expert = play_out(job)
         length = max(int(record.length[0]), 1)  # of an expert that gives up at once, the start
-        figures = episode_figures(job, record, expert) | {
-            "mean_velocity": velocities(record)[0, settled_part(length)].mean(axis=0).tolist(),
-            "episode": episode,
-        }
-        show(figures, self.json)
+        show(to_json(report_episode(job, record, expert, episode)), self.json)
         driver = "policy" if episode is None else f"episode {episode}"
         title = f"{driver}, vx {job.starts.command[0, 0]:.2f} m/s"
         drove = None if episode is None else record.expert_drove[0, :length]
-        film_episode(job.config, record.q[0, :length], out, title, drove, pushes_of(job, record))
+        film_episode(job.config, record.q[0, :length], out, title, drove, push_ticks(job, record))
         return int(record.failed[0])

@@ -25,6 +25,7 @@ from surefoot.config.methods import IterativeConfig
 from surefoot.methods import METHODS
 from surefoot.rollouts.jobs import PLANNER
 from surefoot.runs.accounting import RunCost, cost_of
+from surefoot.runs.metrics import Collected, Trained, Validated
 from surefoot.runs.policies import find_policy
 from surefoot.runs.run import Run, RunError, open_run
 from surefoot.scenarios.starts import load_starts
@@ -142,15 +143,15 @@ def check_comparable(run: Run, first: Run) -> None:
         )
     stored = load_starts()
     for record in run.metrics:
-        if record.get("starts_hash", stored.hash) != stored.hash:
+        if isinstance(record, Collected | Validated) and record.starts_hash != stored.hash:
             raise ValueError(
-                f"{run.folder} was made from other starts ({record['starts_hash'][:8]}...) than "
+                f"{run.folder} was made from other starts ({record.starts_hash[:8]}...) than "
                 f"{stored.name} ({stored.hash[:8]}...): results on different starts cannot be "
                 "compared"
             )
-        if record.get("expert", PLANNER) != PLANNER:
+        if isinstance(record, Collected) and record.expert != PLANNER:
             raise ValueError(
-                f"{run.folder} learned from your own expert {record['expert']}, which has no row "
+                f"{run.folder} learned from your own expert {record.expert}, which has no row "
                 "here: use sf.evaluate and sf.push_recovery with your plan, from Python"
             )
 
@@ -183,7 +184,7 @@ def last_policy(run: Run) -> Path:
     Raises:
         RunError: None has been trained.
     """
-    trained = [record["iteration"] for record in run.metrics if record["stage"] == "train"]
+    trained = [record.iteration for record in run.metrics if isinstance(record, Trained)]
     if not trained:
         raise RunError(f"{run.folder} has no policy yet; resume it with `surefoot train --resume`")
     return run.policy_path(max(trained))

@@ -30,7 +30,7 @@ from surefoot.robots.solo12 import solo12
 from surefoot.rotations import heading, rotation
 from surefoot.sim.mujoco import build_model, to_mujoco
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray
-from surefoot.viz.plots import BLUE, GREY, RED
+from surefoot.viz.plots import BLUE, GRAY, RED
 
 AIM = 0.11  # [m] height the camera looks at: half way from the ground to the robot's top
 SMOOTHING = 0.3  # [s] width of the Gaussian through which the camera follows the base
@@ -194,7 +194,7 @@ def _draw_timeline(
     width, height = picture.size
     draw, thick, pen = ImageDraw.Draw(picture), max(height // 45, 2), max(width // 480, 1)
     if expert_drove is None:
-        draw.rectangle((0, height - thick, width, height), GREY)
+        draw.rectangle((0, height - thick, width, height), GRAY)
     else:
         by_column = expert_drove[np.arange(width) * length // width, None]
         colours = np.where(by_column, ImageColor.getrgb(BLUE), ImageColor.getrgb(RED))
