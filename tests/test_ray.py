@@ -10,11 +10,11 @@ import pytest
 
 from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
 from surefoot.rollouts.jobs import chunks_of, run_chunk
-from surefoot.runs.run import Run, create
-from surefoot.runs.stages import collect
+from surefoot.runs.run import create
+from surefoot.runs.stages import collect_data
 from surefoot.workers import RETRIES, Workers, each_chunk, map_chunks
-from tests.fakes.runs import fingerprint
-from tests.methods.test_loco_safe_dagger import CONFIG
+from tests.fakes.runs import fingerprint, measurements
+from tests.fakes.small_runs import RESCUING
 
 ray = pytest.importorskip("ray", reason="the extra ray is not installed")
 from ray.cluster_utils import Cluster  # noqa: E402
@@ -27,7 +27,7 @@ RAY = Workers(2, "ray")
 
 @pytest.fixture
 def fresh():
-    """Ray is shut down before and after the test."""
+    """No Ray before, none after."""
     ray.shutdown()
     yield
     ray.shutdown()
@@ -57,26 +57,25 @@ def threads(_):
     return os.environ.get("OMP_NUM_THREADS")
 
 
-def test_a_run_on_ray_has_the_bits_of_one_in_this_process(fresh, tmp_path, caplog):
+def test_a_run_on_ray_has_the_bits_of_one_in_this_process(fresh, tmp_path, capsys):
     """And chunks whose worker dies are run again; errors come as they are."""
-    handler = signal.getsignal(signal.SIGTERM)
-    in_this_process = create(tmp_path / "in_this_process" / "run", CONFIG)
-    on_ray = create(tmp_path / "on_ray" / "run", CONFIG)
-    loco_safe_dagger(in_this_process, Workers(1))
-    loco_safe_dagger(on_ray, RAY)
-    assert fingerprint(in_this_process) == fingerprint(on_ray)
+    answer = signal.getsignal(signal.SIGTERM)
+    here, there = (create(tmp_path / name / "run", RESCUING) for name in ("here", "there"))
+    loco_safe_dagger(here, Workers(1))
+    loco_safe_dagger(there, RAY)
+    assert fingerprint(here) == fingerprint(there)
     assert map_chunks(refuse, [], RAY, "nothing to do") == []
     chunks = [(number, tmp_path) for number in range(4)]
     assert map_chunks(die_once, chunks, RAY, "dies once") == [0, 1, 2, 3]
     assert (tmp_path / "died").exists()
-    assert "dies once: a worker died; run again: chunk 1\n" in caplog.text
-    with pytest.raises(RuntimeError, match="always: a worker died 3 times while chunk 1 was in p"):
+    assert "dies once: a worker died; run again: chunk 1\n" in capsys.readouterr().out
+    with pytest.raises(RuntimeError, match="always: a worker died 3 times while chunk 1 was under"):
         map_chunks(always_die, chunks, RAY, "always")
     assert len(list(tmp_path.glob("*.tried"))) == RETRIES + 1
     with pytest.raises(LookupError, match="no chunk 0"):
         map_chunks(refuse, [0], RAY, "refuses")
     assert map_chunks(threads, [0], RAY, "threads") == ["1"]
-    assert signal.getsignal(signal.SIGTERM) == handler  # Ray would take it over
+    assert signal.getsignal(signal.SIGTERM) == answer  # Ray would take it
 
 
 def test_no_cluster_is_a_clear_error(fresh):
@@ -92,11 +91,11 @@ def slowly(job, marks):
     return run_chunk(job)
 
 
-def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, caplog):
+def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, capsys):
     """Two nodes of one core each; one is killed while both collect."""
-    config = replace(CONFIG, chunk=2)
+    config = replace(RESCUING, chunk=2)
     undisturbed = create(tmp_path / "undisturbed", config)
-    collect(undisturbed, 0, collection(undisturbed, 0), Workers(1))
+    collect_data(undisturbed, 0, collection(undisturbed, 0), Workers(1))
 
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
     lost = cluster.add_node(num_cpus=1)
@@ -107,19 +106,18 @@ def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, caplo
     killed = []
 
     def kill(worker):
-        """End node and worker as a loss of power does; a worker left may report its result."""
+        """As a loss of power: node and worker, which may report its result otherwise."""
         raylet = lost.all_processes["raylet"][0].process
         for pid in (raylet.pid, worker):
             os.kill(pid, signal.SIGKILL)
         raylet.wait()
         killed.append(worker)
 
-    def then_kill(function, chunks, workers, title):
+    def then_kill(function, chunks, workers, label):
         on_a_node = lambda job: slowly(job, marks)  # noqa: E731
-        for done in each_chunk(on_a_node, chunks, workers, title):
+        for done in each_chunk(on_a_node, chunks, workers, label):
             for _ in range(50):
-                at_work = list(marks.glob(f"{lost.node_id}.*"))
-                if at_work and not killed:
+                if not killed and (at_work := list(marks.glob(f"{lost.node_id}.*"))):
                     kill(int(at_work[0].suffix[1:]))
                 time.sleep(0.0 if killed else 0.01)
             yield done
@@ -127,16 +125,12 @@ def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, caplo
     monkeypatch.setattr("surefoot.runs.stages.each_chunk", then_kill)
     disturbed = create(tmp_path / "disturbed", config)
     try:
-        collect(disturbed, 0, collection(disturbed, 0), workers)
+        collect_data(disturbed, 0, collection(disturbed, 0), workers)
         assert killed
     finally:
         ray.shutdown()
         cluster.shutdown()
-    assert "collect: a worker died; run again: chunk" in caplog.text
+    assert "collect: a worker died; run again: chunk" in capsys.readouterr().out
     assert len(chunks_of(collection(disturbed, 0))) == 11
     assert disturbed.dataset.hash == undisturbed.dataset.hash
-    assert figures(disturbed) == figures(undisturbed)
-
-
-def figures(run: Run) -> dict:
-    return {key: value for key, value in run.metrics[0].items() if key != "seconds"}
+    assert measurements(disturbed) == measurements(undisturbed)

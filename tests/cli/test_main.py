@@ -8,9 +8,10 @@ import pytest
 
 import surefoot.cli.main as main_module
 from surefoot.cli.main import COMMANDS, overview
-from surefoot.cli.play import Play, PlayReport
+from surefoot.cli.play import Play
 from surefoot.cli.train import Train, TrainReport
 from surefoot.cli.walk import Walk, WalkReport
+from surefoot.viz.replay import EpisodeReport
 
 
 def test_the_overview_fits_one_screen():
@@ -52,7 +53,7 @@ def test_each_command_has_help_of_its_own(surefoot, capsys, monkeypatch, command
 
 
 @pytest.mark.parametrize(
-    ("command", "report"), [(Walk, WalkReport), (Play, PlayReport), (Train, TrainReport)]
+    ("command", "report"), [(Walk, WalkReport), (Play, EpisodeReport), (Train, TrainReport)]
 )
 def test_help_names_every_json_key(command, report):
     keys = command.__doc__.partition("JSON keys:")[2]

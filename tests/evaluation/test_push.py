@@ -1,4 +1,4 @@
-"""Push recovery: the search finds known limits, branches are exact, intervals are paired."""
+"""Push recovery: the search finds known limits, branches are exact, differences are paired."""
 
 import json
 from dataclasses import fields, replace
@@ -9,23 +9,23 @@ import pytest
 
 import surefoot.evaluation.push as push_module
 from surefoot.config import Config, DisturbanceConfig, PushConfig
+from surefoot.config.json_io import from_json, to_json
 from surefoot.evaluation.push import (
-    branched,
-    enough,
-    level_at,
+    PushDifference,
+    PushResult,
+    branch_at_push,
     push_difference,
     push_recovery,
-    pushed,
+    pushed_job,
     pushed_starts,
-    resampled,
 )
-from surefoot.evaluation.statistics import RESAMPLES, resamples
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.engine import Episodes
-from surefoot.rollouts.jobs import Job, disturbance_of, play_out, run_episodes
+from surefoot.rollouts.episodes import Episodes
+from surefoot.rollouts.jobs import Job, play_out, run_episodes
 from surefoot.rollouts.outcome import Outcome
+from surefoot.scenarios.disturbance import draw
 from surefoot.scenarios.starts import load_starts
 from surefoot.study.expert_survey import PUSHES
 from surefoot.types import MotionPlan, to_ticks
@@ -38,18 +38,19 @@ STRONGEST = CONFIG.push.levels * RESOLUTION
 
 
 def pretend(monkeypatch, limit, unpushed=Outcome.SUCCESS, lost=()):
-    """Robots that survive up to ``limit(angle, id)`` [Ns]; the lost ids fall before the push."""
+    """Robots that survive up to ``limit(angle, id)`` [N s]; the lost ids fall before the push."""
     rounds = []
 
-    def map_chunks(function, chunks, workers, label):
+    def map_chunks(function, chunks, workers, title):
         assert function is push_module.states_at_the_end
         return [(chunk.starts, ~np.isin(chunk.starts.id, lost)) for chunk in chunks]
 
-    def run_episodes(job, workers, label):
-        assert job.episodes.duration == CONFIG.push.after
+    def run_episodes(job, workers, title):
+        assert job.duration == CONFIG.push.after
         assert not np.isin(job.starts.id, lost).any()
-        impulse = job.episodes.disturbance.pushes.impulse.reshape(len(job.episode), 3)
-        strength, angle = np.hypot(*impulse[:, :2].T), np.arctan2(impulse[:, 1], impulse[:, 0])
+        impulse = job.pushes.impulse.reshape(len(job.episode), 3)
+        strength = np.hypot(impulse[:, 0], impulse[:, 1])
+        angle = np.arctan2(impulse[:, 1], impulse[:, 0])
         outcome = np.where(strength > 0, Outcome.SUCCESS, unpushed)
         outcome[strength > limit(angle, job.starts.id) + 1e-9] = Outcome.FELL
         rounds.append(len(outcome))
@@ -60,54 +61,54 @@ def pretend(monkeypatch, limit, unpushed=Outcome.SUCCESS, lost=()):
     return rounds
 
 
-def recovery(config=CONFIG):
-    """The figures, which are JSON."""
-    figures = push_recovery(config, None, Workers(1), "test")
-    assert json.loads(json.dumps(figures)) == figures
-    return figures
+def recovery(config=CONFIG) -> PushResult:
+    """The pushes of the expert, which can be read back from their JSON."""
+    result = push_recovery(config, None, Workers(1))
+    assert from_json(PushResult, json.loads(json.dumps(to_json(result)))) == result
+    return result
 
 
 def spread_limit(angle, robot):
-    """Limits of 1 to 5 Ns, in no order, that differ from robot to robot; and by direction."""
+    """Limits of 1 to 5 N s, in no order, that differ from robot to robot; and by direction."""
     return 1.0 + 4.0 * (robot * 37 % 101) / 100 + 0.5 * np.cos(angle)
 
 
 def test_search_finds_the_limit_of_every_direction(monkeypatch):
     rounds = pretend(monkeypatch, lambda angle, robot: 2.0 + np.cos(angle))
-    figures = recovery()
-    assert figures["direction_deg"] == [0, 45, 90, 135, 180, 225, 270, 315]
-    limits = 2.0 + np.cos(np.radians(figures["direction_deg"]))
+    result = recovery()
+    assert result.direction_deg == (0, 45, 90, 135, 180, 225, 270, 315)
+    limits = 2.0 + np.cos(np.radians(result.direction_deg))
     np.testing.assert_allclose(
-        figures["max_impulse"], np.floor(limits / RESOLUTION + 1e-6) * RESOLUTION, atol=1e-9
+        result.max_impulse, np.floor(limits / RESOLUTION + 1e-6) * RESOLUTION, atol=1e-9
     )
-    assert np.all(np.abs(np.array(figures["fitted_impulse"]) - limits) <= RESOLUTION)
-    assert figures["mean_max_impulse"] == pytest.approx(np.mean(figures["max_impulse"]))
-    assert figures["mean_fitted_impulse"] == pytest.approx(np.mean(figures["fitted_impulse"]))
-    assert figures["episodes"] == 100
-    assert figures["lost_before"] == 0
+    assert np.all(np.abs(np.array(result.fitted_impulse) - limits) <= RESOLUTION)
+    assert result.mean_max_impulse == pytest.approx(np.mean(result.max_impulse))
+    assert result.mean_fitted_impulse == pytest.approx(np.mean(result.fitted_impulse))
+    assert result.episodes == 100
+    assert result.lost_before == 0
     # The control arm once, then five rounds for thirty levels, of a hundred robots a direction.
     assert rounds[0] == 100
     assert len(rounds) == 6
-    assert sum(rounds) == 100 * sum(len(levels) - 1 for levels in figures["levels"]) + 100
+    assert sum(rounds) == 100 * sum(len(levels) - 1 for levels in result.levels) + 100
     # Where all robots are alike there is nothing to draw.
-    for fitted, (low, high) in zip(figures["fitted_impulse"], figures["interval"], strict=True):
+    for fitted, (low, high) in zip(result.fitted_impulse, result.interval, strict=True):
         assert low == high == fitted
 
 
-def test_what_was_tried_is_kept_robot_by_robot(monkeypatch):
+def test_the_outcome_of_every_robot_is_recorded(monkeypatch):
     pretend(monkeypatch, spread_limit)
-    figures = recovery()
+    result = recovery()
     ids = pushed_starts(CONFIG.push, STORED).id
     for degrees, levels, counts, texts in zip(
-        figures["direction_deg"],
-        figures["levels"],
-        figures["successes"],
-        figures["survived"],
+        result.direction_deg,
+        result.levels,
+        result.successes,
+        result.survived,
         strict=True,
     ):
         limits = spread_limit(np.radians(degrees), ids)
         assert levels[0] == 0.0
-        assert levels == sorted(levels)
+        assert list(levels) == sorted(levels)
         for level, count, text in zip(levels, counts, texts, strict=True):
             assert text == "".join("01"[int(level <= limit + 1e-9)] for limit in limits)
             assert count == text.count("1")
@@ -115,69 +116,53 @@ def test_what_was_tried_is_kept_robot_by_robot(monkeypatch):
 
 def test_intervals_hold_the_known_limit(monkeypatch):
     pretend(monkeypatch, spread_limit)
-    figures = recovery()
+    result = recovery()
     ids = pushed_starts(CONFIG.push, STORED).id
     for degrees, fitted, (low, high) in zip(
-        figures["direction_deg"], figures["fitted_impulse"], figures["interval"], strict=True
+        result.direction_deg, result.fitted_impulse, result.interval, strict=True
     ):
         limit = np.quantile(spread_limit(np.radians(degrees), ids), 0.2)
         assert low < limit < high
         assert abs(fitted - limit) <= RESOLUTION
-        # 80 +- 8 of 100 robots, whose limits rise by 4 Ns from the first to the last.
+        # 80 +- 8 of 100 robots, whose limits rise by 4 N s from the first to the last.
         assert 0.4 < high - low < 0.9
-    low, high = figures["mean_interval"]
-    assert low < figures["mean_fitted_impulse"] < high
-    assert recovery() == figures
-
-
-def test_a_resample_is_the_fit_of_the_robots_drawn(monkeypatch):
-    pretend(monkeypatch, spread_limit)
-    figures = recovery()
-    drawn = resampled(figures)
-    assert drawn.shape == (RESAMPLES, 8)
-    for row in (0, 17, RESAMPLES - 1):
-        robots = np.repeat(np.arange(100), resamples(100)[row])
-        for direction in range(8):
-            counts = [
-                sum(text[robot] == "1" for robot in robots)
-                for text in figures["survived"][direction]
-            ]
-            expected = level_at(figures["levels"][direction], counts, enough(0.8, 100))
-            assert drawn[row, direction] == expected
+    low, high = result.mean_interval
+    assert low < result.mean_fitted_impulse < high
+    assert recovery() == result
 
 
 def test_limits_of_the_search(monkeypatch):
     pretend(monkeypatch, lambda angle, robot: 0.0 * angle)
-    assert recovery()["max_impulse"] == [0.0] * 8
+    assert recovery().max_impulse == (0.0,) * 8
     rounds = pretend(monkeypatch, lambda angle, robot: 2.0, unpushed=Outcome.STALLED)
-    figures = recovery()
-    assert figures["max_impulse"] == figures["fitted_impulse"] == [0.0] * 8
-    assert figures["mean_interval"] == [0.0, 0.0]
-    assert len(rounds) == 1  # who fails unpushed is not pushed
+    result = recovery()
+    assert result.max_impulse == result.fitted_impulse == (0.0,) * 8
+    assert result.mean_interval == (0.0, 0.0)
+    assert len(rounds) == 1  # robots that fail unpushed are not pushed
     pretend(monkeypatch, lambda angle, robot: 1e9)
-    figures = recovery()
-    assert figures["max_impulse"] == pytest.approx([STRONGEST] * 8)
-    assert figures["fitted_impulse"] == pytest.approx([STRONGEST] * 8)
+    result = recovery()
+    assert result.max_impulse == pytest.approx((STRONGEST,) * 8)
+    assert result.fitted_impulse == pytest.approx((STRONGEST,) * 8)
 
 
 def test_robots_lost_before_the_push_fail_at_every_level(monkeypatch):
     ids = pushed_starts(CONFIG.push, STORED).id
     lost = ids[[3, 50, 99]]
     rounds = pretend(monkeypatch, lambda angle, robot: 2.0, lost=lost)
-    figures = recovery()
-    assert figures["lost_before"] == 3
+    result = recovery()
+    assert result.lost_before == 3
     assert rounds[0] == 97
-    for texts in figures["survived"]:
+    for texts in result.survived:
         for text in texts:
             assert len(text) == 100
             assert text[3] == text[50] == text[99] == "0"
         assert texts[0].count("1") == 97
-    # With 21 of 100 lost nobody reaches 80; with all lost there is nothing to run.
+    # With 21 of 100 lost no level reaches 80; with all lost there is nothing to run.
     for count, runs in ((21, 1), (100, 0)):
         rounds = pretend(monkeypatch, lambda angle, robot: 2.0, lost=ids[:count])
-        figures = recovery()
-        assert figures["max_impulse"] == [0.0] * 8
-        assert figures["lost_before"] == count
+        result = recovery()
+        assert result.max_impulse == (0.0,) * 8
+        assert result.lost_before == count
         assert len(rounds) == runs
 
 
@@ -186,50 +171,31 @@ def test_differences_are_paired(monkeypatch):
     a = recovery()
     pretend(monkeypatch, lambda angle, robot: spread_limit(angle, robot) + 2 * RESOLUTION)
     b = recovery()
-    assert push_difference(a, a) == {"difference": 0.0, "interval": [0.0, 0.0]}
-    found = push_difference(b, a)
-    assert found["difference"] == pytest.approx(0.4, abs=0.1)
-    low, high = found["interval"]
+    assert push_difference(a, a) == PushDifference(0.0, (0.0, 0.0))
+    paired = push_difference(b, a)
+    assert paired.difference == pytest.approx(0.4, abs=0.1)
+    low, high = paired.interval
     assert 0.2 < low < 0.4 < high < 0.6
-    # Of two arms drawn apart, each 0.5 Ns wide, it would be 0.7.
-    assert high - low < (a["mean_interval"][1] - a["mean_interval"][0]) / 2
-    assert push_difference(a, b)["difference"] == -found["difference"]
+    # Of two arms drawn independently, each 0.5 N s wide, it would be 0.7.
+    assert high - low < (a.mean_interval[1] - a.mean_interval[0]) / 2
+    assert push_difference(a, b).difference == -paired.difference
 
 
 @pytest.mark.parametrize(
-    ("key", "other"),
+    ("name", "other"),
     [
         ("starts_hash", "0"),
         ("split", "select"),
         ("episodes", 40),
         ("share", 0.9),
-        ("direction_deg", [0.0]),
+        ("direction_deg", (0.0,)),
     ],
 )
-def test_only_the_same_starts_are_compared(monkeypatch, key, other):
+def test_only_the_same_starts_are_compared(monkeypatch, name, other):
     pretend(monkeypatch, lambda angle, robot: 2.0)
-    figures = recovery()
-    with pytest.raises(ValueError, match=f"different {key}"):
-        push_difference(figures, {**figures, key: other})
-
-
-@pytest.mark.parametrize(
-    ("levels", "successes", "expected"),
-    [
-        ([0, 1, 2], [10, 10, 6], 1.5),  # straight line from 100 % at 1 Ns to 60 % at 2 Ns
-        ([0, 1, 2, 3], [10, 7, 9, 0], 2.0),  # 7 and 9 pool to 8 of 10
-        ([0, 1, 2, 3, 4], [10, 8, 7, 9, 0], 3.0),  # three that pool to 8
-        ([0, 5], [10, 9], 5.0),  # nothing failed
-        ([0, 1], [5, 2], 0.0),  # even unpushed robots fail
-    ],
-)
-def test_level_of_a_monotone_fit(levels, successes, expected):
-    assert level_at(levels, successes, enough(0.8, 10)) == expected
-
-
-def test_enough_is_what_was_asked_for():
-    for tenths in range(1, 11):
-        assert tenths >= enough(tenths / 10, 10) > tenths - 1
+    result = recovery()
+    with pytest.raises(ValueError, match=f"different {name}"):
+        push_difference(result, replace(result, **{name: other}))
 
 
 def test_starts_are_the_first_perturbation_of_the_split():
@@ -250,58 +216,54 @@ def job_of(n, before, config=CONFIG, plan=None):
     return Job(config, Episodes(STORED["test"][:n], before), ExpertOnly(), plan=plan)
 
 
-def lasting(job, duration):
-    return replace(job, episodes=replace(job.episodes, duration=duration))
-
-
 def test_every_direction_pushes_every_start_at_once():
     base = job_of(3, 2.0)
-    job = pushed(base, np.array([0.0, np.pi / 2]), np.array([1.0, 2.0]))
-    pushes = disturbance_of(job).pushes
-    assert pushes is not None
+    job = pushed_job(base, np.array([0.0, np.pi / 2]), np.array([1.0, 2.0]))
+    assert job.pushes is not None
     expected = np.array([[1, 0, 0]] * 3 + [[0, 2, 0]] * 3)
-    np.testing.assert_allclose(pushes.impulse.reshape(6, 3), expected, atol=1e-15)
-    assert not pushes.tick.any()
+    np.testing.assert_allclose(job.pushes.impulse.reshape(6, 3), expected, atol=1e-15)
+    assert not job.pushes.tick.any()
     np.testing.assert_array_equal(job.starts.id, np.tile(base.starts.id, 2))
     np.testing.assert_array_equal(job.episode, np.tile(base.episode, 2))
-    part = disturbance_of(job[np.array([4])]).pushes
-    assert part is not None
-    np.testing.assert_array_equal(part.impulse, pushes.impulse[[4]])
+    part = job[np.array([4])]
+    assert part.pushes is not None
+    np.testing.assert_array_equal(part.pushes.impulse, job.pushes.impulse[[4]])
 
 
 def test_branches_begin_in_the_state_at_the_push():
     config = replace(CONFIG, chunk=2)
     begin = job_of(4, 0.13, config)
-    branch, up = branched(begin, Workers(1), "test")
-    assert up.all()
+    branch = branch_at_push(begin, Workers(1), "test")
+    assert branch.up.all()
     for part in (slice(0, 2), slice(2, 4)):
-        whole, _ = play_out(lasting(begin[part], 0.3))
-        np.testing.assert_array_equal(branch.starts.q[part], whole.q[:, 130])
-        np.testing.assert_array_equal(branch.starts.v[part], whole.v[:, 130])
-    np.testing.assert_array_equal(branch.starts.tick, begin.starts.tick + 130)
-    np.testing.assert_array_equal(branch.starts.command, begin.starts.command)
-    np.testing.assert_array_equal(branch.starts.id, begin.starts.id)
-    assert branch.episodes.duration == config.push.after
-    assert branch.config.safety == replace(config.safety, grace=0.0)
+        whole, _ = play_out(replace(begin[part], duration=0.3))
+        np.testing.assert_array_equal(branch.job.starts.q[part], whole.q[:, 130])
+        np.testing.assert_array_equal(branch.job.starts.v[part], whole.v[:, 130])
+    np.testing.assert_array_equal(branch.job.starts.tick, begin.starts.tick + 130)
+    np.testing.assert_array_equal(branch.job.starts.command, begin.starts.command)
+    np.testing.assert_array_equal(branch.job.starts.id, begin.starts.id)
+    assert branch.job.duration == config.push.after
+    assert branch.job.config.safety == replace(config.safety, grace=0.0)
 
 
 def test_a_push_of_nothing_is_no_push():
-    branch, _ = branched(job_of(2, 0.1), Workers(1), "test")
-    branch = lasting(branch, 0.2)
-    nothing, something = (pushed(branch, np.zeros(1), np.array([size])) for size in (0.0, 0.1))
-    plain, zero, some = (run_episodes(j, Workers(1), "test") for j in (branch, nothing, something))
-    for field in fields(plain):
-        np.testing.assert_array_equal(getattr(plain, field.name), getattr(zero, field.name))
-    assert not np.array_equal(plain.mean_velocity, some.mean_velocity)
+    job = replace(branch_at_push(job_of(2, 0.1), Workers(1), "test").job, duration=0.2)
+    unpushed = run_episodes(job, Workers(1), "test")
+    zero = run_episodes(pushed_job(job, np.zeros(1), np.array([0.0])), Workers(1), "test")
+    weak = run_episodes(pushed_job(job, np.zeros(1), np.array([0.1])), Workers(1), "test")
+    for field in fields(unpushed):
+        np.testing.assert_array_equal(getattr(unpushed, field.name), getattr(zero, field.name))
+    assert not np.array_equal(unpushed.mean_velocity, weak.mean_velocity)
 
 
-def test_a_robot_keeps_its_floor_and_load_over_all_pushes():
+def test_a_robot_keeps_its_friction_and_load_over_all_pushes():
     disturbance = DisturbanceConfig(friction=(0.5, 1.5), mass=(0.8, 1.2))
     begin = replace(job_of(4, 0.1), disturbance=disturbance)
-    branch, up = branched(begin, Workers(1), "test")
-    assert up.all()
-    job = pushed(branch, np.array([0.0, 1.0]), np.array([1.0, 2.0]))
-    before, after = disturbance_of(begin), disturbance_of(job)
+    branch = branch_at_push(begin, Workers(1), "test")
+    assert branch.up.all()
+    job = pushed_job(branch.job, np.array([0.0, 1.0]), np.array([1.0, 2.0]))
+    before = draw(begin.disturbance, 0, begin.episode, begin.duration, 0.5)
+    after = draw(job.disturbance, 0, job.episode, job.duration, 0.5)
     for first, second in ((before.friction, after.friction), (before.mass, after.mass)):
         assert first is not None and second is not None
         assert len(set(first)) == 4
@@ -329,35 +291,33 @@ def still(posture):
     return lambda state, tick, command: MotionPlan(reference, 0 * reference, 0 * reference)
 
 
-def test_robots_that_fall_before_the_push_are_not_branched():
+def test_robots_that_fall_before_the_push_are_not_branch_at_push():
     begin = job_of(2, 0.6, plan=still(np.zeros(12)))  # straight legs: they topple
-    v = begin.starts.v.copy()
-    v[0, 3] = 20.0  # the first one at once
-    begin = replace(begin, starts=replace(begin.starts, v=v))
-    branch, up = branched(begin, Workers(1), "test")
-    assert not up[0]
-    assert len(branch.starts) == up.sum()
-    np.testing.assert_array_equal(branch.starts.id, begin.starts.id[up])
+    begin.starts.v[0, 3] = 20.0  # the first one at once
+    branch = branch_at_push(begin, Workers(1), "test")
+    assert not branch.up[0]
+    assert len(branch.job.starts) == branch.up.sum()
+    np.testing.assert_array_equal(branch.job.starts.id, begin.starts.id[branch.up])
 
 
-def test_who_only_stands_fails_even_unpushed():
+def test_a_robot_that_only_stands_fails_even_unpushed():
     few = replace(CONFIG.push, split="nominal", speeds=1, before=0.2)
     plan = still(standing(solo12())[7:])
     config = replace(CONFIG, push=few)
     assert to_ticks(few.after) >= to_ticks(config.safety.stepping_from)
-    figures = push_recovery(config, None, Workers(1), "test", plan=plan)
-    assert figures["lost_before"] == 0
-    assert figures["levels"] == [[0.0]] * 8
-    assert figures["successes"] == [[0]] * 8
+    result = push_recovery(config, None, Workers(1), plan=plan)
+    assert result.lost_before == 0
+    assert result.levels == ((0.0,),) * 8
+    assert result.successes == ((0,),) * 8
 
 
-def test_expert_stands_small_pushes_and_falls_from_large_ones():
+def test_expert_withstands_small_pushes_and_falls_from_large_ones():
     few = replace(CONFIG.push, before=0.5, speeds=1, directions=1, resolution=3.0, levels=3)
-    figures = push_recovery(replace(CONFIG, push=few, chunk=20), None, Workers(1), "test")
-    assert figures["max_impulse"] == [3.0]
-    assert figures["survived"][0][0] == "1" * 10
+    result = push_recovery(replace(CONFIG, push=few, chunk=20), None, Workers(1))
+    assert result.max_impulse == (3.0,)
+    assert result.survived[0][0] == "1" * 10
 
 
-def test_the_default_is_the_paper_s():
+def test_the_default_pushes_are_those_of_the_paper():
     assert CONFIG.push == PushConfig()
     assert (CONFIG.push.split, CONFIG.push.before, CONFIG.push.duration) == ("test", 2.0, 0.01)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config, EvaluationConfig, PolicyConfig
-from surefoot.evaluation.robustness import evaluate, figures_of, mean_rows
+from surefoot.config.json_io import from_json, to_json
+from surefoot.evaluation.robustness import Robustness, evaluate, mean_error, robustness_of
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
 from surefoot.rollouts.outcome import Outcome
@@ -17,6 +18,18 @@ from tests.fakes.learning import spec_of
 from tests.fakes.rollouts import summary_of
 
 SUCCESS, FELL, STALLED, DIVERGED = Outcome
+STORED = load_starts()
+
+
+def robustness_from(outcome, **arrays):
+    """The robustness of episodes with these outcomes."""
+    return robustness_of(summary_of(outcome, **arrays), STORED, "test")
+
+
+def through_json(robustness):
+    """What is written and read back; the text has no NaN."""
+    text = json.dumps(to_json(robustness), allow_nan=False)
+    return from_json(Robustness, json.loads(text))
 
 
 @pytest.mark.parametrize(
@@ -30,77 +43,65 @@ SUCCESS, FELL, STALLED, DIVERGED = Outcome
         (1, 1, 0.206549, 1.0),
     ],
 )
-def test_wilson_interval(successes, n, low, high):
-    figures = figures_of(summary_of([SUCCESS] * successes + [FELL] * (n - successes)))
-    assert figures["success_interval"] == pytest.approx([low, high], abs=1e-5)
-    z, p = 1.959964, successes / n
-    centre = (p + z**2 / (2 * n)) / (1 + z**2 / n)
+def test_the_interval_of_the_success_rate_is_wilsons(successes, n, low, high):
+    robustness = robustness_from([SUCCESS] * successes + [FELL] * (n - successes))
+    assert robustness.success_interval == pytest.approx([low, high], abs=1e-5)
+    z = 1.959964
+    p = successes / n
+    center = (p + z**2 / (2 * n)) / (1 + z**2 / n)
     half = z / (1 + z**2 / n) * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-    assert figures["success_interval"] == pytest.approx([centre - half, centre + half], abs=1e-6)
-    assert figures["success_rate"] == p
+    assert robustness.success_interval == pytest.approx([center - half, center + half], abs=1e-6)
+    assert robustness.success_rate == p
 
 
-def test_counts():
+def test_outcomes_are_counted():
     outcome = [SUCCESS, FELL, SUCCESS, STALLED, FELL, DIVERGED, FELL]
-    figures = figures_of(
-        summary_of(
-            outcome,
-            strict=[True, True, False, True, False, True, False],
-            max_torque=[1.0, 2.5, 0.1, 0.2, 0.3, 0.4, 0.5],
-            ticks=[5000, 700, 5000, 5000, 800, 900, 600],
-            plans=[1, 2, 3, 4, 5, 6, 7],
-            invalid_plans=[0, 1, 0, 0, 2, 0, 0],
-        )
+    robustness = robustness_from(
+        outcome,
+        strict=[True, True, False, True, False, True, False],
+        max_torque=[1.0, 2.5, 0.1, 0.2, 0.3, 0.4, 0.5],
+        ticks=[5000, 700, 5000, 5000, 800, 900, 600],
+        plans=[1, 2, 3, 4, 5, 6, 7],
+        invalid_plans=[0, 1, 0, 0, 2, 0, 0],
     )
-    assert figures["episodes"] == 7
-    assert figures["successes"] == 2
-    assert figures["falls"] == 3
-    assert figures["stalls"] == 1
-    assert figures["diverged"] == 1
-    assert figures["strict_successes"] == 1  # a robot that fell is none, however it stepped
-    assert figures["max_torque"] == 2.5
-    assert figures["robot_seconds"] == 18.0
-    assert figures["plans"] == 28
-    assert figures["invalid_plans"] == 3
+    assert robustness.episodes == 7
+    assert robustness.successes == 2
+    assert robustness.falls == 3
+    assert robustness.stalls == 1
+    assert robustness.diverged == 1
+    assert robustness.strict_successes == 1  # a robot that fell is none, however it stepped
+    assert robustness.max_torque == 2.5
+    assert robustness.robot_seconds == 18.0
+    assert robustness.plans == 28
+    assert robustness.invalid_plans == 3
 
 
 def test_errors_are_over_successes_and_settled_ones_over_all():
-    figures = figures_of(
-        summary_of(
-            [SUCCESS, FELL, SUCCESS, FELL],
-            mse=[[1, 2, 3], [100, 100, 100], [3, 4, 5], [np.nan] * 3],
-            settled_mse=[[1, 1, 1], [4, 5, 6], [1, 3, 5], [np.nan] * 3],
-        )
+    robustness = robustness_from(
+        [SUCCESS, FELL, SUCCESS, FELL],
+        mse=[[1, 2, 3], [100, 100, 100], [3, 4, 5], [np.nan] * 3],
+        settled_mse=[[1, 1, 1], [4, 5, 6], [1, 3, 5], [np.nan] * 3],
     )
-    assert figures["mse"] == [2.0, 3.0, 4.0]
-    assert figures["settled_mse"] == [2.0, 3.0, 4.0]
+    assert robustness.mse == (2.0, 3.0, 4.0)
+    assert robustness.settled_mse == (2.0, 3.0, 4.0)
 
 
-def strict_json(record):
-    def refuse(word):
-        raise AssertionError(f"{word} is no JSON")
-
-    return json.loads(json.dumps(record), parse_constant=refuse)
-
-
-def test_without_successes_or_settled_ticks_the_figures_are_none():
-    figures = figures_of(
-        summary_of(
-            [FELL, FELL],
-            mse=[[1, 2, 3], [np.nan] * 3],
-            settled_mse=np.full((2, 3), np.nan),
-        )
+def test_errors_without_successes_or_settled_ticks_are_none():
+    robustness = robustness_from(
+        [FELL, FELL],
+        mse=[[1, 2, 3], [np.nan] * 3],
+        settled_mse=np.full((2, 3), np.nan),
     )
-    assert figures["mse"] == [None, None, None]
-    assert figures["settled_mse"] == [None, None, None]
-    assert figures["success_rate"] == 0.0
-    assert strict_json(figures) == figures
+    assert robustness.mse == (None, None, None)
+    assert robustness.settled_mse == (None, None, None)
+    assert robustness.success_rate == 0.0
+    assert through_json(robustness) == robustness
 
 
-def test_mean_of_rows_leaves_out_what_is_no_number():
+def test_the_mean_error_leaves_out_what_is_not_finite():
     rows = np.array([[1.0, np.nan, np.inf], [3.0, np.nan, 2.0]])
-    assert mean_rows(rows) == [2.0, None, 2.0]
-    assert mean_rows(np.zeros((0, 3))) == [None, None, None]
+    assert mean_error(rows) == (2.0, None, 2.0)
+    assert mean_error(np.zeros((0, 3))) == (None, None, None)
 
 
 @pytest.fixture(scope="module")
@@ -111,58 +112,57 @@ def policy(tmp_path_factory):
     return path
 
 
-def test_a_random_policy_falls_and_is_written_down(policy):
+def test_a_random_policy_falls(policy):
     config = replace(Config(), chunk=4, evaluation=EvaluationConfig(duration=1.2, episodes=8))
-    figures, summary = evaluate(config, policy, "select", Workers(1), "random")
-    stored = load_starts()
-    assert figures["episodes"] == 8
-    assert figures["split"] == "select"
-    assert figures["starts_hash"] == stored.hash
-    np.testing.assert_array_equal(summary.start, stored["select"].id[:8])
-    assert figures["falls"] > 0
-    assert figures["successes"] == 0
-    assert figures["plans"] == 0
+    robustness, summary = evaluate(config, policy, "select", Workers(1))
+    assert robustness.episodes == 8
+    assert robustness.split == "select"
+    assert robustness.starts_hash == STORED.hash
+    np.testing.assert_array_equal(summary.start, STORED["select"].id[:8])
+    assert robustness.falls > 0
+    assert robustness.successes == 0
+    assert robustness.plans == 0
     assert not summary.kept.any()
-    assert strict_json(figures) == figures
+    assert through_json(robustness) == robustness
     # The same twice, and on another split other starts.
-    again, _ = evaluate(config, policy, "select", Workers(2), "again")
-    assert again == figures
-    _, other = evaluate(config, policy, "test", Workers(1), "test")
+    again, _ = evaluate(config, policy, "select", Workers(2))
+    assert again == robustness
+    _, other = evaluate(config, policy, "test", Workers(1))
     assert not set(other.start) & set(summary.start)
 
 
 def test_without_a_policy_the_expert_is_evaluated():
     config = replace(Config(), chunk=2, evaluation=EvaluationConfig(duration=0.1, episodes=2))
-    figures, summary = evaluate(config, None, "select", Workers(1), "expert")
+    robustness, summary = evaluate(config, None, "select", Workers(1))
     assert summary.expert_ticks.tolist() == summary.proper_ticks.tolist() == [100, 100]
-    assert figures["plans"] == 4
-    assert figures["falls"] == 0
-    assert figures["settled_mse"] == [None] * 3
-    assert strict_json(figures) == figures
+    assert robustness.plans == 4
+    assert robustness.falls == 0
+    assert robustness.settled_mse == (None, None, None)
+    assert through_json(robustness) == robustness
 
 
 @pytest.mark.parametrize("episodes", [201])
 def test_more_episodes_than_there_are_starts_is_an_error(policy, episodes):
     config = replace(Config(), evaluation=EvaluationConfig(episodes=episodes))
     with pytest.raises(ValueError, match=f"{episodes} episodes asked.*hold 200 in 'select'"):
-        evaluate(config, policy, "select", Workers(1), "too many")
+        evaluate(config, policy, "select", Workers(1))
 
 
 def test_an_unknown_split_is_an_error(policy):
     with pytest.raises(KeyError, match="no split 'exam'"):
-        evaluate(Config(), policy, "exam", Workers(1), "exam")
+        evaluate(Config(), policy, "exam", Workers(1))
 
 
 def test_another_set_of_starts_and_one_that_does_not_exist(tmp_path):
     config = replace(Config(), evaluation=EvaluationConfig(duration=0.02, episodes=2))
     wide = load_starts("solo12-trot-v1-wide")
-    figures, summary = evaluate(config, None, "test", Workers(1), "", stored=wide)
-    assert (figures["starts"], figures["starts_hash"]) == (wide.name, wide.hash)
-    assert figures["starts_hash"] != load_starts().hash
+    robustness, summary = evaluate(config, None, "test", Workers(1), stored=wide)
+    assert (robustness.starts, robustness.starts_hash) == (wide.name, wide.hash)
+    assert robustness.starts_hash != STORED.hash
     np.testing.assert_array_equal(summary.start, wide["test"].id[:2])
     message = r"no set of starts.*'solo12-trot-v2'; did you mean 'solo12-trot-v1'\? Known: .*wide"
     with pytest.raises(FileNotFoundError, match=message):
         load_starts("solo12-trot-v2")
-    (tmp_path / "mine.npz").write_bytes(b"no starts")
-    with pytest.raises(ValueError, match=r"mine\.npz is not a set of starts"):
-        load_starts(tmp_path / "mine.npz")
+    (tmp_path / "own.npz").write_bytes(b"no starts")
+    with pytest.raises(ValueError, match=r"own\.npz is not a set of starts"):
+        load_starts(tmp_path / "own.npz")

@@ -1,4 +1,4 @@
-"""LocoSafeDAGGER in the small: what enters D, the same bits always, and kills at any stage."""
+"""LocoSafeDAGGER with the real planner: what enters D, the same bits always, kills at any stage."""
 
 import json
 import shutil
@@ -9,71 +9,34 @@ import pytest
 
 from surefoot.config import (
     BehaviorCloningConfig,
-    Config,
-    EvaluationConfig,
     ExpertData,
-    LocoSafeDaggerConfig,
-    PolicyConfig,
-    TrainingConfig,
 )
-from surefoot.learning.frames import Frames
+from surefoot.learning.dataset import Frames
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.policy import load, policy_spec
+from surefoot.learning.policy import load
 from surefoot.learning.train import fit
 from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
-from surefoot.rollouts.engine import Rollout
 from surefoot.rollouts.jobs import play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.run import Run, create, open_run
-from surefoot.runs.sampling import (
-    EPISODES_PER_ITERATION,
-    draw_starts,
-    episode_ids,
-    expert_frames,
-)
-from surefoot.runs.stages import best
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
-from tests.fakes.rollouts import blank
-from tests.fakes.runs import figures_of, fingerprint
-
-METHOD = LocoSafeDaggerConfig(
-    pretraining=ExpertData(2, 1, True, 0.12),
-    pretraining_epochs=1,
-    iterations=2,
-    velocities=2,
-    perturbations=2,
-    T=0.6,
-    T_block=0.15,
-    T_end=0.1,
-    epochs=1,
-)
-CONFIG = replace(
-    Config(),
-    method=METHOD,
-    chunk=3,
-    seed=11,
-    policy=PolicyConfig(hidden=(16, 16)),
-    training=TrainingConfig(batch=64),
-    evaluation=EvaluationConfig(duration=0.1, episodes=4),
-)
-STAGES = [
-    *((stage, i) for i in range(3) for stage in ("collect", "train", "validate")),
-    ("best", 0),
-]
+from tests.fakes.learning import spec_of
+from tests.fakes.runs import Killed, collected, fingerprint, stages_of, trained
+from tests.fakes.small_runs import RESCUING, RESCUING_STAGES
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Run:
-    run = create(tmp_path_factory.mktemp("finished") / "run", CONFIG)
+    run = create(tmp_path_factory.mktemp("finished") / "run", RESCUING)
     loco_safe_dagger(run, workers=Workers(1))
     return run
 
 
 def test_stages_follow_the_algorithm(finished):
-    assert [(line["stage"], line["iteration"]) for line in finished.metrics] == STAGES
+    assert stages_of(finished) == RESCUING_STAGES
     assert sorted(path.name for path in finished.policy_path(0).parent.iterdir()) == [
         "000.safetensors",
         "001.safetensors",
@@ -93,12 +56,12 @@ def of_iterations(run: Run, iterations) -> Frames:
 
 
 def test_each_policy_is_trained_on_all_data_so_far(finished):
-    frames = [figures_of(finished, "collect", i)["dataset_frames"] for i in range(3)]
+    frames = [collected(finished, i).dataset_frames for i in range(3)]
     assert frames[0] < frames[1] < frames[2] == finished.dataset.frames
-    assert [figures_of(finished, "train", i)["frames"] for i in range(3)] == frames
+    assert [trained(finished, i).frames for i in range(3)] == frames
     policies = [load(finished.policy_path(i)) for i in range(3)]
     for i, policy in enumerate(policies):
-        digest = figures_of(finished, "collect", i)["dataset_hash"]
+        digest = collected(finished, i).dataset_hash
         assert policy.provenance["dataset_hash"] == digest
         assert policy.provenance["iteration"] == i
         # Normalisers are those of the pre-training.
@@ -109,12 +72,12 @@ def test_each_policy_is_trained_on_all_data_so_far(finished):
 def test_each_policy_is_what_training_the_last_one_on_that_data_gives(finished, i):
     if i == 0:
         seed = int(finished.seed("network", 0).generate_state(1)[0])
-        network = PolicyNetwork(CONFIG.policy, seed)
+        network = PolicyNetwork(RESCUING.policy, seed)
     else:
         network = load(finished.policy_path(i - 1)).network
     frames = of_iterations(finished, range(i + 1))
     order = int(finished.seed("order", i).generate_state(1)[0])
-    result = fit(network, frames, CONFIG.training, policy_spec(CONFIG), 1, order)
+    result = fit(network, frames, RESCUING.training, spec_of(RESCUING.policy), 1, order)
     trained = load(finished.policy_path(i)).network.state_dict()
     before = network.state_dict()
     for name, tensor in result.network.state_dict().items():
@@ -126,7 +89,7 @@ def test_each_policy_is_what_training_the_last_one_on_that_data_gives(finished, 
 def test_the_last_policy_drives_the_next_rollouts(finished, i):
     job = collection(finished, i)
     assert job.policy == finished.policy_path(i - 1)
-    assert (job.episodes.duration, job.episodes.tail) == (0.6, 0.1)
+    assert (job.duration, job.tail) == (0.6, 0.1)
     assert len(job.starts) == 4
 
 
@@ -150,16 +113,18 @@ def test_pretraining_starts_are_nominal_and_first_perturbations(finished):
 @pytest.mark.parametrize("workers", [2, 4])
 def test_the_same_run_again_has_the_same_bits(finished, tmp_path, workers):
     """With more processes, too."""
-    run = create(tmp_path / "run", CONFIG)
+    run = create(tmp_path / "run", RESCUING)
     loco_safe_dagger(run, Workers(workers))
     assert fingerprint(run) == fingerprint(finished)
 
 
 def test_another_seed_gives_other_data(finished, tmp_path):
-    run = create(tmp_path / "run", replace(CONFIG, seed=12, method=replace(METHOD, iterations=0)))
+    run = create(
+        tmp_path / "run", replace(RESCUING, seed=12, method=replace(RESCUING.method, iterations=0))
+    )
     loco_safe_dagger(run, workers=Workers(1))
     # The stored starts of the pre-training are the same for every seed; the network is not.
-    hashes = [figures_of(each, "collect", 0)["dataset_hash"] for each in (run, finished)]
+    hashes = [collected(each, 0).dataset_hash for each in (run, finished)]
     assert hashes[0] == hashes[1]
     assert run.policy_path(0).read_bytes() != finished.policy_path(0).read_bytes()
     drawn = [(run, 1), (finished, 1), (finished, 2)]
@@ -167,31 +132,29 @@ def test_another_seed_gives_other_data(finished, tmp_path):
     assert len(ids) == 3
 
 
-class Killed(BaseException):
-    """Nothing in the package may catch this."""
-
-
 @pytest.mark.parametrize("moment", ["before", "after"])
 def test_a_run_killed_at_every_stage_ends_with_the_same_bits(
     finished, tmp_path, monkeypatch, moment
 ):
     """Killed once at each stage, when its work is done: before or after it is written down."""
-    record, killed = Run.record, []
+    append_metrics = Run.append_metrics
+    killed = []
 
-    def record_and_die(run, stage, iteration, **figures):
-        if (stage, iteration) in killed:
-            return record(run, stage, iteration, **figures)
-        killed.append((stage, iteration))
+    def append_and_die(run, record):
+        stage = (record.stage, record.iteration)
+        if stage in killed:
+            return append_metrics(run, record)
+        killed.append(stage)
         if moment == "after":
-            record(run, stage, iteration, **figures)
+            append_metrics(run, record)
         raise Killed
 
-    monkeypatch.setattr(Run, "record", record_and_die)
-    for _ in range(len(STAGES)):
+    monkeypatch.setattr(Run, "append_metrics", append_and_die)
+    for _ in range(len(RESCUING_STAGES)):
         with pytest.raises(Killed):
-            loco_safe_dagger(create(tmp_path / "run", CONFIG, resume=True), workers=Workers(1))
-    loco_safe_dagger(create(tmp_path / "run", CONFIG, resume=True), workers=Workers(1))
-    assert killed == STAGES
+            loco_safe_dagger(create(tmp_path / "run", RESCUING, resume=True), workers=Workers(1))
+    loco_safe_dagger(create(tmp_path / "run", RESCUING, resume=True), workers=Workers(1))
+    assert killed == RESCUING_STAGES
     assert fingerprint(open_run(tmp_path / "run")) == fingerprint(finished)
 
 
@@ -211,33 +174,35 @@ def test_a_finished_run_is_not_touched_again(finished, monkeypatch):
 def test_only_what_the_expert_drove_enters_the_dataset(finished, iteration):
     """Against the rollouts themselves, played once more; blocks are told apart by hand."""
     job = collection(finished, iteration)
-    record, _ = play_out(job)
+    rollouts, _ = play_out(job)
     shard = of_iterations(finished, [iteration])
     assert shard.expert_drove.all()
     fell = 0
     for robot, episode in enumerate(job.episode):
-        length = int(record.length[robot])
-        drove = record.expert_drove[robot, :length].tolist()
+        length = int(rollouts.length[robot])
+        drove = rollouts.expert_drove[robot, :length].tolist()
         kept = [t for t in range(length) if drove[t]]
-        if record.outcome[robot] == Outcome.FELL:
+        if rollouts.outcome[robot] == Outcome.FELL:
             fell += 1
             last_policy = max(t for t in range(length) if not drove[t])
             kept = [t for t in kept if t < last_policy]
         frames = shard[shard.episode == episode]
-        np.testing.assert_array_equal(frames.tick, record.starts.tick[robot] + np.array(kept, int))
-        np.testing.assert_array_equal(frames.q, record.q[robot, kept])
-        np.testing.assert_array_equal(frames.v, record.v[robot, kept])
-        np.testing.assert_array_equal(frames.torque, record.torque[robot, kept])
+        np.testing.assert_array_equal(
+            frames.tick, rollouts.starts.tick[robot] + np.array(kept, int)
+        )
+        np.testing.assert_array_equal(frames.q, rollouts.q[robot, kept])
+        np.testing.assert_array_equal(frames.v, rollouts.v[robot, kept])
+        np.testing.assert_array_equal(frames.torque, rollouts.torque[robot, kept])
         if length == 700:  # the tail, whole
             assert (
                 frames.tick[-100:].tolist()
-                == (record.starts.tick[robot] + np.arange(600, 700)).tolist()
+                == (rollouts.starts.tick[robot] + np.arange(600, 700)).tolist()
             )
-    figures = figures_of(finished, "collect", iteration)
-    assert figures["falls"] == fell
-    assert figures["frames_kept"] == len(shard)
+    cost = collected(finished, iteration)
+    assert cost.falls == fell
+    assert cost.frames_kept == len(shard)
     assert set(np.unique(shard.episode)) <= set(job.episode)
-    assert 0 < figures["expert_share"] < 1
+    assert 0 < cost.expert_share < 1
 
 
 def test_metrics_are_valid_json(finished):
@@ -248,146 +213,29 @@ def test_metrics_are_valid_json(finished):
         json.loads(line, parse_constant=refuse)
 
 
-def test_figures_of_a_collection_agree_with_its_rollouts(finished):
-    record, expert = play_out(collection(finished, 1))
-    figures = figures_of(finished, "collect", 1)
-    proper = record.happened[:, :600]
-    assert figures["episodes"] == 4
-    assert figures["expert_share"] == (record.expert_drove[:, :600] & proper).sum() / proper.sum()
-    driven = (record.expert_drove & record.happened).sum()
-    assert figures["expert_seconds"] == pytest.approx(driven / 1000)
-    assert figures["expert_share_with_tail"] == pytest.approx(driven / record.length.sum())
-    assert figures["plans"] == expert.plans.sum() > 0
-
-
-# --- the rule of what is kept, on synthetic rollouts
-
-
-def synthetic(rows, outcomes, duration=None) -> Rollout:
-    """Rollouts from strings: X expert, dot policy, blank never happened."""
-    T = max(map(len, rows))
-    return blank(
-        len(rows),
-        T,
-        # What stands after the end is undefined: the worst is that it looks like the expert's.
-        expert_drove=np.array([[mark in "X " for mark in row.ljust(T)] for row in rows]),
-        length=np.array([len(row.rstrip()) for row in rows]),
-        outcome=np.array(outcomes),
-        duration=duration or T,
-    )
-
-
-FELL, DIVERGED, SUCCESS, STALLED = (
-    Outcome.FELL,
-    Outcome.DIVERGED,
-    Outcome.SUCCESS,
-    Outcome.STALLED,
-)
-
-
-@pytest.mark.parametrize("failure", [FELL, DIVERGED])
-@pytest.mark.parametrize(
-    ("drove", "kept"),
-    [
-        # The expert falls: its block is dropped whole, an earlier one is kept.
-        ("..XXX...XXXX   ", "  XXX          "),
-        # The policy falls: every block ended well.
-        ("..XXX...XX.    ", "  XXX   XX     "),
-        # One long block from the beginning.
-        ("XXXXXXX        ", "               "),
-        # Nothing but the policy.
-        ("......         ", "               "),
-        # A block of one tick, with nothing in front, then the end.
-        ("X.X            ", "X              "),
-        ("...............", "               "),
-        ("XX.XX.XX.XXXXXX", "XX XX XX       "),
-    ],
-)
-def test_a_block_that_ends_in_a_failure_is_dropped_whole(drove, kept, failure):
-    keep = expert_frames(synthetic([drove], [failure]))
-    assert "".join("X" if k else " " for k in keep[0]) == kept
-
-
-@pytest.mark.parametrize("outcome", [SUCCESS, STALLED])
-def test_all_blocks_of_a_robot_that_stays_up_are_kept_and_the_tail(outcome):
-    drove = "..XXX....X.XXXX"
-    keep = expert_frames(synthetic([drove], [outcome], duration=11))
-    assert "".join("X" if k else "." for k in keep[0]) == drove
-
-
-def test_robots_are_judged_one_by_one():
-    rows = ["XX..XXX", "XX..XX ", "XX..X  ", "       "]
-    keep = expert_frames(synthetic(rows, [SUCCESS, FELL, STALLED, FELL]))
-    assert ["".join("X" if k else " " for k in row) for row in keep] == [
-        "XX  XXX",
-        "XX     ",
-        "XX  X  ",
-        "       ",
-    ]
-
-
-def test_a_block_that_runs_into_the_tail_falls_with_it():
-    keep = expert_frames(synthetic([".X..XXXX  "], [FELL], duration=6))
-    assert keep[0].tolist() == [False, True, *[False] * 8]
-
-
-# --- starts, ids, the best policy, wrong parameters
-
-
-def test_starts_of_an_iteration():
-    method = replace(METHOD, velocities=5, perturbations=3)
-    starts = draw_starts(method, np.random.default_rng(0))
-    stored = load_starts()
-    assert len(starts) == 15
-    assert len(np.unique(starts.id)) == 15
-    speeds = starts.command[:, 0].reshape(5, 3)
-    np.testing.assert_allclose(speeds, np.tile(speeds[:, :1], 3))
-    assert speeds[0, 0] == 0.0
-    assert speeds[-1, 0] == pytest.approx(0.3)
-    # One phase for each velocity, not always the same one.
-    ticks = starts.tick.reshape(5, 3)
-    assert (ticks == ticks[:, :1]).all()
-    drawn = [draw_starts(method, np.random.default_rng(seed)) for seed in range(30)]
-    assert len(np.unique([d.tick for d in drawn])) == 10
-    # Never a start of the pre-training, and over time all the others.
-    first = set(stored["train"].id[stored.rows("train")[0].ravel()])
-    seen = set(np.concatenate([d.id for d in drawn]).tolist())
-    assert not first & seen
-    assert seen <= set(stored["train"].id)
-    again = draw_starts(method, np.random.default_rng(0))
-    np.testing.assert_array_equal(again.id, starts.id)
+def test_the_cost_of_a_collection_agrees_with_its_rollouts(finished):
+    rollouts, expert = play_out(collection(finished, 1))
+    cost = collected(finished, 1)
+    proper = rollouts.happened[:, :600]
+    assert cost.episodes == 4
+    assert cost.expert_share == (rollouts.expert_drove[:, :600] & proper).sum() / proper.sum()
+    driven = (rollouts.expert_drove & rollouts.happened).sum()
+    assert cost.expert_seconds == pytest.approx(driven / 1000)
+    assert cost.expert_share_with_tail == pytest.approx(driven / rollouts.length.sum())
+    assert cost.plans == expert.plans.sum() > 0
 
 
 def test_episode_ids_are_unique_over_all_iterations(finished):
     ids = [collection(finished, i).episode for i in range(3)]
     together = np.concatenate(ids)
     assert len(np.unique(together)) == len(together) == 22 + 4 + 4
-    for i, some in enumerate(ids):
-        assert (some // EPISODES_PER_ITERATION == i).all()
+    for i, of_iteration in enumerate(ids):
+        assert (of_iteration // 100_000 == i).all()
     assert finished.dataset.episodes <= len(together)
-    assert episode_ids(3, 2).tolist() == [300_000, 300_001]
-
-
-@pytest.mark.parametrize(
-    ("successes", "winner"),
-    [
-        ([90, 95, 93], 1),
-        ([95, 95, 93], 1),
-        ([95, 95, 95], 2),  # among equals the one that has seen most
-        ([95, 93, 95], 2),
-        ([0, 0, 0], 2),
-    ],
-)
-def test_the_best_policy(tmp_path, successes, winner):
-    run = create(tmp_path / "run", CONFIG)
-    for i, count in enumerate(successes):
-        run.record("validate", i, successes=count)
-    assert best(run, 2)["best_iteration"] == winner
-    assert run.best_policy_path == run.policy_path(winner)
 
 
 def test_a_run_of_another_method_is_refused(tmp_path):
-    run = create(tmp_path / "run", replace(CONFIG, method=BehaviorCloningConfig()))
+    run = create(tmp_path / "run", replace(RESCUING, method=BehaviorCloningConfig()))
     with pytest.raises(TypeError, match="configured for behavior_cloning, not for loco_safe"):
         loco_safe_dagger(run, workers=Workers(1))
     assert run.metrics == []
@@ -396,8 +244,11 @@ def test_a_run_of_another_method_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        ({"hand_back": "never"}, "never"),
         ({"velocities": 21}, "21 velocities asked for, .* hold 20 in .train."),
+        ({"velocities": 0}, "0 velocities asked for"),
         ({"perturbations": 8}, "8 perturbations asked for.*hold 7"),
+        ({"perturbations": 0}, "0 perturbations asked for"),
         (
             {"pretraining": ExpertData(2, 8, True, 0.1)},
             "asked for.*hold 0.*beyond those of the pre",
@@ -405,21 +256,23 @@ def test_a_run_of_another_method_is_refused(tmp_path):
         ({"pretraining": ExpertData(21, 1, True, 0.1)}, "21 velocities asked for"),
     ],
 )
-def test_what_cannot_be_had_is_an_error_before_any_work(tmp_path, monkeypatch, change, message):
+def test_a_parameter_out_of_range_is_an_error_before_any_work(
+    tmp_path, monkeypatch, change, message
+):
     monkeypatch.setattr("surefoot.runs.stages.run_chunk", None)
-    run = create(tmp_path / "run", replace(CONFIG, method=replace(METHOD, **change)))
+    run = create(tmp_path / "run", replace(RESCUING, method=replace(RESCUING.method, **change)))
     with pytest.raises(ValueError, match=message):
         loco_safe_dagger(run, workers=Workers(1))
     assert run.metrics == []
 
 
-@pytest.mark.parametrize("lines", range(len(STAGES)))
+@pytest.mark.parametrize("lines", range(len(RESCUING_STAGES)))
 def test_stages_whose_records_are_lost_are_done_again_to_the_same_bits(finished, tmp_path, lines):
     """Though the dataset holds the frames of later iterations by then."""
     shutil.copytree(finished.folder, tmp_path / "run")
     path = tmp_path / "run" / "metrics.jsonl"
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:lines]))
-    run = create(tmp_path / "run", CONFIG, resume=True)
+    run = create(tmp_path / "run", RESCUING, resume=True)
     loco_safe_dagger(run, workers=Workers(1))
     assert fingerprint(run) == fingerprint(finished)
 
@@ -428,6 +281,6 @@ def test_stages_whose_records_are_lost_are_done_again_to_the_same_bits(finished,
 def test_a_policy_that_is_lost_is_trained_again_to_the_same_bits(finished, tmp_path, iteration):
     shutil.copytree(finished.folder, tmp_path / "run")
     open_run(tmp_path / "run").policy_path(iteration).unlink()
-    run = create(tmp_path / "run", CONFIG, resume=True)
+    run = create(tmp_path / "run", RESCUING, resume=True)
     loco_safe_dagger(run, workers=Workers(1))
     assert fingerprint(run) == fingerprint(finished)

@@ -18,27 +18,26 @@ from surefoot.config import Config
 from surefoot.files import WriteError
 from surefoot.learning.dataset import DatasetError
 from surefoot.learning.policy import PolicyFileError
-from surefoot.learning.samples import BLOCK, WIDTH, TrainingSamples
+from surefoot.learning.samples import BLOCK, WIDTH, Examples
 from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.runs.run import Run, RunError, create, open_run
 from surefoot.workers import Workers
 from tests.fakes.runs import fingerprint
-from tests.methods.test_behavior_cloning import CONFIG
-from tests.viz.test_replay import config_of
+from tests.fakes.small_runs import CLONING, config_of
 
 ONE = Workers(1)
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Run:
-    run = create(tmp_path_factory.mktemp("finished") / "run", CONFIG)
+    run = create(tmp_path_factory.mktemp("finished") / "run", CLONING)
     behavior_cloning(run, ONE)
     return run
 
 
 def resume(folder: Path) -> Run:
-    run = create(folder, CONFIG, resume=True)
+    run = create(folder, CLONING, resume=True)
     behavior_cloning(run, ONE)
     return run
 
@@ -57,7 +56,8 @@ FILES = [*ONCE, "manifest.json", "checkpoints/000.safetensors", "metrics.jsonl"]
 
 @pytest.mark.parametrize("name", FILES)
 def test_a_disk_that_is_full_for_a_file(finished, tmp_path, monkeypatch, name):
-    flush, calls = surefoot.files._flush, []
+    flush = surefoot.files._flush
+    calls = []
 
     def full(path):
         if name in str(path).replace("/.", "/"):  # a temporary file's name begins with a dot
@@ -70,13 +70,13 @@ def test_a_disk_that_is_full_for_a_file(finished, tmp_path, monkeypatch, name):
         patch.setattr(surefoot.files, "_flush", full)
         message = rf"{name} cannot be written.*No space left.*free some space.*--resume"
         with pytest.raises(WriteError, match=message):
-            behavior_cloning(create(tmp_path / "run", CONFIG), ONE)
+            behavior_cloning(create(tmp_path / "run", CLONING), ONE)
     assert not list(tmp_path.rglob("*.tmp"))
     assert fingerprint(resume(tmp_path / "run")) == fingerprint(finished)
 
 
 def test_no_space_for_the_temporary_file_of_training(tmp_path, monkeypatch):
-    examples = TrainingSamples(BLOCK * WIDTH * 4, tmp_path)
+    examples = Examples(BLOCK * WIDTH * 4, tmp_path)
     full = Path("/dev/full").open("r+b", 0)  # noqa: SIM115
     monkeypatch.setattr("tempfile.TemporaryFile", lambda dir: full)
     rows = examples._memory.numpy()[:200]
@@ -105,7 +105,7 @@ def test_a_real_disk_that_is_full_and_one_that_is_read_only(
     finished, small_disk, monkeypatch, capsys
 ):
     def train() -> int:
-        monkeypatch.setattr("surefoot.cli.train.preset", lambda method, name: CONFIG)
+        monkeypatch.setattr(cli, "preset", lambda method, name: CLONING)
         arguments = ["train", "behavior_cloning", "--run", str(small_disk / "run")]
         monkeypatch.setattr(sys, "argv", ["surefoot", *arguments, "--resume", "--workers", "1"])
         return cli.main()
@@ -149,7 +149,7 @@ def flip(path: Path) -> None:
 
 @pytest.mark.parametrize("damage", [cut, flip, Path.unlink])
 def test_a_damaged_shard_is_named_and_collected_again_once_deleted(finished, copy, damage):
-    shard = copy.dataset.shard_path("iteration_000-001")
+    shard = copy.dataset.file("iteration_000-001")
     damage(shard)
     with pytest.raises(DatasetError, match=r"iteration_000-001.h5 is missing or damaged.*delete"):
         copy.dataset.load()
@@ -246,14 +246,14 @@ def test_a_damaged_policy_or_configuration_is_named(copy, monkeypatch, capsys):
 # --- learned gates, and the traces that they learn from
 
 
-def guard_again(folder: Path) -> Run:
+def train_with_gates(folder: Path) -> Run:
     run = create(folder, config_of("loco_safe_dagger"), resume=True)
     loco_safe_dagger(run, ONE)
     return run
 
 
 def everything(run: Run) -> tuple:
-    """All bits of a guarded run, traces and episodes too."""
+    """All bits of a gated run, traces and episodes too."""
     files = {
         str(path.relative_to(run.folder)): path.read_bytes()
         for folder in ("traces", "episodes")
@@ -263,13 +263,13 @@ def everything(run: Run) -> tuple:
 
 
 @pytest.fixture(scope="module")
-def guarded(tmp_path_factory) -> Run:
-    return guard_again(tmp_path_factory.mktemp("guarded") / "run")
+def gated(tmp_path_factory) -> Run:
+    return train_with_gates(tmp_path_factory.mktemp("gated") / "run")
 
 
 @pytest.fixture
-def guarded_copy(guarded, tmp_path) -> Run:
-    shutil.copytree(guarded.folder, tmp_path / "run")
+def gated_copy(gated, tmp_path) -> Run:
+    shutil.copytree(gated.folder, tmp_path / "run")
     return open_run(tmp_path / "run")
 
 
@@ -278,47 +278,43 @@ GATES = [("classifier", 0), ("classifier", 2), ("history", 1), ("history", 2)]
 
 @pytest.mark.parametrize(("kind", "i"), GATES)
 @pytest.mark.parametrize("damage", [cut, flip])
-def test_a_damaged_gate_is_named_and_trained_again_once_deleted(
-    guarded, guarded_copy, kind, i, damage
-):
-    gate = guarded_copy.gate_path(kind, i)
+def test_a_damaged_gate_is_named_and_trained_again_once_deleted(gated, gated_copy, kind, i, damage):
+    gate = gated_copy.gate_path(kind, i)
     damage(gate)
     message = rf"{kind}-00{i}.safetensors is not a whole classifier.*delete it.*--resume"
     with pytest.raises(ValueError, match=message):
-        guard_again(guarded_copy.folder)
+        train_with_gates(gated_copy.folder)
     gate.unlink()
-    assert everything(guard_again(guarded_copy.folder)) == everything(guarded)
+    assert everything(train_with_gates(gated_copy.folder)) == everything(gated)
 
 
 @pytest.mark.parametrize("lost", [["gates"], ["traces"], ["gates", "traces"]])
-def test_gates_and_traces_that_are_lost_are_made_again(guarded, guarded_copy, lost):
+def test_gates_and_traces_that_are_lost_are_made_again(gated, gated_copy, lost):
     for folder in lost:
-        shutil.rmtree(guarded_copy.folder / folder)
-    assert everything(guard_again(guarded_copy.folder)) == everything(guarded)
+        shutil.rmtree(gated_copy.folder / folder)
+    assert everything(train_with_gates(gated_copy.folder)) == everything(gated)
 
 
 @pytest.mark.parametrize("damage", [cut, Path.unlink])
-def test_a_damaged_trace_is_named_when_it_is_needed_and_collected_again(
-    guarded, guarded_copy, damage
-):
-    trace = guarded_copy.trace_path("iteration_001-000")
+def test_a_damaged_trace_is_named_when_it_is_needed_and_collected_again(gated, gated_copy, damage):
+    trace = gated_copy.trace_path("iteration_001-000")
     damage(trace)
-    guarded_copy.gate_path("history", 2).unlink()
+    gated_copy.gate_path("history", 2).unlink()
     if trace.exists():
         message = r"traces/iteration_001-000.npz is missing or damaged.*delete it.*--resume"
         with pytest.raises(ValueError, match=message):
-            guard_again(guarded_copy.folder)
+            train_with_gates(gated_copy.folder)
         trace.unlink()
-    assert everything(guard_again(guarded_copy.folder)) == everything(guarded)
+    assert everything(train_with_gates(gated_copy.folder)) == everything(gated)
 
 
-def test_a_lost_gate_that_cannot_be_made_again_is_not_replaced(guarded_copy):
+def test_a_lost_gate_that_cannot_be_made_again_is_not_replaced(gated_copy):
     """As with other versions, where the same training ends with another network."""
-    path = guarded_copy.folder / "metrics.jsonl"
+    path = gated_copy.folder / "metrics.jsonl"
     lines = [json.loads(line) for line in path.read_text().splitlines()]
-    next(line for line in lines if line["stage"] == "guard_history")["sha256"] = "0" * 64
+    next(line for line in lines if line["stage"] == "gate_history")["sha256"] = "0" * 64
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    guarded_copy.gate_path("history", 1).unlink()
+    gated_copy.gate_path("history", 1).unlink()
     with pytest.raises(RunError, match=r"history-001.safetensors is lost.*restore it from a copy"):
-        guard_again(guarded_copy.folder)
-    assert not guarded_copy.gate_path("history", 1).exists()
+        train_with_gates(gated_copy.folder)
+    assert not gated_copy.gate_path("history", 1).exists()

@@ -1,4 +1,4 @@
-"""Which gates guard which iteration, and a run in the small whose history network learns."""
+"""Which gates watch over which iteration, and a small run whose history network learns."""
 
 import shutil
 from dataclasses import replace
@@ -17,16 +17,19 @@ from surefoot.config import (
     TrainingConfig,
 )
 from surefoot.files import load_arrays
-from surefoot.learning.classifier import load_classifier
+from surefoot.learning.classifier import digest, load_classifier
 from surefoot.learning.policy import Policy, load
-from surefoot.methods.loco_safe_dagger import loco_safe_dagger
+from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
+from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.traces import Trace
-from surefoot.runs import gate_training as guards
-from surefoot.runs.gate_training import guard, train_guards
+from surefoot.runs import gate_training
+from surefoot.runs.gate_training import make_gate, train_gates
 from surefoot.runs.run import Run, create, open_run
+from surefoot.runs.sampling import rising_share
 from surefoot.safety.gates import AnyOf, Bounds, tightened
 from surefoot.safety.learned import History
 from surefoot.workers import Workers
+from tests.fakes.runs import gate_trained
 
 METHOD = LocoSafeDaggerConfig(
     pretraining=ExpertData(2, 1, True, 0.12),
@@ -54,7 +57,7 @@ CONFIG = replace(
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Run:
-    run = create(tmp_path_factory.mktemp("guarded") / "run", CONFIG)
+    run = create(tmp_path_factory.mktemp("gated") / "run", CONFIG)
     loco_safe_dagger(run, Workers(1))
     return run
 
@@ -66,48 +69,70 @@ def test_the_history_network_learns_from_all_rollouts_so_far(run):
         traces = [load_arrays(run.trace_path(name), Trace) for name in names]
         assert [trace.inputs.shape for trace in traces] == [(4, 80, 47)] * 2
         known += sum((trace.label >= 0).sum() for trace in traces)
-        record = run.done("guard_history", i)
-        assert record is not None
-        assert record["rows"] + record.get("held_out", 0) == known
-        quality = load_classifier(run.gate_path("history", i)).quality
-        assert quality.rows == record["rows"]
-        assert quality.alarm in (None, 0.3)
+        record = gate_trained(run, "history", i)
+        assert record.rows + (record.held_out or 0) == known
+        assert record.alarm in (None, 0.3)
+        classifier = load_classifier(run.gate_path("history", i))
+        assert classifier.figures["rows"] == record.rows
+        assert digest(classifier) == record.sha256
     assert not run.gate_path("history", 0).exists()
 
 
 def test_a_lost_network_comes_back_to_the_bit(run):
     path = run.gate_path("history", 2)
-    before, records = path.read_bytes(), run.metrics
+    before = path.read_bytes()
+    records = run.metrics
     path.unlink()
-    train_guards(open_run(run.folder), 2, METHOD.gates, alarm=METHOD.alarm)
+    train_gates(open_run(run.folder), 2, METHOD.guard, alarm=METHOD.alarm)
     assert path.read_bytes() == before
     assert run.metrics == records
 
 
-def test_networks_guard_from_the_iteration_after_their_first_data(run):
-    first, second = (guard(run, i, METHOD.gates) for i in (1, 2))
+def test_a_history_network_is_used_from_the_iteration_after_its_first_data(run):
+    first = make_gate(run, 1, METHOD.guard)
+    second = make_gate(run, 2, METHOD.guard)
     assert isinstance(first, Bounds)
     assert isinstance(second, AnyOf)
     assert [type(gate) for gate in second._gates] == [Bounds, History]
-    assert isinstance(guard(run, 1, ["history"]), Bounds)  # the paper's stand in
-    assert isinstance(guard(run, 3, ["history"]), History)
+    assert isinstance(make_gate(run, 1, ["history"]), Bounds)  # the paper's take its place
+    assert isinstance(make_gate(run, 3, ["history"]), History)
 
 
 @pytest.mark.parametrize(("i", "share"), [(1, 0.6), (2, 0.7), (3, 0.8), (5, 1.0)])
 def test_relaxing_bounds_are_the_table_s_in_the_last_iteration(run, i, share):
-    config = replace(CONFIG, method=replace(METHOD, iterations=5))
-    gate = guard(Run(run.folder, config), i, ["relaxing"], tightest=0.6)
+    gate = make_gate(run, i, ["relaxing"], share=rising_share(0.6, i, 5))
     assert isinstance(gate, Bounds)
-    expected, got = tightened(SafetyConfig(), share, 0.2), gate._config
-    assert got.roll_pitch == pytest.approx(expected.roll_pitch)
-    assert got.com_height == pytest.approx(expected.com_height)
+    expected = tightened(SafetyConfig(), share, 0.20)
+    bounds = gate._config
+    assert bounds.roll_pitch == pytest.approx(expected.roll_pitch)
+    assert bounds.com_height == pytest.approx(expected.com_height)
     if i == 5:
-        assert got.roll_pitch == SafetyConfig().roll_pitch
-        np.testing.assert_allclose(got.com_height, SafetyConfig().com_height)
+        assert bounds.roll_pitch == SafetyConfig().roll_pitch
+        np.testing.assert_allclose(bounds.com_height, SafetyConfig().com_height)
+
+
+def test_the_method_tightens_its_bounds_by_its_own_share(tmp_path):
+    method = replace(METHOD, gates=("relaxing",), tightest=0.6, iterations=5)
+    run = Run(tmp_path / "run", replace(CONFIG, method=method))
+    for i, share in ((1, 0.6), (3, 0.8), (5, 1.0)):
+        arbiter = collection(run, i).arbiter
+        assert isinstance(arbiter, SafetySwitch)
+        bounds = arbiter._monitor._gate
+        assert isinstance(bounds, Bounds)
+        expected = tightened(SafetyConfig(), share, 0.20).roll_pitch
+        assert bounds._config.roll_pitch == pytest.approx(expected)
+
+
+def test_rollouts_too_short_to_learn_from_are_an_error_before_any_work(tmp_path):
+    run = create(tmp_path / "run", replace(CONFIG, method=replace(METHOD, T=0.3)))
+    with pytest.raises(ValueError, match=r"method.T is 0.3 s; a history network predicts 0.3 s"):
+        loco_safe_dagger(run, Workers(1))
+    assert run.metrics == []
 
 
 def test_a_policy_answers_a_part_of_the_data_at_a_time(run, tmp_path, monkeypatch):
-    written, sizes = [], []
+    written = []
+    sizes = []
 
     class Counted(Policy):
         @property
@@ -120,12 +145,12 @@ def test_a_policy_answers_a_part_of_the_data_at_a_time(run, tmp_path, monkeypatc
         policy.__class__ = Counted
         return policy
 
-    monkeypatch.setattr(guards, "load", counted)
+    monkeypatch.setattr(gate_training, "load", counted)
     for together in (1_000_000, 64):
-        monkeypatch.setattr(guards, "TOGETHER", together)
+        monkeypatch.setattr(gate_training, "ROWS_AT_ONCE", together)
         folder = tmp_path / str(together)
         shutil.copytree(run.folder, folder)
-        train_guards(open_run(folder), 0, ["classifier"])
+        train_gates(open_run(folder), 0, ["classifier"])
         written.append(open_run(folder).gate_path("classifier", 0).read_bytes())
     assert sizes[0] == sum(sizes[1:]) > 64 >= max(sizes[1:])
     assert written[0] == written[1]

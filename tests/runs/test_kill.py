@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from surefoot.runs.run import open_run
+from tests.fakes.runs import measurements
 
 TINY = [
     "--config.method.pretraining.velocities",
@@ -71,7 +72,7 @@ def start(folder: Path, options: list[str]) -> subprocess.Popen:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        # Whoever starts the tests in the background has children that ignore Ctrl-C.
+        # Tests that are started in the background have children that ignore Ctrl-C.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )
@@ -95,9 +96,8 @@ def begun(process: subprocess.Popen) -> None:
 
 def bits(folder: Path) -> dict:
     run = open_run(folder)
-    metrics = [{k: v for k, v in line.items() if k != "seconds"} for line in run.metrics]
     policies = {path.name: path.read_bytes() for path in folder.glob("policies/*.safetensors")}
-    return {"data": run.dataset.hash, "metrics": metrics, "policies": policies}
+    return {"data": run.dataset.hash, "metrics": measurements(run), "policies": policies}
 
 
 def stage(folder: Path) -> str:
@@ -134,7 +134,9 @@ def kill_until_done(
     Each try first starts its workers again, so that shorter ones would never reach the end.
     """
     undisturbed = finish(tmp_path / "undisturbed" / "run", options)
-    rng, folder, killed = random.Random(seed), tmp_path / "killed" / "run", 0
+    rng = random.Random(seed)
+    folder = tmp_path / "killed" / "run"
+    killed = 0
     interrupt(folder, options)
     for attempt in range(10 * kills):
         process = start(folder, options)

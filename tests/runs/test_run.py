@@ -7,9 +7,19 @@ import numpy as np
 import pytest
 
 import surefoot.files
+import surefoot.runs.run as run_module
 from surefoot.config import BehaviorCloningConfig, Config, LocoSafeDaggerConfig
-from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.runs.metrics import Best
+from surefoot.runs.run import Run, RunError, create, open_run, run_of_policy
 from surefoot.runs.versions import PACKAGES, versions
+from tests.fakes.runs import (
+    EVERY_RECORD,
+    collected_record,
+    gate_record,
+    stages_of,
+    trained_record,
+    validated_record,
+)
 
 CONFIG = replace(Config(), seed=5, method=LocoSafeDaggerConfig(iterations=2))
 
@@ -36,19 +46,20 @@ def test_a_new_run_stands_in_its_folder_and_can_be_opened(tmp_path):
 
 def test_an_existing_run_is_neither_overwritten_nor_resumed_unasked(tmp_path):
     run = create(tmp_path / "run", CONFIG)
-    run.record("collect", 0, frames=1)
+    run.append_metrics(collected_record(0))
     before = (run.folder / "config.json").read_bytes()
     with pytest.raises(RunError, match=r"already holds a run.*--resume"):
         create(tmp_path / "run", CONFIG)
     with pytest.raises(RunError, match="already holds a run"):
         create(tmp_path / "run", replace(CONFIG, seed=6))
     assert (run.folder / "config.json").read_bytes() == before
-    assert open_run(run.folder).metrics == [{"stage": "collect", "iteration": 0, "frames": 1}]
+    assert open_run(run.folder).metrics == [collected_record(0)]
 
 
 def test_resuming_goes_on_with_the_same_configuration_only(tmp_path):
-    create(tmp_path / "run", CONFIG).record("collect", 0, frames=1)
-    assert create(tmp_path / "run", CONFIG, resume=True).done("collect", 0)
+    create(tmp_path / "run", CONFIG).append_metrics(collected_record(0))
+    resumed = create(tmp_path / "run", CONFIG, resume=True)
+    assert resumed.collected(0) == collected_record(0)
     for other in (
         replace(CONFIG, seed=6),
         replace(CONFIG, method=LocoSafeDaggerConfig(iterations=3)),
@@ -109,49 +120,110 @@ def test_a_kill_in_the_first_moment_can_be_started_again(tmp_path, monkeypatch, 
 
 def test_metrics_are_one_line_a_stage_in_order(tmp_path):
     run = create(tmp_path / "run", CONFIG)
-    run.record("collect", 0, frames=10, name="x")
-    run.record("train", 0, loss=0.5)
-    run.record("collect", 1, frames=11, rows=[1, None])
+    for record in EVERY_RECORD:
+        assert run.append_metrics(record) == record
     lines = (run.folder / "metrics.jsonl").read_text().splitlines()
-    assert [json.loads(line) for line in lines] == run.metrics
-    assert [(r["stage"], r["iteration"]) for r in run.metrics] == [
+    stages = [(json.loads(line)["stage"], json.loads(line)["iteration"]) for line in lines]
+    assert stages == stages_of(run)
+    assert stages == [
         ("collect", 0),
         ("train", 0),
-        ("collect", 1),
+        ("gate_classifier", 0),
+        ("gate_history", 1),
+        ("validate", 1),
+        ("best", 0),
     ]
-    assert run.done("collect", 1) == {
-        "stage": "collect",
-        "iteration": 1,
-        "frames": 11,
-        "rows": [1, None],
-    }
-    assert run.done("train", 1) is None
-    assert open_run(run.folder).metrics == run.metrics
+    assert open_run(run.folder).metrics == run.metrics == EVERY_RECORD
+
+
+def test_a_record_is_found_by_its_stage_and_iteration(tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    assert run.best is None
+    for i in (0, 1):
+        run.append_metrics(collected_record(i, falls=i))
+        run.append_metrics(trained_record(i, frames=100 + i))
+        run.append_metrics(gate_record("classifier", i, rows=10 + i))
+        run.append_metrics(gate_record("history", i, rows=20 + i))
+        run.append_metrics(validated_record(i, successes=90 + i))
+    run.append_metrics(Best(best_iteration=1))
+    assert run.collected(1) == collected_record(1, falls=1)
+    assert run.trained(0) == trained_record(0, frames=100)
+    assert run.gate_trained("classifier", 1) == gate_record("classifier", 1, rows=11)
+    assert run.gate_trained("history", 0) == gate_record("history", 0, rows=20)
+    assert run.validated(1) == validated_record(1, successes=91)
+    assert run.best == Best(best_iteration=1)
+    assert run.collected(2) is None
+    assert run.trained(2) is None
+    assert run.gate_trained("history", 2) is None
+    assert run.validated(2) is None
+
+
+def test_metrics_are_parsed_once_and_again_only_when_the_file_has_changed(tmp_path, monkeypatch):
+    run = create(tmp_path / "run", CONFIG)
+    run.append_metrics(collected_record(0))
+    parsed = []
+    parse_line = run_module.parse_line
+
+    def counted(line):
+        parsed.append(line)
+        return parse_line(line)
+
+    monkeypatch.setattr(run_module, "parse_line", counted)
+    for _ in range(3):
+        assert run.metrics == [collected_record(0)]
+    assert len(parsed) == 1
+    run.metrics.clear()  # the caller's own list
+    assert run.metrics == [collected_record(0)]
+    # Changed by a hand, within the same instant and to the same length.
+    path = run.folder / "metrics.jsonl"
+    path.write_text(path.read_text().replace('"falls": 0', '"falls": 7'))
+    assert run.collected(0) == collected_record(0, falls=7)
+    path.unlink()
+    assert run.metrics == []
+
+
+def test_a_record_is_appended_to_what_another_process_has_written(tmp_path):
+    """Lines that are there stay as they are, also those of earlier versions."""
+    run = create(tmp_path / "run", CONFIG)
+    assert run.metrics == []
+    old = b'{"stage": "guard_history", "iteration": 1, "rows": 4, "share_yes": 0.5, "seed": 1, '
+    old += b'"seconds": 1.0}'
+    path = run.folder / "metrics.jsonl"
+    path.write_bytes(old)  # and no end of the line
+    run.append_metrics(trained_record(1))
+    assert path.read_bytes().splitlines()[0] == old
+    assert stages_of(run) == [("gate_history", 1), ("train", 1)]
+
+
+def test_nothing_is_appended_to_damaged_metrics(tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    path = run.folder / "metrics.jsonl"
+    path.write_bytes(b'{"stage": "coll')
+    with pytest.raises(RunError, match=r"line 1 of .*metrics.jsonl is not JSON.*delete it and all"):
+        run.append_metrics(trained_record(0))
+    assert path.read_bytes() == b'{"stage": "coll'
 
 
 def test_metrics_are_valid_json_whatever_was_measured(tmp_path):
     run = create(tmp_path / "run", CONFIG)
-    record = run.record("validate", 0, a=float("nan"), b=[1.0, float("inf")], c={"d": -np.inf})
-    assert record == {
-        "stage": "validate",
-        "iteration": 0,
-        "a": None,
-        "b": [1.0, None],
-        "c": {"d": None},
-    }
+    nan = float("nan")
+    record = run.append_metrics(
+        validated_record(0, mse=(nan, 1.0, float("inf")), max_torque=np.float64(2.0))
+    )
+    assert record.mse == (None, 1.0, None)
 
     def refuse(word):
         raise AssertionError(f"{word} is no JSON")
 
     text = (run.folder / "metrics.jsonl").read_text()
-    assert json.loads(text, parse_constant=refuse) == record
-    assert run.done("validate", 0) == record
+    assert json.loads(text, parse_constant=refuse)["mse"] == [None, 1.0, None]
+    assert run.validated(0) == record
 
 
 @pytest.mark.parametrize("moment", ["write_bytes", "replace"])
 def test_a_kill_while_metrics_are_written_leaves_the_old_ones(tmp_path, monkeypatch, moment):
     run = create(tmp_path / "run", CONFIG)
-    run.record("collect", 0, frames=10)
+    run.append_metrics(collected_record(0))
     before = (run.folder / "metrics.jsonl").read_bytes()
 
     def half(path, content):
@@ -169,15 +241,16 @@ def test_a_kill_while_metrics_are_written_leaves_the_old_ones(tmp_path, monkeypa
         else:
             patch.setattr(surefoot.files.os, "replace", killed)
         with pytest.raises(SystemExit):
-            run.record("train", 0, loss=0.5)
+            run.append_metrics(trained_record(0))
     assert (run.folder / "metrics.jsonl").read_bytes() == before
-    run.record("train", 0, loss=0.5)
+    run.append_metrics(trained_record(0))
     assert len(run.metrics) == 2
 
 
 def test_seeds_differ_by_stage_iteration_and_root_and_by_nothing_else(tmp_path):
     run = create(tmp_path / "run", CONFIG)
-    stages, iterations = ("starts", "network", "order"), range(5)
+    stages = ("starts", "network", "order")
+    iterations = range(5)
     seeds = {(s, i): words(run.seed(s, i)) for s in stages for i in iterations}
     assert len(set(seeds.values())) == 15
     other = create(tmp_path / "other", replace(CONFIG, seed=6))
@@ -195,7 +268,7 @@ def test_best_policy_is_known_once_the_run_is_finished(tmp_path):
     run = create(tmp_path / "run", CONFIG)
     with pytest.raises(RunError, match=r"not finished.*surefoot train loco_safe_dagger.*--resume"):
         _ = run.best_policy_path
-    run.record("best", 0, best_iteration=2)
+    run.append_metrics(Best(best_iteration=2))
     assert run.best_policy_path == run.policy_path(2)
     assert isinstance(run, Run)
 
@@ -222,3 +295,17 @@ def test_what_a_killed_process_was_writing_is_cleared_away(tmp_path):
     create(folder, CONFIG, resume=True)
     assert not any(path.exists() for path in left)
     assert (folder / "config.json").exists()
+
+
+def test_a_policy_file_knows_its_run(tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    path = run.policy_path(3)
+    path.parent.mkdir()
+    path.touch()
+    owner = run_of_policy(path)
+    assert owner is not None
+    assert owner.folder == run.folder.resolve()
+    assert owner.config == CONFIG
+    elsewhere = tmp_path / "policy.safetensors"
+    elsewhere.touch()
+    assert run_of_policy(elsewhere) is None

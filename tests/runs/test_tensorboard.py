@@ -1,4 +1,4 @@
-"""TensorBoard events: the same figures as in metrics.jsonl, once each, whatever happened before."""
+"""TensorBoard events: the same numbers as in metrics.jsonl, once each, whatever happened before."""
 
 import json
 import sys
@@ -12,6 +12,12 @@ from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.runs.run import create, open_run
 from surefoot.runs.tensorboard import log_to_tensorboard
 from surefoot.workers import Workers
+from tests.fakes.runs import (
+    collected_record,
+    gate_record,
+    trained_record,
+    validated_record,
+)
 
 CONFIG = replace(Config(), method=LocoSafeDaggerConfig(iterations=2))
 needs_tensorboard = pytest.mark.usefixtures("tensorboard")
@@ -28,31 +34,32 @@ def events(folder):
 
     accumulator = EventAccumulator(str(folder / "tensorboard"), size_guidance={"scalars": 0})
     accumulator.Reload()
-    found = {}
+    scalars = {}
     for tag in accumulator.Tags()["scalars"]:
         for event in accumulator.Scalars(tag):
-            assert (tag, event.step) not in found
-            found[tag, event.step] = event.value
-    return found
+            assert (tag, event.step) not in scalars
+            scalars[tag, event.step] = event.value
+    return scalars
 
 
 def written(folder):
     """The same from metrics.jsonl, without the module under test."""
-    found = {}
+    scalars = {}
     for line in (folder / "metrics.jsonl").read_text().splitlines():
         record = json.loads(line)
-        stage, step = record.pop("stage"), record.pop("iteration")
+        stage = record.pop("stage")
+        step = record.pop("iteration")
         record.pop("failed_episodes", None)
         for key in ("mse", "settled_mse"):
             values = record.pop(key, [None] * 3)
             names = [f"{key}/vx", f"{key}/vy", f"{key}/yaw_rate"]
             record |= dict(zip(names, values, strict=True))
-        if "success_interval" in record:
-            low, high = record.pop("success_interval")
-            record |= {"success_interval/0": low, "success_interval/1": high}
+        for key in ("success_interval", "sigma"):
+            for number, value in enumerate(record.pop(key, [])):
+                record[f"{key}/{number}"] = value
         numbers = {key: x for key, x in record.items() if x is not None and type(x) is not str}
-        found |= {(f"{stage}/{key}", step): value for key, value in numbers.items()}
-    return found
+        scalars |= {(f"{stage}/{key}", step): value for key, value in numbers.items()}
+    return scalars
 
 
 def close(values):
@@ -61,7 +68,7 @@ def close(values):
 
 
 @needs_tensorboard
-def test_all_figures_of_a_real_run_are_there(tmp_path):
+def test_all_numbers_of_a_real_run_are_there(tmp_path):
     method = LocoSafeDaggerConfig(
         pretraining=ExpertData(2, 1, False, 0.3),
         pretraining_epochs=1,
@@ -77,10 +84,10 @@ def test_all_figures_of_a_real_run_are_there(tmp_path):
     run = create(tmp_path / "run", config)
     log_to_tensorboard(run)
     loco_safe_dagger(run, workers=Workers(1))
-    found = events(run.folder)
-    assert found == close(written(run.folder))
+    scalars = events(run.folder)
+    assert scalars == close(written(run.folder))
     assert {("collect/expert_share", 1), ("train/train_loss", 0), ("best/best_iteration", 0)} <= {
-        *found
+        *scalars
     }
 
 
@@ -88,38 +95,44 @@ def test_all_figures_of_a_real_run_are_there(tmp_path):
 def test_lists_have_names_and_what_is_no_number_is_left_out(tmp_path):
     run = create(tmp_path / "run", CONFIG)
     log_to_tensorboard(run)
-    run.record("validate", 1, split="select", starts_hash="28d8", mse=[0.1, None, 0.3])
-    run.record("collect", 2, failed_episodes=[7, 8, 9], success_interval=[0.5, 0.75], falls=3)
-    run.record("train", 2, train_loss=float("nan"), epochs=12)
-    assert events(run.folder) == close(
-        {
-            ("validate/mse/vx", 1): 0.1,
-            ("validate/mse/yaw_rate", 1): 0.3,
-            ("collect/success_interval/0", 2): 0.5,
-            ("collect/success_interval/1", 2): 0.75,
-            ("collect/falls", 2): 3,
-            ("train/epochs", 2): 12,
-        }
+    run.append_metrics(
+        validated_record(1, mse=(0.1, None, 0.3), success_interval=(0.5, 0.75), falls=3)
     )
+    run.append_metrics(collected_record(2, failed_episodes=(7, 8, 9), falls=4))
+    run.append_metrics(trained_record(2, validation_loss=float("nan"), epochs=12))
+    run.append_metrics(gate_record("classifier", 2, sigma=(0.5,) * 12))
+    scalars = events(run.folder)
+    assert scalars == close(written(run.folder))
+    validate = {tag: value for (tag, _), value in scalars.items() if tag.startswith("validate/")}
+    assert validate["validate/mse/vx"] == pytest.approx(0.1)
+    assert validate["validate/mse/yaw_rate"] == pytest.approx(0.3)
+    assert "validate/mse/vy" not in validate
+    assert validate["validate/success_interval/1"] == 0.75
+    assert scalars["collect/falls", 2] == 4
+    assert scalars["train/epochs", 2] == 12
+    assert scalars["gate_classifier/sigma/11", 2] == 0.5
+    names = {tag.partition("/")[2].partition("/")[0] for tag, _ in scalars}
+    texts = {"split", "starts", "starts_hash", "dataset_hash", "expert", "device", "sha256"}
+    assert not names & (texts | {"stage", "iteration", "failed_episodes", "validation_loss"})
 
 
 @needs_tensorboard
 def test_a_resumed_run_has_every_step_once_and_what_was_lost(tmp_path):
     folder = tmp_path / "run"
     run = create(folder, CONFIG)
-    run.record("collect", 0, falls=1)  # without TensorBoard, at first
+    run.append_metrics(collected_record(0, falls=1))  # without TensorBoard, at first
     log_to_tensorboard(run)
-    run.record("train", 0, train_loss=0.5)
+    run.append_metrics(trained_record(0, train_loss=0.5))
     (first,) = (folder / "tensorboard").iterdir()
     # Killed after the record and amid the event; then resumed, twice.
     first.write_bytes(first.read_bytes()[:-7])
     for iteration in (1, 2):
         run = create(folder, CONFIG, resume=True)
         log_to_tensorboard(run)
-        run.record("collect", iteration, falls=iteration)
+        run.append_metrics(collected_record(iteration, falls=iteration))
         assert events(folder) == close(written(folder))
         assert len(list((folder / "tensorboard").iterdir())) == 1
-    assert len(events(folder)) == 4
+    assert len({step for _, step in events(folder)}) == 3
     assert not first.exists()
 
 
@@ -132,10 +145,10 @@ def test_the_events_are_no_part_of_the_runs_state(tmp_path):
     other = replace(CONFIG, seed=7)  # nothing was collected: the first try was a slip
     run = create(folder, other)
     log_to_tensorboard(run)
-    run.record("collect", 0, falls=1)
-    (folder / "tensorboard" / "notes.txt").write_text("mine")
+    run.append_metrics(collected_record(0, falls=1))
+    (folder / "tensorboard" / "notes.txt").write_text("notes")
     log_to_tensorboard(create(folder, other, resume=True))
-    assert (folder / "tensorboard" / "notes.txt").read_text() == "mine"
+    assert (folder / "tensorboard" / "notes.txt").read_text() == "notes"
     assert open_run(folder).metrics == run.metrics
 
 
@@ -149,12 +162,13 @@ def test_a_folder_that_cannot_be_written_says_so(tmp_path):
 
 
 def test_listeners_hear_of_what_is_on_the_disk(tmp_path):
-    run, heard = create(tmp_path / "run", CONFIG), []
+    run = create(tmp_path / "run", CONFIG)
+    heard = []
     run.listeners.append(lambda record: heard.append((record, open_run(run.folder).metrics)))
-    first = run.record("collect", 0, falls=float("nan"))
-    second = run.record("train", 0, train_loss=0.5)
+    first = run.append_metrics(trained_record(0, validation_loss=float("nan")))
+    second = run.append_metrics(collected_record(1))
     assert heard == [(first, [first]), (second, [first, second])]
-    assert first["falls"] is None
+    assert first.validation_loss is None
 
 
 def test_without_tensorboard_the_error_says_what_to_install(tmp_path, monkeypatch):

@@ -1,20 +1,26 @@
 """The survey of expert variants: what differs between them, and that nothing measured is lost."""
 
-import json
+import logging
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
-import surefoot.study.expert_survey as survey_module
-from surefoot.bench.plan import TimedPlan
+import surefoot.study.expert_survey as module
+from surefoot.bench.plan import StageTimes, Times
 from surefoot.config import Config
 from surefoot.rollouts.outcome import Outcome
-from surefoot.study.expert_survey import PUSHES, lost_by_all, survey, table, variant_of
+from surefoot.study.expert_survey import (
+    PUSHES,
+    lost_by_all,
+    survey_expert,
+    survey_table,
+    variant_of,
+)
+from surefoot.study.records import Survey, SurveyCell, Survival, read_survey
 from surefoot.workers import Workers
-from tests.fakes.rollouts import summary_of
+from tests.fakes.records import summary_of
+from tests.fakes.results import push_result, robustness
 
 CONFIG = Config()
 
@@ -23,7 +29,7 @@ class Interrupted(Exception):
     """Stands for Ctrl-C."""
 
 
-def pretend(monkeypatch, stop_after=1000):
+def pretend_measurements(monkeypatch, stop_after=1000):
     """Variants that lose start 7 always, and start 8 with the published rules."""
     calls = []
 
@@ -32,92 +38,108 @@ def pretend(monkeypatch, stop_after=1000):
             raise Interrupted
         calls.append((what, config.simulation.backend, config.expert.foothold_rule))
 
-    def evaluate(config, policy, split, workers, label, stored):
+    def evaluate(config, policy, split, workers, stored):
         count(stored.name, config)
         assert (policy, split, config.evaluation.episodes) == (None, "test", 3)
         published = config.expert.foothold_rule == "published"
         outcome = np.array([Outcome.FELL, Outcome.SUCCESS, Outcome.SUCCESS])
         outcome[1] = Outcome.DIVERGED if published else Outcome.STALLED
-        figures = {
-            "episodes": 3,
-            "stalls": 1,
-            "invalid_plans": 0,
-            "settled_mse": [0.01, 0.0, 0.0],
-            "starts_hash": stored.hash,
-        }
+        figures = robustness(1, 3, stalls=1, settled_mse=(0.01, 0.0, 0.0), starts_hash=stored.hash)
         return figures, summary_of(outcome, start=[7, 8, 9])
 
-    def push_recovery(config, policy, workers, label):
+    def push_recovery(config, policy, workers):
         count("push", config)
-        return {"fitted_impulse": [1.0, 3.0], "mean_fitted_impulse": 2.0}
+        return push_result((1.0, 3.0))
 
     def cold_plans(config):
         count("plan", config)
-        names = ("contacts", "centroidal", "kinematics", "inverse_dynamics")
-        stages: Any = SimpleNamespace(seconds={name: 1e-3 * n for n, name in enumerate(names, 1)})
-        return [TimedPlan(3e-3, stages), TimedPlan(4e-3, stages)]
+        return []
 
-    for function in (evaluate, push_recovery, cold_plans):
-        monkeypatch.setattr(survey_module, function.__name__, function)
+    def times_of(timed):
+        return Times(3.5, 3.99, StageTimes(1.0, 0.5, 2.0, 0.25))
+
+    for function in (evaluate, push_recovery, cold_plans, times_of):
+        monkeypatch.setattr(module, function.__name__, function)
     return calls
 
 
+def survival(lost):
+    return Survival(9, 9 - len(lost), (0.0, 1.0), 0, lost, 0, (None, None, None), "")
+
+
 def test_every_variant_is_measured_on_equal_terms(monkeypatch, tmp_path):
-    calls = pretend(monkeypatch)
-    record = survey(CONFIG, None, 3, Workers(1), tmp_path / "survey.json")
-    assert len(record["cells"]) == 8
+    calls = pretend_measurements(monkeypatch)
+    path = tmp_path / "survey.json"
+    survey = survey_expert(CONFIG, None, 3, Workers(1), path)
+    assert read_survey(path) == survey
+    assert len(survey.cells) == 8
     assert len(set(calls)) == 4 * 2 * 2  # four measurements, two simulators, two rules
     assert len(calls) == 32
-    for cell in record["cells"]:
-        own = cell["rules"] == "own"
-        assert cell["survived"] == cell["wide_survived"] == (2 if own else 1)
-        assert cell["lost"] == ([7] if own else [7, 8])
-    assert set(map(tuple, record["lost_by_all"].values())) == {(7,)}
-    assert len(record["lost_by_all"]) == 4
-    lines = table(record).splitlines()
+    for cell in survey.cells:
+        lost = (7,) if cell.rules == "own" else (7, 8)
+        for measured in (cell.paper, cell.wide):
+            assert measured is not None
+            assert (measured.lost, measured.survived) == (lost, 3 - len(lost))
+    assert set(survey.lost_by_all.values()) == {(7,)}
+    assert len(survey.lost_by_all) == 4
+    lines = survey_table(survey).splitlines()
     assert len(lines) == 10
     assert lines[2].startswith("| mujoco | 20/10 | published | 1 of 3 (6.1 to 79.2 %) | 1 of 3 (")
     assert lines[2].endswith(
-        "| 0.100, 0.000 | 2.00 (1.00, 3.00) | 3.50 (3.99): 1.00, 2.00, 3.00, 4.00 |"
+        "| 0.100, 0.000 | 2.00 (1.00, 3.00) | 3.50 (3.99): 1.00, 0.50, 2.00, 0.25 |"
     )
 
 
 @pytest.mark.parametrize("stop", [0, 1, 6, 13])
-def test_an_interrupted_survey_goes_on_where_it_stopped(monkeypatch, tmp_path, stop):
-    pretend(monkeypatch)
-    whole = survey(CONFIG, "mujoco", 3, Workers(1), tmp_path / "whole.json")
+def test_an_interrupted_survey_resumes_where_it_stopped(monkeypatch, tmp_path, stop):
+    pretend_measurements(monkeypatch)
+    whole = survey_expert(CONFIG, "mujoco", 3, Workers(1), None)
     path = tmp_path / "survey.json"
-    pretend(monkeypatch, stop_after=stop)
+    pretend_measurements(monkeypatch, stop_after=stop)
     with pytest.raises(Interrupted):
-        survey(CONFIG, "mujoco", 3, Workers(1), path)
-    calls = pretend(monkeypatch)
-    assert survey(CONFIG, "mujoco", 3, Workers(1), path) == whole
+        survey_expert(CONFIG, "mujoco", 3, Workers(1), path)
+    assert path.exists() == (stop > 0)
+    calls = pretend_measurements(monkeypatch)
+    assert survey_expert(CONFIG, "mujoco", 3, Workers(1), path) == whole
     assert len(calls) == 16 - stop
-    assert json.loads(path.read_text()) == json.loads((tmp_path / "whole.json").read_text())
+    assert read_survey(path) == whole
+
+
+def test_measurements_of_a_survey_are_logged(monkeypatch, caplog):
+    pretend_measurements(monkeypatch)
+    with caplog.at_level(logging.INFO, "surefoot"):
+        survey_expert(CONFIG, "mujoco", 3, Workers(1), None)
+    assert caplog.messages[:3] == [
+        "mujoco, 20/10 nodes, published rules: 1 of 3, solo12-trot-v1",
+        "mujoco, 20/10 nodes, published rules: 1 of 3, solo12-trot-v1-wide",
+        "mujoco, 20/10 nodes, published rules: 2.00 N s",
+    ]
+    assert len(caplog.messages) == 3 * 4
 
 
 def test_a_survey_of_another_configuration_is_not_mixed_in(monkeypatch, tmp_path):
-    pretend(monkeypatch)
+    pretend_measurements(monkeypatch)
     path = tmp_path / "survey.json"
-    survey(CONFIG, "mujoco", 3, Workers(1), path)
+    survey_expert(CONFIG, "mujoco", 3, Workers(1), path)
     before = path.read_bytes()
     other = replace(CONFIG, expert=replace(CONFIG.expert, kp=4.0))
     with pytest.raises(ValueError, match="other config; name another file"):
-        survey(other, "mujoco", 3, Workers(1), path)
+        survey_expert(other, "mujoco", 3, Workers(1), path)
     assert path.read_bytes() == before
 
 
 def test_an_unfinished_survey_has_a_table():
-    cell = {"simulator": "mujoco", "nodes": [20, 10], "rules": "own"}
-    row = table({"cells": [cell]}).splitlines()[-1]
+    cell = SurveyCell("mujoco", (20, 10), "own")
+    survey = Survey(CONFIG, 3, {}, {}, (cell,), {})
+    row = survey_table(survey).splitlines()[-1]
     assert row == "| mujoco | 20/10 | own | - | - | - | - | - |"
 
 
 def test_variants_differ_in_simulator_horizon_and_rules_only():
-    base = variant_of(CONFIG, "mujoco", (20, 10), "own", 1000)
+    base = variant_of(CONFIG, SurveyCell("mujoco", (20, 10), "own"), 1000)
     evaluation = replace(CONFIG.evaluation, episodes=1000)
     assert base == replace(CONFIG, evaluation=evaluation, push=PUSHES)
-    other = variant_of(CONFIG, "bullet", (10, 5), "published", 1000)
+    other = variant_of(CONFIG, SurveyCell("bullet", (10, 5), "published"), 1000)
     assert (other.expert.centroidal.nodes, other.expert.kinematic.nodes) == (10, 5)
     assert other.simulation == replace(CONFIG.simulation, backend="bullet")
     assert other.expert.foothold_rule == "published"
@@ -127,11 +149,11 @@ def test_variants_differ_in_simulator_horizon_and_rules_only():
 
 def test_lost_by_all_counts_only_what_was_measured():
     cells = [
-        {"simulator": "mujoco", "lost": [1, 2, 3]},
-        {"simulator": "mujoco", "lost": [2, 3, 4], "wide_lost": [5]},
-        {"simulator": "bullet"},
+        SurveyCell("mujoco", (20, 10), "published", paper=survival((1, 2, 3))),
+        SurveyCell("mujoco", (20, 10), "own", paper=survival((2, 3, 4)), wide=survival((5,))),
+        SurveyCell("bullet", (20, 10), "own"),
     ]
     assert lost_by_all(cells) == {
-        "mujoco solo12-trot-v1": [2, 3],
-        "mujoco solo12-trot-v1-wide": [5],
+        "mujoco solo12-trot-v1": (2, 3),
+        "mujoco solo12-trot-v1-wide": (5,),
     }

@@ -3,36 +3,36 @@
 import matplotlib.image
 import pytest
 
+from surefoot.runs.metrics import Best, StageRecord
 from surefoot.viz.plots import learning_curves
+from tests.fakes.runs import collected_record, trained_record, validated_record
 
 
-def records(iterations: int):
+def records(iterations: int) -> list[StageRecord]:
     made = []
     for i in range(iterations):
         share = 1.0 if i == 0 else 0.3 / i
-        collect = {
-            "falls": 3 * i,
-            "falls_expert_driving": i,
-            "dataset_frames": 165_000 + 60_000 * i,
-        }
-        shares = {"expert_share": share, "expert_share_with_tail": (10 * share + 1) / 11}
-        success = {"success_rate": 0.9, "success_interval": [0.83, 0.94]}
-        made += [
-            {"stage": "collect", "iteration": i, **collect, **shares},
-            {"stage": "train", "iteration": i, "frames": collect["dataset_frames"]},
-            {"stage": "validate", "iteration": i, **success},
-        ]
+        frames = 165_000 + 60_000 * i
+        made.append(
+            collected_record(
+                i,
+                falls=3 * i,
+                falls_expert_driving=i,
+                dataset_frames=frames,
+                expert_share=share,
+                expert_share_with_tail=(10 * share + 1) / 11,
+            )
+        )
+        made.append(trained_record(i, frames=frames))
+        made.append(validated_record(i, success_rate=0.9, success_interval=(0.83, 0.94)))
     return made
-
-
-BEST = {"stage": "best", "iteration": 0}
 
 
 @pytest.mark.parametrize(
     "metrics",
     [
-        pytest.param([*records(4), BEST | {"best_iteration": 2}], id="finished"),
-        pytest.param([*records(1), BEST | {"best_iteration": 0}], id="behavior_cloning"),
+        pytest.param([*records(4), Best(best_iteration=2)], id="finished"),
+        pytest.param([*records(1), Best(best_iteration=0)], id="behavior_cloning"),
         pytest.param(records(3)[:-2], id="unfinished"),
         pytest.param(records(1)[:1], id="only collected"),
         pytest.param(records(40), id="long"),
@@ -49,12 +49,15 @@ def test_a_run_in_any_state_gives_a_picture(tmp_path, metrics):
 def test_a_series_of_dataset_sizes_has_all_its_policies_in_the_picture(monkeypatch, tmp_path):
     from matplotlib.figure import Figure
 
-    figures, draw = [], Figure.savefig
+    figures = []
+    draw = Figure.savefig
     monkeypatch.setattr(
         Figure, "savefig", lambda self, *a, **k: (figures.append(self), draw(self, *a, **k))[1]
     )
-    more = [line | {"frames": 7000} for line in records(3) if line["stage"] != "collect"]
-    learning_curves([records(1)[0], *more], tmp_path / "curves.png")
+    series: list[StageRecord] = [collected_record(0)]
+    for size in range(3):
+        series += [trained_record(size, frames=7000), validated_record(size)]
+    learning_curves(series, tmp_path / "curves.png")
     labels = [tick.get_text() for tick in figures[0].axes[-1].get_xticklabels()]
     assert labels == ["0\n7k", "1\n7k", "2\n7k"]
     assert figures[0].axes[-1].get_xlim() == (-0.5, 2.5)

@@ -14,64 +14,18 @@ import surefoot.cli.play as play_command
 from surefoot import methods
 from surefoot.config import (
     Backend,
-    BehaviorCloningConfig,
-    Config,
-    DaggerConfig,
-    DisturbanceConfig,
-    EvaluationConfig,
-    ExpertData,
-    Gait,
-    LocoDaggerConfig,
-    LocoSafeDaggerConfig,
-    NoiseConfig,
-    PolicyConfig,
-    SafeDaggerConfig,
     SimulationConfig,
-    TrainingConfig,
 )
-from surefoot.config.json_io import to_json
 from surefoot.files import load_arrays
-from surefoot.learning.policy import load, save
-from surefoot.rollouts.jobs import disturbance_of, play_out, summarize_job
+from surefoot.rollouts.jobs import disturbance_of, play_out, sum_up
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import Summary, join_summaries
-from surefoot.runs.policies import find_policy
-from surefoot.runs.query import QUERIES, Query
+from surefoot.rollouts.summary import Summary, join
+from surefoot.runs.episode_ids import FIRST_QUERY
 from surefoot.runs.run import Run, create, open_run
-from surefoot.viz.replay import episode_figures, recorded_episode
+from surefoot.viz.replay import recorded_episode, report_episode
 from surefoot.workers import Workers
-from tests.fakes.learning import spec_of
 from tests.fakes.robots import needs_pybullet
-
-DATA = ExpertData(2, 1, False, 0.12)
-SMALL = {"pretraining": DATA, "pretraining_epochs": 1, "iterations": 2, "epochs": 1}
-SMALL |= {"velocities": 2, "perturbations": 1, "T": 0.7}
-METHODS = {
-    "behavior_cloning": BehaviorCloningConfig(DATA, 1, frames=(500,)),
-    "dagger": DaggerConfig(**SMALL),
-    "safe_dagger": SafeDaggerConfig(**SMALL),
-    "loco_dagger": LocoDaggerConfig(**SMALL, N_query=3, T_query=0.1),
-    "loco_safe_dagger": LocoSafeDaggerConfig(
-        **SMALL, T_block=0.1, T_end=0.1, gates=("relaxing", "classifier", "history"), alarm=0.9
-    ),
-}
-ROUGH = DisturbanceConfig(
-    pushes=2, impulse=(0.5, 2.0), gentle=0.5, friction=(0.8, 1.2), mass=(0.9, 1.1), delay=1
-)
-NOISY = replace(ROUGH, noise=NoiseConfig(base_orientation=0.002, joint_velocity=0.05))
-
-
-def config_of(method: str) -> Config:
-    return replace(
-        Config(),
-        method=METHODS[method],
-        chunk=3,
-        seed=5,
-        policy=PolicyConfig(hidden=(16, 16)),
-        training=TrainingConfig(batch=64),
-        evaluation=EvaluationConfig(duration=0.05, episodes=2),
-        collection=NOISY if method == "loco_safe_dagger" else ROUGH,
-    )
+from tests.fakes.small_runs import METHODS, config_of
 
 
 @pytest.fixture(scope="module")
@@ -91,9 +45,7 @@ def run_of(tmp_path_factory):
 
 
 def summary_of(run: Run):
-    return join_summaries(
-        [load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards]
-    )
+    return join([load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards])
 
 
 UNKNOWN_ALONE = ("kept", "kept_tilted", "kept_near_bounds", "strict")
@@ -109,22 +61,23 @@ UNKNOWN_ALONE = ("kept", "kept_tilted", "kept_near_bounds", "strict")
 )
 def test_every_episode_repeats_bit_for_bit(run_of, method, backend):
     run = run_of(method, backend)
-    frames, summary = run.dataset.load(), summary_of(run)
+    frames = run.dataset.load()
+    summary = summary_of(run)
     assert set(summary.episode // 100_000) == set(range(1 if method == "behavior_cloning" else 3))
-    some = summary.episode >= 100_000
-    some[::7] = True  # of the pre-training; all of the others
-    for episode in summary.episode[some].tolist():
+    replayed = summary.episode >= 100_000
+    replayed[::7] = True  # of the pre-training; all of the others
+    for episode in summary.episode[replayed].tolist():
         job = recorded_episode(run.folder, episode)
         assert job.episode.tolist() == [episode]
-        record, expert = play_out(job)
-        mine = frames[frames.episode == episode]
-        rows = mine.tick - record.starts.tick[0]
+        rollouts, expert = play_out(job)
+        own = frames[frames.episode == episode]
+        rows = own.tick - rollouts.starts.tick[0]
         for name in ("q", "v", "com", "feet", "contacts"):
-            seen = getattr(record.seen, name)[0, rows]
-            np.testing.assert_array_equal(seen, getattr(mine, name), strict=True)
-        np.testing.assert_array_equal(record.expert_torque[0, rows], mine.torque)
-        np.testing.assert_array_equal(record.expert_drove[0, rows], mine.expert_drove)
-        alone = summarize_job(job, record, expert, mine)
+            seen = getattr(rollouts.seen, name)[0, rows]
+            np.testing.assert_array_equal(seen, getattr(own, name), strict=True)
+        np.testing.assert_array_equal(rollouts.expert_torque[0, rows], own.torque)
+        np.testing.assert_array_equal(rollouts.expert_drove[0, rows], own.expert_drove)
+        alone = sum_up(job, rollouts, expert, own)
         stored = summary[summary.episode == episode]
         for field in fields(stored):
             if field.name not in UNKNOWN_ALONE:
@@ -153,16 +106,16 @@ def play(monkeypatch, *args: object) -> tuple[int, list]:
     return cli.main(), films
 
 
-@pytest.mark.parametrize("index", [1, QUERIES + 4])
+@pytest.mark.parametrize("index", [1, FIRST_QUERY + 4])
 def test_play_by_index_and_by_id(monkeypatch, run_of, tmp_path, index):
-    folder, file = run_of("loco_dagger").folder, tmp_path / "figures.json"
+    folder = run_of("loco_dagger").folder
+    file = tmp_path / "figures.json"
     played = []
     for name in (["--iteration", 2, "--episode", index], ["--episode", 200_000 + index]):
         status, [film] = play(monkeypatch, folder, *name, "--json", file)
-        recording, out, _ = film
+        _, q, out, _, drove, pushes = film
         assert out == folder / f"episode_{200_000 + index}.mp4"
-        shown = (recording.q.tobytes(), recording.expert_drove.tobytes(), recording.pushes)
-        played.append((status, *shown, json.loads(file.read_text())))
+        played.append((status, q.tobytes(), drove.tobytes(), pushes, json.loads(file.read_text())))
     assert played[0] == played[1]
     figures = played[0][-1]
     assert figures["episode"] == 200_000 + index
@@ -175,31 +128,23 @@ def test_play_by_index_and_by_id(monkeypatch, run_of, tmp_path, index):
     assert figures["drove_last"] == ("expert" if stored.expert_drove_last[0] else "policy")
     pushes = played[0][3]
     assert figures["pushes"] == [tick / 1000 for tick in pushes]
-    assert not pushes if index >= QUERIES else 0 < len(pushes) <= 2
+    assert not pushes if index >= FIRST_QUERY else 0 < len(pushes) <= 2
 
 
 def test_the_pushes_shown_are_those_that_were_felt(run_of):
     run = run_of("loco_dagger")
     job = recorded_episode(run.folder, 100_001)
-    record, expert = play_out(job)
+    rollouts, expert = play_out(job)
     pushes = disturbance_of(job).pushes
     assert pushes is not None
-    length = int(record.length[0])
+    length = int(rollouts.length[0])
     felt = [tick for tick in range(length) if pushes.during(tick) is not None]
     first = [tick for tick in felt if tick - 1 not in felt]
-    shown = [round(1000 * at) for at in episode_figures(job, record, expert)["pushes"]]
+    shown = [round(1000 * at) for at in report_episode(job, rollouts, expert).pushes]
     assert set(first) <= set(shown) <= set(felt)
     assert pushes.begun(0, min(shown)) == ()
     still = replace(pushes, impulse=np.zeros_like(pushes.impulse))
     assert still.begun(0, length) == ()
-
-
-def test_parents_of_queries():
-    query = Query(5, 1.0, 0.2)
-    for index in (0, 3, 9999):
-        first = 300_000 + QUERIES + 5 * index
-        assert {query.parent(first + j) for j in range(5)} == {300_000 + index}
-        assert query.parent(300_000 + index) == 300_000 + index
 
 
 @pytest.mark.parametrize(
@@ -273,52 +218,3 @@ def test_a_run_of_other_versions_warns(copy):
     ):
         with pytest.warns(UserWarning, match=r"other versions \(numpy 1.0, now .*not be the same"):
             again()
-
-
-# --- policies that do not fit the configuration they are to be run under
-
-
-def rewrite(run: Run, **changes) -> None:
-    path = run.folder / "config.json"
-    record = json.loads(path.read_text())
-    record["config"] = to_json(replace(run.config, **changes))
-    path.write_text(json.dumps(record))
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"gait": Gait(period=0.4)}, r"a gait period \[ms\] 500, .*config.json has 400"),
-        ({"policy": PolicyConfig((16, 16), kp=3.0)}, r"kp \[Nm/rad\] 2.0, .*config.json has 3.0"),
-        ({"policy": PolicyConfig((16, 16), kd=0.2)}, r"kd \[Nms/rad\] 0.1, .*has 0.2"),
-        ({"policy": PolicyConfig((16, 16), phase="fraction")}, "a phase given as circle.*fraction"),
-    ],
-)
-@pytest.mark.parametrize("command", ["evaluate", "play"])
-def test_a_policy_of_another_period_gain_or_phase_is_refused(
-    monkeypatch, capsys, copy, changes, message, command
-):
-    run = copy("behavior_cloning")
-    policy = run.best_policy_path
-    rewrite(run, **changes)
-    for target in (run.folder, policy):
-        monkeypatch.setattr(sys, "argv", ["surefoot", command, str(target)])
-        assert cli.main() == 2
-        error = " ".join(capsys.readouterr().err.split())
-        assert re.search(message, error) and "in the folder of the run" in error, error
-
-
-def test_a_policy_that_lies_in_no_run_brings_its_gains(run_of, tmp_path, capsys):
-    policy = load(run_of("behavior_cloning").best_policy_path)
-    own = PolicyConfig((16, 16), kp=2.5, kd=0.07, phase="fraction")
-    policy.spec = spec_of(own)
-    path = tmp_path / "elsewhere" / "policy.safetensors"
-    save(policy, path)
-    found, config = find_policy(path)
-    assert found == path and config == replace(Config(), policy=own)
-    said = capsys.readouterr().out
-    assert "lies in no run" in said and "kp 2.5 Nm/rad, kd 0.07 Nms/rad, phase as a fr" in said
-    policy.spec = spec_of(own, 400)
-    save(policy, path)
-    with pytest.raises(ValueError, match=r"period \[ms\] 400, the default configuration has 500"):
-        find_policy(path)

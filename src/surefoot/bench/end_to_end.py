@@ -23,6 +23,7 @@ from surefoot.methods import METHODS
 from surefoot.rollouts.arbiters import PolicyOnly
 from surefoot.rollouts.engine import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes
+from surefoot.runs.metrics import Collected, Trained, Validated
 from surefoot.runs.run import Run, create
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import TICKS_PER_SECOND
@@ -230,24 +231,27 @@ def end_to_end_table(speed: EndToEndSpeed) -> str:
 
 def _work_of(run: Run) -> list[StageWork]:
     """What each stage of a run had to do, from its metrics."""
-    return [
-        StageWork(
-            stage=line["stage"],
-            seconds=line.get("seconds", 0.0),
-            robot_seconds=line.get("robot_seconds", 0.0),
-            plans=line.get("plans", 0),
-            steps=line.get("steps", 0),
-        )
-        for line in run.metrics
-    ]
+    work = []
+    for record in run.metrics:
+        if isinstance(record, Collected):
+            work.append(
+                StageWork("collect", record.seconds, record.robot_seconds, plans=record.plans)
+            )
+        elif isinstance(record, Trained):
+            work.append(StageWork("train", record.seconds, steps=record.steps))
+        elif isinstance(record, Validated):
+            work.append(
+                StageWork("validate", record.seconds, record.robot_seconds, plans=record.plans)
+            )
+    return work
 
 
 def _select_successes(run: Run) -> int:
     """Number of `select` episodes in which a finished run's best policy succeeds."""
-    best = run.done("best", 0)
+    best = run.best
     if best is None:
         raise ValueError(f"{run.folder} has no best policy: the run is not finished")
-    validated = run.done("validate", best["best_iteration"])
+    validated = run.validated(best.best_iteration)
     if validated is None:
-        raise ValueError(f"{run.folder} has not validated iteration {best['best_iteration']}")
-    return validated["successes"]
+        raise ValueError(f"{run.folder} has not validated iteration {best.best_iteration}")
+    return validated.successes

@@ -59,9 +59,10 @@ class Bench(OnWorkers, OnSimulator):
         from surefoot.config.presets import preset
 
         if self.what == "expert":
-            from surefoot.study.expert_survey import survey, table
+            from surefoot.study.expert_survey import survey_expert, survey_table
 
-            print(table(survey(self.config, self.sim, self.episodes, self.spread, self.json)))
+            survey = survey_expert(self.config, self.sim, self.episodes, self.spread, self.json)
+            print(survey_table(survey))
             return 0
         records: dict[Measure, Speed] = {}
         for name in get_args(Measure):

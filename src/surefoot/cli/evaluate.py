@@ -1,6 +1,6 @@
-"""The commands that judge policies: evaluate, one of them; compare, several side by side.
+"""The command evaluate: a policy, and the expert beside it, on the same initial states.
 
-As in `commands`, their fields are their options, and ``--json FILE`` writes the figures.
+It prints an `EvaluationReport` (`surefoot.evaluation.report`) and writes it as JSON.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -18,69 +18,115 @@ from surefoot.config.json_io import changes
 from surefoot.files import write_json
 from surefoot.scenarios.starts import PACKAGED, load_starts
 
+if TYPE_CHECKING:
+    from surefoot.evaluation.push import PushDifference, PushResult
+    from surefoot.evaluation.report import EvaluationReport
+    from surefoot.evaluation.robustness import Robustness, VelocityError
+
 
 @dataclass(frozen=True)
 class Evaluate(OnWorkers, OnSimulator):
-    """Robustness and tracking of a policy, and of the expert on the same stored starts.
+    """Measure the robustness and tracking of a policy, and of the expert beside it.
 
-    JSON: episodes, successes, success_rate, success_interval (Wilson 95 %), falls, stalls,
-    diverged, strict_successes, mse and settled_mse [vx, vy, yaw_rate; m^2/s^2, rad^2/s^2],
-    max_torque [Nm], robot_seconds, plans, invalid_plans, starts, starts_hash, split, policy (its
-    file), simulator, disturbance; with --pushes `pushes` (see `push.push_recovery`) and
-    `push_difference` to the expert; the same for the expert under `expert`. A run's folder gets
-    them too, in a file named after what was evaluated, if all starts were and the expert was.
+    JSON keys: episodes, successes, success_rate, success_interval (Wilson, 95 %); falls, stalls,
+    diverged, strict_successes; mse (successes) and settled_mse (all episodes, from 1 s on) of vx,
+    vy [m^2/s^2] and yaw rate [rad^2/s^2]; max_torque [N m]; robot_seconds [s]; plans,
+    invalid_plans; starts, starts_hash, split; policy (its file), simulator, disturbance (what
+    disturbed the robots).
+
+    With --pushes also: pushes, with fitted_impulse and max_impulse [N s] for each direction_deg,
+    interval, their means, and for each of the levels the successes of the episodes; and
+    push_difference, policy minus expert. Under expert: the same keys of the expert. What was not
+    measured is null.
+
+    The folder of a run gets the report too, in a file named after what was evaluated, if all
+    initial states and the expert were evaluated.
     """
 
     target: Annotated[Path, tyro.conf.Positional]
-    """Folder of a run (its best policy), or a policy file."""
+    """The folder of a run, of which the best policy is evaluated, or a policy file."""
     split: Literal["select", "test"] = "test"
-    """Starts to use, for the pushes too; a policy is reported on `test`, once."""
+    """The split of initial states to use, for the pushes too. A policy is reported on `test`,
+    once."""
     starts: str = PACKAGED[0]
-    """A set of starts by its name, or a file; solo12-trot-v1-wide is perturbed 1.5 times as far."""
+    """The name of a set of initial states, or a file; solo12-trot-v1-wide is perturbed 1.5 times as
+    far as the default."""
     expert: bool = True
     """Evaluate the expert too."""
     pushes: bool = False
-    """Push them too: the impulse that they survive from each direction."""
+    """Push the robots too, and find the impulse that they withstand from each direction."""
     episodes: int | None = None
-    """How many starts; 100 without it."""
+    """The number of initial states; without it, the number in the run's configuration."""
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
-    """What makes it harder: another floor or load, noise, late torques; without any of these
-    options, what the run's configuration evaluates with."""
+    """What makes the episodes harder: another friction or load, noise, late torques. Without any of
+    these options, the run's configuration decides."""
     json: Path | None = None
-    """Write the figures here."""
+    """Write the report to this file."""
 
     def __call__(self) -> int:
-        """Run both and print them side by side."""
-        from surefoot.evaluation.push import push_difference, push_recovery
-        from surefoot.evaluation.robustness import evaluate
+        """Evaluate, print each result as soon as it is there, and write the report where asked."""
         from surefoot.runs.policies import find_policy
+        from surefoot.scenarios.disturbance import check_disturbance
 
-        stored = load_starts(self.starts)
         policy, trained_on = find_policy(self.target)
         config = self.as_asked(trained_on)
-        found: dict[str, dict[str, Any]] = {}
-        for name in ("policy", "expert") if self.expert else ("policy",):
-            who = policy if name == "policy" else None
-            figures, _ = evaluate(config, who, self.split, self.spread, name, stored=stored)
-            if self.pushes:
-                figures["pushes"] = push_recovery(config, who, self.spread, name, stored=stored)
-            show_evaluation(name, figures)
-            found[name] = figures
-        figures = found.pop("policy") | found
-        figures.update(policy=str(policy), simulator=config.simulation.backend)
-        figures["disturbance"] = {name: value for name, value, _ in harder(config)}
-        if self.pushes and self.expert:
-            pushes = figures["pushes"], figures["expert"]["pushes"]
-            figures["push_difference"] = difference = push_difference(*pushes)
-            low, high = difference["interval"]
-            print(
-                f"policy minus expert: {difference['difference']:+.2f} Ns ({low:+.2f}, {high:+.2f})"
-            )
+        check_disturbance(config.evaluation.disturbance)
+        report = self.measure(policy, config)
         if self.target.is_dir() and self.expert and self.episodes is None:
-            write_json(self.target / self.file_name(config, trained_on), figures)
+            write_json(self.target / self.file_name(config, trained_on), report)
         if self.json:
-            write_json(self.json, figures)
+            write_json(self.json, report)
         return 0
+
+    def measure(self, policy: Path, config: Config) -> EvaluationReport:
+        """Evaluate a policy, and the expert if it was asked for, and print the results.
+
+        Args:
+            policy: File of the policy.
+            config: What is evaluated.
+        """
+        from surefoot.evaluation.push import push_difference
+        from surefoot.evaluation.report import EvaluationReport, ExpertReport
+
+        robustness, pushes = self.measure_controller(policy, config)
+        print_controller("policy", robustness, pushes)
+        expert = None
+        difference = None
+        if self.expert:
+            expert_robustness, expert_pushes = self.measure_controller(None, config)
+            print_controller("expert", expert_robustness, expert_pushes)
+            expert = ExpertReport(**vars(expert_robustness), pushes=expert_pushes)
+            if pushes is not None and expert_pushes is not None:
+                difference = push_difference(pushes, expert_pushes)
+                print_difference(difference)
+        return EvaluationReport(
+            **vars(robustness),
+            policy=str(policy),
+            simulator=config.simulation.backend,
+            disturbance={name: value for name, value, _ in disturbances(config)},
+            pushes=pushes,
+            push_difference=difference,
+            expert=expert,
+        )
+
+    def measure_controller(
+        self, policy: Path | None, config: Config
+    ) -> tuple[Robustness, PushResult | None]:
+        """Evaluate a policy, or the expert; push it if that was asked for.
+
+        Args:
+            policy: File of the policy; None evaluates the expert.
+            config: What is evaluated.
+        """
+        from surefoot.evaluation.push import push_recovery
+        from surefoot.evaluation.robustness import evaluate
+
+        stored = load_starts(self.starts)
+        robustness, _ = evaluate(config, policy, self.split, self.spread, stored=stored)
+        pushes = None
+        if self.pushes:
+            pushes = push_recovery(config, policy, self.spread, stored=stored)
+        return robustness, pushes
 
     def as_asked(self, config: Config) -> Config:
         """A run's configuration with what the options change."""
@@ -90,16 +136,16 @@ class Evaluate(OnWorkers, OnSimulator):
         if self.disturbance != DisturbanceConfig():
             evaluation = replace(evaluation, disturbance=self.disturbance)
         push = config.push
-        if self.split != "test":  # pushes on `test` starts would be the report already
+        if self.split != "test":  # pushes on `test` states would be the report already
             push = replace(push, split=self.split)
         return self.simulated(replace(config, evaluation=evaluation, push=push))
 
     def file_name(self, config: Config, trained_on: Config) -> str:
-        """Of the figures in the run's folder: what differs from the run's own evaluation.
+        """Name of the report in the run's folder: what differs from the run's own evaluation.
 
         Args:
-            config: what is evaluated.
-            trained_on: the run's.
+            config: What is evaluated.
+            trained_on: The run's configuration.
         """
         parts = [self.split]
         if config.simulation != trained_on.simulation:
@@ -110,39 +156,54 @@ class Evaluate(OnWorkers, OnSimulator):
         elif self.starts != PACKAGED[0]:
             parts.append(self.starts)
         if config.evaluation.disturbance != trained_on.evaluation.disturbance:
-            for key, value, _ in harder(config):
+            for name, value, _ in disturbances(config):
                 numbers = value if isinstance(value, list) else [value]
-                parts.append("_".join([key, *(f"{number:g}" for number in numbers)]))
+                parts.append("_".join([name, *(f"{number:g}" for number in numbers)]))
         if self.pushes:
             parts.append("pushes")
         return f"evaluation-{'-'.join(parts)}.json"
 
 
-def harder(config: Config) -> Iterator[tuple[str, Any, Any]]:
+def disturbances(config: Config) -> Iterator[tuple[str, Any, Any]]:
     """What disturbs an evaluation: names, values, and the values that disturb nothing."""
     return changes(config.evaluation.disturbance, DisturbanceConfig())
 
 
-def show_evaluation(name: str, figures: dict[str, Any]) -> None:
-    """One evaluation in three lines; one more for the pushes."""
-    low, high = figures["success_interval"]
+def print_controller(name: str, robustness: Robustness, pushes: PushResult | None) -> None:
+    """Print one controller's robustness in three lines, and its pushes in one more."""
+    low, high = robustness.success_interval
     print(
-        f"{name}: {figures['successes']} of {figures['episodes']} {figures['split']} starts "
-        f"({100 * low:.1f} to {100 * high:.1f} %), {figures['falls']} fell, "
-        f"{figures['stalls']} stalled, {figures['diverged']} diverged"
+        f"{name}: {robustness.successes} of {robustness.episodes} {robustness.split} starts "
+        f"({100 * low:.1f} to {100 * high:.1f} %), {robustness.falls} fell, "
+        f"{robustness.stalls} stalled, {robustness.diverged} diverged"
     )
-    for key, meaning in (("mse", "successes"), ("settled_mse", "all, from 1 s on")):
-        values = ", ".join("-" if x is None else f"{x:.5f}" for x in figures[key])
-        print(f"  velocity MSE vx, vy, yaw rate ({meaning}): {values}")
-    if pushes := figures.get("pushes"):
-        low, high = pushes["mean_interval"]
-        each = ", ".join(
-            f"{direction:.0f}: {impulse:.2f} ({least:.2f} to {most:.2f})"
-            for direction, impulse, (least, most) in zip(
-                pushes["direction_deg"], pushes["fitted_impulse"], pushes["interval"], strict=True
-            )
+    print(f"  velocity MSE vx, vy, yaw rate (successes): {_numbers(robustness.mse)}")
+    print(f"  velocity MSE vx, vy, yaw rate (all, from 1 s on): {_numbers(robustness.settled_mse)}")
+    if pushes is not None:
+        print(f"  {_pushes_line(pushes)}")
+
+
+def print_difference(difference: PushDifference) -> None:
+    """Print how the pushes of policy and expert differ."""
+    low, high = difference.interval
+    print(f"policy minus expert: {difference.difference:+.2f} N s ({low:+.2f}, {high:+.2f})")
+
+
+def _numbers(mse: VelocityError) -> str:
+    """The velocity errors; a dash where there is none."""
+    return ", ".join("-" if error is None else f"{error:.5f}" for error in mse)
+
+
+def _pushes_line(pushes: PushResult) -> str:
+    """The impulses that one controller withstands."""
+    low, high = pushes.mean_interval
+    directions = ", ".join(
+        f"{direction:.0f}: {impulse:.2f} ({weakest:.2f} to {strongest:.2f})"
+        for direction, impulse, (weakest, strongest) in zip(
+            pushes.direction_deg, pushes.fitted_impulse, pushes.interval, strict=True
         )
-        print(
-            f"  push that {100 * pushes['share']:.0f} % survive [Ns]: "
-            f"{pushes['mean_fitted_impulse']:.2f} ({low:.2f} to {high:.2f}); by direction: {each}"
-        )
+    )
+    return (
+        f"push that {100 * pushes.share:.0f} % survive [N s]: "
+        f"{pushes.mean_fitted_impulse:.2f} ({low:.2f} to {high:.2f}); by direction: {directions}"
+    )

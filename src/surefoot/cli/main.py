@@ -19,6 +19,8 @@ from surefoot.cli.bench import Bench
 from surefoot.cli.compare import Compare
 from surefoot.cli.doctor import Doctor
 from surefoot.cli.evaluate import Evaluate
+from surefoot.cli.gate_warnings import GateWarnings
+from surefoot.cli.make_starts import MakeStarts
 from surefoot.cli.play import Play
 from surefoot.cli.progress import log_shown
 from surefoot.cli.train import Train, parse_train
@@ -54,6 +56,8 @@ COMMANDS = {
     "evaluate": Entry(Evaluate, "Measure robustness and tracking of a policy and the expert."),
     "compare": Entry(Compare, "Compare runs, from the same initial states."),
     "play": Entry(Play, "Film a policy, or a recorded episode of a run."),
+    "gate-warnings": Entry(GateWarnings, "Measure how early the gates of a run warn of falls."),
+    "make-starts": Entry(MakeStarts, "Make a set of initial states."),
     "bench": Entry(Bench, "Measure throughput, compared with lower bounds."),
 }
 """All commands, by name."""

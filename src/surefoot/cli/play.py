@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import tyro
@@ -13,38 +13,7 @@ from surefoot.cli.options import OnSimulator, film_episode, show_record
 from surefoot.types import Command
 
 if TYPE_CHECKING:
-    from surefoot.mpc.expert import Expert
-    from surefoot.rollouts.engine import Rollout
     from surefoot.rollouts.jobs import Job
-
-
-@dataclass(frozen=True)
-class PlayReport:
-    """How the episode went that was played.
-
-    Attributes:
-        outcome: Name of the `Outcome`.
-        command: vx, vy [m/s] and yaw rate [rad/s] that were asked for.
-        seconds: Time until the end [s].
-        max_torque: Largest joint torque commanded [N m].
-        drove_last: Driver of the last tick.
-        takeovers: Times before the tail that the expert took over from the policy.
-        expert_share: Share of the ticks before the tail that the expert drove.
-        pushes: Times at which a push began [s].
-        mean_velocity: vx, vy [m/s] and yaw rate [rad/s] in the heading frame, from 1 s on.
-        episode: Id of the recorded episode; None if a policy walked from standing.
-    """
-
-    outcome: str
-    command: tuple[float, float, float]
-    seconds: float
-    max_torque: float
-    drove_last: Literal["expert", "policy"]
-    takeovers: int
-    expert_share: float
-    pushes: tuple[float, ...]
-    mean_velocity: tuple[float, float, float]
-    episode: int | None
 
 
 @dataclass(frozen=True)
@@ -81,7 +50,7 @@ class Play(OnSimulator):
         from surefoot.robots.solo12 import solo12
         from surefoot.rollouts.jobs import play_out
         from surefoot.viz.film import Recording
-        from surefoot.viz.replay import pushes_of
+        from surefoot.viz.replay import push_ticks, report_episode
 
         if self.episode is None:
             job = self.policy_job()
@@ -94,7 +63,7 @@ class Play(OnSimulator):
             out = self.out or self.target / f"episode_{episode}.mp4"
         job = replace(job, config=self.simulated(job.config))
         rollouts, expert = play_out(job)
-        report = play_report(job, rollouts, expert, episode)
+        report = report_episode(job, rollouts, expert, episode)
         show_record(report, self.json)
         length = max(int(rollouts.length[0]), 1)  # one frame if the expert gave up at once
         recording = Recording(
@@ -102,7 +71,7 @@ class Play(OnSimulator):
             simulation=job.config.simulation,
             q=rollouts.q[0, :length],
             expert_drove=None if episode is None else rollouts.expert_drove[0, :length],
-            pushes=pushes_of(job, rollouts),
+            pushes=push_ticks(job, rollouts),
         )
         driver = "policy" if episode is None else f"episode {episode}"
         film_episode(recording, out, f"{driver}, vx {report.command[0]:.2f} m/s")
@@ -138,24 +107,3 @@ class Play(OnSimulator):
         from surefoot.viz.replay import recorded_episode
 
         return recorded_episode(self.target, episode, self.iteration)
-
-
-def play_report(job: Job, rollouts: Rollout, expert: Expert, episode: int | None) -> PlayReport:
-    """Sum up the first episode of a job that was played out.
-
-    Args:
-        job: The job.
-        rollouts: Its rollout.
-        expert: The expert that took part.
-        episode: Id of the recorded episode, or None.
-    """
-    from surefoot.rollouts.summary import settled_part, velocities
-    from surefoot.viz.replay import episode_figures
-
-    length = max(int(rollouts.length[0]), 1)
-    vx, vy, yaw_rate = velocities(rollouts)[0, settled_part(length)].mean(axis=0).tolist()
-    return PlayReport(
-        **episode_figures(job, rollouts, expert),
-        mean_velocity=(vx, vy, yaw_rate),
-        episode=episode,
-    )

@@ -1,1 +1,1 @@
-"""What one controller can do, with intervals."""
+"""What one controller can do, with intervals; read `robustness` first."""

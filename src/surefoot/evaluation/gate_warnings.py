@@ -1,20 +1,21 @@
-"""How well gates announce falls: a policy drives alone, gates are asked, and nobody is rescued.
+"""How well gates warn of falls: a policy drives alone, gates are asked, and no robot is rescued.
 
-Where the expert takes over, nobody ever learns whether the robot would have fallen; so a gate is
-judged on rollouts in which its answers have no effect. Definitions, of a fall at tick f, the first
+Where the expert takes over, it stays unknown whether the robot would have fallen; so a gate is
+judged on rollouts in which its answers have no effect. Definitions, for a fall at tick f, the first
 at which the engine finds the robot fallen:
 
 - An alarm is a tick at which the gate says unsafe. It belongs to the fall if it lies in the 1.5 s
   before, [f - 1500, f - 1].
-- The fall's lead is f minus the first alarm that belongs to it (1.5 s at most); 0 without any.
-- The fall is announced if its lead is at least 0.2 s.
+- The alarm lead time is f minus the first alarm that belongs to the fall (1.5 s at most); 0 without
+  any.
+- The fall is announced if its lead time is at least 0.2 s.
 - A takeover is an alarm with no takeover in the T_block before it: the expert would be driving.
-- A takeover is false if no fall follows within 1.5 s. Where the episode ends before that nobody
-  knows, and neither takeover nor time counts.
+- A takeover is false if no fall follows within 1.5 s. Where the episode ends before that, this is
+  unknown, and neither takeover nor time counts.
 
 A gate that says unsafe more often announces no fewer falls; what it costs are false takeovers. What
-it would announce by chance is measured where nobody fell: the share of ticks that it would have
-announced a fall at.
+it would announce by chance is measured where no robot fell: the share of ticks at which it would
+have announced a fall. `surefoot gate-warnings` measures this for the gates of a run.
 """
 
 from __future__ import annotations
@@ -22,15 +23,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from surefoot.config import Config
-from surefoot.evaluation.statistics import percentiles, resamples, wilson
+from surefoot.evaluation.statistics import Interval, percentiles, resamples, wilson
 from surefoot.learning.policy import Policy
 from surefoot.rollouts.arbiters import PolicyOnly
-from surefoot.rollouts.engine import Episodes
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, chunks_of, play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import Gate
@@ -38,19 +38,96 @@ from surefoot.scenarios.starts import load_starts
 from surefoot.types import Array, BoolArray, IntArray
 from surefoot.workers import Workers, map_chunks
 
-BELONGS, AHEAD, BLOCK = 1500, 200, 2000
-"""[ms] an alarm belongs to a fall so long before it; announces it so long before it at the latest;
-no takeover follows another so soon (T_block)."""
+BELONGS = 1500
+"""[ms] An alarm belongs to a fall if it comes at most so long before it."""
+AHEAD = 200
+"""[ms] An alarm announces a fall if it comes at least so long before it."""
+BLOCK = 2000
+"""[ms] No takeover follows another so soon (the paper's T_block)."""
+TICKS_PER_MINUTE = 60_000
 
 
 @dataclass(frozen=True)
-class Watched:
-    """n robots that drove alone, and what gates said of them.
+class GateWarnings:
+    """How well one gate warned of the falls of n robots that drove alone.
+
+    The intervals of the lead time and of the rate are 95 % percentile bootstrap intervals, over
+    falls and over robots. What there are no falls, or no minutes, for is None.
 
     Attributes:
-        alarm: name of the gate -> ``(n, T)`` True where it said unsafe; False from ``length`` on.
-        length: ``(n,)`` ticks simulated; of a robot that fell, the tick of its fall.
-        fell: ``(n,)``.
+        announced: Number of falls announced at least 0.2 s ahead.
+        announced_share: Share of the falls that was announced.
+        announced_interval: Wilson's 95 % interval of that share.
+        chance_share: Share of all ticks from 1.5 s on, of robots that did not fall, at which the
+            gate would have announced a fall.
+        leads: Alarm lead time of each fall [s], in the order of the robots.
+        median_lead: Median of the lead times [s].
+        lead_interval: Interval of that median [s].
+        takeovers: Number of takeovers of which it is known whether they were false.
+        false_takeovers: Number of these with no fall within 1.5 s.
+        robot_minutes: Time of which it is known whether a takeover would be false [min].
+        false_per_minute: False takeovers per robot-minute.
+        false_interval: Interval of that rate.
+    """
+
+    announced: int
+    announced_share: float | None
+    announced_interval: Interval | None
+    chance_share: float | None
+    leads: tuple[float, ...]
+    median_lead: float | None
+    lead_interval: Interval | None
+    takeovers: int
+    false_takeovers: int
+    robot_minutes: float
+    false_per_minute: float | None
+    false_interval: Interval | None
+
+
+@dataclass(frozen=True)
+class FallWarnings:
+    """How well several gates warned of the falls of one policy.
+
+    Attributes:
+        starts: Name of the set of initial states.
+        starts_hash: SHA-256 of that set.
+        split: Split of the set.
+        episodes: Number of robots, one from each initial state.
+        falls: Number of robots that fell.
+        fallen: Ids of the initial states from which they fell.
+        gates: Name of each gate -> how well it warned.
+    """
+
+    starts: str
+    starts_hash: str
+    split: str
+    episodes: int
+    falls: int
+    fallen: tuple[int, ...]
+    gates: dict[str, GateWarnings]
+
+
+@dataclass(frozen=True)
+class RunWarnings(FallWarnings):
+    """How well the gates of a run warned of the falls of one of its policies.
+
+    Attributes:
+        run: Name of the run's folder.
+        iteration: Iteration that trained the policy and the learned gates.
+    """
+
+    run: str
+    iteration: int
+
+
+@dataclass(frozen=True)
+class WatchedRobots:
+    """n robots that drove alone, and the alarms of gates about them.
+
+    Attributes:
+        alarm: Name of each gate -> ``(n, T)`` True where it said unsafe; False from `length` on.
+        length: ``(n,)`` ticks simulated; for a robot that fell, the tick of its fall.
+        fell: ``(n,)`` True for the robots that fell.
     """
 
     alarm: dict[str, BoolArray]
@@ -58,171 +135,166 @@ class Watched:
     fell: BoolArray
 
 
-def announcements(
-    config: Config,
-    policy: Path | Policy,
-    gates: Mapping[str, Gate],
-    split: str,
-    workers: Workers,
-    label: str,
-) -> dict[str, Any]:
-    """Run a policy alone from stored starts and ask gates about every tick of it.
+def measure_warnings(
+    config: Config, policy: Path | Policy, gates: Mapping[str, Gate], split: str, workers: Workers
+) -> FallWarnings:
+    """Run a policy alone from stored initial states and ask gates about every tick.
 
     Args:
-        config: of robot and simulator; ``config.evaluation`` says how many of the starts, how long,
-            and what disturbs the robots.
-        policy: the policy or its file.
-        gates: by name.
-        split: of the stored starts.
-        workers: who runs the episodes.
-        label: of the progress bar.
-
-    Returns:
-        ``starts``, ``starts_hash``, ``split``, ``episodes``; ``fallen``, the ids of the starts that
-        fell, and ``falls``, their number; ``gates``, the figures of each (see `figures_of`).
+        config: Robot and simulator; ``config.evaluation`` says how many of the initial states, how
+            long, and what disturbs the robots.
+        policy: The policy or its file.
+        gates: The gates by name.
+        split: Split of the stored initial states.
+        workers: Processes that run the episodes.
 
     Raises:
-        KeyError: there is no such split.
-        ValueError: the split holds fewer starts than the episodes asked for.
+        KeyError: There is no such split.
+        ValueError: The split holds fewer initial states than the episodes asked for.
     """
-    stored, evaluation = load_starts(), config.evaluation
-    some = stored.first(split, evaluation.episodes)
+    stored = load_starts()
+    evaluation = config.evaluation
+    starts = stored.first(split, evaluation.episodes)
     job = Job(
         config,
-        Episodes(some, evaluation.duration, id=some.id),
+        Episodes(starts, evaluation.duration, id=starts.id),
         PolicyOnly(),
         policy=policy,
         disturbance=evaluation.disturbance,
     )
     chunks = [(chunk, dict(gates)) for chunk in chunks_of(job)]
-    parts = map_chunks(watch, chunks, workers, label)
+    parts = map_chunks(watch_chunk, chunks, workers, "gates")
     length = np.concatenate([part.length for part in parts])
     fell = np.concatenate([part.fell for part in parts])
-    alarm = {name: np.concatenate([part.alarm[name] for part in parts]) for name in gates}
-    return {
-        "starts": stored.name,
-        "starts_hash": stored.hash,
-        "split": split,
-        "episodes": len(some),
-        "falls": int(fell.sum()),
-        "fallen": some.id[fell].tolist(),
-        "gates": {name: figures_of(alarm[name], length, fell) for name in gates},
-    }
+    warnings = {}
+    for name in gates:
+        alarm = np.concatenate([part.alarm[name] for part in parts])
+        warnings[name] = warnings_of(alarm, length, fell)
+    return FallWarnings(
+        starts=stored.name,
+        starts_hash=stored.hash,
+        split=split,
+        episodes=len(starts),
+        falls=int(fell.sum()),
+        fallen=tuple(starts.id[fell].tolist()),
+        gates=warnings,
+    )
 
 
-def watch(chunk: tuple[Job, dict[str, Gate]]) -> Watched:
+def watch_chunk(chunk: tuple[Job, dict[str, Gate]]) -> WatchedRobots:
     """Run the episodes of one chunk in this process, and ask the gates about them."""
     job, gates = chunk
-    record, _ = play_out(job)
-    B, T, starts = len(job.starts), record.duration, job.starts
+    rollouts, _ = play_out(job)
+    starts = job.starts
+    B = len(starts)
+    T = rollouts.duration
     alarm = {name: np.zeros((B, T), bool) for name in gates}
     for gate in gates.values():
         gate.reset(B)
-    for elapsed in range(min(T, int(record.length.max()))):
+    for elapsed in range(min(T, int(rollouts.length.max()))):
         # As the robots measured it; all gates share what a state computes once.
-        state = record.seen[:, elapsed]
-        up = elapsed < record.length
+        state = rollouts.seen[:, elapsed]
+        up = elapsed < rollouts.length
         for name, gate in gates.items():
-            said = gate.unsafe(state, starts.tick + elapsed, starts.command)
-            alarm[name][:, elapsed] = said & up
-    return Watched(alarm, record.length, record.outcome == Outcome.FELL)
+            unsafe = gate.unsafe(state, starts.tick + elapsed, starts.command)
+            alarm[name][:, elapsed] = unsafe & up
+    return WatchedRobots(alarm, rollouts.length, rollouts.outcome == Outcome.FELL)
 
 
-def figures_of(alarm: BoolArray, length: IntArray, fell: BoolArray) -> dict[str, Any]:
-    """The figures of one gate.
-
-    ``announced`` counts falls; ``announced_share`` of the falls has its Wilson 95 % interval,
-    ``announced_interval``; ``chance_share`` is that of all ticks from 1.5 s on of robots that did
-    not fall, had they fallen there. ``leads`` [s] are those of the falls, in the order of the
-    robots, and ``median_lead`` their median, with ``lead_interval``. ``takeovers`` are those of
-    which it is known whether they were ``false_takeovers``; ``false_per_minute`` is a rate over the
-    ``robot_minutes`` of which it is known, with ``false_interval``. Both last intervals are 95 %
-    percentile bootstraps, over falls and over robots. What there are no falls or no minutes for is
-    None.
+def warnings_of(alarm: BoolArray, length: IntArray, fell: BoolArray) -> GateWarnings:
+    """How well one gate warned.
 
     Args:
         alarm: ``(n, T)`` True where the gate said unsafe.
-        length: ``(n,)`` ticks simulated; of a robot that fell, the tick of its fall.
-        fell: ``(n,)``.
+        length: ``(n,)`` ticks simulated; for a robot that fell, the tick of its fall.
+        fell: ``(n,)`` True for the robots that fell.
     """
     T = alarm.shape[1]
-    lead = leads(alarm[fell], length[fell])
-    falls, announced = len(lead), int((lead >= AHEAD).sum())
-    # From these ticks on 1.5 s were seen, or a fall.
-    seen = np.where(fell, length, np.maximum(T - BELONGS, 0))
-    minutes = seen / 60_000
-    number, false = np.zeros(len(alarm)), np.zeros(len(alarm))
+    # From these ticks on, 1.5 s were seen, or a fall.
+    known = np.where(fell, length, np.maximum(T - BELONGS, 0))
+    number = np.zeros(len(alarm))
+    false = np.zeros(len(alarm))
     for robot, row in enumerate(alarm):
-        at = takeovers(row)
-        at = at[at < seen[robot]]
-        number[robot] = len(at)
-        false[robot] = len(at) - (fell[robot] & (length[robot] - at <= BELONGS)).sum()
-    figures: dict[str, Any] = {
-        "announced": announced,
-        "announced_share": None,
-        "announced_interval": None,
-        "chance_share": chance(alarm[~fell]),
-        "leads": (lead / 1000).tolist(),
-        "median_lead": None,
-        "lead_interval": None,
-        "takeovers": int(number.sum()),
-        "false_takeovers": int(false.sum()),
-        "robot_minutes": float(minutes.sum()),
-        "false_per_minute": None,
-        "false_interval": None,
-    }
-    if falls:
-        medians = [np.median(np.repeat(lead, draw)) for draw in resamples(falls)]
-        figures |= {
-            "announced_share": announced / falls,
-            "announced_interval": wilson(announced, falls),
-            "median_lead": float(np.median(lead) / 1000),
-            "lead_interval": percentiles(np.array(medians) / 1000),
-        }
+        ticks = takeovers(row)
+        ticks = ticks[ticks < known[robot]]
+        number[robot] = len(ticks)
+        false[robot] = len(ticks) - (fell[robot] & (length[robot] - ticks <= BELONGS)).sum()
+    minutes = known / TICKS_PER_MINUTE
+    false_per_minute = None
+    false_interval = None
     if minutes.any():
-        draws = resamples(len(alarm))
-        drawn = draws @ minutes
-        rates = (draws @ false)[drawn > 0] / drawn[drawn > 0]
-        figures |= {
-            "false_per_minute": float(false.sum() / minutes.sum()),
-            "false_interval": percentiles(rates),
-        }
-    return figures
+        false_per_minute = float(false.sum() / minutes.sum())
+        false_interval = _rate_interval(false, minutes)
+    lead = lead_ticks(alarm[fell], length[fell])
+    falls = len(lead)
+    announced = int((lead >= AHEAD).sum())
+    return GateWarnings(
+        announced=announced,
+        announced_share=announced / falls if falls else None,
+        announced_interval=wilson(announced, falls) if falls else None,
+        chance_share=chance_share(alarm[~fell]),
+        leads=tuple((lead / 1000).tolist()),
+        median_lead=float(np.median(lead) / 1000) if falls else None,
+        lead_interval=_median_interval(lead) if falls else None,
+        takeovers=int(number.sum()),
+        false_takeovers=int(false.sum()),
+        robot_minutes=float(minutes.sum()),
+        false_per_minute=false_per_minute,
+        false_interval=false_interval,
+    )
 
 
-def leads(alarm: BoolArray, fall: IntArray) -> Array:
-    """``(n,)`` ticks from the first alarm that belongs to each fall to the fall; 0 without any.
+def _median_interval(lead: Array) -> Interval:
+    """Bootstrap interval [s] of the median of lead times ``(n,)`` in ticks."""
+    medians = [np.median(np.repeat(lead, draw)) for draw in resamples(len(lead))]
+    return percentiles(np.array(medians) / 1000)
+
+
+def _rate_interval(count: Array, minutes: Array) -> Interval:
+    """Bootstrap interval of a rate per minute: ``(n,)`` events and minutes of each robot."""
+    draws = resamples(len(count))
+    drawn = draws @ minutes
+    rates = (draws @ count)[drawn > 0] / drawn[drawn > 0]
+    return percentiles(rates)
+
+
+def lead_ticks(alarm: BoolArray, fall: IntArray) -> Array:
+    """Alarm lead time of each fall.
 
     Args:
-        alarm: ``(n, T)`` of robots that fell.
-        fall: ``(n,)`` ticks.
+        alarm: ``(n, T)`` True where the gate said unsafe, of robots that fell.
+        fall: ``(n,)`` tick of each fall.
+
+    Returns:
+        ``(n,)`` ticks from the first alarm that belongs to the fall to the fall; 0 without any.
     """
-    since = fall[:, None] - np.arange(alarm.shape[1])
-    return np.where(alarm & (since >= 1) & (since <= BELONGS), since, 0).max(axis=1, initial=0)
+    ahead = fall[:, None] - np.arange(alarm.shape[1])
+    return np.where(alarm & (ahead >= 1) & (ahead <= BELONGS), ahead, 0).max(axis=1, initial=0)
 
 
-def chance(alarm: BoolArray) -> float | None:
+def chance_share(alarm: BoolArray) -> float | None:
     """Share of the ticks from 1.5 s on at which a fall would have been announced.
 
     Args:
-        alarm: ``(n, T)`` of robots that did not fall.
+        alarm: ``(n, T)`` True where the gate said unsafe, of robots that did not fall.
     """
     n, T = alarm.shape
     if T <= BELONGS or not n:
         return None
-    before = np.cumsum(np.column_stack([np.zeros(n, int), alarm]), axis=1)  # alarms before a tick
+    # Number of alarms before each tick.
+    before = np.cumsum(np.column_stack([np.zeros(n, int), alarm]), axis=1)
     fall = np.arange(BELONGS, T)
     return float((before[:, fall - AHEAD + 1] > before[:, fall - BELONGS]).mean())
 
 
 def takeovers(alarm: BoolArray) -> IntArray:
-    """Ticks at which one robot's expert would take over.
+    """Ticks at which the expert of one robot would take over.
 
     Args:
-        alarm: ``(T,)`` of one robot.
+        alarm: ``(T,)`` True where the gate said unsafe.
     """
-    found: list[int] = []
+    ticks: list[int] = []
     for tick in np.flatnonzero(alarm).tolist():
-        if not found or tick - found[-1] >= BLOCK:
-            found.append(tick)
-    return np.array(found, dtype=np.int64)
+        if not ticks or tick - ticks[-1] >= BLOCK:
+            ticks.append(tick)
+    return np.array(ticks, dtype=np.int64)

@@ -1,61 +1,113 @@
-"""How results are claimed: intervals of 95 %, paired differences, and the run as the unit.
+"""How results are claimed: 95 % intervals, paired differences, and the run as the unit.
 
-Of one policy a share has its Wilson interval. What is compared is compared on the same starts,
-and starts are drawn anew (`resamples`); several trainings are drawn anew as runs, then rollouts.
-All draws are from a fixed seed: the same data give the same interval. Nothing here knows robots.
+A share of one policy has its Wilson interval. Two controllers are compared on the same initial
+states, which are drawn anew for the bootstrap (`resamples`); several trainings are drawn anew as
+runs, and then the rollouts of each drawn run. All draws come from a fixed seed: the same data give
+the same interval. This module knows nothing of robots. Next: `robustness`, `push`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import binomtest
 
 RESAMPLES = 2000
-"""Draws of a bootstrap."""
+"""Number of draws of a bootstrap."""
 SEED = 0
-"""of all draws."""
+"""Seed of all draws."""
+
+Interval = tuple[float, float]
+"""Lower and upper end of a 95 % interval, in the unit of its estimate."""
 
 
-def wilson(successes: int, n: int) -> list[float]:
-    """Wilson's 95 % interval of a share."""
+@dataclass(frozen=True)
+class PairedDifference:
+    """Mean of one arm minus the mean of another, on the same initial states.
+
+    Attributes:
+        difference: Mean of the differences, in the unit of the outcomes.
+        interval: The difference's 95 % percentile bootstrap interval over initial states; None for
+            a single pair, which says nothing about others.
+        pairs: Number of initial states with an outcome in both arms.
+    """
+
+    difference: float
+    interval: Interval | None
+    pairs: int
+
+
+@dataclass(frozen=True)
+class RunMeans:
+    """Mean over training runs, with the mean of each.
+
+    Attributes:
+        mean: Mean of the runs' means, in the unit of the outcomes.
+        interval: The mean's 95 % bootstrap interval over runs and rollouts; None for a single run.
+        runs: Mean of each run, in the order in which the runs were given.
+    """
+
+    mean: float
+    interval: Interval | None
+    runs: tuple[float, ...]
+
+
+def wilson(successes: int, n: int) -> Interval:
+    """Wilson's 95 % interval of a share.
+
+    Args:
+        successes: Number of successes.
+        n: Number of trials, at least 1.
+    """
     interval = binomtest(successes, n).proportion_ci(method="wilson")
-    return [float(interval.low), float(interval.high)]
+    return float(interval.low), float(interval.high)
 
 
 def resamples(n: int) -> NDArray[np.int64]:
-    """``(RESAMPLES, n)`` how often each of n starts is drawn in each resample; rows sum to n.
+    """Draw n initial states with replacement, many times.
 
-    The same n gives the same draws, so what is drawn for two results stays paired.
+    The same n gives the same draws, so that what is drawn for two results stays paired.
+
+    Args:
+        n: Number of initial states, at least 1.
+
+    Returns:
+        ``(RESAMPLES, n)`` how often each of them is drawn in each resample; every row sums to n.
+
+    Raises:
+        ValueError: n is less than 1.
     """
     if n < 1:
         raise ValueError(f"a bootstrap over {n} starts; use at least 1")
     return np.random.default_rng(SEED).multinomial(n, np.full(n, 1 / n), size=RESAMPLES)
 
 
-def percentiles(values: NDArray[np.float64]) -> list[float]:
-    """Where the middle 95 % of resampled values lie."""
-    return np.percentile(values, [2.5, 97.5]).tolist()
-
-
-def paired_difference(a: ArrayLike, b: ArrayLike) -> dict[str, Any]:
-    """Mean of a minus mean of b, two arms on the same starts.
+def percentiles(values: NDArray[np.float64]) -> Interval:
+    """The interval in which the middle 95 % of resampled values lie.
 
     Args:
-        a: ``(n,)`` an outcome of each start, such as success as 0 and 1; NaN where it is missing.
-        b: ``(n,)`` of the same starts in the same order.
+        values: ``(n,)`` resampled estimates.
+    """
+    low, high = np.percentile(values, [2.5, 97.5]).tolist()
+    return low, high
 
-    Returns:
-        ``difference``; ``interval``, its 95 % percentile bootstrap interval over starts, None for a
-        single pair, which says nothing of the others; ``pairs``, starts that neither arm lacks.
+
+def paired_difference(a: ArrayLike, b: ArrayLike) -> PairedDifference:
+    """Mean of a minus mean of b, two arms on the same initial states.
+
+    Args:
+        a: ``(n,)`` an outcome of each initial state, such as success as 0 and 1; NaN where it is
+            missing.
+        b: ``(n,)`` the other arm's outcomes of the same initial states in the same order.
 
     Raises:
-        ValueError: shapes that are not ``(n,)`` twice, or no start that both have.
+        ValueError: The shapes are not ``(n,)`` twice, or no initial state has both outcomes.
     """
-    a, b = np.asarray(a, float), np.asarray(b, float)
+    a = np.asarray(a, float)
+    b = np.asarray(b, float)
     if a.ndim != 1 or a.shape != b.shape:
         raise ValueError(f"outcomes {a.shape} and {b.shape}; give one number a start, in both arms")
     differences = a - b
@@ -64,28 +116,25 @@ def paired_difference(a: ArrayLike, b: ArrayLike) -> dict[str, Any]:
     if not n:
         raise ValueError(f"of {len(a)} starts none has an outcome in both arms")
     means = resamples(n) @ differences / n
-    return {
-        "difference": float(differences.mean()),
-        "interval": percentiles(means) if n > 1 else None,
-        "pairs": n,
-    }
+    return PairedDifference(
+        difference=float(differences.mean()),
+        interval=percentiles(means) if n > 1 else None,
+        pairs=n,
+    )
 
 
-def run_bootstrap(values_by_run: Sequence[ArrayLike]) -> dict[str, Any]:
-    """Mean over training runs; every run weighs the same, however many rollouts it has.
+def run_bootstrap(values_by_run: Sequence[ArrayLike]) -> RunMeans:
+    """Mean over training runs; every run has the same weight, however many rollouts it has.
 
-    The bootstrap is hierarchical: runs are drawn, then rollouts of each drawn run. Of few runs no
-    bootstrap says enough: of three (five, ten) normal ones it covers 75 (84, 90) instead of
+    The bootstrap is hierarchical: runs are drawn, then rollouts of each drawn run. With few runs no
+    bootstrap says enough: with three (five, ten) normal ones it covers 75 (84, 90) instead of
     95 %. Show every run.
 
     Args:
-        values_by_run: of each run ``(n,)`` an outcome of each rollout, none missing.
-
-    Returns:
-        ``mean``; ``interval``, 95 %, None for a single run; ``runs``, the mean of each.
+        values_by_run: For each run ``(n,)`` an outcome of each rollout, none of them missing.
 
     Raises:
-        ValueError: no run, a run without rollouts, or a number that is missing.
+        ValueError: There is no run, a run without rollouts, or an outcome that is NaN.
     """
     runs = [np.asarray(values, float) for values in values_by_run]
     if not runs or any(run.ndim != 1 or not run.size or np.isnan(run).any() for run in runs):
@@ -93,15 +142,16 @@ def run_bootstrap(values_by_run: Sequence[ArrayLike]) -> dict[str, Any]:
             f"{len(runs)} runs of rollouts {[run.shape for run in runs]}; give at least one run, "
             "and of each at least one rollout, none of them NaN"
         )
-    rng, means = np.random.default_rng(SEED), np.zeros((RESAMPLES, len(runs)))
+    rng = np.random.default_rng(SEED)
+    means = np.zeros((RESAMPLES, len(runs)))
     drawn = rng.integers(len(runs), size=means.shape)
     for number, run in enumerate(runs):
         which = drawn == number
         rollouts = rng.integers(len(run), size=(which.sum(), len(run)))
         means[which] = run[rollouts].mean(axis=1)
-    each = [float(run.mean()) for run in runs]
-    return {
-        "mean": float(np.mean(each)),
-        "interval": percentiles(means.mean(axis=1)) if len(runs) > 1 else None,
-        "runs": each,
-    }
+    mean_of_run = tuple(float(run.mean()) for run in runs)
+    return RunMeans(
+        mean=float(np.mean(mean_of_run)),
+        interval=percentiles(means.mean(axis=1)) if len(runs) > 1 else None,
+        runs=mean_of_run,
+    )

@@ -21,7 +21,7 @@ class Method:
         train: ``train(run, workers, plan)`` trains a policy and returns its file; without a plan
             (None) the expert is the BiConMP-style planner.
         collection: ``collection(run, i, plan)`` returns the rollouts of iteration i.
-        title: name of the method as the literature writes it.
+        title: Name of the method as the literature writes it.
     """
 
     train: Callable[[Run, Workers, PlanFunction | None], Path]
@@ -40,4 +40,4 @@ METHODS = {
         loco_safe_dagger.loco_safe_dagger, loco_safe_dagger.collection, "LocoSafeDAGGER"
     ),
 }
-"""The methods by name, in the paper's order; their parameters stand in `config.methods`."""
+"""The methods by name, in the paper's order; their parameters are in `config.methods`."""

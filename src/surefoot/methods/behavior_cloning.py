@@ -1,4 +1,4 @@
-"""Behaviour cloning (paper, II-A): the expert drives, the policy imitates.
+"""Behavior cloning (paper, II-A): the expert drives, the policy imitates.
 
 D <- collect rollout data from the expert
 train pi on D
@@ -16,7 +16,13 @@ from surefoot.rollouts.jobs import Job
 from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import expert_rollouts
-from surefoot.runs.stages import best, collect, first_frames, train, validate
+from surefoot.runs.stages import (
+    choose_best_policy,
+    collect_data,
+    first_frames,
+    train_policy,
+    validate_policy,
+)
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 
@@ -25,33 +31,45 @@ def behavior_cloning(run: Run, workers: Workers, plan: PlanFunction | None = Non
     """Clone the expert; the run's folder gets data, policies and metrics.
 
     Args:
-        run: an open run, new or to be resumed.
-        workers: who runs the rollouts; the result does not depend on it.
-        plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
+        run: An open run, new or to be resumed.
+        workers: Processes that run the rollouts; the result does not depend on them.
+        plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
     Returns:
         File of the policy that was trained on all frames.
 
     Raises:
-        TypeError: the run was configured for another method.
+        TypeError: The run was configured for another method.
+        ValueError: A parameter is out of range.
     """
     method = parameters(run, BehaviorCloningConfig)
     check_config(run.config)
-    collect(run, 0, collection(run, 0, plan), workers)
+
+    # D <- collect rollout data from the expert
+    collect_data(run, 0, collection(run, 0, plan), workers)
+
+    # Train pi on the first frames of D, a policy for each size of the series
     for size, frames in enumerate(method.frames):
-        train(run, size, method.epochs, first_frames(run, frames), fresh=True)
-        validate(run, size, workers)
+        train_policy(run, size, method.epochs, first_frames(run, frames), fresh=True)
+        validate_policy(run, size, workers)
+
+    # Train pi on D
     last = len(method.frames)
-    train(run, last, method.epochs, run.dataset, fresh=True)
-    validate(run, last, workers)
-    best(run, last, last)
+    train_policy(run, last, method.epochs, run.dataset, fresh=True)
+    validate_policy(run, last, workers)
+
+    choose_best_policy(run, last, first=last)
     return run.best_policy_path
 
 
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
-    """The expert rollouts to clone; there is only iteration 0."""
+    """The expert rollouts to clone; there is only iteration 0.
+
+    Raises:
+        ValueError: Another iteration is asked for.
+    """
     if i != 0:
-        raise ValueError(f"behaviour cloning collects once; there is no iteration {i}")
+        raise ValueError(f"behavior cloning collects once; there is no iteration {i}")
     config = run.config
     data = parameters(run, BehaviorCloningConfig).data
     return expert_rollouts(config, data, plan, config.collection)

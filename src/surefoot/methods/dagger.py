@@ -19,12 +19,13 @@ import numpy as np
 
 from surefoot.config import DaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
-from surefoot.rollouts.engine import Episodes, Rollout
+from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.checks import check_config, parameters
+from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.run import Run
-from surefoot.runs.sampling import disturbance_in, draw_starts, episode_ids, expert_rollouts
-from surefoot.runs.stages import best, collect, train, validate
+from surefoot.runs.sampling import disturbance_in, draw_starts, expert_rollouts
+from surefoot.runs.stages import choose_best_policy, collect_data, train_policy, validate_policy
 from surefoot.types import BoolArray, PlanFunction
 from surefoot.workers import Workers
 
@@ -33,51 +34,55 @@ def dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path
     """Train a policy with DAGGER; the run's folder gets data, policies and metrics.
 
     Args:
-        run: an open run, new or to be resumed.
-        workers: who runs the rollouts; the result does not depend on it.
-        plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
+        run: An open run, new or to be resumed.
+        workers: Processes that run the rollouts; the result does not depend on them.
+        plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
     Returns:
         File of the policy that did best on the `select` starts.
 
     Raises:
-        TypeError: the run was configured for another method.
-        ValueError: a parameter cannot be had.
+        TypeError: The run was configured for another method.
+        ValueError: A parameter is out of range.
     """
     method = parameters(run, DaggerConfig)
     check_config(run.config)
 
     for k in range(method.iterations + 1):
-        collect(run, k, collection(run, k, plan), workers)
-        train(run, k, method.epochs if k else method.pretraining_epochs)
-        validate(run, k, workers)
+        # Sample trajectories, D <- D u {(s, pi*(s))}
+        collect_data(run, k, collection(run, k, plan), workers)
+        # Train pi_{i+1} on D
+        train_policy(run, k, method.epochs if k > 0 else method.pretraining_epochs)
+        validate_policy(run, k, workers)
 
-    best(run, method.iterations)
+    choose_best_policy(run, method.iterations)
     return run.best_policy_path
 
 
 def collection(run: Run, k: int, plan: PlanFunction | None = None) -> Job:
     """The rollouts of iteration k; fixed by the run's seed."""
-    config, method = run.config, parameters(run, DaggerConfig)
+    config = run.config
+    method = parameters(run, DaggerConfig)
     if k == 0:
         return expert_rollouts(config, method.pretraining, plan)
+    beta = method.p**k
     starts = draw_starts(method, np.random.default_rng(run.seed("starts", k)))
     return Job(
         config,
-        Episodes(starts, method.T, id=episode_ids(k, len(starts))),
-        RandomMix(method.p**k, 1, config.seed),
+        Episodes(starts, method.T, id=rollout_ids(k, len(starts))),
+        RandomMix(beta, 1, config.seed),
         policy=run.policy_path(k - 1),
-        keep=visited,
+        keep=visited_frames,
         plan=plan,
         disturbance=disturbance_in(config, k, method.iterations),
         ask_always=True,
     )
 
 
-def visited(record: Rollout) -> BoolArray:
-    """``(B, T)`` every visited state that the expert has an answer for.
+def visited_frames(rollouts: Rollout) -> BoolArray:
+    """``(B, T)`` True for the frames of every visited state that the expert has an answer for.
 
     An MPC as pi* plans on its grid of 50 ms at the states visited; the ticks up to the next plan
-    are labelled with this plan's torque law at the states visited.
+    are labeled with this plan's torque law at the states visited.
     """
-    return record.expert_asked
+    return rollouts.expert_asked

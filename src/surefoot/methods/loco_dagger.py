@@ -19,13 +19,20 @@ import numpy as np
 
 from surefoot.config import LocoDaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
-from surefoot.rollouts.engine import Episodes
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.checks import check_config, parameters
+from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.query import Query
 from surefoot.runs.run import Run
-from surefoot.runs.sampling import disturbance_in, draw_starts, episode_ids, expert_rollouts
-from surefoot.runs.stages import best, collect, train, validate
+from surefoot.runs.sampling import disturbance_in, draw_starts, expert_rollouts
+from surefoot.runs.stages import (
+    choose_best_policy,
+    collect_data,
+    pretrain,
+    train_policy,
+    validate_policy,
+)
 from surefoot.types import GRID, PlanFunction
 from surefoot.workers import Workers
 
@@ -34,45 +41,46 @@ def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
     """Train a policy with LocoDAGGER; the run's folder gets data, policies and metrics.
 
     Args:
-        run: an open run, new or to be resumed.
-        workers: who runs the rollouts; the result does not depend on it.
-        plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
+        run: An open run, new or to be resumed.
+        workers: Processes that run the rollouts; the result does not depend on them.
+        plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
     Returns:
         File of the policy that did best on the `select` starts.
 
     Raises:
-        TypeError: the run was configured for another method.
-        ValueError: a parameter cannot be had.
+        TypeError: The run was configured for another method.
+        ValueError: A parameter is out of range.
     """
     method = parameters(run, LocoDaggerConfig)
     check_config(run.config)
 
-    # Pre-training (behaviour cloning)
-    collect(run, 0, collection(run, 0, plan), workers)
-    train(run, 0, method.pretraining_epochs)
-    validate(run, 0, workers)
+    pretrain(run, method, workers, plan)
+    validate_policy(run, 0, workers)
 
     for i in range(1, method.iterations + 1):
         # Policy rollout, and data collection from its states
-        collect(run, i, collection(run, i, plan), workers)
-        train(run, i, method.epochs)
-        validate(run, i, workers)
+        collect_data(run, i, collection(run, i, plan), workers)
+        # Train pi_i on D
+        train_policy(run, i, method.epochs)
+        validate_policy(run, i, workers)
 
-    best(run, method.iterations)
+    choose_best_policy(run, method.iterations)
     return run.best_policy_path
 
 
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     """The rollouts of iteration i, and what follows from them; fixed by the run's seed."""
-    config, method = run.config, parameters(run, LocoDaggerConfig)
+    config = run.config
+    method = parameters(run, LocoDaggerConfig)
     if i == 0:
         return expert_rollouts(config, method.pretraining, plan)
+    p = method.alpha ** (i - 1)
     starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
     return Job(
         config,
-        Episodes(starts, method.T, id=episode_ids(i, len(starts))),
-        RandomMix(method.alpha ** (i - 1), GRID, config.seed),
+        Episodes(starts, method.T, id=rollout_ids(i, len(starts))),
+        RandomMix(p, GRID, config.seed),
         policy=run.policy_path(i - 1),
         plan=plan,
         disturbance=disturbance_in(config, i, method.iterations),

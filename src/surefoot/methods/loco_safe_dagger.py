@@ -7,6 +7,8 @@ for i = 1 .. N:
     the expert drives T_end more, D <- D u {its frames}
     train pi_i on D
 return the best pi_i on validation
+
+pi_safety is any of the gates that the method's configuration names.
 """
 
 from __future__ import annotations
@@ -17,19 +19,26 @@ import numpy as np
 
 from surefoot.config import LocoSafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
-from surefoot.rollouts.engine import Episodes
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.checks import check_config, parameters
-from surefoot.runs.gate_training import guard, train_guards
+from surefoot.runs.episode_ids import rollout_ids
+from surefoot.runs.gate_training import make_gate, train_gates
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import (
     disturbance_in,
     draw_starts,
-    episode_ids,
     expert_frames,
     expert_rollouts,
+    rising_share,
 )
-from surefoot.runs.stages import best, collect, train, validate
+from surefoot.runs.stages import (
+    choose_best_policy,
+    collect_data,
+    pretrain,
+    train_policy,
+    validate_policy,
+)
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
@@ -39,48 +48,49 @@ def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = Non
     """Train a policy with LocoSafeDAGGER; the run's folder gets data, policies and metrics.
 
     Args:
-        run: an open run, new or to be resumed.
-        workers: who runs the rollouts; the result does not depend on it.
-        plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
+        run: An open run, new or to be resumed.
+        workers: Processes that run the rollouts; the result does not depend on them.
+        plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
     Returns:
         File of the policy that did best on the `select` starts.
 
     Raises:
-        TypeError: the run was configured for another method.
-        ValueError: a parameter cannot be had, such as a hand-back rule that does not exist.
+        TypeError: The run was configured for another method.
+        ValueError: A parameter is out of range.
     """
     method = parameters(run, LocoSafeDaggerConfig)
     check_config(run.config)
 
-    # Pre-training (behaviour cloning)
-    collect(run, 0, collection(run, 0, plan), workers)
-    train(run, 0, method.pretraining_epochs)
-    train_guards(run, 0, method.gates, alarm=method.alarm)
-    validate(run, 0, workers)
+    pretrain(run, method, workers, plan)
+    train_gates(run, 0, method.gates, alarm=method.alarm)
+    validate_policy(run, 0, workers)
 
     for i in range(1, method.iterations + 1):
         # Policy rollout + data collection, and the extra data collection of T_end
-        collect(run, i, collection(run, i, plan), workers)
-        train(run, i, method.epochs)
-        train_guards(run, i, method.gates, alarm=method.alarm)
-        validate(run, i, workers)
+        collect_data(run, i, collection(run, i, plan), workers)
+        # Train pi_i on D
+        train_policy(run, i, method.epochs)
+        train_gates(run, i, method.gates, alarm=method.alarm)
+        validate_policy(run, i, workers)
 
-    best(run, method.iterations)
+    choose_best_policy(run, method.iterations)
     return run.best_policy_path
 
 
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     """The rollouts of iteration i: who drives, how long, what is kept; fixed by the run's seed."""
-    config, method = run.config, parameters(run, LocoSafeDaggerConfig)
+    config = run.config
+    method = parameters(run, LocoSafeDaggerConfig)
     if i == 0:
         return expert_rollouts(config, method.pretraining, plan)
-    pi_safety = guard(run, i, method.gates, method.alarm, method.tightest)
+    share = rising_share(method.tightest, i, method.iterations)
+    pi_safety = make_gate(run, i, method.gates, method.alarm, share)
     monitor = SafetyMonitor(pi_safety, method.T_block, method.hand_back)
     starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
     return Job(
         config,
-        Episodes(starts, method.T, method.T_end, episode_ids(i, len(starts))),
+        Episodes(starts, method.T, tail=method.T_end, id=rollout_ids(i, len(starts))),
         SafetySwitch(monitor),
         policy=run.policy_path(i - 1),
         keep=expert_frames,

@@ -8,9 +8,10 @@ for i = 1 .. N:
     train pi_{i+1} on D, and pi_safe
 return the best pi_i on validation, and its pi_safe
 
-pi_safe predicts from the state alone that the policy deviates from the expert by more than tau, so
-that nobody has to ask the expert who drives. A run numbers policies from 0, as for the other
-methods: iteration i rolls out the policy i - 1 under the pi_safe that was trained after it.
+pi_safe is the gate `classifier`: it predicts from the state alone that the policy deviates from the
+expert by more than tau, so that the expert need not be asked who drives. A run numbers policies
+from 0, as for the other methods: iteration i rolls out the policy i - 1 under the gate that was
+trained after it.
 """
 
 from __future__ import annotations
@@ -21,71 +22,74 @@ import numpy as np
 
 from surefoot.config import SafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
-from surefoot.rollouts.engine import Episodes
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.checks import check_config, parameters
-from surefoot.runs.gate_training import guard, train_guards
+from surefoot.runs.episode_ids import rollout_ids
+from surefoot.runs.gate_training import make_gate, train_gates
 from surefoot.runs.run import Run
-from surefoot.runs.sampling import (
-    disturbance_in,
-    draw_starts,
-    episode_ids,
-    expert_frames,
-    expert_rollouts,
+from surefoot.runs.sampling import disturbance_in, draw_starts, expert_frames, expert_rollouts
+from surefoot.runs.stages import (
+    choose_best_policy,
+    collect_data,
+    pretrain,
+    train_policy,
+    validate_policy,
 )
-from surefoot.runs.stages import best, collect, train, validate
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 
 
 def safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
-    """Train a policy with SafeDAGGER; the run's folder gets data, policies, pi_safe and metrics.
+    """Train a policy with SafeDAGGER; the run's folder gets data, policies, gates and metrics.
 
     Args:
-        run: an open run, new or to be resumed.
-        workers: who runs the rollouts; the result does not depend on it.
-        plan: the expert's MPC, any plain function; without it the BiConMP-style planner.
+        run: An open run, new or to be resumed.
+        workers: Processes that run the rollouts; the result does not depend on them.
+        plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
     Returns:
-        File of the policy that did best on the `select` starts; its pi_safe is
+        File of the policy that did best on the `select` starts; its gate is
         ``run.gate_path("classifier", i)`` of the same iteration.
 
     Raises:
-        TypeError: the run was configured for another method.
-        ValueError: a parameter cannot be had.
+        TypeError: The run was configured for another method.
+        ValueError: A parameter is out of range.
     """
     method = parameters(run, SafeDaggerConfig)
     check_config(run.config)
 
-    # Pre-training (behaviour cloning)
-    collect(run, 0, collection(run, 0, plan), workers)
-    train(run, 0, method.pretraining_epochs)
-    train_guards(run, 0, ["classifier"], method.unsafe_share)
-    validate(run, 0, workers)
+    # D <- expert rollouts; pre-train pi_1 on D, and pi_safe
+    pretrain(run, method, workers, plan)
+    train_gates(run, 0, ["classifier"], method.unsafe_share)
+    validate_policy(run, 0, workers)
 
     for i in range(1, method.iterations + 1):
-        collect(run, i, collection(run, i, plan), workers)
-        train(run, i, method.epochs)
-        train_guards(run, i, ["classifier"], method.unsafe_share)
-        validate(run, i, workers)
+        # Roll out pi_i, D <- D u D'
+        collect_data(run, i, collection(run, i, plan), workers)
+        # Train pi_{i+1} on D, and pi_safe
+        train_policy(run, i, method.epochs)
+        train_gates(run, i, ["classifier"], method.unsafe_share)
+        validate_policy(run, i, workers)
 
-    best(run, method.iterations)
+    choose_best_policy(run, method.iterations)
     return run.best_policy_path
 
 
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     """The rollouts of iteration i; fixed by the run's seed."""
-    config, method = run.config, parameters(run, SafeDaggerConfig)
+    config = run.config
+    method = parameters(run, SafeDaggerConfig)
     if i == 0:
         return expert_rollouts(config, method.pretraining, plan)
+    # Without blocking: the expert drives in the states called unsafe, and only in those.
+    monitor = SafetyMonitor(make_gate(run, i, ["classifier"]), block=0.0)
     starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
-    pi_safe = guard(run, i, ["classifier"])
     return Job(
         config,
-        Episodes(starts, method.T, id=episode_ids(i, len(starts))),
-        # Without blocking: the expert drives in the states called unsafe, and only in those.
-        SafetySwitch(SafetyMonitor(pi_safe, block=0.0)),
+        Episodes(starts, method.T, id=rollout_ids(i, len(starts))),
+        SafetySwitch(monitor),
         policy=run.policy_path(i - 1),
         keep=expert_frames,
         plan=plan,

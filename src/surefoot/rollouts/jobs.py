@@ -27,7 +27,7 @@ from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.summary import EpisodeInfo, Summary, join_summaries, summarize
 from surefoot.rollouts.traces import Trace, trace_of
-from surefoot.scenarios.disturbance import Disturbance, draw
+from surefoot.scenarios.disturbance import Disturbance, draw_disturbances
 from surefoot.scenarios.starts import Starts
 from surefoot.sim import make_simulator
 from surefoot.types import BoolArray, IntArray, PlanFunction
@@ -180,7 +180,7 @@ def disturbance_of(job: Job) -> Disturbance:
         tail = duration
         duration = 0.0
     friction = config.simulation.friction
-    return draw(job.disturbance, config.seed, job.episode, duration, friction, tail)
+    return draw_disturbances(job.disturbance, config.seed, job.episode, duration, friction, tail)
 
 
 def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple[Rollout, Expert]:

@@ -1,1 +1,1 @@
-"""A run's folder, and the stages that every method is made of."""
+"""A run: its folder, metrics, stages, and what its data cost. Read `runs.run` first."""

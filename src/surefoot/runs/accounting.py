@@ -1,134 +1,256 @@
-"""What collecting data cost: falls and who drove, takeovers, the expert's share, what was kept."""
+"""The cost of data: falls and who drove, takeovers, the expert's share, and what was kept.
+
+`collection_cost` counts one iteration, `cost_of` adds up a whole run (the columns of the paper's
+comparison, IV-F). Read `rollouts.summary` for what is known of each episode, and `runs.metrics` for
+the records that a run keeps.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
 from surefoot.types import TICKS_PER_SECOND
 
-SUMMED = (
-    "expert_seconds",
-    "plans",
-    "diverged",
-    "queries",
-    "queries_failed",
-    "near_falls",
-    "near_falls_in_tail",
-    "frames_kept",
-    "recoveries_tilted",
-    "recoveries_near_bounds",
-)
-"""Figures of a collection that a whole run's cost adds up, the pre-training's too."""
+if TYPE_CHECKING:
+    from surefoot.runs.metrics import StageRecord
 
 
-def collection_figures(summary: Summary) -> dict[str, Any]:
-    """The figures of an iteration's rollouts, flat.
+@dataclass(frozen=True)
+class CollectionCost:
+    """The cost of an iteration's rollouts.
 
-    ``episodes`` to ``failed_episodes`` are of the rollouts in which a policy may drive; the
-    expert's rollouts from their states (LocoDAGGER) count as ``queries``, ``queries_failed``, and
-    in ``expert_seconds``, ``robot_seconds``, ``plans``, ``invalid_plans`` and what is kept.
-    ``expert_seconds`` is the time that the expert drove; that it is only asked (DAGGER) shows in
-    ``plans``.
-    ``falls_expert_driving`` is who drove the last tick, ``..._before`` half a second earlier;
-    ``near_falls`` are rollouts that tilted beyond ``safety.fall_angle`` and did not fall, where
-    ``collection.fall_angle`` allows for it; ``near_falls_in_tail`` did so in the tail.
-    ``expert_share`` is over T, ``..._with_tail`` with the tail. ``recoveries_tilted`` are kept
-    frames with roll or pitch beyond 10 degrees, ``recoveries_near_bounds`` those within 5 degrees
-    or 1 cm of the paper's table.
+    The fields from ``episodes`` to ``failed_episodes`` count the rollouts in which a policy may
+    drive. The expert's rollouts from their states (LocoDAGGER) count as ``queries``, and in
+    ``expert_seconds``, ``robot_seconds``, ``plans``, ``invalid_plans`` and what is kept.
+
+    Attributes:
+        episodes: Number of rollouts.
+        falls: Number of rollouts that ended in a fall.
+        falls_in_tail: Number of falls in the expert's tail.
+        falls_expert_driving: Number of falls at whose last tick the expert drove.
+        falls_expert_driving_before: Number of falls that the expert drove half a second before.
+        near_falls: Number of rollouts that tilted beyond ``safety.fall_angle`` and did not fall,
+            where ``collection.fall_angle`` allows for it.
+        near_falls_in_tail: Number of rollouts that did so in the tail.
+        diverged: Number of rollouts that the expert gave up on.
+        stalls: Number of rollouts that ended upright without stepping.
+        falls_per_robot_minute: Falls per minute of rollouts, tails included [1/min].
+        takeovers: Number of times that the expert took over from the policy, before the tails.
+        expert_share: Share of the time before the tails that the expert drove.
+        expert_share_with_tail: Share of the whole time that the expert drove.
+        failed_episodes: Ids of the rollouts that fell or diverged.
+        queries: Number of the expert's rollouts from states of other rollouts (LocoDAGGER).
+        queries_failed: Number of queries that fell or diverged.
+        expert_seconds: Time that the expert drove [s]. The time for which it is only asked (DAGGER)
+            shows in ``plans``.
+        robot_seconds: Simulated time of all rollouts and queries [s].
+        plans: Number of MPC solves.
+        invalid_plans: Number of MPC solves whose plan was not valid.
+        frames_kept: Number of frames that enter the dataset.
+        recoveries_tilted: Number of kept frames with a roll or pitch beyond 10 degrees.
+        recoveries_near_bounds: Number of kept frames within 5 degrees or 1 cm of the bounds in the
+            paper's table, or beyond them.
     """
-    queries, rollouts = summary[summary.query], summary[~summary.query]
+
+    episodes: int
+    falls: int
+    falls_in_tail: int
+    falls_expert_driving: int
+    falls_expert_driving_before: int
+    near_falls: int
+    near_falls_in_tail: int
+    diverged: int
+    stalls: int
+    falls_per_robot_minute: float
+    takeovers: int
+    expert_share: float
+    expert_share_with_tail: float
+    failed_episodes: tuple[int, ...]
+    queries: int
+    queries_failed: int
+    expert_seconds: float
+    robot_seconds: float
+    plans: int
+    invalid_plans: int
+    frames_kept: int
+    recoveries_tilted: int
+    recoveries_near_bounds: int
+
+
+@dataclass(frozen=True)
+class StageSeconds:
+    """Wall time of a run's stages, over all iterations; of a series of sizes, of the last size.
+
+    Attributes:
+        collect: Wall time of collecting data [s].
+        train: Wall time of training policies [s].
+        validate: Wall time of choosing among policies [s].
+        gates: Wall time of training gates [s].
+    """
+
+    collect: float
+    train: float
+    validate: float
+    gates: float
+
+
+@dataclass(frozen=True)
+class RunCost:
+    """What a whole run cost; iteration 0 is the pre-training, where the expert drives alone.
+
+    What is over the later iterations is None for a run that has none (behavior cloning).
+
+    Attributes:
+        expert_seconds: Time that the expert drove [s]. Where it is only asked (DAGGER), `plans`
+            shows it.
+        plans: Number of MPC solves.
+        diverged: Number of rollouts that ended because the expert had no valid plan.
+        queries: Number of the expert's rollouts from visited states (LocoDAGGER).
+        queries_failed: Number of these that were lost.
+        near_falls: Number of rollouts that tilted beyond ``safety.fall_angle`` and did not fall.
+        near_falls_in_tail: Number of these that tilted so far in the tail.
+        frames_kept: Number of frames kept.
+        recoveries_tilted: Number of kept frames that are tilted (`surefoot.rollouts.summary`).
+        recoveries_near_bounds: Number of kept frames near the bounds.
+        pretraining_episodes: Number of rollouts of the pre-training.
+        pretraining_falls: Number of these that fell.
+        episodes: Number of rollouts of the later iterations.
+        falls: Number of these that fell.
+        takeovers: Number of times that the expert took over in the later iterations.
+        falls_per_robot_minute: Falls per minute of the later iterations' rollouts, tail included.
+        expert_share: Share of T that the expert drove, pooled over the later iterations.
+        seconds: Wall time of the stages.
+    """
+
+    expert_seconds: float
+    plans: int
+    diverged: int
+    queries: int
+    queries_failed: int
+    near_falls: int
+    near_falls_in_tail: int
+    frames_kept: int
+    recoveries_tilted: int
+    recoveries_near_bounds: int
+    pretraining_episodes: int
+    pretraining_falls: int
+    episodes: int | None
+    falls: int | None
+    takeovers: int | None
+    falls_per_robot_minute: float | None
+    expert_share: float | None
+    seconds: StageSeconds
+
+
+def collection_cost(summary: Summary) -> CollectionCost:
+    """The cost of an iteration's rollouts and queries, from the summary of its episodes."""
+    queries = summary[summary.query]
+    rollouts = summary[~summary.query]
     fell = rollouts.outcome == Outcome.FELL
     tail_ticks = rollouts.ticks - rollouts.proper_ticks
     robot_ticks = int(rollouts.ticks.sum())
     with_tail = int(rollouts.expert_ticks.sum() + tail_ticks.sum())
-    return {
-        "episodes": len(rollouts.outcome),
-        "falls": int(fell.sum()),
-        "falls_in_tail": int((fell & (tail_ticks > 0)).sum()),
-        "falls_expert_driving": int((fell & rollouts.expert_drove_last).sum()),
-        "falls_expert_driving_before": int((fell & rollouts.expert_drove_before).sum()),
-        "near_falls": int((rollouts.tilted_far.any(axis=1) & ~rollouts.failed).sum()),
-        "near_falls_in_tail": int((rollouts.tilted_far[:, 1] & ~rollouts.failed).sum()),
-        "diverged": int((rollouts.outcome == Outcome.DIVERGED).sum()),
-        "stalls": int((rollouts.outcome == Outcome.STALLED).sum()),
-        "falls_per_robot_minute": float(fell.sum() / (robot_ticks / TICKS_PER_SECOND / 60)),
-        "takeovers": int(rollouts.takeovers.sum()),
-        "expert_share": float(rollouts.expert_ticks.sum() / rollouts.proper_ticks.sum()),
-        "expert_share_with_tail": with_tail / robot_ticks,
-        "failed_episodes": rollouts.episode[rollouts.failed].tolist(),
-        "queries": len(queries.outcome),
-        "queries_failed": int(queries.failed.sum()),
-        "expert_seconds": float(with_tail + queries.ticks.sum()) / TICKS_PER_SECOND,
-        "robot_seconds": float(summary.ticks.sum()) / TICKS_PER_SECOND,
-        "plans": int(summary.plans.sum()),
-        "invalid_plans": int(summary.invalid_plans.sum()),
-        "frames_kept": int(summary.kept.sum()),
-        "recoveries_tilted": int(summary.kept_tilted.sum()),
-        "recoveries_near_bounds": int(summary.kept_near_bounds.sum()),
-    }
+    return CollectionCost(
+        episodes=len(rollouts.outcome),
+        falls=int(fell.sum()),
+        falls_in_tail=int((fell & (tail_ticks > 0)).sum()),
+        falls_expert_driving=int((fell & rollouts.expert_drove_last).sum()),
+        falls_expert_driving_before=int((fell & rollouts.expert_drove_before).sum()),
+        near_falls=int((rollouts.tilted_far.any(axis=1) & ~rollouts.failed).sum()),
+        near_falls_in_tail=int((rollouts.tilted_far[:, 1] & ~rollouts.failed).sum()),
+        diverged=int((rollouts.outcome == Outcome.DIVERGED).sum()),
+        stalls=int((rollouts.outcome == Outcome.STALLED).sum()),
+        falls_per_robot_minute=float(fell.sum() / (robot_ticks / TICKS_PER_SECOND / 60)),
+        takeovers=int(rollouts.takeovers.sum()),
+        expert_share=float(rollouts.expert_ticks.sum() / rollouts.proper_ticks.sum()),
+        expert_share_with_tail=with_tail / robot_ticks,
+        failed_episodes=tuple(rollouts.episode[rollouts.failed].tolist()),
+        queries=len(queries.outcome),
+        queries_failed=int(queries.failed.sum()),
+        expert_seconds=float(with_tail + queries.ticks.sum()) / TICKS_PER_SECOND,
+        robot_seconds=float(summary.ticks.sum()) / TICKS_PER_SECOND,
+        plans=int(summary.plans.sum()),
+        invalid_plans=int(summary.invalid_plans.sum()),
+        frames_kept=int(summary.kept.sum()),
+        recoveries_tilted=int(summary.kept_tilted.sum()),
+        recoveries_near_bounds=int(summary.kept_near_bounds.sum()),
+    )
 
 
-def cost_of(metrics: Sequence[dict[str, Any]], T: float) -> dict[str, Any]:
+def cost_of(metrics: Sequence[StageRecord], T: float) -> RunCost:
     """What a whole run cost; iteration 0 is the pre-training.
 
     Args:
-        metrics: the run's records (`surefoot.runs.run.Run.metrics`).
-        T: [s] of a rollout, of an iterative method.
-
-    Returns:
-        Over everything: ``expert_seconds``, ``plans`` (MPC solves), ``diverged``, ``queries`` (the
-        expert's rollouts from visited states, LocoDAGGER) and ``queries_failed``, ``frames_kept``,
-        ``recoveries_tilted``, ``recoveries_near_bounds``, ``near_falls``, ``near_falls_in_tail``,
-        ``pretraining_episodes`` and ``pretraining_falls``; over the later iterations: ``episodes``,
-        ``falls``, ``falls_per_robot_minute``, ``takeovers`` and ``expert_share``, pooled over T;
-        None where there are none. ``seconds``: wall time of collect, train, validate and guards; of
-        a series of behaviour cloning that of the last size, whose policy owes nothing to the
-        others.
+        metrics: The run's records (`surefoot.runs.run.Run.metrics`).
+        T: Duration of a rollout of an iterative method [s].
     """
-    collected = [record for record in metrics if record["stage"] == "collect"]
-    later = [record for record in collected if record["iteration"] > 0]
-    cost: dict[str, Any] = {key: sum(record[key] for record in collected) for key in SUMMED}
-    for key in ("episodes", "falls"):
-        cost[f"pretraining_{key}"] = sum(r[key] for r in collected if r["iteration"] == 0)
-    for key in ("episodes", "falls", "takeovers"):
-        cost[key] = sum(record[key] for record in later) if later else None
-    minutes = sum(rollout_seconds(r, r["expert_share_with_tail"], T) for r in later) / 60
-    seconds = [rollout_seconds(record, record["expert_share"], T) for record in later]
-    shares = [record["expert_share"] for record in later]
+    collected = [record for record in metrics if record.stage == "collect"]
+    first = [record for record in collected if record.iteration == 0]
+    later = [record for record in collected if record.iteration > 0]
+    minutes = sum(rollout_seconds(r, r.expert_share_with_tail, T) for r in later) / 60
+    seconds = [rollout_seconds(record, record.expert_share, T) for record in later]
+    shares = [record.expert_share for record in later]
     by_expert = sum(share * time for share, time in zip(shares, seconds, strict=True))
-    cost["falls_per_robot_minute"] = cost["falls"] / minutes if later else None
-    cost["expert_share"] = by_expert / sum(seconds) if later else None
-    last = max((r["iteration"] for r in metrics if r["stage"] == "train"), default=0)
-    timed = [r for r in metrics if later or r["stage"] == "collect" or r["iteration"] == last]
-    cost["seconds"] = {
-        stage: sum(r["seconds"] for r in timed if r["stage"].startswith(prefix))
-        for stage, prefix in (
-            ("collect", "collect"),
-            ("train", "train"),
-            ("validate", "validate"),
-            ("guards", "guard_"),
-        )
-    }
-    return cost
+    falls = sum(record.falls for record in later)
+    return RunCost(
+        expert_seconds=sum(record.expert_seconds for record in collected),
+        plans=sum(record.plans for record in collected),
+        diverged=sum(record.diverged for record in collected),
+        queries=sum(record.queries for record in collected),
+        queries_failed=sum(record.queries_failed for record in collected),
+        near_falls=sum(record.near_falls for record in collected),
+        near_falls_in_tail=sum(record.near_falls_in_tail for record in collected),
+        frames_kept=sum(record.frames_kept for record in collected),
+        recoveries_tilted=sum(record.recoveries_tilted for record in collected),
+        recoveries_near_bounds=sum(record.recoveries_near_bounds for record in collected),
+        pretraining_episodes=sum(record.episodes for record in first),
+        pretraining_falls=sum(record.falls for record in first),
+        episodes=sum(record.episodes for record in later) if later else None,
+        falls=falls if later else None,
+        takeovers=sum(record.takeovers for record in later) if later else None,
+        falls_per_robot_minute=falls / minutes if later else None,
+        expert_share=by_expert / sum(seconds) if later else None,
+        seconds=stage_seconds(metrics, bool(later)),
+    )
 
 
-def rollout_seconds(record: dict[str, Any], share: float, T: float) -> float:
+def stage_seconds(metrics: Sequence[StageRecord], iterative: bool) -> StageSeconds:
+    """Wall time of a run's stages.
+
+    Args:
+        metrics: The run's records.
+        iterative: Whether each policy continues from the one before; if not, as in a series of
+            behavior cloning, only the time of the last policy counts.
+    """
+    last = max((r.iteration for r in metrics if r.stage == "train"), default=0)
+    stages = [record for record in metrics if record.stage != "best"]
+    timed = [r for r in stages if iterative or r.stage == "collect" or r.iteration == last]
+    return StageSeconds(
+        collect=sum(r.seconds for r in timed if r.stage == "collect"),
+        train=sum(r.seconds for r in timed if r.stage == "train"),
+        validate=sum(r.seconds for r in timed if r.stage == "validate"),
+        gates=sum(r.seconds for r in timed if r.stage.startswith("gate_")),
+    )
+
+
+def rollout_seconds(cost: CollectionCost, share: float, T: float) -> float:
     """Time of an iteration's rollouts, without the expert's queries, from what is recorded.
 
     The policy's time is what is not the expert's, and it is 1 - share of the whole: exact. Where
     the expert drove alone (LocoDAGGER's first iteration) the falls and their rate give the time,
-    or nobody fell, and each rollout lasted T.
+    or no robot fell, and each rollout lasted T.
 
     Args:
-        record: of an iteration's collection.
-        share: the expert's, of the time that is asked for: over T, or with the tail.
-        T: [s] of a rollout.
+        cost: Cost of an iteration's rollouts.
+        share: Share of the expert in the time that is asked for: over T, or with the tail.
+        T: Duration of a rollout [s].
     """
     if share < 1:
-        return (record["robot_seconds"] - record["expert_seconds"]) / (1 - share)
-    if record["falls"]:
-        return 60 * record["falls"] / record["falls_per_robot_minute"]
-    return record["episodes"] * T if record["queries"] else record["robot_seconds"]
+        return (cost.robot_seconds - cost.expert_seconds) / (1 - share)
+    if cost.falls:
+        return 60 * cost.falls / cost.falls_per_robot_minute
+    return cost.episodes * T if cost.queries else cost.robot_seconds

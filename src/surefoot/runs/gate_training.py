@@ -1,168 +1,238 @@
-"""pi_safety: the gates that may guard a rollout, and the training of those that are learned."""
+"""pi_safety: the gates that call the expert during a rollout, and the training of learned ones.
+
+`make_gate` puts together the gate of an iteration (Algorithm 2: pi_safe, Algorithm 4: pi_safety).
+`train_gates` trains those that are networks after each iteration: `classifier` learns where the
+policy deviates from the expert by more than tau (SafeDAGGER), `history` where the bounds will be
+left (the paper's future work). Read `safety.learned` for what they do in a rollout.
+"""
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from surefoot.config import GateName
-from surefoot.config.json_io import to_json
 from surefoot.files import load_arrays
 from surefoot.learning.classifier import digest, fit_classifier, load_classifier, save_classifier
 from surefoot.learning.observation import INPUT_SIZE, observation_spec
-from surefoot.learning.policy import load, policy_spec
+from surefoot.learning.policy import Policy, load
 from surefoot.learning.samples import derive, held_out
 from surefoot.rollouts.traces import Trace, history_rows
+from surefoot.runs.episode_ids import iteration_of_shard
+from surefoot.runs.metrics import GateTrained, LearnedGate
 from surefoot.runs.run import Run, RunError
-from surefoot.runs.sampling import rising
-from surefoot.runs.stages import dataset, iteration_of
+from surefoot.runs.stages import dataset_of
 from surefoot.safety.gates import AnyOf, Bounds, Gate, tightened
 from surefoot.safety.learned import Deviation, History
 from surefoot.types import BoolArray
 
+logger = logging.getLogger(__name__)
+
 HELD_OUT = 0.1
-"""Share of episodes that a classifier is judged by, chosen by episode id."""
-TOGETHER = 8192
+"""Share of episodes that judge a history network, chosen by episode id."""
+ROWS_AT_ONCE = 8192
 """Rows that a policy answers at a time: its hidden layers hold 4 kB of each, 4 GB of a million."""
 
 
-def guard(
-    run: Run, i: int, names: Sequence[GateName], alarm: float = 0.5, tightest: float = 1.0
+@dataclass(frozen=True)
+class GateSamples:
+    """What a learned gate's classifier is trained on.
+
+    Attributes:
+        rows: ``(n, inputs)`` inputs of the network.
+        unsafe: ``(n,)`` True for rows that are labeled unsafe.
+        held: ``(n,)`` True for rows that judge the network, which is not trained on them.
+        tau: Deviation beyond which a row is unsafe; None for a history gate.
+        sigma: ``(12,)`` standard deviation of each joint's target [rad]; None for a history gate.
+    """
+
+    rows: NDArray[np.float32]
+    unsafe: BoolArray
+    held: BoolArray
+    tau: float | None = None
+    sigma: tuple[float, ...] | None = None
+
+
+def make_gate(
+    run: Run, i: int, names: Sequence[GateName], alarm: float = 0.5, share: float = 1.0
 ) -> Gate:
-    """pi_safety of iteration i: any of the gates that are named.
+    """Make pi_safety of iteration i: it calls a state unsafe if any of the named gates does.
 
     Args:
-        run: the run, with the networks trained after iteration i - 1.
-        i: the iteration.
-        names: of the gates.
-        alarm: probability at which a network calls a state unsafe.
-        tightest: of the relaxing bounds in the first iteration, as a share of the paper's.
+        run: The run, with the networks that were trained after iteration i - 1.
+        i: The iteration, from 1 on.
+        names: Names of the gates.
+        alarm: Probability beyond which a network calls a state unsafe.
+        share: Size of the relaxing bounds in this iteration, as a share of the paper's.
+
+    Raises:
+        FileNotFoundError: The network of a learned gate is lost.
+        ValueError: The network of a learned gate is damaged.
     """
-    safety, gates = run.config.safety, list[Gate]()
+    safety = run.config.safety
+    gates: list[Gate] = []
     for name in names:
         if name == "bounds":
             gates.append(Bounds(safety))
         elif name == "relaxing":
-            share = rising(tightest, i, getattr(run.config.method, "iterations", 1))
             gates.append(Bounds(tightened(safety, share, run.config.gait.com_height)))
-        elif not too_early(name, i):
-            learned = {"classifier": Deviation, "history": History}[name]
-            classifier = load_classifier(run.gate_path(name, i - 1))
-            gates.append(learned(classifier, observation_spec(run.config), alarm))
-    # Before there is anything to learn from, the paper's bounds stand in.
-    gates = gates or [Bounds(safety)]
+        elif name == "classifier":
+            classifier = load_classifier(run.gate_path("classifier", i - 1))
+            gates.append(Deviation(classifier, observation_spec(run.config), alarm))
+        elif name == "history" and history_can_be_trained(i - 1):
+            classifier = load_classifier(run.gate_path("history", i - 1))
+            gates.append(History(classifier, observation_spec(run.config), alarm))
+    if not gates:
+        # Before there is anything to learn from, the paper's bounds take the network's place.
+        gates = [Bounds(safety)]
     return gates[0] if len(gates) == 1 else AnyOf(gates)
 
 
-def too_early(name: str, i: int) -> bool:
-    """Whether iteration i comes before the first data that a learned gate can learn from."""
-    return name == "history" and i == 1
+def history_can_be_trained(i: int) -> bool:
+    """Whether a policy has driven by the end of iteration i: that is what a history gate needs."""
+    return i >= 1
 
 
-def train_guards(
+def train_gates(
     run: Run, i: int, names: Sequence[GateName], unsafe_share: float = 0.2, alarm: float = 0.5
 ) -> None:
-    """Train those of the gates that are learned, on what is there after iteration i.
+    """Train those of the gates that are learned, on the data that is there after iteration i.
 
     Args:
-        run: the run.
-        i: the iteration.
-        names: of the gates.
-        unsafe_share: see `train_deviation`.
-        alarm: that they will be used with; they are judged at it.
+        run: The run.
+        i: The iteration.
+        names: Names of the gates.
+        unsafe_share: Share of the frames that tau is chosen by (see `deviation_samples`).
+        alarm: Probability beyond which the networks will call a state unsafe; it judges them.
+
+    Raises:
+        RunError: A network was lost, and training it again gave another one.
+        ValueError: A network or a trace is damaged.
     """
-    if "classifier" in names:
-        train_deviation(run, i, unsafe_share, alarm)
-    if "history" in names and not too_early("history", i + 1):
-        train_history(run, i, alarm)
+    if "classifier" in names and not _is_trained(run, "classifier", i):
+        began = time.perf_counter()
+        _train_gate(run, "classifier", i, deviation_samples(run, i, unsafe_share), alarm, began)
+    if "history" in names and history_can_be_trained(i) and not _is_trained(run, "history", i):
+        began = time.perf_counter()
+        _train_gate(run, "history", i, history_samples(run, i), alarm, began)
 
 
-def train_history(run: Run, i: int, alarm: float) -> None:
-    """A network that predicts that the bounds will be left, from all rollouts so far."""
-    if _is_there(run, "history", i):
-        return
-    began = time.perf_counter()
-    names = [name for name in run.dataset.shards if 1 <= iteration_of(name) <= i]
-    rows, yes, episode = history_rows([load_arrays(run.trace_path(name), Trace) for name in names])
-    _train(run, i, "history", rows, yes, held_out(episode, HELD_OUT), alarm, began)
+def history_samples(run: Run, i: int) -> GateSamples:
+    """Samples of a history gate: the last 100 ms, and whether the bounds are left after them.
+
+    Args:
+        run: The run.
+        i: The iteration, from 1 on; all rollouts of policies so far are used.
+    """
+    shards = [name for name in run.dataset.shards if 1 <= iteration_of_shard(name) <= i]
+    traces = [load_arrays(run.trace_path(name), Trace) for name in shards]
+    rows, unsafe, episode = history_rows(traces)
+    return GateSamples(rows, unsafe, held_out(episode, HELD_OUT))
 
 
-def train_deviation(run: Run, i: int, unsafe_share: float, alarm: float) -> None:
-    """SafeDAGGER's classifier: in which states does pi_i deviate from the expert by more than tau?
+def deviation_samples(run: Run, i: int, unsafe_share: float) -> GateSamples:
+    """Samples of SafeDAGGER's classifier: the states in which pi_i deviates by more than tau.
 
     The deviation is the squared error over the joints, each scaled by the standard deviation of its
-    label. In the first training tau is chosen so that this share of the held-out pre-training
-    frames is beyond it. The classifier learns from D and from the held-out episodes, which the
-    policy is never trained on (D_safe); every other of those is left out to judge it by.
+    target. In the first training tau is chosen so that ``unsafe_share`` of the held-out
+    pre-training frames is beyond it. The classifier learns from D and from the held-out episodes,
+    which the policy is never trained on (D_safe); every other one of those judges it instead.
+
+    Args:
+        run: The run, with the policy pi_i.
+        i: The iteration.
+        unsafe_share: Share of the held-out pre-training frames beyond tau.
     """
-    if _is_there(run, "classifier", i):
-        return
-    began = time.perf_counter()
-    config, policy = run.config, load(run.policy_path(i))
-    parts = [
-        (derive(frames, policy_spec(config)), frames.episode)
-        for frames in dataset(run, i).parts()
-        if len(frames)
-    ]
-    rows, episode = (np.concatenate(part) for part in zip(*parts, strict=True))
-    inputs, labels = np.split(rows, [INPUT_SIZE], axis=1)
-    apart = held_out(episode, config.training.validation)
-    first = run.done("guard_classifier", 0)
-    sigma = np.array(first["sigma"]) if first else labels.std(axis=0, dtype=np.float64)
-    parts = np.array_split(inputs, -(-len(inputs) // TOGETHER))  # none too small to be exact
-    error = np.concatenate([policy.forward(part) for part in parts]) - labels
+    policy = load(run.policy_path(i))
+    inputs, targets, episode = _inputs_and_targets(run, i, policy)
+    held = held_out(episode, run.config.training.validation)
+    first = run.gate_trained("classifier", 0)
+    sigma = targets.std(axis=0, dtype=np.float64) if first is None else np.array(first.sigma)
+    # None of the parts is too small for the policy to be exact.
+    parts = np.array_split(inputs, -(-len(inputs) // ROWS_AT_ONCE))
+    error = np.concatenate([policy.forward(part) for part in parts]) - targets
     deviation = ((error / sigma) ** 2).sum(axis=1)
-    tau = first["tau"] if first else float(np.quantile(deviation[apart], 1.0 - unsafe_share))
-    given = {"tau": tau, "sigma": sigma.tolist()}
-    judge = apart & (episode % 2 > 0)
-    _train(run, i, "classifier", inputs, deviation > tau, judge, alarm, began, **given)
+    if first is None or first.tau is None:
+        tau = float(np.quantile(deviation[held], 1.0 - unsafe_share))
+    else:
+        tau = first.tau
+    judges = held & (episode % 2 > 0)
+    return GateSamples(inputs, deviation > tau, judges, tau, tuple(sigma.tolist()))
 
 
-def _is_there(run: Run, kind: str, i: int) -> bool:
-    """Whether a network is done; one that is damaged is an error that says so, not a guard."""
-    if run.done(f"guard_{kind}", i) is None or not run.gate_path(kind, i).exists():
+def _inputs_and_targets(
+    run: Run, i: int, policy: Policy
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+    """Inputs ``(n, 47)``, targets ``(n, 12)`` [rad] and episodes ``(n,)`` of the frames of D."""
+    rows = []
+    episode = []
+    for frames in dataset_of(run, i).parts():
+        if len(frames):
+            rows.append(derive(frames, policy.spec))
+            episode.append(frames.episode)
+    inputs, targets = np.split(np.concatenate(rows), [INPUT_SIZE], axis=1)
+    return inputs, targets, np.concatenate(episode)
+
+
+def _is_trained(run: Run, kind: LearnedGate, i: int) -> bool:
+    """Whether a network is done.
+
+    Raises:
+        ValueError: The network's file is damaged.
+    """
+    path = run.gate_path(kind, i)
+    if run.gate_trained(kind, i) is None or not path.exists():
         return False
-    load_classifier(run.gate_path(kind, i))
+    load_classifier(path)  # a damaged one is an error that says so, not a gate
     return True
 
 
-def _train(
-    run: Run,
-    i: int,
-    kind: str,
-    rows: NDArray[np.float32],
-    yes: BoolArray,
-    held: BoolArray,
-    alarm: float,
-    began: float,
-    **figures: Any,
+def _train_gate(
+    run: Run, kind: LearnedGate, i: int, samples: GateSamples, alarm: float, began: float
 ) -> None:
-    """Train a classifier, write it, and write it down.
+    """Train a classifier, write it, and write down that it is done.
 
     Raises:
-        RunError: it was lost, and training it again gave another one.
+        RunError: The network was lost, and training it again gave another one.
     """
-    classifier = fit_classifier(rows, yes, held, run.torch_seed("gate", i), alarm)
-    quality = to_json(classifier.quality)
-    measured = {key: value for key, value in quality.items() if value is not None}
-    figures = measured | figures | {"sha256": digest(classifier)}
-    done = run.done(f"guard_{kind}", i)
-    if done and done.get("sha256", figures["sha256"]) != figures["sha256"]:
+    seed = run.torch_seed("gate", i)
+    classifier = fit_classifier(samples.rows, samples.unsafe, samples.held, seed, alarm)
+    path = run.gate_path(kind, i)
+    before = run.gate_trained(kind, i)
+    record = GateTrained(
+        stage="gate_classifier" if kind == "classifier" else "gate_history",
+        iteration=i,
+        **vars(classifier.quality),
+        tau=samples.tau,
+        sigma=samples.sigma,
+        sha256=digest(classifier),
+        seconds=time.perf_counter() - began,
+    )
+    if before is not None and before.sha256 not in (None, record.sha256):
         raise RunError(
-            f"{run.gate_path(kind, i)} is lost, and training it again gave another network: do it where "
-            "it was trained, with the same versions, or restore it from a copy"
+            f"{path} is lost, and training it again gave another network: do it where it was "
+            "trained, with the same versions, or restore it from a copy"
         )
-    save_classifier(classifier, run.gate_path(kind, i))
-    if done is None:
-        run.record(f"guard_{kind}", i, **figures, seconds=time.perf_counter() - began)
-    tqdm.write(
-        f"iteration {i}: {kind} network on {figures['rows']} rows, "
-        f"{100 * figures['share_yes']:.1f} % of them unsafe, "
-        f"finds {100 * figures.get('recall', np.nan):.0f} % of those held out, "
-        f"{100 * figures.get('precision', np.nan):.0f} % of its alarms are right"
+    save_classifier(classifier, path)
+    if before is None:
+        run.append_metrics(record)
+    logger.info(_summary_text(record))
+
+
+def _summary_text(record: GateTrained) -> str:
+    """What a network was trained on and how well it does, as a line of text."""
+    text = (
+        f"iteration {record.iteration}: {record.kind} network on {record.rows} rows, "
+        f"{100 * record.share_yes:.1f} % of them unsafe"
+    )
+    if record.recall is None or record.precision is None:
+        return f"{text}, no rows held out to judge it"
+    return (
+        f"{text}, finds {100 * record.recall:.0f} % of those held out, "
+        f"{100 * record.precision:.0f} % of its alarms are right"
     )

@@ -1,66 +1,98 @@
-"""Which policy is meant, by a run's folder or a policy file."""
+"""Which policy is meant, by a run's folder or a policy file; and whether it fits its configuration.
+
+The commands and the comparison of methods take either. Read `runs.run` for a run's folder and
+`learning.policy` for the policy file.
+"""
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 
 from surefoot.config import Config, PolicyConfig
-from surefoot.learning.policy import load, policy_spec
+from surefoot.learning.policy import Policy, load, policy_spec
 from surefoot.robots.solo12 import solo12
-from surefoot.runs.run import Run, open_run
+from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
+
+logger = logging.getLogger(__name__)
 
 
 def find_policy(target: Path) -> tuple[Path, Config]:
-    """A run's best policy and config; or a policy file, and the config of the run it lies in.
+    """Find a run's best policy, or take a policy file; and the configuration to run it under.
+
+    The configuration is that of the run that the policy lies in. Outside of any run it is the
+    default one with the policy's own gains and phase.
+
+    Args:
+        target: Folder of a run, or a policy file.
+
+    Returns:
+        File of the policy, and the configuration.
 
     Raises:
-        RunError: the folder holds no finished run.
-        FileNotFoundError: there is neither a folder nor a file.
-        PolicyFileError: the file is damaged, or of another robot, layout or version.
-        ValueError: the policy is of another gait period, gain or phase than the configuration.
+        RunError: The folder holds no finished run.
+        FileNotFoundError: There is neither a folder nor a file.
+        PolicyFileError: The file is damaged, or of another robot, layout or version.
+        ValueError: The policy is of another gait period, gain or phase than the configuration.
     """
     if target.is_dir():
         run: Run | None = open_run(target)
-        policy = run.best_policy_path
+        path = run.best_policy_path
     elif target.exists():
-        policy = target.resolve()
-        folder = policy.parent.parent
-        run = open_run(folder) if (folder / "config.json").exists() else None
+        path = target.resolve()
+        run = run_of_policy(path)
     else:
         raise FileNotFoundError(f"{target}: there is no such run folder or policy file")
     config = Config() if run is None else run.config
-    loaded = load(policy, solo12(config.robot).name)  # fails here, not later in a worker
+    policy = load(path, solo12(config.robot).name)  # fails here, not later in a worker
     if run is None:
-        config = replace(
-            config,
-            policy=PolicyConfig(
-                loaded.network.hidden,
-                loaded.spec.kp,
-                loaded.spec.kd,
-                loaded.spec.observation.phase,
-            ),
-        )
-        print(
+        config = replace(config, policy=_policy_config(policy))
+        logger.info(
             f"{target} lies in no run: simulator and expert as by default; gains and phase are its "
-            f"own (kp {config.policy.kp} Nm/rad, kd {config.policy.kd} Nms/rad, phase as a "
+            f"own (kp {config.policy.kp} N m/rad, kd {config.policy.kd} N m s/rad, phase as a "
             f"{config.policy.phase})"
         )
-    stored, wanted = loaded.spec, policy_spec(config)
-    for what, given, expected in (
+        source = "the default configuration"
+    else:
+        source = str(run.folder / CONFIG_FILE)
+    _check_fit(path, policy, config, source)
+    return path, config
+
+
+def _policy_config(policy: Policy) -> PolicyConfig:
+    """The configuration that a policy was trained with, as its file tells."""
+    spec = policy.spec
+    return PolicyConfig(policy.network.hidden, spec.kp, spec.kd, spec.observation.phase)
+
+
+def _check_fit(path: Path, policy: Policy, config: Config, source: str) -> None:
+    """Check that a policy was trained for what a configuration has.
+
+    Args:
+        path: File of the policy, for the message.
+        policy: The policy.
+        config: The configuration.
+        source: Where the configuration comes from, for the message.
+
+    Raises:
+        ValueError: The policy is of another gait period, gain or phase than the configuration.
+    """
+    trained = policy.spec
+    asked = policy_spec(config)
+    pairs = (
         (
             "a gait period [ms]",
-            stored.observation.period_ticks,
-            wanted.observation.period_ticks,
+            trained.observation.period_ticks,
+            asked.observation.period_ticks,
         ),
-        ("kp [Nm/rad]", stored.kp, wanted.kp),
-        ("kd [Nms/rad]", stored.kd, wanted.kd),
-        ("a phase given as", stored.observation.phase, wanted.observation.phase),
-    ):
-        if given != expected:
-            where = "the default configuration" if run is None else run.folder / "config.json"
+        ("kp [N m/rad]", trained.kp, asked.kp),
+        ("kd [N m s/rad]", trained.kd, asked.kd),
+        ("a phase given as", trained.observation.phase, asked.observation.phase),
+    )
+    for name, trained_for, configured in pairs:
+        if trained_for != configured:
             raise ValueError(
-                f"{policy} was trained for {what} {given}, {where} has {expected}: play or "
+                f"{path} was trained for {name} {trained_for}, {source} has {configured}: play or "
                 "evaluate it in the folder of the run that trained it, or train one for this"
             )
-    return policy, config

@@ -1,4 +1,11 @@
-"""LocoDAGGER's data collection (paper, Algorithm 3): the expert drives from states seen before."""
+"""LocoDAGGER's data collection (paper, Algorithm 3): the expert drives from states seen before.
+
+for j = 1 .. N_query:
+    s_0 <- a random state of the rollout
+    the expert drives from s_0 for T_query, D <- D u {its frames}
+
+`methods.loco_dagger` hands a `Query` to its job, which calls it with the rollouts of each chunk.
+"""
 
 from __future__ import annotations
 
@@ -7,69 +14,54 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.engine import Episodes, Rollout
+from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
-from surefoot.runs.sampling import EPISODES_PER_ITERATION, keep_unless_failed
+from surefoot.runs.episode_ids import EpisodeId
+from surefoot.runs.sampling import keep_unless_failed
 from surefoot.scenarios.starts import Starts
 from surefoot.seeds import seed_of
-from surefoot.types import GRID, to_ticks
-
-QUERIES = 10_000
-"""Ids of an iteration from this on are the expert's rollouts: this + rollout * N_query + j."""
+from surefoot.types import GRID, IntArray, to_ticks
 
 
 @dataclass(frozen=True)
 class Query:
     """Expert rollouts from random states of each rollout, at the gait phase they were seen at.
 
-    The rollout's pushes do not go on; one of `expert_impulse` comes early, if there shall be one.
+    The pushes of the rollout do not continue; a push of the size of `expert_impulse` comes early,
+    if that is not zero.
 
     Attributes:
-        N_query: of each rollout.
-        T_query: [s] of each; one that fails is dropped whole.
-        before_fall: [s] states are taken at the latest so long before a failure.
+        N_query: Number of queries of each rollout.
+        T_query: Duration of each query [s]; a query that fails is dropped whole.
+        before_fall: Time before a failure from which on no state is taken [s].
     """
 
     N_query: int
     T_query: float
     before_fall: float
 
-    def parent(self, episode: int) -> int:
-        """The id of the rollout that a query starts from; any other id is its own parent."""
-        iteration, index = divmod(episode, EPISODES_PER_ITERATION)
-        if index < QUERIES:
-            return episode
-        return iteration * EPISODES_PER_ITERATION + (index - QUERIES) // self.N_query
+    def __call__(self, job: Job, rollouts: Rollout) -> Job | None:
+        """The expert's rollouts from states of these; None if no rollout lasted long enough.
 
-    def __call__(self, job: Job, record: Rollout) -> Job | None:
-        """The expert's rollouts; None if no rollout lasted long enough."""
-        rows, ids = [], []
+        Args:
+            job: The job that was played out.
+            rollouts: Its B rollouts.
+        """
+        robots: list[int] = []
+        elapsed_ticks: list[int] = []
+        ids: list[int] = []
         for robot, episode in enumerate(job.episode.tolist()):
-            length = int(record.length[robot])
-            if record.failed[robot]:
-                length -= to_ticks(self.before_fall)
-            clock = int(record.starts.tick[robot]) + np.arange(max(length, 0))
-            grid = np.flatnonzero(clock % GRID == 0)
-            rng = np.random.default_rng(seed_of(job.config.seed, "query", episode))
-            chosen = rng.choice(grid, self.N_query) if len(grid) else grid
-            rows += [(robot, elapsed) for elapsed in np.sort(chosen).tolist()]
-            first = episode + QUERIES + (episode % QUERIES) * (self.N_query - 1)
-            ids += range(first, first + len(chosen))
-        if not rows:
+            chosen = self._chosen_ticks(job, rollouts, robot)
+            for j, elapsed in enumerate(chosen.tolist()):
+                robots.append(robot)
+                elapsed_ticks.append(elapsed)
+                ids.append(EpisodeId.from_number(episode).query(j, self.N_query).number)
+        if not ids:
             return None
-        robot, elapsed = np.array(rows).T
-        q = record.q[robot, elapsed].copy()
-        q[:, :2] = 0.0
-        starts = Starts(
-            q,
-            record.v[robot, elapsed],
-            record.starts.tick[robot] + elapsed,
-            record.starts.command[robot],
-            record.starts.id[robot],
-        )
+        states = _visited_states(rollouts, np.array(robots), np.array(elapsed_ticks))
         return replace(
             job,
-            episodes=Episodes(starts, self.T_query, id=np.array(ids)),
+            episodes=Episodes(states, self.T_query, id=np.array(ids)),
             arbiter=ExpertOnly(),
             policy=None,
             keep=keep_unless_failed,
@@ -77,3 +69,34 @@ class Query:
             query=True,
             then=None,
         )
+
+    def _chosen_ticks(self, job: Job, rollouts: Rollout, robot: int) -> IntArray:
+        """Ticks of a rollout that its queries start from, on the expert's grid and in order."""
+        length = int(rollouts.length[robot])
+        if rollouts.failed[robot]:
+            length -= to_ticks(self.before_fall)
+        clock = int(rollouts.starts.tick[robot]) + np.arange(max(length, 0))
+        grid = np.flatnonzero(clock % GRID == 0)
+        if len(grid) == 0:
+            return grid
+        rng = np.random.default_rng(seed_of(job.config.seed, "query", int(job.episode[robot])))
+        return np.sort(rng.choice(grid, self.N_query))
+
+
+def _visited_states(rollouts: Rollout, robot: IntArray, elapsed: IntArray) -> Starts:
+    """States that rollouts visited, moved to the origin, as initial states.
+
+    Args:
+        rollouts: B rollouts.
+        robot: ``(n,)`` rows of the rollouts.
+        elapsed: ``(n,)`` ticks from their beginnings on [ms].
+    """
+    q = rollouts.q[robot, elapsed].copy()
+    q[:, :2] = 0.0
+    return Starts(
+        q,
+        rollouts.v[robot, elapsed],
+        rollouts.starts.tick[robot] + elapsed,
+        rollouts.starts.command[robot],
+        rollouts.starts.id[robot],
+    )

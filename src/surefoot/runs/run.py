@@ -1,29 +1,45 @@
 """A run is a folder: config and versions, metrics as JSON lines, data, policies. Kill it any time.
 
-A stage (collect, train, validate of an iteration) is done once its line stands in
-``metrics.jsonl``; everything it wrote before that is whole or not there. A run that is opened again
-goes on with the first stage that is not done, and ends with the same bits.
+A stage (collect, train, validate of an iteration) is done once its record is in ``metrics.jsonl``;
+everything it wrote before that is whole or not there. A run that is opened again resumes with the
+first stage that is not done, and ends with the same bits. `Run` knows where each file lies;
+`create` and `open_run` make one. Read `runs.metrics` for the records, `runs.stages` for the stages.
 """
 
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from surefoot.config import Config, method_name
-from surefoot.config.json_io import from_json, to_json
-from surefoot.files import write_atomic, writing
+from surefoot.config.json_io import from_json, read_json, to_json
+from surefoot.files import write_atomic, write_json, writing
 from surefoot.learning.dataset import Dataset
+from surefoot.runs.metrics import (
+    Best,
+    Collected,
+    GateTrained,
+    LearnedGate,
+    StageRecord,
+    Trained,
+    Validated,
+    format_line,
+    parse_line,
+)
 from surefoot.runs.versions import versions
 from surefoot.seeds import seed_of
 
+Record = TypeVar("Record", bound=StageRecord)
+
+CONFIG_FILE = "config.json"
+"""File in a run's folder that makes the folder a run."""
 _claims: list[int] = []
 """Descriptors of locked files, never closed: closing any of a file loses the lock."""
 
@@ -32,22 +48,47 @@ class RunError(ValueError):
     """A run folder cannot be used as asked."""
 
 
+@dataclass(frozen=True)
+class Setup:
+    """The content of a run's ``config.json``: what fixes its results.
+
+    Attributes:
+        config: The run's configuration.
+        versions: Version of Python, the processor and each package by name, when it was begun.
+    """
+
+    config: Config
+    versions: dict[str, str] = field(default_factory=dict)
+
+
 class Run:
-    """An open run folder; `create` or `open_run` make one."""
+    """An open run folder; `create` or `open_run` make one.
+
+    Args:
+        folder: Folder of the run.
+        config: Configuration of the run.
+
+    Attributes:
+        folder: Folder of the run.
+        config: Configuration of the run.
+        dataset: D, all frames that the run has kept.
+        listeners: Functions that are called with each record once it is on the disk.
+    """
 
     def __init__(self, folder: Path, config: Config) -> None:
         self.folder = folder
         self.config = config
         self.dataset = Dataset(folder / "data")
-        self.listeners: list[Callable[[dict[str, Any]], None]] = []
-        """Are called with each record, once it is on the disk."""
+        self.listeners: list[Callable[[StageRecord], None]] = []
+        self._parsed = b""
+        self._records: list[StageRecord] = []
 
     def claim(self) -> None:
         """Keep other processes from training in the folder, until this one ends, however it ends.
 
         Raises:
-            RunError: another process does.
-            WriteError: the folder cannot be written to.
+            RunError: Another process is training in the folder.
+            WriteError: The folder cannot be written to.
         """
         path = self.folder / ".lock"
         with writing(path):
@@ -65,6 +106,10 @@ class Run:
         """File of the policy that an iteration trained; iteration 0 is the pre-training."""
         return self.folder / "policies" / f"{iteration:03d}.safetensors"
 
+    def checkpoint_path(self, iteration: int) -> Path:
+        """File that holds the state of an iteration's training while it is in progress."""
+        return self.folder / "checkpoints" / f"{iteration:03d}.safetensors"
+
     def summary_path(self, shard: str) -> Path:
         """File of what is known of a shard's episodes besides their frames."""
         return self.folder / "episodes" / f"{shard}.npz"
@@ -73,100 +118,148 @@ class Run:
         """File of what a shard's robots saw, where a history gate learns from it."""
         return self.folder / "traces" / f"{shard}.npz"
 
-    def gate_path(self, kind: str, iteration: int) -> Path:
+    def gate_path(self, kind: LearnedGate, iteration: int) -> Path:
         """File of a learned gate's classifier, trained after an iteration's policy."""
         return self.folder / "gates" / f"{kind}-{iteration:03d}.safetensors"
+
+    @property
+    def metrics_path(self) -> Path:
+        """File of the metrics: one line for each stage that is done."""
+        return self.folder / "metrics.jsonl"
 
     @property
     def best_policy_path(self) -> Path:
         """File of the policy that did best on the `select` starts.
 
         Raises:
-            RunError: the run is not finished.
+            RunError: The run is not finished.
         """
-        done = self.done("best", 0)
-        if done is None:
+        best = self.best
+        if best is None:
             raise RunError(
-                f"{self.folder} has no best policy: the run is not finished. Go on with "
+                f"{self.folder} has no best policy: the run is not finished. Continue it with "
                 f"`surefoot train {self.method} --run {self.folder} --resume`"
             )
-        return self.policy_path(done["best_iteration"])
+        return self.policy_path(best.best_iteration)
 
     @property
     def method(self) -> str:
         """Name of the run's method."""
         return method_name(self.config)
 
-    def seed(self, stage: str, iteration: int) -> np.random.SeedSequence:
-        """Randomness of a stage: fixed by the root seed, never by who computes it."""
-        return seed_of(self.config.seed, stage, iteration)
+    def seed(self, purpose: str, iteration: int) -> np.random.SeedSequence:
+        """Seed of an iteration's draws for a purpose: fixed by the root seed, not by the worker."""
+        return seed_of(self.config.seed, purpose, iteration)
 
-    def torch_seed(self, stage: str, iteration: int) -> int:
+    def torch_seed(self, purpose: str, iteration: int) -> int:
         """The same as one number, for PyTorch."""
-        return int(self.seed(stage, iteration).generate_state(1)[0])
+        return int(self.seed(purpose, iteration).generate_state(1)[0])
 
     @property
-    def metrics(self) -> list[dict[str, Any]]:
-        """One record per stage done, in the order they were done."""
-        path = self.folder / "metrics.jsonl"
-        lines = path.read_bytes().splitlines() if path.exists() else []
-        records = []
-        for number, line in enumerate(lines, 1):
-            try:
-                records.append(json.loads(line))
-            except ValueError as error:
-                raise RunError(
-                    f"line {number} of {path} is not JSON ({error}); delete it and all lines "
-                    "after it: `surefoot train ... --resume` does those stages again"
-                ) from error
-        return records
+    def metrics(self) -> list[StageRecord]:
+        """One record for each stage that is done, in the order they were done.
 
-    def done(self, stage: str, iteration: int) -> dict[str, Any] | None:
-        """The record of a stage, or None if it is not done."""
-        key = (stage, iteration)
-        return next((r for r in self.metrics if (r["stage"], r["iteration"]) == key), None)
+        Raises:
+            RunError: A line of the file cannot be read.
+        """
+        content = self._metrics_content()
+        if content != self._parsed:
+            records = []
+            for number, line in enumerate(content.splitlines(), 1):
+                try:
+                    records.append(parse_line(line))
+                except ValueError as error:
+                    raise RunError(
+                        f"line {number} of {self.metrics_path} {error}; delete it and all lines "
+                        "after it: `surefoot train ... --resume` does those stages again"
+                    ) from error
+            self._records = records
+            self._parsed = content
+        return list(self._records)
 
-    def record(self, stage: str, iteration: int, **figures: Any) -> dict[str, Any]:
-        """Write a stage down as done; JSON knows no NaN, what is not a number becomes None."""
-        record = {"stage": stage, "iteration": iteration, **figures}
-        record = json.loads(json.dumps(record), parse_constant=lambda _: None)
-        lines = [json.dumps(line, allow_nan=False) for line in [*self.metrics, record]]
-        write_atomic(self.folder / "metrics.jsonl", "\n".join([*lines, ""]).encode())
+    def collected(self, iteration: int) -> Collected | None:
+        """The record of an iteration's collection, or None if it is not done."""
+        return self._find(Collected, iteration)
+
+    def trained(self, iteration: int) -> Trained | None:
+        """The record of an iteration's training, or None if it is not done."""
+        return self._find(Trained, iteration)
+
+    def validated(self, iteration: int) -> Validated | None:
+        """The record of an iteration's validation, or None if it is not done."""
+        return self._find(Validated, iteration)
+
+    def gate_trained(self, kind: LearnedGate, iteration: int) -> GateTrained | None:
+        """The record of the training of an iteration's learned gate, or None if it is not done."""
+        for record in self.metrics:
+            if not isinstance(record, GateTrained):
+                continue
+            if record.kind == kind and record.iteration == iteration:
+                return record
+        return None
+
+    @property
+    def best(self) -> Best | None:
+        """The record of the best policy, or None if the run is not finished."""
+        return self._find(Best, 0)
+
+    def append_metrics(self, record: Record) -> Record:
+        """Write the record of a stage into the metrics, which makes the stage done.
+
+        Args:
+            record: The record; numbers that are not finite become None, as JSON has none.
+
+        Returns:
+            The record as it is read back.
+
+        Raises:
+            RunError: A line of the file cannot be read.
+            WriteError: The file cannot be written.
+        """
+        _ = self.metrics  # a damaged file is an error, not something to append to
+        lines = [*self._metrics_content().splitlines(), format_line(record), b""]
+        write_atomic(self.metrics_path, b"\n".join(lines))
+        written = from_json(type(record), to_json(record))
         for listener in self.listeners:
-            listener(record)
-        return record
+            listener(written)
+        return written
+
+    def _metrics_content(self) -> bytes:
+        """The bytes of the metrics file; none if there is no file yet."""
+        return self.metrics_path.read_bytes() if self.metrics_path.exists() else b""
+
+    def _find(self, kind: type[Record], iteration: int) -> Record | None:
+        """The first record of a kind and an iteration."""
+        for record in self.metrics:
+            if isinstance(record, kind) and record.iteration == iteration:
+                return record
+        return None
 
 
 def create(folder: Path, config: Config, resume: bool = False) -> Run:
-    """A new run in a folder, or the one that is there if it is to be resumed; for this process.
+    """Create a run in a folder, or resume the one that is there; it belongs to this process.
+
+    Args:
+        folder: Folder of the run, new or empty, or with a run to resume.
+        config: Configuration of the run.
+        resume: Whether a run in the folder may be resumed.
 
     Raises:
-        WriteError: the folder cannot be written to.
-        RunError: the folder holds a run and ``resume`` is False, or a run with another config, or
+        WriteError: The folder cannot be written to.
+        RunError: The folder holds a run and ``resume`` is False, or a run with another config, or
             something else.
     """
-    path = folder / "config.json"
-    record = {"config": to_json(config), "versions": versions(config.simulation.backend)}
-    # A kill in the very first moment leaves an empty folder, or a lock or temporary file in it.
-    ours = path.exists() or not folder.exists()
-    if not ours and not all(_left_over(part) or part.name == ".lock" for part in folder.iterdir()):
-        raise RunError(
-            f"{folder} is not empty and holds no run (no {path.name}); choose another folder with "
-            f"--run, or restore {path.name} from a copy if it has been lost"
-        )
-    if not resume and (folder / "metrics.jsonl").exists():
-        raise RunError(
-            f"{folder} already holds a run. Continue it with --resume, or choose another "
-            "folder with --run"
-        )
+    path = folder / CONFIG_FILE
+    _check_folder(folder, resume)
     run = Run(folder, config)
     run.claim()  # first: of two that begin together, only one may read and write what follows
-    for part in filter(_left_over, [*folder.glob(".*"), *folder.glob("*/.*")]):
-        part.unlink()
+    for part in [*folder.glob(".*"), *folder.glob("*/.*")]:
+        if _is_left_over(part):
+            part.unlink()
     if path.exists():
         before = open_run(folder)
-        begun = before.metrics or before.dataset.shards  # if not, the first try was a slip
-        if before.config != config and begun:
+        has_begun = before.metrics or before.dataset.shards  # if not, the first try was a slip
+        if before.config != config and has_begun:
             raise RunError(
                 f"{folder} holds a run with another configuration ({path}); resume it with the "
                 "options it was started with, or choose another folder with --run"
@@ -174,46 +267,86 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
         if before.config == config:
             warn_of_versions(run)
             return run
-    write_atomic(path, json.dumps(record, indent=1).encode())
+    write_json(path, Setup(config, versions(config.simulation.backend)))
     return run
-
-
-def warn_of_versions(run: Run) -> None:
-    """Warn if a run was begun with other versions than these."""
-    begun = json.loads((run.folder / "config.json").read_text()).get("versions", {})
-    now = versions(run.config.simulation.backend)
-    other = [
-        f"{name} {begun.get(name)}, now {now.get(name)}"
-        for name in {**begun, **now}
-        if begun.get(name) != now.get(name)
-    ]
-    if other:
-        warnings.warn(
-            f"{run.folder} was begun with other versions ({'; '.join(other)}); what follows will "
-            "not be the same bits as with those",
-            stacklevel=3,
-        )
-
-
-def _left_over(path: Path) -> bool:
-    """Whether a file is what a killed process was writing."""
-    return path.name.startswith(".") and path.name.endswith(".tmp")
 
 
 def open_run(folder: Path) -> Run:
     """Open an existing run.
 
     Raises:
-        RunError: there is no run, or its config cannot be read.
+        RunError: There is no run, or its config cannot be read.
     """
-    path = folder / "config.json"
+    return Run(folder, read_setup(folder).config)
+
+
+def run_of_policy(policy: Path) -> Run | None:
+    """The run in whose folder a policy file lies (see `Run.policy_path`), or None if in none.
+
+    Raises:
+        RunError: The run's config cannot be read.
+    """
+    folder = policy.resolve().parent.parent
+    return open_run(folder) if (folder / CONFIG_FILE).exists() else None
+
+
+def read_setup(folder: Path) -> Setup:
+    """The configuration and the versions that a run was begun with.
+
+    Raises:
+        RunError: There is no run, or its config cannot be read.
+    """
+    path = folder / CONFIG_FILE
     if not path.exists():
         raise RunError(f"{folder} holds no run (no {path.name}); `surefoot train` makes one")
     try:
-        config = from_json(Config, json.loads(path.read_text())["config"])
+        return from_json(Setup, read_json(path))
     except (ValueError, KeyError, TypeError) as error:
         raise RunError(
             f"{path} cannot be read: {error}. Restore it from a copy, or from another run with the "
             "same options; what lies beside it is not touched"
         ) from error
-    return Run(folder, config)
+
+
+def warn_of_versions(run: Run) -> None:
+    """Warn if a run was begun with other versions than these."""
+    before = read_setup(run.folder).versions
+    now = versions(run.config.simulation.backend)
+    differences = [
+        f"{name} {before.get(name)}, now {now.get(name)}"
+        for name in before | now
+        if before.get(name) != now.get(name)
+    ]
+    if differences:
+        warnings.warn(
+            f"{run.folder} was begun with other versions ({'; '.join(differences)}); what follows "
+            "will not be the same bits as with those",
+            stacklevel=3,
+        )
+
+
+def _check_folder(folder: Path, resume: bool) -> None:
+    """Check that a run may be created in a folder, or resumed.
+
+    Raises:
+        RunError: The folder holds something else, or a run that is not to be resumed.
+    """
+    path = folder / CONFIG_FILE
+    if folder.exists() and not path.exists():
+        # A kill in the very first moment leaves an empty folder, or a lock or temporary file in it.
+        foreign = [p for p in folder.iterdir() if not _is_left_over(p) and p.name != ".lock"]
+        if foreign:
+            raise RunError(
+                f"{folder} is not empty and holds no run (no {path.name}); choose another folder "
+                f"with --run, or restore {path.name} from a copy if it has been lost"
+            )
+    if not resume and (folder / "metrics.jsonl").exists():
+        raise RunError(
+            f"{folder} already holds a run. Continue it with --resume, or choose another "
+            "folder with --run"
+        )
+
+
+def _is_left_over(path: Path) -> bool:
+    """Whether a file is what a killed process was writing."""
+    return path.name.startswith(".") and path.name.endswith(".tmp")

@@ -1,4 +1,10 @@
-"""Which episodes methods run: their ids and starts, the expert's rollouts, the rules of keeping."""
+"""What a method's rollouts begin from and leave behind: initial states, disturbance, kept frames.
+
+`expert_rollouts` is behavior cloning's data (paper, II-A), with which the iterative methods
+pre-train; `draw_starts` are the initial states of their later iterations (IV-E). `expert_frames`
+and `keep_unless_failed` are the rules by which frames enter D. Read `runs.episode_ids` for the ids
+and `rollouts.jobs` for what becomes of a job.
+"""
 
 from __future__ import annotations
 
@@ -10,29 +16,34 @@ from surefoot.config import Config, DisturbanceConfig, ExpertData, IterativeConf
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.engine import Episodes, Rollout
+from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
+from surefoot.runs.episode_ids import rollout_ids
 from surefoot.scenarios.starts import Starts, StartSet, at_rest, join_starts, load_starts
 from surefoot.types import BoolArray, IntArray, PlanFunction
 
-EPISODES_PER_ITERATION = 100_000
-"""Episode ids: iteration * this + index."""
 
+def rising_share(first: float, i: int, iterations: int) -> float:
+    """A share that rises evenly to 1 in the last iteration.
 
-def episode_ids(iteration: int, count: int) -> IntArray:
-    """Ids that no other iteration of a run uses."""
-    return iteration * EPISODES_PER_ITERATION + np.arange(count)
-
-
-def rising(first: float, i: int, iterations: int) -> float:
-    """A share that rises evenly from what it is in the first iteration to 1 in the last."""
+    Args:
+        first: Share in the first iteration.
+        i: The iteration, from 1 on.
+        iterations: Number of iterations N.
+    """
     return first + (1.0 - first) * (i - 1) / max(iterations - 1, 1)
 
 
 def disturbance_in(config: Config, i: int, iterations: int) -> DisturbanceConfig:
-    """What disturbs the rollouts of iteration i."""
+    """What disturbs the rollouts of iteration i of N: pushes grow from gentle to their full size.
+
+    Args:
+        config: Configuration of the run.
+        i: The iteration, from 1 on.
+        iterations: Number of iterations N.
+    """
     collection = config.collection
-    share = rising(collection.gentle, i, iterations)
+    share = rising_share(collection.gentle, i, iterations)
     low, high = collection.impulse
     return replace(collection, impulse=(share * low, share * high))
 
@@ -43,17 +54,26 @@ def expert_rollouts(
     plan: PlanFunction | None = None,
     disturbance: DisturbanceConfig | None = None,
 ) -> Job:
-    """Expert rollouts to clone, from the `train` starts; failed rollouts are dropped whole."""
+    """Expert rollouts to clone, from the `train` starts; failed rollouts are dropped whole.
+
+    Args:
+        config: Configuration of the run.
+        data: Number and length of the rollouts.
+        plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
+        disturbance: What disturbs the rollouts; None for nothing.
+
+    Raises:
+        ValueError: The stored set has fewer initial states than are asked for.
+    """
     stored = load_starts()
-    parts = [stored["train"][expert_rows(stored, data)]]
+    starts = stored["train"][expert_rows(stored, data)]
     if data.nominal:
-        # From standing still, as a robot is switched on: no other start teaches that.
-        speeds = np.unique(parts[0].command, axis=0)
-        parts.insert(0, at_rest(standing(solo12(config.robot)), speeds))
-    starts = join_starts(parts)
+        # From standing still, as a robot is switched on: no other initial state teaches that.
+        speeds = np.unique(starts.command, axis=0)
+        starts = join_starts([at_rest(standing(solo12(config.robot)), speeds), starts])
     return Job(
         config,
-        Episodes(starts, data.duration, id=episode_ids(0, len(starts))),
+        Episodes(starts, data.duration, id=rollout_ids(0, len(starts))),
         ExpertOnly(),
         keep=keep_unless_failed,
         plan=plan,
@@ -62,7 +82,11 @@ def expert_rollouts(
 
 
 def expert_rows(stored: StartSet, data: ExpertData) -> IntArray:
-    """Rows of the `train` split: velocities x ten phases x perturbations."""
+    """Rows of the `train` split to clone from: velocities x ten phases x perturbations.
+
+    Raises:
+        ValueError: The stored set has fewer initial states than are asked for.
+    """
     grid = stored.rows("train")
     if data.perturbations > grid.shape[0]:
         raise ValueError(
@@ -73,15 +97,17 @@ def expert_rows(stored: StartSet, data: ExpertData) -> IntArray:
     return grid[: data.perturbations, :, velocities].ravel()
 
 
-def keep_unless_failed(record: Rollout) -> BoolArray:
-    """All frames of rollouts that neither fell nor diverged."""
-    return record.happened & ~record.failed[:, None]
-
-
 def draw_starts(method: IterativeConfig, rng: np.random.Generator) -> Starts:
-    """Starts of one iteration: every velocity, at one random phase, with random perturbations.
+    """Draw one iteration's initial states: each velocity, one random phase, random perturbations.
 
     The first perturbations of the stored ones belong to the pre-training.
+
+    Args:
+        method: Parameters of the method.
+        rng: Random generator of the iteration.
+
+    Raises:
+        ValueError: The stored set has fewer initial states than are asked for.
     """
     stored = load_starts()
     grid = stored.rows("train")[method.pretraining.perturbations :]
@@ -94,20 +120,25 @@ def draw_starts(method: IterativeConfig, rng: np.random.Generator) -> Starts:
     rows = []
     for velocity in stored.velocities("train", method.velocities):
         phase = rng.integers(phases)
-        which = rng.choice(perturbations, method.perturbations, replace=False)
-        rows.extend(grid[which, phase, velocity])
+        drawn = rng.choice(perturbations, method.perturbations, replace=False)
+        rows.extend(grid[drawn, phase, velocity])
     return stored["train"][np.array(rows)]
 
 
-def expert_frames(record: Rollout) -> BoolArray:
-    """``(B, T)`` the frames to keep: what the expert drove, tail included.
+def keep_unless_failed(rollouts: Rollout) -> BoolArray:
+    """``(B, T)`` True for all frames of rollouts that neither fell nor diverged."""
+    return rollouts.happened & ~rollouts.failed[:, None]
+
+
+def expert_frames(rollouts: Rollout) -> BoolArray:
+    """``(B, T)`` True for the frames that the expert drove and that are kept, tail included.
 
     A block of the expert that ends in a fall or a divergence is dropped whole; it teaches how to
     fall. Earlier blocks of that rollout ended well and are kept.
     """
-    keep = record.expert_drove & record.happened
-    for robot in np.flatnonzero(record.failed):
-        tick = record.length[robot] - 1
+    keep = rollouts.expert_drove & rollouts.happened
+    for robot in np.flatnonzero(rollouts.failed):
+        tick = rollouts.length[robot] - 1
         while tick >= 0 and keep[robot, tick]:
             keep[robot, tick] = False
             tick -= 1

@@ -1,100 +1,131 @@
-"""What all methods share: draw starts, collect, train, validate, choose the best. Resumable.
+"""The stages that all methods share: collect data, train, validate, choose the best policy.
 
-Each function is one stage of an iteration; a stage whose record stands in the run's metrics is not
-done again.
+Each function is one stage of an iteration of the paper's Algorithms 1 to 4; a stage whose record is
+in the run's metrics is not done again, so that a run can be resumed. The methods (`methods`) put
+them in order; `runs.gate_training` adds the stages of learned gates.
 """
 
 from __future__ import annotations
 
+import logging
 import time
 from contextlib import closing
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
+from surefoot.config import IterativeConfig
 from surefoot.evaluation.robustness import evaluate
 from surefoot.files import load_arrays, save_arrays
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, policy_spec, save
-from surefoot.learning.train import fit
+from surefoot.learning.train import FitResult, fit
 from surefoot.rollouts.jobs import Job, chunks_of, expert_name, run_chunk
 from surefoot.rollouts.summary import Summary, join_summaries
-from surefoot.runs.accounting import collection_figures
+from surefoot.runs.accounting import collection_cost
+from surefoot.runs.episode_ids import end_of_iteration, shard_name
+from surefoot.runs.metrics import Best, Collected, Trained, Validated
 from surefoot.runs.run import Run, RunError
-from surefoot.runs.sampling import EPISODES_PER_ITERATION
+from surefoot.runs.sampling import expert_rollouts
 from surefoot.scenarios.starts import load_starts
+from surefoot.types import PlanFunction
 from surefoot.workers import Workers, each_chunk
 
+logger = logging.getLogger(__name__)
 
-def collect(run: Run, iteration: int, job: Job, workers: Workers) -> dict[str, Any]:
-    """D <- D u D': run the episodes of a job and append the frames that its rule keeps."""
-    if (done := run.done("collect", iteration)) is not None:
-        if done["expert"] != expert_name(job):
+
+def pretrain(
+    run: Run, method: IterativeConfig, workers: Workers, plan: PlanFunction | None = None
+) -> None:
+    """Pre-training: D <- expert rollouts; train pi_0 on D (behavior cloning).
+
+    Args:
+        run: The run.
+        method: Parameters of its method.
+        workers: Processes that run the rollouts.
+        plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
+    """
+    collect_data(run, 0, expert_rollouts(run.config, method.pretraining, plan), workers)
+    train_policy(run, 0, method.pretraining_epochs)
+
+
+def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collected:
+    """D <- D u D': run the episodes of a job and append the frames that its rule keeps.
+
+    Args:
+        run: The run.
+        iteration: The iteration i.
+        job: The iteration's rollouts.
+        workers: Processes that run the rollouts; the result does not depend on them.
+
+    Raises:
+        ValueError: The run was begun with another expert, or holds rollouts of another job.
+    """
+    done = run.collected(iteration)
+    if done is not None:
+        if done.expert != expert_name(job):
             raise ValueError(
-                f"{run.folder} was begun with the expert {done['expert']}, not with "
+                f"{run.folder} was begun with the expert {done.expert}, not with "
                 f"{expert_name(job)}; resume it with the same one, or begin another run"
             )
         run_and_store(run, iteration, job, workers)  # only what has been lost since
         return done
     began = time.perf_counter()
-    figures = collection_figures(run_and_store(run, iteration, job, workers))
-    data = dataset(run, iteration)
-    record = run.record(
-        "collect",
-        iteration,
+    cost = collection_cost(run_and_store(run, iteration, job, workers))
+    data = dataset_of(run, iteration)
+    record = Collected(
+        iteration=iteration,
         expert=expert_name(job),
         starts_hash=load_starts().hash,
-        **figures,
+        **vars(cost),
         dataset_frames=data.frames,
         dataset_hash=data.hash,
         seconds=time.perf_counter() - began,
     )
-    tqdm.write(
-        f"iteration {iteration}: {figures['episodes']} rollouts, {figures['falls']} fell, "
-        f"{figures['diverged']} diverged, expert share {100 * figures['expert_share']:.1f} % "
-        f"(with tail {100 * figures['expert_share_with_tail']:.1f} %), "
-        f"{figures['frames_kept']} frames kept, {data.frames} in all"
+    record = run.append_metrics(record)
+    logger.info(
+        f"iteration {iteration}: {cost.episodes} rollouts, {cost.falls} fell, "
+        f"{cost.diverged} diverged, expert share {100 * cost.expert_share:.1f} % "
+        f"(with tail {100 * cost.expert_share_with_tail:.1f} %), "
+        f"{cost.frames_kept} frames kept, {data.frames} in all"
     )
     return record
 
 
-def iteration_of(shard: str) -> int:
-    """The iteration that collected a shard."""
-    return int(shard.split("_")[1].split("-")[0])
-
-
-def dataset(run: Run, iteration: int) -> Dataset:
+def dataset_of(run: Run, iteration: int) -> Dataset:
     """D of iteration i. Later shards are there if an earlier stage has to be done again."""
-    return run.dataset.before((iteration + 1) * EPISODES_PER_ITERATION)
+    return run.dataset.before(end_of_iteration(iteration))
 
 
 def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summary:
     """Run the chunks of a job that are not stored yet, and store each as soon as it is done.
 
+    Args:
+        run: The run.
+        iteration: The iteration i.
+        job: The iteration's rollouts.
+        workers: Processes that run the rollouts.
+
+    Returns:
+        The summary of all episodes of the job, those that were stored before too.
+
     Raises:
-        ValueError: the run's folder holds chunks of another job.
+        ValueError: The run's folder holds chunks of another job.
     """
     chunks = chunks_of(job)
-    names = [f"iteration_{iteration:03d}-{number:03d}" for number in range(len(chunks))]
-    stored = {
-        name
-        for name in run.dataset.shards
-        if run.summary_path(name).exists()
-        and run.dataset.shard_path(name).exists()
-        and (run.trace_path(name).exists() or not job.trace)
-    }
+    names = [shard_name(iteration, number) for number in range(len(chunks))]
+    stored = _stored_shards(run, job)
     missing = [number for number, name in enumerate(names) if name not in stored]
     for chunk, name in zip(chunks, names, strict=True):
-        if name in stored and not _ran(load_arrays(run.summary_path(name), Summary), chunk):
+        if name in stored and not _is_of(load_arrays(run.summary_path(name), Summary), chunk):
             raise ValueError(
                 f"{run.folder} holds rollouts of iteration {iteration} from other starts or by "
                 f"another expert than {expert_name(job)}; resume it as it was begun, or begin "
                 "another run"
             )
-    label = f"iteration {iteration}: collect"
-    results = each_chunk(run_chunk, [chunks[number] for number in missing], workers, label)
+    title = f"iteration {iteration}: collect"
+    results = each_chunk(run_chunk, [chunks[number] for number in missing], workers, title)
     with closing(results):  # whatever goes wrong here, the workers end with it
         for done, result in results:
             # The shard last: one that the dataset knows is a chunk that is done.
@@ -106,19 +137,32 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
     return join_summaries([load_arrays(run.summary_path(name), Summary) for name in names])
 
 
-def _ran(summary: Summary, chunk: Job) -> bool:
-    """Whether a summary is of these episodes, by this expert."""
-    summary = summary[~summary.query]
-    same = np.array_equal(summary.episode, chunk.episode)
-    same = same and np.array_equal(summary.start, chunk.starts.id)
-    return same and bool((summary.expert == expert_name(chunk)).all())
+def _stored_shards(run: Run, job: Job) -> set[str]:
+    """Names of the shards of which everything that the job leaves behind is there."""
+    return {
+        name
+        for name in run.dataset.shards
+        if run.summary_path(name).exists()
+        and run.dataset.shard_path(name).exists()
+        and (run.trace_path(name).exists() or not job.trace)
+    }
+
+
+def _is_of(summary: Summary, chunk: Job) -> bool:
+    """Whether a summary is of the episodes of a chunk, by its expert."""
+    rollouts = summary[~summary.query]
+    return (
+        np.array_equal(rollouts.episode, chunk.episode)
+        and np.array_equal(rollouts.start, chunk.starts.id)
+        and bool((rollouts.expert == expert_name(chunk)).all())
+    )
 
 
 def first_frames(run: Run, frames: int) -> Dataset:
     """The first whole episodes of D, as many as have at most so many frames together.
 
     Raises:
-        ValueError: not even one episode does.
+        ValueError: Not even one episode has so few.
     """
     summary = join_summaries(
         [load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards]
@@ -129,39 +173,75 @@ def first_frames(run: Run, frames: int) -> Dataset:
         raise ValueError(f"method.frames: {frames} frames are less than one episode")
     if fits.all():
         return run.dataset
-    return run.dataset.before(int(summary.episode[order][np.argmin(fits)]))
+    first_left_out = np.argmin(fits)
+    return run.dataset.before(int(summary.episode[order][first_left_out]))
 
 
-def train(
+def train_policy(
     run: Run, iteration: int, epochs: int, data: Dataset | None = None, fresh: bool = False
-) -> dict[str, Any]:
+) -> Trained:
     """Train pi_i on D, starting from pi_{i-1}; the first starts from random weights.
 
     Args:
-        run: the run.
-        iteration: i.
-        epochs: passes over the data.
-        data: without it D of iteration i.
-        fresh: start from the random weights again.
+        run: The run.
+        iteration: The iteration i.
+        epochs: Number of passes over the data.
+        data: Data to train on; None for D of iteration i.
+        fresh: Whether to start from the random weights again.
+
+    Raises:
+        RunError: The policy was lost, and training it again gave another loss.
     """
-    done = run.done("train", iteration)
-    checkpoint = run.folder / "checkpoints" / f"{iteration:03d}.safetensors"
-    if done and run.policy_path(iteration).exists():
+    done = run.trained(iteration)
+    checkpoint = run.checkpoint_path(iteration)
+    if done is not None and run.policy_path(iteration).exists():
         checkpoint.unlink(missing_ok=True)  # of a run that was killed just before
         return done
     began = time.perf_counter()
-    config, data = run.config, data or dataset(run, iteration)
+    if data is None:
+        data = dataset_of(run, iteration)
+    result = _fit(run, iteration, epochs, data, fresh)
+    if done is not None and done.train_loss != result.train_loss[-1]:
+        raise RunError(
+            f"{run.policy_path(iteration)} is lost, and training it again gave a loss of "
+            f"{result.train_loss[-1]} instead of {done.train_loss} rad, on {result.device} "
+            f"instead of {done.device}: do it where it was trained, or restore it from a copy"
+        )
+    _save_policy(run, iteration, data, result)
+    record = done or run.append_metrics(
+        Trained(
+            iteration=iteration,
+            epochs=epochs,
+            steps=result.steps,
+            frames=result.frames,
+            device=result.device,
+            train_loss=result.train_loss[-1],
+            validation_loss=result.validation_loss[-1],
+            seconds=time.perf_counter() - began,
+        )
+    )
+    checkpoint.unlink(missing_ok=True)
+    logger.info(
+        f"iteration {iteration}: {epochs} epochs on {result.frames} frames, "
+        f"L1 {result.train_loss[-1]:.4f} rad, held out {result.validation_loss[-1]:.4f} rad"
+    )
+    return record
+
+
+def _fit(run: Run, iteration: int, epochs: int, data: Dataset, fresh: bool) -> FitResult:
+    """Fit a network under a progress bar; it resumes from the checkpoint if there is one."""
+    config = run.config
     if iteration == 0 or fresh:
         network = PolicyNetwork(config.policy, run.torch_seed("network", 0))
     else:
         network = load(run.policy_path(iteration - 1)).network
     with tqdm(total=epochs, desc=f"iteration {iteration}: train", unit="epoch", leave=False) as bar:
 
-        def progress(_epoch: int, _of: int, train_loss: float, validation_loss: float) -> None:
+        def progress(_epoch: int, _epochs: int, train_loss: float, validation_loss: float) -> None:
             bar.set_postfix(train=f"{train_loss:.4f}", validation=f"{validation_loss:.4f}")
             bar.update()
 
-        result = fit(
+        return fit(
             network,
             data,
             config.training,
@@ -169,14 +249,13 @@ def train(
             epochs,
             run.torch_seed("order", iteration),
             progress,
-            checkpoint,
+            run.checkpoint_path(iteration),
         )
-    if done and done["train_loss"] != result.train_loss[-1]:
-        raise RunError(
-            f"{run.policy_path(iteration)} is lost, and training it again gave a loss of "
-            f"{result.train_loss[-1]} instead of {done['train_loss']} rad, on {result.device} "
-            f"instead of {done['device']}: do it where it was trained, or restore it from a copy"
-        )
+
+
+def _save_policy(run: Run, iteration: int, data: Dataset, result: FitResult) -> None:
+    """Write the policy of an iteration, with where it comes from."""
+    config = run.config
     provenance = {
         "run": run.folder.name,
         "method": run.method,
@@ -188,56 +267,54 @@ def train(
         result.network, policy_spec(config), result.command_range, provenance=provenance
     )
     save(policy, run.policy_path(iteration))
-    record = done or run.record(
-        "train",
-        iteration,
-        epochs=epochs,
-        steps=result.steps,
-        frames=result.frames,
-        device=result.device,
-        train_loss=result.train_loss[-1],
-        validation_loss=result.validation_loss[-1],
-        seconds=time.perf_counter() - began,
-    )
-    checkpoint.unlink(missing_ok=True)
-    tqdm.write(
-        f"iteration {iteration}: {epochs} epochs on {result.frames} frames, "
-        f"L1 {result.train_loss[-1]:.4f} rad, held out {result.validation_loss[-1]:.4f} rad"
-    )
-    return record
 
 
-def validate(run: Run, iteration: int, workers: Workers) -> dict[str, Any]:
-    """Robustness of pi_i on the `select` starts: the figure a policy is chosen by."""
-    if done := run.done("validate", iteration):
+def validate_policy(run: Run, iteration: int, workers: Workers) -> Validated:
+    """Measure the robustness of pi_i on the `select` starts, by which a policy is chosen.
+
+    Args:
+        run: The run.
+        iteration: The iteration i.
+        workers: Processes that run the episodes; the result does not depend on them.
+    """
+    done = run.validated(iteration)
+    if done is not None:
         return done
     began = time.perf_counter()
-    figures, _ = evaluate(
-        run.config,
-        run.policy_path(iteration),
-        "select",
-        workers,
-        f"iteration {iteration}: validate",
+    robustness, _ = evaluate(run.config, run.policy_path(iteration), "select", workers)
+    record = run.append_metrics(
+        Validated(iteration=iteration, **vars(robustness), seconds=time.perf_counter() - began)
     )
-    record = run.record("validate", iteration, **figures, seconds=time.perf_counter() - began)
-    tqdm.write(
-        f"iteration {iteration}: {figures['successes']} of {figures['episodes']} select starts, "
-        f"{figures['falls']} fell, {figures['stalls']} stalled"
+    logger.info(
+        f"iteration {iteration}: {record.successes} of {record.episodes} select starts, "
+        f"{record.falls} fell, {record.stalls} stalled"
     )
     return record
 
 
-def best(run: Run, last: int, first: int = 0) -> dict[str, Any]:
-    """Of iterations first to last, the policy with most successes on `select`.
+def choose_best_policy(run: Run, last: int, first: int = 0) -> Best:
+    """Choose the policy with most successes on `select`, of iterations first to last.
 
     Among equals, the one that has seen most data: where all succeed, tracking errors differ by
-    chance, and later policies stand harder pushes (``benchmarks/README.md``).
+    chance, and later policies withstand harder pushes (``benchmarks/README.md``).
+
+    Args:
+        run: The run.
+        last: Last iteration whose policy may be chosen.
+        first: First iteration whose policy may be chosen.
+
+    Raises:
+        RunError: An iteration has not been validated.
     """
-    if done := run.done("best", 0):
-        return done
-
-    def merit(iteration: int) -> tuple[int, int]:
-        return (run.done("validate", iteration) or {})["successes"], iteration
-
-    winner = max(range(first, last + 1), key=merit)
-    return run.record("best", 0, best_iteration=winner)
+    if run.best is not None:
+        return run.best
+    best_iteration = first
+    most_successes = -1
+    for iteration in range(first, last + 1):
+        record = run.validated(iteration)
+        if record is None:
+            raise RunError(f"{run.folder} has not validated the policy of iteration {iteration}")
+        if record.successes >= most_successes:
+            best_iteration = iteration
+            most_successes = record.successes
+    return run.append_metrics(Best(best_iteration=best_iteration))

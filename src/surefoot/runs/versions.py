@@ -1,4 +1,7 @@
-"""Versions of Python, the processor and packages: the same bits are promised for the same ones."""
+"""Versions of Python, the processor and packages: the same bits are promised for the same ones.
+
+They are written into a run's ``config.json`` and compared when it is resumed (`runs.run`).
+"""
 
 from __future__ import annotations
 
@@ -9,21 +12,25 @@ from pathlib import Path
 from surefoot.config import Backend
 
 PACKAGES = ("surefoot", "numpy", "scipy", "pin", "mujoco", "numba", "torch", "onnxruntime", "h5py")
+"""Packages whose versions decide the bits of a result."""
+PROCESSOR_FIELDS = ("model name", "cpu family", "model\t")
+"""Beginnings of the lines of ``/proc/cpuinfo`` that name a model of processor."""
 
 
 def versions(backend: Backend = "mujoco") -> dict[str, str]:
-    """Python, processor and package versions: the same bits are promised for the same ones.
+    """The version of Python, the processor, and the version of each package, by name.
 
     Args:
-        backend: PyBullet's version counts where it is the simulator.
+        backend: Name of the simulator; the version of PyBullet counts only where it is `bullet`.
     """
-    found = {"python": platform.python_version(), "processor": processor()}
-    for name in (*PACKAGES, *(["pybullet"] if backend == "bullet" else [])):
+    names = (*PACKAGES, "pybullet") if backend == "bullet" else PACKAGES
+    by_name = {"python": platform.python_version(), "processor": processor()}
+    for name in names:
         try:
-            found[name] = version(name)
+            by_name[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "missing"
-    return found
+            by_name[name] = "missing"
+    return by_name
 
 
 def processor() -> str:
@@ -32,6 +39,8 @@ def processor() -> str:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         return platform.machine()
-    names = ("model name", "cpu family", "model\t")
-    parts = [next((line for line in lines if line.startswith(name)), "") for name in names]
-    return ", ".join(part.partition(":")[2].strip() for part in parts) or platform.machine()
+    parts = []
+    for field in PROCESSOR_FIELDS:
+        line = next((line for line in lines if line.startswith(field)), "")
+        parts.append(line.partition(":")[2].strip())
+    return ", ".join(parts) or platform.machine()

@@ -1,1 +1,1 @@
-"""Many runs side by side."""
+"""Studies of many runs, or of many variants of the expert; read `records` first."""

@@ -1,294 +1,263 @@
 """The methods side by side: policies of several runs, and the expert, on the same ground.
 
-All are evaluated from the same `test` starts and take the same pushes, in each simulator, under
-the first run's settings; of a run come only its policy, with its gains, and what it cost. What is
-measured is written down at once: a comparison that is interrupted goes on where it stopped.
+All are evaluated from the same `test` initial states and take the same pushes, in each simulator,
+under the first run's settings. A comparison in progress is a sequence of immutable `Comparison`
+records; each is written down after its measurement, so that one that is interrupted resumes where
+it stopped. Read `records` for what it holds, `ground` for which runs can be compared.
 """
 
 from __future__ import annotations
 
-import json
-from collections import Counter
+import logging
 from collections.abc import Sequence
-from dataclasses import replace
-from hashlib import sha256
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import get_args
 
-from tqdm import tqdm
-
-from surefoot.config import (
-    Backend,
-    Config,
-    DisturbanceConfig,
-    LocoDaggerConfig,
-    LocoSafeDaggerConfig,
-    SafetyConfig,
-    simulated,
-)
-from surefoot.config.json_io import changes, to_json
+from surefoot.config import Backend, Config, simulated
 from surefoot.evaluation.push import push_difference, push_recovery
 from surefoot.evaluation.robustness import evaluate
 from surefoot.evaluation.statistics import paired_difference
 from surefoot.files import as_digits, from_digits, write_json
-from surefoot.methods import METHODS
-from surefoot.rollouts.jobs import PLANNER
 from surefoot.rollouts.outcome import Outcome
-from surefoot.runs.accounting import cost_of
-from surefoot.runs.policies import find_policy
-from surefoot.runs.run import Run, RunError, open_run
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import load_starts
+from surefoot.study.ground import (
+    EXPERT,
+    WhichPolicy,
+    common_ground,
+    open_comparable_runs,
+    rows_of,
+)
+from surefoot.study.records import (
+    Comparison,
+    Difference,
+    Differences,
+    Measured,
+    RobustnessByStart,
+    Row,
+    read_comparison,
+)
 from surefoot.types import BoolArray
 from surefoot.workers import Workers
 
-EXPERT = "expert"
-"""Label of the expert's row."""
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """What is measured of each controller in a comparison.
+
+    Attributes:
+        simulators: The simulators to measure in.
+        episodes: Number of `test` initial states, the first ones of the set.
+        pushes: Whether to push the robots too.
+        push_speeds: Number of forward speeds of the robots that are pushed, each at ten phases of
+            the gait; None takes the runs' own number.
+    """
+
+    simulators: tuple[Backend, ...] = get_args(Backend)
+    episodes: int = 500
+    pushes: bool = True
+    push_speeds: int | None = None
 
 
 def compare(
     runs: Sequence[Path],
-    simulators: Sequence[Backend],
-    episodes: int,
+    measurements: Measurements,
     workers: Workers,
     path: Path | None = None,
     *,
     names: Sequence[str] = (),
     baseline: Path | None = None,
-    which: Literal["best", "last"] = "best",
-    pushes: bool = True,
-    push_speeds: int | None = None,
-) -> dict[str, Any]:
+    which: WhichPolicy = "best",
+) -> Comparison:
     """Measure the policies of several runs, and the expert.
 
     Args:
-        runs: their folders.
-        simulators: to measure in.
-        episodes: the first so many `test` starts.
-        workers: who runs the episodes.
-        path: file to write to after each measurement, and to go on with.
-        names: labels of the runs; without them `label_of` each.
-        baseline: the run that the others are compared with; the first behaviour cloning without it.
-        which: `best`, the policy chosen on the `select` starts, or `last`.
-        pushes: whether to push them.
-        push_speeds: forward speeds of the robots pushed, ten of each; as configured without it.
-
-    Returns:
-        ``rows``: the expert's and one of each run, ``label``, ``run``, ``method``, ``policy``,
-        ``sha256`` of the policy's file, ``cost`` (see `accounting.cost_of`); ``results``, for each
-        simulator ``evaluation`` (see `evaluation.figures_of`; ``outcomes`` and ``strict`` have one
-        digit a start, of `Outcome` and 1 for strict stepping) and ``pushes`` (see
-        `push_recovery`); ``differences``, for each simulator to the ``expert`` and to the
-        ``baseline``: ``success`` (see `paired_difference`) and ``pushes`` (see `push_difference`).
-        ``baseline``: its label.
+        runs: Folders of the runs.
+        measurements: What is measured.
+        workers: Processes that run the episodes.
+        path: File to write to after each measurement, and to resume from if it exists.
+        names: Labels of the runs; without them, the method and what distinguishes each run.
+        baseline: Folder of the run that the others are compared with; without it the first run of
+            behavior cloning.
+        which: `best` for the policy chosen on the `select` starts, or `last`.
 
     Raises:
-        ValueError: runs that cannot be compared, or a file that holds another comparison.
-        RunError: a folder without a run, or without such a policy.
+        ValueError: The runs cannot be compared, or the file holds another comparison.
+        RunError: A folder holds no run, or a run no such policy.
     """
-    config, rows = entries(runs, names, which, episodes)
-    if push_speeds is not None:
-        config = replace(config, push=replace(config.push, speeds=push_speeds))
-    labels = {Path(row["run"]): row["label"] for row in rows if row["run"]}
-    cloned = (row["label"] for row in rows if row["method"] == "behavior_cloning")
-    if baseline is not None and baseline not in labels:
-        raise ValueError(f"the baseline {baseline} is none of {', '.join(map(str, labels))}")
-    record: dict[str, Any] = {
-        "config": to_json(config),
-        "episodes": episodes,
-        "versions": versions("bullet"),
-        "starts": {load_starts().name: load_starts().hash},
-        "baseline": next(cloned, None) if baseline is None else labels[baseline],
-        "rows": rows,
-    }
+    opened = open_comparable_runs(runs)
+    config = _config_of(opened[0].config, measurements)
+    rows = rows_of(opened, names, which)
+    stored = load_starts()
+    comparison = Comparison(
+        config=config,
+        episodes=measurements.episodes,
+        versions=versions("bullet"),
+        starts={stored.name: stored.hash},
+        baseline=baseline_label(rows, baseline),
+        rows=rows,
+    )
     if path is not None and path.exists():
-        take_over(path, record)
-    for simulator, row in product(simulators, rows):
+        comparison = resume_comparison(path, comparison)
+    for simulator, number in product(measurements.simulators, range(len(rows))):
+        row = comparison.rows[number]
+        title = f"{simulator}, {row.label}"
         ground = simulated(config, simulator)
-        policy = None if row["policy"] is None else Path(row["policy"])
-        results, label = row["results"].setdefault(simulator, {}), f"{simulator}, {row['label']}"
-        if "evaluation" not in results:
-            figures, summary = evaluate(ground, policy, "test", workers, label)
-            figures["outcomes"] = as_digits(summary.outcome)
-            figures["strict"] = as_digits(summary.strict)
-            results["evaluation"] = figures
-            keep(path, record)
-            tqdm.write(f"{label}: {figures['successes']} of {episodes}, {figures['falls']} fell")
-        if pushes and "pushes" not in results:
-            results["pushes"] = push_recovery(ground, policy, workers, label)
-            keep(path, record)
-            tqdm.write(f"{label}: {results['pushes']['mean_fitted_impulse']:.2f} Ns")
-    for row in rows:
-        row["differences"] = differences(record, row)
-    keep(path, record)
-    return record
+        policy = None if row.policy is None else Path(row.policy)
+        measured = row.results.get(simulator, Measured())
+        if measured.evaluation is None:
+            evaluation = evaluate_by_start(ground, policy, workers)
+            measured = replace(measured, evaluation=evaluation)
+            comparison = with_results(comparison, number, simulator, measured)
+            save_comparison(path, comparison)
+            logger.info(
+                "%s: %d of %d, %d fell",
+                title,
+                evaluation.successes,
+                evaluation.episodes,
+                evaluation.falls,
+            )
+        if measurements.pushes and measured.pushes is None:
+            pushes = push_recovery(ground, policy, workers)
+            measured = replace(measured, pushes=pushes)
+            comparison = with_results(comparison, number, simulator, measured)
+            save_comparison(path, comparison)
+            logger.info("%s: %.2f N s", title, pushes.mean_fitted_impulse)
+    comparison = with_differences(comparison)
+    save_comparison(path, comparison)
+    return comparison
 
 
-def keep(path: Path | None, record: dict[str, Any]) -> None:
-    """Write the record down."""
-    if path is not None:
-        write_json(path, record)
+def _config_of(config: Config, measurements: Measurements) -> Config:
+    """The configuration under which all are measured, from that of the first run."""
+    ground = replace(common_ground(config, measurements.episodes), chunk=config.chunk)
+    if measurements.push_speeds is None:
+        return ground
+    return replace(ground, push=replace(ground.push, speeds=measurements.push_speeds))
 
 
-def entries(
-    runs: Sequence[Path], names: Sequence[str], which: Literal["best", "last"], episodes: int
-) -> tuple[Config, list[dict[str, Any]]]:
-    """The configuration under which all are evaluated, and the rows, without results.
+def baseline_label(rows: Sequence[Row], baseline: Path | None) -> str | None:
+    """Label of the row that the others are compared with.
+
+    Args:
+        rows: The rows.
+        baseline: Folder of its run; None takes the first run of behavior cloning, if there is any.
 
     Raises:
-        ValueError: runs that cannot be compared, or names that do not fit.
+        ValueError: No row is of that run.
     """
-    if not runs:
-        raise ValueError("compare what? Name the folders of runs")
-    if names and len(names) != len(runs):
-        raise ValueError(f"{len(names)} names for {len(runs)} runs; give one for each")
-    opened = [open_run(folder) for folder in runs]
-    for run in opened:
-        check_comparable(run, opened[0])
-    labels = list(names) or [label_of(run) for run in opened]
-    count = Counter([EXPERT, *labels])
-    if not names:
-        labels = [
-            f"{label} ({run.folder.name})" if count[label] > 1 else label
-            for label, run in zip(labels, opened, strict=True)
-        ]
-        count = Counter(labels)
-    if twice := sorted(label for label in labels if count[label] > 1 or label == EXPERT):
-        raise ValueError(f"rows of the same name: {', '.join(twice)}; tell them apart with --names")
-    nothing = dict.fromkeys(("run", "method", "policy", "sha256", "cost"))
-    rows: list[dict[str, Any]] = [{"label": EXPERT, **nothing, "results": {}}]
-    for run, label in zip(opened, labels, strict=True):
-        policy = run.best_policy_path if which == "best" else last_policy(run)
-        find_policy(policy)  # one that cannot be used fails here, not hours later
-        digest = sha256(policy.read_bytes()).hexdigest()
-        if same := [row["run"] for row in rows if row["sha256"] == digest]:
-            raise ValueError(f"{run.folder} and {same[0]} hold the same policy; name one of them")
-        rows.append(
-            {
-                "label": label,
-                "run": str(run.folder),
-                "method": run.method,
-                "policy": str(policy),
-                "sha256": digest,
-                "cost": cost_of(run.metrics, getattr(run.config.method, "T", 0.0)),
-                "results": {},
-            }
-        )
-    return replace(ground_of(opened[0].config, episodes), chunk=opened[0].config.chunk), rows
+    if baseline is None:
+        cloned = [row.label for row in rows if row.method == "behavior_cloning"]
+        return cloned[0] if cloned else None
+    for row in rows:
+        if row.run is not None and Path(row.run) == baseline:
+            return row.label
+    folders = ", ".join(row.run for row in rows if row.run is not None)
+    raise ValueError(f"the baseline {baseline} is none of {folders}")
 
 
-def ground_of(config: Config, episodes: int) -> Config:
-    """What of a run's configuration bears on an evaluation, without the simulator; rest default."""
-    falls = ("fall_height", "fall_angle", "grace", "stepping_from")
-    return Config(
-        robot=config.robot,
-        simulation=replace(config.simulation, backend="mujoco"),
-        gait=config.gait,
-        expert=config.expert,
-        safety=SafetyConfig(**{name: getattr(config.safety, name) for name in falls}),
-        evaluation=replace(config.evaluation, episodes=episodes),
-        push=config.push,
+def evaluate_by_start(config: Config, policy: Path | None, workers: Workers) -> RobustnessByStart:
+    """Robustness on the `test` initial states, with the outcome of every episode.
+
+    Args:
+        config: The configuration, simulator included.
+        policy: File of the policy; None evaluates the expert.
+        workers: Processes that run the episodes.
+    """
+    robustness, summary = evaluate(config, policy, "test", workers)
+    return RobustnessByStart(
+        **vars(robustness),
+        outcomes=as_digits(summary.outcome),
+        strict=as_digits(summary.strict),
     )
 
 
-def check_comparable(run: Run, first: Run) -> None:
-    """Whether two runs stand on the same ground.
+def with_results(
+    comparison: Comparison, number: int, simulator: Backend, measured: Measured
+) -> Comparison:
+    """The comparison with what was measured of one row in one simulator."""
+    rows = list(comparison.rows)
+    results = rows[number].results | {simulator: measured}
+    rows[number] = replace(rows[number], results=results)
+    return replace(comparison, rows=tuple(rows))
+
+
+def save_comparison(path: Path | None, comparison: Comparison) -> None:
+    """Write the comparison to its file, if it has one."""
+    if path is not None:
+        write_json(path, comparison)
+
+
+def resume_comparison(path: Path, comparison: Comparison) -> Comparison:
+    """The comparison with the results that its file already holds.
+
+    Args:
+        path: The file.
+        comparison: What is to be compared, without results.
 
     Raises:
-        ValueError: other physics, gait, expert, falls, evaluation, pushes or starts.
+        ValueError: The file is of another configuration, of other versions or initial states, or
+            holds results of policies that are not asked for, which would be lost.
     """
-    for name, value, other in changes(ground_of(run.config, 1), ground_of(first.config, 1)):
-        raise ValueError(
-            f"{run.folder} has {name} {value}, {first.folder} has {other}: they cannot be compared"
-        )
-    stored = load_starts()
-    for record in run.metrics:
-        if record.get("starts_hash", stored.hash) != stored.hash:
-            raise ValueError(
-                f"{run.folder} was made from other starts ({record['starts_hash'][:8]}...) than "
-                f"{stored.name} ({stored.hash[:8]}...): results on different starts cannot be "
-                "compared"
-            )
-        if record.get("expert", PLANNER) != PLANNER:
-            raise ValueError(
-                f"{run.folder} learned from your own expert {record['expert']}, which has no row "
-                "here: use evaluation.evaluate and push.push_recovery with your plan, from Python"
-            )
-
-
-def label_of(run: Run) -> str:
-    """The method, and what distinguishes the run."""
-    method = run.config.method
-    collection = run.config.collection
-    parts = [METHODS[run.method].title]
-    if isinstance(method, LocoDaggerConfig):
-        parts.append(f"alpha {method.alpha:g}")
-    if isinstance(method, LocoSafeDaggerConfig):
-        parts.append(" + ".join(method.gates))
-    if collection.pushes or collection.expert_impulse[1]:
-        parts.append("pushes")
-    plain = DisturbanceConfig()
-    if any(
-        getattr(collection, name) != getattr(plain, name)
-        for name in ("friction", "mass", "noise", "delay")
+    before = read_comparison(path)
+    for name, same in (
+        ("episodes", before.episodes == comparison.episodes),
+        ("config", before.config == comparison.config),
+        ("versions", before.versions == comparison.versions),
+        ("starts", before.starts == comparison.starts),
     ):
-        parts.append("disturbed")
-    return ", ".join(parts)
-
-
-def last_policy(run: Run) -> Path:
-    """File of the policy trained last.
-
-    Raises:
-        RunError: none has been trained.
-    """
-    trained = [record["iteration"] for record in run.metrics if record["stage"] == "train"]
-    if not trained:
-        raise RunError(f"{run.folder} has no policy yet; go on with `surefoot train ... --resume`")
-    return run.policy_path(max(trained))
-
-
-def take_over(path: Path, record: dict[str, Any]) -> None:
-    """Fill in the results that a file holds already.
-
-    Raises:
-        ValueError: it is of another configuration, of other versions or starts, or holds results
-            of policies that are not asked for, which would be lost.
-    """
-    found = json.loads(path.read_text())
-    for key in ("episodes", "config", "versions", "starts"):
-        if found.get(key) != record[key]:
-            raise ValueError(f"{path} holds a comparison of other {key}; name another file")
-    before = {row["sha256"]: row for row in found["rows"]}
-    for row in record["rows"]:
-        row["results"] = before.pop(row["sha256"], row)["results"]
-    if before:
-        others = ", ".join(f"{row['label']} ({row['policy']})" for row in before.values())
+        if not same:
+            raise ValueError(f"{path} holds a comparison of other {name}; name another file")
+    asked = {row.sha256 for row in comparison.rows}
+    lost = [f"{row.label} ({row.policy})" for row in before.rows if row.sha256 not in asked]
+    if lost:
         raise ValueError(
-            f"{path} also holds results of {others}: name these runs too, or another file; a run "
-            "that was trained on has another policy"
+            f"{path} also holds results of {', '.join(lost)}: name these runs too, or another "
+            "file; a run that was trained on has another policy"
         )
+    results = {row.sha256: row.results for row in before.rows}
+    rows = [replace(row, results=results.get(row.sha256, {})) for row in comparison.rows]
+    return replace(comparison, rows=tuple(rows))
 
 
-def differences(record: dict[str, Any], row: dict[str, Any]) -> dict[str, Any]:
-    """Paired differences of a row to the expert and to the baseline, in each simulator."""
-    labelled = {each["label"]: each for each in record["rows"]}
-    found: dict[str, Any] = {}
-    for simulator, (to, label) in product(
-        row["results"], (("expert", EXPERT), ("baseline", record["baseline"]))
-    ):
-        if label is None or labelled[label] is row:
-            continue
-        mine, other = (each["results"].get(simulator, {}) for each in (row, labelled[label]))
-        pair = found.setdefault(simulator, {}).setdefault(to, {})
-        if "evaluation" in mine and "evaluation" in other:
-            pair["success"] = paired_difference(succeeded(mine), succeeded(other))
-        if "pushes" in mine and "pushes" in other:
-            pair["pushes"] = push_difference(mine["pushes"], other["pushes"])
-    return found
+def with_differences(comparison: Comparison) -> Comparison:
+    """The comparison with the paired differences of its rows, in each simulator."""
+    by_label = {row.label: row for row in comparison.rows}
+    expert = by_label[EXPERT]
+    baseline = None if comparison.baseline is None else by_label[comparison.baseline]
+    rows = []
+    for row in comparison.rows:
+        differences = {}
+        for simulator in row.results:
+            pair = Differences(
+                expert=difference_of(row, expert, simulator),
+                baseline=difference_of(row, baseline, simulator),
+            )
+            if pair != Differences():
+                differences[simulator] = pair
+        rows.append(replace(row, differences=differences))
+    return replace(comparison, rows=tuple(rows))
 
 
-def succeeded(results: dict[str, Any]) -> BoolArray:
-    """``(n,)`` True for each start that ended in success."""
-    return from_digits(results["evaluation"]["outcomes"]) == Outcome.SUCCESS
+def difference_of(row: Row, other: Row | None, simulator: Backend) -> Difference | None:
+    """Paired differences of a row to another in one simulator; None to itself, or without one."""
+    if other is None or other is row:
+        return None
+    measured = row.results.get(simulator, Measured())
+    reference = other.results.get(simulator, Measured())
+    success = None
+    if measured.evaluation is not None and reference.evaluation is not None:
+        success = paired_difference(succeeded(measured.evaluation), succeeded(reference.evaluation))
+    pushes = None
+    if measured.pushes is not None and reference.pushes is not None:
+        pushes = push_difference(measured.pushes, reference.pushes)
+    return Difference(success, pushes)
+
+
+def succeeded(evaluation: RobustnessByStart) -> BoolArray:
+    """``(n,)`` True for each initial state whose episode ended in success."""
+    return from_digits(evaluation.outcomes) == Outcome.SUCCESS

@@ -1,165 +1,220 @@
 """The expert under test: both simulators, two horizons, published and own rules, on equal terms.
 
-Every variant starts from the same stored `test` starts, perturbed with the paper's standard
-deviations and with 1.5 times those, and takes the same pushes. What is measured is written down at
-once: a survey that is interrupted goes on where it stopped.
+Every variant starts from the same stored `test` initial states, perturbed with the paper's standard
+deviations and with 1.5 times those, and takes the same pushes. A survey in progress is a sequence
+of immutable `Survey` records; each is written down after its measurement, so that one that is
+interrupted resumes where it stopped. `records` says what it holds, `docs/expert.md` what came out.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
+import logging
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
-from tqdm import tqdm
 
-from surefoot.bench.plan import cold_plans, times_of
+from surefoot.bench.plan import Times, cold_plans, times_of
 from surefoot.config import Backend, Config, PushConfig, simulated
-from surefoot.config.json_io import to_json
 from surefoot.config.presets import published_rules
-from surefoot.evaluation.push import push_recovery
+from surefoot.evaluation.push import PushLimits, push_recovery
 from surefoot.evaluation.robustness import evaluate
 from surefoot.evaluation.statistics import wilson
-from surefoot.files import write_json
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import PACKAGED, load_starts
-from surefoot.study.tables import markdown
+from surefoot.study.records import (
+    Nodes,
+    Rules,
+    Survey,
+    SurveyCell,
+    Survival,
+    read_survey,
+    write_survey,
+)
+from surefoot.study.tables import markdown, percent_range
 from surefoot.workers import Workers
 
 PUSHES = PushConfig(split="nominal", speeds=4, before=0.25, after=1.75, resolution=0.1, levels=50)
 """The expert is pushed out of its settled gait, in which it needs no two seconds before."""
-HORIZONS = ((20, 10), (10, 5))
-"""Centroidal and kinematic nodes of 50 ms."""
-RULES: dict[str, Callable[[Config], Config]] = {
-    "published": published_rules,
-    "own": lambda config: config,
-}
+PAPER, WIDE = PACKAGED
+"""The sets of initial states with the paper's deviations, and with 1.5 times those."""
+
+HORIZONS: tuple[Nodes, ...] = ((20, 10), (10, 5))
+"""The horizons: centroidal and kinematic nodes."""
+
+logger = logging.getLogger(__name__)
 
 
-def survey(
+def survey_expert(
     config: Config, simulator: Backend | None, episodes: int, workers: Workers, path: Path | None
-) -> dict[str, Any]:
+) -> Survey:
     """Measure every variant of the expert.
 
     Args:
-        config: what the variants have in common, and the own rules.
-        simulator: the only one to measure; both without it.
-        episodes: starts of each set, 5 s each.
-        workers: who runs the episodes.
-        path: file to write to after each measurement, and to go on with.
-
-    Returns:
-        ``cells``: for each variant ``simulator``, ``nodes``, ``rules``; ``plan_ms`` (see
-        `times_of`); for the starts and, after ``wide_``, for those with 1.5 times the deviations
-        ``episodes``, ``survived``, ``survived_interval`` (Wilson 95 %), ``stalls``, ``lost`` (ids),
-        ``invalid_plans``, ``mse`` (vx, vy, yaw rate, from 1 s on) and ``starts_hash``; ``push``
-        (see `push_recovery`). ``lost_by_all``: for each simulator and set the starts that every
-        variant loses.
+        config: What the variants have in common, with the own rules.
+        simulator: The only simulator to measure in; None measures in all.
+        episodes: Number of initial states of each set, 5 s each.
+        workers: Processes that run the episodes.
+        path: File to write to after each measurement, and to resume from if it exists.
 
     Raises:
-        ValueError: the file holds a survey of another configuration, of other versions or starts.
+        ValueError: The file holds a survey of another configuration, of other versions or initial
+            states.
     """
     simulators = get_args(Backend) if simulator is None else (simulator,)
-    record: dict[str, Any] = {
-        "config": to_json(config),
-        "episodes": episodes,
-        "versions": versions(),
-        "starts": {name: load_starts(name).hash for name in PACKAGED},
-        "cells": [],
-    }
+    survey = Survey(
+        config=config,
+        episodes=episodes,
+        versions=versions(),
+        starts={name: load_starts(name).hash for name in PACKAGED},
+        cells=(),
+        lost_by_all={},
+    )
     if path is not None and path.exists():
-        found = json.loads(path.read_text())
-        for key in ("config", "episodes", "versions", "starts"):
-            if found.get(key) != record[key]:
-                raise ValueError(f"{path} holds a survey of other {key}; name another file")
-        record = found
-
-    def keep(cell: dict[str, Any], **figures: Any) -> None:
-        cell.update(figures)
-        record["lost_by_all"] = lost_by_all(record["cells"])
-        if path is not None:
-            write_json(path, record)
-
-    for name, nodes, rules in product(simulators, HORIZONS, RULES):
-        variant = variant_of(config, name, nodes, rules, episodes)
-        which = {"simulator": name, "nodes": list(nodes), "rules": rules}
-        cell = next((c for c in record["cells"] if which.items() <= c.items()), None)
-        if cell is None:
-            cell = which
-            record["cells"].append(cell)
-        label = f"{name}, {nodes[0]}/{nodes[1]} nodes, {rules} rules"
-        if "plan_ms" not in cell:
-            keep(cell, plan_ms=to_json(times_of(cold_plans(variant))))
-        for prefix, stored in zip(("", "wide_"), PACKAGED, strict=True):
-            if f"{prefix}survived" not in cell:
-                keep(cell, **survival(variant, stored, workers, label, prefix))
-                tqdm.write(f"{label}: {cell[prefix + 'survived']} of {episodes}, {stored}")
-        if "push" not in cell:
-            keep(cell, push=push_recovery(variant, None, workers, label))
-            tqdm.write(f"{label}: {cell['push']['mean_fitted_impulse']:.2f} Ns")
-    return record
+        survey = resume_survey(path, survey)
+    cells = {cell.variant: cell for cell in survey.cells}
+    for variant in product(simulators, HORIZONS, get_args(Rules)):
+        begun = cells.get(variant, SurveyCell(*variant))
+        for cell in measure_cell(begun, config, episodes, workers):
+            cells[variant] = cell
+            measured = tuple(cells.values())
+            survey = replace(survey, cells=measured, lost_by_all=lost_by_all(measured))
+            if path is not None:
+                write_survey(path, survey)
+    return survey
 
 
-def variant_of(
-    config: Config, simulator: Backend, nodes: tuple[int, int], rules: str, episodes: int
-) -> Config:
-    """One variant of the expert."""
+def measure_cell(
+    cell: SurveyCell, config: Config, episodes: int, workers: Workers
+) -> Iterator[SurveyCell]:
+    """Measure what is missing of a variant.
+
+    Args:
+        cell: The variant, with what has been measured of it before.
+        config: What the variants have in common, with the own rules.
+        episodes: Number of initial states of each set.
+        workers: Processes that run the episodes.
+
+    Yields:
+        The variant after each measurement.
+    """
+    config = variant_of(config, cell, episodes)
+    if cell.plan_ms is None:
+        cell = replace(cell, plan_ms=times_of(cold_plans(config)))
+        yield cell
+    if cell.paper is None:
+        survival = measure_survival(config, PAPER, workers)
+        cell = replace(cell, paper=survival)
+        yield cell
+        logger.info("%s: %d of %d, %s", cell.title, survival.survived, episodes, PAPER)
+    if cell.wide is None:
+        survival = measure_survival(config, WIDE, workers)
+        cell = replace(cell, wide=survival)
+        yield cell
+        logger.info("%s: %d of %d, %s", cell.title, survival.survived, episodes, WIDE)
+    if cell.push is None:
+        push = push_recovery(config, None, workers)
+        cell = replace(cell, push=push)
+        yield cell
+        logger.info("%s: %.2f N s", cell.title, push.mean_fitted_impulse)
+
+
+def variant_of(config: Config, cell: SurveyCell, episodes: int) -> Config:
+    """The configuration of a variant of the expert.
+
+    Args:
+        config: What the variants have in common, with the own rules.
+        cell: The variant.
+        episodes: Number of initial states of each set.
+    """
+    centroidal, kinematic = cell.nodes
     expert = replace(
         config.expert,
-        centroidal=replace(config.expert.centroidal, nodes=nodes[0]),
-        kinematic=replace(config.expert.kinematic, nodes=nodes[1]),
+        centroidal=replace(config.expert.centroidal, nodes=centroidal),
+        kinematic=replace(config.expert.kinematic, nodes=kinematic),
     )
-    return RULES[rules](
-        replace(
-            simulated(config, simulator),
-            expert=expert,
-            evaluation=replace(config.evaluation, episodes=episodes),
-            push=PUSHES,
-        )
+    variant = replace(
+        simulated(config, cell.simulator),
+        expert=expert,
+        evaluation=replace(config.evaluation, episodes=episodes),
+        push=PUSHES,
     )
+    return published_rules(variant) if cell.rules == "published" else variant
 
 
-def survival(
-    config: Config, stored: str, workers: Workers, label: str, prefix: str
-) -> dict[str, Any]:
-    """The figures of one variant on one set of starts, their keys after ``prefix``."""
-    figures, summary = evaluate(config, None, "test", workers, label, stored=load_starts(stored))
+def measure_survival(config: Config, starts: str, workers: Workers) -> Survival:
+    """Run a variant on one set of initial states.
+
+    Args:
+        config: The variant's configuration.
+        starts: Name of the set.
+        workers: Processes that run the episodes.
+    """
+    stored = load_starts(starts)
+    robustness, summary = evaluate(config, None, "test", workers, stored=stored)
     lost = summary.failed
-    named = {
-        "episodes": figures["episodes"],
-        "survived": int((~lost).sum()),
-        "survived_interval": wilson(int((~lost).sum()), len(lost)),
-        "stalls": figures["stalls"],
-        "lost": summary.start[lost].tolist(),
-        "invalid_plans": figures["invalid_plans"],
-        "mse": figures["settled_mse"],
-        "starts_hash": figures["starts_hash"],
-    }
-    return {f"{prefix}{key}": value for key, value in named.items()}
+    survived = int((~lost).sum())
+    return Survival(
+        episodes=robustness.episodes,
+        survived=survived,
+        survived_interval=wilson(survived, len(lost)),
+        stalls=robustness.stalls,
+        lost=tuple(summary.start[lost].tolist()),
+        invalid_plans=robustness.invalid_plans,
+        mse=robustness.settled_mse,
+        starts_hash=robustness.starts_hash,
+    )
 
 
-def lost_by_all(cells: list[dict[str, Any]]) -> dict[str, list[int]]:
-    """Ids of the starts that every variant measured so far loses, for each simulator and set."""
-    result = {}
-    for simulator, (prefix, stored) in product(
-        get_args(Backend), zip(("", "wide_"), PACKAGED, strict=True)
+def lost_by_all(cells: Sequence[SurveyCell]) -> dict[str, tuple[int, ...]]:
+    """Ids of the initial states that every variant measured so far has lost.
+
+    Args:
+        cells: The variants.
+
+    Returns:
+        Simulator and set of initial states -> ids, for those that any variant was measured on.
+    """
+    lost: dict[str, tuple[int, ...]] = {}
+    for simulator in get_args(Backend):
+        own = [cell for cell in cells if cell.simulator == simulator]
+        for name, survivals in (
+            (PAPER, [cell.paper for cell in own if cell.paper is not None]),
+            (WIDE, [cell.wide for cell in own if cell.wide is not None]),
+        ):
+            if survivals:
+                common = set.intersection(*(set(survival.lost) for survival in survivals))
+                lost[f"{simulator} {name}"] = tuple(sorted(common))
+    return lost
+
+
+def resume_survey(path: Path, survey: Survey) -> Survey:
+    """The survey that a file already holds.
+
+    Args:
+        path: The file.
+        survey: What is to be measured, without results.
+
+    Raises:
+        ValueError: The file is of another configuration, of other versions or initial states.
+    """
+    before = read_survey(path)
+    for name, same in (
+        ("config", before.config == survey.config),
+        ("episodes", before.episodes == survey.episodes),
+        ("versions", before.versions == survey.versions),
+        ("starts", before.starts == survey.starts),
     ):
-        lost = [
-            set(cell[f"{prefix}lost"])
-            for cell in cells
-            if cell["simulator"] == simulator and f"{prefix}lost" in cell
-        ]
-        if lost:
-            result[f"{simulator} {stored}"] = sorted(set.intersection(*lost))
-    return result
+        if not same:
+            raise ValueError(f"{path} holds a survey of other {name}; name another file")
+    return before
 
 
-def table(record: dict[str, Any]) -> str:
-    """The survey as a Markdown table."""
+def survey_table(survey: Survey) -> str:
+    """The survey as a Markdown table; what has not been measured is a dash."""
     head = (
         "simulator",
         "nodes",
@@ -167,28 +222,53 @@ def table(record: dict[str, Any]) -> str:
         "survived",
         "survived, sigmas x 1.5",
         "RMS error vx, vy [m/s]",
-        "push at 80 %, mean [Ns] (least, most)",
+        "push at 80 %, mean [N s] (least, most)",
         "plan [ms] (p99): contacts, centroidal, kinematics, inverse dynamics",
     )
-    rows = []
-    for cell in record["cells"]:
-        nodes = "/".join(map(str, cell["nodes"]))
-        columns = [cell["simulator"], nodes, cell["rules"], *(["-"] * 5)]
-        for column, prefix in ((3, ""), (4, "wide_")):
-            if f"{prefix}survived" in cell:
-                low, high = cell[f"{prefix}survived_interval"]
-                columns[column] = (
-                    f"{cell[f'{prefix}survived']} of {cell[f'{prefix}episodes']} "
-                    f"({100 * low:.1f} to {100 * high:.1f} %)"
-                )
-        if None not in cell.get("mse", [None]):
-            columns[5] = ", ".join(f"{np.sqrt(value):.3f}" for value in cell["mse"][:2])
-        if "push" in cell:
-            push = cell["push"]["fitted_impulse"]
-            columns[6] = f"{np.mean(push):.2f} ({min(push):.2f}, {max(push):.2f})"
-        if "plan_ms" in cell:
-            plan = cell["plan_ms"]
-            stages = ", ".join(f"{value:.2f}" for value in plan["stages"].values())
-            columns[7] = f"{plan['median']:.2f} ({plan['p99']:.2f}): {stages}"
-        rows.append(columns)
-    return markdown(head, rows)
+    lines = [
+        (
+            cell.simulator,
+            f"{cell.nodes[0]}/{cell.nodes[1]}",
+            cell.rules,
+            _survival_cell(cell.paper),
+            _survival_cell(cell.wide),
+            _error_cell(cell.paper),
+            _push_cell(cell.push),
+            _times_cell(cell.plan_ms),
+        )
+        for cell in survey.cells
+    ]
+    return markdown(head, lines)
+
+
+def _survival_cell(survival: Survival | None) -> str:
+    """How many survived, with the interval of their share."""
+    if survival is None:
+        return "-"
+    share = percent_range(survival.survived_interval)
+    return f"{survival.survived} of {survival.episodes} {share}"
+
+
+def _error_cell(survival: Survival | None) -> str:
+    """The root mean squared errors of vx and vy."""
+    if survival is None or None in survival.mse:
+        return "-"
+    vx, vy, _ = np.sqrt(np.array(survival.mse, float))
+    return f"{vx:.3f}, {vy:.3f}"
+
+
+def _push_cell(push: PushLimits | None) -> str:
+    """The mean impulse, with that of the weakest and of the strongest direction."""
+    if push is None:
+        return "-"
+    impulses = push.fitted_impulse
+    return f"{np.mean(impulses):.2f} ({min(impulses):.2f}, {max(impulses):.2f})"
+
+
+def _times_cell(times: Times | None) -> str:
+    """The time of a plan, and of its stages."""
+    if times is None:
+        return "-"
+    stages = times.stages
+    each = (stages.contacts, stages.centroidal, stages.kinematics, stages.inverse_dynamics)
+    return f"{times.median:.2f} ({times.p99:.2f}): " + ", ".join(f"{ms:.2f}" for ms in each)

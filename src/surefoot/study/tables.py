@@ -1,19 +1,33 @@
-"""A comparison in Markdown: what the policies can do, how they differ, what they cost.
+"""A comparison in Markdown: what the policies can do, how they differ, and what they cost.
 
-The record is that of `comparison.compare`; one that is unfinished has dashes in its tables.
+What has not been measured yet is a dash. `docs/methods.md` is made of these tables; `page_with`
+puts them into such a page without touching the prose around them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 from surefoot.config import Backend
-from surefoot.evaluation.statistics import wilson
+from surefoot.evaluation.push import PushDifference, PushResult
+from surefoot.evaluation.robustness import VelocityError
+from surefoot.evaluation.statistics import Interval, PairedDifference, wilson
+from surefoot.runs.accounting import RunCost
+from surefoot.study.records import (
+    Comparison,
+    Difference,
+    Differences,
+    Measured,
+    RobustnessByStart,
+    Row,
+)
 
-BEGIN, END = "<!-- table -->", "<!-- end of table -->"
-"""What a generated part of a Markdown file stands between."""
+BEGIN = "<!-- table -->"
+"""The line before the generated part of a Markdown file."""
+END = "<!-- end of table -->"
+"""The line after it."""
 RESULTS = (
     "simulator",
     "method",
@@ -24,7 +38,7 @@ RESULTS = (
     "diverged",
     "MSE, successes, whole episode",
     "MSE, all, from 1 s on",
-    "push",
+    "push [N s]",
     "least, most",
 )
 DIFFERENCES = (
@@ -50,156 +64,203 @@ COST = (
     "expert share",
     "frames kept",
     "recoveries by tilt, by bounds",
-    "wall time [s]: collect, train, validate, guards",
+    "wall time [s]: collect, train, validate, gates",
 )
 
 
-def page(path: Path, text: str) -> str:
-    """The content of a Markdown file with a text in its generated part; the prose around it stays.
+def page_with(text: str, path: Path) -> str:
+    """The content of a Markdown file with a text in its generated part; the prose stays.
+
+    Args:
+        text: The generated text.
+        path: The file; if there is none, the page has no prose.
 
     Raises:
-        ValueError: the file is there and has no such part.
+        ValueError: The file has no such part.
     """
-    found = path.read_text() if path.exists() else f"{BEGIN}{END}\n"
-    before, begin, rest = found.partition(BEGIN)
+    content = path.read_text() if path.exists() else f"{BEGIN}{END}\n"
+    before, begin, rest = content.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not (begin and end):
         raise ValueError(
-            f"{path} has no place for the tables: put the lines {BEGIN} and {END} where they shall "
-            "stand, or name another file"
+            f"{path} has no place for the tables: put the lines {BEGIN} and {END} where you want "
+            "them, or name another file"
         )
     return f"{before}{BEGIN}\n{text}\n{END}{after}"
 
 
-def tables(record: dict[str, Any]) -> str:
+def comparison_tables(comparison: Comparison) -> str:
     """The comparison in Markdown: what the policies can do, how they differ, what they cost."""
-    starts, share = ", ".join(record["starts"]), 100 * record["config"]["push"]["success"]
-    found = [results for row in record["rows"] for results in row["results"].values()]
-    robots = {f"{each['pushes']['episodes']} robots" for each in found if "pushes" in each}
-    parts = [
-        f"The first {record['episodes']} `test` starts of {starts}; 95 % intervals: Wilson's, and "
-        "bootstrap intervals over starts. MSE of vx, vy [m²/s²] and yaw rate [rad²/s²], in "
-        f"thousandths. Pushes [Ns]: the impulse that {share:.0f} % of "
-        f"{', '.join(sorted(robots)) or 'the robots'} survive, mean of all directions; least and "
-        "most of a direction."
-    ]
     measured = [
-        (simulator, row, results)
+        (simulator, row, row.results[simulator])
         for simulator in get_args(Backend)
-        for row in record["rows"]
-        if (results := row["results"].get(simulator))
+        for row in comparison.rows
+        if simulator in row.results
     ]
-    lines = [
-        (simulator, row["label"], *robustness(results), *impulses(results))
-        for simulator, row, results in measured
+    results = [
+        (simulator, row.label, *robustness_cells(each.evaluation), *push_cells(each.pushes))
+        for simulator, row, each in measured
     ]
-    parts.append(markdown(RESULTS, lines))
-    lines = [
-        (simulator, row["label"], *differing(row, simulator))
+    differences = [
+        (simulator, row.label, *difference_cells(row.differences[simulator]))
         for simulator, row, _ in measured
-        if row.get("differences", {}).get(simulator)
+        if simulator in row.differences
     ]
-    to = record["baseline"] or "no baseline"
-    parts.append(
-        f"Paired differences on the same starts, row minus expert and row minus baseline ({to}): "
-        "success in percentage points, pushes in Ns."
-    )
-    parts.append(markdown(DIFFERENCES, lines))
-    parts.append(
-        "What each whole run cost; of a series of sizes, that of the last. Falls, with Wilson's "
-        "95 % intervals, and expert share: of the iterations after the pre-training, over all "
-        "rollouts and their time T together. Expert [s]: the time that it drove; where DAGGER asks "
-        "it and the policy drives, only the MPC solves count. Near falls tilted beyond "
-        f"{record['config']['safety']['fall_angle']:.0f} degrees, where pushed robots may, and did "
-        "not fall; those in the tail are among them."
-    )
-    lines = [
-        (row["label"], str(int(Path(row["policy"]).stem)), *expense(row["cost"]))
-        for row in record["rows"]
-        if row["cost"]
+    costs = [
+        (row.label, _iteration(row), *cost_cells(row.cost))
+        for row in comparison.rows
+        if row.cost is not None
     ]
-    parts.append(markdown(COST, lines))
-    return "\n\n".join(parts)
+    return "\n\n".join(
+        [
+            _about_results(comparison, [each for _, _, each in measured]),
+            markdown(RESULTS, results),
+            _about_differences(comparison),
+            markdown(DIFFERENCES, differences),
+            _about_costs(comparison),
+            markdown(COST, costs),
+        ]
+    )
+
+
+def _about_results(comparison: Comparison, measured: Sequence[Measured]) -> str:
+    """What the first table shows."""
+    share = 100 * comparison.config.push.success
+    robots = sorted(
+        {f"{each.pushes.episodes} robots" for each in measured if each.pushes is not None}
+    )
+    return (
+        f"The first {comparison.episodes} `test` initial states of {', '.join(comparison.starts)}; "
+        "95 % intervals: Wilson's, and bootstrap intervals over initial states. MSE of vx, vy "
+        "[m²/s²] and yaw rate [rad²/s²], in thousandths. Push: the impulse that "
+        f"{share:.0f} % of {', '.join(robots) or 'the robots'} survive, mean of all directions; "
+        "least and most of a direction."
+    )
+
+
+def _about_differences(comparison: Comparison) -> str:
+    """What the second table shows."""
+    return (
+        "Paired differences on the same initial states, row minus expert and row minus baseline "
+        f"({comparison.baseline or 'no baseline'}): success in percentage points, pushes in N s."
+    )
+
+
+def _about_costs(comparison: Comparison) -> str:
+    """What the third table shows."""
+    return (
+        "What each whole run cost; for a series of sizes, what the last size cost. Falls, with "
+        "Wilson's 95 % intervals, and expert share are those of the iterations after the "
+        "pre-training, over all rollouts and their time T together. Expert [s] is the time that "
+        "the expert drove; where DAGGER asks it and the policy drives, only the MPC solves count. "
+        f"Near falls tilted beyond {comparison.config.safety.fall_angle:.0f} degrees, where pushed "
+        "robots may, and did not fall; those in the tail are among them."
+    )
 
 
 def markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A table."""
+    """A Markdown table of the cells of its head and of its lines."""
     rule = ["---"] * len(head)
     return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, rule, *lines))
 
 
-def robustness(results: dict[str, Any]) -> list[str]:
-    """The cells of an evaluation."""
-    if (figures := results.get("evaluation")) is None:
+def robustness_cells(evaluation: RobustnessByStart | None) -> list[str]:
+    """The seven cells of an evaluation."""
+    if evaluation is None:
         return ["-"] * 7
-    low, high = figures["success_interval"]
-    n = figures["episodes"]
+    low, high = evaluation.success_interval
+    n = evaluation.episodes
     return [
-        f"{figures['successes']} of {n}, {100 * figures['success_rate']:.1f} % "
+        f"{evaluation.successes} of {n}, {100 * evaluation.success_rate:.1f} % "
         f"({100 * low:.1f} to {100 * high:.1f})",
-        f"{100 * figures['strict_successes'] / n:.1f} %",
-        *(str(figures[key]) for key in ("falls", "stalls", "diverged")),
-        *(
-            ", ".join("-" if x is None else f"{1000 * x:.2f}" for x in figures[key])
-            for key in ("mse", "settled_mse")
-        ),
+        f"{100 * evaluation.strict_successes / n:.1f} %",
+        str(evaluation.falls),
+        str(evaluation.stalls),
+        str(evaluation.diverged),
+        _error_cell(evaluation.mse),
+        _error_cell(evaluation.settled_mse),
     ]
 
 
-def impulses(results: dict[str, Any]) -> list[str]:
-    """The cells of the pushes."""
-    if (pushes := results.get("pushes")) is None:
+def _error_cell(mse: VelocityError) -> str:
+    """The velocity errors, in thousandths."""
+    return ", ".join("-" if error is None else f"{1000 * error:.2f}" for error in mse)
+
+
+def push_cells(pushes: PushResult | None) -> list[str]:
+    """The two cells of the pushes."""
+    if pushes is None:
         return ["-"] * 2
-    low, high = pushes["mean_interval"]
-    each = pushes["fitted_impulse"]
+    low, high = pushes.mean_interval
+    impulses = pushes.fitted_impulse
     return [
-        f"{pushes['mean_fitted_impulse']:.2f} ({low:.2f} to {high:.2f})",
-        f"{min(each):.2f}, {max(each):.2f}",
+        f"{pushes.mean_fitted_impulse:.2f} ({low:.2f} to {high:.2f})",
+        f"{min(impulses):.2f}, {max(impulses):.2f}",
     ]
 
 
-def differing(row: dict[str, Any], simulator: Backend) -> list[str]:
-    """The cells of a row's differences."""
-    cells, pairs = [], row.get("differences", {}).get(simulator, {})
-    for key, scale, digits in (("success", 100, 1), ("pushes", 1, 2)):
-        for to in ("expert", "baseline"):
-            if (found := pairs.get(to, {}).get(key)) is None:
-                cells.append("-")
-                continue
-            text = f"{scale * found['difference']:+.{digits}f}"
-            if found["interval"] is not None:
-                low, high = (f"{scale * end:+.{digits}f}" for end in found["interval"])
-                text += f" ({low} to {high})"
-            cells.append(text)
-    return cells
-
-
-def expense(cost: dict[str, Any]) -> list[str]:
-    """The cells of what a run cost."""
-    alone = cost["episodes"] is None
+def difference_cells(differences: Differences) -> list[str]:
+    """The four cells of a row's differences."""
+    expert = differences.expert or Difference()
+    baseline = differences.baseline or Difference()
     return [
-        f"{cost['expert_seconds']:.0f}",
-        f"{cost['plans']}",
-        counted(cost["pretraining_falls"], cost["pretraining_episodes"]),
-        "-" if alone else counted(cost["falls"], cost["episodes"]),
-        "-" if alone else f"{cost['falls_per_robot_minute']:.2f}",
-        f"{cost['near_falls']}, {cost['near_falls_in_tail']}",
-        f"{cost['queries_failed']} of {cost['queries']}" if cost["queries"] else "-",
-        f"{cost['diverged']}",
-        "-" if alone else f"{cost['takeovers']}",
-        "-" if alone else f"{100 * cost['expert_share']:.1f} %",
-        f"{cost['frames_kept']}",
-        ", ".join(
-            f"{100 * cost[f'recoveries_{how}'] / max(cost['frames_kept'], 1):.1f} %"
-            for how in ("tilted", "near_bounds")
-        ),
-        ", ".join(f"{seconds:.0f}" for seconds in cost["seconds"].values()),
+        _difference_cell(expert.success, 100, 1),
+        _difference_cell(baseline.success, 100, 1),
+        _difference_cell(expert.pushes, 1, 2),
+        _difference_cell(baseline.pushes, 1, 2),
     ]
 
 
-def counted(count: int, n: int) -> str:
-    """How many of n, and the interval of their share."""
-    if not n:
+def _difference_cell(
+    pair: PairedDifference | PushDifference | None, scale: float, digits: int
+) -> str:
+    """A difference with its interval, times a scale; a dash where there is none."""
+    if pair is None:
+        return "-"
+    text = f"{scale * pair.difference:+.{digits}f}"
+    if pair.interval is None:
+        return text
+    low, high = pair.interval
+    return f"{text} ({scale * low:+.{digits}f} to {scale * high:+.{digits}f})"
+
+
+def _iteration(row: Row) -> str:
+    """The iteration that trained a row's policy."""
+    return "-" if row.policy is None else str(int(Path(row.policy).stem))
+
+
+def cost_cells(cost: RunCost) -> list[str]:
+    """The thirteen cells of what a run cost."""
+    frames = max(cost.frames_kept, 1)
+    seconds = cost.seconds
+    walls = (seconds.collect, seconds.train, seconds.validate, seconds.gates)
+    return [
+        f"{cost.expert_seconds:.0f}",
+        f"{cost.plans}",
+        share_cell(cost.pretraining_falls, cost.pretraining_episodes),
+        share_cell(cost.falls, cost.episodes),
+        "-" if cost.falls_per_robot_minute is None else f"{cost.falls_per_robot_minute:.2f}",
+        f"{cost.near_falls}, {cost.near_falls_in_tail}",
+        f"{cost.queries_failed} of {cost.queries}" if cost.queries else "-",
+        f"{cost.diverged}",
+        "-" if cost.takeovers is None else f"{cost.takeovers}",
+        "-" if cost.expert_share is None else f"{100 * cost.expert_share:.1f} %",
+        f"{cost.frames_kept}",
+        f"{100 * cost.recoveries_tilted / frames:.1f} %, "
+        f"{100 * cost.recoveries_near_bounds / frames:.1f} %",
+        ", ".join(f"{wall:.0f}" for wall in walls),
+    ]
+
+
+def share_cell(count: int | None, n: int | None) -> str:
+    """How many of n, with the interval of their share; a dash where there are none."""
+    if count is None or not n:
         return "-"
     low, high = wilson(count, n)
-    return f"{count} of {n} ({100 * low:.1f} to {100 * high:.1f} %)"
+    return f"{count} of {n} {percent_range((low, high))}"
+
+
+def percent_range(interval: Interval) -> str:
+    """The interval of a share, in percent."""
+    low, high = interval
+    return f"({100 * low:.1f} to {100 * high:.1f} %)"

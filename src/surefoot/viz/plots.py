@@ -1,26 +1,36 @@
-"""Pictures: the learning curves of a run, and a comparison of methods."""
+"""Plots: the learning curves of a run.
+
+`learning_curves` draws the records of a run (`runs.metrics`): falls, the expert's share and the
+success on the `select` starts over the iterations, as the paper plots them for its methods (IV-F).
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from surefoot.files import write_atomic
+from surefoot.runs.metrics import Best, Collected, StageRecord, Trained, Validated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.projections.polar import PolarAxes
+    from matplotlib.typing import RcKeyType
 
-BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
-"""Of the palette of Okabe and Ito, which colour-blind people can tell apart."""
-PALETTE = (BLUE, RED, GREEN, "#CC79A7", "#E69F00", "#56B4E9", GREY, "#F0E442")
-"""Of the methods; the expert is black."""
+BLUE = "#0072B2"
+RED = "#D55E00"
+GREEN = "#009E73"
+GRAY = "#666666"
+"""Colors of the palette of Okabe and Ito, which color-blind people can tell apart."""
+PALETTE = (BLUE, RED, GREEN, "#CC79A7", "#E69F00", "#56B4E9", GRAY, "#F0E442")
+"""Colors of the methods; the expert is black."""
 MOST_LABELS = 12
 """Iterations named on the axis; of more, every second, third, and so on."""
-STYLE: dict[Any, Any] = {
+STYLE: dict[RcKeyType, Any] = {
     "font.size": 11,
     "axes.titlesize": 12,
     "axes.titlelocation": "left",
@@ -35,6 +45,7 @@ STYLE: dict[Any, Any] = {
     "lines.markersize": 7,
     "svg.hashsalt": "surefoot",
 }
+"""Settings of Matplotlib that all plots share."""
 
 BESIDE_TITLE: dict[str, Any] = {
     "loc": "lower right",
@@ -44,53 +55,52 @@ BESIDE_TITLE: dict[str, Any] = {
     "handlelength": 1.6,
     "columnspacing": 1.2,
 }
-
-Stage = dict[int, dict[str, Any]]
-"""Iteration -> record of a stage."""
+"""Arguments of Matplotlib that put a legend beside the title."""
 
 
-def learning_curves(metrics: list[dict[str, Any]], path: Path) -> Path:
-    """Picture of falls, expert share and success for each iteration of a run.
+def learning_curves(metrics: Sequence[StageRecord], path: Path) -> Path:
+    """Plot falls, expert share and success for each iteration of a run.
 
     Iteration 0 is the pre-training, where the expert drives alone. An unfinished run shows the
     stages that are done.
 
     Args:
-        metrics: the run's records (`surefoot.runs.run.Run.metrics`).
-        path: the picture, a PNG, or an SVG if the name ends so; it is there whole or not at all.
+        metrics: The run's records (`surefoot.runs.run.Run.metrics`).
+        path: File of the plot, a PNG, or an SVG if the name ends so; it is there whole or not at
+            all.
 
     Returns:
         The path.
 
     Raises:
-        ValueError: nothing has been collected yet.
+        ValueError: Nothing has been collected yet.
     """
     from matplotlib import rc_context
     from matplotlib.figure import Figure  # without pyplot there is no backend to choose
 
-    stages = ("collect", "train", "validate")
-    collected, trained, validated = (
-        {r["iteration"]: r for r in metrics if r["stage"] == s} for s in stages
-    )
+    collected = [record for record in metrics if isinstance(record, Collected)]
+    trained = [record for record in metrics if isinstance(record, Trained)]
+    validated = [record for record in metrics if isinstance(record, Validated)]
+    best = next((r.best_iteration for r in metrics if isinstance(r, Best)), None)
     if not collected:
         raise ValueError("no iteration has collected data yet; there is nothing to draw")
-    best = next((r["best_iteration"] for r in metrics if r["stage"] == "best"), None)
+    # A series of behavior cloning trains on parts of what was collected at once.
+    frames = {record.iteration: record.dataset_frames for record in collected}
+    frames |= {record.iteration: record.frames for record in trained}
     with rc_context(STYLE):
         figure = Figure(figsize=(7.5, 8.5), layout="constrained")
         falls, share, success = figure.subplots(3, 1, sharex=True)
-        _falls(falls, collected)
-        _expert_share(share, collected)
-        _success(success, validated, best)
-        # A series of behaviour cloning trains on parts of what was collected at once.
-        frames = {i: record["dataset_frames"] for i, record in collected.items()}
-        _label_iterations(success, frames | {i: r["frames"] for i, r in trained.items()})
+        _plot_falls(falls, collected)
+        _plot_expert_share(share, collected)
+        _plot_success(success, validated, best)
+        _label_iterations(success, frames)
         figure.align_ylabels()
-        _save(figure, path)
+        save_figure(figure, path)
     return path
 
 
-def _save(figure: Figure, path: Path) -> None:
-    """Write a picture, whole or not at all."""
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a plot, whole or not at all."""
     svg = path.suffix.lower() == ".svg"
     options: dict[str, Any] = {"format": "svg" if svg else "png"}
     if svg:
@@ -98,32 +108,34 @@ def _save(figure: Figure, path: Path) -> None:
     write_atomic(path, lambda target: figure.savefig(target, dpi=150, **options))
 
 
-def _falls(axes: Axes, collected: Stage) -> None:
+def _plot_falls(axes: Axes, collected: list[Collected]) -> None:
+    """Falls of each iteration, and those while the expert drove."""
     from matplotlib.ticker import MaxNLocator
 
-    at, driven = list(collected), [r["falls_expert_driving"] for r in collected.values()]
-    falls = [record["falls"] for record in collected.values()]
-    axes.plot(at, falls, "o-", color=BLUE, label="all")
-    axes.plot(at, driven, "s--", color=RED, label="while the expert drove", markersize=5)
+    iterations = [record.iteration for record in collected]
+    falls = [record.falls for record in collected]
+    driven = [record.falls_expert_driving for record in collected]
+    top = max(*falls, 4)
+    axes.plot(iterations, falls, "o-", color=BLUE, label="all")
+    axes.plot(iterations, driven, "s--", color=RED, label="while the expert drove", markersize=5)
     axes.set(title="Falls while collecting data", ylabel="falls per iteration")
-    axes.set_ylim(-0.03 * max(*falls, 4), 1.15 * max(*falls, 4))
+    axes.set_ylim(-0.03 * top, 1.15 * top)
     axes.yaxis.set_major_locator(MaxNLocator(nbins=5, integer=True))
     axes.legend(**BESIDE_TITLE)
 
 
-def _expert_share(axes: Axes, collected: Stage) -> None:
+def _plot_expert_share(axes: Axes, collected: list[Collected]) -> None:
     """Pre-training is 100 % by definition: an arrow at the top, unless there is nothing else."""
-    later = [iteration for iteration in collected if iteration > 0]
-    for key, style, color, label in (
-        ("expert_share_with_tail", "s--", GREY, "with the tail"),
-        ("expert_share", "o-", BLUE, "over T, without the tail"),
-    ):
-        share = [100 * collected[iteration][key] for iteration in later]
-        axes.plot(later, share, style, color=color, label=label)
-    top = max([5.0, *(120 * collected[iteration]["expert_share_with_tail"] for iteration in later)])
-    top = min(top, 103.0) if later else 103.0
+    later = [record for record in collected if record.iteration > 0]
+    iterations = [record.iteration for record in later]
+    with_tail = [100 * record.expert_share_with_tail for record in later]
+    without = [100 * record.expert_share for record in later]
+    axes.plot(iterations, with_tail, "s--", color=GRAY, label="with the tail")
+    axes.plot(iterations, without, "o-", color=BLUE, label="over T, without the tail")
+    highest = max([5.0, *(1.2 * share for share in with_tail)])
+    top = min(highest, 103.0) if later else 103.0
     axes.set(title="Expert's share of the driving", ylabel="share of time [%]", ylim=(0, top))
-    if 0 in collected:
+    if len(later) < len(collected):
         marker = "^" if later else "o"
         height = top if later else 100.0
         axes.plot([0], [height], marker, color=BLUE, markersize=9, clip_on=False)
@@ -134,24 +146,25 @@ def _expert_share(axes: Axes, collected: Stage) -> None:
         axes.legend(**BESIDE_TITLE)
 
 
-def _success(axes: Axes, validated: Stage, best: int | None) -> None:
+def _plot_success(axes: Axes, validated: list[Validated], best: int | None) -> None:
+    """Success of each iteration's policy with its interval, and which policy is the best."""
     axes.set(title="Success on the select starts, with Wilson 95 % intervals", ylabel="success [%]")
     if not validated:
         axes.set_ylim(0, 101)
-        axes.text(0.5, 0.5, "not validated yet", transform=axes.transAxes, ha="center", color=GREY)
+        axes.text(0.5, 0.5, "not validated yet", transform=axes.transAxes, ha="center", color=GRAY)
         return
-    at = list(validated)
-    rate = np.array([100 * record["success_rate"] for record in validated.values()])
-    low, high = 100 * np.array([record["success_interval"] for record in validated.values()]).T
+    iterations = [record.iteration for record in validated]
+    rate = np.array([100 * record.success_rate for record in validated])
+    low, high = 100 * np.array([record.success_interval for record in validated]).T
     axes.errorbar(
-        at, rate, (rate - low, high - rate), fmt="o-", color=GREEN, capsize=4, clip_on=False
+        iterations, rate, (rate - low, high - rate), fmt="o-", color=GREEN, capsize=4, clip_on=False
     )
     axes.set_ylim(10 * max(np.floor((low.min() - 4) / 10), 0), 100)
-    if best in validated:
-        text = f"best: {rate[at.index(best)]:.0f} %"
+    if best in iterations:
+        row = iterations.index(best)
         axes.annotate(
-            text,
-            (best, low[at.index(best)]),
+            f"best: {rate[row]:.0f} %",
+            (best, low[row]),
             (0, -6),
             textcoords="offset points",
             ha="center",
@@ -160,102 +173,9 @@ def _success(axes: Axes, validated: Stage, best: int | None) -> None:
 
 
 def _label_iterations(axes: Axes, frames: dict[int, int]) -> None:
-    """Iterations, and below each the frames that it trained on."""
-    at = sorted(frames)[:: -(-len(frames) // MOST_LABELS)]
-    axes.set_xticks(at, [f"{i}\n{frames[i] / 1000:,.0f}k" for i in at])
+    """Name the iterations, and below each the number of frames that it trained on."""
+    step = math.ceil(len(frames) / MOST_LABELS)
+    named = sorted(frames)[::step]
+    axes.set_xticks(named, [f"{i}\n{frames[i] / 1000:,.0f}k" for i in named])
     axes.set_xlim(min(frames) - 0.5, max(frames) + 0.5)
     axes.set_xlabel("iteration (0 is the pre-training), and frames that it trained on")
-
-
-def comparison_figure(record: dict[str, Any], path: Path) -> Path:
-    """Picture of a comparison: success, mean push, push by direction; a column per simulator.
-
-    Args:
-        record: of `surefoot.study.comparison.compare`; what has not been measured is left out.
-        path: the picture, a PNG, or an SVG if the name ends so; it is there whole or not at all.
-
-    Returns:
-        The path.
-
-    Raises:
-        ValueError: nothing has been measured yet.
-    """
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-    rows = record["rows"]
-    simulators = list(dict.fromkeys(name for row in rows for name in row["results"]))
-    found = [results for row in rows for results in row["results"].values()]
-    tested = [results["evaluation"] for results in found if "evaluation" in results]
-    pushed = [results["pushes"] for results in found if "pushes" in results]
-    if not tested and not pushed:
-        raise ValueError("nothing has been measured yet; there is nothing to draw")
-    colours = ["black", *(PALETTE[i % len(PALETTE)] for i in range(len(rows) - 1))]
-    worst = min((figures["success_interval"][0] for figures in tested), default=0.0)
-    strongest = 1.08 * max([0.1, *(max(figures["fitted_impulse"]) for figures in pushed)])
-    height = 0.9 + 0.32 * len(rows)
-    heights = [height, height, 4.2] if pushed else [height]
-    with rc_context({**STYLE, "axes.grid.axis": "x"}):
-        size = 3.0 + 4.4 * len(simulators), sum(heights) + 0.4
-        # The layout does not see the names of directions beside a circle: room for them.
-        figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.3))
-        grid = figure.add_gridspec(len(heights), len(simulators), height_ratios=heights)
-        for column, simulator in enumerate(simulators):
-            results = [row["results"].get(simulator, {}) for row in rows]
-            evaluations, pushes = (
-                [r.get(key) for r in results] for key in ("evaluation", "pushes")
-            )
-            axes = [figure.add_subplot(grid[row, column]) for row in range(2 if pushed else 1)]
-            title = {"mujoco": "MuJoCo", "bullet": "PyBullet"}.get(simulator, simulator)
-            _intervals(axes[0], evaluations, "success_rate", "success_interval", colours, 100)
-            axes[0].set(title=title, xlabel="success on the test starts [%]")
-            axes[0].set_xlim(max(10 * np.floor(10 * worst - 0.2), 0), 100)
-            if pushed:
-                keys = "mean_fitted_impulse", "mean_interval"
-                _intervals(axes[1], pushes, *keys, colours, 1)
-                share = 100 * pushed[0]["share"]
-                axes[1].set(xlabel=f"push that {share:.0f} % survive, mean of directions [Ns]")
-                axes[1].set_xlim(0, strongest)
-                polar: Any = figure.add_subplot(grid[2, column], projection="polar")
-                _directions(polar, pushes, colours)
-                polar.set_ylim(0, strongest)
-            for each in axes:
-                labels = [row["label"] if column == 0 else "" for row in rows]
-                each.set_yticks(range(len(rows)), labels)
-                each.set_ylim(len(rows) - 0.4, -0.6)
-        _save(figure, path)
-    return path
-
-
-def _intervals(
-    axes: Axes, figures: list[Any], key: str, interval: str, colours: list[str], scale: float
-) -> None:
-    """A point with its interval for each row; the first, the expert's, also as a line."""
-    for row, (each, colour) in enumerate(zip(figures, colours, strict=True)):
-        if each is None:
-            continue
-        value, (low, high) = scale * each[key], (scale * end for end in each[interval])
-        # Where all robots are alike rounding may leave the value just outside.
-        around = [[max(value - low, 0.0)], [max(high - value, 0.0)]]
-        axes.errorbar([value], [row], xerr=around, fmt="o", color=colour, capsize=4, clip_on=False)
-        if row == 0:
-            axes.axvline(value, color=colour, linestyle=":", linewidth=1.2)
-
-
-def _directions(axes: PolarAxes, pushes: list[Any], colours: list[str]) -> None:
-    """The push [Ns] from each direction, seen from above: forward is up, left is left."""
-    from matplotlib.ticker import MaxNLocator
-
-    axes.set_theta_zero_location("N")
-    axes.set_thetagrids([0, 90, 180, 270], ["forward", "left", "back", "right"])
-    axes.set_rlabel_position(-22.5)
-    axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
-    axes.grid(visible=True)
-    axes.set_title("Push by direction [Ns]", loc="center")
-    for each, colour in zip(pushes, colours, strict=True):
-        if each is not None:
-            angles = np.radians([*each["direction_deg"], each["direction_deg"][0]])
-            impulses = [*each["fitted_impulse"], each["fitted_impulse"][0]]
-            style = ":" if colour == "black" else "-"
-            axes.plot(angles, impulses, style, marker="o", markersize=4, color=colour)

@@ -1,10 +1,14 @@
-"""What there is to play: a run's policy from standing, or one of its episodes, bit for bit."""
+"""What there is to play: a run's policy from standing, or one of its episodes, bit for bit.
+
+An episode is fixed by the run's configuration, its seed and the episode's id (`runs.episode_ids`),
+so that nothing of it needs to be stored in order to see it again.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
@@ -13,14 +17,46 @@ from surefoot.methods import METHODS
 from surefoot.mpc.expert import Expert
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
-from surefoot.rollouts.engine import Rollout
+from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.jobs import Job, disturbance_of, expert_name, play_out, summarize_job
 from surefoot.rollouts.outcome import Outcome
-from surefoot.runs.query import QUERIES, Query
-from surefoot.runs.run import open_run, warn_of_versions
-from surefoot.runs.sampling import EPISODES_PER_ITERATION
+from surefoot.rollouts.summary import settled_part, velocities
+from surefoot.runs.episode_ids import EPISODES_PER_ITERATION, FIRST_QUERY, EpisodeId
+from surefoot.runs.metrics import Collected
+from surefoot.runs.query import Query
+from surefoot.runs.run import Run, open_run, warn_of_versions
 from surefoot.scenarios.starts import Starts, at_rest
 from surefoot.types import TICKS_PER_SECOND, Command
+
+
+@dataclass(frozen=True)
+class EpisodeReport:
+    """How an episode that was played out ended, and who drove.
+
+    Attributes:
+        outcome: Name of the `Outcome`.
+        command: Velocity command vx, vy [m/s] and yaw rate [rad/s].
+        mean_velocity: Mean velocity in the heading frame from 1 s on, or over the second half of a
+            shorter episode: vx, vy [m/s] and yaw rate [rad/s].
+        max_torque: Largest joint torque [N m].
+        seconds: Time that the episode lasted [s].
+        episode: Id of the recorded episode; None if it is none.
+        drove_last: Who drove the last tick.
+        takeovers: Number of times that the expert took over before the tail.
+        expert_share: Share of the time before the tail that the expert drove.
+        pushes: Times at which a push began [s].
+    """
+
+    outcome: str
+    command: tuple[float, float, float]
+    mean_velocity: tuple[float, float, float]
+    max_torque: float
+    seconds: float
+    episode: int | None
+    drove_last: Literal["expert", "policy"]
+    takeovers: int
+    expert_share: float
+    pushes: tuple[float, ...]
 
 
 def standing_start(command: Command) -> Starts:
@@ -35,86 +71,128 @@ def recorded_episode(folder: Path, episode: int, iteration: int | None = None) -
     Warns if the run was begun with other versions than these.
 
     Args:
-        folder: of the run.
-        episode: its id; with an iteration its index there.
-        iteration: that collected it.
+        folder: Folder of the run.
+        episode: Id of the episode; with an iteration its index there.
+        iteration: Iteration that collected it; None if the episode is given by its id.
 
     Raises:
-        RunError: there is no run.
-        FileNotFoundError: the policy or gate that drove is lost.
-        ValueError: the run has no such episode, or the expert was the user's own.
+        RunError: There is no run.
+        FileNotFoundError: The policy or gate that drove is lost.
+        ValueError: The run has no such episode, or the expert was the user's own.
     """
     run = open_run(folder)
-    if iteration is not None:
-        if not 0 <= episode < EPISODES_PER_ITERATION:
-            raise ValueError(
-                f"episode {episode} of iteration {iteration}: with an iteration, an episode is an "
-                f"index from 0 on; the id {episode} is given without an iteration"
-            )
-        episode += iteration * EPISODES_PER_ITERATION
-    iteration = episode // EPISODES_PER_ITERATION
-    if (done := run.done("collect", iteration)) is None:
-        collected = [line["iteration"] for line in run.metrics if line["stage"] == "collect"]
-        there = f"iterations 0 to {max(collected)}" if collected else "nothing yet"
+    place = _place_of(episode, iteration)
+    collected = _collected_by(run, place)
+    job = METHODS[run.method].collection(run, place.iteration, None)
+    if collected.expert != expert_name(job):
         raise ValueError(
-            f"{folder} has collected nothing in iteration {iteration}, so there is no episode "
-            f"{episode}; it has collected {there}"
-        )
-    job = METHODS[run.method].collection(run, iteration, None)
-    if done["expert"] != expert_name(job):
-        raise ValueError(
-            f"the expert of {folder} was your own {done['expert']}: replay it from Python, with "
-            "methods...collection(run, iteration, plan) and episodes.play_out"
+            f"the expert of {folder} was your own {collected.expert}: replay it from Python, with "
+            "surefoot.methods.METHODS[...].collection(run, iteration, plan) and "
+            "surefoot.rollouts.jobs.play_out"
         )
     warn_of_versions(run)
-    found: Job | None = job[job.episode == _parent(job, episode)]
-    if found.then is not None and len(found.episode) and found.episode[0] != episode:
-        found = found.then(found, play_out(found)[0])
-        found = found and found[found.episode == episode]
-    if found is None or not len(found.episode):
-        raise ValueError(f"{folder} has no episode {episode}; {_range(job, iteration)}")
-    return replace(found, then=None)
+    alone = _alone(job, place)
+    if alone is None:
+        raise ValueError(f"{folder} has no episode {place.number}; {_range_of(job, place)}")
+    return replace(alone, then=None)
 
 
-def _parent(job: Job, episode: int) -> int:
-    """The episode of the job that this one is, or follows from."""
-    return job.then.parent(episode) if isinstance(job.then, Query) else episode
-
-
-def _range(job: Job, iteration: int) -> str:
-    """Which episodes an iteration has, in words."""
-    count, base = len(job.episode), iteration * EPISODES_PER_ITERATION
-    words = f"iteration {iteration} has 0 to {count - 1}, ids {base} to {base + count - 1}"
-    if isinstance(job.then, Query):
-        first, last = QUERIES, QUERIES + count * job.then.N_query - 1
-        words += (
-            f", and queries {first} to {last}, ids {base + first} to {base + last}, of rollouts "
-            "that lasted long enough"
+def _place_of(episode: int, iteration: int | None) -> EpisodeId:
+    """The place of an episode that is given by its id, or by an iteration and its index there."""
+    if iteration is None:
+        return EpisodeId.from_number(episode)
+    if not 0 <= episode < EPISODES_PER_ITERATION:
+        raise ValueError(
+            f"episode {episode} of iteration {iteration}: with an iteration, an episode is an "
+            f"index from 0 on; the id {episode} is given without an iteration"
         )
-    return words
+    return EpisodeId(iteration, episode)
 
 
-def episode_figures(job: Job, record: Rollout, expert: Expert) -> dict[str, Any]:
+def _collected_by(run: Run, place: EpisodeId) -> Collected:
+    """The record of the iteration that collected an episode.
+
+    Raises:
+        ValueError: That iteration has collected nothing.
+    """
+    collected = run.collected(place.iteration)
+    if collected is None:
+        iterations = [r.iteration for r in run.metrics if isinstance(r, Collected)]
+        available = f"iterations 0 to {max(iterations)}" if iterations else "nothing yet"
+        raise ValueError(
+            f"{run.folder} has collected nothing in iteration {place.iteration}, so there is no "
+            f"episode {place.number}; it has collected {available}"
+        )
+    return collected
+
+
+def _alone(job: Job, place: EpisodeId) -> Job | None:
+    """An episode of a job, or one that follows from it, as a job of its own; None if not there."""
+    parent = place
+    if isinstance(job.then, Query):
+        parent = place.parent(job.then.N_query)
+    alone = job[job.episode == parent.number]
+    if len(alone.episode) == 0:
+        return None
+    if parent == place:
+        return alone
+    if job.then is None:
+        return None
+    rollouts, _ = play_out(alone)
+    queries = job.then(alone, rollouts)
+    if queries is None:
+        return None
+    alone = queries[queries.episode == place.number]
+    return alone if len(alone.episode) else None
+
+
+def _range_of(job: Job, place: EpisodeId) -> str:
+    """Which episodes the iteration of an episode has, in words."""
+    i = place.iteration
+    count = len(job.episode)
+    first = EpisodeId(i, 0)
+    last = EpisodeId(i, count - 1)
+    text = f"iteration {i} has 0 to {last.index}, ids {first.number} to {last.number}"
+    if isinstance(job.then, Query):
+        first = EpisodeId(i, FIRST_QUERY)
+        last = last.query(job.then.N_query - 1, job.then.N_query)
+        text += (
+            f", and queries {first.index} to {last.index}, ids {first.number} to {last.number}, "
+            "of rollouts that lasted long enough"
+        )
+    return text
+
+
+def report_episode(
+    job: Job, rollouts: Rollout, expert: Expert, episode: int | None = None
+) -> EpisodeReport:
     """How the first episode of a job that was played out ended, and who drove.
 
-    ``outcome``; ``command`` [m/s, m/s, rad/s]; ``seconds`` it lasted; ``max_torque`` [Nm];
-    ``drove_last`` is who drove the last tick; ``takeovers`` and ``expert_share`` are before the
-    tail; ``pushes`` are the times at which one began [s].
+    Args:
+        job: The job.
+        rollouts: Its rollouts.
+        expert: The expert that took part in them.
+        episode: Id of the episode, if it is one that a run recorded.
     """
-    summary, length = summarize_job(job, record, expert, concatenate([])), int(record.length[0])
-    return {
-        "outcome": Outcome(int(record.outcome[0])).name,
-        "command": job.starts.command[0].tolist(),
-        "seconds": length / TICKS_PER_SECOND,
-        "max_torque": float(np.abs(record.torque[0, :length]).max(initial=0.0)),
-        "drove_last": "expert" if record.expert_drove[0, max(length - 1, 0)] else "policy",
-        "takeovers": int(summary.takeovers[0]),
-        "expert_share": float(summary.expert_ticks[0] / max(summary.proper_ticks[0], 1)),
-        "pushes": [tick / TICKS_PER_SECOND for tick in pushes_of(job, record)],
-    }
+    summary = summarize_job(job, rollouts, expert, concatenate([]))
+    length = int(rollouts.length[0])
+    shown = max(length, 1)  # of an expert that gives up at once, the start
+    velocity = velocities(rollouts)[0, settled_part(shown)].mean(axis=0)
+    return EpisodeReport(
+        outcome=Outcome(int(rollouts.outcome[0])).name,
+        command=tuple(job.starts.command[0].tolist()),
+        mean_velocity=tuple(velocity.tolist()),
+        max_torque=float(np.abs(rollouts.torque[0, :length]).max(initial=0.0)),
+        seconds=length / TICKS_PER_SECOND,
+        episode=episode,
+        drove_last="expert" if rollouts.expert_drove[0, shown - 1] else "policy",
+        takeovers=int(summary.takeovers[0]),
+        expert_share=float(summary.expert_ticks[0] / max(summary.proper_ticks[0], 1)),
+        pushes=tuple(tick / TICKS_PER_SECOND for tick in push_ticks(job, rollouts)),
+    )
 
 
-def pushes_of(job: Job, record: Rollout) -> tuple[int, ...]:
-    """Ticks at which pushes began in the first episode of a job that was played out."""
+def push_ticks(job: Job, rollouts: Rollout) -> tuple[int, ...]:
+    """Ticks at which pushes began in the first episode of a job that was played out [ms]."""
     pushes = disturbance_of(job).pushes
-    return () if pushes is None else pushes.begun(0, int(record.length[0]))
+    return () if pushes is None else pushes.begun(0, int(rollouts.length[0]))

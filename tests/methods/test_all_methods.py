@@ -1,7 +1,6 @@
-"""Every algorithm on a toy with a known answer: what enters the dataset, labelled and counted.
+"""Every method on a toy with a known answer: what enters D, what it cost, the same bits.
 
-Whoever is asked, in whatever chunks, however often it is killed. Next: ``test_algorithms_coins``
-(BC, DAGGER, LocoDAGGER), ``_gates`` (SafeDAGGER), ``_worlds`` and ``_pushes``.
+The expected frames, targets and counts are computed by the tests (``fakes/toy_runs.py``).
 """
 
 from dataclasses import replace
@@ -11,15 +10,15 @@ import pytest
 
 from surefoot.files import load_arrays
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.engine import Episodes
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_chunk
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import Summary, join_summaries
+from surefoot.rollouts.summary import Summary, join
 from surefoot.runs.run import Run, create, open_run
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
 from tests.fakes import toy
-from tests.fakes.runs import figures_of, fingerprint
+from tests.fakes.runs import Killed, collected, fingerprint, stages_of
 from tests.fakes.toy import Worlds, plan
 from tests.fakes.toy_runs import (
     CONFIG,
@@ -37,7 +36,11 @@ from tests.fakes.toy_runs import (
 )
 
 pytestmark = pytest.mark.usefixtures("toys")
+
+
 every_method = pytest.mark.parametrize("name", METHODS)
+
+
 in_every_iteration = pytest.mark.parametrize(
     ("name", "i"),
     [
@@ -47,95 +50,69 @@ in_every_iteration = pytest.mark.parametrize(
 )
 
 
-# --- the toy
-
-
-def test_the_toy_is_linear_and_its_expert_masters_it():
-    assert np.abs(np.linalg.eigvals(toy.A - toy.B @ toy.K)).max() < 1.0
-    assert np.abs(np.linalg.eigvals(toy.A)).max() > 1.0
-    rng = np.random.default_rng(0)
-    starts = load_starts()["train"][:5]
-    world = toy.Toy(5)
-    world.reset(starts.q, starts.v)
-    for _ in range(20):
-        before = [toy.x_of(q, v) for q, v in zip(world.q, world.v, strict=True)]
-        torque, mask = rng.normal(size=(5, 12)), np.array([True] * 4 + [False])
-        world.step(torque, mask)
-        for b in range(5):
-            x = toy.A @ before[b] + toy.B @ torque[b] if mask[b] else before[b]
-            now = toy.x_of(world.q[b], world.v[b])
-            np.testing.assert_allclose(now, x, rtol=0, atol=1e-12)
-    # A world that resets to a recorded state goes on from it.
-    np.testing.assert_array_equal(world.state.q[4], starts.q[4])
-    made = plan(world.state[0], 130, starts.command[0])
-    x = toy.x_of(world.q[0], world.v[0])
-    np.testing.assert_allclose(made.joint_position[0], x[1:13], atol=1e-15)
-    for t in range(99):
-        x = toy.A @ x + toy.B @ made.torque[t]
-    np.testing.assert_allclose(made.joint_position[99], x[1:13], atol=1e-9)
-    np.testing.assert_allclose(made.joint_velocity[99], x[14:], atol=1e-9)
-
-
-# --- all methods
-
-
 @in_every_iteration
-def test_the_dataset_is_what_the_method_keeps_with_the_experts_labels(runs, name, i):
+def test_the_dataset_is_what_the_method_keeps_with_the_experts_targets(runs, name, i):
     """Every array of every frame; and nothing else."""
-    run, total = runs(name), 0
+    run = runs(name)
+    total = 0
     frames = kept_in(run, i)
     assert len(frames)
-    for part, (job, record) in enumerate(replayed(run, i)):
-        keep = kept(run, i, part, record)
-        asked = record.happened if run.method == "dagger" and i else record.expert_drove
-        torque = answers(record, asked)
-        drove = record.expert_drove & record.happened
-        np.testing.assert_allclose(record.torque[drove], torque[drove], rtol=0, atol=1e-9)
+    for part, (job, rollouts) in enumerate(replayed(run, i)):
+        keep = kept(run, i, part, rollouts)
+        asked = rollouts.happened if run.method == "dagger" and i else rollouts.expert_drove
+        torque = answers(rollouts, asked)
+        drove = rollouts.expert_drove & rollouts.happened
+        np.testing.assert_allclose(rollouts.torque[drove], torque[drove], rtol=0, atol=1e-9)
         for b, episode in enumerate(job.episode):
-            mine, when = frames[frames.episode == episode], np.flatnonzero(keep[b])
-            np.testing.assert_array_equal(mine.tick, record.starts.tick[b] + when)
+            own = frames[frames.episode == episode]
+            when = np.flatnonzero(keep[b])
+            np.testing.assert_array_equal(own.tick, rollouts.starts.tick[b] + when)
             for field in ("q", "v", "com", "feet", "contacts", "expert_drove"):
-                recorded = getattr(record, field)[b, when]
-                np.testing.assert_array_equal(getattr(mine, field), recorded, err_msg=field)
-            assert (mine.command == record.starts.command[b]).all()
-            assert (mine.outcome == record.outcome[b]).all()
-            np.testing.assert_allclose(mine.torque, torque[b, when], rtol=0, atol=1e-9)
+                recorded = getattr(rollouts, field)[b, when]
+                np.testing.assert_array_equal(getattr(own, field), recorded, err_msg=field)
+            assert (own.command == rollouts.starts.command[b]).all()
+            assert (own.outcome == rollouts.outcome[b]).all()
+            np.testing.assert_allclose(own.torque, torque[b, when], rtol=0, atol=1e-9)
             total += len(when)
     assert total == len(frames)
 
 
 @in_every_iteration
-def test_figures_are_those_of_the_rollouts(runs, name, i):
+def test_the_cost_is_that_of_the_rollouts(runs, name, i):
     """Counted again, tick by tick; a fall is one by the test's own bounds and dynamics."""
     run = runs(name)
-    figures, pairs = figures_of(run, "collect", i), replayed(run, i)
+    cost = collected(run, i)
+    pairs = replayed(run, i)
     takeovers = expert = policy = falls = 0
-    record = pairs[0][1]
-    T = record.duration
-    for b in range(len(record.length)):
-        length, before = int(record.length[b]), None
-        ticks = record.expert_drove[b, : min(length, T)].tolist()
+    rollouts = pairs[0][1]
+    T = rollouts.duration
+    for b in range(len(rollouts.length)):
+        length = int(rollouts.length[b])
+        before = None
+        ticks = rollouts.expert_drove[b, : min(length, T)].tolist()
         for drove in ticks:
             takeovers += drove and before is False
             before = drove
         takeovers += ticks[0] and not all(ticks)
-        expert, policy = expert + sum(ticks), policy + len(ticks) - sum(ticks)
-        lies = has_fallen(record.q[b, :length], SAFETY)
+        expert = expert + sum(ticks)
+        policy = policy + len(ticks) - sum(ticks)
+        lies = has_fallen(rollouts.q[b, :length], SAFETY)
         assert not lies[500:].any()
-        if record.outcome[b] == Outcome.FELL:
+        if rollouts.outcome[b] == Outcome.FELL:
             falls += 1
-            q, v = record.q[b, length - 1], record.v[b, length - 1]
-            x = toy.A @ toy.x_of(q, v) + toy.B @ record.torque[b, length - 1]
+            q = rollouts.q[b, length - 1]
+            v = rollouts.v[b, length - 1]
+            x = toy.A @ toy.x_of(q, v) + toy.B @ rollouts.torque[b, length - 1]
             assert np.degrees(abs(x[0])) > 29.0  # a push may do the rest
         else:
-            assert length == record.q.shape[1]
-    assert (figures["takeovers"], figures["falls"]) == (takeovers, falls)
-    assert figures["expert_share"] == pytest.approx(expert / (expert + policy), abs=1e-12)
-    assert figures["episodes"] == len(record.length)
+            assert length == rollouts.q.shape[1]
+    assert (cost.takeovers, cost.falls) == (takeovers, falls)
+    assert cost.expert_share == pytest.approx(expert / (expert + policy), abs=1e-12)
+    assert cost.episodes == len(rollouts.length)
     ticks = sum(int(r.length.sum()) for _, r in pairs)
-    assert figures["robot_seconds"] == pytest.approx(ticks / 1000)
+    assert cost.robot_seconds == pytest.approx(ticks / 1000)
     drove = sum(int((r.expert_drove & r.happened).sum()) for _, r in pairs)
-    assert figures["expert_seconds"] == pytest.approx(drove / 1000)
+    assert cost.expert_seconds == pytest.approx(drove / 1000)
     plans = 0
     for _, each in pairs:
         asked = each.happened if run.method == "dagger" and i else each.expert_drove
@@ -143,36 +120,34 @@ def test_figures_are_those_of_the_rollouts(runs, name, i):
         clock = each.starts.tick[:, None] + np.arange(asked.shape[1])
         fresh = np.concatenate([asked[:, :1], asked[:, 1:] & ~asked[:, :-1]], axis=1)
         plans += int((asked & (fresh | (clock % GRID == 0))).sum())
-    assert (figures["plans"], figures["invalid_plans"]) == (plans, 0)
+    assert (cost.plans, cost.invalid_plans) == (plans, 0)
 
 
 @pytest.mark.parametrize("name", list(METHODS)[2:])
-def test_all_that_iterate_begin_with_the_same_data(runs, name):
-    first, mine = (figures_of(runs(each), "collect", 0) for each in ("dagger", name))
-    assert {**mine, "seconds": 0} == {**first, "seconds": 0}
+def test_all_iterative_methods_begin_with_the_same_data(runs, name):
+    first = collected(runs("dagger"), 0)
+    assert replace(collected(runs(name), 0), seconds=first.seconds) == first
 
 
 @every_method
-def test_frames_are_conserved(runs, name):
+def test_shards_summaries_and_metrics_count_the_same_frames(runs, name):
     """In the shards, in the summaries, in the metrics."""
-    run, running = runs(name), 0
+    run = runs(name)
+    running = 0
     ids = []
     for i in range(1 if run.method == "behavior_cloning" else 3):
         shards = [s for s in run.dataset.shards if s.startswith(f"iteration_{i:03d}")]
         frames = run.dataset.load(shards)
-        summary = join_summaries([load_arrays(run.summary_path(name), Summary) for name in shards])
+        summary = join([load_arrays(run.summary_path(name), Summary) for name in shards])
         count = {e: int((frames.episode == e).sum()) for e in summary.episode.tolist()}
         assert summary.kept.tolist() == list(count.values())
-        assert len(frames) == sum(count.values()) == figures_of(run, "collect", i)["frames_kept"]
+        assert len(frames) == sum(count.values()) == collected(run, i).frames_kept
         running += len(frames)
-        assert figures_of(run, "collect", i)["dataset_frames"] == running
+        assert collected(run, i).dataset_frames == running
         ids += summary.episode.tolist()
     assert len(set(ids)) == len(ids)
     assert run.dataset.frames == running
     assert run.dataset.episodes == len(np.unique(run.dataset.load().episode))
-
-
-# --- the same bits
 
 
 @pytest.fixture(scope="module")
@@ -191,10 +166,11 @@ def small(tmp_path_factory):
 
 @pytest.mark.parametrize("name", SMALL_METHODS)
 @pytest.mark.parametrize("chunk", [3, 50])
-def test_chunks_do_not_matter(small, tmp_path, name, chunk):
-    """Data and figures. A policy may: rows of a LocoDAGGER chunk come in another order."""
+def test_results_do_not_depend_on_the_size_of_chunks(small, tmp_path, name, chunk):
+    """Data and cost. A policy may: rows of a LocoDAGGER chunk come in another order."""
     run = run_method(tmp_path, replace(CONFIG, method=SMALL_METHODS[name], chunk=chunk))
-    one, other = fingerprint(run), fingerprint(small(name))
+    one = fingerprint(run)
+    other = fingerprint(small(name))
     if name == "loco_dagger":
         assert one["data"] == other["data"]
         stages = [[m for m in each["metrics"] if m["stage"] == "collect"] for each in (one, other)]
@@ -203,7 +179,7 @@ def test_chunks_do_not_matter(small, tmp_path, name, chunk):
         assert one == other
     summaries = []
     for each in (run, small(name)):
-        summary = join_summaries(
+        summary = join(
             [load_arrays(each.summary_path(shard), Summary) for shard in each.dataset.shards]
         )
         summaries.append(vars(summary[np.argsort(summary.episode)]))
@@ -211,13 +187,13 @@ def test_chunks_do_not_matter(small, tmp_path, name, chunk):
         np.testing.assert_array_equal(array, summaries[1][field], err_msg=field)
 
 
-def test_what_would_have_been_after_the_end_counts_for_nothing(monkeypatch):
+def test_ticks_after_the_end_of_an_episode_do_not_count(monkeypatch):
     """A robot lost 10 ms after a touchdown has the same summary alone and in company."""
-    starts, summaries = load_starts()["train"][:2], []
+    starts = load_starts()["train"][:2]
+    summaries = []
     for batch in (1, 2):
         monkeypatch.setattr("surefoot.rollouts.jobs.make_simulator", Worlds({"lost": {0: 510}}))
-        some = starts[:batch]
-        job = Job(CONFIG, Episodes(some, 1.1), ExpertOnly(), plan=plan)
+        job = Job(CONFIG, Episodes(starts[:batch], 1.1), ExpertOnly(), plan=plan)
         summaries.append(run_chunk(job).summary)
     assert summaries[0].ticks.tolist() == [510]
     assert summaries[0].strict.tolist() == [False] and summaries[1].strict.tolist()[1:] == [True]
@@ -225,27 +201,27 @@ def test_what_would_have_been_after_the_end_counts_for_nothing(monkeypatch):
         np.testing.assert_array_equal(array, getattr(summaries[1], field)[:1], err_msg=field)
 
 
-class Killed(BaseException):
-    """Nothing in the package may catch this."""
-
-
 @pytest.mark.parametrize("name", SMALL_METHODS)
-def test_killed_before_and_after_each_record(small, tmp_path, monkeypatch, name):
+def test_a_run_killed_before_and_after_each_record_ends_with_the_same_bits(
+    small, tmp_path, monkeypatch, name
+):
     config = replace(CONFIG, method=SMALL_METHODS[name])
-    record, deaths = Run.record, []
+    append_metrics = Run.append_metrics
+    deaths = []
 
-    def record_and_die(run, stage, i, **figures):
-        moment = deaths.count((stage, i))
-        deaths.append((stage, i))
+    def append_and_die(run, record):
+        stage = (record.stage, record.iteration)
+        moment = deaths.count(stage)
+        deaths.append(stage)
         if moment == 1:
-            record(run, stage, i, **figures)
+            append_metrics(run, record)
         if moment < 2:
             raise Killed
-        return record(run, stage, i, **figures)
+        return append_metrics(run, record)
 
     # The whole run first: its records must not die.
-    stages = [(line["stage"], line["iteration"]) for line in small(name).metrics]
-    monkeypatch.setattr(Run, "record", record_and_die)
+    stages = stages_of(small(name))
+    monkeypatch.setattr(Run, "append_metrics", append_and_die)
     for _ in range(2 * len(stages)):
         with pytest.raises(Killed):
             RUN[name](create(tmp_path / "run", config, resume=True), Workers(1), plan)
@@ -254,7 +230,28 @@ def test_killed_before_and_after_each_record(small, tmp_path, monkeypatch, name)
     assert fingerprint(open_run(tmp_path / "run")) == fingerprint(small(name))
 
 
-# --- what would fail after the pre-training
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("dagger", {"p": 1.5}, "method.p is 1.5; use 0.0 to 1.0"),
+        ("loco_dagger-0.5", {"alpha": -0.1}, "method.alpha is -0.1"),
+        ("loco_dagger-0.5", {"N_query": 0}, "method.N_query is 0; use 1 to 600"),
+        ("loco_dagger-0.5", {"N_query": 1000}, "method.N_query is 1000"),
+        ("loco_dagger-0.5", {"T_query": 0.0}, "method.T_query is 0.0"),
+        ("loco_dagger-0.5", {"before_fall": -1.0}, "method.before_fall is -1.0"),
+        ("safe_dagger", {"unsafe_share": 20.0}, "method.unsafe_share is 20.0"),
+        ("loco_safe_dagger", {"T_end": -0.1}, "method.T_end is -0.1"),
+        ("loco_safe_dagger", {"T_block": -0.1}, "method.T_block is -0.1"),
+        ("loco_safe_dagger", {"tightest": 1.1}, "method.tightest is 1.1"),
+        ("loco_safe_dagger", {"alarm": 30.0}, "method.alarm is 30.0"),
+        ("loco_safe_dagger", {"guard": ("bound",)}, "no guard 'bound'; did you mean 'bounds'"),
+    ],
+)
+def test_a_parameter_out_of_range_is_an_error_before_any_work(tmp_path, name, change, message):
+    with pytest.raises(ValueError, match=message):
+        run_method(tmp_path, replace(CONFIG, method=replace(METHODS[name], **change)))
+    assert not list(tmp_path.rglob("metrics.jsonl"))
+    assert not list(tmp_path.rglob("*.h5"))
 
 
 @pytest.mark.parametrize("name", ["safe_dagger", "loco_safe_dagger"])

@@ -1,0 +1,57 @@
+"""What `surefoot evaluate` writes down: a policy, and the expert beside it, on the same ground.
+
+Robustness is described in `robustness`, pushes in `push`. The JSON is flat: the figures of the
+policy stand at the top, those of the expert under ``expert``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from surefoot.config import Backend
+from surefoot.config.json_io import from_json, read_json
+from surefoot.evaluation.push import PushDifference, PushResult
+from surefoot.evaluation.robustness import Robustness
+
+
+@dataclass(frozen=True)
+class ExpertReport(Robustness):
+    """The robustness of the expert, and its pushes where they were asked for.
+
+    Attributes:
+        pushes: The impulses that it withstands; None if it was not pushed.
+    """
+
+    pushes: PushResult | None = None
+
+
+@dataclass(frozen=True)
+class EvaluationReport(Robustness):
+    """The robustness of a policy, and what else was measured beside it.
+
+    Attributes:
+        policy: File of the policy.
+        simulator: The simulator.
+        disturbance: Dotted name of each setting of `DisturbanceConfig` that disturbed the robots ->
+            its value, in the unit of that setting.
+        pushes: The impulses that the policy withstands; None if it was not pushed.
+        push_difference: The policy's pushes minus the expert's; None unless both were pushed.
+        expert: The same figures of the expert; None if it was not evaluated.
+    """
+
+    policy: str
+    simulator: Backend
+    disturbance: dict[str, float | tuple[float, ...]]
+    pushes: PushResult | None = None
+    push_difference: PushDifference | None = None
+    expert: ExpertReport | None = None
+
+
+def read_report(path: Path) -> EvaluationReport:
+    """Read what `surefoot evaluate` wrote; parts that an older file lacks are None.
+
+    Raises:
+        ValueError: The file is not JSON, or has unknown or missing keys.
+    """
+    return from_json(EvaluationReport, read_json(path))

@@ -1,0 +1,230 @@
+"""A run's metrics: one record, and one line of ``metrics.jsonl``, for each stage that is done.
+
+`StageRecord` is the type of any of them; the field ``stage`` tells them apart. `format_line` and
+`parse_line` are the only code that knows how a record becomes a line. A field whose default is None
+is left out of the line where it is None; what is not a number (NaN) is null. Runs of earlier
+versions wrote ``guard_classifier`` and ``guard_history`` for what is ``gate_classifier`` and
+``gate_history`` now; both are read. Read `runs.stages` next, which makes most of the records.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, fields
+from typing import Literal
+
+from surefoot.config.json_io import from_json, to_json
+from surefoot.errors import unknown
+from surefoot.runs.accounting import CollectionCost
+
+LearnedGate = Literal["classifier", "history"]
+"""The gates that are networks: `safety.learned.Deviation` and `safety.learned.History`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collected(CollectionCost):
+    """Iteration i has collected data: D <- D u D'. The cost of that is among the fields.
+
+    Attributes:
+        stage: Name of the stage in the file.
+        iteration: The iteration i; 0 is the pre-training.
+        expert: Name of the expert that drove or was asked.
+        starts_hash: SHA-256 of the stored set of initial states.
+        dataset_frames: Number of frames in D.
+        dataset_hash: SHA-256 of D.
+        seconds: Wall time of the stage [s].
+    """
+
+    stage: Literal["collect"] = "collect"
+    iteration: int
+    expert: str
+    starts_hash: str
+    dataset_frames: int
+    dataset_hash: str
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trained:
+    """Iteration i has trained its policy pi_i on D.
+
+    Attributes:
+        stage: Name of the stage in the file.
+        iteration: The iteration i; 0 is the pre-training.
+        epochs: Number of passes over the data.
+        steps: Number of optimizer steps.
+        frames: Number of frames in D, held out or not.
+        device: Device that computed it, as PyTorch names it.
+        train_loss: Mean L1 loss of the last epoch [rad].
+        validation_loss: Mean L1 loss on the held-out episodes [rad]; None without any.
+        seconds: Wall time of the stage [s].
+    """
+
+    stage: Literal["train"] = "train"
+    iteration: int
+    epochs: int
+    steps: int
+    frames: int
+    device: str
+    train_loss: float
+    validation_loss: float | None
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validated:
+    """Iteration i has measured the robustness of its policy pi_i on the `select` starts.
+
+    Attributes:
+        stage: Name of the stage in the file.
+        iteration: The iteration i; 0 is the pre-training.
+        starts: Name of the stored set of initial states.
+        starts_hash: SHA-256 of that set.
+        split: Name of the split that the episodes begin from.
+        episodes: Number of episodes.
+        successes: Number of episodes that succeeded.
+        success_rate: Share of episodes that succeeded.
+        success_interval: Wilson 95 % interval of the share.
+        falls: Number of falls.
+        stalls: Number of episodes that ended upright without stepping.
+        diverged: Number of episodes that the expert gave up on.
+        strict_successes: Number of successes that step in every window of 1.5 gait periods.
+        mse: Mean squared error of vx, vy [m^2/s^2] and yaw rate [rad^2/s^2] over the successes;
+            None without any.
+        settled_mse: The same from 1 s on, over all episodes that lasted so long.
+        max_torque: Largest joint torque commanded [N m].
+        robot_seconds: Simulated time [s].
+        plans: Number of MPC solves.
+        invalid_plans: Number of MPC solves whose plan was not valid.
+        seconds: Wall time of the stage [s].
+    """
+
+    stage: Literal["validate"] = "validate"
+    iteration: int
+    starts: str
+    starts_hash: str
+    split: str
+    episodes: int
+    successes: int
+    success_rate: float
+    success_interval: tuple[float, float]
+    falls: int
+    stalls: int
+    diverged: int
+    strict_successes: int
+    mse: tuple[float | None, float | None, float | None]
+    settled_mse: tuple[float | None, float | None, float | None]
+    max_torque: float
+    robot_seconds: float
+    plans: int
+    invalid_plans: int
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class GateTrained:
+    """Iteration i has trained the network of a learned gate.
+
+    Attributes:
+        stage: Name of the stage in the file: `gate_` and the kind of gate.
+        iteration: The iteration i; 0 is the pre-training.
+        rows: Number of rows that the network was trained on.
+        share_yes: Share of these rows that are labeled unsafe.
+        seed: Seed of the weights and of the order of the rows.
+        held_out: Number of rows that judge the network; None without any, as for the next six.
+        held_out_yes: Number of these rows that are labeled unsafe.
+        alarm: Probability beyond which the network is judged to call a state unsafe.
+        recall: Share of the unsafe rows held out that it calls unsafe.
+        precision: Share of the rows held out that it calls unsafe which are.
+        share_said: Share of the rows held out that it calls unsafe.
+        average_precision: Mean precision over all alarms (see `learning.classifier.judged`).
+        tau: Deviation beyond which a state is unsafe (SafeDAGGER); None of a history gate.
+        sigma: ``(12,)`` standard deviation of each joint's target, which scales the deviation
+            [rad]; None of a history gate.
+        sha256: SHA-256 of the network; None in files of early versions.
+        seconds: Wall time of the stage [s].
+    """
+
+    stage: Literal["gate_classifier", "gate_history"]
+    iteration: int
+    rows: int
+    share_yes: float
+    seed: int
+    held_out: int | None = None
+    held_out_yes: int | None = None
+    alarm: float | None = None
+    recall: float | None = None
+    precision: float | None = None
+    share_said: float | None = None
+    average_precision: float | None = None
+    tau: float | None = None
+    sigma: tuple[float, ...] | None = None
+    sha256: str | None = None
+    seconds: float
+
+    @property
+    def kind(self) -> LearnedGate:
+        """Which of the learned gates it is."""
+        return "classifier" if self.stage == "gate_classifier" else "history"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Best:
+    """The run is finished, and its best policy is chosen.
+
+    Attributes:
+        stage: Name of the stage in the file.
+        iteration: Always 0, as the stage belongs to the whole run.
+        best_iteration: Iteration that trained the policy with most successes.
+    """
+
+    stage: Literal["best"] = "best"
+    iteration: int = 0
+    best_iteration: int
+
+
+StageRecord = Collected | Trained | Validated | GateTrained | Best
+"""A record of a stage that is done."""
+
+_KINDS: dict[str, type[StageRecord]] = {
+    "collect": Collected,
+    "train": Trained,
+    "validate": Validated,
+    "gate_classifier": GateTrained,
+    "gate_history": GateTrained,
+    "best": Best,
+}
+
+
+def format_line(record: StageRecord) -> bytes:
+    """A record as a line of JSON, without the line's end."""
+    values = {"stage": record.stage, "iteration": record.iteration} | to_json(record)
+    optional = [field.name for field in fields(record) if field.default is None]
+    for name in optional:
+        if values[name] is None:
+            del values[name]
+    return json.dumps(values, allow_nan=False).encode()
+
+
+def parse_line(line: bytes) -> StageRecord:
+    """The record of a line, of this version or an earlier one.
+
+    Raises:
+        ValueError: The line is not JSON, or not a record of any stage. The message continues a
+            sentence that begins with the name of the line.
+    """
+    try:
+        values = json.loads(line)
+    except ValueError as error:
+        raise ValueError(f"is not JSON ({error})") from error
+    if not isinstance(values, dict):
+        raise ValueError(f"is no record: {values!r} is not an object with keys")
+    stage = str(values.get("stage"))
+    if stage.startswith("guard_"):
+        stage = "gate_" + stage.removeprefix("guard_")
+    if stage not in _KINDS:
+        raise ValueError(f"is no record: {unknown('stage', stage, _KINDS)}")
+    try:
+        return from_json(_KINDS[stage], values | {"stage": stage})
+    except ValueError as error:
+        raise ValueError(f"is not a whole record of the stage {stage} ({error})") from error

@@ -1,0 +1,196 @@
+"""Which policies are compared, and the ground on which all of them are measured.
+
+Only its policy, with its gains, and its cost come from a run; robot, physics, gait, expert, falls,
+evaluation and pushes must be the same in all runs. Next: `comparison`, which measures them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Literal
+
+from surefoot.config import (
+    Config,
+    DisturbanceConfig,
+    LocoDaggerConfig,
+    LocoSafeDaggerConfig,
+    SafetyConfig,
+)
+from surefoot.config.json_io import changes
+from surefoot.config.methods import IterativeConfig
+from surefoot.methods import METHODS
+from surefoot.rollouts.jobs import PLANNER
+from surefoot.runs.accounting import RunCost, cost_of
+from surefoot.runs.metrics import Collected, Trained, Validated
+from surefoot.runs.policies import find_policy
+from surefoot.runs.run import Run, RunError, open_run
+from surefoot.scenarios.starts import load_starts
+from surefoot.study.records import Row
+
+EXPERT = "expert"
+"""Label of the expert's row."""
+
+WhichPolicy = Literal["best", "last"]
+"""The policy of a run that did best on the `select` starts, or the one trained last."""
+
+
+def open_comparable_runs(folders: Sequence[Path]) -> list[Run]:
+    """Open the runs.
+
+    Raises:
+        ValueError: There is none, or they cannot be compared.
+        RunError: A folder holds no run.
+    """
+    if not folders:
+        raise ValueError("compare what? Name the folders of runs")
+    runs = [open_run(folder) for folder in folders]
+    for run in runs:
+        check_comparable(run, runs[0])
+    return runs
+
+
+def rows_of(runs: Sequence[Run], names: Sequence[str], which: WhichPolicy) -> tuple[Row, ...]:
+    """The expert's row, and one for each run, without results.
+
+    Args:
+        runs: The runs.
+        names: Labels of the runs, in their order; without any, what `label_of` says.
+        which: The policy of each run to compare.
+
+    Raises:
+        ValueError: The names do not fit, or two runs hold the same policy.
+        RunError: A run has no such policy.
+    """
+    rows = [Row(EXPERT)]
+    for run, label in zip(runs, labels_of(runs, names), strict=True):
+        policy = run.best_policy_path if which == "best" else last_policy(run)
+        find_policy(policy)  # one that cannot be used fails here, not hours later
+        digest = sha256(policy.read_bytes()).hexdigest()
+        for row in rows:
+            if row.sha256 == digest:
+                raise ValueError(
+                    f"{run.folder} and {row.run} hold the same policy; name one of them"
+                )
+        rows.append(Row(label, str(run.folder), run.method, str(policy), digest, cost_of_run(run)))
+    return tuple(rows)
+
+
+def labels_of(runs: Sequence[Run], names: Sequence[str]) -> list[str]:
+    """A label for each run, all of them different.
+
+    Args:
+        runs: The runs.
+        names: The labels, if the user gave any.
+
+    Raises:
+        ValueError: The number of names is not that of the runs, or two rows have the same label.
+    """
+    if names and len(names) != len(runs):
+        raise ValueError(f"{len(names)} names for {len(runs)} runs; give one for each")
+    labels = list(names)
+    if not names:
+        labels = [label_of(run) for run in runs]
+        count = Counter([EXPERT, *labels])
+        labels = [
+            f"{label} ({run.folder.name})" if count[label] > 1 else label
+            for label, run in zip(labels, runs, strict=True)
+        ]
+    count = Counter([EXPERT, *labels])
+    twice = sorted(label for label in labels if count[label] > 1)
+    if twice:
+        raise ValueError(f"rows of the same name: {', '.join(twice)}; tell them apart with --names")
+    return labels
+
+
+def common_ground(config: Config, episodes: int) -> Config:
+    """The part of a run's configuration that bears on an evaluation; the rest is the default.
+
+    Args:
+        config: The run's configuration.
+        episodes: Number of initial states.
+    """
+    safety = SafetyConfig(
+        fall_height=config.safety.fall_height,
+        fall_angle=config.safety.fall_angle,
+        grace=config.safety.grace,
+        stepping_from=config.safety.stepping_from,
+    )
+    return Config(
+        robot=config.robot,
+        simulation=replace(config.simulation, backend="mujoco"),
+        gait=config.gait,
+        expert=config.expert,
+        safety=safety,
+        evaluation=replace(config.evaluation, episodes=episodes),
+        push=config.push,
+    )
+
+
+def check_comparable(run: Run, first: Run) -> None:
+    """Check that two runs were made on the same ground, with the packaged set and expert.
+
+    Raises:
+        ValueError: Physics, gait, expert, falls, evaluation, pushes or initial states differ.
+    """
+    ground = common_ground(run.config, 1)
+    for name, value, other in changes(ground, common_ground(first.config, 1)):
+        raise ValueError(
+            f"{run.folder} has {name} {value}, {first.folder} has {other}: they cannot be compared"
+        )
+    stored = load_starts()
+    for record in run.metrics:
+        if isinstance(record, Collected | Validated) and record.starts_hash != stored.hash:
+            raise ValueError(
+                f"{run.folder} was made from other starts ({record.starts_hash[:8]}...) than "
+                f"{stored.name} ({stored.hash[:8]}...): results on different starts cannot be "
+                "compared"
+            )
+        if isinstance(record, Collected) and record.expert != PLANNER:
+            raise ValueError(
+                f"{run.folder} learned from your own expert {record.expert}, which has no row "
+                "here: use sf.evaluate and sf.push_recovery with your plan, from Python"
+            )
+
+
+def label_of(run: Run) -> str:
+    """The method's title, and what distinguishes the run."""
+    method = run.config.method
+    collection = run.config.collection
+    parts = [METHODS[run.method].title]
+    if isinstance(method, LocoDaggerConfig):
+        parts.append(f"alpha {method.alpha:g}")
+    if isinstance(method, LocoSafeDaggerConfig):
+        parts.append(" + ".join(method.gates))
+    if collection.pushes or collection.expert_impulse[1]:
+        parts.append("pushes")
+    plain = DisturbanceConfig()
+    if (
+        collection.friction != plain.friction
+        or collection.mass != plain.mass
+        or collection.noise != plain.noise
+        or collection.delay != plain.delay
+    ):
+        parts.append("disturbed")
+    return ", ".join(parts)
+
+
+def last_policy(run: Run) -> Path:
+    """File of the policy trained last.
+
+    Raises:
+        RunError: None has been trained.
+    """
+    trained = [record.iteration for record in run.metrics if isinstance(record, Trained)]
+    if not trained:
+        raise RunError(f"{run.folder} has no policy yet; resume it with `surefoot train --resume`")
+    return run.policy_path(max(trained))
+
+
+def cost_of_run(run: Run) -> RunCost:
+    """What the whole run cost."""
+    method = run.config.method
+    return cost_of(run.metrics, method.T if isinstance(method, IterativeConfig) else 0.0)

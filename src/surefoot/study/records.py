@@ -1,0 +1,277 @@
+"""The records of a comparison of methods, and of a survey of variants of the expert.
+
+A `Comparison` has one `Row` for the expert and one for each run, a `Survey` has one `SurveyCell`
+for each variant. What has not been measured yet is None: it fills up while the study is in
+progress. The readers also take files of earlier versions. Next: `comparison` and `expert_survey`,
+which measure; `tables` and `plot`, which show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from surefoot.bench.plan import Times
+from surefoot.config import Backend, Config
+from surefoot.config.json_io import from_json, read_json, to_json
+from surefoot.evaluation.push import PushDifference, PushLimits, PushResult
+from surefoot.evaluation.robustness import Robustness, VelocityError
+from surefoot.evaluation.statistics import Interval, PairedDifference
+from surefoot.files import write_json
+from surefoot.runs.accounting import RunCost
+
+Nodes = tuple[int, int]
+"""Number of centroidal and of kinematic nodes, 50 ms apart."""
+Rules = Literal["published", "own"]
+"""The rules for footholds and commands: BiConMP's, or this package's."""
+Variant = tuple[Backend, Nodes, Rules]
+"""A variant of the expert."""
+_PREFIXES = {"paper": "", "wide": "wide_"}
+"""What the keys of a cell's two survivals begin with in JSON."""
+
+
+@dataclass(frozen=True)
+class RobustnessByStart(Robustness):
+    """The robustness of a controller, with the outcome of every episode.
+
+    Attributes:
+        outcomes: One digit for each initial state, the `Outcome` of its episode.
+        strict: One digit for each initial state: 1 if every foot stepped in every window of 1.5
+            gait periods.
+    """
+
+    outcomes: str
+    strict: str
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What has been measured of one controller in one simulator.
+
+    Attributes:
+        evaluation: Its robustness on the `test` initial states.
+        pushes: The impulses that it withstands.
+    """
+
+    evaluation: RobustnessByStart | None = None
+    pushes: PushResult | None = None
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Paired differences of one row to another, in one simulator.
+
+    Attributes:
+        success: Difference of the success rates.
+        pushes: Difference of the impulses [N s].
+    """
+
+    success: PairedDifference | None = None
+    pushes: PushDifference | None = None
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Paired differences of a row to the two that all rows are compared with, in one simulator.
+
+    Attributes:
+        expert: Row minus expert; None in the expert's row.
+        baseline: Row minus baseline; None in the baseline's row, and without a baseline.
+    """
+
+    expert: Difference | None = None
+    baseline: Difference | None = None
+
+
+@dataclass(frozen=True)
+class Row:
+    """One controller of a comparison: the expert, or the policy of a run.
+
+    Attributes:
+        label: Name of the row.
+        run: Folder of the run; None for the expert.
+        method: Name of the run's method; None for the expert.
+        policy: File of the policy; None for the expert.
+        sha256: SHA-256 of that file; None for the expert.
+        cost: What the whole run cost; None for the expert.
+        results: Simulator -> what has been measured in it.
+        differences: Simulator -> how the row differs from the expert and from the baseline; empty
+            while the comparison is in progress.
+    """
+
+    label: str
+    run: str | None = None
+    method: str | None = None
+    policy: str | None = None
+    sha256: str | None = None
+    cost: RunCost | None = None
+    results: dict[Backend, Measured] = field(default_factory=dict)
+    differences: dict[Backend, Differences] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Several policies, and the expert, measured on the same ground.
+
+    Attributes:
+        config: Robot, gait, expert, falls, evaluation and pushes, the same for all rows.
+        episodes: Number of `test` initial states.
+        versions: Package -> its version, and the processor.
+        starts: Name of the set of initial states -> its SHA-256.
+        baseline: Label of the row that the others are compared with; None without any.
+        rows: The expert's row, then one for each run.
+    """
+
+    config: Config
+    episodes: int
+    versions: dict[str, str]
+    starts: dict[str, str]
+    baseline: str | None
+    rows: tuple[Row, ...]
+
+
+@dataclass(frozen=True)
+class Survival:
+    """How a variant of the expert did on one set of initial states.
+
+    Attributes:
+        episodes: Number of initial states.
+        survived: Number of robots that neither fell nor were given up.
+        survived_interval: Wilson's 95 % interval of the share that survived.
+        stalls: Number of robots that stayed up and stopped stepping.
+        lost: Ids of the initial states that were not survived.
+        invalid_plans: Number of MPC solves that gave no valid plan.
+        mse: Mean squared velocity error from 1 s on: vx, vy [m^2/s^2], yaw rate [rad^2/s^2].
+        starts_hash: SHA-256 of the set of initial states.
+    """
+
+    episodes: int
+    survived: int
+    survived_interval: Interval
+    stalls: int
+    lost: tuple[int, ...]
+    invalid_plans: int
+    mse: VelocityError
+    starts_hash: str
+
+
+@dataclass(frozen=True)
+class SurveyCell:
+    """What has been measured of one variant of the expert; None is not measured yet.
+
+    Attributes:
+        simulator: The simulator.
+        nodes: Number of centroidal and of kinematic nodes.
+        rules: The rules for footholds and commands.
+        plan_ms: Wall time of cold plans [ms].
+        paper: Survival of the initial states with the paper's deviations.
+        wide: Survival of the initial states with 1.5 times those.
+        push: The impulses that the variant withstands.
+    """
+
+    simulator: Backend
+    nodes: Nodes
+    rules: Rules
+    plan_ms: Times | None = None
+    paper: Survival | None = None
+    wide: Survival | None = None
+    push: PushLimits | None = None
+
+    @property
+    def variant(self) -> Variant:
+        """What tells the cell from the others."""
+        return self.simulator, self.nodes, self.rules
+
+    @property
+    def title(self) -> str:
+        """The variant in words."""
+        return f"{self.simulator}, {self.nodes[0]}/{self.nodes[1]} nodes, {self.rules} rules"
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Variants of the expert, measured on equal terms.
+
+    Attributes:
+        config: What the variants have in common, with the own rules.
+        episodes: Number of initial states of each set.
+        versions: Package -> its version, and the processor.
+        starts: Name of each set of initial states -> its SHA-256.
+        cells: The variants.
+        lost_by_all: Simulator and set -> ids of the initial states that every variant measured so
+            far has lost.
+    """
+
+    config: Config
+    episodes: int
+    versions: dict[str, str]
+    starts: dict[str, str]
+    cells: tuple[SurveyCell, ...]
+    lost_by_all: dict[str, tuple[int, ...]]
+
+
+def read_comparison(path: Path) -> Comparison:
+    """Read a comparison, finished or in progress, also one of an earlier version.
+
+    Raises:
+        ValueError: The file is not JSON, or has unknown or missing keys.
+    """
+    values = read_json(path)
+    try:
+        for row in values["rows"]:
+            if row["cost"] is not None and "guards" in row["cost"]["seconds"]:
+                row["cost"]["seconds"]["gates"] = row["cost"]["seconds"].pop("guards")
+        return from_json(Comparison, values)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path} is no comparison that this version can read: {error}") from error
+
+
+def read_survey(path: Path) -> Survey:
+    """Read a survey, finished or in progress, also one of an earlier version.
+
+    Raises:
+        ValueError: The file is not JSON, or has unknown or missing keys.
+    """
+    values = read_json(path)
+    try:
+        cells = [_read_cell(cell) for cell in values["cells"]]
+        # A survey that has no measurement yet may have been written without this key.
+        values = {"lost_by_all": {}} | values | {"cells": []}
+        return replace(from_json(Survey, values), cells=tuple(cells))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path} is no survey that this version can read: {error}") from error
+
+
+def write_survey(path: Path, survey: Survey) -> None:
+    """Write a survey as JSON, in which the two survivals of a cell stand flat beside its rest.
+
+    Raises:
+        WriteError: The file cannot be written.
+    """
+    values = to_json(survey)
+    for cell in values["cells"]:
+        for name, prefix in _PREFIXES.items():
+            survival = cell.pop(name) or {}
+            cell |= {prefix + key: value for key, value in survival.items()}
+    write_json(path, values)
+
+
+def _read_cell(values: dict[str, Any]) -> SurveyCell:
+    """A cell from its JSON values, in which the two survivals stand flat."""
+    values = dict(values)
+    for name, prefix in _PREFIXES.items():
+        if f"{prefix}survived" in values:
+            keys = [field.name for field in fields(Survival) if prefix + field.name in values]
+            values[name] = {key: values.pop(prefix + key) for key in keys}
+    push = values.pop("push", None)
+    cell = from_json(SurveyCell, values)
+    return cell if push is None else replace(cell, push=_read_push(push))
+
+
+def _read_push(values: dict[str, Any]) -> PushLimits:
+    """Pushes from their JSON values; earlier versions wrote no outcome of each robot."""
+    if "survived" in values:
+        return from_json(PushResult, values, "push")
+    known = {key: value for key, value in values.items() if key != "unpushed_successes"}
+    return from_json(PushLimits, known, "push")

@@ -1,0 +1,79 @@
+"""Reports of an evaluation: written and read back, also in the form of earlier versions."""
+
+import json
+from dataclasses import fields
+
+import pytest
+
+from surefoot.config.json_io import to_json
+from surefoot.evaluation.push import PushDifference
+from surefoot.evaluation.report import EvaluationReport, ExpertReport, read_report
+from surefoot.evaluation.robustness import Robustness
+from surefoot.files import write_json
+from tests.fakes.results import push_result, robustness
+
+DISTURBANCE = {"noise.joint_position": 0.01, "delay": 3, "friction": (0.6, 0.7)}
+OPTIONAL = ("pushes", "push_difference", "expert")
+
+
+def report(**changes) -> EvaluationReport:
+    return EvaluationReport(
+        **vars(robustness(3, 4)),
+        policy="runs/demo/policies/002.safetensors",
+        simulator="bullet",
+        disturbance=DISTURBANCE,
+        **changes,
+    )
+
+
+def whole_report() -> EvaluationReport:
+    expert = ExpertReport(**vars(robustness(4, 4)), pushes=push_result((2.0, 4.0)))
+    difference = PushDifference(-2.0, (-2.5, -1.5))
+    return report(pushes=push_result((1.0, 1.0)), push_difference=difference, expert=expert)
+
+
+def test_a_report_is_read_back_as_it_was_written(tmp_path):
+    path = tmp_path / "evaluation-test.json"
+    for written in (whole_report(), report()):
+        write_json(path, written)
+        assert read_report(path) == written
+
+
+def test_the_keys_are_those_of_earlier_versions():
+    values = to_json(whole_report())
+    own = {field.name for field in fields(Robustness)}
+    beside = {"policy", "simulator", "disturbance", "pushes", "push_difference", "expert"}
+    assert values.keys() == own | beside
+    assert values["expert"].keys() == own | {"pushes"}
+    assert values["disturbance"] == {
+        "noise.joint_position": 0.01,
+        "delay": 3,
+        "friction": [0.6, 0.7],
+    }
+
+
+def test_parts_that_earlier_versions_left_out_are_none(tmp_path):
+    values = to_json(report())
+    for name in OPTIONAL:
+        assert values.pop(name) is None
+    path = tmp_path / "evaluation-test.json"
+    path.write_text(json.dumps(values))
+    assert read_report(path) == report()
+    values["expert"] = to_json(robustness(4, 4))
+    path.write_text(json.dumps(values))
+    assert read_report(path).expert == ExpertReport(**vars(robustness(4, 4)))
+
+
+def test_unknown_and_missing_keys_are_named(tmp_path):
+    path = tmp_path / "evaluation-test.json"
+    values = to_json(whole_report())
+    path.write_text(json.dumps(values | {"fals": 1}))
+    with pytest.raises(ValueError, match=r"fals.*did you mean 'falls'"):
+        read_report(path)
+    del values["falls"]
+    path.write_text(json.dumps(values))
+    with pytest.raises(ValueError, match="lacks falls"):
+        read_report(path)
+    path.write_text("half of a")
+    with pytest.raises(ValueError, match="is not JSON"):
+        read_report(path)

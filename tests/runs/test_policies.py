@@ -1,0 +1,93 @@
+"""Which policy a folder or a file means; one that does not fit its configuration is refused."""
+
+import json
+import logging
+import re
+import shutil
+import sys
+from dataclasses import replace
+
+import pytest
+
+import surefoot.cli.main as cli
+from surefoot.config import Config, Gait, PolicyConfig
+from surefoot.config.json_io import to_json
+from surefoot.learning.policy import load, save
+from surefoot.methods.behavior_cloning import behavior_cloning
+from surefoot.runs.policies import find_policy
+from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.workers import Workers
+from tests.fakes.small_runs import CLONING
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Run:
+    run = create(tmp_path_factory.mktemp("finished") / "run", CLONING)
+    behavior_cloning(run, Workers(1))
+    return run
+
+
+@pytest.fixture
+def copy(finished, tmp_path) -> Run:
+    """A finished run whose files a test may change."""
+    shutil.copytree(finished.folder, tmp_path / "run")
+    return open_run(tmp_path / "run")
+
+
+def test_a_folder_means_its_best_policy_and_a_file_itself(finished):
+    best = finished.best_policy_path
+    assert find_policy(finished.folder) == (best, CLONING)
+    assert find_policy(best) == (best.resolve(), CLONING)
+
+
+def test_what_is_not_there_or_not_finished_is_an_error(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such run folder or policy file"):
+        find_policy(tmp_path / "nothing")
+    with pytest.raises(RunError, match="holds no run"):
+        find_policy(tmp_path)
+    with pytest.raises(RunError, match="the run is not finished"):
+        find_policy(create(tmp_path / "run", CLONING).folder)
+
+
+def rewrite(run: Run, **changes) -> None:
+    path = run.folder / "config.json"
+    record = json.loads(path.read_text())
+    record["config"] = to_json(replace(run.config, **changes))
+    path.write_text(json.dumps(record))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"gait": Gait(period=0.4)}, r"a gait period \[ms\] 500, .*config.json has 400"),
+        ({"policy": PolicyConfig((16, 16), kp=3.0)}, r"kp \[N m/rad\] 2.0, .*config.json has 3.0"),
+        ({"policy": PolicyConfig((16, 16), kd=0.2)}, r"kd \[N m s/rad\] 0.1, .*has 0.2"),
+        ({"policy": PolicyConfig((16, 16), phase="fraction")}, "a phase given as circle.*fraction"),
+    ],
+)
+@pytest.mark.parametrize("command", ["evaluate", "play"])
+def test_a_policy_of_another_period_gain_or_phase_is_refused(
+    monkeypatch, capsys, copy, changes, message, command
+):
+    policy = copy.best_policy_path
+    rewrite(copy, **changes)
+    for target in (copy.folder, policy):
+        monkeypatch.setattr(sys, "argv", ["surefoot", command, str(target)])
+        assert cli.main() == 2
+        error = " ".join(capsys.readouterr().err.split())
+        assert re.search(message, error) and "in the folder of the run" in error, error
+
+
+def test_a_policy_that_lies_in_no_run_brings_its_gains(finished, tmp_path, caplog):
+    policy = load(finished.best_policy_path)
+    policy.config = PolicyConfig((16, 16), kp=2.5, kd=0.07, phase="fraction")
+    path = tmp_path / "elsewhere" / "policy.safetensors"
+    save(policy, path)
+    with caplog.at_level(logging.INFO, logger="surefoot"):
+        assert find_policy(path) == (path, replace(Config(), policy=policy.config))
+    assert "lies in no run" in caplog.text
+    assert "kp 2.5 N m/rad, kd 0.07 N m s/rad, phase as a fr" in caplog.text
+    policy.period_ticks = 400
+    save(policy, path)
+    with pytest.raises(ValueError, match=r"period \[ms\] 400, the default configuration has 500"):
+        find_policy(path)

@@ -1,0 +1,141 @@
+"""What rollouts begin from, and which of their frames are kept."""
+
+import numpy as np
+import pytest
+
+from surefoot.config import (
+    Config,
+    ExpertData,
+    LocoSafeDaggerConfig,
+)
+from surefoot.rollouts.engine import Rollout
+from surefoot.rollouts.outcome import Outcome
+from surefoot.runs.sampling import (
+    draw_starts,
+    expert_frames,
+    expert_rollouts,
+    keep_unless_failed,
+)
+from surefoot.scenarios.starts import load_starts
+from tests.fakes.records import blank
+
+
+def test_expert_rollouts_begin_from_velocities_by_phases_by_perturbations():
+    job = expert_rollouts(Config(), ExpertData(4, 2, True, 1.0))
+    assert len(job.starts) == 4 * (1 + 2 * 10)
+    assert len(np.unique(job.episode)) == len(job.starts)
+    stored = job.starts.id[4:]
+    assert (job.starts.id[:4] == -1).all()  # at rest, of no stored set
+    assert len(np.unique(stored)) == len(stored)
+    speeds, counts = np.unique(np.round(job.starts.command[:, 0], 6), return_counts=True)
+    assert len(speeds) == 4
+    assert (speeds[0], speeds[-1]) == (0.0, 0.3)
+    assert (counts == 21).all()
+    assert len(np.unique(job.starts.tick)) == 10
+    one = expert_rollouts(Config(), ExpertData(1, 1, False, 1.0))
+    assert len(one.starts) == 10
+
+
+def test_draw_starts_takes_each_velocity_at_one_phase_with_new_perturbations():
+    method = LocoSafeDaggerConfig(
+        pretraining=ExpertData(2, 1, True, 0.12), velocities=5, perturbations=3
+    )
+    starts = draw_starts(method, np.random.default_rng(0))
+    stored = load_starts()
+    assert len(starts) == 15
+    assert len(np.unique(starts.id)) == 15
+    speeds = starts.command[:, 0].reshape(5, 3)
+    np.testing.assert_allclose(speeds, np.tile(speeds[:, :1], 3))
+    assert speeds[0, 0] == 0.0
+    assert speeds[-1, 0] == pytest.approx(0.3)
+    # One phase for each velocity, not always the same one.
+    ticks = starts.tick.reshape(5, 3)
+    assert (ticks == ticks[:, :1]).all()
+    drawn = [draw_starts(method, np.random.default_rng(seed)) for seed in range(30)]
+    assert len(np.unique([d.tick for d in drawn])) == 10
+    # Never a start of the pre-training, and over time all the others.
+    first = set(stored["train"].id[stored.rows("train")[0].ravel()])
+    seen = set(np.concatenate([d.id for d in drawn]).tolist())
+    assert not first & seen
+    assert seen <= set(stored["train"].id)
+    again = draw_starts(method, np.random.default_rng(0))
+    np.testing.assert_array_equal(again.id, starts.id)
+
+
+def test_failed_rollouts_are_dropped_whole():
+    T = 6
+    rollouts = blank(
+        4,
+        T,
+        length=np.array([6, 4, 6, 3]),
+        outcome=np.array([Outcome.SUCCESS, Outcome.FELL, Outcome.STALLED, Outcome.DIVERGED]),
+    )
+    np.testing.assert_array_equal(
+        keep_unless_failed(rollouts), np.repeat([[True], [False], [True], [False]], T, axis=1)
+    )
+
+
+def synthetic(rows, outcomes, duration=None) -> Rollout:
+    """Rollouts from strings: X expert, dot policy, blank never happened."""
+    T = max(map(len, rows))
+    return blank(
+        len(rows),
+        T,
+        # What stands after the end is undefined: the worst is that it looks like the expert's.
+        expert_drove=np.array([[mark in "X " for mark in row.ljust(T)] for row in rows]),
+        length=np.array([len(row.rstrip()) for row in rows]),
+        outcome=np.array(outcomes),
+        duration=duration or T,
+    )
+
+
+FELL = Outcome.FELL
+DIVERGED = Outcome.DIVERGED
+SUCCESS = Outcome.SUCCESS
+STALLED = Outcome.STALLED
+
+
+@pytest.mark.parametrize("failure", [FELL, DIVERGED])
+@pytest.mark.parametrize(
+    ("drove", "kept"),
+    [
+        # The expert falls: its block is dropped whole, an earlier one is kept.
+        ("..XXX...XXXX   ", "  XXX          "),
+        # The policy falls: every block ended well.
+        ("..XXX...XX.    ", "  XXX   XX     "),
+        # One long block from the beginning.
+        ("XXXXXXX        ", "               "),
+        # Nothing but the policy.
+        ("......         ", "               "),
+        # A block of one tick, with nothing in front, then the end.
+        ("X.X            ", "X              "),
+        ("...............", "               "),
+        ("XX.XX.XX.XXXXXX", "XX XX XX       "),
+    ],
+)
+def test_a_block_that_ends_in_a_failure_is_dropped_whole(drove, kept, failure):
+    keep = expert_frames(synthetic([drove], [failure]))
+    assert "".join("X" if k else " " for k in keep[0]) == kept
+
+
+@pytest.mark.parametrize("outcome", [SUCCESS, STALLED])
+def test_all_blocks_of_a_robot_that_stays_up_are_kept_and_the_tail(outcome):
+    drove = "..XXX....X.XXXX"
+    keep = expert_frames(synthetic([drove], [outcome], duration=11))
+    assert "".join("X" if k else "." for k in keep[0]) == drove
+
+
+def test_each_robots_blocks_are_judged_alone():
+    rows = ["XX..XXX", "XX..XX ", "XX..X  ", "       "]
+    keep = expert_frames(synthetic(rows, [SUCCESS, FELL, STALLED, FELL]))
+    assert ["".join("X" if k else " " for k in row) for row in keep] == [
+        "XX  XXX",
+        "XX     ",
+        "XX  X  ",
+        "       ",
+    ]
+
+
+def test_a_block_that_runs_into_the_tail_falls_with_it():
+    keep = expert_frames(synthetic([".X..XXXX  "], [FELL], duration=6))
+    assert keep[0].tolist() == [False, True, *[False] * 8]

@@ -1,0 +1,111 @@
+"""Tables of a comparison: known answers in every cell, dashes, and the prose around them."""
+
+from dataclasses import replace
+
+import pytest
+
+from surefoot.study.records import Measured
+from surefoot.study.tables import BEGIN, END, comparison_tables, page_with, share_cell
+from tests.fakes.comparisons import measure, pretend_measurements
+
+
+def cells(text: str) -> list[list[str]]:
+    """The cells of a text's tables, without their heads."""
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in lines
+        if not line.startswith(("| ---", "| simulator", "| method"))
+    ]
+
+
+def test_the_tables_hold_the_known_answers(monkeypatch, runs):
+    pretend_measurements(monkeypatch)
+    text = comparison_tables(measure(runs))
+    table = cells(text)
+    assert table[1] == [
+        "mujoco",
+        "BC",
+        "2 of 4, 50.0 % (15.0 to 85.0)",
+        "25.0 %",
+        "1",
+        "1",
+        "0",
+        "1.00, 2.00, 34.50",
+        "-, 2.00, 3.00",
+        "1.00 (1.00 to 1.00)",
+        "1.00, 1.00",
+    ]
+    assert table[5][:3] == ["bullet", "LocoSafeDAGGER, bounds", "3 of 4, 75.0 % (30.1 to 95.4)"]
+    assert table[5][4:6] == ["1", "0"]
+    assert table[0][-2:] == ["3.00 (3.00 to 3.00)", "2.00, 4.00"]
+    # Of four starts drawn anew the share of one is 0 to 75 %, that of two 0 to 100 %.
+    assert table[6] == [
+        "mujoco",
+        "expert",
+        "-",
+        "+50.0 (+0.0 to +100.0)",
+        "-",
+        "+2.00 (+2.00 to +2.00)",
+    ]
+    assert table[7][2:4] == ["-50.0 (-100.0 to +0.0)", "-"]
+    assert table[8][2:] == [
+        "-25.0 (-75.0 to +0.0)",
+        "+25.0 (+0.0 to +75.0)",
+        "-2.00 (-2.00 to -2.00)",
+        "+0.00 (+0.00 to +0.00)",
+    ]
+    assert table[12] == [
+        *("BC", "0", "60", "1200", "0 of 10 (0.0 to 27.8 %)", "-", "-", "0, 0"),
+        *("-", "0", "-", "-"),
+        *("1000", "0.0 %, 0.0 %", "100, 20, 3, 0"),
+    ]
+    # 3 falls in 10 rollouts, together one minute; the expert drove 10 of 60 s.
+    assert table[13][2:5] == ["70", "2400", "0 of 10 (0.0 to 27.8 %)"]
+    assert table[13][5:11] == ["3 of 10 (10.8 to 60.3 %)", "3.00", "4, 2", "-", "0", "0"]
+    assert table[13][11:] == ["16.7 %", "2000", "0.0 %, 0.0 %", "200, 40, 6, 1"]
+    assert "80 % of 2 robots survive" in text
+    assert "row minus baseline (BC)" in text
+
+
+def test_without_pushes_their_cells_are_dashes(monkeypatch, runs):
+    pretend_measurements(monkeypatch)
+    comparison = measure(runs[1:], pushes=False, simulators=("bullet",))
+    table = cells(comparison_tables(comparison))
+    assert table[0][-2:] == ["-", "-"]
+    assert table[2] == [
+        *("bullet", "LocoSafeDAGGER, bounds", "-25.0 (-75.0 to +0.0)", "-", "-", "-")
+    ]
+    assert "row minus baseline (no baseline)" in comparison_tables(comparison)
+
+
+def test_an_unfinished_comparison_has_tables(monkeypatch, runs):
+    pretend_measurements(monkeypatch)
+    comparison = measure(runs, simulators=("mujoco",))
+    expert = replace(comparison.rows[0], results={"mujoco": Measured()}, differences={})
+    begun = replace(comparison, rows=(expert, replace(comparison.rows[1], results={})))
+    table = cells(comparison_tables(begun))
+    assert table[0] == ["mujoco", "expert", *(["-"] * 9)]
+    assert [row[0] for row in table[1:]] == ["BC"]  # no differences; what it cost is known
+
+
+def test_a_share_of_nothing_is_a_dash():
+    assert share_cell(0, 0) == share_cell(None, None) == "-"
+    assert share_cell(1, 4) == "1 of 4 (4.6 to 69.9 %)"
+
+
+def test_prose_around_the_tables_stays(tmp_path):
+    path = tmp_path / "methods.md"
+    assert page_with("| a |", path) == f"{BEGIN}\n| a |\n{END}\n"
+    path.write_text(f"# Methods\n\n{BEGIN}\nold\n{END}\n\nAfter.\n")
+    assert page_with("new", path) == f"# Methods\n\n{BEGIN}\nnew\n{END}\n\nAfter.\n"
+    path.write_text(page_with("new", path))
+    assert page_with("new", path) == path.read_text()
+
+
+@pytest.mark.parametrize("text", ["prose", f"{BEGIN} open", f"{END}{BEGIN}"])
+def test_a_page_without_a_place_for_the_tables_is_an_error(tmp_path, text):
+    path = tmp_path / "methods.md"
+    path.write_text(text)
+    with pytest.raises(ValueError, match="no place for the tables"):
+        page_with("new", path)
