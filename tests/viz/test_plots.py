@@ -2,8 +2,9 @@
 
 import matplotlib.image
 import pytest
+from matplotlib.figure import Figure
 
-from surefoot.runs.metrics import Best, StageRecord
+from surefoot.runs.metrics import Best, Collected, StageRecord
 from surefoot.viz.plots import learning_curves
 from tests.fakes.runs import collected_record, trained_record, validated_record
 
@@ -28,32 +29,55 @@ def records(iterations: int) -> list[StageRecord]:
     return made
 
 
+@pytest.fixture
+def figures(monkeypatch) -> list[Figure]:
+    """The figures that are saved from now on."""
+    saved = []
+    savefig = Figure.savefig
+
+    def save_and_keep(figure, *args, **options):
+        saved.append(figure)
+        savefig(figure, *args, **options)
+
+    monkeypatch.setattr(Figure, "savefig", save_and_keep)
+    return saved
+
+
 @pytest.mark.parametrize(
-    "metrics",
+    ("metrics", "validated", "best"),
     [
-        pytest.param([*records(4), Best(best_iteration=2)], id="finished"),
-        pytest.param([*records(1), Best(best_iteration=0)], id="behavior_cloning"),
-        pytest.param(records(3)[:-2], id="unfinished"),
-        pytest.param(records(1)[:1], id="only collected"),
-        pytest.param(records(40), id="long"),
+        pytest.param([*records(4), Best(best_iteration=2)], [0, 1, 2, 3], 2, id="finished"),
+        pytest.param([*records(1), Best(best_iteration=0)], [0], 0, id="behavior_cloning"),
+        pytest.param(records(3)[:-2], [0, 1], None, id="unfinished"),
+        pytest.param(records(1)[:1], [], None, id="only collected"),
+        pytest.param(records(40), [*range(40)], None, id="long"),
     ],
 )
-def test_a_run_in_any_state_gives_a_picture(tmp_path, metrics):
+def test_a_run_in_any_state_is_drawn_as_far_as_it_is_done(
+    figures, tmp_path, metrics, validated, best
+):
     path = learning_curves(metrics, tmp_path / "curves.png")
     picture = matplotlib.image.imread(path)
     assert picture.shape[0] > 900 and picture.shape[1] > 900
-    assert picture[..., :3].std() > 0.01
     assert [file.name for file in tmp_path.iterdir()] == ["curves.png"]
+    falls, share, success = figures[0].axes
+    collected = [record for record in metrics if isinstance(record, Collected)]
+    everywhere = [record.iteration for record in collected]
+    assert falls.lines[0].get_xydata().tolist() == [[i, 3 * i] for i in everywhere]
+    assert falls.lines[1].get_xydata().tolist() == [[i, i] for i in everywhere]
+    later = [[i, pytest.approx(30 / i)] for i in everywhere if i > 0]
+    assert share.lines[1].get_xydata().tolist() == later
+    texts = [text.get_text() for text in success.texts]
+    if validated:
+        assert success.lines[0].get_xydata().tolist() == [[i, 90.0] for i in validated]
+        assert texts == ([] if best is None else ["best: 90 %"])
+    else:
+        assert texts == ["not validated yet"]
+    if best is not None:
+        assert success.texts[0].xy == (best, 83.0)
 
 
-def test_a_series_of_dataset_sizes_has_all_its_policies_in_the_picture(monkeypatch, tmp_path):
-    from matplotlib.figure import Figure
-
-    figures = []
-    draw = Figure.savefig
-    monkeypatch.setattr(
-        Figure, "savefig", lambda self, *a, **k: (figures.append(self), draw(self, *a, **k))[1]
-    )
+def test_a_series_of_dataset_sizes_has_all_its_policies_in_the_picture(figures, tmp_path):
     series: list[StageRecord] = [collected_record(0)]
     for size in range(3):
         series += [trained_record(size, frames=7000), validated_record(size)]
@@ -72,24 +96,15 @@ def test_svg_names_its_panels_and_is_the_same_each_time(tmp_path):
     assert learning_curves(metrics, tmp_path / "b.svg").read_bytes() == first
 
 
-def test_the_expert_alone_does_not_squash_the_later_shares(monkeypatch, tmp_path):
-    from matplotlib.figure import Figure
-
-    limits = {}
-
-    def look(figure, *_args, **_kwargs):
-        limits.update({axes.get_ylabel(): axes.get_ylim() for axes in figure.axes})
-
-    monkeypatch.setattr(Figure, "savefig", lambda *a, **k: (look(*a), a[1].write_bytes(b"-")))
+def test_the_expert_alone_does_not_squash_the_later_shares(figures, tmp_path):
     learning_curves(records(3), tmp_path / "several.png")
-    assert 30 < limits["share of time [%]"][1] < 50  # the largest share drawn is 36 %
     learning_curves(records(1), tmp_path / "one.png")
-    assert limits["share of time [%]"][1] > 100
+    several, one = (figure.axes[1].get_ylim()[1] for figure in figures)
+    assert 30 < several < 50  # the largest share drawn is 36 %
+    assert one > 100
 
 
 def test_a_failure_leaves_the_old_picture_and_nothing_else(monkeypatch, tmp_path):
-    from matplotlib.figure import Figure
-
     path = tmp_path / "curves.png"
     path.write_bytes(b"old")
 
