@@ -32,7 +32,7 @@ from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
 from tests.fakes.learning import OBSERVATION_SPEC, spec_of
-from tests.fakes.records import blank
+from tests.fakes.rollouts import blank
 
 
 def alarms(T, *rows):

@@ -25,7 +25,7 @@ from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out, run_episodes
 from surefoot.rollouts.outcome import Outcome
-from surefoot.scenarios.disturbance import draw
+from surefoot.scenarios.disturbance import draw_disturbances
 from surefoot.scenarios.starts import load_starts
 from surefoot.study.expert_survey import PUSHES
 from surefoot.types import MotionPlan, to_ticks
@@ -262,8 +262,8 @@ def test_a_robot_keeps_its_friction_and_load_over_all_pushes():
     branch = branch_at_push(begin, Workers(1), "test")
     assert branch.up.all()
     job = pushed_job(branch.job, np.array([0.0, 1.0]), np.array([1.0, 2.0]))
-    before = draw(begin.disturbance, 0, begin.episode, begin.duration, 0.5)
-    after = draw(job.disturbance, 0, job.episode, job.duration, 0.5)
+    before = draw_disturbances(begin.disturbance, 0, begin.episode, begin.duration, 0.5)
+    after = draw_disturbances(job.disturbance, 0, job.episode, job.duration, 0.5)
     for first, second in ((before.friction, after.friction), (before.mass, after.mass)):
         assert first is not None and second is not None
         assert len(set(first)) == 4

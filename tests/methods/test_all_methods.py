@@ -13,7 +13,7 @@ from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_chunk
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import Summary, join
+from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.run import Run, create, open_run
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
@@ -138,7 +138,7 @@ def test_shards_summaries_and_metrics_count_the_same_frames(runs, name):
     for i in range(1 if run.method == "behavior_cloning" else 3):
         shards = [s for s in run.dataset.shards if s.startswith(f"iteration_{i:03d}")]
         frames = run.dataset.load(shards)
-        summary = join([load_arrays(run.summary_path(name), Summary) for name in shards])
+        summary = join_summaries([load_arrays(run.summary_path(name), Summary) for name in shards])
         count = {e: int((frames.episode == e).sum()) for e in summary.episode.tolist()}
         assert summary.kept.tolist() == list(count.values())
         assert len(frames) == sum(count.values()) == collected(run, i).frames_kept
@@ -179,7 +179,7 @@ def test_results_do_not_depend_on_the_size_of_chunks(small, tmp_path, name, chun
         assert one == other
     summaries = []
     for each in (run, small(name)):
-        summary = join(
+        summary = join_summaries(
             [load_arrays(each.summary_path(shard), Summary) for shard in each.dataset.shards]
         )
         summaries.append(vars(summary[np.argsort(summary.episode)]))

@@ -13,7 +13,7 @@ from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.jobs import play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.run import Run
-from surefoot.scenarios.disturbance import draw
+from surefoot.scenarios.disturbance import draw_disturbances
 from surefoot.types import State
 from tests.fakes.runs import collected
 from tests.fakes.toy_runs import (
@@ -161,7 +161,9 @@ def test_queries_are_pushed_early_and_once_by_the_experts_impulse(tmp_path):
         disturbance = DisturbanceConfig(pushes=2, impulse=(0.05, 0.06), expert_impulse=impulse)
         run = run_method(tmp_path / name, replace(CONFIG, method=method, collection=disturbance))
         _, (job, rollouts) = replayed(run, 1)
-        drawn = draw(replace(disturbance, pushes=0), CONFIG.seed, job.episode, 0.0, 0.5, 0.3).pushes
+        drawn = draw_disturbances(
+            replace(disturbance, pushes=0), CONFIG.seed, job.episode, 0.0, 0.5, 0.3
+        ).pushes
         assert (drawn is None) == (impulse[1] == 0.0)
         if drawn is not None:
             size = np.linalg.norm(drawn.impulse[:, 0], axis=1)

@@ -8,7 +8,7 @@ import pytest
 from surefoot.config import (
     DisturbanceConfig,
 )
-from surefoot.scenarios.disturbance import draw
+from surefoot.scenarios.disturbance import draw_disturbances
 from tests.fakes.runs import fingerprint
 from tests.fakes.toy_runs import (
     CONFIG,
@@ -39,7 +39,7 @@ def test_pushes_of_an_episode_depend_on_seed_and_id_alone(runs):
     ids = 200_000 + np.arange(6)
     names = ("dagger", "safe_dagger", "loco_safe_dagger", "loco_dagger-0.5")
     pairs = [replayed(runs(name), 2)[0] for name in names]
-    pushes = draw(CONFIG.collection, CONFIG.seed, ids, 0.7, 0.5).pushes
+    pushes = draw_disturbances(CONFIG.collection, CONFIG.seed, ids, 0.7, 0.5).pushes
     assert pushes is not None
     felt = 0
     for job, rollouts in pairs:
@@ -50,11 +50,13 @@ def test_pushes_of_an_episode_depend_on_seed_and_id_alone(runs):
             felt += np.abs(expected).max() > 1e-3
     assert felt > 12
     for b, id_ in enumerate(ids):  # whatever other episodes are drawn for
-        alone = draw(CONFIG.collection, CONFIG.seed, np.array([7, id_]), 0.7, 0.5).pushes
+        alone = draw_disturbances(
+            CONFIG.collection, CONFIG.seed, np.array([7, id_]), 0.7, 0.5
+        ).pushes
         assert alone is not None
         np.testing.assert_array_equal(alone.impulse[1], pushes.impulse[b])
         np.testing.assert_array_equal(alone.tick[1], pushes.tick[b])
-    other = draw(CONFIG.collection, CONFIG.seed + 1, ids, 0.7, 0.5).pushes
+    other = draw_disturbances(CONFIG.collection, CONFIG.seed + 1, ids, 0.7, 0.5).pushes
     assert other is not None and (other.impulse != pushes.impulse).any(axis=(1, 2)).all()
     assert len(np.unique(pushes.impulse[:, 0, 0])) == 6
 
@@ -62,7 +64,7 @@ def test_pushes_of_an_episode_depend_on_seed_and_id_alone(runs):
 def test_pushes_grow_from_gentle_to_full_size_over_the_iterations(runs):
     """The first of two iterations has half of what its episodes would draw."""
     ((job, rollouts),) = replayed(runs("dagger"), 1)
-    pushes = draw(CONFIG.collection, CONFIG.seed, job.episode, 0.7, 0.5).pushes
+    pushes = draw_disturbances(CONFIG.collection, CONFIG.seed, job.episode, 0.7, 0.5).pushes
     assert pushes is not None
     for b in range(6):
         expected = 0.5 * expected_kicks(pushes, rollouts, b)

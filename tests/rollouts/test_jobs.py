@@ -7,7 +7,7 @@ import pytest
 
 from surefoot.config import Config, DisturbanceConfig, EvaluationConfig, PolicyConfig
 from surefoot.files import load_arrays, save_arrays
-from surefoot.learning.dataset import concatenate
+from surefoot.learning.frames import concatenate
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
 from surefoot.robots.model import standing

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from surefoot.config import Config
-from surefoot.learning.dataset import concatenate
+from surefoot.learning.frames import concatenate
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import (
     NEAR_ANGLE,

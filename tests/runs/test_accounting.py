@@ -12,7 +12,7 @@ from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out, run_chunk
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import join
+from surefoot.rollouts.summary import join_summaries
 from surefoot.runs.accounting import collection_cost
 from surefoot.runs.sampling import (
     keep_unless_failed,
@@ -66,7 +66,7 @@ def test_a_pushed_robot_may_tilt_further_where_the_disturbance_says_so():
     assert (cost.falls, cost.near_falls) == (1, 2)
     assert cost.near_falls_in_tail == expected[2:4, 1].sum()
     queries = replace(summary, query=np.ones(5, bool))
-    assert collection_cost(join([summary, queries])).near_falls == 2
+    assert collection_cost(join_summaries([summary, queries])).near_falls == 2
     # An angle stricter than the safety table's, as 0 is, leaves that one.
     for angle in (0.0, 20.0):
         summary = run_chunk(pushed_expert(impulses, at, fall_angle=angle)).summary

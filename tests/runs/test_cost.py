@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import Summary, join
+from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import StageSeconds, collection_cost, cost_of
 from surefoot.runs.metrics import Best, StageRecord
 from tests.fakes.comparisons import collected
@@ -47,18 +47,18 @@ def test_cost_is_pooled_exactly(tail, queries, fell):
         drove = 1.0 if i == 0 or (i == 1 and queries) else 0.8**i
         part = random_summary(rng, 10 + i, T, 0 if i == 0 else tail, drove, fell)
         if queries and i > 0:
-            part = join([part, random_summary(rng, 50, 1000, 0, 1.0, fell, query=True)])
+            part = join_summaries([part, random_summary(rng, 50, 1000, 0, 1.0, fell, query=True)])
         records.append(collected_record(i, seconds=2.0, **vars(collection_cost(part))))
         parts.append(part)
     cost = cost_of(records, T / 1000)
-    pooled = collection_cost(join(parts[1:]))
+    pooled = collection_cost(join_summaries(parts[1:]))
     assert cost.episodes == pooled.episodes
     assert cost.falls == pooled.falls
     assert cost.takeovers == pooled.takeovers
     assert cost.expert_share == pytest.approx(pooled.expert_share, rel=1e-9)
     assert cost.falls_per_robot_minute == pytest.approx(pooled.falls_per_robot_minute, rel=1e-9)
     assert cost.expert_share is not None and cost.expert_share < 0.99
-    everything = collection_cost(join(parts))
+    everything = collection_cost(join_summaries(parts))
     assert cost.expert_seconds == pytest.approx(everything.expert_seconds)
     assert cost.plans == everything.plans
     assert cost.frames_kept == everything.frames_kept

@@ -18,7 +18,7 @@ from surefoot.config import Config
 from surefoot.files import WriteError
 from surefoot.learning.dataset import DatasetError
 from surefoot.learning.policy import PolicyFileError
-from surefoot.learning.samples import BLOCK, WIDTH, Examples
+from surefoot.learning.samples import BLOCK, WIDTH, TrainingSamples
 from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.runs.run import Run, RunError, create, open_run
@@ -76,7 +76,7 @@ def test_a_disk_that_is_full_for_a_file(finished, tmp_path, monkeypatch, name):
 
 
 def test_no_space_for_the_temporary_file_of_training(tmp_path, monkeypatch):
-    examples = Examples(BLOCK * WIDTH * 4, tmp_path)
+    examples = TrainingSamples(BLOCK * WIDTH * 4, tmp_path)
     full = Path("/dev/full").open("r+b", 0)  # noqa: SIM115
     monkeypatch.setattr("tempfile.TemporaryFile", lambda dir: full)
     rows = examples._memory.numpy()[:200]

@@ -12,7 +12,7 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.query import Query
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import GRID
-from tests.fakes.records import blank
+from tests.fakes.rollouts import blank
 
 T = 600
 LENGTH = np.array([600, 400, 199, 600])

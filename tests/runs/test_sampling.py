@@ -17,7 +17,7 @@ from surefoot.runs.sampling import (
     keep_unless_failed,
 )
 from surefoot.scenarios.starts import load_starts
-from tests.fakes.records import blank
+from tests.fakes.rollouts import blank
 
 
 def test_expert_rollouts_begin_from_velocities_by_phases_by_perturbations():

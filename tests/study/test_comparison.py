@@ -21,7 +21,7 @@ from surefoot.evaluation.statistics import paired_difference
 from surefoot.files import load_arrays
 from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
-from surefoot.rollouts.summary import Summary, join
+from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_cost
 from surefoot.runs.run import create, open_run
 from surefoot.study.comparison import Measurements, compare
@@ -225,7 +225,7 @@ def test_the_cost_of_a_trained_run_is_that_of_its_rollouts(trained):
     comparison = measure(trained, simulators=("mujoco",), which="last", pushes=False)
     run = open_run(trained[1])
     later = [run.summary_path(name) for name in run.dataset.shards if "_000-" not in name]
-    pooled = collection_cost(join([load_arrays(file, Summary) for file in later]))
+    pooled = collection_cost(join_summaries([load_arrays(file, Summary) for file in later]))
     cost = comparison.rows[2].cost
     assert cost is not None
     assert cost.episodes == pooled.episodes

@@ -19,8 +19,8 @@ from surefoot.study.expert_survey import (
 )
 from surefoot.study.records import Survey, SurveyCell, Survival, read_survey
 from surefoot.workers import Workers
-from tests.fakes.records import summary_of
 from tests.fakes.results import push_result, robustness
+from tests.fakes.rollouts import summary_of
 
 CONFIG = Config()
 

@@ -17,9 +17,9 @@ from surefoot.config import (
     SimulationConfig,
 )
 from surefoot.files import load_arrays
-from surefoot.rollouts.jobs import disturbance_of, play_out, sum_up
+from surefoot.rollouts.jobs import disturbance_of, play_out, summarize_job
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import Summary, join
+from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.episode_ids import FIRST_QUERY
 from surefoot.runs.run import Run, create, open_run
 from surefoot.viz.replay import recorded_episode, report_episode
@@ -45,7 +45,9 @@ def run_of(tmp_path_factory):
 
 
 def summary_of(run: Run):
-    return join([load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards])
+    return join_summaries(
+        [load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards]
+    )
 
 
 UNKNOWN_ALONE = ("kept", "kept_tilted", "kept_near_bounds", "strict")
@@ -77,7 +79,7 @@ def test_every_episode_repeats_bit_for_bit(run_of, method, backend):
             np.testing.assert_array_equal(seen, getattr(own, name), strict=True)
         np.testing.assert_array_equal(rollouts.expert_torque[0, rows], own.torque)
         np.testing.assert_array_equal(rollouts.expert_drove[0, rows], own.expert_drove)
-        alone = sum_up(job, rollouts, expert, own)
+        alone = summarize_job(job, rollouts, expert, own)
         stored = summary[summary.episode == episode]
         for field in fields(stored):
             if field.name not in UNKNOWN_ALONE:

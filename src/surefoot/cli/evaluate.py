@@ -66,11 +66,9 @@ class Evaluate(OnWorkers, OnSimulator):
     def __call__(self) -> int:
         """Evaluate, print each result as soon as it is there, and write the report where asked."""
         from surefoot.runs.policies import find_policy
-        from surefoot.scenarios.disturbance import check_disturbance
 
         policy, trained_on = find_policy(self.target)
         config = self.as_asked(trained_on)
-        check_disturbance(config.evaluation.disturbance)
         report = self.measure(policy, config)
         if self.target.is_dir() and self.expert and self.episodes is None:
             write_json(self.target / self.file_name(config, trained_on), report)
