@@ -27,7 +27,7 @@ RAY = Workers(2, "ray")
 
 @pytest.fixture
 def fresh():
-    """No Ray before, none after."""
+    """Ray is shut down before and after the test."""
     ray.shutdown()
     yield
     ray.shutdown()
@@ -57,25 +57,26 @@ def threads(_):
     return os.environ.get("OMP_NUM_THREADS")
 
 
-def test_a_run_on_ray_has_the_bits_of_one_in_this_process(fresh, tmp_path, capsys):
+def test_a_run_on_ray_has_the_bits_of_one_in_this_process(fresh, tmp_path, caplog):
     """And chunks whose worker dies are run again; errors come as they are."""
-    answer = signal.getsignal(signal.SIGTERM)
-    here, there = (create(tmp_path / name / "run", RESCUING) for name in ("here", "there"))
-    loco_safe_dagger(here, Workers(1))
-    loco_safe_dagger(there, RAY)
-    assert fingerprint(here) == fingerprint(there)
+    handler = signal.getsignal(signal.SIGTERM)
+    in_this_process = create(tmp_path / "in_this_process" / "run", RESCUING)
+    on_ray = create(tmp_path / "on_ray" / "run", RESCUING)
+    loco_safe_dagger(in_this_process, Workers(1))
+    loco_safe_dagger(on_ray, RAY)
+    assert fingerprint(in_this_process) == fingerprint(on_ray)
     assert map_chunks(refuse, [], RAY, "nothing to do") == []
     chunks = [(number, tmp_path) for number in range(4)]
     assert map_chunks(die_once, chunks, RAY, "dies once") == [0, 1, 2, 3]
     assert (tmp_path / "died").exists()
-    assert "dies once: a worker died; run again: chunk 1\n" in capsys.readouterr().out
-    with pytest.raises(RuntimeError, match="always: a worker died 3 times while chunk 1 was under"):
+    assert "dies once: a worker died; run again: chunk 1\n" in caplog.text
+    with pytest.raises(RuntimeError, match="always: a worker died 3 times while chunk 1 was in p"):
         map_chunks(always_die, chunks, RAY, "always")
     assert len(list(tmp_path.glob("*.tried"))) == RETRIES + 1
     with pytest.raises(LookupError, match="no chunk 0"):
         map_chunks(refuse, [0], RAY, "refuses")
     assert map_chunks(threads, [0], RAY, "threads") == ["1"]
-    assert signal.getsignal(signal.SIGTERM) == answer  # Ray would take it
+    assert signal.getsignal(signal.SIGTERM) == handler  # Ray would take it over
 
 
 def test_no_cluster_is_a_clear_error(fresh):
@@ -91,7 +92,7 @@ def slowly(job, marks):
     return run_chunk(job)
 
 
-def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, capsys):
+def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, caplog):
     """Two nodes of one core each; one is killed while both collect."""
     config = replace(RESCUING, chunk=2)
     undisturbed = create(tmp_path / "undisturbed", config)
@@ -106,18 +107,19 @@ def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, capsy
     killed = []
 
     def kill(worker):
-        """As a loss of power: node and worker, which may report its result otherwise."""
+        """End node and worker as a loss of power does; a worker left may report its result."""
         raylet = lost.all_processes["raylet"][0].process
         for pid in (raylet.pid, worker):
             os.kill(pid, signal.SIGKILL)
         raylet.wait()
         killed.append(worker)
 
-    def then_kill(function, chunks, workers, label):
+    def then_kill(function, chunks, workers, title):
         on_a_node = lambda job: slowly(job, marks)  # noqa: E731
-        for done in each_chunk(on_a_node, chunks, workers, label):
+        for done in each_chunk(on_a_node, chunks, workers, title):
             for _ in range(50):
-                if not killed and (at_work := list(marks.glob(f"{lost.node_id}.*"))):
+                at_work = list(marks.glob(f"{lost.node_id}.*"))
+                if at_work and not killed:
                     kill(int(at_work[0].suffix[1:]))
                 time.sleep(0.0 if killed else 0.01)
             yield done
@@ -130,7 +132,7 @@ def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, capsy
     finally:
         ray.shutdown()
         cluster.shutdown()
-    assert "collect: a worker died; run again: chunk" in capsys.readouterr().out
+    assert "collect: a worker died; run again: chunk" in caplog.text
     assert len(chunks_of(collection(disturbed, 0))) == 11
     assert disturbed.dataset.hash == undisturbed.dataset.hash
     assert measurements(disturbed) == measurements(undisturbed)

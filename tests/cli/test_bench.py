@@ -97,8 +97,8 @@ def test_the_survey_of_the_expert_is_asked_with_the_options(
     surefoot, monkeypatch, capsys, tmp_path
 ):
     asked = []
-    monkeypatch.setattr(expert_survey, "survey", lambda *args: asked.append(args) or "cells")
-    monkeypatch.setattr(expert_survey, "table", lambda cells: f"table of {cells}")
+    monkeypatch.setattr(expert_survey, "survey_expert", lambda *args: asked.append(args) or "cells")
+    monkeypatch.setattr(expert_survey, "survey_table", lambda cells: f"table of {cells}")
     file = tmp_path / "expert.json"
     args = ("--episodes", 7, "--workers", 1, "--sim", "mujoco", "--json", file)
     assert surefoot("bench", "expert", *args) == 0

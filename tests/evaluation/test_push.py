@@ -23,9 +23,8 @@ from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
-from surefoot.rollouts.jobs import Job, play_out, run_episodes
+from surefoot.rollouts.jobs import Job, disturbance_of, play_out, run_episodes
 from surefoot.rollouts.outcome import Outcome
-from surefoot.scenarios.disturbance import draw_disturbances
 from surefoot.scenarios.starts import load_starts
 from surefoot.study.expert_survey import PUSHES
 from surefoot.types import MotionPlan, to_ticks
@@ -46,9 +45,9 @@ def pretend(monkeypatch, limit, unpushed=Outcome.SUCCESS, lost=()):
         return [(chunk.starts, ~np.isin(chunk.starts.id, lost)) for chunk in chunks]
 
     def run_episodes(job, workers, title):
-        assert job.duration == CONFIG.push.after
+        assert job.episodes.duration == CONFIG.push.after
         assert not np.isin(job.starts.id, lost).any()
-        impulse = job.pushes.impulse.reshape(len(job.episode), 3)
+        impulse = job.episodes.disturbance.pushes.impulse.reshape(len(job.episode), 3)
         strength = np.hypot(impulse[:, 0], impulse[:, 1])
         angle = np.arctan2(impulse[:, 1], impulse[:, 0])
         outcome = np.where(strength > 0, Outcome.SUCCESS, unpushed)
@@ -216,18 +215,23 @@ def job_of(n, before, config=CONFIG, plan=None):
     return Job(config, Episodes(STORED["test"][:n], before), ExpertOnly(), plan=plan)
 
 
+def lasting(job, duration):
+    return replace(job, episodes=replace(job.episodes, duration=duration))
+
+
 def test_every_direction_pushes_every_start_at_once():
     base = job_of(3, 2.0)
     job = pushed_job(base, np.array([0.0, np.pi / 2]), np.array([1.0, 2.0]))
-    assert job.pushes is not None
+    pushes = disturbance_of(job).pushes
+    assert pushes is not None
     expected = np.array([[1, 0, 0]] * 3 + [[0, 2, 0]] * 3)
-    np.testing.assert_allclose(job.pushes.impulse.reshape(6, 3), expected, atol=1e-15)
-    assert not job.pushes.tick.any()
+    np.testing.assert_allclose(pushes.impulse.reshape(6, 3), expected, atol=1e-15)
+    assert not pushes.tick.any()
     np.testing.assert_array_equal(job.starts.id, np.tile(base.starts.id, 2))
     np.testing.assert_array_equal(job.episode, np.tile(base.episode, 2))
-    part = job[np.array([4])]
-    assert part.pushes is not None
-    np.testing.assert_array_equal(part.pushes.impulse, job.pushes.impulse[[4]])
+    part = disturbance_of(job[np.array([4])]).pushes
+    assert part is not None
+    np.testing.assert_array_equal(part.impulse, pushes.impulse[[4]])
 
 
 def test_branches_begin_in_the_state_at_the_push():
@@ -236,18 +240,18 @@ def test_branches_begin_in_the_state_at_the_push():
     branch = branch_at_push(begin, Workers(1), "test")
     assert branch.up.all()
     for part in (slice(0, 2), slice(2, 4)):
-        whole, _ = play_out(replace(begin[part], duration=0.3))
+        whole, _ = play_out(lasting(begin[part], 0.3))
         np.testing.assert_array_equal(branch.job.starts.q[part], whole.q[:, 130])
         np.testing.assert_array_equal(branch.job.starts.v[part], whole.v[:, 130])
     np.testing.assert_array_equal(branch.job.starts.tick, begin.starts.tick + 130)
     np.testing.assert_array_equal(branch.job.starts.command, begin.starts.command)
     np.testing.assert_array_equal(branch.job.starts.id, begin.starts.id)
-    assert branch.job.duration == config.push.after
+    assert branch.job.episodes.duration == config.push.after
     assert branch.job.config.safety == replace(config.safety, grace=0.0)
 
 
 def test_a_push_of_nothing_is_no_push():
-    job = replace(branch_at_push(job_of(2, 0.1), Workers(1), "test").job, duration=0.2)
+    job = lasting(branch_at_push(job_of(2, 0.1), Workers(1), "test").job, 0.2)
     unpushed = run_episodes(job, Workers(1), "test")
     zero = run_episodes(pushed_job(job, np.zeros(1), np.array([0.0])), Workers(1), "test")
     weak = run_episodes(pushed_job(job, np.zeros(1), np.array([0.1])), Workers(1), "test")
@@ -262,8 +266,8 @@ def test_a_robot_keeps_its_friction_and_load_over_all_pushes():
     branch = branch_at_push(begin, Workers(1), "test")
     assert branch.up.all()
     job = pushed_job(branch.job, np.array([0.0, 1.0]), np.array([1.0, 2.0]))
-    before = draw_disturbances(begin.disturbance, 0, begin.episode, begin.duration, 0.5)
-    after = draw_disturbances(job.disturbance, 0, job.episode, job.duration, 0.5)
+    before = disturbance_of(begin)
+    after = disturbance_of(job)
     for first, second in ((before.friction, after.friction), (before.mass, after.mass)):
         assert first is not None and second is not None
         assert len(set(first)) == 4
@@ -293,7 +297,10 @@ def still(posture):
 
 def test_robots_that_fall_before_the_push_are_not_branch_at_push():
     begin = job_of(2, 0.6, plan=still(np.zeros(12)))  # straight legs: they topple
-    begin.starts.v[0, 3] = 20.0  # the first one at once
+    v = begin.starts.v.copy()
+    v[0, 3] = 20.0  # the first one at once
+    starts = replace(begin.starts, v=v)
+    begin = replace(begin, episodes=replace(begin.episodes, starts=starts))
     branch = branch_at_push(begin, Workers(1), "test")
     assert not branch.up[0]
     assert len(branch.job.starts) == branch.up.sum()

@@ -52,7 +52,8 @@ def spells(*intervals):
 
 def shifted(job: Job, by: int) -> Job:
     """The same rollouts, each begun some ticks later on the gait clock."""
-    return replace(job, starts=replace(job.starts, tick=job.starts.tick + by))
+    starts = replace(job.starts, tick=job.starts.tick + by)
+    return replace(job, episodes=replace(job.episodes, starts=starts))
 
 
 def kicks(rollouts, b):

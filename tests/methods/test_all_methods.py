@@ -230,30 +230,6 @@ def test_a_run_killed_before_and_after_each_record_ends_with_the_same_bits(
     assert fingerprint(open_run(tmp_path / "run")) == fingerprint(small(name))
 
 
-@pytest.mark.parametrize(
-    ("name", "change", "message"),
-    [
-        ("dagger", {"p": 1.5}, "method.p is 1.5; use 0.0 to 1.0"),
-        ("loco_dagger-0.5", {"alpha": -0.1}, "method.alpha is -0.1"),
-        ("loco_dagger-0.5", {"N_query": 0}, "method.N_query is 0; use 1 to 600"),
-        ("loco_dagger-0.5", {"N_query": 1000}, "method.N_query is 1000"),
-        ("loco_dagger-0.5", {"T_query": 0.0}, "method.T_query is 0.0"),
-        ("loco_dagger-0.5", {"before_fall": -1.0}, "method.before_fall is -1.0"),
-        ("safe_dagger", {"unsafe_share": 20.0}, "method.unsafe_share is 20.0"),
-        ("loco_safe_dagger", {"T_end": -0.1}, "method.T_end is -0.1"),
-        ("loco_safe_dagger", {"T_block": -0.1}, "method.T_block is -0.1"),
-        ("loco_safe_dagger", {"tightest": 1.1}, "method.tightest is 1.1"),
-        ("loco_safe_dagger", {"alarm": 30.0}, "method.alarm is 30.0"),
-        ("loco_safe_dagger", {"guard": ("bound",)}, "no guard 'bound'; did you mean 'bounds'"),
-    ],
-)
-def test_a_parameter_out_of_range_is_an_error_before_any_work(tmp_path, name, change, message):
-    with pytest.raises(ValueError, match=message):
-        run_method(tmp_path, replace(CONFIG, method=replace(METHODS[name], **change)))
-    assert not list(tmp_path.rglob("metrics.jsonl"))
-    assert not list(tmp_path.rglob("*.h5"))
-
-
 @pytest.mark.parametrize("name", ["safe_dagger", "loco_safe_dagger"])
 def test_tau_needs_frames_held_out(tmp_path, name):
     training = replace(CONFIG.training, validation=0.0)

@@ -193,7 +193,8 @@ def test_the_expert_gives_up_at_a_takeover_and_within_a_block(tmp_path, monkeypa
 
     def from_zero(run, i, plan):
         job = loco_safe_dagger.collection(run, i, failing)
-        return replace(job, starts=replace(job.starts, tick=np.zeros(10, int)))
+        starts = replace(job.starts, tick=np.zeros(10, int))
+        return replace(job, episodes=replace(job.episodes, starts=starts))
 
     monkeypatch.setitem(COLLECTION, "loco_safe_dagger", from_zero)
     run, cost, ((job, rollouts),) = one_iteration(
@@ -220,7 +221,7 @@ def test_relaxing_bounds_end_as_in_the_table(tmp_path, monkeypatch, i):
     bounds = [0.175, 0.1625, 0.15]
     com_height = [0.176, 0.174, 0.163, 0.162, 0.151, 0.149]
     heights = {b: spells((100, 110, z + 0.01)) for b, z in enumerate(com_height)}
-    method = replace(RESCUE, guard=("relaxing",), tightest=0.5)
+    method = replace(RESCUE, gates=("relaxing",), tightest=0.5)
     _, _, ((_, rollouts),) = one_iteration(tmp_path, monkeypatch, method, {"heights": heights}, i=i)
     for b, z in enumerate(com_height):
         assert spans(rollouts.expert_drove[b]) == (

@@ -105,7 +105,7 @@ def test_a_real_disk_that_is_full_and_one_that_is_read_only(
     finished, small_disk, monkeypatch, capsys
 ):
     def train() -> int:
-        monkeypatch.setattr(cli, "preset", lambda method, name: CLONING)
+        monkeypatch.setattr("surefoot.cli.train.preset", lambda method, name: CLONING)
         arguments = ["train", "behavior_cloning", "--run", str(small_disk / "run")]
         monkeypatch.setattr(sys, "argv", ["surefoot", *arguments, "--resume", "--workers", "1"])
         return cli.main()
@@ -149,7 +149,7 @@ def flip(path: Path) -> None:
 
 @pytest.mark.parametrize("damage", [cut, flip, Path.unlink])
 def test_a_damaged_shard_is_named_and_collected_again_once_deleted(finished, copy, damage):
-    shard = copy.dataset.file("iteration_000-001")
+    shard = copy.dataset.shard_path("iteration_000-001")
     damage(shard)
     with pytest.raises(DatasetError, match=r"iteration_000-001.h5 is missing or damaged.*delete"):
         copy.dataset.load()

@@ -12,11 +12,12 @@ import pytest
 import surefoot.cli.main as cli
 from surefoot.config import Config, Gait, PolicyConfig
 from surefoot.config.json_io import to_json
-from surefoot.learning.policy import load, save
+from surefoot.learning.policy import Policy, load, save
 from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.runs.policies import find_policy
 from surefoot.runs.run import Run, RunError, create, open_run
 from surefoot.workers import Workers
+from tests.fakes.learning import spec_of
 from tests.fakes.small_runs import CLONING
 
 
@@ -79,15 +80,16 @@ def test_a_policy_of_another_period_gain_or_phase_is_refused(
 
 
 def test_a_policy_that_lies_in_no_run_brings_its_gains(finished, tmp_path, caplog):
-    policy = load(finished.best_policy_path)
-    policy.config = PolicyConfig((16, 16), kp=2.5, kd=0.07, phase="fraction")
+    trained = load(finished.best_policy_path)
+    config = PolicyConfig(trained.network.hidden, kp=2.5, kd=0.07, phase="fraction")
+    policy = Policy(trained.network, spec_of(config), trained.command_range)
     path = tmp_path / "elsewhere" / "policy.safetensors"
     save(policy, path)
     with caplog.at_level(logging.INFO, logger="surefoot"):
-        assert find_policy(path) == (path, replace(Config(), policy=policy.config))
+        assert find_policy(path) == (path, replace(Config(), policy=config))
     assert "lies in no run" in caplog.text
     assert "kp 2.5 N m/rad, kd 0.07 N m s/rad, phase as a fr" in caplog.text
-    policy.period_ticks = 400
-    save(policy, path)
+    slower = Policy(trained.network, spec_of(config, 400), trained.command_range)
+    save(slower, path)
     with pytest.raises(ValueError, match=r"period \[ms\] 400, the default configuration has 500"):
         find_policy(path)

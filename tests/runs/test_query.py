@@ -62,7 +62,7 @@ def test_queries_have_ids_of_their_own_and_are_driven_by_the_expert(played):
     expected = [210_000 + 40 * robot + j for robot in (0, 1, 3) for j in range(40)]
     assert queries.episode.tolist() == expected
     assert isinstance(queries.arbiter, ExpertOnly)
-    assert queries.duration == 0.5
+    assert queries.episodes.duration == 0.5
     assert queries.disturbance.pushes == 0
     assert queries.query and queries.then is None and queries.policy is None
 

@@ -115,9 +115,10 @@ def test_play_by_index_and_by_id(monkeypatch, run_of, tmp_path, index):
     played = []
     for name in (["--iteration", 2, "--episode", index], ["--episode", 200_000 + index]):
         status, [film] = play(monkeypatch, folder, *name, "--json", file)
-        _, q, out, _, drove, pushes = film
+        recording, out, _ = film
         assert out == folder / f"episode_{200_000 + index}.mp4"
-        played.append((status, q.tobytes(), drove.tobytes(), pushes, json.loads(file.read_text())))
+        shown = (recording.q.tobytes(), recording.expert_drove.tobytes(), recording.pushes)
+        played.append((status, *shown, json.loads(file.read_text())))
     assert played[0] == played[1]
     figures = played[0][-1]
     assert figures["episode"] == 200_000 + index

@@ -94,7 +94,9 @@ def option_sizes(command: type, prefix: str = "") -> dict[str, int]:
 
 
 def _alternatives(hint: Any) -> tuple[Any, ...]:
-    """The types that a value of a field may have, apart from None."""
+    """The types that a value of a field may have, apart from None and without annotations."""
+    if get_origin(hint) is Annotated:
+        return _alternatives(get_args(hint)[0])
     if get_origin(hint) in (Union, UnionType):
         return tuple(kind for kind in get_args(hint) if kind is not type(None))
     return (hint,)

@@ -67,6 +67,7 @@ class Evaluate(OnWorkers, OnSimulator):
         """Evaluate, print each result as soon as it is there, and write the report where asked."""
         from surefoot.runs.policies import find_policy
 
+        load_starts(self.starts)  # a set that does not exist is an error before any work
         policy, trained_on = find_policy(self.target)
         config = self.as_asked(trained_on)
         report = self.measure(policy, config)
