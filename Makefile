@@ -31,10 +31,10 @@ demo: venv  ## train a policy with LocoSafeDAGGER, evaluate it, film it (minutes
 	$(BIN)/surefoot play $(RUN)
 
 test: venv  ## the tests that are run often
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist loadgroup
 
 test-slow: venv  ## the tests that take minutes
-	$(BIN)/python -m pytest -n auto -m slow
+	$(BIN)/python -m pytest -n auto --dist loadgroup -m slow
 
 check: venv  ## format, lint, types, import contracts, plain Python
 	$(BIN)/ruff format --check .

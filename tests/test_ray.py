@@ -22,6 +22,8 @@ from ray.cluster_utils import Cluster  # noqa: E402
 # Workers cannot import this file: its functions travel with the tasks.
 ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
 
+# One after another: "auto" would find the cluster that another test has started.
+pytestmark = pytest.mark.xdist_group("ray")
 RAY = Workers(2, "ray")
 
 

@@ -311,13 +311,17 @@ def _connected(workers: Workers) -> Any:
         raise ImportError("the backend 'ray' needs Ray: pip install 'surefoot[ray]'") from error
     if not ray.is_initialized():
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        options: dict[str, Any] = {"log_to_driver": False, "logging_level": "error"}
-        if workers.ray_address is None:
-            options |= {"num_cpus": workers.count, "include_dashboard": False}
+        started_here = workers.ray_address is None
         terminate = signal.getsignal(signal.SIGTERM)
         try:
             # "local", or Ray would join any cluster that it finds.
-            ray.init(address=workers.ray_address or "local", **options)
+            ray.init(
+                address=workers.ray_address or "local",
+                num_cpus=workers.count if started_here else None,
+                include_dashboard=False if started_here else None,
+                log_to_driver=False,
+                logging_level=logging.ERROR,
+            )
         except ConnectionError as error:
             raise ValueError(
                 f"there is no Ray cluster at {workers.ray_address!r} ({error}); start one with "

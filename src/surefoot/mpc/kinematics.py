@@ -23,17 +23,16 @@ from numba import njit
 
 from surefoot.config import KinematicConfig
 from surefoot.mpc.footholds import ContactPlan
+from surefoot.mpc.kinematic_costs import Motion, ProblemArrays, Residuals, gauss_newton, objective
 from surefoot.mpc.riccati import NV, QuadraticModel, riccati
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import (
     difference,
-    difference_jacobian,
     feet,
     integrate,
-    integrate_jacobians,
     legs_of,
 )
-from surefoot.types import Array, BoolArray
+from surefoot.types import Array
 
 STEPS = (1.0, 0.5, 0.25, 0.125, 0.03125)
 """The line search tries these step lengths in order, and asks for 0.1 of the expected decrease."""
@@ -83,36 +82,10 @@ class KinematicPlan:
     iterations: int
 
 
-class _Problem(NamedTuple):
-    dt: Array  # (N,) [s]
-    tracked: BoolArray  # (N, 4) feet with a target
-    target: Array  # (N, 4, 3)
-    momentum: Array  # (N+1, 6)
-    q_ref: Array  # (N+1, 19)
-    v_ref: Array  # (N+1, 18)
-    state_weight: Array  # (36,)
-    control_weight: Array  # (18,)
-    foot_weight: float
-    momentum_weight: float
-
-
-class _Motion(NamedTuple):
-    q: Array  # (N+1, 19)
-    v: Array  # (N+1, 18)
-    u: Array  # (N, 18)
-
-
-class _Residuals(NamedTuple):
-    foot: Array  # (N, 4, 3), zero where a foot has no target
-    foot_jacobian: Array  # (N+1, 4, 3, 9), with respect to base and own leg
-    momentum: Array  # (N+1, 6)
-    state: Array  # (N+1, 36)
-
-
 class _Iterate(NamedTuple):
-    motion: _Motion
+    motion: Motion
     cost: float
-    residuals: _Residuals
+    residuals: Residuals
 
 
 class KinematicSolver:
@@ -183,7 +156,7 @@ class KinematicSolver:
         q, v, u = iterate.motion
         return KinematicPlan(q, v, u, iterate.cost, iteration)
 
-    def _line_search(self, p: _Problem, iterate: _Iterate, damping: float) -> _Iterate | None:
+    def _line_search(self, p: ProblemArrays, iterate: _Iterate, damping: float) -> _Iterate | None:
         """Return a better iterate along the Gauss-Newton step; None if no step length helps."""
         model = self._linearize(p, iterate.motion, iterate.residuals)
         k, K, decrease = riccati(model, damping)
@@ -202,7 +175,7 @@ class KinematicSolver:
             v: ``(N+1, 18)`` velocities.
             u: ``(N, 18)`` generalized accelerations.
         """
-        return self._evaluate(self._prepare(problem), _Motion(q, v, u)).cost
+        return self._evaluate(self._prepare(problem), Motion(q, v, u)).cost
 
     def gradient(self, problem: KinematicProblem, u: Array) -> Array:
         """Return the gradient ``(N, 18)`` of the objective by the adjoint method.
@@ -213,7 +186,7 @@ class KinematicSolver:
         """
         p = self._prepare(problem)
         q, v = simulate(np.array(problem.q0), np.array(problem.v0), u, p.dt)
-        motion = _Motion(q, v, u)
+        motion = Motion(q, v, u)
         model = self._linearize(p, motion, self._evaluate(p, motion).residuals)
         gx = model.gradient
         gradient = np.empty_like(u)
@@ -226,12 +199,12 @@ class KinematicSolver:
             to_v = gx[t, NV:] + to_v
         return gradient
 
-    def _prepare(self, problem: KinematicProblem) -> _Problem:
+    def _prepare(self, problem: KinematicProblem) -> ProblemArrays:
         """Return the problem's arrays as the compiled functions want them."""
         N = self._config.nodes
         contacts = problem.contacts
         config = self._config
-        return _Problem(
+        return ProblemArrays(
             contacts.dt[:N],
             contacts.active[:N] | contacts.via[:N],
             contacts.position[:N],
@@ -244,7 +217,7 @@ class KinematicSolver:
             config.momentum_weight,
         )
 
-    def _evaluate(self, p: _Problem, motion: _Motion) -> _Iterate:
+    def _evaluate(self, p: ProblemArrays, motion: Motion) -> _Iterate:
         """Return a trajectory with its objective and residuals."""
         model = self._model
         data = self._data
@@ -253,10 +226,10 @@ class KinematicSolver:
             pin.computeCentroidalMomentum(model, data, motion.q[t], motion.v[t])
             momentum[t] = data.hg.vector
         foot, foot_jacobian = feet(motion.q, self._legs)
-        cost, residuals = _objective(p, motion, momentum, foot, foot_jacobian)
+        cost, residuals = objective(p, motion, momentum, foot, foot_jacobian)
         return _Iterate(motion, cost, residuals)
 
-    def _linearize(self, p: _Problem, motion: _Motion, residuals: _Residuals) -> QuadraticModel:
+    def _linearize(self, p: ProblemArrays, motion: Motion, residuals: Residuals) -> QuadraticModel:
         """Return the costs to second order and the dynamics to first order."""
         model = self._model
         data = self._data
@@ -268,7 +241,7 @@ class KinematicSolver:
             )
             momentum_jacobian[t, :, :NV] = dh_dq
             momentum_jacobian[t, :, NV:] = dh_dv
-        return _gauss_newton(p, motion, residuals, momentum_jacobian)
+        return gauss_newton(p, motion, residuals, momentum_jacobian)
 
 
 @njit(cache=True, error_model="numpy")
@@ -293,7 +266,7 @@ def simulate(q0: Array, v0: Array, u: Array, dt: Array) -> tuple[Array, Array]:
 
 
 @njit(cache=True, error_model="numpy")
-def _first_guess(q0: Array, v0: Array, posture: Array, dt: Array) -> _Motion:
+def _first_guess(q0: Array, v0: Array, posture: Array, dt: Array) -> Motion:
     """Return a motion that takes the postures ``(N+1, 19)`` from its first node on.
 
     The base keeps its velocity. The joints do not: half a second of a swinging leg's rate
@@ -310,11 +283,11 @@ def _first_guess(q0: Array, v0: Array, posture: Array, dt: Array) -> _Motion:
         v[t + 1, :3] = v[0, :3]
         u[t] = (v[t + 1] - v[t]) / dt[t]
         q[t + 1] = integrate(q[t], dt[t] * v[t + 1])
-    return _Motion(q, v, u)
+    return Motion(q, v, u)
 
 
 @njit(cache=True, error_model="numpy")
-def _roll(motion: _Motion, k: Array, K: Array, dt: Array, step: float) -> _Motion:
+def _roll(motion: Motion, k: Array, K: Array, dt: Array, step: float) -> Motion:
     """Roll out the sweep's policy around ``motion``, with the nonlinear dynamics."""
     q, v, _ = motion
     new_q = np.empty_like(q)
@@ -329,80 +302,4 @@ def _roll(motion: _Motion, k: Array, K: Array, dt: Array, step: float) -> _Motio
         new_v[t + 1] = v[t + 1] + step * k[t] + K[t] @ change
         new_u[t] = (new_v[t + 1] - new_v[t]) / dt[t]
         new_q[t + 1] = integrate(new_q[t], dt[t] * new_v[t + 1])
-    return _Motion(new_q, new_v, new_u)
-
-
-@njit(cache=True, error_model="numpy")
-def _objective(
-    p: _Problem, motion: _Motion, momentum: Array, foot: Array, foot_jacobian: Array
-) -> tuple[float, _Residuals]:
-    """Return the objective and residuals, from momenta and foot positions of a trajectory."""
-    q, v, u = motion
-    N = len(p.dt)
-    momentum = momentum - p.momentum
-    error = np.zeros((N, 4, 3))
-    state = np.empty((N + 1, 2 * NV))
-    cost = 0.0
-    for t in range(N + 1):
-        state[t, :NV] = difference(p.q_ref[t], q[t])
-        state[t, NV:] = v[t] - p.v_ref[t]
-        stage = p.momentum_weight * np.sum(momentum[t] ** 2)
-        stage += np.sum(p.state_weight * state[t] ** 2)
-        if t == N:
-            cost += 0.5 * stage
-            continue
-        for leg in range(4):
-            if p.tracked[t, leg]:
-                error[t, leg] = foot[t, leg] - p.target[t, leg]
-        stage += p.foot_weight * np.sum(error[t] ** 2) + np.sum(p.control_weight * u[t] ** 2)
-        cost += 0.5 * p.dt[t] * stage
-    return cost, _Residuals(error, foot_jacobian, momentum, state)
-
-
-@njit(cache=True, error_model="numpy")
-def _gauss_newton(
-    p: _Problem, motion: _Motion, r: _Residuals, momentum_jacobian: Array
-) -> QuadraticModel:
-    """Return the quadratic model of the state costs, and the dynamics' base blocks.
-
-    The state's Jacobian is the identity except for the base; a foot depends on base and own leg.
-    """
-    v = motion.v
-    N = len(p.dt)
-    H = np.empty((N + 1, 2 * NV, 2 * NV))
-    g = np.empty((N + 1, 2 * NV))
-    A = np.empty((N, 6, 6))
-    E = np.empty((N, 6, 6))
-    own = np.arange(9)  # columns of a foot's Jacobian among the 36
-    for t in range(N + 1):
-        J = momentum_jacobian[t]
-        H[t] = p.momentum_weight * (J.T @ J)
-        g[t] = p.momentum_weight * (J.T @ r.momentum[t])
-        D = difference_jacobian(r.state[t, :6])
-        for k in range(6):
-            for i in range(6):
-                weighted = p.state_weight[k] * D[k, i]
-                g[t, i] += weighted * r.state[t, k]
-                for j in range(6):
-                    H[t, i, j] += weighted * D[k, j]
-        for i in range(6, 2 * NV):
-            H[t, i, i] += p.state_weight[i]
-            g[t, i] += p.state_weight[i] * r.state[t, i]
-        if t == N:
-            break
-        for leg in range(4):
-            if not p.tracked[t, leg]:
-                continue
-            for i in range(3):
-                own[6 + i] = 6 + 3 * leg + i
-            for axis in range(3):
-                row = r.foot_jacobian[t, leg, axis]
-                for i in range(9):
-                    weighted = p.foot_weight * row[i]
-                    g[t, own[i]] += weighted * r.foot[t, leg, axis]
-                    for j in range(9):
-                        H[t, own[i], own[j]] += weighted * row[j]
-        H[t] *= p.dt[t]
-        g[t] *= p.dt[t]
-        A[t], E[t] = integrate_jacobians(p.dt[t] * v[t + 1, :6])
-    return QuadraticModel(H, g, A, E, motion.u, p.control_weight, p.dt)
+    return Motion(new_q, new_v, new_u)

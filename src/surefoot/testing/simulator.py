@@ -8,17 +8,20 @@ Read `testing.plan` next.
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from surefoot.robots.model import standing
 from surefoot.sim.protocol import CONTACT_FORCE, Simulator
 from surefoot.testing.states import (
+    assert_same_rows,
     assert_same_states,
     copy_of,
+    momentum,
+    record_ticks,
     stamping_torque,
     states_in_the_air,
+    thrown_states,
+    vary_and_reset,
 )
-from surefoot.types import Array, State
 
 
 class SimulatorContract:
@@ -141,7 +144,7 @@ class SimulatorContract:
         """A robot moves as it would alone, bit for bit, also beside robots that are not stepped."""
         batch = self.make_simulator(6)
         robot = batch.robot
-        q, v = _thrown_states(batch)
+        q, v = thrown_states(batch)
         batch.reset(q, v)
         singles = [self.make_simulator(1) for _ in range(6)]
         for row, single in enumerate(singles):
@@ -149,7 +152,7 @@ class SimulatorContract:
         rng = np.random.default_rng(2)
         for tick in range(self.ticks):
             state = batch.state
-            _assert_same_rows(batch, singles)
+            assert_same_rows(batch, singles)
             torque = stamping_torque(robot, state, tick)
             mask = rng.random(6) < 0.7
             batch.step(torque, mask)
@@ -159,17 +162,17 @@ class SimulatorContract:
     def test_an_episode_repeats_bit_for_bit_whatever_came_before(self) -> None:
         """A reset forgets pushes, blow-ups, the clock and all else."""
         fresh = self.make_simulator(4)
-        q, v = _thrown_states(fresh)
+        q, v = thrown_states(fresh)
         fresh.reset(q, v)
-        first = _record(fresh, self.ticks)
+        first = record_ticks(fresh, self.ticks)
         used = self.make_simulator(4)
-        _record(used, self.ticks // 2)
+        record_ticks(used, self.ticks // 2)
         used.push(np.full((4, 3), 0.3))
         used.step(np.full((4, 12), np.nan), np.array([False, True, False, True]))
         assert used.blown_up.tolist() == [False, True, False, True], "NaN torques blow a robot up"
         used.reset(q, v)
         assert not used.blown_up.any(), "a reset ends a blow-up"
-        np.testing.assert_array_equal(_record(used, self.ticks), first)
+        np.testing.assert_array_equal(record_ticks(used, self.ticks), first)
 
     def test_reset_of_some_robots_leaves_the_others_alone(self) -> None:
         """A reset touches the rows of its mask only, and reads no others."""
@@ -206,7 +209,7 @@ class SimulatorContract:
             plain.step(np.zeros((3, 12)))
         expected = np.where(pushed[:, None], impulse, 0.0)
         for _ in range(2):
-            gained = _momentum(simulator) - _momentum(plain)
+            gained = momentum(simulator) - momentum(plain)
             np.testing.assert_allclose(gained, expected, atol=self.push_tolerance)
             simulator.step(np.zeros((3, 12)))
             plain.step(np.zeros((3, 12)))
@@ -219,7 +222,7 @@ class SimulatorContract:
         simulator.push(np.array([[0.2, 0.1, 0.0], [0.0, 0.0, 0.1]]))
         simulator.step(np.zeros((2, 12)))
         plain.step(np.zeros((2, 12)))
-        gained = _momentum(simulator) - _momentum(plain)
+        gained = momentum(simulator) - momentum(plain)
         expected = [[0.3, 0.1, 0.0], [0.1, 0.0, 0.1]]
         np.testing.assert_allclose(gained, expected, atol=self.push_tolerance)
 
@@ -233,7 +236,7 @@ class SimulatorContract:
         assert_same_states(simulator.state[1:], before[1:], "a robot that is not stepped")
         simulator.step(np.zeros((2, 12)), np.array([False, True]))
         plain.step(np.zeros((2, 12)))
-        gained = _momentum(simulator) - _momentum(plain)
+        gained = momentum(simulator) - momentum(plain)
         np.testing.assert_allclose(gained, [[0.5, 0.0, 0.0]] * 2, atol=self.push_tolerance)
 
     def test_push_is_forgotten_by_a_reset(self) -> None:
@@ -255,32 +258,32 @@ class SimulatorContract:
         Also beside robots that are varied, and in a robot that was another before.
         """
         nominal = self.nominal_friction
-        plain = _record(self.make_simulator(4), self.ticks)
+        plain = record_ticks(self.make_simulator(4), self.ticks)
         simulator = self.make_simulator(4)
-        _vary(simulator, np.full(4, nominal), np.ones(4))
-        np.testing.assert_array_equal(_record(simulator, self.ticks), plain)
+        vary_and_reset(simulator, np.full(4, nominal), np.ones(4))
+        np.testing.assert_array_equal(record_ticks(simulator, self.ticks), plain)
         own = np.array([False, True, True, False])
         mixed = self.make_simulator(4)
-        _vary(mixed, np.where(own, 0.6 * nominal, nominal), np.where(own, 1.3, 1.0))
-        rows = _record(mixed, self.ticks)
+        vary_and_reset(mixed, np.where(own, 0.6 * nominal, nominal), np.where(own, 1.3, 1.0))
+        rows = record_ticks(mixed, self.ticks)
         np.testing.assert_array_equal(rows[:, ~own], plain[:, ~own])
         differs = (rows[-1, own, :19] != plain[-1, own, :19]).any(axis=1)
         assert differs.all(), "a variation has no effect"
-        _vary(mixed, np.full(4, nominal), np.ones(4))
-        np.testing.assert_array_equal(_record(mixed, self.ticks), plain)
+        vary_and_reset(mixed, np.full(4, nominal), np.ones(4))
+        np.testing.assert_array_equal(record_ticks(mixed, self.ticks), plain)
 
     def test_varied_rows_are_single_robots(self) -> None:
         """A varied robot moves as it would alone, bit for bit."""
         friction = self.nominal_friction * np.array([1.0, 0.4, 1.8, 1.0])
         mass = np.array([1.0, 1.3, 0.7, 1.5])
         batch = self.make_simulator(4)
-        _vary(batch, friction, mass)
+        vary_and_reset(batch, friction, mass)
         singles = [self.make_simulator(1) for _ in range(4)]
         for row, single in enumerate(singles):
-            _vary(single, friction[row : row + 1], mass[row : row + 1])
+            vary_and_reset(single, friction[row : row + 1], mass[row : row + 1])
         for tick in range(self.ticks):
             torque = stamping_torque(batch.robot, batch.state, tick)
-            _assert_same_rows(batch, singles)
+            assert_same_rows(batch, singles)
             for row, single in enumerate(singles):
                 single.step(torque[row : row + 1])
             batch.step(torque)
@@ -292,10 +295,10 @@ class SimulatorContract:
         v = np.zeros((2, 18))
         friction = np.full(2, 0.6 * self.nominal_friction)
         mass = np.full(2, 1.5)
-        plain = _record(self.make_simulator(2), self.ticks)
+        plain = record_ticks(self.make_simulator(2), self.ticks)
         varied = self.make_simulator(2)
-        _vary(varied, friction, mass)
-        heavy = _record(varied, self.ticks)
+        vary_and_reset(varied, friction, mass)
+        heavy = record_ticks(varied, self.ticks)
         differs = (plain[-1, :, :19] != heavy[-1, :, :19]).any(axis=1)
         assert differs.all(), "a variation has no effect"
         never_varied = self.make_simulator(2)
@@ -304,21 +307,21 @@ class SimulatorContract:
         # It reads its arguments and does not keep them.
         friction[:] = 0.9
         mass[:] = 0.9
-        np.testing.assert_array_equal(_record(simulator, self.ticks), plain, "not yet reset")
+        np.testing.assert_array_equal(record_ticks(simulator, self.ticks), plain, "not yet reset")
         simulator.reset(q, v, np.array([True, False]))
-        _record(never_varied, self.ticks)
-        mixed = _record(simulator, self.ticks)
+        record_ticks(never_varied, self.ticks)
+        mixed = record_ticks(simulator, self.ticks)
         np.testing.assert_array_equal(mixed[:, 0], heavy[:, 0])
-        np.testing.assert_array_equal(mixed[:, 1], _record(never_varied, self.ticks)[:, 1])
+        np.testing.assert_array_equal(mixed[:, 1], record_ticks(never_varied, self.ticks)[:, 1])
         for _ in range(2):
             simulator.reset(q, v)
-            np.testing.assert_array_equal(_record(simulator, self.ticks), heavy)
+            np.testing.assert_array_equal(record_ticks(simulator, self.ticks), heavy)
 
     def test_unusable_variations_are_refused(self) -> None:
         """Anything but B finite positive numbers is a ValueError, and nothing of it is used."""
         plain = self.make_simulator(2)
         upright = np.tile(standing(plain.robot), (2, 1))
-        expected = _record(plain, 20)
+        expected = record_ticks(plain, 20)
         for friction, mass in (
             ([0.5, 0.5], [1.0, 0.0]),
             ([-0.1, 0.5], [1.0, 1.0]),
@@ -335,7 +338,7 @@ class SimulatorContract:
             else:
                 raise AssertionError(f"friction {friction} and mass {mass} are not refused")
             simulator.reset(upright, np.zeros((2, 18)))
-            np.testing.assert_array_equal(_record(simulator, 20), expected)
+            np.testing.assert_array_equal(record_ticks(simulator, 20), expected)
 
     def test_a_torque_that_is_no_number_blows_up_its_robot_only(self) -> None:
         """The robot is reported at once and stands still; the others keep every bit."""
@@ -385,51 +388,3 @@ class SimulatorContract:
         q[-1, 3:7] /= np.linalg.norm(q[-1, 3:7])
         simulator.reset(q, np.zeros((batch, 18)))
         return simulator
-
-
-def _thrown_states(simulator: Simulator) -> tuple[Array, Array]:
-    """Return upright robots a little above the ground, each of which moves in its own way."""
-    q, v = states_in_the_air(simulator.robot, simulator.batch, seed=8)
-    q[:, 2] = 0.04 + standing(simulator.robot)[2]
-    q[:, 3:7] = [0.0, 0.0, 0.0, 1.0]
-    return q, 0.2 * v
-
-
-def _vary(simulator: Simulator, friction: Array, mass: Array) -> None:
-    """Vary the robots and let them stand."""
-    simulator.vary(friction, mass)
-    q = np.tile(standing(simulator.robot), (simulator.batch, 1))
-    simulator.reset(q, np.zeros((simulator.batch, 18)))
-
-
-def _record(simulator: Simulator, ticks: int) -> Array:
-    """Let the robots stamp, and return all the bits that a rollout could see."""
-    rows = []
-    for tick in range(ticks):
-        state = simulator.state
-        force = simulator.contact_force
-        feet = state.feet.reshape(-1, 12)
-        rows.append(np.hstack([state.q, state.v, state.com, feet, state.contacts, force]))
-        simulator.step(stamping_torque(simulator.robot, state, tick))
-    return np.array(rows)
-
-
-def _assert_same_rows(batch: Simulator, singles: list[Simulator]) -> None:
-    """Each robot of a batch has the state and the forces of a simulator of its own."""
-    state: State = batch.state
-    force = batch.contact_force
-    for row, single in enumerate(singles):
-        assert_same_states(state[row : row + 1], single.state, f"robot {row} alone")
-        np.testing.assert_array_equal(force[row], single.contact_force[0])
-
-
-def _momentum(simulator: Simulator) -> Array:
-    """Return the linear momentum ``(B, 3)`` of each robot, world frame [N s]."""
-    model = simulator.robot.model
-    data = model.createData()
-    state = simulator.state
-    rows = []
-    for q, v in zip(state.q, state.v, strict=True):
-        pin.computeCentroidalMomentum(model, data, q, v)
-        rows.append(data.hg.linear.copy())
-    return np.array(rows)

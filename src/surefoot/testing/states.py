@@ -6,9 +6,11 @@ from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import center_of_mass, feet, integrate, legs_of, masses_of
+from surefoot.sim.protocol import Simulator
 from surefoot.types import Array, IntArray, State
 
 HIGHEST_CONTACT = 1e-3
@@ -145,3 +147,51 @@ def with_bad_numbers(state: State, row: int) -> State:
     copy.com[row] = np.nan
     copy.feet[row] = np.nan
     return copy
+
+
+def thrown_states(simulator: Simulator) -> tuple[Array, Array]:
+    """Return upright robots a little above the ground, each of which moves in its own way."""
+    q, v = states_in_the_air(simulator.robot, simulator.batch, seed=8)
+    q[:, 2] = 0.04 + standing(simulator.robot)[2]
+    q[:, 3:7] = [0.0, 0.0, 0.0, 1.0]
+    return q, 0.2 * v
+
+
+def vary_and_reset(simulator: Simulator, friction: Array, mass: Array) -> None:
+    """Vary the robots and let them stand."""
+    simulator.vary(friction, mass)
+    q = np.tile(standing(simulator.robot), (simulator.batch, 1))
+    simulator.reset(q, np.zeros((simulator.batch, 18)))
+
+
+def record_ticks(simulator: Simulator, ticks: int) -> Array:
+    """Let the robots stamp, and return all the bits that a rollout could see."""
+    rows = []
+    for tick in range(ticks):
+        state = simulator.state
+        force = simulator.contact_force
+        feet = state.feet.reshape(-1, 12)
+        rows.append(np.hstack([state.q, state.v, state.com, feet, state.contacts, force]))
+        simulator.step(stamping_torque(simulator.robot, state, tick))
+    return np.array(rows)
+
+
+def assert_same_rows(batch: Simulator, singles: list[Simulator]) -> None:
+    """Each robot of a batch has the state and the forces of a simulator of its own."""
+    state: State = batch.state
+    force = batch.contact_force
+    for row, single in enumerate(singles):
+        assert_same_states(state[row : row + 1], single.state, f"robot {row} alone")
+        np.testing.assert_array_equal(force[row], single.contact_force[0])
+
+
+def momentum(simulator: Simulator) -> Array:
+    """Return the linear momentum ``(B, 3)`` of each robot, world frame [N s]."""
+    model = simulator.robot.model
+    data = model.createData()
+    state = simulator.state
+    rows = []
+    for q, v in zip(state.q, state.v, strict=True):
+        pin.computeCentroidalMomentum(model, data, q, v)
+        rows.append(data.hg.linear.copy())
+    return np.array(rows)

@@ -47,16 +47,6 @@ STYLE: dict[RcKeyType, Any] = {
 }
 """Settings of Matplotlib that all plots share."""
 
-BESIDE_TITLE: dict[str, Any] = {
-    "loc": "lower right",
-    "bbox_to_anchor": (1.0, 0.97),
-    "ncols": 2,
-    "borderaxespad": 0.0,
-    "handlelength": 1.6,
-    "columnspacing": 1.2,
-}
-"""Arguments of Matplotlib that put a legend beside the title."""
-
 
 def learning_curves(metrics: Sequence[StageRecord], path: Path) -> Path:
     """Plot falls, expert share and success for each iteration of a run.
@@ -102,10 +92,23 @@ def learning_curves(metrics: Sequence[StageRecord], path: Path) -> Path:
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a plot, whole or not at all."""
     svg = path.suffix.lower() == ".svg"
-    options: dict[str, Any] = {"format": "svg" if svg else "png"}
-    if svg:
-        options["metadata"] = {"Date": None}  # the same figures give the same file
-    write_atomic(path, lambda target: figure.savefig(target, dpi=150, **options))
+    kind = "svg" if svg else "png"
+    metadata = {"Date": None} if svg else None  # the same figures give the same file
+    write_atomic(
+        path, lambda target: figure.savefig(target, dpi=150, format=kind, metadata=metadata)
+    )
+
+
+def _legend_beside_title(axes: Axes) -> None:
+    """Put the legend into the upper right corner, at the height of the title."""
+    axes.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.0, 0.97),
+        ncols=2,
+        borderaxespad=0.0,
+        handlelength=1.6,
+        columnspacing=1.2,
+    )
 
 
 def _plot_falls(axes: Axes, collected: list[Collected]) -> None:
@@ -121,7 +124,7 @@ def _plot_falls(axes: Axes, collected: list[Collected]) -> None:
     axes.set(title="Falls while collecting data", ylabel="falls per iteration")
     axes.set_ylim(-0.03 * top, 1.15 * top)
     axes.yaxis.set_major_locator(MaxNLocator(nbins=5, integer=True))
-    axes.legend(**BESIDE_TITLE)
+    _legend_beside_title(axes)
 
 
 def _plot_expert_share(axes: Axes, collected: list[Collected]) -> None:
@@ -143,7 +146,7 @@ def _plot_expert_share(axes: Axes, collected: list[Collected]) -> None:
             "100 %: expert only", (0, height), (10, -4), textcoords="offset points", va="top"
         )
     if later:
-        axes.legend(**BESIDE_TITLE)
+        _legend_beside_title(axes)
 
 
 def _plot_success(axes: Axes, validated: list[Validated], best: int | None) -> None:

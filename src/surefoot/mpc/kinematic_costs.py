@@ -1,0 +1,127 @@
+"""The costs of the whole-body kinematic problem, compiled: value and Gauss-Newton model.
+
+`kinematics` calls them in each iteration and solves the model with the Riccati sweep of `riccati`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from surefoot.mpc.riccati import NV, QuadraticModel
+from surefoot.robots.rigid import (
+    difference,
+    difference_jacobian,
+    integrate_jacobians,
+)
+from surefoot.types import Array, BoolArray
+
+
+class ProblemArrays(NamedTuple):
+    """A kinematic problem of N nodes as arrays that compiled code can take."""
+
+    dt: Array  # (N,) [s]
+    tracked: BoolArray  # (N, 4) feet with a target
+    target: Array  # (N, 4, 3)
+    momentum: Array  # (N+1, 6)
+    q_ref: Array  # (N+1, 19)
+    v_ref: Array  # (N+1, 18)
+    state_weight: Array  # (36,)
+    control_weight: Array  # (18,)
+    foot_weight: float
+    momentum_weight: float
+
+
+class Motion(NamedTuple):
+    """A trajectory of configurations, velocities and accelerations."""
+
+    q: Array  # (N+1, 19)
+    v: Array  # (N+1, 18)
+    u: Array  # (N, 18)
+
+
+class Residuals(NamedTuple):
+    """How far a trajectory is from what the costs ask for."""
+
+    foot: Array  # (N, 4, 3), zero where a foot has no target
+    foot_jacobian: Array  # (N+1, 4, 3, 9), with respect to base and own leg
+    momentum: Array  # (N+1, 6)
+    state: Array  # (N+1, 36)
+
+
+@njit(cache=True, error_model="numpy")
+def objective(
+    p: ProblemArrays, motion: Motion, momentum: Array, foot: Array, foot_jacobian: Array
+) -> tuple[float, Residuals]:
+    """Return the objective and residuals, from momenta and foot positions of a trajectory."""
+    q, v, u = motion
+    N = len(p.dt)
+    momentum = momentum - p.momentum
+    error = np.zeros((N, 4, 3))
+    state = np.empty((N + 1, 2 * NV))
+    cost = 0.0
+    for t in range(N + 1):
+        state[t, :NV] = difference(p.q_ref[t], q[t])
+        state[t, NV:] = v[t] - p.v_ref[t]
+        stage = p.momentum_weight * np.sum(momentum[t] ** 2)
+        stage += np.sum(p.state_weight * state[t] ** 2)
+        if t == N:
+            cost += 0.5 * stage
+            continue
+        for leg in range(4):
+            if p.tracked[t, leg]:
+                error[t, leg] = foot[t, leg] - p.target[t, leg]
+        stage += p.foot_weight * np.sum(error[t] ** 2) + np.sum(p.control_weight * u[t] ** 2)
+        cost += 0.5 * p.dt[t] * stage
+    return cost, Residuals(error, foot_jacobian, momentum, state)
+
+
+@njit(cache=True, error_model="numpy")
+def gauss_newton(
+    p: ProblemArrays, motion: Motion, r: Residuals, momentum_jacobian: Array
+) -> QuadraticModel:
+    """Return the quadratic model of the state costs, and the dynamics' base blocks.
+
+    The state's Jacobian is the identity except for the base; a foot depends on base and own leg.
+    """
+    v = motion.v
+    N = len(p.dt)
+    H = np.empty((N + 1, 2 * NV, 2 * NV))
+    g = np.empty((N + 1, 2 * NV))
+    A = np.empty((N, 6, 6))
+    E = np.empty((N, 6, 6))
+    own = np.arange(9)  # columns of a foot's Jacobian among the 36
+    for t in range(N + 1):
+        J = momentum_jacobian[t]
+        H[t] = p.momentum_weight * (J.T @ J)
+        g[t] = p.momentum_weight * (J.T @ r.momentum[t])
+        D = difference_jacobian(r.state[t, :6])
+        for k in range(6):
+            for i in range(6):
+                weighted = p.state_weight[k] * D[k, i]
+                g[t, i] += weighted * r.state[t, k]
+                for j in range(6):
+                    H[t, i, j] += weighted * D[k, j]
+        for i in range(6, 2 * NV):
+            H[t, i, i] += p.state_weight[i]
+            g[t, i] += p.state_weight[i] * r.state[t, i]
+        if t == N:
+            break
+        for leg in range(4):
+            if not p.tracked[t, leg]:
+                continue
+            for i in range(3):
+                own[6 + i] = 6 + 3 * leg + i
+            for axis in range(3):
+                row = r.foot_jacobian[t, leg, axis]
+                for i in range(9):
+                    weighted = p.foot_weight * row[i]
+                    g[t, own[i]] += weighted * r.foot[t, leg, axis]
+                    for j in range(9):
+                        H[t, own[i], own[j]] += weighted * row[j]
+        H[t] *= p.dt[t]
+        g[t] *= p.dt[t]
+        A[t], E[t] = integrate_jacobians(p.dt[t] * v[t + 1, :6])
+    return QuadraticModel(H, g, A, E, motion.u, p.control_weight, p.dt)
