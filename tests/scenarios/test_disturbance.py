@@ -12,7 +12,7 @@ from surefoot.config import Config, DisturbanceConfig, NoiseConfig, SafetyConfig
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.engine import Episodes, rollout
 from surefoot.rollouts.outcome import Outcome
-from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances, senses
+from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances, make_sensors
 from surefoot.scenarios.starts import Starts
 from surefoot.sim import make_simulator
 from surefoot.types import State
@@ -166,7 +166,7 @@ def batch(q, v) -> State:
 def measured(state: State, noise=NOISE, episode=None, calls=1) -> list[State]:
     episode = np.arange(len(state.q)) if episode is None else episode
     config = DisturbanceConfig(noise=noise)
-    measure = senses(ROBOT, draw_disturbances(config, 7, episode, 1.0, 0.5))
+    measure = make_sensors(ROBOT, draw_disturbances(config, 7, episode, 1.0, 0.5))
     assert measure is not None
     return [measure(state) for _ in range(calls)]
 
@@ -330,7 +330,7 @@ def test_friction_and_mass_are_given_before_the_reset():
 def test_nothing_drawn_disturbs_nobody():
     nothing = draw_disturbances(DisturbanceConfig(), 0, np.arange(2), 1.0, 0.5)
     assert (nothing.pushes, nothing.friction, nothing.mass, nothing.delay) == (None, None, None, 0)
-    assert senses(ROBOT, nothing) is None
+    assert make_sensors(ROBOT, nothing) is None
     simulator = FakeSimulator(2)
     episodes = Episodes(starts(), 0.01, disturbance=nothing)
     record = rollout(simulator, episodes, ExpertOnly(), Numbered())

@@ -156,7 +156,7 @@ def test_the_state_given_is_left_alone():
 
 def test_an_impossible_case_says_so(monkeypatch):
     monkeypatch.setattr("surefoot.scenarios.perturbation.ATTEMPTS", 20)
-    with pytest.raises(ValueError, match=r"no acceptable start in 20 draws.*standard deviations"):
+    with pytest.raises(ValueError, match=r"no acceptable initial state in 20 draws.*standard deviations"):
         # Nothing is acceptable where the fall bounds are empty.
         never = SafetyConfig(fall_height=(0.5, 0.5))
         perturb(ROBOT, STANDING, np.zeros(18), ALL, CONFIG, never, np.random.default_rng(0))

@@ -137,7 +137,7 @@ class GateTrained:
         recall: Share of the unsafe rows held out that it calls unsafe.
         precision: Share of the rows held out that it calls unsafe which are.
         share_said: Share of the rows held out that it calls unsafe.
-        average_precision: Mean precision over all alarms (see `learning.classifier.judged`).
+        average_precision: Mean precision over all alarms (see `learning.classifier`).
         tau: Deviation beyond which a state is unsafe (SafeDAGGER); None of a history gate.
         sigma: ``(12,)`` standard deviation of each joint's target, which scales the deviation
             [rad]; None of a history gate.
