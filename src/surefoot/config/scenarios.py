@@ -28,13 +28,13 @@ class PerturbationConfig(Checked):
     section: ClassVar[str] = "perturbation"
 
     base_position: Sigma = 0.1
-    """[m] along each axis."""
+    """[m] deviation of the base position along each axis."""
     base_orientation: Sigma = 0.7
-    """[rad] about each axis of the base."""
+    """[rad] deviation of the base orientation about each axis."""
     joint_position: Sigma = 0.2
-    """[rad] of each joint."""
+    """[rad] deviation of each joint angle."""
     velocity: Sigma = 0.2
-    """[m/s, rad/s] of each component of the base's velocity and of each joint."""
+    """[m/s, rad/s] deviation of each velocity: linear, angular and of the joints."""
     max_penetration: Annotated[float, Within(0.0, 10.0)] = 0.002
     """[m] how deep a foot sphere may be in the ground; deeper states are drawn again."""
 
@@ -46,17 +46,17 @@ class NoiseConfig(Checked):
     section: ClassVar[str] = "disturbance.noise"
 
     base_height: Sigma = 0.0
-    """[m] of the base above the ground."""
+    """[m] noise on the height of the base."""
     base_orientation: Sigma = 0.0
-    """[rad] about each axis of the base."""
+    """[rad] noise on the orientation of the base, about each of its axes."""
     base_linear_velocity: Sigma = 0.0
-    """[m/s] along each axis of the base."""
+    """[m/s] noise on the linear velocity of the base, along each of its axes."""
     base_angular_velocity: Sigma = 0.0
-    """[rad/s] about each axis of the base."""
+    """[rad/s] noise on the angular velocity of the base, about each of its axes."""
     joint_position: Sigma = 0.0
-    """[rad] of each joint."""
+    """[rad] noise on each joint angle."""
     joint_velocity: Sigma = 0.0
-    """[rad/s] of each joint."""
+    """[rad/s] noise on each joint rate."""
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ class TrainingStep:
         self.device = device
         self._network = network
         self._optimizer = optimizer
-        self._short = config.precision == "bfloat16" and has_bfloat16(device)
+        self._bfloat16 = config.precision == "bfloat16" and has_bfloat16(device)
         self._rows = torch.zeros(config.batch, WIDTH, device=device)
         self._loss = torch.zeros((), dtype=torch.float64, device=device)
         self._launch = self._capture() if device.type == "cuda" else self._compute
@@ -104,7 +104,7 @@ class TrainingStep:
         inputs = self._rows[:, :INPUT_SIZE]
         targets = self._rows[:, INPUT_SIZE:]
         self._optimizer.zero_grad()
-        with torch.autocast(self.device.type, torch.bfloat16, self._short, cache_enabled=False):
+        with torch.autocast(self.device.type, torch.bfloat16, self._bfloat16, cache_enabled=False):
             outputs = self._network(inputs)
         loss = torch.nn.functional.l1_loss(outputs, targets)
         loss.backward()

@@ -179,13 +179,14 @@ def split_samples(data: Frames | Dataset, config: TrainingConfig, spec: PolicySp
     training = TrainingSamples(limit - validation_limit, folder)
     lowest = np.full(3, np.inf)
     highest = np.full(3, -np.inf)
-    for part in data.parts() if isinstance(data, Dataset) else [data]:
+    parts = data.parts() if isinstance(data, Dataset) else [data]
+    for part in parts:
         if not len(part):
             continue
         rows = derive(part, spec)
-        out = held_out(part.episode, config.validation)
-        training.append(rows[~out])
-        validation.append(rows[out])
+        is_held_out = held_out(part.episode, config.validation)
+        training.append(rows[~is_held_out])
+        validation.append(rows[is_held_out])
         low, high = part.command_range
         lowest = np.minimum(lowest, low)
         highest = np.maximum(highest, high)

@@ -79,8 +79,13 @@ def at_rest(q: Array, commands: Array) -> Starts:
         commands: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s].
     """
     n = len(commands)
-    zero = np.zeros(n, dtype=np.int64)
-    return Starts(np.tile(q, (n, 1)), np.zeros((n, 18)), zero, np.array(commands, float), zero - 1)
+    return Starts(
+        np.tile(q, (n, 1)),
+        np.zeros((n, 18)),
+        np.zeros(n, dtype=np.int64),
+        np.array(commands, float),
+        np.full(n, -1, dtype=np.int64),
+    )
 
 
 @dataclass(frozen=True)
