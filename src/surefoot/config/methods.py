@@ -50,7 +50,7 @@ class BehaviorCloningConfig(Checked):
     """Passes over the data (paper, IV-F)."""
     frames: Annotated[tuple[int, ...], Within(1, 1_000_000_000_000)] = ()
     """A series of dataset sizes: each gives a policy that is trained on the first whole episodes
-    with at most so many frames. The last policy is trained on all frames."""
+    with at most this many frames. The last policy is trained on all frames."""
 
 
 @dataclass(frozen=True)
