@@ -29,6 +29,14 @@ def test_the_overview_fits_one_screen():
     assert described == list(COMMANDS)
 
 
+def test_a_reader_that_stops_reading_is_no_error():
+    command = [sys.executable, "-m", "surefoot", "walk", "--help"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+        assert child.stdout is not None and child.stderr is not None
+        child.stdout.close()
+        assert child.stderr.read() == b""
+
+
 def test_without_a_command_the_overview_is_an_error(surefoot, capsys):
     assert surefoot() == 2
     output = capsys.readouterr()
@@ -67,8 +75,8 @@ def test_help_names_every_json_key(command, report):
         (("train", "loco_safe_dager"), "did you mean 'loco_safe_dagger'"),
         (("train", "behavior_cloning", "--preset", "quik"), "did you mean 'quick'"),
         (("train", "--preset", "papr", "behavior_cloning"), "did you mean 'paper'"),
-        (("train", "--resume"), "Name a method"),
-        (("train",), "Name a method: behavior_cloning, dagger, "),
+        (("train", "--resume"), "needs the name of a method"),
+        (("train",), "needs the name of a method: behavior_cloning, dagger, "),
         (("train", "--resum", "dagger"), "there is no option --resum;"),
         (("walk", "--seconds", "0", "--no-video"), "at least 0.001 s"),
         (("evaluate", "nowhere"), "no such run folder or policy file"),
@@ -112,7 +120,7 @@ def test_an_exception_sets_the_exit_status(surefoot, monkeypatch, capsys, error,
 
 def test_a_traceback_is_shown_where_it_is_asked_for(surefoot, monkeypatch):
     monkeypatch.setenv("SUREFOOT_TRACEBACK", "1")
-    with pytest.raises(ValueError, match="Name a method"):
+    with pytest.raises(ValueError, match="needs the name of a method"):
         surefoot("train")
 
 
