@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from inspect import cleandoc, getsource
 from itertools import pairwise
-from typing import Any, TypeVar, get_type_hints
+from typing import TypeVar, get_type_hints
 
 import tyro
 from tyro.constructors import (
@@ -98,8 +98,8 @@ def field_docstrings(kind: type) -> dict[str, str]:
 @_registry.struct_rule
 def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
     """What tyro does with a dataclass, but for its fields' docstrings, whose lines are joined."""
-    kind: Any = info.type
-    if not is_dataclass(kind):
+    kind = info.type
+    if not (isinstance(kind, type) and is_dataclass(kind)):
         return None
     hints = get_type_hints(kind, include_extras=True)
     docs = field_docstrings(kind)
