@@ -87,7 +87,9 @@ def test_the_help_keeps_no_line_break_of_the_source(capsys, monkeypatch):
 def test_the_help_of_a_command_fits_the_terminal(surefoot, capsys, monkeypatch, command, columns):
     monkeypatch.setenv("COLUMNS", str(columns))
     assert surefoot(command, "--help") == 0
-    lines = capsys.readouterr().out.splitlines()
+    text = capsys.readouterr().out
+    assert "\n\n\n" not in text
+    lines = text.splitlines()
     assert max(len(line) for line in lines) <= columns
 
 

@@ -1,16 +1,23 @@
 """The command line as a whole: the overview, help, errors, exit status."""
 
 import os
+import re
 import subprocess
 import sys
 
 import pytest
 
 import surefoot.cli.main as main_module
+from surefoot.cli.compare import Compare
+from surefoot.cli.evaluate import Evaluate
+from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.main import COMMANDS, overview
 from surefoot.cli.play import Play
 from surefoot.cli.train import Train, TrainReport
 from surefoot.cli.walk import Walk, WalkReport
+from surefoot.evaluation.gate_warnings import GateWarnings, RunWarnings
+from surefoot.evaluation.report import EvaluationReport
+from surefoot.study.records import Comparison, Row
 from surefoot.viz.replay import EpisodeReport
 
 
@@ -61,10 +68,20 @@ def test_each_command_has_help_of_its_own(surefoot, capsys, monkeypatch, command
 
 
 @pytest.mark.parametrize(
-    ("command", "report"), [(Walk, WalkReport), (Play, EpisodeReport), (Train, TrainReport)]
+    ("command", "report"),
+    [
+        (Walk, WalkReport),
+        (Play, EpisodeReport),
+        (Train, TrainReport),
+        (Evaluate, EvaluationReport),
+        (Compare, Comparison),
+        (Compare, Row),
+        (MeasureWarnings, RunWarnings),
+        (MeasureWarnings, GateWarnings),
+    ],
 )
 def test_help_names_every_json_key(command, report):
-    keys = command.__doc__.partition("JSON keys:")[2]
+    keys = re.findall(r"\w+", command.__doc__.partition("JSON keys:")[2])
     missing = [key for key in report.__dataclass_fields__ if key not in keys]
     assert not missing
 

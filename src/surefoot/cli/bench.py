@@ -44,7 +44,7 @@ class Bench(OnWorkers, OnSimulator):
     what: Annotated[
         Literal["all", "plan", "engine", "train", "evaluation", "end_to_end", "expert"],
         tyro.conf.Positional,
-        tyro.conf.arg(metavar="WHAT"),
+        tyro.conf.arg(metavar="[WHAT]"),
     ] = "all"
     """What to measure: `plan`, `engine` or `train` (a training step), on one core; `evaluation` or
     `end_to_end` (a whole run), on all workers; `all` of these; or `expert`."""

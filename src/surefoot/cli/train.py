@@ -36,7 +36,7 @@ class TrainReport:
 class Train(OnWorkers, OnSimulator):
     """Train a policy, for example with `surefoot train loco_safe_dagger`.
 
-    `surefoot train METHOD --help` shows the options of a method and all defaults.
+    See the options of a method, and all defaults, with `surefoot train METHOD --help`.
 
     JSON keys: run [folder], metrics [list, one object for each stage, with the keys of the run's
     metrics.jsonl].
