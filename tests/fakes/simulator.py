@@ -14,7 +14,7 @@ import numpy as np
 
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
-from surefoot.sim.protocol import CONTACT_FORCE, positive
+from surefoot.sim.protocol import CONTACT_FORCE, check_positive
 from surefoot.types import GRAVITY, Array, BoolArray, IntArray, State
 from tests.fakes.robots import ROBOT
 
@@ -132,8 +132,8 @@ class FakeSimulator:
 
     def vary(self, friction: Array, mass: Array) -> None:
         variation = (
-            positive("friction", friction, self.batch),
-            positive("mass", mass, self.batch),
+            check_positive("friction", friction, self.batch),
+            check_positive("mass", mass, self.batch),
         )
         self.order.append("vary")
         self.varied.append((friction.tolist(), mass.tolist()))
