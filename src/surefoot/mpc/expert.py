@@ -85,6 +85,7 @@ class Expert:
         return np.where(self._diverged[:, None], -DAMPING * v, torque)
 
     def _replan(self, robot: int, state: State, tick: int, command: Array, takeover: bool) -> None:
+        """Ask for a plan for one robot, and keep it if it is valid; else keep the old one."""
         plan = self._plan(state, tick, Command(*map(float, command)))
         parts = [plan.joint_position, plan.joint_velocity, plan.torque]
         ticks = len(plan.joint_position)

@@ -327,7 +327,7 @@ class MujocoSimulator:
 
     @cached_property
     def _nominal(self) -> tuple[rigid.Legs, rigid.Masses]:
-        """Legs and masses of the nominal robot; the center of mass in a state is always its own."""
+        """Legs and masses of the nominal robot, for the center of mass that robots report."""
         return rigid.legs_of(self.robot), rigid.masses_of(self.robot)
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
