@@ -37,9 +37,9 @@ from surefoot.rollouts.arbiters import ExpertOnly as ExpertOnly
 from surefoot.rollouts.arbiters import PolicyOnly as PolicyOnly
 from surefoot.rollouts.arbiters import RandomMix as RandomMix
 from surefoot.rollouts.arbiters import SafetySwitch as SafetySwitch
-from surefoot.rollouts.engine import Episodes as Episodes
-from surefoot.rollouts.engine import Rollout as Rollout
 from surefoot.rollouts.engine import rollout as rollout
+from surefoot.rollouts.episodes import Episodes as Episodes
+from surefoot.rollouts.episodes import Rollout as Rollout
 from surefoot.rollouts.outcome import Outcome as Outcome
 from surefoot.runs.run import Run as Run
 from surefoot.runs.run import create as create

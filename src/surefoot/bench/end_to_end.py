@@ -21,7 +21,7 @@ from surefoot.config import Config, method_name
 from surefoot.learning.policy import save
 from surefoot.methods import METHODS
 from surefoot.rollouts.arbiters import PolicyOnly
-from surefoot.rollouts.engine import Episodes
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.runs.metrics import Collected, Trained, Validated
 from surefoot.runs.run import Run, create

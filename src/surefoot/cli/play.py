@@ -85,7 +85,7 @@ class Play(OnSimulator):
         """
         from surefoot.learning.policy import check_command, load
         from surefoot.rollouts.arbiters import PolicyOnly
-        from surefoot.rollouts.engine import Episodes
+        from surefoot.rollouts.episodes import Episodes
         from surefoot.rollouts.jobs import Job
         from surefoot.runs.policies import find_policy
         from surefoot.viz.replay import standing_start

@@ -15,7 +15,7 @@ from surefoot.types import TICKS_PER_SECOND, Command
 
 if TYPE_CHECKING:
     from surefoot.mpc.expert import Expert
-    from surefoot.rollouts.engine import Rollout
+    from surefoot.rollouts.episodes import Rollout
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Walk(OnSimulator):
         """Walk, print, film; 1 if the robot fell."""
         from surefoot.robots.solo12 import solo12
         from surefoot.rollouts.arbiters import ExpertOnly
-        from surefoot.rollouts.engine import Episodes
+        from surefoot.rollouts.episodes import Episodes
         from surefoot.rollouts.jobs import Job, play_out
         from surefoot.viz.film import Recording
         from surefoot.viz.replay import standing_start

@@ -44,7 +44,7 @@ class Expert:
         self.reset(0)
 
     def reset(self, batch: int) -> None:
-        """Forget all plans; ``batch`` robots follow."""
+        """Forget all plans, and be ready for ``batch`` robots."""
         self.plans = np.zeros(batch, dtype=np.int64)
         self.invalid_plans = np.zeros(batch, dtype=np.int64)
         self._diverged = np.zeros(batch, dtype=bool)

@@ -2,7 +2,7 @@
 
 `summarize` makes a `Summary` of a rollout, `join_summaries` puts several together; runs store one
 per chunk. Base velocities, and the tracking errors that follow from them, are computed here too.
-Read `evaluation.robustness` and `runs.accounting` next for what is reported of it.
+Read `evaluation.robustness` and `runs.accounting` next for what is reported.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def join_summaries(parts: Sequence[Summary]) -> Summary:
 
 @dataclass(frozen=True)
 class EpisodeInfo:
-    """What a summary tells of B episodes that their rollout does not know.
+    """What a summary says of B episodes that their rollout does not hold.
 
     Attributes:
         episode: ``(B,)`` ids of the episodes.
@@ -132,9 +132,9 @@ def summarize(
     Args:
         rollouts: What happened in them.
         frames: The frames that are kept.
-        info: What the rollout does not know of them.
+        info: What the rollout does not hold.
         robot: The robot; its foot radius is needed.
-        config: Gives the gait period, the grace, and the bounds that recoveries are told by.
+        config: Gives the gait period, the grace, and the bounds that define a recovery.
     """
     B = len(rollouts.length)
     T = rollouts.duration
