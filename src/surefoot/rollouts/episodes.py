@@ -63,7 +63,7 @@ class Episodes:
         return len(self.starts)
 
     def __getitem__(self, rows: slice | NDArray) -> Episodes:
-        """Some of the episodes, with their ids."""
+        """Some of the episodes, with their ids and disturbances."""
         disturbance = None if self.disturbance is None else self.disturbance[rows]
         return replace(self, starts=self.starts[rows], id=self.ids[rows], disturbance=disturbance)
 

@@ -78,7 +78,7 @@ class Job:
     trace: bool = False
 
     def __getitem__(self, rows: slice | NDArray) -> Job:
-        """Some of the episodes."""
+        """The same job with some of its episodes."""
         return replace(self, episodes=self.episodes[rows])
 
     @property

@@ -95,7 +95,7 @@ class Summary:
         return failed(self.outcome)
 
     def __getitem__(self, rows: NDArray) -> Summary:
-        """Some of the episodes."""
+        """The summary of some of the episodes."""
         return Summary(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
