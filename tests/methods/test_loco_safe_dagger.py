@@ -64,7 +64,7 @@ def test_each_policy_is_trained_on_all_data_so_far(finished):
         digest = collected(finished, i).dataset_hash
         assert policy.provenance["dataset_hash"] == digest
         assert policy.provenance["iteration"] == i
-        # Normalisers are those of the pre-training.
+        # The normalizers are those of the pre-training.
         assert (policy.network.mean == policies[0].network.mean).all()
 
 

@@ -5,8 +5,7 @@ import pytest
 
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
-from surefoot.rollouts.engine import Rollout
-from surefoot.rollouts.episodes import Episodes
+from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.query import Query

@@ -8,7 +8,7 @@ from surefoot.config import (
     ExpertData,
     LocoSafeDaggerConfig,
 )
-from surefoot.rollouts.engine import Rollout
+from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.sampling import (
     draw_starts,

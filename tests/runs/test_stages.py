@@ -92,7 +92,7 @@ def test_a_collection_begun_by_another_expert_is_refused(finished, tmp_path, mon
             behavior_cloning(create(tmp_path / "run", CLONING), workers=Workers(1))
     with pytest.raises(ValueError, match="another expert than stiff"):
         behavior_cloning(open_run(tmp_path / "run"), workers=Workers(1), plan=stiff)
-    # And nothing of the other was stored: the first one goes on.
+    # And nothing of the other was stored: with the first one the run resumes.
     behavior_cloning(open_run(tmp_path / "run"), workers=Workers(1))
     assert fingerprint(open_run(tmp_path / "run")) == fingerprint(finished)
 

@@ -167,7 +167,7 @@ def test_a_file_of_other_settings_is_refused(monkeypatch, runs, tmp_path):
     with pytest.raises(ValueError, match="other episodes; name another file"):
         compare(runs, Measurements(episodes=3), Workers(1), path)
     save_policy(open_run(runs[0]).policy_path(0), 9)
-    with pytest.raises(ValueError, match="trained on has another policy"):
+    with pytest.raises(ValueError, match="trained further has another policy"):
         measure(runs, path)
     assert path.read_bytes() == before
 

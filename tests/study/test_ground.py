@@ -14,7 +14,7 @@ from surefoot.config import (
 )
 from surefoot.runs.run import RunError, create, open_run
 from surefoot.study.ground import WhichPolicy, open_comparable_runs, rows_of
-from tests.fakes.comparisons import SMALL, collected, run_of
+from tests.fakes.comparisons import SMALL, run_of, ten_rollouts
 
 BASE = Config()
 
@@ -64,13 +64,13 @@ def test_a_run_from_other_starts_or_of_an_own_expert_is_refused(
     runs, tmp_path, name, changes, message
 ):
     run = create(tmp_path / name, Config(policy=SMALL))
-    run.append_metrics(collected(0, **changes))
+    run.append_metrics(ten_rollouts(0, **changes))
     with pytest.raises(ValueError, match=f"{name} .*{message}"):
         open_comparable_runs([*runs, run.folder])
 
 
 def test_no_runs_are_an_error():
-    with pytest.raises(ValueError, match="compare what"):
+    with pytest.raises(ValueError, match="no runs to compare"):
         open_comparable_runs([])
 
 

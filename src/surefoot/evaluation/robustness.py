@@ -15,7 +15,7 @@ import numpy as np
 from surefoot.config import Config
 from surefoot.evaluation.statistics import Interval, wilson
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
-from surefoot.rollouts.engine import Episodes
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary

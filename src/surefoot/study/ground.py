@@ -24,7 +24,7 @@ from surefoot.config.json_io import changes
 from surefoot.config.methods import IterativeConfig
 from surefoot.methods import METHODS
 from surefoot.rollouts.jobs import PLANNER
-from surefoot.runs.accounting import RunCost, cost_of
+from surefoot.runs.accounting import RunCost, run_cost
 from surefoot.runs.metrics import Collected, Trained, Validated
 from surefoot.runs.policies import find_policy
 from surefoot.runs.run import Run, RunError, open_run
@@ -46,7 +46,7 @@ def open_comparable_runs(folders: Sequence[Path]) -> list[Run]:
         RunError: A folder holds no run.
     """
     if not folders:
-        raise ValueError("compare what? Name the folders of runs")
+        raise ValueError("there are no runs to compare; name the folders of at least one")
     runs = [open_run(folder) for folder in folders]
     for run in runs:
         check_comparable(run, runs[0])
@@ -107,7 +107,7 @@ def labels_of(runs: Sequence[Run], names: Sequence[str]) -> list[str]:
 
 
 def common_ground(config: Config, episodes: int) -> Config:
-    """The part of a run's configuration that bears on an evaluation; the rest is the default.
+    """The part of a run's configuration that affects an evaluation; the rest is the default.
 
     Args:
         config: The run's configuration.
@@ -193,4 +193,4 @@ def last_policy(run: Run) -> Path:
 def cost_of_run(run: Run) -> RunCost:
     """What the whole run cost."""
     method = run.config.method
-    return cost_of(run.metrics, method.T if isinstance(method, IterativeConfig) else 0.0)
+    return run_cost(run.metrics, method.T if isinstance(method, IterativeConfig) else 0.0)
