@@ -274,7 +274,7 @@ def test_a_robot_keeps_its_friction_and_load_over_all_pushes():
         np.testing.assert_array_equal(second, np.tile(first, 2))
 
 
-def test_pushes_take_place_under_the_evaluation_s_disturbance(monkeypatch):
+def test_pushes_take_place_under_the_disturbance_of_the_evaluation(monkeypatch):
     seen = []
     pretend(monkeypatch, lambda angle, robot: 1.0)
     run_pretended = push_module.run_episodes

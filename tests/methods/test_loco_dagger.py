@@ -5,10 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import (
-    DisturbanceConfig,
-    LocoDaggerConfig,
-)
+from surefoot.config import DisturbanceConfig, LocoDaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.jobs import play_out
 from surefoot.rollouts.outcome import Outcome

@@ -17,13 +17,7 @@ from surefoot.scenarios.starts import load_starts
 from tests.fakes.learning import OBSERVATION_SPEC
 from tests.fakes.runs import best, gate_trained
 from tests.fakes.toy import plan
-from tests.fakes.toy_runs import (
-    CONFIG,
-    alarms,
-    kept_in,
-    last_block,
-    replayed,
-)
+from tests.fakes.toy_runs import CONFIG, alarms, kept_in, last_block, replayed
 
 pytestmark = pytest.mark.usefixtures("toys")
 

@@ -99,7 +99,7 @@ def test_a_history_network_is_used_from_the_iteration_after_its_first_data(run):
 
 
 @pytest.mark.parametrize(("i", "share"), [(1, 0.6), (2, 0.7), (3, 0.8), (5, 1.0)])
-def test_relaxing_bounds_are_the_table_s_in_the_last_iteration(run, i, share):
+def test_relaxing_bounds_reach_the_papers_table_in_the_last_iteration(run, i, share):
     gate = make_gate(run, i, ["relaxing"], share=rising_share(0.6, i, 5))
     assert isinstance(gate, Bounds)
     expected = tightened(SafetyConfig(), share, 0.20)

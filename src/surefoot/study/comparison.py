@@ -23,13 +23,7 @@ from surefoot.files import as_digits, from_digits, write_json
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import load_starts
-from surefoot.study.ground import (
-    EXPERT,
-    WhichPolicy,
-    common_ground,
-    open_comparable_runs,
-    rows_of,
-)
+from surefoot.study.ground import EXPERT, WhichPolicy, common_ground, open_comparable_runs, rows_of
 from surefoot.study.records import (
     Comparison,
     Difference,

@@ -137,7 +137,7 @@ class Survival:
 
     Attributes:
         episodes: Number of initial states.
-        survived: Number of robots that neither fell nor were given up.
+        survived: Number of robots that did not fall, and that the expert did not give up on.
         survived_interval: Wilson's 95 % interval of the share that survived.
         stalls: Number of robots that stayed up and stopped stepping.
         lost: Ids of the initial states that were not survived.
