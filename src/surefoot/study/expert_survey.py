@@ -1,4 +1,4 @@
-"""The expert under test: in both simulators, with two horizons, published rules and our own ones.
+"""The expert under test: both simulators, two horizons, the published rules and this package's own.
 
 Every variant starts from the same stored `test` initial states, perturbed with the paper's standard
 deviations and with 1.5 times those, and is pushed the same way. A survey in progress is a sequence
