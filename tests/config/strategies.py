@@ -12,16 +12,16 @@ from surefoot.config.checked import Checked, Rising, Within
 
 def config_classes() -> list[type[Checked]]:
     """Every class of a configuration, and that of the perturbations."""
-    found: list[type[Checked]] = []
+    classes: list[type[Checked]] = []
     waiting: list[type[Checked]] = [Config, PerturbationConfig]
     while waiting:
         kind = waiting.pop()
-        if kind not in found:
-            found.append(kind)
+        if kind not in classes:
+            classes.append(kind)
             for hint in get_type_hints(kind).values():
                 options = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
                 waiting += [each for each in options if is_config(each)]
-    return found
+    return classes
 
 
 def is_config(hint) -> bool:

@@ -1,5 +1,6 @@
 """Configurations that check themselves: every field of every class, and the messages."""
 
+import json
 from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Annotated, Any, ClassVar, Literal, cast, get_args, get_origin
 
@@ -120,19 +121,26 @@ def test_configurations_within_the_ranges_are_accepted(config):
 # --- one error, wherever the number comes from
 
 
-def test_python_json_and_command_line_give_the_same_error(capsys):
-    text = "training.batch is 1; use 2 to 1000000"
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("batch", 1, "training.batch is 1; use 2 to 1000000"),
+        ("validation", np.nan, "training.validation is nan; use 0.0 to 0.9"),
+        ("validation", np.inf, "training.validation is inf; use 0.0 to 0.9"),
+    ],
+)
+def test_python_json_and_command_line_give_the_same_error(name, value, text, capsys):
     with pytest.raises(ValueError) as error:
-        TrainingConfig(batch=1)
+        TrainingConfig(**{name: value})
     assert str(error.value) == text
     with pytest.raises(ValueError) as error:
-        replace(TrainingConfig(), batch=1)
+        replace(TrainingConfig(), **{name: value})
     assert str(error.value) == text
     with pytest.raises(ValueError) as error:
-        from_json(Config, {"training": {"batch": 1}})
+        from_json(Config, json.loads(json.dumps({"training": {name: value}})))
     assert str(error.value) == text
     with pytest.raises(SystemExit) as stop:
-        parse(["train", "dagger", "--config.training.batch", "1"])
+        parse(["train", "dagger", f"--config.training.{name}", str(value)])
     assert stop.value.code == 2
     assert text in capsys.readouterr().err
 

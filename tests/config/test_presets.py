@@ -33,7 +33,7 @@ def test_tuned_presets_keep_the_papers_protocol(name):
         assert cloning.method.data == dagger.method.pretraining
 
 
-def test_paper_is_the_papers():
+def test_the_preset_paper_has_the_numbers_of_the_paper():
     """Numbers of the paper and of its research code, written down once more."""
     config = preset("loco_safe_dagger", "paper")
     assert config.simulation.backend == "bullet"
@@ -57,7 +57,7 @@ def test_paper_is_the_papers():
     assert cloning == BehaviorCloningConfig(ExpertData(20, 2, False, 3.0), 150)
 
 
-def test_paper_has_the_other_methods_as_the_paper_and_their_authors_do():
+def test_the_preset_paper_has_the_other_methods_as_the_paper_or_their_authors_do():
     loco = preset("loco_dagger", "paper").method
     assert isinstance(loco, LocoDaggerConfig)
     assert (loco.iterations, loco.velocities * loco.perturbations, loco.T) == (10, 10, 5.0)
@@ -80,7 +80,7 @@ def test_all_iterative_methods_begin_with_the_same_data_and_training(name):
     assert len({(m.pretraining, m.pretraining_epochs, m.epochs) for m in methods}) == 1
 
 
-def test_unknown_preset_or_method_names_the_nearest():
+def test_an_unknown_preset_or_method_names_the_nearest():
     with pytest.raises(ValueError, match="no preset 'quik'; did you mean 'quick'"):
         preset("loco_safe_dagger", "quik")
     with pytest.raises(

@@ -1,4 +1,4 @@
-"""The small network of the gates: it learns, says how well, and is a file to the bit."""
+"""The small network of the gates: it learns, knows how well, and comes back to the bit."""
 
 import hashlib
 import json
@@ -45,7 +45,7 @@ def probabilities(layers, rows):
     return 1.0 / (1.0 + np.exp(-x[:, 0]))
 
 
-def test_it_learns_a_rule_that_is_not_linear():
+def test_a_classifier_learns_a_rule_that_is_not_linear():
     rows, positive, held_out = toy(20_000)
     classifier = fit_classifier(rows, positive, held_out, seed=0)
     quality: Any = classifier.quality
@@ -56,7 +56,7 @@ def test_it_learns_a_rule_that_is_not_linear():
     assert quality.share_yes == pytest.approx(positive[~held_out].mean())
 
 
-def test_its_quality_is_that_of_the_rows_held_out():
+def test_the_quality_is_that_on_the_rows_held_out():
     rows, positive, held_out = toy(share=0.2)
     noise = np.random.default_rng(1).random(len(positive)) < 0.1
     positive = positive ^ noise  # which cannot be learned
@@ -124,15 +124,15 @@ def test_the_same_seed_gives_the_same_bits_and_leaves_torch_alone():
     torch.manual_seed(99)
     again, other = (fit_classifier(rows, positive, held_out, seed) for seed in (3, 4))
     assert again.quality == first.quality
-    for (weight, bias), (w, b), (different, _) in zip(
+    for (weight, bias), (same_weight, same_bias), (other_weight, _) in zip(
         first.layers, again.layers, other.layers, strict=True
     ):
-        assert weight.tobytes() == w.tobytes()
-        assert bias.tobytes() == b.tobytes()
-        assert not np.array_equal(different, weight)
+        assert weight.tobytes() == same_weight.tobytes()
+        assert bias.tobytes() == same_bias.tobytes()
+        assert not np.array_equal(other_weight, weight)
 
 
-def test_its_probability_is_the_network_s():
+def test_the_probability_is_that_of_the_network_in_float64():
     rows, positive, held_out = toy(1000)
     classifier = fit_classifier(rows, positive, held_out, seed=0)
     expected = probabilities(classifier.layers, rows)
@@ -140,7 +140,7 @@ def test_its_probability_is_the_network_s():
     assert classifier.probability(rows[:0]).shape == (0,)
 
 
-def test_a_row_s_probability_depends_on_it_alone():
+def test_the_probability_of_a_row_does_not_depend_on_other_rows():
     rows, positive, held_out = toy(1000)
     classifier = fit_classifier(rows, positive, held_out, seed=0)
     together = classifier.probability(rows[:40])
@@ -177,7 +177,7 @@ CLASSIFIER = fit_classifier(*toy(1000), seed=0)
 ROWS = toy(50, seed=5)[0]
 
 
-def test_a_file_brings_it_back_to_the_bit(tmp_path):
+def test_a_classifier_comes_back_from_its_file_to_the_bit(tmp_path):
     path = tmp_path / "gates" / "history-001.safetensors"
     path.parent.mkdir()
     save_classifier(CLASSIFIER, path)
@@ -220,22 +220,22 @@ def test_any_changed_byte_is_refused(tmp_path):
         load_classifier(path)
 
 
-def test_the_record_and_the_hash_of_a_file(tmp_path):
+def test_the_header_and_the_hash_of_a_file(tmp_path):
     """Files that were written before must load, with the same hash."""
     path = tmp_path / "history.safetensors"
     save_classifier(CLASSIFIER, path)
     with safe_open(path, framework="np") as file:
-        record = json.loads(file.metadata()["surefoot"])
+        header = json.loads(file.metadata()["surefoot"])
         arrays = [file.get_tensor(f"{kind}{n}") for n in range(3) for kind in ("weight", "bias")]
-    assert list(record) == ["format", "figures", "sha256"]
-    assert list(record["figures"]) == [
+    assert list(header) == ["format", "figures", "sha256"]
+    assert list(header["figures"]) == [
         "rows", "share_yes", "seed", "held_out", "held_out_yes", "alarm", "recall", "precision",
         "share_said", "average_precision",
     ]  # fmt: skip
-    content = hashlib.sha256(json.dumps(record["figures"], sort_keys=True).encode())
+    content = hashlib.sha256(json.dumps(header["figures"], sort_keys=True).encode())
     for array in arrays:
         content.update(array.tobytes())
-    assert record["sha256"] == content.hexdigest() == digest(CLASSIFIER)
+    assert header["sha256"] == content.hexdigest() == digest(CLASSIFIER)
 
 
 def test_without_rows_held_out_the_file_says_only_what_it_was_trained_on(tmp_path):
@@ -246,8 +246,8 @@ def test_without_rows_held_out_the_file_says_only_what_it_was_trained_on(tmp_pat
     path = tmp_path / "history.safetensors"
     save_classifier(classifier, path)
     with safe_open(path, framework="np") as file:
-        record = json.loads(file.metadata()["surefoot"])
-    assert list(record["figures"]) == ["rows", "share_yes", "seed"]
+        header = json.loads(file.metadata()["surefoot"])
+    assert list(header["figures"]) == ["rows", "share_yes", "seed"]
     assert load_classifier(path).quality == expected
 
 
@@ -260,7 +260,7 @@ def test_a_file_of_another_version_is_refused(tmp_path, monkeypatch):
         load_classifier(path)
 
 
-def test_it_goes_to_other_processes_without_its_session():
+def test_a_classifier_is_pickled_without_its_session():
     classifier = Classifier(CLASSIFIER.layers, CLASSIFIER.quality)
     before = pickle.dumps(classifier)
     expected = classifier.probability(ROWS)  # makes a session, which cannot be pickled

@@ -12,9 +12,10 @@ from surefoot.files import write_atomic
 from surefoot.learning.dataset import Dataset, DatasetError
 from surefoot.learning.frames import concatenate
 from tests.fakes.learning import assert_same_frames, random_frames
+from tests.fakes.runs import Killed
 
 
-def test_round_trip(tmp_path):
+def test_frames_come_back_from_shards(tmp_path):
     data = Dataset(tmp_path / "new" / "data")
     assert (data.frames, data.episodes, data.shards, len(data.load())) == (0, 0, (), 0)
     data.append("chunk-0", random_frames([0, 1]))
@@ -29,7 +30,8 @@ def test_an_empty_shard_is_remembered(tmp_path):
     data = Dataset(tmp_path)
     data.append("none", random_frames([]))
     data.append("some", random_frames([1]))
-    assert data.shards == ("none", "some") and data.frames == 5
+    assert data.shards == ("none", "some")
+    assert data.frames == 5
     assert_same_frames(data.load(), random_frames([1]))
 
 
@@ -76,7 +78,7 @@ def test_append_is_idempotent(tmp_path):
     assert_same_frames(data.load(), random_frames([1, 2]))
 
 
-def test_an_episode_lives_in_one_shard(tmp_path):
+def test_an_episode_in_two_shards_is_refused(tmp_path):
     data = Dataset(tmp_path)
     data.append("a", random_frames([1, 2]))
     with pytest.raises(DatasetError, match="episode 2 of 'b' is already in shard 'a'"):
@@ -85,17 +87,13 @@ def test_an_episode_lives_in_one_shard(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["", "../a", "a/b", ".hidden", "a\n"])
-def test_shard_names(tmp_path, name):
+def test_shard_names_that_are_no_file_names_are_refused(tmp_path, name):
     with pytest.raises(DatasetError, match="shard name"):
         Dataset(tmp_path).append(name, random_frames([1]))
 
 
-class Killed(BaseException):
-    """Stands for the end of the process."""
-
-
 @pytest.mark.parametrize("writes", [0, 1], ids=["before the shard", "shard, then no manifest"])
-def test_kill_during_append(tmp_path, monkeypatch, writes):
+def test_an_append_that_is_killed_leaves_the_dataset_as_it_was(tmp_path, monkeypatch, writes):
     data = Dataset(tmp_path)
     data.append("a", random_frames([1]))
     done = 0
@@ -109,7 +107,7 @@ def test_kill_during_append(tmp_path, monkeypatch, writes):
 
     with monkeypatch.context() as patch:
         patch.setattr(module, "write_atomic", dying_write)
-        patch.setattr("surefoot.files.write_atomic", dying_write)  # of the manifest
+        patch.setattr("surefoot.files.write_atomic", dying_write)  # for the manifest
         # The run that died had other frames: the next one must not trust the file it left.
         with pytest.raises(Killed):
             data.append("b", random_frames([2, 3], seed=1))
@@ -120,8 +118,8 @@ def test_kill_during_append(tmp_path, monkeypatch, writes):
     assert_same_frames(data.load(), random_frames([1, 2, 3]))
 
 
-def test_kill_within_a_write(tmp_path, monkeypatch):
-    """A shard half written, without any clean-up, is as if it had never been."""
+def test_a_shard_half_written_is_as_if_it_had_never_been(tmp_path, monkeypatch):
+    """Even without any clean-up."""
     data = Dataset(tmp_path)
     data.append("a", random_frames([1]))
 
@@ -155,7 +153,7 @@ def drop(path):
 
 
 @pytest.mark.parametrize("damage", [truncate, flip, drop, lambda path: path.unlink()])
-def test_damaged_shard_is_named(tmp_path, damage):
+def test_a_damaged_shard_is_an_error_that_names_it(tmp_path, damage):
     data = Dataset(tmp_path)
     data.append("good", random_frames([1]))
     data.append("bad", random_frames([2]))
@@ -203,7 +201,7 @@ def test_a_view_that_skips_nothing_is_the_whole(tmp_path):
         assert view.shards == ("one",)
 
 
-def test_unreadable_manifest_and_format(tmp_path):
+def test_a_manifest_that_is_unreadable_or_of_another_format_is_refused(tmp_path):
     data = Dataset(tmp_path)
     data.append("a", random_frames([1]))
     manifest = json.loads((tmp_path / "manifest.json").read_text())
@@ -215,7 +213,7 @@ def test_unreadable_manifest_and_format(tmp_path):
         data.append("b", random_frames([2]))
 
 
-def test_unknown_shard(tmp_path):
+def test_an_unknown_shard_is_an_error_that_names_the_shards(tmp_path):
     data = Dataset(tmp_path)
     data.append("a", random_frames([1]))
     with pytest.raises(DatasetError, match=r"no shards \['b'\]; it has \['a'\]"):
@@ -240,19 +238,19 @@ def test_a_view_of_what_was_there_before_an_episode(tmp_path):
 def test_a_view_may_end_within_a_shard(tmp_path, before):
     """It is, to the bit, the dataset that has never held any later episode."""
     data = Dataset(tmp_path / "all")
-    there = [e for e in (0, 1, 2, 3, 5, 6) if e < before]
+    kept = [episode for episode in (0, 1, 2, 3, 5, 6) if episode < before]
     data.append("a", random_frames([0, 2], each=4))
     data.append("b", random_frames([1, 5, 3], each=7))
     data.append("c", random_frames([6]))
     data.append("empty", random_frames([]))
     each = {0: 4, 2: 4, 1: 7, 5: 7, 3: 7, 6: 5}
-    expected = concatenate([random_frames([e], each=each[e]) for e in there])
+    expected = concatenate([random_frames([episode], each=each[episode]) for episode in kept])
     view = data.before(before)
     assert_same_frames(view.load(), expected)
-    assert view.frames == len(expected) == sum(each[e] for e in there)
-    assert view.episodes == len(there)
+    assert view.frames == len(expected) == sum(each[episode] for episode in kept)
+    assert view.episodes == len(kept)
     assert view.hash == expected.hash
-    if there:
+    if kept:
         alone = Dataset(tmp_path / "alone")
         alone.append("x", expected)
         assert view.hash == alone.hash
@@ -261,9 +259,9 @@ def test_a_view_may_end_within_a_shard(tmp_path, before):
     together = concatenate(parts)
     assert_same_frames(together[np.argsort(together.episode, kind="stable")], expected)
     homes = {"a": {0, 2}, "b": {1, 3, 5}, "c": {6}}
-    assert view.shards == (*(n for n, ids in homes.items() if ids & {*there}), "empty")
+    assert view.shards == (*(n for n, ids in homes.items() if ids & {*kept}), "empty")
     for name in view.shards[:-1]:
-        assert set(view.load([name]).episode) == homes[name] & {*there}
+        assert set(view.load([name]).episode) == homes[name] & {*kept}
     assert data.frames == 34  # the whole is as it was
 
 

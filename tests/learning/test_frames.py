@@ -9,7 +9,7 @@ from surefoot.learning.frames import Frames, concatenate
 from tests.fakes.learning import assert_same_frames, random_frames
 
 
-def test_slices_masks_and_concatenation():
+def test_frames_are_sliced_masked_and_concatenated():
     frames = random_frames([1, 2, 3])
     assert len(frames) == 15
     assert len(concatenate([])) == 0

@@ -12,7 +12,7 @@ from surefoot.learning.observation import INPUT_SIZE
 from tests.fakes.learning import SMALL, trained_network
 
 
-def test_initial_weights():
+def test_initial_weights_are_kaiming_normal():
     network: Any = PolicyNetwork(PolicyConfig(), seed=3)
     for layer in network.linear:
         weight = layer.weight.detach()
@@ -27,7 +27,7 @@ def test_initial_weights():
     ]
 
 
-def test_seed_fixes_the_weights_and_leaves_the_global_generator_alone():
+def test_the_seed_fixes_the_weights_and_leaves_the_global_generator_alone():
     torch.manual_seed(0)
     one = PolicyNetwork(SMALL, 1).state_dict()
     drawn = torch.rand(3)
@@ -39,7 +39,7 @@ def test_seed_fixes_the_weights_and_leaves_the_global_generator_alone():
     assert not torch.equal(one["linear.0.weight"], other["linear.0.weight"])
 
 
-def test_normalizers():
+def test_normalizers_center_and_scale_all_inputs_but_constant_ones():
     torch.manual_seed(0)
     inputs = torch.randn(1000, INPUT_SIZE) * 3 + 5
     inputs[:, 4] = 0.1  # constant, and not exact in binary

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors import safe_open
+from safetensors.torch import save_file
 from scipy.spatial.transform import Rotation
 
 from surefoot.config import Config, PolicyConfig
@@ -94,7 +95,7 @@ def test_torque_is_the_pd_law_on_the_target():
 
 @pytest.fixture(scope="module")
 def walked():
-    """States of real rollouts from perturbed starts, and their ticks and commands."""
+    """States of real rollouts from perturbed initial states, with their ticks and commands."""
     starts = load_starts()["test"][:100:25]
     rollouts, _ = play_out(Job(Config(), Episodes(starts, 0.5), ExpertOnly()))
     robot, elapsed = np.nonzero(rollouts.happened)
@@ -145,7 +146,7 @@ def test_a_policy_that_drives_no_robot_gives_arrays_of_the_same_shape():
     assert torque.shape == (4, 12)
 
 
-def test_rows_do_not_depend_on_the_batch():
+def test_targets_of_a_robot_do_not_depend_on_the_batch():
     """Bit for bit: alone, in any smaller batch, permuted, and beside a robot that blew up."""
     policy = make_policy(PolicyConfig())
     state, tick, command = arguments(64)
@@ -166,7 +167,7 @@ def test_rows_do_not_depend_on_the_batch():
     np.testing.assert_array_equal(broken[others], full[others])
 
 
-def test_threads_change_nothing_and_are_restored():
+def test_the_number_of_threads_changes_no_target_and_is_kept():
     policy = make_policy(PolicyConfig())
     before = torch.get_num_threads()
     expected = policy.target(*arguments(20))
@@ -178,7 +179,7 @@ def test_threads_change_nothing_and_are_restored():
         torch.set_num_threads(before)
 
 
-def test_policy_keeps_its_network():
+def test_a_policy_keeps_a_copy_of_its_network():
     """Training the network further does not change a policy made from it."""
     network = trained_network(SMALL)
     policy = Policy(network, SPEC, COMMANDS)
@@ -189,7 +190,7 @@ def test_policy_keeps_its_network():
     assert policy.network.state_dict()["linear.0.weight"].any()
 
 
-def test_policy_travels_to_workers():
+def test_a_policy_can_be_sent_to_workers():
     policy = make_policy()
     copy = pickle.loads(pickle.dumps(policy))
     np.testing.assert_array_equal(copy.target(*arguments(5)), policy.target(*arguments(5)))
@@ -227,7 +228,7 @@ def test_a_policy_that_sees_the_phase_as_a_fraction(tmp_path):
     )
 
 
-def test_save_and_load(tmp_path):
+def test_a_policy_comes_back_from_its_file_to_the_bit(tmp_path):
     path = tmp_path / "policy.safetensors"
     policy = make_policy(provenance={"run": "demo", "config_hash": "abc", "iteration": 3})
     save(policy, path)
@@ -244,16 +245,16 @@ def test_save_and_load(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_the_record_and_the_hash_of_a_file(tmp_path):
+def test_the_header_and_the_hash_of_a_file(tmp_path):
     """Files of this format are read by other programs: keys, their order and the hash are fixed."""
     path = tmp_path / "policy.safetensors"
     policy = make_policy(provenance={"run": "demo"})
     save(policy, path)
     with safe_open(path, framework="np") as file:
-        record = json.loads(file.metadata()["surefoot"])
+        header = json.loads(file.metadata()["surefoot"])
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    sha256 = record.pop("sha256")
-    assert list(record.items()) == [
+    sha256 = header.pop("sha256")
+    assert list(header.items()) == [
         ("format", 2),
         ("robot", "solo12"),
         ("rate", 1000),
@@ -270,19 +271,19 @@ def test_the_record_and_the_hash_of_a_file(tmp_path):
         ("provenance", {"run": "demo"}),
     ]  # fmt: skip
     assert set(tensors) == set(policy.network.state_dict())
-    content = hashlib.sha256(json.dumps(record, sort_keys=True).encode())
+    content = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     for name in sorted(tensors):
         content.update(name.encode() + tensors[name].tobytes())
     assert sha256 == content.hexdigest()
 
 
-def test_no_such_file(tmp_path):
+def test_a_missing_file_is_an_error(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nothing\.safetensors"):
         load(tmp_path / "nothing.safetensors")
 
 
 @pytest.mark.parametrize("keep", [0, 5, 200, -1], ids=["empty", "start", "header", "last byte"])
-def test_truncated_file(tmp_path, keep):
+def test_a_file_that_is_cut_short_is_refused(tmp_path, keep):
     path = tmp_path / "policy.safetensors"
     save(make_policy(), path)
     path.write_bytes(path.read_bytes()[:keep])
@@ -290,7 +291,7 @@ def test_truncated_file(tmp_path, keep):
         load(path)
 
 
-def test_other_robot(tmp_path):
+def test_a_policy_for_another_robot_is_refused(tmp_path):
     path = tmp_path / "policy.safetensors"
     save(make_policy(robot="go2"), path)
     with pytest.raises(PolicyFileError, match="robot 'go2', expected 'solo12'; load a policy"):
@@ -299,14 +300,14 @@ def test_other_robot(tmp_path):
 
 
 def rewrite(path, change):
-    """Change the record inside a policy file."""
+    """Change the header inside a policy file."""
     content = path.read_bytes()
     size = struct.unpack("<Q", content[:8])[0]
-    header = json.loads(content[8 : 8 + size])
-    record = json.loads(header["__metadata__"]["surefoot"])
-    change(record)
-    header["__metadata__"]["surefoot"] = json.dumps(record)
-    new = json.dumps(header).encode()
+    safetensors_header = json.loads(content[8 : 8 + size])
+    header = json.loads(safetensors_header["__metadata__"]["surefoot"])
+    change(header)
+    safetensors_header["__metadata__"]["surefoot"] = json.dumps(header)
+    new = json.dumps(safetensors_header).encode()
     path.write_bytes(struct.pack("<Q", len(new)) + new + content[8 + size :])
 
 
@@ -320,19 +321,19 @@ def rewrite(path, change):
         ("format", 1),
     ],
 )
-def test_other_interface(tmp_path, key, value):
+def test_a_file_with_another_interface_is_refused(tmp_path, key, value):
     path = tmp_path / "policy.safetensors"
     save(make_policy(), path)
-    rewrite(path, lambda record: record.update({key: value}))
+    rewrite(path, lambda header: header.update({key: value}))
     with pytest.raises(PolicyFileError, match=f"has {key} .*expected"):
         load(path)
 
 
 @pytest.mark.parametrize("key", ["hidden", "kp", "provenance", "command_range"])
-def test_incomplete_record(tmp_path, key):
+def test_a_file_with_an_incomplete_header_is_refused(tmp_path, key):
     path = tmp_path / "policy.safetensors"
     save(make_policy(), path)
-    rewrite(path, lambda record: record.pop(key))
+    rewrite(path, lambda header: header.pop(key))
     with pytest.raises(PolicyFileError, match=r"not a complete policy.*match their hash"):
         load(path)
 
@@ -347,10 +348,10 @@ def test_a_changed_bit_is_noticed(tmp_path):
         load(path)
 
 
-def test_other_hidden_layers_and_broken_weights(tmp_path):
+def test_other_hidden_layers_and_weights_that_are_not_finite_are_refused(tmp_path):
     path = tmp_path / "policy.safetensors"
     save(make_policy(), path)
-    rewrite(path, lambda record: record.update(hidden=[32, 17]))
+    rewrite(path, lambda header: header.update(hidden=[32, 17]))
     with pytest.raises(PolicyFileError, match="not a complete policy"):
         load(path)
     network = trained_network(SMALL)
@@ -361,9 +362,7 @@ def test_other_hidden_layers_and_broken_weights(tmp_path):
         load(path)
 
 
-def test_a_file_without_a_record(tmp_path):
-    from safetensors.torch import save_file
-
+def test_a_file_without_a_header_is_refused(tmp_path):
     path = tmp_path / "other.safetensors"
     save_file({"weight": torch.zeros(3)}, path)
     with pytest.raises(PolicyFileError, match="not a whole surefoot policy"):

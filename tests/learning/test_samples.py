@@ -1,4 +1,4 @@
-"""Training samples: derived right, split by episode, mixed well in any amount of memory."""
+"""Training samples: how they are derived, split by episode, and mixed in any amount of memory."""
 
 from dataclasses import replace
 
@@ -49,7 +49,7 @@ def test_rows_do_not_depend_on_how_many_are_derived_at_a_time(monkeypatch):
 
 @pytest.mark.parametrize("field", ["q", "feet", "torque", "command"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_numbers_that_are_not_finite(field, value):
+def test_frames_with_numbers_that_are_not_finite_are_refused(field, value):
     array = getattr(FRAMES, field).copy()
     array[123].flat[-1] = value
     message = r"frame 123 \(episode 1, tick 23\) holds numbers that are not finite"
@@ -64,7 +64,7 @@ def test_numbers_that_are_not_finite(field, value):
     blocks=st.integers(0, 25),
     seed=st.one_of(st.none(), st.integers(0, 9)),
 )
-def test_every_row_once_an_epoch_within_the_limit(count, piece, blocks, seed):
+def test_every_row_comes_once_an_epoch_within_the_memory(count, piece, blocks, seed):
     samples = numbered(count, blocks * BLOCK_BYTES, piece)
     buffers = numbers(samples, seed)
     assert max(map(len, buffers)) <= max(1, blocks) * BLOCK
@@ -77,7 +77,7 @@ def test_every_row_once_an_epoch_within_the_limit(count, piece, blocks, seed):
         assert samples.batches(batch) == sum(len(buffer) // batch for buffer in buffers)
 
 
-def test_same_seed_same_order_and_another_epoch_another():
+def test_the_same_seed_gives_the_same_order_and_another_another():
     samples = numbered(20_000, 10 * BLOCK_BYTES)
     first, again, other = (np.concatenate(numbers(samples, seed)) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
@@ -137,7 +137,7 @@ def test_the_temporary_file_has_no_name(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_split_is_by_episode_and_by_the_id_alone():
+def test_episodes_are_held_out_by_their_ids_alone():
     ids = np.arange(20_000)
     out = held_out(ids, 0.1)
     assert out.mean() == pytest.approx(0.1, abs=0.01)

@@ -48,7 +48,7 @@ def test_the_learning_rate_can_be_changed_between_steps():
     assert not torch.equal(weights_of(network), before)
 
 
-def test_devices_by_name():
+def test_devices_are_chosen_by_name():
     assert choose_device("cpu").type == "cpu"
     assert device_name(CPU) == "cpu"
     if not torch.cuda.is_available():

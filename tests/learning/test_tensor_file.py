@@ -1,4 +1,4 @@
-"""Files of tensors with a record: written whole, read back to the bit, damage noticed."""
+"""Files of tensors with a header: written whole, read back to the bit, damage noticed."""
 
 import pytest
 import torch
@@ -10,7 +10,7 @@ TENSORS = {"b": torch.arange(6.0).reshape(2, 3), "a": torch.tensor(True)}
 HEADER = {"name": "toy", "numbers": [1, 2.5]}
 
 
-def test_tensors_and_record_come_back_to_the_bit(tmp_path):
+def test_tensors_and_header_come_back_to_the_bit(tmp_path):
     path = tmp_path / "folder" / "file.safetensors"
     write_tensor_file(path, TENSORS, HEADER)
     tensors, header = read_tensor_file(path)
@@ -31,7 +31,7 @@ def test_views_and_parameters_are_written_as_plain_tensors(tmp_path):
     assert is_intact(tensors, header)
 
 
-def test_the_hash_sees_names_values_and_the_record(tmp_path):
+def test_the_hash_sees_names_values_and_the_header(tmp_path):
     path = tmp_path / "file.safetensors"
     write_tensor_file(path, TENSORS, HEADER)
     tensors, header = read_tensor_file(path)
@@ -57,7 +57,7 @@ def test_a_file_that_is_cut_short_is_an_error(tmp_path, keep):
 
 
 @pytest.mark.parametrize("metadata", [None, {"other": "{}"}, {"surefoot": "{"}, {"surefoot": "[]"}])
-def test_a_file_without_a_record_is_an_error(tmp_path, metadata):
+def test_a_file_without_a_header_is_an_error(tmp_path, metadata):
     path = tmp_path / "file.safetensors"
     save_file(TENSORS, path, metadata)
     with pytest.raises(ValueError):

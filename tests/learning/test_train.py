@@ -21,6 +21,7 @@ from surefoot.learning.samples import WIDTH, derive, held_out
 from surefoot.learning.step import has_bfloat16
 from surefoot.learning.train import fit, split_samples
 from tests.fakes.learning import SMALL, SPEC, toy_frames
+from tests.fakes.runs import Killed
 
 TRAINING = TrainingConfig(batch=64)
 FRAMES = toy_frames(range(20))
@@ -43,7 +44,7 @@ def inputs_and_targets(frames):
     return rows[:, :INPUT_SIZE], rows[:, INPUT_SIZE:]
 
 
-def test_learns_a_linear_controller():
+def test_a_fit_learns_a_linear_controller():
     frames = toy_frames(range(100))
     result = run(frames, 25, config=TrainingConfig(batch=64, schedule="cosine"))
     targets = inputs_and_targets(frames)[1]
@@ -68,7 +69,7 @@ def test_reported_losses_are_those_of_the_network():
 
 
 @pytest.mark.parametrize("schedule", ["constant", "cosine"])
-def test_same_inputs_same_bits(schedule):
+def test_the_same_inputs_give_the_same_bits(schedule):
     config = replace(TRAINING, schedule=schedule)
     one = run(config=config)
     other = run(config=config)
@@ -78,7 +79,7 @@ def test_same_inputs_same_bits(schedule):
     assert not torch.equal(weights(one.network), weights(run(seed=1, config=config).network))
 
 
-def test_learning_rates(monkeypatch):
+def test_the_learning_rate_follows_the_schedule(monkeypatch):
     rates = []
     step = torch.optim.Adam.step
 
@@ -95,13 +96,13 @@ def test_learning_rates(monkeypatch):
     np.testing.assert_allclose(rates, expected, atol=1e-9)
 
 
-def test_steps_and_the_incomplete_batch():
+def test_the_incomplete_batch_of_an_epoch_is_dropped():
     training = int((~held_out(FRAMES.episode, 0.1)).sum())
     assert training % 64 != 0
     assert run(epochs=3).steps == 3 * (training // 64)
 
 
-def test_caller_and_threads_are_left_alone():
+def test_network_threads_and_generator_of_the_caller_are_left_alone():
     network = PolicyNetwork(SMALL)
     before = weights(network)
     threads = torch.get_num_threads()
@@ -114,7 +115,7 @@ def test_caller_and_threads_are_left_alone():
     assert torch.equal(torch.get_rng_state(), generator)
 
 
-def test_second_fit_keeps_normalisers_and_carries_weights_over():
+def test_a_second_fit_keeps_normalizers_and_carries_weights_over():
     first = run(epochs=6)
     assert first.network.has_normalisers
     shifted = replace(FRAMES, v=FRAMES.v * 3.0)
@@ -125,7 +126,7 @@ def test_second_fit_keeps_normalisers_and_carries_weights_over():
     assert again.train_loss[0] < first.train_loss[0] / 2
 
 
-def test_normalisers_come_from_the_training_episodes():
+def test_normalizers_come_from_the_training_episodes():
     result = run(epochs=1)
     inputs, _ = inputs_and_targets(FRAMES[~held_out(FRAMES.episode, 0.1)])
     torch.testing.assert_close(result.network.mean, inputs.mean(0), atol=1e-5, rtol=1e-5)
@@ -152,27 +153,27 @@ def test_samples_are_split_by_episode():
     assert len(samples) == len(FRAMES)
 
 
-def test_without_held_out_episodes():
+def test_the_validation_loss_without_held_out_episodes_is_nan():
     result = run(config=replace(TRAINING, validation=0.0), epochs=1)
     assert np.isnan(result.validation_loss[0])
     assert np.isfinite(result.train_loss[0])
 
 
-def test_progress():
+def test_progress_is_called_after_each_epoch():
     calls = []
     result = run(progress=lambda *args: calls.append(args))
     losses = zip(result.train_loss, result.validation_loss, strict=True)
     assert calls == [(epoch, 2, *pair) for epoch, pair in enumerate(losses, 1)]
 
 
-def test_too_few_frames():
+def test_too_few_frames_are_an_error():
     with pytest.raises(ValueError, match=r"50 frames.*less than one batch of 64: collect more"):
         run(FRAMES[:50])
     with pytest.raises(ValueError, match="less than one batch"):
         run(FRAMES[:0])
 
 
-def test_a_batch_that_does_not_fit_in_memory():
+def test_a_batch_that_does_not_fit_in_memory_is_an_error():
     with pytest.raises(ValueError, match=r"batch of 20000 .* does not fit in training.memory"):
         run(toy_frames(range(250)), config=replace(TRAINING, batch=20_000, memory=1))
 
@@ -182,7 +183,7 @@ def test_no_epochs_are_an_error():
         run(epochs=0)
 
 
-def test_a_loss_that_explodes_is_reported():
+def test_a_loss_that_explodes_is_an_error():
     with pytest.raises(FloatingPointError, match="learning rate below"):
         run(replace(FRAMES, torque=np.full_like(FRAMES.torque, 1e38)))
 
@@ -252,10 +253,6 @@ print(result.frames, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000)
         peaks.append(float(peak))
     # [MB] All samples of the larger one take 80, its frames 190.
     assert peaks[1] - peaks[0] < 20
-
-
-class Killed(BaseException):
-    """Nothing in the package may catch this."""
 
 
 @pytest.mark.parametrize("schedule", ["constant", "cosine"])
@@ -357,7 +354,7 @@ def test_learning_runs_where_there_is_no_robotics_stack():
     """In a process in which nothing of it can be imported."""
     program = """
 import sys
-robotics = "pinocchio mujoco pybullet numba example_robot_data loky ray onnx onnxruntime"
+robotics = "pinocchio mujoco pybullet numba scipy example_robot_data loky ray onnx onnxruntime tyro"
 for name in robotics.split():
     sys.modules[name] = None
 import surefoot as sf

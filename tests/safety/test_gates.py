@@ -9,6 +9,7 @@ from surefoot.config import SafetyConfig
 from surefoot.rollouts.outcome import fallen
 from surefoot.safety.gates import AnyOf, Bounds, margin, outside, tightened, unsafe
 from surefoot.types import JOINTS
+from tests.fakes.gates import ScriptedGate
 from tests.fakes.robots import STANDING
 from tests.fakes.states import state_of, turned_robot
 
@@ -54,7 +55,7 @@ def test_height_of_the_center_of_mass_on_both_sides():
     np.testing.assert_array_equal(unsafe(state_of(q, heights), CONFIG), [True, False, False, True])
 
 
-def test_the_table_looks_at_the_center_of_mass_and_a_fall_at_the_base():
+def test_the_table_tests_the_height_of_the_center_of_mass_and_a_fall_that_of_the_base():
     low_com = state_of(turned_robot(), 0.1)
     low_base = state_of(turned_robot(z=0.05), 0.2)
     assert unsafe(low_com, CONFIG)[0]
@@ -102,31 +103,17 @@ def test_margin_is_the_distance_to_the_nearest_bound_in_its_unit():
 # --- gates
 
 
-class Signal:
-    """A gate that says what it was told, tick by tick."""
-
-    def __init__(self, signal):
-        self.signal = signal
-
-    def reset(self, batch):
-        self.tick = -1
-
-    def unsafe(self, state, tick, command):
-        self.tick += 1
-        return self.signal[:, self.tick]
-
-
-def test_the_gate_of_the_table_is_the_table():
+def test_the_gate_of_bounds_applies_the_table():
     states = state_of(np.array([turned_robot(), turned_robot(roll=26)]))
     gate = Bounds(CONFIG)
     gate.reset(2)
     np.testing.assert_array_equal(gate.unsafe(states, CLOCK, COMMAND), [False, True])
 
 
-def test_any_of_several_gates_takes_over_and_all_are_asked_always():
-    one = np.array([[mark == "X" for mark in "X..X."]])
-    other = np.array([[mark == "X" for mark in ".X.X."]])
-    gate = AnyOf([Signal(one), Signal(other)])
+def test_any_of_several_gates_makes_a_state_unsafe_and_all_are_asked_every_tick():
+    first = np.array([[mark == "X" for mark in "X..X."]])
+    second = np.array([[mark == "X" for mark in ".X.X."]])
+    gate = AnyOf([ScriptedGate(first), ScriptedGate(second)])
     gate.reset(1)
     answers = [bool(gate.unsafe(state_of(STANDING), CLOCK, COMMAND)[0]) for _ in range(5)]
     assert answers == [True, True, False, True, False]

@@ -1,4 +1,4 @@
-"""Learned gates: run time and training see the same rows, and a robot's answer is its own."""
+"""Learned gates: run time and training see the same rows, and robots do not affect each other."""
 
 from dataclasses import replace
 from typing import Any, cast
@@ -28,7 +28,7 @@ STARTS = load_starts()["select"][np.array([0, 13, 27, 55, 99])]
 
 
 class Remembering:
-    """A fake network: it keeps all rows it is asked about; ``says`` gives its probability."""
+    """A fake classifier that keeps all rows it is asked about; ``says`` gives the probability."""
 
     def __init__(self, says=lambda rows: np.zeros(len(rows), np.float32)):
         self.says = says
@@ -39,8 +39,8 @@ class Remembering:
         return self.says(rows)
 
 
-def network(inputs, seed=0) -> Classifier:
-    """Random layers, whose answers differ from row to row."""
+def random_classifier(inputs, seed=0) -> Classifier:
+    """A classifier of random layers, whose answers differ from row to row."""
     rng = np.random.default_rng(seed)
     sizes = [(inputs, 16), (16, 1)]
     layers = tuple(
@@ -61,7 +61,7 @@ class Shaking:
         return 2.0 * (STANDING[7:] - state.q[:, 7:]) - 0.1 * state.v[:, 6:] + tremor
 
 
-def played(gate, duration=0.735, starts=STARTS, config=CONFIG):
+def rollout_with_gate(gate, duration=0.735, starts=STARTS, config=CONFIG):
     """A real rollout with noise and pushes, with a tail; the gate is asked at every tick of T."""
     disturbing = DisturbanceConfig(2, noise=NoiseConfig(*[0.02] * 6))
     disturbance = draw_disturbances(disturbing, 3, starts.id, duration, 0.5)
@@ -84,8 +84,8 @@ def with_all_known(trace: Trace) -> Trace:
 @pytest.mark.parametrize("phase", ["circle", "fraction"])
 def test_a_history_gate_sees_at_run_time_the_rows_that_it_is_trained_on(phase):
     config = replace(CONFIG, policy=PolicyConfig(phase=phase))
-    network = Remembering()
-    rollouts = played(History(cast(Any, network), observation_spec(config), 0.5))
+    remembering = Remembering()
+    rollouts = rollout_with_gate(History(cast(Any, remembering), observation_spec(config), 0.5))
     assert (rollouts.seen.q != rollouts.q).any()
     trace = trace_of(rollouts, STARTS.id, config)
     rows, unsafe, episode = history_rows([with_all_known(trace)])
@@ -93,7 +93,7 @@ def test_a_history_gate_sees_at_run_time_the_rows_that_it_is_trained_on(phase):
     assert (B, n) == (5, 74)  # 735 ms: samples at 0, 10 .. 730
     assert rows.shape == (B * n, SAMPLES * INPUT_SIZE)
     offline = rows.reshape(B, n, -1)
-    at_run_time = np.stack(network.asked, axis=1)
+    at_run_time = np.stack(remembering.asked, axis=1)
     assert at_run_time.shape == offline.shape
     happened = rollouts.happened[:, : rollouts.duration : EVERY]
     assert happened.mean() > 0.9
@@ -103,7 +103,7 @@ def test_a_history_gate_sees_at_run_time_the_rows_that_it_is_trained_on(phase):
 
 
 def test_a_row_is_the_last_hundred_milliseconds_the_oldest_first():
-    rollouts = played(Bounds(SAFETY), 0.2)
+    rollouts = rollout_with_gate(Bounds(SAFETY), 0.2)
     rows, _, _ = history_rows([with_all_known(trace_of(rollouts, STARTS.id, CONFIG))])
     rows = rows.reshape(5, 20, SAMPLES, INPUT_SIZE)
     for sample in (0, 4, 9, 17):
@@ -140,20 +140,22 @@ def answers(gate, rollouts, rows: Any = slice(None), ticks=range(120)):
     )
 
 
-ROLLOUTS = played(Bounds(SAFETY), 0.15)
+ROLLOUTS = rollout_with_gate(Bounds(SAFETY), 0.15)
 
 
 def median_alarm(inputs, make):
-    """A threshold that the random network is beyond about half of the time."""
+    """An alarm that a random classifier exceeds about half of the time."""
     remembering = Remembering()
     gate = make(cast(Any, remembering), 0.5)
     answers(gate, ROLLOUTS)
-    return float(np.median(network(inputs).probability(np.concatenate(remembering.asked))))
+    return float(
+        np.median(random_classifier(inputs).probability(np.concatenate(remembering.asked)))
+    )
 
 
 def test_a_history_gate_is_asked_every_ten_milliseconds_and_holds_its_answer():
     alarm = median_alarm(470, lambda c, a: History(c, SPEC, a))
-    unsafe = answers(History(network(470), SPEC, alarm), ROLLOUTS)
+    unsafe = answers(History(random_classifier(470), SPEC, alarm), ROLLOUTS)
     samples = unsafe.reshape(12, EVERY, 5)
     assert (samples == samples[:, :1]).all()
     assert 0 < unsafe.mean() < 1
@@ -176,7 +178,7 @@ def test_the_alarm_is_a_probability_and_only_beyond_it_is_unsafe(kind):
 
 def test_a_history_gate_forgets_at_reset():
     alarm = median_alarm(470, lambda c, a: History(c, SPEC, a))
-    gate = History(network(470), SPEC, alarm)
+    gate = History(random_classifier(470), SPEC, alarm)
     first = answers(gate, ROLLOUTS)
     answers(gate, ROLLOUTS, ticks=range(77, 120))  # somewhere else, and not a multiple of ten
     np.testing.assert_array_equal(answers(gate, ROLLOUTS), first)
@@ -189,29 +191,29 @@ def test_a_history_gate_forgets_at_reset():
 
 
 @pytest.mark.parametrize(("kind", "inputs"), [(History, 470), (Deviation, 47)])
-def test_a_robot_s_answer_does_not_depend_on_the_others(kind, inputs):
+def test_the_answer_for_a_robot_does_not_depend_on_the_other_robots(kind, inputs):
     alarm = median_alarm(inputs, lambda c, a: kind(c, SPEC, a))
-    together = answers(kind(network(inputs), SPEC, alarm), ROLLOUTS)
+    together = answers(kind(random_classifier(inputs), SPEC, alarm), ROLLOUTS)
     assert 0 < together.mean() < 1
     for rows in (slice(0, 1), slice(4, 5), np.array([3, 1])):
-        alone = answers(kind(network(inputs), SPEC, alarm), ROLLOUTS, rows)
+        alone = answers(kind(random_classifier(inputs), SPEC, alarm), ROLLOUTS, rows)
         np.testing.assert_array_equal(alone, together[:, rows])
 
 
 def test_a_robot_that_has_blown_up_disturbs_no_other():
     alarm = median_alarm(470, lambda c, a: History(c, SPEC, a))
-    healthy = answers(History(network(470), SPEC, alarm), ROLLOUTS)
+    healthy = answers(History(random_classifier(470), SPEC, alarm), ROLLOUTS)
     for fault in (np.nan, np.inf, 1e200):
         v = ROLLOUTS.seen.v.copy()
         v[2, 30:] = fault
         broken = replace(ROLLOUTS, seen=replace(ROLLOUTS.seen, v=v))
         with np.errstate(over="raise", invalid="raise"):
-            unsafe = answers(History(network(470), SPEC, alarm), broken)
+            unsafe = answers(History(random_classifier(470), SPEC, alarm), broken)
         np.testing.assert_array_equal(np.delete(unsafe, 2, 1), np.delete(healthy, 2, 1))
 
 
-def test_beside_the_bounds_it_is_asked_at_every_tick():
+def test_a_history_gate_beside_the_bounds_is_asked_at_every_tick():
     counting = Remembering()
     gate = AnyOf([Bounds(SAFETY), History(cast(Any, counting), SPEC, 0.5)])
-    played(gate, 0.4)
+    rollout_with_gate(gate, 0.4)
     assert len(counting.asked) == 40

@@ -8,6 +8,7 @@ import pytest
 from surefoot.config import HandBack, SafetyConfig
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor
+from tests.fakes.gates import ScriptedGate
 from tests.fakes.robots import STANDING
 from tests.fakes.states import state_of, turned_robot
 
@@ -18,24 +19,10 @@ OR: HandBack = "safe_or_blocked"
 AND: HandBack = "safe_and_blocked"
 
 
-class Signal:
-    """A gate that says what it was told, tick by tick."""
-
-    def __init__(self, signal):
-        self.signal = signal
-
-    def reset(self, batch):
-        self.tick = -1
-
-    def unsafe(self, state, tick, command):
-        self.tick += 1
-        return self.signal[:, self.tick]
-
-
 def driven(violations, hand_back, block=0.005):
     """Who drives on a scripted signal; X: violation or expert, dot: safe or policy."""
     signal = np.array([[mark == "X" for mark in row] for row in violations])
-    monitor = SafetyMonitor(Signal(signal), block, hand_back)
+    monitor = SafetyMonitor(ScriptedGate(signal), block, hand_back)
     monitor.reset(len(signal))
     ticks = [monitor.blocking(*NOW) for _ in range(signal.shape[1])]
     return ["".join(".X"[int(x)] for x in row) for row in np.array(ticks).T]
@@ -85,7 +72,7 @@ def test_robots_of_a_batch_are_blocked_on_their_own(rule):
 @pytest.mark.parametrize("rule", get_args(HandBack))
 def test_reset_forgets_every_block(rule):
     signal = np.array([[True, False], [False, False]])
-    monitor = SafetyMonitor(Signal(signal), 0.005, rule)
+    monitor = SafetyMonitor(ScriptedGate(signal), 0.005, rule)
     monitor.reset(2)
     np.testing.assert_array_equal(monitor.blocking(*NOW), [True, False])
     monitor.reset(2)
@@ -103,7 +90,7 @@ def test_an_unknown_rule_is_an_error_that_names_the_known_ones():
         SafetyMonitor(Bounds(CONFIG), 2.0, "sometimes")  # pyright: ignore[reportArgumentType]
 
 
-def test_monitor_looks_at_the_state():
+def test_the_monitor_asks_its_gate_about_the_state():
     monitor = SafetyMonitor(Bounds(CONFIG), 0.003, AND)
     monitor.reset(2)
     good = turned_robot()

@@ -1,7 +1,6 @@
 """Disturbances: drawn by episode id, measured with the noise asked for, judged by the truth."""
 
 from dataclasses import astuple, replace
-from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +11,7 @@ from surefoot.config import Config, DisturbanceConfig, NoiseConfig, SafetyConfig
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.engine import Episodes, rollout
 from surefoot.rollouts.outcome import Outcome
-from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances, senses
+from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances, make_sensors
 from surefoot.scenarios.starts import Starts
 from surefoot.sim import make_simulator
 from surefoot.types import State
@@ -118,7 +117,7 @@ def test_draws_fill_their_ranges_evenly():
         assert values.max() <= 1.0, name
         # False alarms of one in a thousand draws; the seed is fixed.
         assert kstest(values.ravel(), "uniform").pvalue > 1e-3, name
-    # Nothing hangs together: not size and direction, nor one push and the next.
+    # Nothing is correlated: neither size and direction, nor one push and the next.
     columns = [uniform["size"], uniform["direction"], uniform["time"]]
     table = np.concatenate(columns, axis=1)
     correlation = np.corrcoef(table.T) - np.eye(table.shape[1])
@@ -137,22 +136,27 @@ def test_a_push_acts_evenly_for_its_duration():
     np.testing.assert_array_equal(acting[12], [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 
 
-def test_pushes_that_do_not_fit_together_are_errors():
-    with pytest.raises(ValueError, match="must be"):
-        Pushes(np.zeros((2, 3)), np.zeros(2, int), 1)
-    with pytest.raises(ValueError, match="must be"):
-        Pushes(np.zeros((2, 1, 3)), np.zeros((2, 2), int), 1)
-    with pytest.raises(ValueError, match="not finite"):
-        Pushes(np.full((1, 1, 3), np.inf), np.zeros((1, 1), int), 1)
-    with pytest.raises(ValueError, match="at least 1 ms"):
-        Pushes(np.zeros((1, 1, 3)), np.zeros((1, 1), int), 0)
+@pytest.mark.parametrize(
+    ("impulse", "tick", "duration", "message"),
+    [
+        (np.zeros((2, 3)), np.zeros(2, int), 1, "must be"),
+        (np.zeros((2, 1, 3)), np.zeros((2, 2), int), 1, "must be"),
+        (np.zeros((1, 1, 3)), np.zeros((2, 1), int), 1, "must be"),
+        (np.full((1, 1, 3), np.inf), np.zeros((1, 1), int), 1, "not finite"),
+        (np.full((2, 1, 3), np.nan), np.zeros((2, 1), int), 1, "not finite"),
+        (np.ones((1, 1, 3)), np.zeros((1, 1), int), 0, "at least 1 ms"),
+    ],
+)
+def test_pushes_of_other_shapes_or_without_a_duration_are_refused(impulse, tick, duration, message):
+    with pytest.raises(ValueError, match=message):
+        Pushes(impulse, tick, duration)
 
 
-@pytest.mark.parametrize("given", ["friction", "mass"])
-def test_friction_without_mass_is_an_error_not_ignored(given):
-    missing = {"friction": "mass", "mass": "friction"}[given]
-    with pytest.raises(ValueError, match=f"of the {given} alone; give the {missing} too"):
-        Disturbance(**cast(Any, {given: np.ones(2)}))
+def test_friction_and_mass_without_each_other_are_refused():
+    with pytest.raises(ValueError, match="of the friction alone; give the mass too"):
+        Disturbance(friction=np.ones(2))
+    with pytest.raises(ValueError, match="of the mass alone; give the friction too"):
+        Disturbance(mass=np.ones(2))
 
 
 # --- what is measured
@@ -166,7 +170,7 @@ def batch(q, v) -> State:
 def measured(state: State, noise=NOISE, episode=None, calls=1) -> list[State]:
     episode = np.arange(len(state.q)) if episode is None else episode
     config = DisturbanceConfig(noise=noise)
-    measure = senses(ROBOT, draw_disturbances(config, 7, episode, 1.0, 0.5))
+    measure = make_sensors(ROBOT, draw_disturbances(config, 7, episode, 1.0, 0.5))
     assert measure is not None
     return [measure(state) for _ in range(calls)]
 
@@ -192,7 +196,7 @@ def test_noise_has_the_deviations_asked_for_and_is_white():
     for name, error in errors.items():
         sigma = getattr(NOISE, name)
         n = error.shape[0]
-        # Each robot's, each axis's own; five standard errors.
+        # For each robot and each axis, within five standard errors.
         np.testing.assert_allclose(error.std(axis=0), sigma, rtol=5 / np.sqrt(2 * n), err_msg=name)
         assert np.abs(error.mean(axis=0)).max() < 5 * sigma / np.sqrt(n), name
         table = error.reshape(n, -1) / sigma
@@ -243,7 +247,8 @@ class Numbered:
     """A controller whose torque is the number of its call; keeps the states it was shown."""
 
     def __init__(self):
-        self.seen, self.diverged = [], np.zeros(1, bool)
+        self.seen = []
+        self.diverged = np.zeros(1, bool)
 
     def reset(self, batch):
         self.diverged = np.zeros(batch, bool)
@@ -275,22 +280,24 @@ def noisy(sigma, n=2):
     )
 
 
-def test_everyone_who_decides_sees_what_is_measured():
-    simulator, expert, policy, arbiter = FakeSimulator(2), Numbered(), Numbered(), Watching()
+def test_arbiter_policy_and_expert_see_what_is_measured():
+    simulator = FakeSimulator(2)
+    expert = Numbered()
+    policy = Numbered()
+    arbiter = Watching()
     episodes = Episodes(starts(), 0.02, disturbance=noisy(0.02))
-    record = rollout(simulator, episodes, arbiter, expert, policy)
-    assert (record.q != record.seen.q)[..., 7:].all()
-    np.testing.assert_array_equal(record.q[:, 0, 7:], starts().q[:, 7:])
+    rollouts = rollout(simulator, episodes, arbiter, expert, policy)
+    assert (rollouts.q != rollouts.seen.q)[..., 7:].all()
+    np.testing.assert_array_equal(rollouts.q[:, 0, 7:], starts().q[:, 7:])
     shown = {"arbiter": range(20), "policy": range(0, 20, 2), "expert": range(1, 20, 2)}
-    for name, who in (("arbiter", arbiter), ("policy", policy), ("expert", expert)):
-        assert len(who.seen) == len(shown[name])
-        for state, elapsed in zip(who.seen, shown[name], strict=True):
+    for name, observer in (("arbiter", arbiter), ("policy", policy), ("expert", expert)):
+        for state, elapsed in zip(observer.seen, shown[name], strict=True):
             for field in ("q", "v", "com", "feet", "contacts"):
-                expected = getattr(record.seen, field)[:, elapsed]
+                expected = getattr(rollouts.seen, field)[:, elapsed]
                 np.testing.assert_array_equal(getattr(state, field), expected, err_msg=name)
-    frames = record.frames(record.expert_drove, np.arange(2))
-    np.testing.assert_array_equal(frames.q, record.seen.q[record.expert_drove])
-    np.testing.assert_array_equal(frames.com, record.seen.com[record.expert_drove])
+    frames = rollouts.frames(rollouts.expert_drove, np.arange(2))
+    np.testing.assert_array_equal(frames.q, rollouts.seen.q[rollouts.expert_drove])
+    np.testing.assert_array_equal(frames.com, rollouts.seen.com[rollouts.expert_drove])
 
 
 @pytest.mark.parametrize(("height", "sigma"), [(0.25, 0.5), (0.05, 1e-6)])
@@ -299,22 +306,22 @@ def test_falls_are_judged_by_the_truth(height, sigma):
     safety = SafetyConfig(grace=0.01)
     episodes = Episodes(starts(), 0.05, disturbance=noisy(sigma))
     simulator = FakeSimulator(2, {0: [(0, height)], 1: [(0, height)]})
-    record = rollout(simulator, episodes, ExpertOnly(), Numbered(), safety=safety)
+    rollouts = rollout(simulator, episodes, ExpertOnly(), Numbered(), safety=safety)
     fell = height < 0.1
-    assert (record.outcome == Outcome.FELL).tolist() == [fell] * 2
-    assert record.length.tolist() == [10 if fell else 50] * 2
+    assert (rollouts.outcome == Outcome.FELL).tolist() == [fell] * 2
+    assert rollouts.length.tolist() == [10 if fell else 50] * 2
     if not fell:
-        assert (np.abs(record.seen.roll_pitch) > np.radians(safety.fall_angle)).any()
+        assert (np.abs(rollouts.seen.roll_pitch) > np.radians(safety.fall_angle)).any()
 
 
 @pytest.mark.parametrize("delay", [0, 1, 7, 1000])
 def test_a_late_torque_is_the_one_commanded_so_many_ticks_ago(delay):
     simulator = FakeSimulator(2)
     episodes = Episodes(starts(), 0.02, disturbance=Disturbance(delay=delay))
-    record = rollout(simulator, episodes, ExpertOnly(), Numbered())
+    rollouts = rollout(simulator, episodes, ExpertOnly(), Numbered())
     commanded = 0.01 * (np.arange(20) + 1)
     late = commanded[np.maximum(np.arange(20) - delay, 0)]
-    np.testing.assert_allclose(record.torque[0, :, 0], commanded)  # as commanded, not as applied
+    np.testing.assert_allclose(rollouts.torque[0, :, 0], commanded)  # as commanded, not as applied
     np.testing.assert_allclose(np.array(simulator.applied)[:, 1, 5], late)
 
 
@@ -327,16 +334,16 @@ def test_friction_and_mass_are_given_before_the_reset():
     assert simulator.varied == [([0.3, 0.4], [1.1, 1.2])]
 
 
-def test_nothing_drawn_disturbs_nobody():
+def test_a_disturbance_of_nothing_disturbs_no_robot():
     nothing = draw_disturbances(DisturbanceConfig(), 0, np.arange(2), 1.0, 0.5)
     assert (nothing.pushes, nothing.friction, nothing.mass, nothing.delay) == (None, None, None, 0)
-    assert senses(ROBOT, nothing) is None
+    assert make_sensors(ROBOT, nothing) is None
     simulator = FakeSimulator(2)
     episodes = Episodes(starts(), 0.01, disturbance=nothing)
-    record = rollout(simulator, episodes, ExpertOnly(), Numbered())
+    rollouts = rollout(simulator, episodes, ExpertOnly(), Numbered())
     assert simulator.order == ["reset"]
     assert simulator.pushes == []
-    assert record.seen.q.base is record.q.base  # the very same numbers
+    assert rollouts.seen.q.base is rollouts.q.base  # the very same numbers
 
 
 # --- on MuJoCo
@@ -358,11 +365,11 @@ class Shaking:
 def shaken(disturbance=None):
     simulator = make_simulator(ROBOT, 3, Config().simulation)
     episodes = Episodes(starts(3), 0.2, disturbance=disturbance)
-    record = rollout(simulator, episodes, ExpertOnly(), Shaking())
-    return np.concatenate([record.q, record.v], axis=2)
+    rollouts = rollout(simulator, episodes, ExpertOnly(), Shaking())
+    return np.concatenate([rollouts.q, rollouts.v], axis=2)
 
 
-def test_nothing_drawn_is_no_disturbance_to_the_bit():
+def test_a_disturbance_of_nothing_changes_no_bit_on_mujoco():
     undisturbed = shaken()
     nothing = DisturbanceConfig(impulse=(0.1, 3.0), gentle=0.1, push_duration=0.1)
     for config in (DisturbanceConfig(), nothing):
@@ -386,17 +393,3 @@ def test_every_kind_of_disturbance_reaches_every_robot(config):
     disturbed = shaken(draw_disturbances(config, 0, np.arange(3), 0.1, 0.5))
     assert (np.abs(disturbed - undisturbed).max(axis=(1, 2)) > 1e-6).all()
     np.testing.assert_array_equal(disturbed[:, 0], undisturbed[:, 0])
-
-
-@pytest.mark.parametrize(
-    ("impulse", "tick", "duration", "message"),
-    [
-        (np.zeros((1, 1, 3)), np.zeros((2, 1), int), 10, "impulse"),
-        (np.zeros((2, 3)), np.zeros(2, int), 10, "impulse"),
-        (np.full((2, 1, 3), np.nan), np.zeros((2, 1), int), 10, "finite"),
-        (np.ones((2, 1, 3)), np.zeros((2, 1), int), 0, "at least 1 ms"),
-    ],
-)
-def test_pushes_of_other_shapes_or_without_a_duration_are_refused(impulse, tick, duration, message):
-    with pytest.raises(ValueError, match=message):
-        Pushes(impulse, tick, duration)

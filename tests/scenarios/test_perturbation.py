@@ -59,7 +59,7 @@ def test_stance_feet_stay_and_stand_still_and_the_rest_changes(stance):
     assert np.linalg.norm(q[3:7]) == pytest.approx(1.0, abs=1e-12)
 
 
-def test_results_are_acceptable():
+def test_perturbed_states_are_acceptable():
     rng = np.random.default_rng(1)
     for stance in STANCES[:4]:
         q, _ = perturb(ROBOT, STANDING, np.zeros(18), stance, CONFIG, SAFETY, rng)
@@ -72,9 +72,9 @@ def test_jacobian_is_the_derivative_of_the_feet():
     v = rng.normal(size=18)
     J = stance_jacobian(ROBOT, DATA, q, ALL)
     np.testing.assert_allclose((J @ v).reshape(4, 3), foot_velocity(q, v), atol=1e-8)
-    some = np.array([False, True, False, True])
+    two_feet = np.array([False, True, False, True])
     np.testing.assert_array_equal(
-        stance_jacobian(ROBOT, DATA, q, some), J.reshape(4, 3, 18)[some].reshape(6, 18)
+        stance_jacobian(ROBOT, DATA, q, two_feet), J.reshape(4, 3, 18)[two_feet].reshape(6, 18)
     )
 
 
@@ -135,18 +135,18 @@ def test_sigmas_hold_before_the_projection(monkeypatch):
     assert deviation == pytest.approx(0.11, rel=0.1)
 
 
-def test_the_same_seed_gives_the_same_start_and_another_does_not():
+def test_the_same_seed_gives_the_same_state_and_another_does_not():
     stance = np.array([True, False, False, True])
 
-    def start(seed):
+    def perturbed(seed):
         rng = np.random.default_rng(seed)
         return np.concatenate(perturb(ROBOT, STANDING, np.zeros(18), stance, CONFIG, SAFETY, rng))
 
-    np.testing.assert_array_equal(start(3), start(3))
-    assert not np.allclose(start(3), start(4))
+    np.testing.assert_array_equal(perturbed(3), perturbed(3))
+    assert not np.allclose(perturbed(3), perturbed(4))
 
 
-def test_the_state_given_is_left_alone():
+def test_the_state_that_is_perturbed_is_left_as_it_was():
     q = STANDING.copy()
     v = np.ones(18)
     perturb(ROBOT, q, v, ALL, CONFIG, SAFETY, np.random.default_rng(0))
@@ -154,9 +154,11 @@ def test_the_state_given_is_left_alone():
     np.testing.assert_array_equal(v, 1.0)
 
 
-def test_an_impossible_case_says_so(monkeypatch):
+def test_a_state_without_acceptable_neighbors_is_an_error(monkeypatch):
     monkeypatch.setattr("surefoot.scenarios.perturbation.ATTEMPTS", 20)
-    with pytest.raises(ValueError, match=r"no acceptable start in 20 draws.*standard deviations"):
+    with pytest.raises(
+        ValueError, match=r"no acceptable initial state in 20 draws.*standard deviations"
+    ):
         # Nothing is acceptable where the fall bounds are empty.
         never = SafetyConfig(fall_height=(0.5, 0.5))
         perturb(ROBOT, STANDING, np.zeros(18), ALL, CONFIG, never, np.random.default_rng(0))
@@ -170,7 +172,7 @@ def rolled(roll=0.0, pitch=0.0, z=0.0):
     return q
 
 
-def test_feet_may_sink_in_two_millimetres_and_no_more():
+def test_feet_may_sink_two_millimeters_into_the_ground_and_no_deeper():
     assert acceptable(ROBOT, DATA, rolled(z=-0.0019), CONFIG, SAFETY)
     assert not acceptable(ROBOT, DATA, rolled(z=-0.0021), CONFIG, SAFETY)
     deep = PerturbationConfig(max_penetration=0.01)
@@ -179,12 +181,12 @@ def test_feet_may_sink_in_two_millimetres_and_no_more():
 
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_a_fallen_robot_is_no_start(axis, sign):
+def test_a_fallen_robot_is_not_acceptable(axis, sign):
     assert acceptable(ROBOT, DATA, rolled(**{axis: sign * 29.5}, z=0.5), CONFIG, SAFETY)
     assert not acceptable(ROBOT, DATA, rolled(**{axis: sign * 30.5}, z=0.5), CONFIG, SAFETY)
 
 
-def test_base_height_has_its_bounds():
+def test_base_heights_outside_the_fall_bounds_are_not_acceptable():
     assert acceptable(ROBOT, DATA, rolled(z=1.99 - STANDING[2]), CONFIG, SAFETY)
     assert not acceptable(ROBOT, DATA, rolled(z=2.01 - STANDING[2]), CONFIG, SAFETY)
     folded = STANDING.copy()
@@ -211,6 +213,6 @@ def test_nothing_but_feet_may_touch_the_ground():
 
 
 def test_feet_that_cannot_come_back_are_given_up():
-    where = stance_feet(ROBOT, DATA, STANDING, ALL)
-    where[0, 0] += 2.0  # out of reach of any leg while the others hold the base
-    assert put_feet_back(ROBOT, DATA, STANDING, where, ALL) is None
+    contacts = stance_feet(ROBOT, DATA, STANDING, ALL)
+    contacts[0, 0] += 2.0  # out of reach of any leg while the others hold the base
+    assert put_feet_back(ROBOT, DATA, STANDING, contacts, ALL) is None

@@ -78,7 +78,7 @@ def test_ids_are_rows_of_the_whole_set():
     np.testing.assert_array_equal(everything().id, np.arange(len(everything())))
 
 
-def test_no_state_stands_in_two_places():
+def test_all_perturbed_states_differ():
     starts = everything()
     perturbed = slice(len(STORED["nominal"]), None)
     states = np.hstack([starts.q, starts.v])[perturbed]
@@ -114,7 +114,7 @@ def test_states_are_at_the_origin_and_upright(split):
 
 
 @pytest.mark.parametrize("split", PERTURBED)
-def test_perturbed_starts_agree_with_the_contacts_of_their_phase(split):
+def test_perturbed_states_agree_with_the_contacts_of_their_phase(split):
     data = ROBOT.model.createData()
     starts = STORED[split]
     stance = in_stance(CONFIG.gait, starts.tick)
@@ -126,7 +126,7 @@ def test_perturbed_starts_agree_with_the_contacts_of_their_phase(split):
 
 
 @pytest.mark.parametrize("split", PERTURBED)
-def test_perturbed_starts_keep_the_stance_feet_of_their_nominal_state(split):
+def test_perturbed_states_keep_the_stance_feet_of_their_nominal_state(split):
     """Up to the shift that puts x and y to zero, and the speeds of the 20-speed cycle."""
     data = ROBOT.model.createData()
     starts = STORED[split]
@@ -267,13 +267,13 @@ def test_a_set_is_never_overwritten(tmp_path):
     assert path.read_bytes() == before
 
 
-def test_an_unknown_split_names_those_there_are():
+def test_an_unknown_split_is_an_error_that_names_the_splits():
     with pytest.raises(KeyError, match=r"no split 'validation'.*'select'"):
         STORED["validation"]
 
 
-def test_a_missing_file_is_not_called_damaged(tmp_path):
-    with pytest.raises(FileNotFoundError):
+def test_a_missing_file_is_an_error_that_names_the_packaged_sets(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nothing\.npz.*Known: solo12-trot-v1"):
         load_starts(tmp_path / "nothing.npz")
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import Field, dataclass, fields
 from functools import cache
 from numbers import Integral, Real
 from types import UnionType
@@ -64,10 +64,12 @@ class Checked:
 
     section: ClassVar[str] = ""
     renamed: ClassVar[Mapping[str, str]] = {}
+    # Tells type checkers that every subclass is a dataclass.
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def __post_init__(self) -> None:
         """Check all fields."""
-        values = [(field.name, getattr(self, field.name)) for field in fields(self)]  # type: ignore[arg-type]
+        values = [(field.name, getattr(self, field.name)) for field in fields(self)]
         check_values(type(self), values, self.section)
 
 

@@ -18,8 +18,8 @@ class EvaluationConfig(Checked):
     duration: Duration = 5.0
     """[s] how long an episode lasts (paper)."""
     episodes: Annotated[int, Within(1, 1_000_000)] = 100
-    """How many initial states of a split are used, from its first one on: each hundred are 10
-    velocities at 10 phases."""
+    """How many initial states of a split are used, from its first one on: each hundred of them are
+    10 velocities at 10 phases."""
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     """What makes an evaluation harder: friction, mass, sensor noise, delayed torques and pushes;
     the paper has none of them."""
@@ -40,9 +40,10 @@ class PushConfig(Checked):
     speeds: Annotated[int, Within(1, 1000)] = 10
     """How many equally spaced speeds of the split are used; the default is all of them."""
     before: Duration = 2.0
-    """[s] before the push (the paper's research code), simulated once for all levels."""
+    """[s] how long the robots trot before the push (the paper's research code); this is simulated
+    once for all levels."""
     after: Duration = 1.6
-    """[s] that the robot has to stay up and stepping from the push on; if they are less than
+    """[s] how long a robot has to stay up and stepping after the push; if this is less than
     `safety.stepping_from`, the stepping is not judged."""
     duration: Duration = 0.01
     """[s] how long the force acts."""
@@ -53,6 +54,6 @@ class PushConfig(Checked):
     fall_angle: Angle = 60.0
     """[deg] roll or pitch beyond this is a fall here (the paper's research code)."""
     resolution: Annotated[float, Within(0.001, 100.0)] = 0.2
-    """[N s] between two levels; the monotone fit interpolates."""
+    """[N s] distance between two levels; the monotone fit interpolates."""
     levels: Annotated[int, Within(1, 10_000)] = 30
     """How many levels are tried; the strongest push is this times the resolution."""

@@ -16,12 +16,25 @@ from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    Literal,
+    TypeGuard,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 
 from surefoot.config.checked import Checked, check_values
 from surefoot.errors import unknown
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 Record = TypeVar("Record")
 Plain = None | bool | int | float | str | list[Any] | dict[str, Any]
@@ -30,7 +43,7 @@ Plain = None | bool | int | float | str | list[Any] | dict[str, Any]
 
 def to_json(value: object) -> Any:
     """JSON values of a record, or of anything that a record may hold."""
-    if is_dataclass(value) and not isinstance(value, type):
+    if _is_record(value):
         named = {"name": value.name} if _is_named(type(value)) else {}
         return named | {field.name: to_json(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):
@@ -90,12 +103,14 @@ def read_json(path: Path) -> Any:
         raise ValueError(f"{path} is not JSON ({error})") from error
 
 
-def changes(record: object, base: object) -> Iterator[tuple[str, Plain, Plain]]:
+def changes(
+    record: DataclassInstance, base: DataclassInstance
+) -> Iterator[tuple[str, Plain, Plain]]:
     """What differs between two instances of one class: dotted name, and both JSON values."""
-    for field in fields(record):  # type: ignore[arg-type]
+    for field in fields(record):
         value = getattr(record, field.name)
         other = getattr(base, field.name)
-        if is_dataclass(value) and type(value) is type(other):
+        if _is_record(value) and type(value) is type(other):
             for name, new, old in changes(value, other):
                 yield f"{field.name}.{name}", new, old
         elif value != other:
@@ -116,6 +131,11 @@ def _required(kind: type) -> list[str]:
         for field in fields(kind)
         if field.default is MISSING and field.default_factory is MISSING
     ]
+
+
+def _is_record(value: object) -> TypeGuard[DataclassInstance]:
+    """Whether a value is an instance of a dataclass."""
+    return is_dataclass(value) and not isinstance(value, type)
 
 
 def _is_named(kind: type) -> bool:
@@ -150,8 +170,8 @@ def _value(hint: Any, value: Any, path: str) -> Any:
         if value not in get_args(hint):
             raise ValueError(unknown(path, str(value), map(str, get_args(hint))))
         return value
-    if is_dataclass(hint):
-        return from_json(hint, value, path)  # type: ignore[arg-type]
+    if isinstance(hint, type) and is_dataclass(hint):
+        return from_json(hint, value, path)
     return _plain(hint, value, path)
 
 

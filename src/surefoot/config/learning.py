@@ -48,7 +48,7 @@ class TrainingConfig(Checked):
     schedule: Schedule = "constant"
     """The learning rate stays `constant` (paper), or falls to zero over a fit as a `cosine`."""
     validation: Annotated[float, Within(0.0, 0.9)] = 0.1
-    """Share of the episodes that is held out, chosen by episode id."""
+    """Share of the episodes that is held out for validation, chosen by episode id."""
     threads: Annotated[int, Within(1, 1024)] = 1
     """Torch threads: a constant, because the bits depend on it. Two are faster on an idle machine,
     and slower than one where a neighbor holds a core."""
@@ -59,6 +59,6 @@ class TrainingConfig(Checked):
     device: Device = "auto"
     """`auto` takes a GPU if there is one."""
     memory: Annotated[int, Within(1, 1_000_000_000)] = 1024
-    """[MB] that training samples take at most; more go through a temporary file. 1024 MB hold 4.5
-    million frames. The frames of one shard are added while they are read, usually 120 MB at most.
-    """
+    """[MB] how much memory the training samples take at most; beyond it they go through a temporary
+    file. 1024 MB hold 4.5 million frames. While a shard is read, its frames are added, usually
+    120 MB at most."""

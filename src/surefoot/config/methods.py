@@ -29,7 +29,8 @@ class ExpertData(Checked):
     velocities: Count
     """How many equally spaced forward speeds are used."""
     perturbations: Count
-    """Perturbed initial states for each velocity and each of the ten phases of the gait cycle."""
+    """How many perturbed initial states there are for each velocity and each of the ten phases of
+    the gait cycle."""
     nominal: bool
     """Add one unperturbed rollout for each velocity, from standing still."""
     duration: Duration
@@ -49,29 +50,29 @@ class BehaviorCloningConfig(Checked):
     """Passes over the data (paper, IV-F)."""
     frames: Annotated[tuple[int, ...], Within(1, 1_000_000_000_000)] = ()
     """A series of dataset sizes: each gives a policy that is trained on the first whole episodes
-    with at most so many frames. The last policy is trained on all frames."""
+    with at most this many frames. The last policy is trained on all frames."""
 
 
 @dataclass(frozen=True)
 class IterativeConfig(Checked):
-    """What the methods share that alternate between rollouts and training."""
+    """What all methods share that alternate between rollouts and training."""
 
     name: ClassVar[str]
     section: ClassVar[str] = "method"
 
     pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
     """The expert's rollouts to begin with: 10 velocities x (1 nominal + 10 perturbed) x 1.5 s
-    (paper, IV-E); the same for all methods. DAGGER's i = 1 is this, because beta_1 = 1."""
+    (paper, IV-E); they are the same for all methods. They are DAGGER's i = 1, as beta_1 = 1."""
     pretraining_epochs: Epochs = 150
-    """Passes over the data of the pre-training: as many as for behavior cloning; the paper does
-    not say."""
+    """Passes over the data of the pre-training: as many as for behavior cloning, because the paper
+    does not say."""
     iterations: Annotated[int, Within(0, 10_000)] = 10
     """N, the iterations after the pre-training (paper)."""
     velocities: Count = 10
     """Rollouts of an iteration: velocities x one random phase x perturbations (paper: 10 rollouts
     for LocoDAGGER)."""
     perturbations: Count = 1
-    """Stored perturbations of each velocity in an iteration, drawn anew each time."""
+    """How many stored perturbations of each velocity an iteration draws, anew each time."""
     T: Duration = 5.0
     """[s] how long a rollout lasts (paper)."""
     epochs: Epochs = 15
@@ -116,7 +117,7 @@ class LocoDaggerConfig(IterativeConfig):
     T_query: Duration = 1.0
     """[s] how long each of them lasts (paper)."""
     before_fall: Seconds = 0.2
-    """[s] before a failure at the latest the states are sampled."""
+    """[s] how long before a failure the states are sampled at the latest."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ class LocoSafeDaggerConfig(IterativeConfig):
     perturbations: Count = 2
     T: Duration = 10.0
     T_block: Seconds = 2.0
-    """[s] the expert drives at least, once it has taken over (paper)."""
+    """[s] how long the expert drives at least, once it has taken over (paper)."""
     T_end: Seconds = 1.0
     """[s] how long the expert's tail after a rollout lasts (paper)."""
     hand_back: HandBack = "safe_and_blocked"
@@ -138,15 +139,17 @@ class LocoSafeDaggerConfig(IterativeConfig):
     (the paper's research code), or safe or T_block over (its prose), or T_block over without a
     violation (its Algorithm 4)."""
     gates: tuple[GateName, ...] = ("bounds",)
-    """The gates that call a state unsafe; with several, any of them. `bounds` is the paper's table,
-    `relaxing` the same table, tight in the first iteration; `classifier` and `history` are networks
-    that predict deviations from the expert, and that the bounds will be left."""
+    """The gates; a state is unsafe if any of them calls it so. `bounds` is the paper's table;
+    `relaxing` is the same table, tight in the first iteration; `classifier` is a network that
+    predicts deviations from the expert; `history` is one that predicts that the bounds will be
+    left."""
     tightest: Share = 0.6
     """The relaxing bounds in the first iteration, as a share of the paper's."""
     alarm: Share = 0.5
-    """Probability at which the history network, or the classifier, calls a state unsafe. The
+    """Probability beyond which the history network, or the classifier, calls a state unsafe. The
     network's probabilities are calibrated, and bounds are rarely left: 0.2 costs as many false
-    takeovers as bounds tightened to 0.6, and announces more falls (`benchmarks/README.md`)."""
+    takeovers as bounds tightened to 0.6, and announces more falls
+    (`benchmarks/notebook/gates.md`)."""
 
     def __post_init__(self) -> None:
         """Check the fields, and that a history network would have something to learn from."""

@@ -39,7 +39,7 @@ class Gait(Checked):
 
 @dataclass(frozen=True)
 class CentroidalConfig(Checked):
-    """Biconvex centroidal problem; weights per node, quadratic, without 1/2 (BiConMP, trot).
+    """The biconvex centroidal problem; costs are quadratic, per node, without 1/2 (BiConMP, trot).
 
     Forces and angular momentum are per unit mass, as the weights expect.
     """
@@ -68,14 +68,17 @@ class CentroidalConfig(Checked):
     rho: Annotated[float, Within(1e-6, 1e12)] = 5e4
     """Penalty of ADMM."""
     max_iterations: Annotated[int, Within(1, 1_000_000)] = 100
-    """ADMM stops after so many iterations at the latest."""
+    """ADMM stops after at most this many iterations."""
     tolerance: Share = 1e-3
     """ADMM stops when the dynamics residual (2-norm) falls below this."""
 
 
 @dataclass(frozen=True)
 class KinematicConfig(Checked):
-    """Whole-body kinematic problem, costs with 1/2, running nodes times dt (BiConMP, trot)."""
+    """The whole-body kinematic problem (BiConMP, trot).
+
+    All costs have a factor 1/2; those of running nodes are multiplied by dt.
+    """
 
     section: ClassVar[str] = "expert.kinematic"
 
@@ -112,8 +115,8 @@ class KinematicConfig(Checked):
     max_iterations: Annotated[int, Within(1, 1_000_000)] = 3
     """Gauss-Newton iterations. With 1 the robot does not walk; with 2 and 3 it survives all of 500
     perturbed initial states; of 200 much harder ones 2, 3 and 10 lose 2, 0 and 1. In a settled
-    cycle 2 end 7e-5 above the optimal cost (median) and 3 end 3e-7 above: one iteration to spare,
-    for half a millisecond."""
+    cycle the cost ends 7e-5 above the optimum after 2 (median) and 3e-7 after 3: the third is one
+    to spare, for half a millisecond."""
     tolerance: Share = 1e-6
     """The solver stops when an iteration lowers the cost by less than this share."""
 
@@ -129,8 +132,8 @@ class ExpertConfig(Checked):
     kd: Annotated[float, Within(0.0, 1000.0)] = 0.05
     """[N m s/rad] damping of the PD on a plan (BiConMP)."""
     command_gain: Annotated[tuple[float, float, float], Within(0.0, 10.0)] = (1.15, 1.08, 1.28)
-    """Commanded vx, vy and yaw rate are scaled by these inside the planner: of what it plans, the
-    trot reaches 87, 92 and 78 % (measured at 0.1 to 0.3 m/s, 0.1 m/s and 0.3 rad/s in both
+    """Commanded vx, vy and yaw rate are scaled by these inside the planner: the trot reaches only
+    87, 92 and 78 % of what is planned (measured at 0.1 to 0.3 m/s, 0.1 m/s and 0.3 rad/s in both
     simulators; BiConMP: 1, 1, 1)."""
     hip_outward: Annotated[float, Within(-1.0, 1.0)] = 0.04
     """[m] footholds lie this far outside the hip (BiConMP)."""

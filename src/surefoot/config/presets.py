@@ -24,7 +24,7 @@ from surefoot.errors import unknown
 
 PRESETS = ("default", "quick", "paper")
 
-# Many short recoveries teach more than few long ones: after 0.8 s the trot has settled.
+# Many short recoveries teach more than a few long ones: after 0.8 s the trot has settled.
 _SHORT = ExpertData(velocities=10, perturbations=2, nominal=True, duration=0.8)
 
 
@@ -59,7 +59,7 @@ def paper(method: str) -> Config:
 
 
 def default(method: str) -> Config:
-    """The paper's protocol with a quarter of its training steps: see benchmarks/README.md."""
+    """The paper's protocol with a quarter of its steps (`benchmarks/notebook/training.md`)."""
     parameters = method_config(method)
     # A rate that falls to zero may begin at four times the paper's, and needs fewer epochs.
     # Twenty robots to a batch halve the cost of the network on a machine of few cores.
@@ -74,8 +74,8 @@ def default(method: str) -> Config:
         parameters = replace(parameters, data=data, epochs=32, frames=(168_000, 400_000))
         collection = DisturbanceConfig()
     if isinstance(parameters, LocoSafeDaggerConfig):
-        # Tight bounds at first: after a push they call the expert while it can still help. The
-        # trot has settled after 0.8 s, so that a second of the expert is enough.
+        # Bounds that are tight at first call the expert after a push while it can still help.
+        # The trot has settled after 0.8 s, so that a second of the expert is enough.
         parameters = replace(parameters, gates=("relaxing",), T_block=1.0)
     return Config(method=parameters, chunk=20, training=training, collection=collection)
 

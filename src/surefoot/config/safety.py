@@ -16,8 +16,8 @@ GateName = Literal["bounds", "relaxing", "classifier", "history"]
 - `history`: a network that predicts from the last 100 ms that the bounds will be left within the
   next 0.3 s.
 
-The second and the last one are the paper's future work. A network works as a gate from the
-iteration after the first data that it can learn from.
+`relaxing` and `history` are what the paper names as future work. A network serves as a gate from
+the iteration after the first one whose data it can learn from.
 """
 
 HandBack = Literal["safe_and_blocked", "every_violation_restarts", "safe_or_blocked"]
@@ -59,7 +59,7 @@ class SafetyConfig(Checked):
     fall_angle: Tilt = 30.0
     """[deg] roll or pitch beyond this is a fall (the paper's research code)."""
     grace: Seconds = 0.5
-    """[s] falls are not tested earlier than this (the paper's research code)."""
+    """[s] falls are tested from this time on (the paper's research code)."""
     stepping_from: Seconds = 1.56
-    """[s] shorter episodes are not judged for stepping: in their last third, even a perfect trot
-    (period 0.5 s, touchdown 20 ms) has not touched down with every foot."""
+    """[s] shorter episodes are not judged for stepping: in their last third, even in a perfect trot
+    (period 0.5 s, touchdown 20 ms), not every foot has touched down."""

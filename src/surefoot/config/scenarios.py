@@ -28,15 +28,15 @@ class PerturbationConfig(Checked):
     section: ClassVar[str] = "perturbation"
 
     base_position: Sigma = 0.1
-    """[m]"""
+    """[m] deviation of the base position along each axis."""
     base_orientation: Sigma = 0.7
-    """[rad]"""
+    """[rad] deviation of the base orientation about each axis."""
     joint_position: Sigma = 0.2
-    """[rad]"""
+    """[rad] deviation of each joint angle."""
     velocity: Sigma = 0.2
-    """[m/s, rad/s]"""
+    """[m/s, rad/s] deviation of each velocity: linear, angular and of the joints."""
     max_penetration: Annotated[float, Within(0.0, 10.0)] = 0.002
-    """[m] a state with a foot sphere deeper in the ground than this is drawn again."""
+    """[m] how deep a foot sphere may be in the ground; deeper states are drawn again."""
 
 
 @dataclass(frozen=True)
@@ -46,17 +46,17 @@ class NoiseConfig(Checked):
     section: ClassVar[str] = "disturbance.noise"
 
     base_height: Sigma = 0.0
-    """[m]"""
+    """[m] noise on the height of the base."""
     base_orientation: Sigma = 0.0
-    """[rad] about each axis of the base."""
+    """[rad] noise on the orientation of the base, about each of its axes."""
     base_linear_velocity: Sigma = 0.0
-    """[m/s] in the base frame."""
+    """[m/s] noise on the linear velocity of the base, along each of its axes."""
     base_angular_velocity: Sigma = 0.0
-    """[rad/s] in the base frame."""
+    """[rad/s] noise on the angular velocity of the base, about each of its axes."""
     joint_position: Sigma = 0.0
-    """[rad]"""
+    """[rad] noise on each joint angle."""
     joint_velocity: Sigma = 0.0
-    """[rad/s]"""
+    """[rad/s] noise on each joint rate."""
 
 
 @dataclass(frozen=True)
@@ -66,19 +66,19 @@ class DisturbanceConfig(Checked):
     section: ClassVar[str] = "disturbance"
 
     pushes: Annotated[int, Within(0, 1000)] = 0
-    """Pushes on the base in an episode, from any horizontal direction, at any time."""
+    """How many pushes act on the base in an episode, from any horizontal direction, at any time."""
     impulse: Impulse = (0.5, 1.5)
     """[N s] the smallest and the largest push."""
     gentle: Annotated[float, Within(0.0, 100.0)] = 1.0
     """`impulse` in the first iteration is this share of what it is in the last one; in between it
     rises evenly. A policy that has not seen pushes yet is thrown by smaller ones."""
     expert_impulse: Impulse = (0.0, 0.0)
-    """[N s] the smallest and the largest of one more push where the expert drives in order to
-    teach: early in LocoSafeDAGGER's tail and in the queries of LocoDAGGER. It shows how to recover,
-    and the expert withstands more than a policy does."""
+    """[N s] the smallest and the largest additional push where the expert drives in order to teach:
+    early in LocoSafeDAGGER's tail and in LocoDAGGER's queries. The expert then shows how to
+    recover; it withstands stronger pushes than a policy does."""
     fall_angle: Angle = 0.0
     """[deg] roll or pitch beyond this is a fall, if it is more than `safety.fall_angle`: robots
-    that are pushed tilt further, and recover (the paper's research code judges pushes by 60)."""
+    that are pushed tilt further and recover (the paper's research code allows 60 after pushes)."""
     push_duration: Annotated[float, Within(0.001, 60.0)] = 0.01
     """[s] how long the force of a push acts (paper, IV-F)."""
     friction: Factor = (1.0, 1.0)
@@ -89,4 +89,4 @@ class DisturbanceConfig(Checked):
     know of it either."""
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     delay: Annotated[int, Within(0, 1000)] = 0
-    """[ms] from a torque's command to its action."""
+    """[ms] how long it takes from a torque's command to its action."""

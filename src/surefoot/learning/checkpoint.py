@@ -20,7 +20,7 @@ def save_checkpoint(
 
     Args:
         path: The file.
-        key: Name of the fit: what its result depends on, as a hash.
+        key: Hash of everything that the result of the fit depends on.
         network: The network that is being trained.
         optimizer: Its optimizer.
         losses: The losses so far.

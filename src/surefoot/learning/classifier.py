@@ -1,4 +1,4 @@
-"""A small network that says how likely a row is *positive*: in training a logit, then a function.
+"""A small network that gives the probability that a row is *positive*, and a file that keeps it.
 
 It serves the learned gates (``safety/learned.py``), where positive means unsafe. Layers,
 normalizers and their folding are those of the policy's network. Needs no robotics. Read next:
@@ -30,13 +30,13 @@ HIDDEN = (128, 128)
 EPOCHS = 6
 """Passes over the rows."""
 BATCH = 1024
-"""Rows of a step."""
+"""Rows in a step."""
 RATE = 3e-3
 """Learning rate of Adam at the beginning; it falls to zero as a cosine."""
 MOST_ROWS = 1_000_000
-"""Rows of an epoch; if there are more, so many are drawn."""
+"""Rows in an epoch; if there are more, this many are drawn."""
 NORMALIZING_ROWS = 100_000
-"""About so many rows give the normalizers; in float64, they are 400 MB of a history gate's."""
+"""About this many rows give the normalizers; those of a history gate take 400 MB in float64."""
 FORMAT = 1
 """Version of the file."""
 
@@ -48,8 +48,8 @@ class ClassifierQuality:
     Without rows held out, all fields from ``held_out`` on are None.
 
     Attributes:
-        rows: Number of rows it was trained on.
-        share_yes: Share of them that is positive.
+        rows: Number of rows that the classifier was trained on.
+        share_yes: Share of those rows that is positive.
         seed: Seed of its weights and of the order of its rows.
         held_out: Number of rows held out.
         held_out_yes: How many of those are positive.
@@ -58,7 +58,7 @@ class ClassifierQuality:
         precision: Share of the rows called positive that is positive; 0 without any.
         share_said: Share of all rows that is called positive.
         average_precision: Mean over the positive rows of the precision of an alarm just below
-            each; of a network that has learned nothing it is ``held_out_yes / held_out``.
+            each; for a network that has learned nothing it is ``held_out_yes / held_out``.
     """
 
     rows: int
@@ -79,14 +79,14 @@ class Classifier:
 
     Attributes:
         layers: Weight ``(inputs, outputs)`` and bias ``(outputs,)`` of each layer, float32.
-        quality: What it was trained on, and how well it does.
+        quality: What the classifier was trained on, and how well it does.
     """
 
     layers: tuple[tuple[Float32Array, Float32Array], ...]
     quality: ClassifierQuality
 
     def __getstate__(self) -> dict[str, object]:
-        """For other processes, which make their own session."""
+        """What other processes get: all but the session, which they make themselves."""
         return {"layers": self.layers, "quality": self.quality}
 
     @cached_property
@@ -111,16 +111,16 @@ def fit_classifier(
 ) -> Classifier:
     """Train by binary cross-entropy; the same rows and seed give the same bits.
 
-    Rows weigh the same, however rare positive ones are: the network gives calibrated probabilities.
-    Where positive rows are rare, the probability is seldom beyond 0.5; the alarm is what to lower.
-    Weights that make up for the rarity find less (``benchmarks/README.md``).
+    All rows have the same weight, however rare positive ones are, so that the probabilities are
+    calibrated. Where positive rows are rare, the probability is seldom beyond 0.5: lower the alarm.
+    Weights that make up for the rarity find fewer of them (``benchmarks/notebook/gates.md``).
 
     Args:
         rows: ``(n, inputs)``, finite.
         positive: ``(n,)`` True for the rows to find.
-        held_out: ``(n,)`` True for rows to judge it by, which it is not trained on.
+        held_out: ``(n,)`` True for rows that judge the classifier and do not train it.
         seed: Seed of the weights and of the order of the rows.
-        alarm: Probability beyond which it is judged to call a row positive.
+        alarm: Probability beyond which a row is called positive when the classifier is judged.
 
     Raises:
         ValueError: There are too few rows to train on.
@@ -156,9 +156,9 @@ def _train(
     Args:
         network: The new network.
         rows: ``(n, inputs)``.
-        positive: ``(n,)`` what it should say of them.
+        positive: ``(n,)`` True for the rows that are positive.
         training: ``(k,)`` indices of the rows to train on.
-        batch: Rows of a step.
+        batch: Rows in a step.
         seed: Seed of the order of the rows.
     """
     x = torch.from_numpy(rows)
@@ -188,16 +188,16 @@ def _train(
 def judge_classifier(
     quality: ClassifierQuality, probability: Float32Array, positive: BoolArray, alarm: float
 ) -> ClassifierQuality:
-    """The quality, with all that rows held out say.
+    """The quality of a classifier, completed by what the held-out rows show.
 
     Args:
         quality: What the classifier was trained on.
-        probability: ``(n,)`` its answers.
-        positive: ``(n,)`` the truth.
+        probability: ``(n,)`` probabilities that the classifier gives to the held-out rows.
+        positive: ``(n,)`` True for the held-out rows that are positive.
         alarm: Probability beyond which a row is called positive.
     """
     called = probability > alarm
-    right = float((called & positive).sum())
+    hits = float((called & positive).sum())
     ranked = positive[np.argsort(-probability, kind="stable")]
     precision = np.cumsum(ranked) / np.arange(1, len(ranked) + 1)
     return replace(
@@ -205,15 +205,19 @@ def judge_classifier(
         held_out=len(positive),
         held_out_yes=int(positive.sum()),
         alarm=alarm,
-        recall=right / max(float(positive.sum()), 1.0),
-        precision=right / max(float(called.sum()), 1.0),
+        recall=hits / max(float(positive.sum()), 1.0),
+        precision=hits / max(float(called.sum()), 1.0),
         share_said=float(called.mean()),
         average_precision=float(precision[ranked].mean()) if positive.any() else 0.0,
     )
 
 
 def save_classifier(classifier: Classifier, path: Path) -> None:
-    """Write it to a safetensors file, whole or not at all."""
+    """Write a classifier to a safetensors file, whole or not at all.
+
+    Raises:
+        WriteError: The disk is full, or read-only.
+    """
     tensors = {}
     for number, (weight, bias) in enumerate(classifier.layers):
         tensors[f"weight{number}"] = torch.from_numpy(weight)
@@ -223,7 +227,7 @@ def save_classifier(classifier: Classifier, path: Path) -> None:
 
 
 def load_classifier(path: Path) -> Classifier:
-    """Read it back, to the bit.
+    """Read a classifier back, to the bit.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -252,7 +256,7 @@ def load_classifier(path: Path) -> Classifier:
 
 
 def digest(classifier: Classifier) -> str:
-    """SHA-256 of its quality and its layers."""
+    """SHA-256 of a classifier's quality and layers."""
     sha = hashlib.sha256(json.dumps(_plain(classifier.quality), sort_keys=True).encode())
     for layer in classifier.layers:
         for array in layer:

@@ -191,6 +191,7 @@ class Dataset:
 
     @property
     def _manifest(self) -> Path:
+        """The file that names the shards."""
         return self.folder / "manifest.json"
 
     def shard_path(self, name: str) -> Path:
@@ -228,13 +229,14 @@ class Dataset:
             raise self._unreadable(error) from error
 
     def _unreadable(self, error: ValueError) -> DatasetError:
+        """The error of a manifest that cannot be read."""
         return DatasetError(
             f"{self._manifest} is not readable ({error}); restore it from a copy, or "
             "delete it: `surefoot train ... --resume` collects again, to the same bits"
         )
 
     def _undamaged(self, shards: dict[str, ShardEntry]) -> dict[str, ShardEntry]:
-        """The entries whose files are whole; each file is read once, and warned of once."""
+        """The entries whose files are whole; each file is read, and warned of, once."""
         damaged = []
         for name in shards.keys() - self._is_whole.keys():
             try:
@@ -307,5 +309,5 @@ def _write(path: Path, frames: Frames) -> None:
             file.attrs["format"] = FORMAT
             for name in FIELDS:
                 file.create_dataset(name, data=getattr(frames, name))
-    except RuntimeError as error:  # what HDF5 says when a full disk keeps it from closing a file
+    except RuntimeError as error:  # from HDF5, if a full disk keeps it from closing the file
         raise OSError(str(error)) from error

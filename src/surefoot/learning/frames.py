@@ -1,7 +1,7 @@
-"""Recorded frames in memory: arrays over ticks, with a hash that knows episodes, not files.
+"""Recorded frames in memory: arrays over ticks, with a hash by episodes, not by files.
 
 A frame is what the robot measured at one tick and the expert's torque there. What the network sees
-and what it should answer are derived from frames when training (``samples.derive``), so that an
+and what it should give are derived from frames when training (``samples.derive``), so that an
 observation or a gain can change without new rollouts. Read next: ``dataset.py``, which keeps frames
 on disk.
 """

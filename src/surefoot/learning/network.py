@@ -17,8 +17,8 @@ from surefoot.learning.observation import INPUT_SIZE
 from surefoot.types import JOINTS
 
 MINIMUM_ROWS = 8
-"""Smaller batches are padded to this: matrix products of a few rows take another path, with other
-last bits, in every BLAS tried; from here on a row's result did not depend on its batch."""
+"""Smaller batches are padded to this many rows: in every BLAS tried, products of fewer rows take
+another path, with other last bits. From here on a row's result did not depend on its batch."""
 
 
 class PolicyNetwork(nn.Module):
@@ -27,13 +27,13 @@ class PolicyNetwork(nn.Module):
     Args:
         config: Sizes of the hidden layers.
         seed: Seed of the initial weights (Kaiming normal); PyTorch's global generator is untouched.
-        inputs: How many numbers it takes, if not those of a policy.
-        outputs: How many numbers it gives.
+        inputs: Number of inputs; by default those of a policy.
+        outputs: Number of outputs; by default the joints.
     """
 
     mean: Tensor
     scale: Tensor
-    has_normalisers: Tensor  # the name of this tensor in policy files, hence the spelling
+    has_normalisers: Tensor  # the name in policy files, hence the spelling
 
     def __init__(
         self,

@@ -24,7 +24,7 @@ Float32Array = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class ObservationSpec:
-    """All that turns a state, a tick and a command into a network's input: layout, phase, period.
+    """How a state, a tick and a command become a network's input: layout, phase and period.
 
     Attributes:
         phase: How the network sees the gait clock, as `PolicyConfig.phase`.
@@ -121,7 +121,7 @@ def goal(
     Args:
         tick: ``(...)`` gait clock [ms].
         command: ``(..., 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
-        spec: Gait period, and how the phase is given.
+        spec: The gait period, and how the phase is given.
         out: ``(..., 5)`` array to write into.
 
     Returns:
@@ -158,7 +158,7 @@ def network_input(
         state: States with any leading axes.
         tick: ``(...)`` gait clock [ms].
         command: ``(..., 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
-        spec: Gait period, and how the phase is given.
+        spec: The gait period, and how the phase is given.
         out: ``(..., 47)`` array to write into.
 
     Returns:

@@ -88,7 +88,7 @@ class Policy:
 
     Args:
         network: The network; a copy is kept, so training it further does not change the policy.
-        spec: Its input, and the gains of the PD that it drives.
+        spec: The network's input, and the gains of the PD.
         command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
         robot: Name of the robot.
         provenance: Anything that JSON can hold about the origin of the policy.
@@ -110,7 +110,7 @@ class Policy:
         self._batch = 0
 
     def __getstate__(self) -> dict[str, object]:
-        """For other processes, which make their own session."""
+        """What other processes get: all but the session, which they make themselves."""
         return {name: value for name, value in vars(self).items() if name != "forward"}
 
     @cached_property
@@ -127,7 +127,7 @@ class Policy:
         """Joint targets ``(B, 12)`` [rad]; the arguments are those of ``torque``."""
         batch = len(state.q)
         inputs = np.zeros((max(batch, MINIMUM_ROWS), INPUT_SIZE), np.float32)
-        with np.errstate(over="ignore", invalid="ignore"):  # of a robot that has blown up
+        with np.errstate(over="ignore", invalid="ignore"):  # for a robot that has blown up
             network_input(state, tick, command, self.spec.observation, inputs[:batch])
         return self.forward(inputs)[:batch]
 
@@ -229,7 +229,7 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
 
 
 def _interface(robot: str) -> dict[str, object]:
-    """What a file must agree on with the program that runs it, as JSON gives it back."""
+    """What a file and the program that runs it must agree on, as JSON gives it back."""
     return {
         "format": FORMAT,
         "robot": robot,

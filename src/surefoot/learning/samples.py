@@ -12,8 +12,8 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
+from io import BufferedRandom
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 import torch
@@ -38,13 +38,13 @@ class TrainingSamples:
 
     Args:
         limit: Memory [bytes]; at least one block is held.
-        folder: Folder of the temporary file, if one is needed; the system's without it.
+        folder: Folder of the temporary file, if one is needed; by default the system's.
     """
 
     def __init__(self, limit: int, folder: Path | None = None) -> None:
         blocks = max(1, limit // (BLOCK * WIDTH * 4))
         self._memory = torch.empty(blocks * BLOCK, WIDTH)  # takes up only what is written to it
-        self._file: IO[bytes] | None = None
+        self._file: BufferedRandom | None = None
         self._folder = folder
         self._count = 0
 
@@ -73,14 +73,15 @@ class TrainingSamples:
             self._write(self._file, rows)
         self._count = end
 
-    def _write(self, file: IO[bytes], rows: Float32Array) -> None:
-        """Append to the temporary file; flushed, so that a full disk shows here."""
+    def _write(self, file: BufferedRandom, rows: Float32Array) -> None:
+        """Append rows to the temporary file, and flush it, so that a full disk shows here."""
         with self._writing():
             file.seek(0, 2)
             file.write(np.ascontiguousarray(rows).data)
             file.flush()
 
     def _writing(self) -> AbstractContextManager[None]:
+        """A context that names the temporary file if the disk is full."""
         return writing(f"a temporary file in {self._folder or tempfile.gettempdir()}")
 
     def buffers(self, order: torch.Generator | None = None) -> Iterator[Tensor]:
@@ -88,7 +89,7 @@ class TrainingSamples:
 
         Args:
             order: Generator that draws the blocks of the file at random; without it they come in
-                order of time. Rows within a buffer are in order of time, block by block: mix them.
+                order of time. Within a block, rows are in order of time: mix those of a buffer.
         """
         if self._file is None:
             yield self._memory[: self._count]
@@ -108,11 +109,11 @@ class TrainingSamples:
                 start = end
                 end += min(BLOCK, self._count - block * BLOCK)
                 self._file.seek(block * BLOCK * WIDTH * 4)
-                self._file.readinto(self._memory[start:end].numpy())  # type: ignore[attr-defined]
+                self._file.readinto(self._memory[start:end].numpy())
             yield self._memory[:end]
 
     def batches(self, batch: int) -> int:
-        """Whole minibatches in an epoch; each buffer's incomplete last one is dropped.
+        """The number of whole minibatches in an epoch; each buffer drops its incomplete last one.
 
         Args:
             batch: Rows in a minibatch.

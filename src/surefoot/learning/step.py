@@ -1,7 +1,7 @@
 """One step of Adam on a minibatch: which device computes it, in which precision, and how.
 
 On a GPU the step is a CUDA graph: one launch instead of a hundred. Nothing in it waits for the
-device: the loss is added up there. Read next: ``train.py``, which takes the steps.
+device, because the loss is added up there. Read next: ``train.py``, which takes the steps.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def choose_device(name: Device) -> torch.device:
 
 
 def device_name(device: torch.device) -> str:
-    """`cpu`, or the card's name."""
+    """The name of the GPU, or `cpu`."""
     return torch.cuda.get_device_name(device) if device.type == "cuda" else "cpu"
 
 
@@ -65,7 +65,7 @@ class TrainingStep:
     Args:
         network: The network that is trained, on the device.
         optimizer: Its optimizer, as `make_optimizer` makes it.
-        config: Size of a minibatch, and precision.
+        config: The size of a minibatch, and the precision.
         device: The device that computes.
     """
 
@@ -79,7 +79,7 @@ class TrainingStep:
         self.device = device
         self._network = network
         self._optimizer = optimizer
-        self._short = config.precision == "bfloat16" and has_bfloat16(device)
+        self._bfloat16 = config.precision == "bfloat16" and has_bfloat16(device)
         self._rows = torch.zeros(config.batch, WIDTH, device=device)
         self._loss = torch.zeros((), dtype=torch.float64, device=device)
         self._launch = self._capture() if device.type == "cuda" else self._compute
@@ -90,22 +90,23 @@ class TrainingStep:
         self._launch()
 
     def set_learning_rate(self, rate: float) -> None:
-        """Learning rate of the following steps."""
+        """Set the learning rate of the following steps."""
         self._optimizer.param_groups[0]["lr"].fill_(rate)
 
     def take_loss(self) -> float:
-        """Sum of the losses since the last call."""
+        """The sum of the losses since the last call, which starts again at zero."""
         total = self._loss.item()
         self._loss.zero_()
         return total
 
     def _compute(self) -> None:
+        """Take the step on the rows that are on the device."""
         inputs = self._rows[:, :INPUT_SIZE]
         targets = self._rows[:, INPUT_SIZE:]
         self._optimizer.zero_grad()
-        with torch.autocast(self.device.type, torch.bfloat16, self._short, cache_enabled=False):
-            answers = self._network(inputs)
-        loss = torch.nn.functional.l1_loss(answers, targets)
+        with torch.autocast(self.device.type, torch.bfloat16, self._bfloat16, cache_enabled=False):
+            outputs = self._network(inputs)
+        loss = torch.nn.functional.l1_loss(outputs, targets)
         loss.backward()
         self._optimizer.step()
         self._loss += loss.detach()

@@ -1,8 +1,8 @@
-"""Files of tensors with a JSON record: policies, classifiers and checkpoints, as safetensors.
+"""Files of tensors with a JSON header: policies, classifiers and checkpoints, as safetensors.
 
 Such a file is written whole or not at all, and nothing in it is ever run. Safetensors notices a
-file that was cut short, but not a changed bit; therefore the record holds a SHA-256 of the
-contents. Read next: ``policy.py`` and ``classifier.py`` for what the records say.
+file that was cut short, but not a changed bit; therefore the header holds a SHA-256 of the
+contents. Read next: ``policy.py`` and ``classifier.py`` for what their headers hold.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from torch import Tensor
 from surefoot.files import write_atomic
 
 HEADER_KEY = "surefoot"
-"""Key of the record among the metadata of the safetensors header."""
+"""Key of the header, as text, in the metadata of a safetensors file."""
 
 Header = dict[str, Any]
-"""The record: anything that JSON can hold, by name."""
+"""What a file says about its tensors: anything that JSON can hold, by name."""
 
 
 def write_tensor_file(
     path: Path | str, tensors: Mapping[str, Tensor], header: Header, sha256: str | None = None
 ) -> None:
-    """Write tensors and their record to one file, whole or not at all.
+    """Write tensors and their header to one file, whole or not at all.
 
     Args:
         path: The file; its folder is made if it does not exist.
         tensors: The tensors by name, on any device.
-        header: The record, without the hash.
-        sha256: The hash to store; without it, that of all contents, which `is_intact` checks.
+        header: The header, without the hash.
+        sha256: The hash to store; by default that of all contents, which `is_intact` checks.
 
     Raises:
         WriteError: The disk is full, or read-only.
@@ -46,7 +46,7 @@ def write_tensor_file(
 
 
 def read_tensor_file(path: Path) -> tuple[dict[str, Tensor], Header]:
-    """Read the tensors and the record of a file, with the hash as its ``sha256``.
+    """Read the tensors and the header of a file; the header's ``sha256`` is the hash.
 
     Raises:
         ValueError: The file is cut short, or not of this kind.
@@ -58,18 +58,18 @@ def read_tensor_file(path: Path) -> tuple[dict[str, Tensor], Header]:
     except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
         raise ValueError(str(error)) from error
     if not isinstance(header, dict):
-        raise ValueError("its record is not a JSON object")
+        raise ValueError("its header is not a JSON object")
     return tensors, header
 
 
 def is_intact(tensors: Mapping[str, Tensor], header: Header) -> bool:
-    """Whether the contents of a file are those that its hash was made of."""
+    """Whether the contents of a file match its hash."""
     content = {key: value for key, value in header.items() if key != "sha256"}
     return header.get("sha256") == _digest(tensors, content)
 
 
 def _digest(tensors: Mapping[str, Tensor], header: Header) -> str:
-    """SHA-256 of the record and of the tensors in the order of their names."""
+    """SHA-256 of the header and of the tensors in the order of their names."""
     sha = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     for name in sorted(tensors):
         sha.update(name.encode())

@@ -1,9 +1,9 @@
 """Supervised training: Adam on the L1 loss, fixed to the bit, on a CPU or a GPU.
 
-Minimizes mean |pi(o, g) - a|, a the joint targets with which the policy's PD gives the expert's
-torque. Episodes are held out for validation by a hash of their id, so an episode stays on its side
-however much data is added later. Needs no robotics. Read ``samples.py`` first, then ``policy.py``
-for the network and its target, and ``step.py`` for the single step.
+It minimizes the mean of |pi(o, g) - a|, where a are the joint targets with which the policy's PD
+gives the expert's torque. Episodes are held out for validation by a hash of their id, so an episode
+stays on its side however much data is added later. It needs no robotics. Read ``samples.py`` first,
+then ``policy.py`` for the network and its target, and ``step.py`` for the single step.
 """
 
 from __future__ import annotations
@@ -179,13 +179,14 @@ def split_samples(data: Frames | Dataset, config: TrainingConfig, spec: PolicySp
     training = TrainingSamples(limit - validation_limit, folder)
     lowest = np.full(3, np.inf)
     highest = np.full(3, -np.inf)
-    for part in data.parts() if isinstance(data, Dataset) else [data]:
+    parts = data.parts() if isinstance(data, Dataset) else [data]
+    for part in parts:
         if not len(part):
             continue
         rows = derive(part, spec)
-        out = held_out(part.episode, config.validation)
-        training.append(rows[~out])
-        validation.append(rows[out])
+        is_held_out = held_out(part.episode, config.validation)
+        training.append(rows[~is_held_out])
+        validation.append(rows[is_held_out])
         low, high = part.command_range
         lowest = np.minimum(lowest, low)
         highest = np.maximum(highest, high)
@@ -193,7 +194,11 @@ def split_samples(data: Frames | Dataset, config: TrainingConfig, spec: PolicySp
 
 
 def _count_batches(samples: SplitSamples, config: TrainingConfig) -> int:
-    """Minibatches of an epoch; none at all is an error that says why."""
+    """The number of minibatches of an epoch.
+
+    Raises:
+        ValueError: There is none; the message says why.
+    """
     batches = samples.training.batches(config.batch)
     if batches == 0 and len(samples.training) >= config.batch:
         raise ValueError(
@@ -216,10 +221,10 @@ def _train_epoch(
     epoch: int,
     epochs: int,
 ) -> float:
-    """Take all steps of an epoch; its mean loss [rad].
+    """Take all steps of an epoch, and return its mean loss [rad].
 
     Args:
-        step: The step, of a network in training mode.
+        step: The step; its network is in training mode.
         samples: Rows to train on.
         config: Batch, learning rate and schedule.
         seed: Seed of the whole fit.
@@ -264,7 +269,7 @@ def _validate(network: PolicyNetwork, samples: TrainingSamples, device: torch.de
 
 
 def _generator(seed: int, epoch: int) -> torch.Generator:
-    """Randomness of an epoch: its own, so that an epoch can start without those before."""
+    """The randomness of an epoch, which does not depend on the epochs before it."""
     number = np.random.SeedSequence([seed, epoch]).generate_state(1, np.uint64)[0]
     return torch.Generator().manual_seed(int(number))
 
@@ -285,7 +290,7 @@ def _fingerprint(network: PolicyNetwork, inputs: list[object]) -> str:
 
 @contextmanager
 def _threads(count: int) -> Iterator[None]:
-    """Torch's number of threads inside, the former one afterwards."""
+    """Set PyTorch's number of threads, and restore the former one afterwards."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:

@@ -21,7 +21,7 @@ from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.outcome import Outcome, fallen, stepping
 from surefoot.rotations import from_heading
-from surefoot.scenarios.disturbance import Disturbance, Pushes, senses
+from surefoot.scenarios.disturbance import Disturbance, Pushes, make_sensors
 from surefoot.scenarios.starts import Starts
 from surefoot.sim.protocol import Simulator
 from surefoot.types import Array, BoolArray, Controller, IntArray, State, to_ticks
@@ -78,7 +78,7 @@ def rollout(
         policy.reset(B)
     arbiter.reset(episodes.ids)
 
-    measure = senses(simulator.robot, disturbance)
+    measure = make_sensors(simulator.robot, disturbance)
     recorder = _Recorder(total, B, noisy=measure is not None, ask_always=ask_always)
     drivers = _Drivers(expert, policy, starts.command, simulator.robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)

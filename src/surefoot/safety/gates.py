@@ -1,8 +1,8 @@
 """Gates: which states are unsafe, so that the expert has to drive.
 
-A `Gate` is asked once a tick about B robots. `Bounds` goes by the paper's Table I; `AnyOf` says
-unsafe if one of several gates does; those that are learned are in ``learned.py``. `unsafe` and
-`margin` are the table as plain functions. Read next: ``monitor.py``, which adds the blocking of
+A `Gate` is asked once a tick about B robots. `Bounds` applies the paper's Table I, `AnyOf` combines
+several gates, and learned gates are in ``learned.py``. `unsafe` and `margin` are the table as plain
+functions. Read next: ``monitor.py``, which adds the blocking of
 Algorithm 4.
 """
 
@@ -26,7 +26,7 @@ FRONT_HIND = np.array([1.0, 1.0, -1.0, -1.0])
 
 
 class Gate(Protocol):
-    """Says in which states the expert is needed (the paper's pi_safe)."""
+    """Says which states are unsafe, so that the expert has to drive."""
 
     def reset(self, batch: int) -> None:
         """Forget everything and prepare for ``batch`` robots."""
@@ -62,7 +62,7 @@ class Bounds:
 
 
 class AnyOf:
-    """The gate that says unsafe where one of several gates does.
+    """The gate that calls a state unsafe if one of several gates does.
 
     Args:
         gates: The gates.
@@ -77,7 +77,7 @@ class AnyOf:
             gate.reset(batch)
 
     def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """``(B,)`` True where any gate says so; every gate is asked, because it may remember."""
+        """``(B,)`` True where any gate says so. Every gate is asked: it may have a memory."""
         return np.any([gate.unsafe(state, tick, command) for gate in self._gates], axis=0)
 
 
@@ -116,7 +116,7 @@ def tightened(config: SafetyConfig, share: float, height: float) -> SafetyConfig
     Args:
         config: The table.
         share: How much is left of the angles, and of the distance from the gait's height down to
-            the lower bound; 1 changes nothing.
+            its lower bound; 1 changes nothing.
         height: Height of the center of mass in the gait [m].
     """
     low, high = config.com_height

@@ -2,8 +2,8 @@
 
 `Deviation` is SafeDAGGER's: it predicts from the state that the policy deviates from the expert.
 `History` is the paper's future work: it predicts from the last 100 ms that the bounds will be left
-within 0.3 s, so that the expert takes over earlier. It learns from the traces of rollouts
-(``rollouts/traces.py``): what robots saw while a policy drove.
+within 0.3 s, so that the expert takes over earlier. It is trained on the traces of
+rollouts (``rollouts/traces.py``): what robots measured while a policy drove.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SAMPLES = 10
 
 
 class _LearnedGate:
-    """What both gates share.
+    """What both learned gates share.
 
     Args:
         classifier: A classifier of the rows that the gate makes of what it sees.
@@ -45,11 +45,11 @@ class _LearnedGate:
 
     def _inputs(self, state: State, tick: IntArray, command: Array) -> Float32Array:
         """``(B, 47)`` observation and goal."""
-        with np.errstate(over="ignore", invalid="ignore"):  # of a robot that has blown up
+        with np.errstate(over="ignore", invalid="ignore"):  # for a robot that has blown up
             return network_input(state, tick, command, self._spec)
 
     def _alarming(self, rows: Float32Array) -> BoolArray:
-        """``(B,)`` True where the probability is beyond the alarm's."""
+        """``(B,)`` True where the probability is beyond the alarm."""
         return self._classifier.probability(rows) > self._alarm
 
 
@@ -60,12 +60,12 @@ class Deviation(_LearnedGate):
     """
 
     def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """``(B,)`` True where the probability is beyond the alarm's."""
+        """``(B,)`` True where the probability is beyond the alarm."""
         return self._alarming(self._inputs(state, tick, command))
 
 
 class History(_LearnedGate):
-    """Unsafe where the bounds are predicted to be left soon; asked every 10 ms, holds its answer.
+    """Unsafe where the bounds are predicted to be left soon; computed every 10 ms, and held.
 
     Its classifier takes the last ten observations and goals, the oldest first ``(470,)``.
     """
@@ -77,7 +77,7 @@ class History(_LearnedGate):
         self._answer = np.zeros(batch, dtype=bool)
 
     def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """``(B,)`` True where the probability was beyond the alarm's at the last sample."""
+        """``(B,)`` True where the probability was beyond the alarm at the last sample."""
         if self._ticks % EVERY == 0:
             rows = self._inputs(state, tick, command)
             if self._ticks == 0:

@@ -21,7 +21,8 @@ class SafetyMonitor:
 
     Args:
         gate: The gate that says which states are unsafe.
-        block: T_block [s]; 0 hands back as soon as the state is safe (Algorithm 2).
+        block: T_block [s]; with 0 the policy drives again as soon as the state is safe
+            (Algorithm 2).
         hand_back: The rule that ends a block.
 
     Raises:

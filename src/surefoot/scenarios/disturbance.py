@@ -1,4 +1,4 @@
-"""What disturbs a robot in simulation: pushes, sensor noise, another floor or load, late torques.
+"""What disturbs a robot in simulation: pushes, noise, another ground or load, late torques.
 
 `draw_disturbances` fixes the disturbances of each episode by its id, independent of the worker that
 computes it. What a robot measures is what its policy, its expert and its safety monitor see, and
@@ -20,8 +20,10 @@ from surefoot.robots.rigid import center_of_mass, feet, integrate, legs_of, mass
 from surefoot.seeds import seed_of
 from surefoot.types import Array, IntArray, State, to_ticks
 
+EARLY = 0.2
+"""The push of a tail begins within this time of it, so that the rest shows the recovery [s]."""
 _BLOCK = 500
-"""Ticks whose noise is drawn at a time."""
+"""The number of ticks for which noise is drawn at a time."""
 
 
 @dataclass(frozen=True)
@@ -29,10 +31,10 @@ class Pushes:
     """K pushes on the base of each of B robots.
 
     Attributes:
-        impulse: ``(B, K, 3)`` impulse in the robot's heading frame at the time [N s]; zero is no
+        impulse: ``(B, K, 3)`` impulse in the robot's heading frame when it acts [N s]; zero is no
             push.
         tick: ``(B, K)`` tick of the episode at which each push begins [ms].
-        duration: The number of ticks over which each impulse is spread evenly.
+        duration: The time over which each impulse is spread evenly [ms].
 
     Raises:
         ValueError: The shapes do not agree, an impulse is not finite, or the duration is not
@@ -85,10 +87,10 @@ class Disturbance:
 
     Attributes:
         pushes: The pushes on the robots; None without any.
-        friction: ``(B,)`` coefficient of feet and floor; None leaves the simulator's.
+        friction: ``(B,)`` friction coefficient of feet and ground; None leaves the simulator's.
         mass: ``(B,)`` factor on mass and inertia of the base; None leaves the robot's.
         noise: Standard deviations of the noise on what is measured.
-        delay: The number of ticks from a torque's command to its action.
+        delay: The time from a torque's command to its action [ms].
         seeds: The roots of the noise of the B robots' sensors.
 
     Raises:
@@ -102,6 +104,13 @@ class Disturbance:
     delay: int = 0
     seeds: tuple[np.random.SeedSequence, ...] = ()
 
+    def __post_init__(self) -> None:
+        """Check that both are given or neither: `Simulator.vary` takes both."""
+        if self.friction is None and self.mass is not None:
+            raise ValueError("a disturbance of the mass alone; give the friction too")
+        if self.mass is None and self.friction is not None:
+            raise ValueError("a disturbance of the friction alone; give the mass too")
+
     def __getitem__(self, rows: slice | NDArray) -> Disturbance:
         """What disturbs some of the robots."""
         chosen = np.arange(len(self.seeds))[rows] if self.seeds else ()
@@ -113,17 +122,6 @@ class Disturbance:
             seeds=tuple(self.seeds[row] for row in chosen),
         )
 
-    def __post_init__(self) -> None:
-        """A simulator is given both or neither (`Simulator.vary`); one would go unnoticed."""
-        if self.friction is None and self.mass is not None:
-            raise ValueError("a disturbance of the mass alone; give the friction too")
-        if self.mass is None and self.friction is not None:
-            raise ValueError("a disturbance of the friction alone; give the mass too")
-
-
-EARLY = 0.2
-"""[s] of the tail in which its push begins, so that the rest shows the recovery."""
-
 
 @dataclass(frozen=True)
 class _Drawn:
@@ -132,9 +130,9 @@ class _Drawn:
     Attributes:
         friction: Factor on the friction.
         mass: Factor on the mass of the base.
-        impulse: ``(K, 3)`` its pushes [N s].
-        tick: ``(K,)`` when they begin [ms].
-        sensing: Root of the noise of its sensors.
+        impulse: ``(K, 3)`` impulse of each push in the heading frame [N s].
+        tick: ``(K,)`` tick of the episode at which each push begins [ms].
+        sensing: Root of the noise of the robot's sensors.
     """
 
     friction: float
@@ -155,12 +153,12 @@ def draw_disturbances(
     """The disturbances of episodes, each drawn from its own id.
 
     Args:
-        config: How many there are and how large they are.
+        config: How many pushes there are, and the range of everything that is drawn.
         seed: Root of the randomness.
         episode: ``(B,)`` ids of the episodes.
         duration: The time within which pushes begin [s]; 0 for a tail alone.
         friction: The coefficient that the drawn factors multiply.
-        tail: How long the tail after it lasts [s], if there is one.
+        tail: How long the tail after that lasts [s]; 0 without one.
     """
     drawn = [_draw(config, seed, id_, duration, tail) for id_ in episode.tolist()]
     impulse = np.array([each.impulse for each in drawn])
@@ -196,11 +194,11 @@ def _draw(
     return _Drawn(friction, mass, impulse, tick, sensing)
 
 
-def senses(robot: RobotModel, disturbance: Disturbance) -> Callable[[State], State] | None:
-    """What turns the true state of each tick into what the robots measure; None if they see it.
+def make_sensors(robot: RobotModel, disturbance: Disturbance) -> Callable[[State], State] | None:
+    """What turns the true state of each tick into what the robots measure; None without noise.
 
     The robot computes its feet and center of mass from what it measures, with its own model.
-    Contacts, x and y are seen as they are: no policy knows x and y anyway.
+    Contacts, x and y are measured without error: no policy knows x and y anyway.
 
     Args:
         robot: The model of the robots.
@@ -248,7 +246,8 @@ class _Sensors:
     def __call__(self, state: State) -> State:
         """What the robots measure of their state in this tick."""
         error = self._error()
-        # A displacement is one in the base frame; the height is the world's, however it tilts.
+        # Displacements are in the base frame, but the height is that of the world, however the
+        # robot tilts.
         height = error[:, 2].copy()
         error[:, 2] = 0.0
         q = np.array([integrate(*pair) for pair in zip(state.q, error[:, :18], strict=True)])
@@ -259,7 +258,7 @@ class _Sensors:
         return State(q, state.v + error[:, 18:], com, position, state.contacts)
 
     def _error(self) -> Array:
-        """``(B, 36)`` the errors of the next tick."""
+        """``(B, 36)`` errors of the next tick."""
         if self._next == 0:
             for robot, source in enumerate(self._sources):
                 self._block[:, robot] = source.standard_normal((_BLOCK, 36))

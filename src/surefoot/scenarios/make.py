@@ -27,9 +27,9 @@ from surefoot.types import GRID, Array, to_ticks
 SEED = 20240711
 """Root of the perturbations' randomness: any number, but the stored sets depend on it."""
 SETTLE = 2.0
-"""[s] that the expert walks before a gait cycle is recorded: whole gait periods."""
+"""How long the expert walks before a gait cycle is recorded, in whole gait periods [s]."""
 TOP_SPEED = 0.3
-"""[m/s] the largest forward speed."""
+"""The largest forward speed [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def scaled(perturbation: PerturbationConfig, scale: float) -> PerturbationConfig
 
 
 def settled_cycle(config: Config, speed: Array) -> GaitCycle:
-    """Let the expert walk at n forward speeds, until its gait has settled and for a cycle more.
+    """Let the expert walk at n forward speeds until its gait has settled, and for one more cycle.
 
     Args:
         config: The robot, the gait, the expert and the simulator.

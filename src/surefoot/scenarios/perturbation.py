@@ -19,7 +19,7 @@ from surefoot.rotations import roll_pitch_yaw
 from surefoot.types import Array, BoolArray
 
 ATTEMPTS = 1000
-"""How many draws are made before giving up."""
+"""The number of draws before a state is given up."""
 
 
 def perturb(
@@ -31,7 +31,7 @@ def perturb(
     safety: SafetyConfig,
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
-    """A random neighbour of a state in which the stance feet stay where they are and do not move.
+    """A random neighbor of a state, with the stance feet where they were and at rest.
 
     Args:
         robot: The model of the robot.
@@ -56,18 +56,19 @@ def perturb(
         ]
     )
     data = robot.model.createData()
-    where = stance_feet(robot, data, q, stance)
+    contacts = stance_feet(robot, data, q, stance)
     J = stance_jacobian(robot, data, q, stance)
     for _ in range(ATTEMPTS):
         change = project(J, sigma * rng.standard_normal(18))
         moved = pin.integrate(robot.model, q, change)
         velocity = v + config.velocity * rng.standard_normal(18)
-        moved = put_feet_back(robot, data, moved, where, stance)
+        moved = put_feet_back(robot, data, moved, contacts, stance)
         if moved is None or not acceptable(robot, data, moved, config, safety):
             continue
         return moved, project(stance_jacobian(robot, data, moved, stance), velocity)
     raise ValueError(
-        f"no acceptable start in {ATTEMPTS} draws: every one fell or touched the ground; "
+        f"no acceptable initial state in {ATTEMPTS} draws: each one had fallen or touched the "
+        "ground with more than its feet; "
         f"lower the standard deviations ({config})"
     )
 
@@ -95,11 +96,14 @@ def project(J: Array, change: Array) -> Array:
 
 
 def put_feet_back(
-    robot: RobotModel, data: pin.Data, q: Array, where: Array, stance: BoolArray
+    robot: RobotModel, data: pin.Data, q: Array, contacts: Array, stance: BoolArray
 ) -> Array | None:
-    """Newton steps that return the stance feet to ``where``; None if they do not converge."""
+    """The configuration with the stance feet back at ``(n, 3)`` contacts [m], by Newton steps.
+
+    It is None if the steps do not converge.
+    """
     for _ in range(20):
-        error = (where - stance_feet(robot, data, q, stance)).ravel()
+        error = (contacts - stance_feet(robot, data, q, stance)).ravel()
         if np.linalg.norm(error) < 1e-10:
             return q
         J = stance_jacobian(robot, data, q, stance)

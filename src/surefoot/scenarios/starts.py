@@ -26,8 +26,8 @@ from surefoot.types import Array, IntArray
 
 SPLITS: tuple[Split, ...] = get_args(Split)
 PACKAGED = ("solo12-trot-v1", "solo12-trot-v1-wide")
-"""The sets that come with the package: Solo12, trot, 0 to 0.3 m/s forward, perturbed with the
-paper's standard deviations; and with 1.5 times those."""
+"""The sets that come with the package: Solo12 trots forward at 0 to 0.3 m/s. The first set is
+perturbed with the paper's standard deviations, the second with 1.5 times those."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,13 @@ def at_rest(q: Array, commands: Array) -> Starts:
         commands: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s].
     """
     n = len(commands)
-    zero = np.zeros(n, dtype=np.int64)
-    return Starts(np.tile(q, (n, 1)), np.zeros((n, 18)), zero, np.array(commands, float), zero - 1)
+    return Starts(
+        np.tile(q, (n, 1)),
+        np.zeros((n, 18)),
+        np.zeros(n, dtype=np.int64),
+        np.array(commands, float),
+        np.full(n, -1, dtype=np.int64),
+    )
 
 
 @dataclass(frozen=True)
@@ -202,7 +207,7 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
             np.arange(bounds[-1]),
         )
         _check_shapes(everything, len(shapes), int(bounds[-1]))
-    except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
+    except Exception as error:  # a damaged file can raise anything from zip, zlib and NumPy
         raise ValueError(f"{source} is not a set of starts ({error}); write it again") from error
     for field in fields(Starts):
         getattr(everything, field.name).flags.writeable = False
@@ -223,9 +228,9 @@ def _check_shapes(starts: Starts, splits: int, n: int) -> None:
         raise ValueError(f"{splits} splits instead of {len(SPLITS)}")
     expected = {"q": (n, 19), "v": (n, 18), "tick": (n,), "command": (n, 3)}
     for name, shape in expected.items():
-        found = getattr(starts, name).shape
-        if found != shape:
-            raise ValueError(f"{name} has shape {found} instead of {shape}")
+        actual = getattr(starts, name).shape
+        if actual != shape:
+            raise ValueError(f"{name} has shape {actual} instead of {shape}")
 
 
 def check_unused(path: Path) -> None:

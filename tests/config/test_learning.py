@@ -1,0 +1,20 @@
+"""Ranges of the policy's and the training's configurations."""
+
+import pytest
+
+from surefoot.config import PolicyConfig, TrainingConfig
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "text"),
+    [
+        (PolicyConfig, {"hidden": (512, 0)}, "policy.hidden[1] is 0; use 1 to 65536"),
+        (TrainingConfig, {"validation": 1.0}, "training.validation is 1.0; use 0.0 to 0.9"),
+        (TrainingConfig, {"schedule": "linear"}, "there is no training.schedule 'linear'"),
+        (TrainingConfig, {"device": "tpu"}, "there is no training.device 'tpu'"),
+    ],
+)
+def test_values_outside_their_ranges_are_refused(kind, change, text):
+    with pytest.raises(ValueError) as error:
+        kind(**change)
+    assert str(error.value).startswith(text)

@@ -1,0 +1,24 @@
+"""Ranges of the gait's and the expert's configurations."""
+
+import pytest
+
+from surefoot.config import CentroidalConfig, ExpertConfig, Gait, KinematicConfig
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "text"),
+    [
+        (Gait, {"duty": 1.0}, "gait.duty is 1.0; use 0.05 to 0.99"),
+        (Gait, {"offsets": (0.0, 0.5, 0.5, 1.5)}, "gait.offsets[3] is 1.5; use 0.0 to 1.0"),
+        (Gait, {"offsets": (0.0, 0.5)}, "gait.offsets is (0.0, 0.5), expected 4 values"),
+        (ExpertConfig, {"kp": -1.0}, "expert.kp is -1.0; use 0.0 to 10000.0"),
+        (ExpertConfig, {"foothold_rule": "capturing"}, "there is no expert.foothold_rule 'captu"),
+        (CentroidalConfig, {"nodes": 0}, "expert.centroidal.nodes is 0; use 1 to 1000"),
+        (CentroidalConfig, {"force": (-1.0, 0.0, 0.0)}, "expert.centroidal.force[0] is -1.0; use"),
+        (KinematicConfig, {"foot_weight": -1.0}, "expert.kinematic.foot_weight is -1.0; use 0.0"),
+    ],
+)
+def test_values_outside_their_ranges_are_refused(kind, change, text):
+    with pytest.raises(ValueError) as error:
+        kind(**change)
+    assert str(error.value).startswith(text)
