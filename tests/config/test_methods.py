@@ -1,6 +1,7 @@
 """The methods' parameters: what they share, and rules that need two fields of one method."""
 
 from dataclasses import fields, replace
+from typing import Any, cast
 
 import pytest
 
@@ -8,7 +9,9 @@ from surefoot.config import (
     METHODS,
     BehaviorCloningConfig,
     DaggerConfig,
+    ExpertData,
     IterativeConfig,
+    LocoDaggerConfig,
     LocoSafeDaggerConfig,
     SafeDaggerConfig,
     method_config,
@@ -52,6 +55,59 @@ def test_methods_differ_in_how_many_rollouts_they_make():
     assert (dagger.velocities, dagger.perturbations, dagger.T) == (10, 1, 5.0)
     assert (safe.velocities, safe.perturbations, safe.T) == (20, 2, 5.0)
     assert (loco_safe.velocities, loco_safe.perturbations, loco_safe.T) == (20, 2, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "text"),
+    [
+        (BehaviorCloningConfig, {"epochs": 0}, "method.epochs is 0; use 1 to"),
+        (IterativeConfig, {"pretraining_epochs": 0}, "method.pretraining_epochs is 0; use 1 to"),
+        (IterativeConfig, {"iterations": -1}, "method.iterations is -1; use 0 to"),
+        (IterativeConfig, {"velocities": 0}, "method.velocities is 0; use 1 to"),
+        (IterativeConfig, {"perturbations": 0}, "method.perturbations is 0; use 1 to"),
+        (IterativeConfig, {"T": 0.0}, "method.T is 0.0; use 0.001 to"),
+        (IterativeConfig, {"epochs": 0}, "method.epochs is 0; use 1 to"),
+        (DaggerConfig, {"p": 1.5}, "method.p is 1.5; use 0.0 to 1.0"),
+        (SafeDaggerConfig, {"velocities": 0}, "method.velocities is 0; use 1 to"),
+        (SafeDaggerConfig, {"perturbations": 0}, "method.perturbations is 0; use 1 to"),
+        (SafeDaggerConfig, {"unsafe_share": 20.0}, "method.unsafe_share is 20.0; use 0.0 to 1.0"),
+        (LocoDaggerConfig, {"alpha": -0.1}, "method.alpha is -0.1; use 0.0 to 1.0"),
+        (LocoDaggerConfig, {"N_query": 0}, "method.N_query is 0; use 1 to 600"),
+        (LocoDaggerConfig, {"N_query": 1000}, "method.N_query is 1000; use 1 to 600"),
+        (LocoDaggerConfig, {"T_query": 0.0}, "method.T_query is 0.0; use 0.001 to"),
+        (LocoDaggerConfig, {"before_fall": -1.0}, "method.before_fall is -1.0; use 0.0 to"),
+        (LocoSafeDaggerConfig, {"velocities": 0}, "method.velocities is 0; use 1 to"),
+        (LocoSafeDaggerConfig, {"perturbations": 0}, "method.perturbations is 0; use 1 to"),
+        (LocoSafeDaggerConfig, {"T_block": -0.1}, "method.T_block is -0.1; use 0.0 to"),
+        (LocoSafeDaggerConfig, {"T_end": -0.1}, "method.T_end is -0.1; use 0.0 to"),
+        (LocoSafeDaggerConfig, {"tightest": 1.1}, "method.tightest is 1.1; use 0.0 to 1.0"),
+        (LocoSafeDaggerConfig, {"alarm": 30.0}, "method.alarm is 30.0; use 0.0 to 1.0"),
+        (LocoSafeDaggerConfig, {"hand_back": "never"}, "there is no method.hand_back 'never'"),
+        (
+            LocoSafeDaggerConfig,
+            {"gates": ("bound",)},
+            "there is no method.gates[0] 'bound'; did you mean 'bounds'",
+        ),
+    ],
+)
+def test_a_parameter_out_of_range_is_refused_with_its_name_and_its_range(kind, change, text):
+    with pytest.raises(ValueError) as error:
+        kind(**cast(Any, change))
+    assert str(error.value).startswith(text)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"velocities": 0}, "expert_data.velocities is 0; use 1 to"),
+        ({"perturbations": 0}, "expert_data.perturbations is 0; use 1 to"),
+        ({"duration": 0.0}, "expert_data.duration is 0.0; use 0.001 to"),
+    ],
+)
+def test_expert_rollouts_that_cannot_be_are_refused(change, text):
+    with pytest.raises(ValueError) as error:
+        replace(ExpertData(10, 1, True, 1.5), **change)
+    assert str(error.value).startswith(text)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import replace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytest
@@ -20,13 +20,14 @@ from surefoot.evaluation.gate_warnings import (
     watch_chunk,
 )
 from surefoot.evaluation.statistics import wilson
+from surefoot.learning.classifier import Classifier
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy
 from surefoot.rollouts.arbiters import PolicyOnly, SafetySwitch
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.rollouts.outcome import Outcome
-from surefoot.safety.gates import AnyOf, Bounds
+from surefoot.safety.gates import AnyOf, Bounds, Gate
 from surefoot.safety.learned import History
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import load_starts
@@ -126,9 +127,8 @@ def test_takeovers_are_false_without_a_fall_within_a_second_and_a_half():
 
 
 def test_an_alarm_within_the_block_is_no_takeover():
-    warned = warnings(
-        5000, ([1000, 2500], 2900)
-    )  # the second is blocked: the expert drives already
+    # The second is blocked: the expert drives already.
+    warned = warnings(5000, ([1000, 2500], 2900))
     assert (warned.takeovers, warned.false_takeovers) == (1, 1)
     assert warned.announced == 1
 
@@ -261,9 +261,9 @@ class Gravity:
 
 
 def test_warnings_of_a_policy_do_not_depend_on_the_number_of_workers():
-    gates: dict[str, Any] = {
+    gates: dict[str, Gate] = {
         "bounds": Bounds(CONFIG.safety),
-        "history": History(cast(Any, Gravity()), OBSERVATION_SPEC, 0.02),
+        "history": History(cast(Classifier, Gravity()), OBSERVATION_SPEC, 0.02),
         "silent": Scripted(),
     }
     measured = measure_warnings(CONFIG, LIMP, gates, "select", Workers(1))
@@ -284,7 +284,7 @@ def test_warnings_of_a_policy_do_not_depend_on_the_number_of_workers():
 
 @pytest.mark.parametrize(
     "gate",
-    [Bounds(CONFIG.safety), History(cast(Any, Gravity()), OBSERVATION_SPEC, 0.02)],
+    [Bounds(CONFIG.safety), History(cast(Classifier, Gravity()), OBSERVATION_SPEC, 0.02)],
     ids=["bounds", "history"],
 )
 def test_the_first_alarm_is_where_the_expert_would_take_over(gate):

@@ -130,7 +130,7 @@ def test_intervals_hold_the_known_limit(monkeypatch):
     assert recovery() == result
 
 
-def test_limits_of_the_search(monkeypatch):
+def test_impulses_are_zero_or_the_strongest_where_all_robots_fail_or_survive(monkeypatch):
     pretend(monkeypatch, lambda angle, robot: 0.0 * angle)
     assert recovery().max_impulse == (0.0,) * 8
     rounds = pretend(monkeypatch, lambda angle, robot: 2.0, unpushed=Outcome.STALLED)
@@ -274,15 +274,16 @@ def test_a_robot_keeps_its_friction_and_load_over_all_pushes():
         np.testing.assert_array_equal(second, np.tile(first, 2))
 
 
-def test_pushes_take_place_under_the_evaluation_s_disturbance(monkeypatch):
+def test_pushes_take_place_under_the_disturbance_of_the_evaluation(monkeypatch):
     seen = []
     pretend(monkeypatch, lambda angle, robot: 1.0)
     run_pretended = push_module.run_episodes
-    monkeypatch.setattr(
-        push_module,
-        "run_episodes",
-        lambda job, *rest: seen.append(job.disturbance) or run_pretended(job, *rest),
-    )
+
+    def run_and_note(job, workers, title):
+        seen.append(job.disturbance)
+        return run_pretended(job, workers, title)
+
+    monkeypatch.setattr(push_module, "run_episodes", run_and_note)
     disturbance = DisturbanceConfig(pushes=3, delay=3, friction=(0.6, 0.6))
     evaluation = replace(CONFIG.evaluation, disturbance=disturbance)
     recovery(replace(CONFIG, evaluation=evaluation))
@@ -295,7 +296,7 @@ def still(posture):
     return lambda state, tick, command: MotionPlan(reference, 0 * reference, 0 * reference)
 
 
-def test_robots_that_fall_before_the_push_are_not_branch_at_push():
+def test_robots_that_fall_before_the_push_are_not_in_the_branch():
     begin = job_of(2, 0.6, plan=still(np.zeros(12)))  # straight legs: they topple
     v = begin.starts.v.copy()
     v[0, 3] = 20.0  # the first one at once

@@ -65,7 +65,7 @@ def test_resamples_are_draws_with_replacement():
         resamples(0)
 
 
-def test_percentiles_cut_a_fortieth_off_each_end():
+def test_percentiles_hold_the_middle_95_percent():
     assert percentiles(np.arange(1001.0)) == (25.0, 975.0)
 
 
@@ -113,8 +113,8 @@ def test_pairs_that_are_all_alike_or_single():
 
 def test_pairs_without_an_outcome_are_an_error():
     for a, b, message in (
-        ([1, 2], [1], "one number a start"),
-        ([[1]], [[1]], "one number a start"),
+        ([1, 2], [1], "one number per start"),
+        ([[1]], [[1]], "one number per start"),
         ([np.nan, 1.0], [1.0, np.nan], "of 2 starts none"),
         ([], [], "of 0 starts none"),
     ):

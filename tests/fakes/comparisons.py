@@ -1,7 +1,6 @@
 """Untrained runs to compare, and measurements of them with known answers."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from surefoot.study.records import Comparison
 from surefoot.workers import Workers
 from tests.fakes.learning import spec_of
 from tests.fakes.results import push_result, robustness
+from tests.fakes.rollouts import summary_of
 from tests.fakes.runs import collected_record, gate_record, trained_record, validated_record
 
 SMALL = PolicyConfig(hidden=(4,))
@@ -29,8 +29,8 @@ class Interrupted(Exception):
     """Stands for Ctrl-C."""
 
 
-def collected(iteration, **changes) -> Collected:
-    """The record of a collection: by default 10 rollouts of 6 s, of which the expert drove 1 s."""
+def ten_rollouts(iteration, **changes) -> Collected:
+    """The record of a collection: 10 rollouts of 6 s, of each of which the expert drove 1 s."""
     share = 1.0 if iteration == 0 else 1 / 6
     defaults = {
         "episodes": 10,
@@ -59,7 +59,7 @@ def run_of(folder: Path, method, weights_seed: int, best: int | None = 0, **conf
     for i in range(iterations):
         save_policy(run.policy_path(i), weights_seed + i)
         run.append_metrics(
-            collected(i, falls=3 * i, near_falls=4 * i, near_falls_in_tail=2 * i, plans=1200)
+            ten_rollouts(i, falls=3 * i, near_falls=4 * i, near_falls_in_tail=2 * i, plans=1200)
         )
         run.append_metrics(trained_record(i, seconds=20.0))
         run.append_metrics(gate_record("classifier", i, seconds=0.5))
@@ -70,10 +70,10 @@ def run_of(folder: Path, method, weights_seed: int, best: int | None = 0, **conf
 
 
 def pretend_measurements(monkeypatch, stop_after=1000) -> list[tuple]:
-    """Of four starts the expert loses none, the run `bc` the first two, `safe` the second.
+    """Of four starts the expert loses none, run `bc` the first two, run `safe` the second.
 
     Returns:
-        The measurements so far: which, in which simulator, of which run.
+        The measurements so far: what was measured, in which simulator, of which run.
     """
     calls = []
     lost = {None: (), "bc": (0, 1), "safe": (1,)}
@@ -97,7 +97,7 @@ def pretend_measurements(monkeypatch, stop_after=1000) -> list[tuple]:
             stalls=int((outcome == Outcome.STALLED).sum()),
         )
         strict = np.array([True, False, True, True])
-        return figures, SimpleNamespace(outcome=outcome, strict=strict)
+        return figures, summary_of(outcome, strict=strict)
 
     def push_recovery(config, policy, workers):
         run = count("push", config, policy)

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import surefoot.config
+import surefoot.methods
 from surefoot.files import load_arrays
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
@@ -35,10 +37,6 @@ from tests.fakes.toy_runs import (
 
 pytestmark = pytest.mark.usefixtures("toys")
 
-
-every_method = pytest.mark.parametrize("name", METHODS)
-
-
 in_every_iteration = pytest.mark.parametrize(
     ("name", "i"),
     [
@@ -46,6 +44,10 @@ in_every_iteration = pytest.mark.parametrize(
         *((n, i) for n in METHODS if n != "behavior_cloning" for i in (1, 2)),
     ],
 )
+
+
+def test_every_method_has_parameters_of_its_name():
+    assert list(surefoot.methods.METHODS) == list(surefoot.config.METHODS)
 
 
 @in_every_iteration
@@ -127,9 +129,8 @@ def test_all_iterative_methods_begin_with_the_same_data(runs, name):
     assert replace(collected(runs(name), 0), seconds=first.seconds) == first
 
 
-@every_method
+@pytest.mark.parametrize("name", METHODS)
 def test_shards_summaries_and_metrics_count_the_same_frames(runs, name):
-    """In the shards, in the summaries, in the metrics."""
     run = runs(name)
     running = 0
     ids = []
@@ -217,7 +218,7 @@ def test_a_run_killed_before_and_after_each_record_ends_with_the_same_bits(
             raise Killed
         return append_metrics(run, record)
 
-    # The whole run first: its records must not die.
+    # The undisturbed run first: it must not be killed.
     stages = stages_of(small(name))
     monkeypatch.setattr(Run, "append_metrics", append_and_die)
     for _ in range(2 * len(stages)):

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.rollouts.jobs import play_out
-from tests.fakes.toy_runs import (
-    answers,
-    collection,
-    replayed,
-)
+from tests.fakes.toy_runs import answers, collection, replayed
 from tests.fakes.toy_worlds import shifted
 
 pytestmark = pytest.mark.usefixtures("toys")

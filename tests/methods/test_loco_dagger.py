@@ -5,16 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import (
-    DisturbanceConfig,
-    LocoDaggerConfig,
-)
+from surefoot.config import DisturbanceConfig, LocoDaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.jobs import play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.run import Run
 from surefoot.scenarios.disturbance import draw_disturbances
-from surefoot.types import State
+from tests.fakes.rollouts import blank
 from tests.fakes.runs import collected
 from tests.fakes.toy_runs import (
     CONFIG,
@@ -72,8 +69,8 @@ def test_the_share_of_iteration_i_is_alpha_to_the_i_minus_one(runs):
         ids = np.arange(2000)
         still = np.zeros(2000, int)
         coin.reset(ids)
-        no_state: State = None  # type: ignore[assignment]
-        drives = [coin.choose(no_state, still + 50 * t, np.zeros((2000, 3))) for t in range(20)]
+        state = blank(2000, 1).seen[:, 0]
+        drives = [coin.choose(state, still + 50 * t, np.zeros((2000, 3))) for t in range(20)]
         sd = np.sqrt(share * (1 - share) / 40_000)
         assert abs(np.mean(drives) - share) <= 4.5 * sd
 

@@ -7,10 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import (
-    BehaviorCloningConfig,
-    ExpertData,
-)
+from surefoot.config import BehaviorCloningConfig, ExpertData
 from surefoot.learning.dataset import Frames
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import load
@@ -64,7 +61,7 @@ def test_each_policy_is_trained_on_all_data_so_far(finished):
         digest = collected(finished, i).dataset_hash
         assert policy.provenance["dataset_hash"] == digest
         assert policy.provenance["iteration"] == i
-        # Normalisers are those of the pre-training.
+        # The normalizers are those of the pre-training.
         assert (policy.network.mean == policies[0].network.mean).all()
 
 
@@ -78,11 +75,11 @@ def test_each_policy_is_what_training_the_last_one_on_that_data_gives(finished, 
     frames = of_iterations(finished, range(i + 1))
     order = int(finished.seed("order", i).generate_state(1)[0])
     result = fit(network, frames, RESCUING.training, spec_of(RESCUING.policy), 1, order)
-    trained = load(finished.policy_path(i)).network.state_dict()
+    after = load(finished.policy_path(i)).network.state_dict()
     before = network.state_dict()
     for name, tensor in result.network.state_dict().items():
-        assert (tensor == trained[name]).all(), name
-    assert (before["linear.0.weight"] != trained["linear.0.weight"]).any()
+        assert (tensor == after[name]).all(), name
+    assert (before["linear.0.weight"] != after["linear.0.weight"]).any()
 
 
 @pytest.mark.parametrize("i", [1, 2])
@@ -104,7 +101,6 @@ def test_pretraining_starts_are_nominal_and_first_perturbations(finished):
     np.testing.assert_array_equal(job.starts.v[:2], 0.0)
     np.testing.assert_array_equal(job.starts.tick[:2], 0)
     np.testing.assert_array_equal(job.starts.command[:2, 0], [0.0, 0.3])
-    np.testing.assert_array_equal(job.starts.tick[:2], 0)
     pretraining = of_iterations(finished, [0])
     assert pretraining.expert_drove.all()
     assert len(pretraining) == 22 * 120

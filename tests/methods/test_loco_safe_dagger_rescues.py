@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import (
-    LocoSafeDaggerConfig,
-)
+from surefoot.config import LocoSafeDaggerConfig
 from surefoot.files import load_arrays
 from surefoot.learning.classifier import load_classifier
 from surefoot.methods import METHODS, loco_safe_dagger

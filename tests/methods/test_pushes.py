@@ -5,17 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import (
-    DisturbanceConfig,
-)
+from surefoot.config import DisturbanceConfig
 from surefoot.scenarios.disturbance import draw_disturbances
 from tests.fakes.runs import fingerprint
-from tests.fakes.toy_runs import (
-    CONFIG,
-    SMALL_METHODS,
-    replayed,
-    run_method,
-)
+from tests.fakes.toy_runs import CONFIG, SMALL_METHODS, replayed, run_method
 from tests.fakes.toy_worlds import expected_kicks, kicks
 
 pytestmark = pytest.mark.usefixtures("toys")

@@ -17,41 +17,35 @@ from surefoot.scenarios.starts import load_starts
 from tests.fakes.learning import OBSERVATION_SPEC
 from tests.fakes.runs import best, gate_trained
 from tests.fakes.toy import plan
-from tests.fakes.toy_runs import (
-    CONFIG,
-    alarms,
-    kept_in,
-    last_block,
-    replayed,
-)
+from tests.fakes.toy_runs import CONFIG, alarms, kept_in, last_block, replayed
 
 pytestmark = pytest.mark.usefixtures("toys")
 
 
 def deviations(run, i, frames):
-    """(n, 12) what policy i's targets differ by from the labels, and the labels [rad]."""
+    """(n, 12) how much policy i's outputs differ from the targets, and the targets [rad]."""
     policy = load(run.policy_path(i))
     inputs = torch.from_numpy(
         network_input(frames.state, frames.tick, frames.command, OBSERVATION_SPEC)
     )
     with torch.no_grad():
-        target = policy.network(inputs).numpy().astype(float)
+        output = policy.network(inputs).numpy().astype(float)
     kp = CONFIG.policy.kp
     kd = CONFIG.policy.kd
-    label = (frames.torque + kd * frames.v[:, 6:]) / kp + frames.q[:, 7:]
-    return target - label, label
+    target = (frames.torque + kd * frames.v[:, 6:]) / kp + frames.q[:, 7:]
+    return output - target, target
 
 
 def test_tau_is_the_configured_quantile_of_the_frames_held_out(runs):
     run = runs("safe_dagger")
     frames = kept_in(run, 0)
-    error, label = deviations(run, 0, frames)
+    error, target = deviations(run, 0, frames)
     done = gate_trained(run, "classifier", 0)
     assert done.sigma is not None
-    np.testing.assert_allclose(done.sigma, label.std(axis=0), rtol=1e-4)
+    np.testing.assert_allclose(done.sigma, target.std(axis=0), rtol=1e-4)
     held = held_out(frames.episode, CONFIG.training.validation)
     assert 0 < held.sum() < len(frames)
-    deviation = ((error / label.std(axis=0)) ** 2).sum(axis=1)
+    deviation = ((error / target.std(axis=0)) ** 2).sum(axis=1)
     assert (deviation[held] > done.tau).mean() == pytest.approx(0.3, abs=2 / held.sum())
     assert done.tau == pytest.approx(np.quantile(deviation[held], 0.7), rel=1e-3)
     for i in (1, 2):  # the same tau and sigma for every policy

@@ -1,31 +1,25 @@
-"""The cost of a collection: falls, near falls, who drove."""
+"""The cost of a collection, and what a whole run cost, from what is recorded of its iterations."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from surefoot.config import (
-    DisturbanceConfig,
-)
+from surefoot.config import DisturbanceConfig
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out, run_chunk
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import join_summaries
-from surefoot.runs.accounting import collection_cost
-from surefoot.runs.sampling import (
-    keep_unless_failed,
-)
+from surefoot.rollouts.summary import Summary, join_summaries
+from surefoot.runs.accounting import StageSeconds, collection_cost, run_cost
+from surefoot.runs.metrics import Best, StageRecord
+from surefoot.runs.sampling import keep_unless_failed
 from surefoot.scenarios.disturbance import Disturbance, Pushes
 from surefoot.scenarios.starts import load_starts
 from tests.fakes import toy
-from tests.fakes.toy_runs import (
-    CONFIG,
-    angles,
-)
-
-pytestmark = pytest.mark.usefixtures("toys")
+from tests.fakes.comparisons import ten_rollouts
+from tests.fakes.runs import collected_record, gate_record, trained_record, validated_record
+from tests.fakes.toy_runs import CONFIG, angles
 
 
 def pushed_expert(impulses, at, **disturbance):
@@ -44,6 +38,7 @@ def pushed_expert(impulses, at, **disturbance):
     )
 
 
+@pytest.mark.usefixtures("toys")
 def test_a_pushed_robot_may_tilt_further_where_the_disturbance_says_so():
     """Unpushed, beyond 20 degrees, beyond 30 before the tail, in the tail, beyond 60."""
     impulses = [0.0, 0.8, 1.5, 1.5, 2.5]
@@ -72,3 +67,82 @@ def test_a_pushed_robot_may_tilt_further_where_the_disturbance_says_so():
         summary = run_chunk(pushed_expert(impulses, at, fall_angle=angle)).summary
         assert summary.outcome.tolist() == [up, up, fell, fell, fell]
         assert collection_cost(summary).near_falls == 0
+
+
+# --- a whole run
+
+
+def random_summary(rng, n: int, T: int, tail: int, drove: float, fell: float, query: bool = False):
+    """n random episodes; ``drove`` is the expert's mean share."""
+    failed = rng.random(n) < fell
+    proper = np.where(failed, rng.integers(T // 2, T, n), T)
+    counts = {field.name: rng.integers(0, 50, n) for field in fields(Summary)}
+    chosen = {
+        "query": np.full(n, query),
+        "outcome": np.where(failed, int(Outcome.FELL), int(Outcome.SUCCESS)),
+        "proper_ticks": proper,
+        "ticks": proper + np.where(failed, 0, tail),
+        "expert_ticks": np.round(proper * (drove if drove == 1 else rng.random(n) * drove)).astype(
+            int
+        ),
+        "tilted_far": rng.random((n, 2)) < 0.3,
+        "expert_drove_last": rng.random(n) < 0.5,
+        "expert_drove_before": rng.random(n) < 0.5,
+    }
+    return Summary(**(counts | chosen))
+
+
+@pytest.mark.parametrize("tail", [0, 1000])
+@pytest.mark.parametrize("queries", [False, True])
+@pytest.mark.parametrize("fell", [0.0, 0.4])
+def test_the_cost_of_a_run_is_pooled_exactly(tail, queries, fell):
+    """From the records of the iterations alone, as if all rollouts had been in one."""
+    rng = np.random.default_rng(int(tail + 10 * fell) + queries)
+    T = 5000
+    records = []
+    parts = []
+    for i in range(5):
+        tail = 0 if queries else tail
+        drove = 1.0 if i == 0 or (i == 1 and queries) else 0.8**i
+        part = random_summary(rng, 10 + i, T, 0 if i == 0 else tail, drove, fell)
+        if queries and i > 0:
+            part = join_summaries([part, random_summary(rng, 50, 1000, 0, 1.0, fell, query=True)])
+        records.append(collected_record(i, seconds=2.0, **vars(collection_cost(part))))
+        parts.append(part)
+    cost = run_cost(records, T / 1000)
+    pooled = collection_cost(join_summaries(parts[1:]))
+    assert cost.episodes == pooled.episodes
+    assert cost.falls == pooled.falls
+    assert cost.takeovers == pooled.takeovers
+    assert cost.expert_share == pytest.approx(pooled.expert_share, rel=1e-9)
+    assert cost.falls_per_robot_minute == pytest.approx(pooled.falls_per_robot_minute, rel=1e-9)
+    assert cost.expert_share is not None and cost.expert_share < 0.99
+    everything = collection_cost(join_summaries(parts))
+    assert cost.expert_seconds == pytest.approx(everything.expert_seconds)
+    assert cost.plans == everything.plans
+    assert cost.frames_kept == everything.frames_kept
+    assert cost.queries_failed == everything.queries_failed
+    assert cost.recoveries_tilted == everything.recoveries_tilted
+    assert cost.near_falls == everything.near_falls
+    assert cost.near_falls_in_tail == everything.near_falls_in_tail
+    assert cost.pretraining_episodes == 10
+    assert cost.seconds == StageSeconds(collect=10.0, train=0, validate=0, gates=0)
+
+
+def test_in_a_series_of_sizes_only_the_time_of_the_last_policy_counts():
+    records: list[StageRecord] = [ten_rollouts(0)]
+    for size in range(3):
+        records.append(trained_record(size, seconds=10.0 * (size + 1)))
+        records.append(validated_record(size, seconds=size + 1.0))
+    records.append(Best(best_iteration=2))
+    assert run_cost(records, 0.0).seconds == StageSeconds(100.0, 30.0, 3.0, 0)
+    # In an iterative method each policy continues from the one before.
+    records += [ten_rollouts(i) for i in (1, 2)]
+    assert run_cost(records, 6.0).seconds == StageSeconds(300.0, 60.0, 6.0, 0)
+
+
+def test_the_training_of_gates_has_its_time():
+    records: list[StageRecord] = [ten_rollouts(i) for i in (0, 1)]
+    records.append(gate_record("classifier", 0, seconds=2.0))
+    records.append(gate_record("history", 1, seconds=3.0))
+    assert run_cost(records, 6.0).seconds == StageSeconds(200.0, 0, 0, 5.0)

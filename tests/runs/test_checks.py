@@ -53,7 +53,7 @@ def test_every_preset_can_be_run(method, name):
         ),
     ],
 )
-def test_what_cannot_be_had_is_refused(config, message):
+def test_a_run_that_cannot_be_done_is_refused(config, message):
     with pytest.raises(ValueError, match=message):
         check_config(config)
 
@@ -69,7 +69,7 @@ def test_a_gpu_that_is_not_there_is_refused():
         check_config(Config(training=TrainingConfig(device="cuda")))
 
 
-def test_parameters_belong_to_the_run_s_method(tmp_path):
+def test_parameters_are_those_of_the_runs_method(tmp_path):
     run = Run(tmp_path, replace(Config(), method=DaggerConfig(p=0.25)))
     assert parameters(run, DaggerConfig).p == 0.25
     with pytest.raises(TypeError, match="configured for dagger, not for loco_dagger"):

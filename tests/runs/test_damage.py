@@ -76,13 +76,13 @@ def test_a_disk_that_is_full_for_a_file(finished, tmp_path, monkeypatch, name):
 
 
 def test_no_space_for_the_temporary_file_of_training(tmp_path, monkeypatch):
-    examples = TrainingSamples(BLOCK * WIDTH * 4, tmp_path)
+    samples = TrainingSamples(BLOCK * WIDTH * 4, tmp_path)
     full = Path("/dev/full").open("r+b", 0)  # noqa: SIM115
     monkeypatch.setattr("tempfile.TemporaryFile", lambda dir: full)
-    rows = examples._memory.numpy()[:200]
-    examples.append(rows)
+    rows = samples._memory.numpy()[:200]
+    samples.append(rows)
     with pytest.raises(WriteError, match=r"a temporary file in .* cannot be written.*No space"):
-        examples.append(rows)
+        samples.append(rows)
 
 
 @pytest.fixture

@@ -52,9 +52,9 @@ def test_what_is_not_there_or_not_finished_is_an_error(tmp_path):
 
 def rewrite(run: Run, **changes) -> None:
     path = run.folder / "config.json"
-    record = json.loads(path.read_text())
-    record["config"] = to_json(replace(run.config, **changes))
-    path.write_text(json.dumps(record))
+    values = json.loads(path.read_text())
+    values["config"] = to_json(replace(run.config, **changes))
+    path.write_text(json.dumps(values))
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ import surefoot.files
 import surefoot.runs.run as run_module
 from surefoot.config import BehaviorCloningConfig, Config, LocoSafeDaggerConfig
 from surefoot.runs.metrics import Best
-from surefoot.runs.run import Run, RunError, create, open_run, run_of_policy
-from surefoot.runs.versions import PACKAGES, versions
+from surefoot.runs.run import RunError, create, open_run, run_of_policy
+from surefoot.runs.versions import versions
 from tests.fakes.runs import (
     EVERY_RECORD,
     collected_record,
@@ -37,11 +37,8 @@ def test_a_new_run_stands_in_its_folder_and_can_be_opened(tmp_path):
     assert opened.method == "loco_safe_dagger"
     assert opened.dataset.frames == 0
     assert opened.policy_path(3) == run.folder / "policies" / "003.safetensors"
-    record = json.loads((run.folder / "config.json").read_text())
-    assert record["versions"] == versions()
-    assert {"python", "processor", *PACKAGES} <= set(record["versions"])
-    # PyBullet's version counts only where it is the simulator.
-    assert set(versions("bullet")) - set(record["versions"]) == {"pybullet"}
+    values = json.loads((run.folder / "config.json").read_text())
+    assert values["versions"] == versions()
 
 
 def test_an_existing_run_is_neither_overwritten_nor_resumed_unasked(tmp_path):
@@ -56,7 +53,7 @@ def test_an_existing_run_is_neither_overwritten_nor_resumed_unasked(tmp_path):
     assert open_run(run.folder).metrics == [collected_record(0)]
 
 
-def test_resuming_goes_on_with_the_same_configuration_only(tmp_path):
+def test_a_run_is_resumed_with_its_own_configuration_only(tmp_path):
     create(tmp_path / "run", CONFIG).append_metrics(collected_record(0))
     resumed = create(tmp_path / "run", CONFIG, resume=True)
     assert resumed.collected(0) == collected_record(0)
@@ -270,7 +267,6 @@ def test_best_policy_is_known_once_the_run_is_finished(tmp_path):
         _ = run.best_policy_path
     run.append_metrics(Best(best_iteration=2))
     assert run.best_policy_path == run.policy_path(2)
-    assert isinstance(run, Run)
 
 
 def test_a_run_is_claimed_before_its_config_is_written(tmp_path, monkeypatch):

@@ -3,19 +3,10 @@
 import numpy as np
 import pytest
 
-from surefoot.config import (
-    Config,
-    ExpertData,
-    LocoSafeDaggerConfig,
-)
+from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig
 from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.outcome import Outcome
-from surefoot.runs.sampling import (
-    draw_starts,
-    expert_frames,
-    expert_rollouts,
-    keep_unless_failed,
-)
+from surefoot.runs.sampling import draw_starts, expert_frames, expert_rollouts, keep_unless_failed
 from surefoot.scenarios.starts import load_starts
 from tests.fakes.rollouts import blank
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import surefoot.runs.stages
-from surefoot.config import (
-    ExpertData,
-)
+from surefoot.config import ExpertData
 from surefoot.learning.dataset import Dataset, DatasetError
 from surefoot.methods.behavior_cloning import behavior_cloning, collection
 from surefoot.runs.run import Run, create, open_run
@@ -92,12 +90,12 @@ def test_a_collection_begun_by_another_expert_is_refused(finished, tmp_path, mon
             behavior_cloning(create(tmp_path / "run", CLONING), workers=Workers(1))
     with pytest.raises(ValueError, match="another expert than stiff"):
         behavior_cloning(open_run(tmp_path / "run"), workers=Workers(1), plan=stiff)
-    # And nothing of the other was stored: the first one goes on.
+    # And nothing of the other was stored: with the first one the run resumes.
     behavior_cloning(open_run(tmp_path / "run"), workers=Workers(1))
     assert fingerprint(open_run(tmp_path / "run")) == fingerprint(finished)
 
 
-def test_resuming_over_other_data_is_refused(finished, tmp_path, monkeypatch):
+def test_resuming_over_other_data_is_refused(finished, tmp_path):
     """A shard of other frames under the name that the stage wants is never silently taken."""
     other = replace(CLONING, method=replace(CLONING.method, data=ExpertData(1, 1, False, 0.1)))
     run = create(tmp_path / "run", CLONING)

@@ -12,12 +12,7 @@ from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.runs.run import create, open_run
 from surefoot.runs.tensorboard import log_to_tensorboard
 from surefoot.workers import Workers
-from tests.fakes.runs import (
-    collected_record,
-    gate_record,
-    trained_record,
-    validated_record,
-)
+from tests.fakes.runs import collected_record, gate_record, trained_record, validated_record
 
 CONFIG = replace(Config(), method=LocoSafeDaggerConfig(iterations=2))
 needs_tensorboard = pytest.mark.usefixtures("tensorboard")

@@ -2,8 +2,6 @@
 
 import platform
 
-import pytest
-
 from surefoot.runs import versions as module
 from surefoot.runs.versions import PACKAGES, processor, versions
 
@@ -41,8 +39,3 @@ def test_where_linux_says_nothing_the_machine_is_named(monkeypatch):
 
     monkeypatch.setattr(module.Path, "read_text", missing)
     assert processor() == platform.machine()
-
-
-@pytest.mark.parametrize("backend", ["mujoco", "bullet"])
-def test_the_versions_are_the_same_each_time(backend):
-    assert versions(backend) == versions(backend)

@@ -29,13 +29,7 @@ from surefoot.study.ground import label_of
 from surefoot.study.records import Difference, Differences, read_comparison
 from surefoot.study.tables import comparison_tables
 from surefoot.workers import Workers
-from tests.fakes.comparisons import (
-    Interrupted,
-    measure,
-    pretend_measurements,
-    run_of,
-    save_policy,
-)
+from tests.fakes.comparisons import Interrupted, measure, pretend_measurements, run_of, save_policy
 
 DATA = ExpertData(1, 1, False, 0.2)
 
@@ -120,16 +114,16 @@ def test_other_names_and_more_runs_cost_only_what_is_new(monkeypatch, runs, tmp_
     pretend_measurements(monkeypatch)
     measure(runs[:1], path, simulators=("mujoco",))
     calls = pretend_measurements(monkeypatch)
-    names = ("mine", "cloned")
+    names = ("rescued", "cloned")
     comparison = measure(runs[::-1], path, simulators=("mujoco",), names=names, baseline=runs[1])
     assert calls == [("evaluation", "mujoco", "safe"), ("push", "mujoco", "safe")]
-    assert [row.label for row in comparison.rows] == ["expert", "mine", "cloned"]
-    assert comparison.baseline == "mine"
+    assert [row.label for row in comparison.rows] == ["expert", "rescued", "cloned"]
+    assert comparison.baseline == "rescued"
     to_baseline = comparison.rows[2].differences["mujoco"].baseline
     assert to_baseline is not None and to_baseline.success is not None
     assert to_baseline.success.difference == -0.25
     before = path.read_bytes()
-    with pytest.raises(ValueError, match=r"also holds results of mine .*name these runs too"):
+    with pytest.raises(ValueError, match=r"also holds results of rescued .*name these runs too"):
         measure(runs[:1], path)
     assert path.read_bytes() == before
 
@@ -167,7 +161,7 @@ def test_a_file_of_other_settings_is_refused(monkeypatch, runs, tmp_path):
     with pytest.raises(ValueError, match="other episodes; name another file"):
         compare(runs, Measurements(episodes=3), Workers(1), path)
     save_policy(open_run(runs[0]).policy_path(0), 9)
-    with pytest.raises(ValueError, match="trained on has another policy"):
+    with pytest.raises(ValueError, match="trained further has another policy"):
         measure(runs, path)
     assert path.read_bytes() == before
 

@@ -19,14 +19,11 @@ from surefoot.study.expert_survey import (
 )
 from surefoot.study.records import Survey, SurveyCell, Survival, read_survey
 from surefoot.workers import Workers
+from tests.fakes.comparisons import Interrupted
 from tests.fakes.results import push_result, robustness
 from tests.fakes.rollouts import summary_of
 
 CONFIG = Config()
-
-
-class Interrupted(Exception):
-    """Stands for Ctrl-C."""
 
 
 def pretend_measurements(monkeypatch, stop_after=1000):

@@ -14,7 +14,7 @@ from surefoot.config import (
 )
 from surefoot.runs.run import RunError, create, open_run
 from surefoot.study.ground import WhichPolicy, open_comparable_runs, rows_of
-from tests.fakes.comparisons import SMALL, collected, run_of
+from tests.fakes.comparisons import SMALL, run_of, ten_rollouts
 
 BASE = Config()
 
@@ -57,20 +57,20 @@ def test_what_bears_on_training_only_may_differ(runs, tmp_path):
     ("name", "changes", "message"),
     [
         ("starts", {"starts_hash": "0123456789"}, "made from other starts .01234567"),
-        ("own", {"expert": "mine.plan"}, "own expert mine.plan"),
+        ("own", {"expert": "lab.plan"}, "own expert lab.plan"),
     ],
 )
 def test_a_run_from_other_starts_or_of_an_own_expert_is_refused(
     runs, tmp_path, name, changes, message
 ):
     run = create(tmp_path / name, Config(policy=SMALL))
-    run.append_metrics(collected(0, **changes))
+    run.append_metrics(ten_rollouts(0, **changes))
     with pytest.raises(ValueError, match=f"{name} .*{message}"):
         open_comparable_runs([*runs, run.folder])
 
 
 def test_no_runs_are_an_error():
-    with pytest.raises(ValueError, match="compare what"):
+    with pytest.raises(ValueError, match="no runs to compare"):
         open_comparable_runs([])
 
 
@@ -95,7 +95,7 @@ def test_one_policy_twice_is_an_error(runs):
         rows([runs[0], runs[0]], ("a", "b"))
 
 
-def test_best_or_last_policy(tmp_path):
+def test_the_best_or_the_last_policy_of_a_run_is_compared(tmp_path):
     folder = run_of(tmp_path / "safe", LocoSafeDaggerConfig(gates=("history",)), 50)
     run = open_run(folder)
     best = rows([folder])[1]

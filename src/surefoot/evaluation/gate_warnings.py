@@ -6,16 +6,17 @@ at which the engine finds the robot fallen:
 
 - An alarm is a tick at which the gate says unsafe. It belongs to the fall if it lies in the 1.5 s
   before, [f - 1500, f - 1].
-- The alarm lead time is f minus the first alarm that belongs to the fall (1.5 s at most); 0 without
-  any.
+- The alarm lead time is f minus the tick of the first alarm that belongs to the fall (1.5 s at
+  most); without such an alarm it is 0.
 - The fall is announced if its lead time is at least 0.2 s.
 - A takeover is an alarm with no takeover in the T_block before it: the expert would be driving.
 - A takeover is false if no fall follows within 1.5 s. Where the episode ends before that, this is
   unknown, and neither takeover nor time counts.
 
-A gate that says unsafe more often announces no fewer falls; what it costs are false takeovers. What
-it would announce by chance is measured where no robot fell: the share of ticks at which it would
-have announced a fall. `surefoot gate-warnings` measures this for the gates of a run.
+A gate that says unsafe more often announces no fewer falls, at the cost of false takeovers. What
+it would announce by chance is measured on the robots that did not fall: it is the share of ticks at
+which a fall would have been announced. `surefoot gate-warnings` measures all this for the gates of
+a run.
 """
 
 from __future__ import annotations
@@ -35,16 +36,16 @@ from surefoot.rollouts.jobs import Job, chunks_of, play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import Gate
 from surefoot.scenarios.starts import load_starts
-from surefoot.types import Array, BoolArray, IntArray
+from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray
 from surefoot.workers import Workers, map_chunks
 
-BELONGS = 1500
-"""[ms] An alarm belongs to a fall if it comes at most so long before it."""
-AHEAD = 200
-"""[ms] An alarm announces a fall if it comes at least so long before it."""
+LONGEST_LEAD = 1500
+"""[ms] An alarm belongs to a fall if it comes at most this long before it."""
+SHORTEST_LEAD = 200
+"""[ms] An alarm announces a fall if it comes at least this long before it."""
 BLOCK = 2000
-"""[ms] No takeover follows another so soon (the paper's T_block)."""
-TICKS_PER_MINUTE = 60_000
+"""[ms] A takeover is not followed by another one for this long (the paper's T_block)."""
+TICKS_PER_MINUTE = 60 * TICKS_PER_SECOND
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class GateWarnings:
     """How well one gate warned of the falls of n robots that drove alone.
 
     The intervals of the lead time and of the rate are 95 % percentile bootstrap intervals, over
-    falls and over robots. What there are no falls, or no minutes, for is None.
+    falls and over robots. A figure is None where there are no falls, or no minutes, to base it
+    on.
 
     Attributes:
         announced: Number of falls announced at least 0.2 s ahead.
@@ -211,14 +213,14 @@ def warnings_of(alarm: BoolArray, length: IntArray, fell: BoolArray) -> GateWarn
     """
     T = alarm.shape[1]
     # From these ticks on, 1.5 s were seen, or a fall.
-    known = np.where(fell, length, np.maximum(T - BELONGS, 0))
+    known = np.where(fell, length, np.maximum(T - LONGEST_LEAD, 0))
     number = np.zeros(len(alarm))
     false = np.zeros(len(alarm))
     for robot, row in enumerate(alarm):
         ticks = takeovers(row)
         ticks = ticks[ticks < known[robot]]
         number[robot] = len(ticks)
-        false[robot] = len(ticks) - (fell[robot] & (length[robot] - ticks <= BELONGS)).sum()
+        false[robot] = len(ticks) - (fell[robot] & (length[robot] - ticks <= LONGEST_LEAD)).sum()
     minutes = known / TICKS_PER_MINUTE
     false_per_minute = None
     false_interval = None
@@ -227,7 +229,7 @@ def warnings_of(alarm: BoolArray, length: IntArray, fell: BoolArray) -> GateWarn
         false_interval = _rate_interval(false, minutes)
     lead = lead_ticks(alarm[fell], length[fell])
     falls = len(lead)
-    announced = int((lead >= AHEAD).sum())
+    announced = int((lead >= SHORTEST_LEAD).sum())
     return GateWarnings(
         announced=announced,
         announced_share=announced / falls if falls else None,
@@ -269,7 +271,7 @@ def lead_ticks(alarm: BoolArray, fall: IntArray) -> Array:
         ``(n,)`` ticks from the first alarm that belongs to the fall to the fall; 0 without any.
     """
     ahead = fall[:, None] - np.arange(alarm.shape[1])
-    return np.where(alarm & (ahead >= 1) & (ahead <= BELONGS), ahead, 0).max(axis=1, initial=0)
+    return np.where(alarm & (ahead >= 1) & (ahead <= LONGEST_LEAD), ahead, 0).max(axis=1, initial=0)
 
 
 def chance_share(alarm: BoolArray) -> float | None:
@@ -279,12 +281,12 @@ def chance_share(alarm: BoolArray) -> float | None:
         alarm: ``(n, T)`` True where the gate said unsafe, of robots that did not fall.
     """
     n, T = alarm.shape
-    if T <= BELONGS or not n:
+    if T <= LONGEST_LEAD or not n:
         return None
     # Number of alarms before each tick.
     before = np.cumsum(np.column_stack([np.zeros(n, int), alarm]), axis=1)
-    fall = np.arange(BELONGS, T)
-    return float((before[:, fall - AHEAD + 1] > before[:, fall - BELONGS]).mean())
+    fall = np.arange(LONGEST_LEAD, T)
+    return float((before[:, fall - SHORTEST_LEAD + 1] > before[:, fall - LONGEST_LEAD]).mean())
 
 
 def takeovers(alarm: BoolArray) -> IntArray:

@@ -68,15 +68,15 @@ class PushLimits:
 class PushResult(PushLimits):
     """The push limits of a controller, with intervals and with the outcome of every robot.
 
-    Intervals are 95 % percentile bootstrap intervals over robots, given the levels tried; with
-    simulated robots whose limits are normal they held the true limit 91 to 95 times in a hundred.
+    Intervals are 95 % percentile bootstrap intervals over robots, given the levels tried. For
+    robots with normally distributed limits, they covered the true limit in 91 to 95 of 100 trials.
     Where robots survive the strongest level, the interval ends there too.
 
     Attributes:
         split: Split of the initial states.
         lost_before: Number of robots that fell before the push; they fail at every level.
         share: Share of the robots that has to survive a level.
-        survived: For each direction and each of its levels, one digit a robot: 1 if it survived.
+        survived: For each direction and each of its levels, one digit per robot: 1 if it survived.
         interval: ``(D,)`` intervals of `fitted_impulse` [N s].
         mean_interval: Interval of `mean_fitted_impulse` [N s].
     """
@@ -95,8 +95,8 @@ class PushDifference:
 
     Attributes:
         difference: Difference of the mean fitted impulses [N s].
-        interval: Its 95 % bootstrap interval [N s]; a robot is drawn together in both arms, in all
-            directions and levels.
+        interval: Its 95 % bootstrap interval [N s]; each draw takes the same robots in both arms,
+            in all directions and at all levels.
     """
 
     difference: float
@@ -116,7 +116,7 @@ class Branch:
     up: BoolArray
 
     def survivors(self, angles: Array, impulses: Array, workers: Workers, title: str) -> BoolArray:
-        """Push every robot once for each direction.
+        """Push every robot once from each direction.
 
         Args:
             angles: ``(D,)`` directions [rad].
@@ -250,7 +250,7 @@ def states_at_the_end(job: Job) -> tuple[Starts, BoolArray]:
 
 
 def pushed_job(job: Job, angles: Array, impulses: Array) -> Job:
-    """The episodes of a job once for each direction, pushed in their first tick.
+    """The episodes of a job, once for each direction, pushed in their first tick.
 
     Args:
         job: n episodes.
@@ -321,7 +321,7 @@ def push_result(
     angles: Array,
     tried: Sequence[dict[int, BoolArray]],
 ) -> PushResult:
-    """The figures of a search.
+    """The result of a search.
 
     Args:
         stored: The set of initial states.

@@ -28,7 +28,7 @@ def fitted_level(levels: Sequence[float], successes: ArrayLike, needed: float) -
     Args:
         levels: The levels tried, rising [N s].
         successes: Number of robots that survived each level.
-        needed: Number of robots that have to.
+        needed: Number of robots that have to survive.
     """
     curve = isotonic_regression(np.asarray(successes), increasing=False).x.round(9)
     below = np.flatnonzero(curve < needed)
@@ -48,8 +48,8 @@ def resampled_impulses(
 
     Args:
         levels: For each of D directions, the levels tried, rising [N s].
-        survived: For each of these levels, one digit a robot: 1 if it survived.
-        needed: Number of robots that have to.
+        survived: For each of these levels, one digit per robot: 1 if it survived.
+        needed: Number of robots that have to survive.
 
     Returns:
         ``(RESAMPLES, D)`` impulses [N s].

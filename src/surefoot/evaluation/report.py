@@ -1,7 +1,7 @@
-"""What `surefoot evaluate` writes down: a policy, and the expert beside it, on the same ground.
+"""What `surefoot evaluate` writes: the results of a policy, and of the expert beside it.
 
-Robustness is described in `robustness`, pushes in `push`. The JSON is flat: the figures of the
-policy stand at the top, those of the expert under ``expert``.
+Read `robustness` and `push` for what the figures mean. In the JSON, those of the policy are at the
+top level, and those of the expert under ``expert``.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
 from surefoot.scenarios.starts import StartSet, load_starts
-from surefoot.types import TICKS_PER_SECOND, PlanFunction
+from surefoot.types import TICKS_PER_SECOND, Array, PlanFunction
 from surefoot.workers import Workers
 
 VelocityError = tuple[float | None, float | None, float | None]
@@ -36,7 +36,7 @@ class Robustness:
         starts_hash: SHA-256 of that set.
         split: Split of the set, `select` or `test`.
         episodes: Number n of episodes.
-        successes: Number of robots that neither fell nor stalled nor were given up.
+        successes: Number of robots that did not fall, stall or diverge.
         success_rate: Successes as a share of the episodes.
         success_interval: Wilson's 95 % interval of the success rate.
         falls: Number of robots that fell.
@@ -91,7 +91,7 @@ def evaluate(
         stored: The set of initial states; without it the package's first.
 
     Returns:
-        The figures, and the episodes that they sum up.
+        The figures, and the summary of the episodes that they are taken from.
 
     Raises:
         FileNotFoundError: There is no such policy.
@@ -151,7 +151,7 @@ def robustness_of(summary: Summary, stored: StartSet, split: str) -> Robustness:
     )
 
 
-def mean_error(errors: np.ndarray) -> VelocityError:
+def mean_error(errors: Array) -> VelocityError:
     """Mean of the errors of n episodes; numbers that are not finite are left out.
 
     Args:
@@ -161,7 +161,7 @@ def mean_error(errors: np.ndarray) -> VelocityError:
     return _mean(vx), _mean(vy), _mean(yaw_rate)
 
 
-def _mean(column: np.ndarray) -> float | None:
+def _mean(column: Array) -> float | None:
     """Mean of the finite numbers, None without any."""
     finite = np.isfinite(column)
     return float(column[finite].mean()) if finite.any() else None

@@ -109,7 +109,9 @@ def paired_difference(a: ArrayLike, b: ArrayLike) -> PairedDifference:
     a = np.asarray(a, float)
     b = np.asarray(b, float)
     if a.ndim != 1 or a.shape != b.shape:
-        raise ValueError(f"outcomes {a.shape} and {b.shape}; give one number a start, in both arms")
+        raise ValueError(
+            f"outcomes {a.shape} and {b.shape}; give one number per start, in both arms"
+        )
     differences = a - b
     differences = differences[~np.isnan(differences)]
     n = len(differences)
@@ -127,8 +129,8 @@ def run_bootstrap(values_by_run: Sequence[ArrayLike]) -> RunMeans:
     """Mean over training runs; every run has the same weight, however many rollouts it has.
 
     The bootstrap is hierarchical: runs are drawn, then rollouts of each drawn run. With few runs no
-    bootstrap says enough: with three (five, ten) normal ones it covers 75 (84, 90) instead of
-    95 %. Show every run.
+    bootstrap says enough: with three (five, ten) normally distributed runs, the interval covers the
+    truth in 75 (84, 90) % of the cases instead of 95 %. Show every run.
 
     Args:
         values_by_run: For each run ``(n,)`` an outcome of each rollout, none of them missing.

@@ -20,7 +20,8 @@ class Method:
     Attributes:
         train: ``train(run, workers, plan)`` trains a policy and returns its file; without a plan
             (None) the expert is the BiConMP-style planner.
-        collection: ``collection(run, i, plan)`` returns the rollouts of iteration i.
+        collection: ``collection(run, i, plan)`` returns the rollouts of iteration i, as a job
+            to run.
         title: Name of the method as the literature writes it.
     """
 

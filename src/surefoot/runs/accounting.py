@@ -1,6 +1,6 @@
 """The cost of data: falls and who drove, takeovers, the expert's share, and what was kept.
 
-`collection_cost` counts one iteration, `cost_of` adds up a whole run (the columns of the paper's
+`collection_cost` counts one iteration, `run_cost` adds up a whole run (the columns of the paper's
 comparison, IV-F). Read `rollouts.summary` for what is known of each episode, and `runs.metrics` for
 the records that a run keeps.
 """
@@ -34,7 +34,7 @@ class CollectionCost:
         falls_expert_driving: Number of falls at whose last tick the expert drove.
         falls_expert_driving_before: Number of falls that the expert drove half a second before.
         near_falls: Number of rollouts that tilted beyond ``safety.fall_angle`` and did not fall,
-            where ``collection.fall_angle`` allows for it.
+            where ``collection.fall_angle`` allows it.
         near_falls_in_tail: Number of rollouts that did so in the tail.
         diverged: Number of rollouts that the expert gave up on.
         stalls: Number of rollouts that ended upright without stepping.
@@ -83,7 +83,9 @@ class CollectionCost:
 
 @dataclass(frozen=True)
 class StageSeconds:
-    """Wall time of a run's stages, over all iterations; of a series of sizes, of the last size.
+    """Wall time of a run's stages, added up over its iterations.
+
+    In a series of dataset sizes (behavior cloning), only the policy of the last size counts.
 
     Attributes:
         collect: Wall time of collecting data [s].
@@ -102,7 +104,8 @@ class StageSeconds:
 class RunCost:
     """What a whole run cost; iteration 0 is the pre-training, where the expert drives alone.
 
-    What is over the later iterations is None for a run that has none (behavior cloning).
+    The fields from ``episodes`` to ``expert_share`` are about the later iterations, and None in a
+    run without any (behavior cloning).
 
     Attributes:
         expert_seconds: Time that the expert drove [s]. Where it is only asked (DAGGER), `plans`
@@ -112,7 +115,7 @@ class RunCost:
         queries: Number of the expert's rollouts from visited states (LocoDAGGER).
         queries_failed: Number of these that were lost.
         near_falls: Number of rollouts that tilted beyond ``safety.fall_angle`` and did not fall.
-        near_falls_in_tail: Number of these that tilted so far in the tail.
+        near_falls_in_tail: Number of these that tilted that far in the tail.
         frames_kept: Number of frames kept.
         recoveries_tilted: Number of kept frames that are tilted (`surefoot.rollouts.summary`).
         recoveries_near_bounds: Number of kept frames near the bounds.
@@ -181,12 +184,12 @@ def collection_cost(summary: Summary) -> CollectionCost:
     )
 
 
-def cost_of(metrics: Sequence[StageRecord], T: float) -> RunCost:
-    """What a whole run cost; iteration 0 is the pre-training.
+def run_cost(metrics: Sequence[StageRecord], T: float) -> RunCost:
+    """Add up what a whole run cost; iteration 0 is the pre-training.
 
     Args:
         metrics: The run's records (`surefoot.runs.run.Run.metrics`).
-        T: Duration of a rollout of an iterative method [s].
+        T: Duration of a rollout of an iterative method [s]; any number for behavior cloning.
     """
     collected = [record for record in metrics if record.stage == "collect"]
     first = [record for record in collected if record.iteration == 0]
@@ -238,15 +241,15 @@ def stage_seconds(metrics: Sequence[StageRecord], iterative: bool) -> StageSecon
 
 
 def rollout_seconds(cost: CollectionCost, share: float, T: float) -> float:
-    """Time of an iteration's rollouts, without the expert's queries, from what is recorded.
+    """Time of an iteration's rollouts [s], without the expert's queries, from what is recorded.
 
-    The policy's time is what is not the expert's, and it is 1 - share of the whole: exact. Where
-    the expert drove alone (LocoDAGGER's first iteration) the falls and their rate give the time,
-    or no robot fell, and each rollout lasted T.
+    The time that the policy drove is that of all robots minus the expert's, and it is 1 - share of
+    the time of the rollouts; this is exact. Where the expert drove alone (LocoDAGGER's first
+    iteration), the falls and their rate give the time; without a fall, each rollout lasted T.
 
     Args:
         cost: Cost of an iteration's rollouts.
-        share: Share of the expert in the time that is asked for: over T, or with the tail.
+        share: The expert's share of the time that is asked for: before the tails, or with them.
         T: Duration of a rollout [s].
     """
     if share < 1:

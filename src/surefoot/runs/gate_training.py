@@ -1,14 +1,15 @@
-"""pi_safety: the gates that call the expert during a rollout, and the training of learned ones.
+"""The gates that call the expert during a run's rollouts, and the training of learned ones.
 
-`make_gate` puts together the gate of an iteration (Algorithm 2: pi_safe, Algorithm 4: pi_safety).
-`train_gates` trains those that are networks after each iteration: `classifier` learns where the
-policy deviates from the expert by more than tau (SafeDAGGER), `history` where the bounds will be
-left (the paper's future work). Read `safety.learned` for what they do in a rollout.
+`make_gate` puts together the gate of an iteration (pi_safe in Algorithm 2, pi_safety in
+Algorithm 4). `train_gates` trains those that are networks after each iteration: `classifier` learns
+where the policy deviates from the expert by more than tau (SafeDAGGER), `history` where the bounds
+will be left (the paper's future work). Read `safety.learned` for what they do in a rollout.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,7 +37,7 @@ logger = logging.getLogger(__name__)
 HELD_OUT = 0.1
 """Share of episodes that judge a history network, chosen by episode id."""
 ROWS_AT_ONCE = 8192
-"""Rows that a policy answers at a time: its hidden layers hold 4 kB of each, 4 GB of a million."""
+"""Rows that a policy answers at a time: its hidden layers take 4 kB each, 4 GB for a million."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class GateSamples:
 def make_gate(
     run: Run, i: int, names: Sequence[GateName], alarm: float = 0.5, share: float = 1.0
 ) -> Gate:
-    """Make pi_safety of iteration i: it calls a state unsafe if any of the named gates does.
+    """Make the gate of iteration i: it calls a state unsafe if any of the named gates does.
 
     Args:
         run: The run, with the networks that were trained after iteration i - 1.
@@ -101,7 +102,7 @@ def history_can_be_trained(i: int) -> bool:
 def train_gates(
     run: Run, i: int, names: Sequence[GateName], unsafe_share: float = 0.2, alarm: float = 0.5
 ) -> None:
-    """Train those of the gates that are learned, on the data that is there after iteration i.
+    """Train those of the gates that are learned, on the data collected up to iteration i.
 
     Args:
         run: The run.
@@ -154,7 +155,7 @@ def deviation_samples(run: Run, i: int, unsafe_share: float) -> GateSamples:
     first = run.gate_trained("classifier", 0)
     sigma = targets.std(axis=0, dtype=np.float64) if first is None else np.array(first.sigma)
     # None of the parts is too small for the policy to be exact.
-    parts = np.array_split(inputs, -(-len(inputs) // ROWS_AT_ONCE))
+    parts = np.array_split(inputs, math.ceil(len(inputs) / ROWS_AT_ONCE))
     error = np.concatenate([policy.forward(part) for part in parts]) - targets
     deviation = ((error / sigma) ** 2).sum(axis=1)
     if first is None or first.tau is None:
@@ -180,7 +181,7 @@ def _inputs_and_targets(
 
 
 def _is_trained(run: Run, kind: LearnedGate, i: int) -> bool:
-    """Whether a network is done.
+    """Whether a network has been trained and its file is there.
 
     Raises:
         ValueError: The network's file is damaged.
@@ -188,14 +189,14 @@ def _is_trained(run: Run, kind: LearnedGate, i: int) -> bool:
     path = run.gate_path(kind, i)
     if run.gate_trained(kind, i) is None or not path.exists():
         return False
-    load_classifier(path)  # a damaged one is an error that says so, not a gate
+    load_classifier(path)  # a damaged file is an error now, not when a rollout needs it
     return True
 
 
 def _train_gate(
     run: Run, kind: LearnedGate, i: int, samples: GateSamples, alarm: float, began: float
 ) -> None:
-    """Train a classifier, write it, and write down that it is done.
+    """Train a classifier, write its file, and write its record.
 
     Raises:
         RunError: The network was lost, and training it again gave another one.
@@ -225,7 +226,7 @@ def _train_gate(
 
 
 def _summary_text(record: GateTrained) -> str:
-    """What a network was trained on and how well it does, as a line of text."""
+    """A line of text: what a network was trained on, and how well it does."""
     text = (
         f"iteration {record.iteration}: {record.kind} network on {record.rows} rows, "
         f"{100 * record.share_yes:.1f} % of them unsafe"

@@ -1,10 +1,11 @@
 """A run's metrics: one record, and one line of ``metrics.jsonl``, for each stage that is done.
 
-`StageRecord` is the type of any of them; the field ``stage`` tells them apart. `format_line` and
-`parse_line` are the only code that knows how a record becomes a line. A field whose default is None
-is left out of the line where it is None; what is not a number (NaN) is null. Runs of earlier
-versions wrote ``guard_classifier`` and ``guard_history`` for what is ``gate_classifier`` and
-``gate_history`` now; both are read. Read `runs.stages` next, which makes most of the records.
+`StageRecord` is the type of any of them; the field ``stage`` tells them apart. What a stage has
+measured is among the fields of its record. `format_line` and `parse_line` are the only code that
+knows how a record becomes a line. A field whose default is None is left out of the line where it is
+None; what is not a number (NaN) is null. Runs of earlier versions wrote ``guard_classifier`` and
+``guard_history`` for what is ``gate_classifier`` and ``gate_history`` now; both are read. Read
+`runs.stages` next, which makes most of the records.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from typing import Literal
 
 from surefoot.config.json_io import from_json, to_json
 from surefoot.errors import unknown
+from surefoot.evaluation.robustness import Robustness
+from surefoot.learning.classifier import ClassifierQuality
 from surefoot.runs.accounting import CollectionCost
 
 LearnedGate = Literal["classifier", "history"]
@@ -72,91 +75,36 @@ class Trained:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Validated:
+class Validated(Robustness):
     """Iteration i has measured the robustness of its policy pi_i on the `select` starts.
 
     Attributes:
         stage: Name of the stage in the file.
         iteration: The iteration i; 0 is the pre-training.
-        starts: Name of the stored set of initial states.
-        starts_hash: SHA-256 of that set.
-        split: Name of the split that the episodes begin from.
-        episodes: Number of episodes.
-        successes: Number of episodes that succeeded.
-        success_rate: Share of episodes that succeeded.
-        success_interval: Wilson 95 % interval of the share.
-        falls: Number of falls.
-        stalls: Number of episodes that ended upright without stepping.
-        diverged: Number of episodes that the expert gave up on.
-        strict_successes: Number of successes that step in every window of 1.5 gait periods.
-        mse: Mean squared error of vx, vy [m^2/s^2] and yaw rate [rad^2/s^2] over the successes;
-            None without any.
-        settled_mse: The same from 1 s on, over all episodes that lasted so long.
-        max_torque: Largest joint torque commanded [N m].
-        robot_seconds: Simulated time [s].
-        plans: Number of MPC solves.
-        invalid_plans: Number of MPC solves whose plan was not valid.
         seconds: Wall time of the stage [s].
     """
 
     stage: Literal["validate"] = "validate"
     iteration: int
-    starts: str
-    starts_hash: str
-    split: str
-    episodes: int
-    successes: int
-    success_rate: float
-    success_interval: tuple[float, float]
-    falls: int
-    stalls: int
-    diverged: int
-    strict_successes: int
-    mse: tuple[float | None, float | None, float | None]
-    settled_mse: tuple[float | None, float | None, float | None]
-    max_torque: float
-    robot_seconds: float
-    plans: int
-    invalid_plans: int
     seconds: float
 
 
 @dataclass(frozen=True, kw_only=True)
-class GateTrained:
-    """Iteration i has trained the network of a learned gate.
+class GateTrained(ClassifierQuality):
+    """Iteration i has trained the network of a learned gate; positive means unsafe.
 
     Attributes:
         stage: Name of the stage in the file: `gate_` and the kind of gate.
         iteration: The iteration i; 0 is the pre-training.
-        rows: Number of rows that the network was trained on.
-        share_yes: Share of these rows that are labeled unsafe.
-        seed: Seed of the weights and of the order of the rows.
-        held_out: Number of rows that judge the network; None without any, as for the next six.
-        held_out_yes: Number of these rows that are labeled unsafe.
-        alarm: Probability beyond which the network is judged to call a state unsafe.
-        recall: Share of the unsafe rows held out that it calls unsafe.
-        precision: Share of the rows held out that it calls unsafe which are.
-        share_said: Share of the rows held out that it calls unsafe.
-        average_precision: Mean precision over all alarms (see `learning.classifier`).
-        tau: Deviation beyond which a state is unsafe (SafeDAGGER); None of a history gate.
+        tau: Deviation beyond which a state is unsafe (SafeDAGGER); None for a history gate.
         sigma: ``(12,)`` standard deviation of each joint's target, which scales the deviation
-            [rad]; None of a history gate.
+            [rad]; None for a history gate.
         sha256: SHA-256 of the network; None in files of early versions.
         seconds: Wall time of the stage [s].
     """
 
     stage: Literal["gate_classifier", "gate_history"]
     iteration: int
-    rows: int
-    share_yes: float
-    seed: int
-    held_out: int | None = None
-    held_out_yes: int | None = None
-    alarm: float | None = None
-    recall: float | None = None
-    precision: float | None = None
-    share_said: float | None = None
-    average_precision: float | None = None
     tau: float | None = None
     sigma: tuple[float, ...] | None = None
     sha256: str | None = None
@@ -164,7 +112,7 @@ class GateTrained:
 
     @property
     def kind(self) -> LearnedGate:
-        """Which of the learned gates it is."""
+        """Name of the learned gate."""
         return "classifier" if self.stage == "gate_classifier" else "history"
 
 

@@ -41,7 +41,7 @@ Record = TypeVar("Record", bound=StageRecord)
 CONFIG_FILE = "config.json"
 """File in a run's folder that makes the folder a run."""
 _claims: list[int] = []
-"""Descriptors of locked files, never closed: closing any of a file loses the lock."""
+"""Descriptors of locked files, never closed: closing any descriptor of a file releases its lock."""
 
 
 class RunError(ValueError):
@@ -111,11 +111,11 @@ class Run:
         return self.folder / "checkpoints" / f"{iteration:03d}.safetensors"
 
     def summary_path(self, shard: str) -> Path:
-        """File of what is known of a shard's episodes besides their frames."""
+        """File of the summary of a shard's episodes (`surefoot.rollouts.summary`)."""
         return self.folder / "episodes" / f"{shard}.npz"
 
     def trace_path(self, shard: str) -> Path:
-        """File of what a shard's robots saw, where a history gate learns from it."""
+        """File of what a shard's robots measured, from which a history gate learns."""
         return self.folder / "traces" / f"{shard}.npz"
 
     def gate_path(self, kind: LearnedGate, iteration: int) -> Path:
@@ -152,7 +152,7 @@ class Run:
         return seed_of(self.config.seed, purpose, iteration)
 
     def torch_seed(self, purpose: str, iteration: int) -> int:
-        """The same as one number, for PyTorch."""
+        """The seed of an iteration's draws for a purpose as one number, for PyTorch."""
         return int(self.seed(purpose, iteration).generate_state(1)[0])
 
     @property
@@ -258,7 +258,7 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
             part.unlink()
     if path.exists():
         before = open_run(folder)
-        has_begun = before.metrics or before.dataset.shards  # if not, the first try was a slip
+        has_begun = before.metrics or before.dataset.shards  # if not, nothing would be lost
         if before.config != config and has_begun:
             raise RunError(
                 f"{folder} holds a run with another configuration ({path}); resume it with the "
@@ -291,7 +291,7 @@ def run_of_policy(policy: Path) -> Run | None:
 
 
 def read_setup(folder: Path) -> Setup:
-    """The configuration and the versions that a run was begun with.
+    """The configuration and the versions that a run was started with.
 
     Raises:
         RunError: There is no run, or its config cannot be read.
@@ -301,7 +301,7 @@ def read_setup(folder: Path) -> Setup:
         raise RunError(f"{folder} holds no run (no {path.name}); `surefoot train` makes one")
     try:
         return from_json(Setup, read_json(path))
-    except (ValueError, KeyError, TypeError) as error:
+    except ValueError as error:
         raise RunError(
             f"{path} cannot be read: {error}. Restore it from a copy, or from another run with the "
             "same options; what lies beside it is not touched"

@@ -112,7 +112,7 @@ def draw_starts(method: IterativeConfig, rng: np.random.Generator) -> Starts:
     stored = load_starts()
     grid = stored.rows("train")[method.pretraining.perturbations :]
     perturbations, phases, _ = grid.shape
-    if not 1 <= method.perturbations <= perturbations:
+    if method.perturbations > perturbations:
         raise ValueError(
             f"{method.perturbations} perturbations asked for, the starts {stored.name!r} hold "
             f"{perturbations} of each velocity and phase beyond those of the pre-training"

@@ -69,7 +69,7 @@ def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collec
                 f"{run.folder} was begun with the expert {done.expert}, not with "
                 f"{expert_name(job)}; resume it with the same one, or begin another run"
             )
-        run_and_store(run, iteration, job, workers)  # only what has been lost since
+        run_and_store(run, iteration, job, workers)  # only what has been lost since then
         return done
     began = time.perf_counter()
     cost = collection_cost(run_and_store(run, iteration, job, workers))
@@ -159,10 +159,14 @@ def _is_of(summary: Summary, chunk: Job) -> bool:
 
 
 def first_frames(run: Run, frames: int) -> Dataset:
-    """The first whole episodes of D, as many as have at most so many frames together.
+    """The first whole episodes of D that have at most this many frames together.
+
+    Args:
+        run: The run.
+        frames: The largest number of frames.
 
     Raises:
-        ValueError: Not even one episode has so few.
+        ValueError: Not even the first episode has so few frames.
     """
     summary = join_summaries(
         [load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards]
@@ -195,7 +199,7 @@ def train_policy(
     done = run.trained(iteration)
     checkpoint = run.checkpoint_path(iteration)
     if done is not None and run.policy_path(iteration).exists():
-        checkpoint.unlink(missing_ok=True)  # of a run that was killed just before
+        checkpoint.unlink(missing_ok=True)  # left by a run that was killed just before removing it
         return done
     began = time.perf_counter()
     if data is None:
@@ -293,10 +297,10 @@ def validate_policy(run: Run, iteration: int, workers: Workers) -> Validated:
 
 
 def choose_best_policy(run: Run, last: int, first: int = 0) -> Best:
-    """Choose the policy with most successes on `select`, of iterations first to last.
+    """Choose the policy with the most successes on `select`, of iterations first to last.
 
-    Among equals, the one that has seen most data: where all succeed, tracking errors differ by
-    chance, and later policies withstand harder pushes (``benchmarks/README.md``).
+    Among equals it is the one trained on the most data: where all succeed, tracking errors differ
+    by chance, and later policies withstand harder pushes (``benchmarks/README.md``).
 
     Args:
         run: The run.

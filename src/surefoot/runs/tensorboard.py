@@ -43,7 +43,7 @@ def log_to_tensorboard(run: Run) -> None:
 
     folder = run.folder / "tensorboard"
     with writing(folder):
-        # A resumed run would have every step twice, and one after a kill half of a record.
+        # Otherwise a resumed run would have every step twice, and half a record after a kill.
         for old in folder.glob("events.out.tfevents.*"):
             old.unlink()
         writer = SummaryWriter(str(folder))

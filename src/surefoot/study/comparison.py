@@ -1,9 +1,9 @@
 """The methods side by side: policies of several runs, and the expert, on the same ground.
 
-All are evaluated from the same `test` initial states and take the same pushes, in each simulator,
-under the first run's settings. A comparison in progress is a sequence of immutable `Comparison`
-records; each is written down after its measurement, so that one that is interrupted resumes where
-it stopped. Read `records` for what it holds, `ground` for which runs can be compared.
+All are evaluated from the same `test` initial states and are pushed the same way, in each
+simulator, under the first run's settings. A comparison in progress is a sequence of immutable
+`Comparison` records; each is written down after its measurement, so that one that is interrupted
+resumes where it stopped. Read `records` for what it holds, `ground` for which runs can be compared.
 """
 
 from __future__ import annotations
@@ -23,13 +23,7 @@ from surefoot.files import as_digits, from_digits, write_json
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import load_starts
-from surefoot.study.ground import (
-    EXPERT,
-    WhichPolicy,
-    common_ground,
-    open_comparable_runs,
-    rows_of,
-)
+from surefoot.study.ground import EXPERT, WhichPolicy, common_ground, open_comparable_runs, rows_of
 from surefoot.study.records import (
     Comparison,
     Difference,
@@ -217,7 +211,7 @@ def resume_comparison(path: Path, comparison: Comparison) -> Comparison:
     if lost:
         raise ValueError(
             f"{path} also holds results of {', '.join(lost)}: name these runs too, or another "
-            "file; a run that was trained on has another policy"
+            "file; a run that was trained further has another policy"
         )
     results = {row.sha256: row.results for row in before.rows}
     rows = [replace(row, results=results.get(row.sha256, {})) for row in comparison.rows]

@@ -1,7 +1,7 @@
-"""The expert under test: both simulators, two horizons, published and own rules, on equal terms.
+"""The expert under test: both simulators, two horizons, the published rules and this package's own.
 
 Every variant starts from the same stored `test` initial states, perturbed with the paper's standard
-deviations and with 1.5 times those, and takes the same pushes. A survey in progress is a sequence
+deviations and with 1.5 times those, and is pushed the same way. A survey in progress is a sequence
 of immutable `Survey` records; each is written down after its measurement, so that one that is
 interrupted resumes where it stopped. `records` says what it holds, `docs/expert.md` what came out.
 """
@@ -54,7 +54,7 @@ def survey_expert(
     """Measure every variant of the expert.
 
     Args:
-        config: What the variants have in common, with the own rules.
+        config: What the variants have in common, with the package's own rules.
         simulator: The only simulator to measure in; None measures in all.
         episodes: Number of initial states of each set, 5 s each.
         workers: Processes that run the episodes.
@@ -94,7 +94,7 @@ def measure_cell(
 
     Args:
         cell: The variant, with what has been measured of it before.
-        config: What the variants have in common, with the own rules.
+        config: What the variants have in common, with the package's own rules.
         episodes: Number of initial states of each set.
         workers: Processes that run the episodes.
 
@@ -126,7 +126,7 @@ def variant_of(config: Config, cell: SurveyCell, episodes: int) -> Config:
     """The configuration of a variant of the expert.
 
     Args:
-        config: What the variants have in common, with the own rules.
+        config: What the variants have in common, with the package's own rules.
         cell: The variant.
         episodes: Number of initial states of each set.
     """
@@ -242,7 +242,7 @@ def survey_table(survey: Survey) -> str:
 
 
 def _survival_cell(survival: Survival | None) -> str:
-    """How many survived, with the interval of their share."""
+    """The cell of how many survived, with the interval of their share."""
     if survival is None:
         return "-"
     share = percent_range(survival.survived_interval)
@@ -250,7 +250,7 @@ def _survival_cell(survival: Survival | None) -> str:
 
 
 def _error_cell(survival: Survival | None) -> str:
-    """The root mean squared errors of vx and vy."""
+    """The cell of the root mean squared errors of vx and vy."""
     if survival is None or None in survival.mse:
         return "-"
     vx, vy, _ = np.sqrt(np.array(survival.mse, float))
@@ -258,7 +258,7 @@ def _error_cell(survival: Survival | None) -> str:
 
 
 def _push_cell(push: PushLimits | None) -> str:
-    """The mean impulse, with that of the weakest and of the strongest direction."""
+    """The cell of the mean impulse, with that of the weakest and of the strongest direction."""
     if push is None:
         return "-"
     impulses = push.fitted_impulse
@@ -266,7 +266,7 @@ def _push_cell(push: PushLimits | None) -> str:
 
 
 def _times_cell(times: Times | None) -> str:
-    """The time of a plan, and of its stages."""
+    """The cell of the time of a plan, and of its stages."""
     if times is None:
         return "-"
     stages = times.stages

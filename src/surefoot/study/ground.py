@@ -24,7 +24,7 @@ from surefoot.config.json_io import changes
 from surefoot.config.methods import IterativeConfig
 from surefoot.methods import METHODS
 from surefoot.rollouts.jobs import PLANNER
-from surefoot.runs.accounting import RunCost, cost_of
+from surefoot.runs.accounting import run_cost
 from surefoot.runs.metrics import Collected, Trained, Validated
 from surefoot.runs.policies import find_policy
 from surefoot.runs.run import Run, RunError, open_run
@@ -46,7 +46,7 @@ def open_comparable_runs(folders: Sequence[Path]) -> list[Run]:
         RunError: A folder holds no run.
     """
     if not folders:
-        raise ValueError("compare what? Name the folders of runs")
+        raise ValueError("there are no runs to compare; name the folders of at least one")
     runs = [open_run(folder) for folder in folders]
     for run in runs:
         check_comparable(run, runs[0])
@@ -75,7 +75,17 @@ def rows_of(runs: Sequence[Run], names: Sequence[str], which: WhichPolicy) -> tu
                 raise ValueError(
                     f"{run.folder} and {row.run} hold the same policy; name one of them"
                 )
-        rows.append(Row(label, str(run.folder), run.method, str(policy), digest, cost_of_run(run)))
+        method = run.config.method
+        T = method.T if isinstance(method, IterativeConfig) else 0.0
+        row = Row(
+            label,
+            run=str(run.folder),
+            method=run.method,
+            policy=str(policy),
+            sha256=digest,
+            cost=run_cost(run.metrics, T),
+        )
+        rows.append(row)
     return tuple(rows)
 
 
@@ -107,7 +117,7 @@ def labels_of(runs: Sequence[Run], names: Sequence[str]) -> list[str]:
 
 
 def common_ground(config: Config, episodes: int) -> Config:
-    """The part of a run's configuration that bears on an evaluation; the rest is the default.
+    """The part of a run's configuration that affects an evaluation; the rest is the default.
 
     Args:
         config: The run's configuration.
@@ -188,9 +198,3 @@ def last_policy(run: Run) -> Path:
     if not trained:
         raise RunError(f"{run.folder} has no policy yet; resume it with `surefoot train --resume`")
     return run.policy_path(max(trained))
-
-
-def cost_of_run(run: Run) -> RunCost:
-    """What the whole run cost."""
-    method = run.config.method
-    return cost_of(run.metrics, method.T if isinstance(method, IterativeConfig) else 0.0)

@@ -26,7 +26,7 @@ EXPERT_COLOR = "black"
 SIMULATOR_NAMES: dict[Backend, str] = {"mujoco": "MuJoCo", "bullet": "PyBullet"}
 """The simulators as their authors write them."""
 WEAKEST_SCALE = 0.1
-"""[N s] The axes of the pushes reach at least so far."""
+"""[N s] The axes of the pushes reach at least this far."""
 
 
 def comparison_figure(comparison: Comparison, path: Path) -> Path:

@@ -137,7 +137,7 @@ class Survival:
 
     Attributes:
         episodes: Number of initial states.
-        survived: Number of robots that neither fell nor were given up.
+        survived: Number of robots that did not fall, and that the expert did not give up on.
         survived_interval: Wilson's 95 % interval of the share that survived.
         stalls: Number of robots that stayed up and stopped stepping.
         lost: Ids of the initial states that were not survived.
@@ -194,7 +194,7 @@ class Survey:
     """Variants of the expert, measured on equal terms.
 
     Attributes:
-        config: What the variants have in common, with the own rules.
+        config: What the variants have in common, with the package's own rules.
         episodes: Number of initial states of each set.
         versions: Package -> its version, and the processor.
         starts: Name of each set of initial states -> its SHA-256.
@@ -244,7 +244,7 @@ def read_survey(path: Path) -> Survey:
 
 
 def write_survey(path: Path, survey: Survey) -> None:
-    """Write a survey as JSON, in which the two survivals of a cell stand flat beside its rest.
+    """Write a survey as JSON, in which the fields of a cell's survivals stand beside its others.
 
     Raises:
         WriteError: The file cannot be written.
@@ -258,7 +258,7 @@ def write_survey(path: Path, survey: Survey) -> None:
 
 
 def _read_cell(values: dict[str, Any]) -> SurveyCell:
-    """A cell from its JSON values, in which the two survivals stand flat."""
+    """A cell from its JSON values, in which the fields of its survivals stand beside its others."""
     values = dict(values)
     for name, prefix in _PREFIXES.items():
         if f"{prefix}survived" in values:
