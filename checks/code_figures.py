@@ -22,7 +22,7 @@ def count_layers(checkout: Path) -> int:
     """Number of layers in the import contract."""
     settings = tomllib.loads((checkout / "pyproject.toml").read_text())
     contracts = settings["tool"]["importlinter"]["contracts"]
-    return sum(len(one["layers"]) for one in contracts if one["type"] == "layers")
+    return sum(len(entry["layers"]) for entry in contracts if entry["type"] == "layers")
 
 
 def longest_function(trees: list[ast.Module]) -> int:

@@ -73,7 +73,7 @@ def long_signatures(tree: ast.AST, most: int = PARAMETERS) -> Iterator[Finding]:
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             arguments = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
-            count = len([one for one in arguments if one.arg not in ("self", "cls")])
+            count = len([entry for entry in arguments if entry.arg not in ("self", "cls")])
             if count > most:
                 yield node.lineno, f"{node.name} has {count} parameters, at most {most}: a record"
 

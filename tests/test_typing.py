@@ -26,6 +26,10 @@ spec = sf.policy_spec(config)
 policy = sf.Policy(sf.PolicyNetwork(config.policy), spec, np.zeros((2, 3)))
 reveal_type(policy)
 reveal_type(sf.load("policy.safetensors"))
+robustness, _ = sf.evaluate(config, None, "test", sf.Workers(1))
+reveal_type(robustness)
+comparison = sf.compare([], sf.Measurements(("mujoco",)), sf.Workers(1))
+reveal_type(comparison.rows[0].label)
 sf.Config(seed="zero")
 sf.rollout(simulator, episodes)
 sf.locosafedagger
@@ -40,6 +44,8 @@ REVEALED = {
     "rollouts.duration": "int",
     "policy": "Policy",
     'sf.load("policy.safetensors")': "Policy",
+    "robustness": "Robustness",
+    "comparison.rows[0].label": "str",
 }
 
 ERRORS = {

@@ -42,7 +42,8 @@ from surefoot.learning.policy import Policy, pd, policy_spec
 from surefoot.robots.model import RobotModel, clip_torque, standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import SafetySwitch
-from surefoot.rollouts.engine import Episodes, Rollout, rollout
+from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor

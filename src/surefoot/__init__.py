@@ -2,8 +2,8 @@
 
 This is the whole public API. A name is imported when it is first used, so that `import surefoot`
 takes no time and learning runs where there is no robotics stack. The table below says in which
-module each name is defined; `__init__.pyi` repeats it for editors and type checkers. Read
-`surefoot.types` next.
+module to read about each name; `__init__.pyi` repeats it for editors and type checkers. The
+configurations of the parts are in `surefoot.config`. Read `surefoot.types` next.
 """
 
 from __future__ import annotations
@@ -27,9 +27,11 @@ _HOME = {
     "rollouts.outcome": ("Outcome",),
     "rollouts.arbiters": ("Arbiter", "ExpertOnly", "PolicyOnly", "RandomMix", "SafetySwitch"),
     "scenarios.disturbance": ("Disturbance", "Pushes"),
-    "rollouts.engine": ("Episodes", "rollout", "Rollout"),
+    "rollouts.episodes": ("Episodes", "Rollout"),
+    "rollouts.engine": ("rollout",),
     "learning.dataset": ("Dataset",),
     "learning.frames": ("Frames",),
+    "learning.observation": ("ObservationSpec",),
     "learning.network": ("PolicyNetwork",),
     "learning.policy": ("Policy", "PolicySpec", "policy_spec", "load", "save"),
     "learning.train": ("fit",),
@@ -40,9 +42,9 @@ _HOME = {
     "methods.safe_dagger": ("safe_dagger",),
     "methods.loco_dagger": ("loco_dagger",),
     "methods.loco_safe_dagger": ("loco_safe_dagger",),
-    "evaluation.robustness": ("evaluate",),
-    "evaluation.push": ("push_difference", "push_recovery"),
-    "study.comparison": ("compare",),
+    "evaluation.robustness": ("evaluate", "Robustness"),
+    "evaluation.push": ("push_difference", "push_recovery", "PushResult"),
+    "study.comparison": ("compare", "Measurements"),
     "evaluation.statistics": ("paired_difference", "run_bootstrap"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}

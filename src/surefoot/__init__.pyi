@@ -7,14 +7,17 @@ from surefoot.config import Config as Config
 from surefoot.config import HandBack as HandBack
 from surefoot.config.presets import preset as preset
 from surefoot.config.presets import published_rules as published_rules
+from surefoot.evaluation.push import PushResult as PushResult
 from surefoot.evaluation.push import push_difference as push_difference
 from surefoot.evaluation.push import push_recovery as push_recovery
+from surefoot.evaluation.robustness import Robustness as Robustness
 from surefoot.evaluation.robustness import evaluate as evaluate
 from surefoot.evaluation.statistics import paired_difference as paired_difference
 from surefoot.evaluation.statistics import run_bootstrap as run_bootstrap
 from surefoot.learning.dataset import Dataset as Dataset
 from surefoot.learning.frames import Frames as Frames
 from surefoot.learning.network import PolicyNetwork as PolicyNetwork
+from surefoot.learning.observation import ObservationSpec as ObservationSpec
 from surefoot.learning.policy import Policy as Policy
 from surefoot.learning.policy import PolicySpec as PolicySpec
 from surefoot.learning.policy import load as load
@@ -37,9 +40,9 @@ from surefoot.rollouts.arbiters import ExpertOnly as ExpertOnly
 from surefoot.rollouts.arbiters import PolicyOnly as PolicyOnly
 from surefoot.rollouts.arbiters import RandomMix as RandomMix
 from surefoot.rollouts.arbiters import SafetySwitch as SafetySwitch
-from surefoot.rollouts.engine import Episodes as Episodes
-from surefoot.rollouts.engine import Rollout as Rollout
 from surefoot.rollouts.engine import rollout as rollout
+from surefoot.rollouts.episodes import Episodes as Episodes
+from surefoot.rollouts.episodes import Rollout as Rollout
 from surefoot.rollouts.outcome import Outcome as Outcome
 from surefoot.runs.run import Run as Run
 from surefoot.runs.run import create as create
@@ -55,6 +58,7 @@ from surefoot.scenarios.starts import Starts as Starts
 from surefoot.scenarios.starts import load_starts as load_starts
 from surefoot.sim import Simulator as Simulator
 from surefoot.sim import make_simulator as make_simulator
+from surefoot.study.comparison import Measurements as Measurements
 from surefoot.study.comparison import compare as compare
 from surefoot.types import Command as Command
 from surefoot.types import Controller as Controller

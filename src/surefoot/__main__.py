@@ -1,4 +1,7 @@
-"""`python -m surefoot`, and what the command `surefoot` runs."""
+"""The entry point of `python -m surefoot` and of the command `surefoot`.
+
+It sets the number of threads before NumPy and PyTorch are loaded. Read `cli.main` next.
+"""
 
 import os
 import sys
@@ -9,7 +12,7 @@ os.environ.update(ONE_THREAD)
 
 
 def main() -> int:
-    """Run the command line; returns its exit status."""
+    """Run the command line, and return its exit status."""
     try:
         from surefoot.cli.main import main as command_line
     except KeyboardInterrupt:  # loading takes a second or two

@@ -1,7 +1,8 @@
 """Files that are there whole or not at all, whenever the process is killed: bytes, JSON, arrays.
 
 `write_atomic` is below every file of the package: a reader sees the old content or the new one,
-never a part. `write_json` and `save_arrays` write records with it.
+never a part. `write_json` and `save_arrays` write records with it. Read `config.json_io` next for
+how a record becomes JSON.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) ->
     """Write a file so that a reader sees the old one or the new one, never a part.
 
     The content is written under a temporary name in the same folder, flushed to the disk, and
-    renamed. After a power cut, too, the file is the old or the new one; after a kill in the middle
+    renamed. Even after a power cut the file is the old or the new one; after a kill in the middle,
     only a hidden ``.NAME.PID.tmp`` may stay behind.
 
     Args:
@@ -104,7 +105,7 @@ def write_json(path: Path, record: object) -> None:
 
 
 def as_digits(values: ArrayLike) -> str:
-    """A string of n digits, which is short in JSON.
+    """The values as a string of n digits, which is short in JSON.
 
     Args:
         values: ``(n,)`` truth values, or integers from 0 to 9.
@@ -113,7 +114,7 @@ def as_digits(values: ArrayLike) -> str:
 
 
 def from_digits(text: str) -> IntArray:
-    """``(n,)`` numbers of a string of digits; undoes `as_digits`."""
+    """The numbers ``(n,)`` of a string of digits; undoes `as_digits`."""
     return np.array([int(digit) for digit in text], dtype=np.int64)
 
 

@@ -1,9 +1,9 @@
 """Unit quaternions ``(qx, qy, qz, qw)`` to matrices, headings and ZYX angles, as array code.
 
-It works on any leading axes, ten robots at 1 kHz or a million frames, by a few whole-array
-operations (8 us for ten robots, a third of the time of SciPy's ``Rotation``). All of them are
-elementwise, so a robot's result never depends on its neighbors in the batch. Read `robots.rigid`
-next for the compiled forms.
+The functions take any leading axes, ten robots at 1 kHz or a million frames, and make a few
+whole-array operations (8 us for ten robots, a third of the time of SciPy's ``Rotation``). All of
+these are elementwise, so a robot's result never depends on its neighbors in the batch. Read
+`robots.rigid` next for the compiled forms.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _IDENTITY = np.eye(3).ravel()
 
 
 def rotation(quat: Array) -> Array:
-    """``(..., 3, 3)`` matrix that takes vectors from the base frame to the world frame.
+    """The matrices ``(..., 3, 3)`` that take vectors from the base frame to the world frame.
 
     Args:
         quat: ``(..., 4)`` unit quaternions, scalar last.
@@ -41,7 +41,7 @@ def rotation(quat: Array) -> Array:
 
 
 def heading(rotation: Array) -> Array:
-    """``(..., 2)`` cos and sin of the yaw: the base's x axis, projected on the ground.
+    """The cos and sin of the yaw ``(..., 2)``: the base's x axis, projected on the ground.
 
     A base whose x axis is vertical has no heading; its yaw is set to 0.
 
@@ -58,7 +58,7 @@ def heading(rotation: Array) -> Array:
 
 
 def to_heading(vectors: Array, heading: Array) -> Array:
-    """``(..., 2)`` x, y components of world vectors in the frame turned by the yaw.
+    """The x, y components ``(..., 2)`` of world vectors in the heading frame.
 
     Args:
         vectors: ``(..., 2)`` horizontal parts of world vectors.
@@ -71,7 +71,7 @@ def to_heading(vectors: Array, heading: Array) -> Array:
 
 
 def from_heading(vectors: Array, heading: Array) -> Array:
-    """``(..., 2)`` world x, y components of vectors in the heading frame; undoes `to_heading`.
+    """The world x, y components ``(..., 2)`` of vectors in the heading frame; undoes `to_heading`.
 
     Args:
         vectors: ``(..., 2)`` horizontal parts of vectors in the heading frame.
@@ -81,7 +81,7 @@ def from_heading(vectors: Array, heading: Array) -> Array:
 
 
 def roll_pitch(rotation: Array) -> Array:
-    """``(..., 2)`` roll and pitch [rad]: R = Rz(yaw) Ry(pitch) Rx(roll), pitch in +-pi/2.
+    """The roll and pitch ``(..., 2)`` [rad]: R = Rz(yaw) Ry(pitch) Rx(roll), pitch in +-pi/2.
 
     Args:
         rotation: ``(..., 3, 3)`` matrices from the base frame to the world frame.
@@ -94,7 +94,7 @@ def roll_pitch(rotation: Array) -> Array:
 
 
 def roll_pitch_yaw(quat: Array) -> Array:
-    """``(..., 3)`` roll, pitch, yaw [rad].
+    """The roll, pitch and yaw ``(..., 3)`` [rad].
 
     Args:
         quat: ``(..., 4)`` unit quaternions, scalar last.

@@ -1,7 +1,7 @@
 """Randomness: every draw has a seed of its own, fixed by the root seed and by its purpose.
 
 Seeds are spawned by purpose and by the number of the iteration or episode, never by worker, so that
-results do not depend on how the work is spread.
+results do not depend on how the work is spread. Read `workers` next for how it is.
 """
 
 from __future__ import annotations
@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 PURPOSES = ("starts", "network", "order", "disturbance", "coin", "query", "gate")
-"""What is random; the index in this list is the first number of a seed's spawn key."""
+"""What is random. The index in this list is the first number of a seed's spawn key, so a new
+purpose goes to the end."""
 
 
 def seed_of(root: int, purpose: str, number: int) -> np.random.SeedSequence:

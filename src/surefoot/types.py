@@ -1,4 +1,4 @@
-"""The records and protocols every room of the package agrees on.
+"""The records and protocols that every room of the package agrees on.
 
 Arrays follow Pinocchio's conventions: ``q = [x y z, qx qy qz qw, 12 joints]``, ``v = [base linear
 and angular velocity in the base frame, 12 joint rates]``; legs FL, FR, HL, HR; joints HAA, HFE, KFE
@@ -24,21 +24,24 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 TICKS_PER_SECOND = 1000
+"""Ticks of the one clock in a second."""
 GRID = 50
 """[ms] The node spacing of plans, and the period of replanning (BiConMP: 20 Hz)."""
 GRAVITY = 9.81
 """[m/s^2] The gravity of planner and simulators alike."""
 LEGS = ("FL", "FR", "HL", "HR")
+"""The legs: front left, front right, hind left, hind right."""
 JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("HAA", "HFE", "KFE"))
+"""The joints: hip abduction, hip flexion and knee of each leg, in the order of `LEGS`."""
 
 
 def to_ticks(seconds: float) -> int:
-    """Seconds to whole ticks of 1 ms."""
+    """The nearest whole number of ticks of 1 ms to a time in seconds."""
     return round(seconds * TICKS_PER_SECOND)
 
 
 class Command(NamedTuple):
-    """Velocity command in the heading frame: vx, vy [m/s] and yaw rate [rad/s]."""
+    """A velocity command in the heading frame: vx, vy [m/s] and yaw rate [rad/s]."""
 
     vx: float = 0.0
     vy: float = 0.0
@@ -76,7 +79,7 @@ class State:
         return state
 
     def __getitem__(self, index: int | slice | NDArray | tuple[Any, ...]) -> State:
-        """One robot of a batch, or a part of the batch or of its ticks."""
+        """The state of one robot of a batch, or of a part of the batch or of its ticks."""
         return State(*(getattr(self, field.name)[index] for field in fields(self)))
 
     @cached_property
@@ -121,7 +124,7 @@ class Controller(Protocol):
     """Anything that computes joint torques for B robots: an expert, a policy, or a user's own."""
 
     def reset(self, batch: int) -> None:
-        """Forget everything; ``batch`` robots follow."""
+        """Forget everything, and be ready for ``batch`` robots."""
         ...
 
     def torque(self, state: State, tick: IntArray, command: Array, mask: BoolArray) -> Array:

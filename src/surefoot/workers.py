@@ -65,7 +65,7 @@ def map_chunks(
     workers: Workers,
     title: str,
 ) -> list[Result]:
-    """``[function(chunk) for chunk in chunks]``; see `each_chunk`."""
+    """The results ``[function(chunk) for chunk in chunks]``, in that order; see `each_chunk`."""
     results = dict(each_chunk(function, chunks, workers, title))
     return [results[number] for number in range(len(chunks))]
 
@@ -76,7 +76,7 @@ def each_chunk(
     workers: Workers,
     title: str,
 ) -> Generator[tuple[int, Result], None, None]:
-    """``(number, function(chunk))`` of every chunk as it is done, in any order.
+    """Yield ``(number, function(chunk))`` for every chunk, in the order in which they are done.
 
     Args:
         function: A function at a module's top level; it runs in another process.
@@ -92,7 +92,7 @@ def each_chunk(
     """
     if workers.count < 1:
         raise ValueError(f"{workers.count} workers; use at least 1")
-    if not chunks:  # a resumed run has many such stages: start nothing for them
+    if not chunks:  # as in many stages of a resumed run, for which no process is to start
         return
     if workers.backend == "ray":
         results = _spread(_Cluster(function, workers), chunks, title)
@@ -139,10 +139,10 @@ class _Pool(Protocol):
 
 
 def _spread(pool: _Pool, chunks: Sequence[Any], title: str) -> Iterator[tuple[int, Any]]:
-    """Every chunk by a pool, few at a time, and again where its worker died.
+    """Run every chunk in a pool, few at a time, and again if its worker died.
 
-    The last try runs alone: with all the memory, and with no other chunk to blame. (When one
-    process of a pool dies, it is unknown which chunk it ran, and all chunks in progress are lost.)
+    The last try runs alone, with all the memory and no other chunk to blame. (When one process of a
+    pool dies, it is unknown which chunk it ran, and all chunks in progress are lost.)
     """
     waiting = deque(range(len(chunks)))
     running: dict[Any, int] = {}
@@ -183,7 +183,7 @@ def _spread(pool: _Pool, chunks: Sequence[Any], title: str) -> Iterator[tuple[in
 
 
 def _listed(numbers: list[int]) -> str:
-    """``chunk 3``, ``chunks 1, 2, 3``."""
+    """The numbers as words: ``chunk 3``, or ``chunks 1, 2, 3``."""
     noun = "chunk" if len(numbers) == 1 else "chunks"
     return f"{noun} {', '.join(str(number) for number in sorted(numbers))}"
 
@@ -244,7 +244,7 @@ def _ctrl_c_held_back() -> Iterator[None]:
     """Hold Ctrl-C back for a moment; processes started meanwhile never see it.
 
     A terminal sends it to all its processes. This process ends its workers itself; they would only
-    print where they were, and may do so before any of this package's code runs in them.
+    print a traceback, perhaps before any of this package's code runs in them.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -254,7 +254,7 @@ def _ctrl_c_held_back() -> Iterator[None]:
 
 
 def _end_with_the_parent(parent: int) -> None:
-    """In a worker: end when the parent does, however it ends."""
+    """Make this worker end when its parent does, however that ends."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # the parent has ended already

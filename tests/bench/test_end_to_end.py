@@ -7,7 +7,7 @@ import pytest
 import surefoot.bench.end_to_end as end_to_end
 from surefoot.bench.end_to_end import (
     BareRates,
-    StageTime,
+    BoundedTime,
     StageWork,
     bench_end_to_end,
     bench_evaluation,
@@ -49,7 +49,7 @@ def test_a_lower_bound_is_the_sum_of_its_parts():
     train = stage_time(work, "train", 2, rates)
     assert train.seconds == 5.0
     assert train.floor_seconds == pytest.approx(1.2)  # one process
-    assert stage_time(work, "validate", 2, rates) == StageTime(0.0, 0.0)
+    assert stage_time(work, "validate", 2, rates) == BoundedTime(0.0, 0.0)
 
 
 def test_an_evaluation_is_compared_with_its_bare_steps(monkeypatch):
@@ -86,9 +86,9 @@ def test_a_run_is_measured_from_nothing_to_its_best_policy(monkeypatch, tmp_path
 
 
 def test_the_table_has_a_row_for_each_stage():
-    stage = StageTime(4.0, 2.0)
+    stage = BoundedTime(4.0, 2.0)
     speed = end_to_end.EndToEndSpeed(
-        "dagger", 2, 13.0, stage, StageTime(3.0, 3.0), stage, 2.0, 2.0, 7.5e4, 3.0, 99
+        "dagger", 2, 13.0, stage, BoundedTime(3.0, 3.0), stage, 2.0, 2.0, 7.5e4, 3.0, 99
     )
     rows = [row.split() for row in end_to_end_table(speed).splitlines()]
     assert rows[1:] == [

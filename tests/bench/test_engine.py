@@ -96,5 +96,20 @@ def test_a_robot_that_falls_is_no_benchmark(monkeypatch):
         bare_rate(SMALL, 5, 1.0)
 
 
-def test_two_processes_are_compared_with_one():
-    assert 0.5 < engine_module._two_processes(SMALL, 5, 1.0) < 4.0
+def test_the_rate_of_a_process_is_that_of_its_rollout(clock):
+    rate = engine_module._standing_rate((SMALL, 5, 0.1))
+    assert rate == pytest.approx(500 / (100 * STEP + OVERHEAD))
+
+
+def test_two_processes_are_compared_with_one(monkeypatch):
+    rates = {"warming up": [1.0] * 4, "one process": [100.0], "two processes": [90.0, 80.0]}
+    asked = {}
+
+    def run_chunks(function, chunks, workers, title):
+        assert function is engine_module._standing_rate
+        asked[title] = (len(chunks), workers.count)
+        return rates[title]
+
+    monkeypatch.setattr(engine_module, "map_chunks", run_chunks)
+    assert engine_module._two_processes(SMALL, 5, 1.0) == pytest.approx(1.7)
+    assert asked == {"warming up": (4, 2), "one process": (1, 1), "two processes": (2, 2)}

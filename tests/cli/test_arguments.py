@@ -68,18 +68,18 @@ def test_the_number_of_values_follows_from_the_type():
     ],
 )
 def test_values_of_options_are_not_positional(args, positional):
-    found = sort_arguments(args.split(), Toy)
-    assert found.positional == tuple(positional.split())
-    assert not found.unknown
+    arguments = sort_arguments(args.split(), Toy)
+    assert arguments.positional == tuple(positional.split())
+    assert not arguments.unknown
 
 
 def test_values_and_unknown_options_are_named():
-    found = sort_arguments(
+    arguments = sort_arguments(
         ["--file=a", "--fil", "b", "--limb.range", "1", "2", "--file", "c", "d"], Toy
     )
-    assert found.values == {"--file": "c", "--fil": "b", "--limb.range": "1"}
-    assert found.unknown == ("--fil",)
-    assert found.positional == ("d",)
+    assert arguments.values == {"--file": "c", "--fil": "b", "--limb.range": "1"}
+    assert arguments.unknown == ("--fil",)
+    assert arguments.positional == ("d",)
 
 
 def test_the_options_of_train_are_those_that_tyro_has(surefoot, capsys, monkeypatch):

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from surefoot.bench import end_to_end, engine, plan, train
-from surefoot.bench.end_to_end import EndToEndSpeed, EvaluationSpeed, StageTime
+from surefoot.bench.end_to_end import BoundedTime, EndToEndSpeed, EvaluationSpeed
 from surefoot.bench.engine import EngineSpeed
 from surefoot.bench.plan import PlanTimes, StageTimes, Times
 from surefoot.bench.train import TrainSpeed
@@ -20,7 +20,7 @@ PLAN = PlanTimes(5, NODES, TIMES, 9.0, TIMES, 8.0, NODES, TIMES, 7.0, TIMES, 6.0
 ENGINE = EngineSpeed(20, 6e4, 7.5e4, 1.25, 1.9, 0.8, 0.9)
 TRAIN = TrainSpeed(256, "float32", 4.0, 10.0, 0.4, 3.0, 1.25)
 EVALUATION = EvaluationSpeed(100, 2, 5.0, 4.0, 1.25)
-STAGE = StageTime(4.0, 2.0)
+STAGE = BoundedTime(4.0, 2.0)
 END_TO_END = EndToEndSpeed("dagger", 2, 13.0, STAGE, STAGE, STAGE, 1.0, 2.0, 7.5e4, 3.0, 99)
 RECORDS = {
     "plan": PLAN,

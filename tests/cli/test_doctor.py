@@ -65,10 +65,10 @@ def test_the_command_line_imports_nothing_that_may_crash():
 @pytest.fixture
 def findings(monkeypatch) -> dict[str, Finding]:
     """What the checks find, by name; the others work."""
-    found: dict[str, Finding] = {}
+    by_name: dict[str, Finding] = {}
     fine = Finding(True, "fine")
-    monkeypatch.setattr(doctor, "run_check", lambda check: found.get(check.name, fine))
-    return found
+    monkeypatch.setattr(doctor, "run_check", lambda check: by_name.get(check.name, fine))
+    return by_name
 
 
 def test_a_machine_that_works_is_ready(findings, capsys):

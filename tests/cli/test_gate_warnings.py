@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.cli.gate_warnings import ALARMS, GateWarnings, last_gate, warnings_table
+from surefoot.cli.gate_warnings import ALARMS, MeasureWarnings, last_gate, warnings_table
 from surefoot.config import Config, LocoSafeDaggerConfig, PolicyConfig
 from surefoot.config.json_io import from_json
 from surefoot.evaluation.gate_warnings import FallWarnings, RunWarnings, warnings_of
@@ -42,7 +42,7 @@ def run(tmp_path) -> Run:
 def test_the_gates_of_the_last_history_network_are_asked(run, capsys, tmp_path):
     file = tmp_path / "warnings.json"
     before = {path: path.stat().st_mtime_ns for path in run.folder.rglob("*")}
-    assert GateWarnings(run.folder, episodes=3, json=file, workers=1)() == 0
+    assert MeasureWarnings(run.folder, episodes=3, json=file, workers=1)() == 0
     warnings = from_json(RunWarnings, json.loads(file.read_text()))
     assert (warnings.run, warnings.iteration, warnings.episodes) == ("run", 1, 3)
     assert warnings.split == "test"

@@ -1,16 +1,23 @@
 """The command line as a whole: the overview, help, errors, exit status."""
 
 import os
+import re
 import subprocess
 import sys
 
 import pytest
 
 import surefoot.cli.main as main_module
+from surefoot.cli.compare import Compare
+from surefoot.cli.evaluate import Evaluate
+from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.main import COMMANDS, overview
 from surefoot.cli.play import Play
 from surefoot.cli.train import Train, TrainReport
 from surefoot.cli.walk import Walk, WalkReport
+from surefoot.evaluation.gate_warnings import GateWarnings, RunWarnings
+from surefoot.evaluation.report import EvaluationReport
+from surefoot.study.records import Comparison, Row
 from surefoot.viz.replay import EpisodeReport
 
 
@@ -27,6 +34,14 @@ def test_the_overview_fits_one_screen():
     assert max(len(line) for line in lines) <= 80
     described = [line.split()[0] for line in lines if line.startswith("  ")]
     assert described == list(COMMANDS)
+
+
+def test_a_reader_that_stops_reading_is_no_error():
+    command = [sys.executable, "-m", "surefoot", "walk", "--help"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+        assert child.stdout is not None and child.stderr is not None
+        child.stdout.close()
+        assert child.stderr.read() == b""
 
 
 def test_without_a_command_the_overview_is_an_error(surefoot, capsys):
@@ -53,10 +68,20 @@ def test_each_command_has_help_of_its_own(surefoot, capsys, monkeypatch, command
 
 
 @pytest.mark.parametrize(
-    ("command", "report"), [(Walk, WalkReport), (Play, EpisodeReport), (Train, TrainReport)]
+    ("command", "report"),
+    [
+        (Walk, WalkReport),
+        (Play, EpisodeReport),
+        (Train, TrainReport),
+        (Evaluate, EvaluationReport),
+        (Compare, Comparison),
+        (Compare, Row),
+        (MeasureWarnings, RunWarnings),
+        (MeasureWarnings, GateWarnings),
+    ],
 )
 def test_help_names_every_json_key(command, report):
-    keys = command.__doc__.partition("JSON keys:")[2]
+    keys = re.findall(r"\w+", command.__doc__.partition("JSON keys:")[2])
     missing = [key for key in report.__dataclass_fields__ if key not in keys]
     assert not missing
 
@@ -67,8 +92,8 @@ def test_help_names_every_json_key(command, report):
         (("train", "loco_safe_dager"), "did you mean 'loco_safe_dagger'"),
         (("train", "behavior_cloning", "--preset", "quik"), "did you mean 'quick'"),
         (("train", "--preset", "papr", "behavior_cloning"), "did you mean 'paper'"),
-        (("train", "--resume"), "Name a method"),
-        (("train",), "Name a method: behavior_cloning, dagger, "),
+        (("train", "--resume"), "needs the name of a method"),
+        (("train",), "needs the name of a method: behavior_cloning, dagger, "),
         (("train", "--resum", "dagger"), "there is no option --resum;"),
         (("walk", "--seconds", "0", "--no-video"), "at least 0.001 s"),
         (("evaluate", "nowhere"), "no such run folder or policy file"),
@@ -112,7 +137,7 @@ def test_an_exception_sets_the_exit_status(surefoot, monkeypatch, capsys, error,
 
 def test_a_traceback_is_shown_where_it_is_asked_for(surefoot, monkeypatch):
     monkeypatch.setenv("SUREFOOT_TRACEBACK", "1")
-    with pytest.raises(ValueError, match="Name a method"):
+    with pytest.raises(ValueError, match="needs the name of a method"):
         surefoot("train")
 
 

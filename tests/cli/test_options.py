@@ -50,6 +50,8 @@ def test_the_workers_are_those_asked_for():
         ["play", "run"],
         ["bench", "plan"],
         ["walk"],
+        ["gate-warnings", "run"],
+        ["make-starts", "new.npz"],
         ["doctor"],
     ],
 )

@@ -69,7 +69,7 @@ def test_a_command_outside_the_training_warns(surefoot, films, run_folder, tmp_p
 
 def test_an_iteration_needs_an_episode(surefoot, capsys, run_folder):
     assert surefoot("play", run_folder, "--iteration", 1) == 2
-    assert "iteration 1 of which --episode?" in capsys.readouterr().err
+    assert "--iteration 1 needs an --episode" in capsys.readouterr().err
 
 
 @needs_pybullet

@@ -7,7 +7,7 @@ import pytest
 
 from surefoot.cli.main import parse
 from surefoot.cli.train import Train, parse_train
-from surefoot.config import Config
+from surefoot.config import BehaviorCloningConfig, Config, DaggerConfig
 from surefoot.config.presets import preset
 from surefoot.runs.run import create
 
@@ -44,13 +44,15 @@ def test_the_options_reach_the_configuration():
     command = parse_train(args.split())
     assert command.run == Path("a")
     assert command.config.seed == 3
-    assert not command.config.method.pretraining.nominal  # type: ignore[union-attr]
+    assert isinstance(command.config.method, DaggerConfig)
+    assert not command.config.method.pretraining.nominal
 
 
 def test_an_option_of_any_number_of_values_ends_with_the_next_option():
     args = "--config.method.frames 100 200 --resume behavior_cloning"
     command = parse_train(args.split())
-    assert command.config.method.frames == (100, 200)  # type: ignore[union-attr]
+    assert isinstance(command.config.method, BehaviorCloningConfig)
+    assert command.config.method.frames == (100, 200)
     assert command.resume
 
 

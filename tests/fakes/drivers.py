@@ -20,11 +20,11 @@ def standing_for(duration, tail=0.0, batch=1):
 
 
 class FakeController:
-    """Torque is ``base`` plus a little of the state and the tick; remembers its calls.
+    """The torque is ``base`` plus a little of the state and the tick; calls are remembered.
 
     Args:
-        base: torque [N m].
-        gives_up: robot -> tick from which on the controller has given up on it, if asked.
+        base: The torque [N m].
+        gives_up: For each robot, the tick from which on the controller gives up on it, if asked.
     """
 
     def __init__(self, base=0.0, gives_up=None):

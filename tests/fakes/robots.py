@@ -1,4 +1,7 @@
-"""What tests of simulators share: a robot, states and torques to try, and the backends."""
+"""What tests of simulators share: a robot, states and torques to try, and the backends.
+
+`surefoot.testing.driving` has what they share with the contract, such as recordings.
+"""
 
 from importlib.util import find_spec
 
@@ -7,6 +10,7 @@ import pytest
 
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
+from surefoot.testing.driving import vary_and_reset
 from surefoot.types import State
 
 ROBOT = solo12()
@@ -35,34 +39,15 @@ def pd(state: State, kp: float = 3.0, kd: float = 0.05):
     return kp * (STANDING[7:] - state.q[:, 7:]) - kd * state.v[:, 6:]
 
 
-def shaken(state: State, tick: int, seed: int = 7):
-    """A PD law that makes every robot stamp in its own way: contacts open, close and slide."""
-    rng = np.random.default_rng(seed)
-    phase = rng.uniform(0.0, 2 * np.pi, (64, 12))[: len(state.q)]
-    return pd(state) + 1.2 * np.sin(2 * np.pi * 3.0 * tick / 1000 + phase)
-
-
 def stand(simulator, ticks: int = 2000, kp: float = 10.0, kd: float = 0.2):
-    """A robot in a PD law's hands until it is at rest."""
+    """The simulator, after a PD law has held its robots in the standing pose for so long."""
     for _ in range(ticks):
         simulator.step(pd(simulator.state, kp, kd))
     return simulator
 
 
 def varied(simulator, friction, mass):
-    """The simulator with such a friction and base mass of each robot, standing."""
+    """The simulator, its robots standing with this friction and this factor on the base mass."""
     batch = simulator.batch
-    simulator.vary(np.full(batch, friction), np.full(batch, mass))
-    simulator.reset(np.tile(STANDING, (batch, 1)), np.zeros((batch, 18)))
+    vary_and_reset(simulator, np.full(batch, friction), np.full(batch, mass))
     return simulator
-
-
-def record(simulator, ticks: int, start: int = 0):
-    """All bits a rollout could see."""
-    rows = []
-    for tick in range(start, start + ticks):
-        state = simulator.state
-        force = simulator.contact_force
-        rows.append(np.hstack([state.q, state.v, state.com, state.feet.reshape(-1, 12), force]))
-        simulator.step(shaken(state, tick))
-    return np.array(rows)

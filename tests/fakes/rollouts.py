@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from surefoot.rollouts.engine import Rollout
+from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.summary import Summary
 from surefoot.scenarios.starts import Starts
 from surefoot.types import State

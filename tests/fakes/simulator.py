@@ -1,6 +1,6 @@
 """The fake simulator of all tests: a `Simulator` of a few lines whose plant is a parameter.
 
-It keeps the clock, the masks, the pushes and a record of what it was asked for; a plant moves the
+It keeps the clock, the masks and the pushes, and notes what it was asked for; a plant moves the
 robots. `Drift` is the default plant, and `tests.fakes.toy` has a linear one. A script may put the
 base of a robot to any height from tick to tick, or let the numbers of a robot run away.
 """
@@ -14,12 +14,12 @@ import numpy as np
 
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
-from surefoot.sim.protocol import CONTACT_FORCE, positive
+from surefoot.sim.protocol import CONTACT_FORCE, check_positive
 from surefoot.types import GRAVITY, Array, BoolArray, IntArray, State
 from tests.fakes.robots import ROBOT
 
 NEVER = 10**9
-"""[ms]"""
+"""[ms] A tick after the end of every episode."""
 NOMINAL_FRICTION = 0.5
 STEP_HEIGHT = 0.05
 """[m] Height of a foot frame in the air."""
@@ -41,7 +41,7 @@ class Plant(Protocol):
         ...
 
     def feet_x(self, q: Array, ticks: IntArray) -> Array:
-        """x of the feet, ``(B, 4)`` or what broadcasts to it."""
+        """The x of the feet, ``(B, 4)`` or what broadcasts to it."""
         ...
 
 
@@ -75,20 +75,20 @@ class FakeSimulator:
     """B robots on a plant, whose feet trot with a period of 200 ms whatever the torques are.
 
     Args:
-        batch: B.
-        heights: robot -> (first tick, height of the base [m]) pairs, rising; without them the
-            plant's.
-        lost: robot -> tick at which its numbers run away.
-        robot: what is simulated.
-        plant: how it moves; `Drift` if None.
+        batch: The number of robots B.
+        heights: For each robot, (first tick, height of the base [m]) pairs in the order of the
+            ticks; a robot without them has the height that the plant gives it.
+        lost: For each robot, the tick at which its numbers run away.
+        robot: The robot that is simulated.
+        plant: How the robots move; `Drift` if None.
 
     Attributes:
         ticks: ``(B,)`` ticks since the reset.
-        applied: torques of each step.
-        masks: masks of each step.
-        pushes: (tick, impulse, mask) of each push.
-        varied: (friction, mass) of each variation.
-        order: names of what was asked for: reset, vary, contact_force.
+        applied: The torques of each step.
+        masks: The mask of each step.
+        pushes: The (tick, impulse, mask) of each push.
+        varied: The (friction, mass) of each variation.
+        order: The names of the calls, in their order: reset, vary, contact_force.
     """
 
     def __init__(
@@ -132,8 +132,8 @@ class FakeSimulator:
 
     def vary(self, friction: Array, mass: Array) -> None:
         variation = (
-            positive("friction", friction, self.batch),
-            positive("mass", mass, self.batch),
+            check_positive("friction", friction, self.batch),
+            check_positive("mass", mass, self.batch),
         )
         self.order.append("vary")
         self.varied.append((friction.tolist(), mass.tolist()))

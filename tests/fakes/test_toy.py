@@ -23,7 +23,7 @@ def test_the_toy_is_linear_and_its_expert_masters_it():
             x = toy.A @ before[b] + toy.B @ torque[b] if mask[b] else before[b]
             now = toy.x_of(world.q[b], world.v[b])
             np.testing.assert_allclose(now, x, rtol=0, atol=1e-12)
-    # A world that resets to a recorded state goes on from it.
+    # The robot outside the mask is still where its episode began.
     np.testing.assert_array_equal(world.state.q[4], starts.q[4])
     made = plan(world.state[0], 130, starts.command[0])
     x = toy.x_of(world.q[0], world.v[0])

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from surefoot import methods
 from surefoot.config import (
     BehaviorCloningConfig,
     Config,
@@ -25,10 +26,9 @@ from surefoot.config import (
     TrainingConfig,
 )
 from surefoot.learning.observation import ObservationSpec, network_input
-from surefoot.methods import behavior_cloning as bc
-from surefoot.methods import dagger, loco_dagger, loco_safe_dagger, safe_dagger
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.rollouts.outcome import Outcome
+from surefoot.runs.episode_ids import EPISODES_PER_ITERATION
 from surefoot.runs.run import Run, create
 from surefoot.types import State
 from surefoot.workers import Workers
@@ -74,20 +74,6 @@ CONFIG = replace(
     collection=DisturbanceConfig(pushes=2, impulse=(0.1, 0.4), gentle=0.5),
     evaluation=EvaluationConfig(duration=0.02, episodes=3),
 )
-RUN = {
-    "behavior_cloning": bc.behavior_cloning,
-    "dagger": dagger.dagger,
-    "safe_dagger": safe_dagger.safe_dagger,
-    "loco_dagger": loco_dagger.loco_dagger,
-    "loco_safe_dagger": loco_safe_dagger.loco_safe_dagger,
-}
-COLLECTION = {
-    "behavior_cloning": bc.collection,
-    "dagger": dagger.collection,
-    "safe_dagger": safe_dagger.collection,
-    "loco_dagger": loco_dagger.collection,
-    "loco_safe_dagger": loco_safe_dagger.collection,
-}
 SMALL = {**COMMON, "pretraining": ExpertData(2, 1, False, 0.06), "iterations": 1, "T": 0.55}
 SMALL_METHODS = {
     "behavior_cloning": BehaviorCloningConfig(SMALL["pretraining"], epochs=2, frames=(500,)),
@@ -98,18 +84,18 @@ SMALL_METHODS = {
 }
 
 
-def run_method(folder, config) -> Run:
-    run = create(folder / "run", config)
-    RUN[run.method](run, Workers(1), plan)
+def run_method(folder, config, resume=False) -> Run:
+    run = create(folder / "run", config, resume=resume)
+    methods.METHODS[run.method].train(run, Workers(1), plan)
     return run
 
 
 def collection(run, i) -> Job:
-    return COLLECTION[run.method](run, i, plan)
+    return methods.METHODS[run.method].collection(run, i, plan)
 
 
 def replayed(run, i):
-    """The rollouts of an iteration, played once more: (job, record), and those that follow."""
+    """The rollouts of an iteration, played once more: (job, rollouts), and those that follow."""
     job = collection(run, i)
     pairs = [(job, play_out(job)[0])]
     more = None if job.then is None else job.then(*pairs[0])
@@ -120,7 +106,7 @@ def replayed(run, i):
 
 def kept_in(run, i):
     frames = run.dataset.load()
-    return frames[frames.episode // 100_000 == i]
+    return frames[frames.episode // EPISODES_PER_ITERATION == i]
 
 
 # --- what a test computes for itself
@@ -133,17 +119,17 @@ def angles(q):
 
 
 def has_fallen(q, safety):
-    (low, high) = safety.fall_height
+    low, high = safety.fall_height
     angle = np.radians(safety.fall_angle)
     return (q[..., 2] < low) | (q[..., 2] > high) | (np.abs(angles(q)) > angle).any(-1)
 
 
-def outside(record, share=1.0):
+def outside(rollouts, share=1.0):
     """(B, T) True where height, roll or pitch leaves the paper's table, or a share of it."""
-    z = record.com[..., 2]
+    z = rollouts.com[..., 2]
     limit = np.radians(25.0 * share)
     low = z < 0.20 - share * 0.05
-    return low | (z > 1.0) | (np.abs(angles(record.q)) > limit).any(-1)
+    return low | (z > 1.0) | (np.abs(angles(rollouts.q)) > limit).any(-1)
 
 
 def spans(mask):
@@ -152,22 +138,22 @@ def spans(mask):
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def answers(record, asked, invalid=()):
+def answers(rollouts, asked, invalid=()):
     """(B, T, 12) the expert's torque: LQR plans of the grid ticks and takeovers, followed.
 
     A plan made t ticks ago predicts the error (A - B K)^t e. Without a valid one, the last is kept.
     """
-    torque = np.zeros(record.torque.shape)
-    asked = asked & record.happened
+    torque = np.zeros(rollouts.torque.shape)
+    asked = asked & rollouts.happened
     for b in range(len(asked)):
-        clock = record.starts.tick[b] + np.arange(asked.shape[1])
+        clock = rollouts.starts.tick[b] + np.arange(asked.shape[1])
         for first, last in spans(asked[b]):
             grid = (clock % GRID == 0) & ~np.isin(clock, invalid)
             made = [first, *(t for t in range(first + 1, last + 1) if grid[t])]
             for begin, end in zip(made, [*made[1:], last + 1], strict=True):
-                q = record.q[b, begin:end]
-                v = record.v[b, begin:end]
-                goal = toy.goal_of(clock[begin], record.starts.command[b])
+                q = rollouts.q[b, begin:end]
+                v = rollouts.v[b, begin:end]
+                goal = toy.goal_of(clock[begin], rollouts.starts.command[b])
                 error = POWERS[: end - begin] @ (toy.x_of(q[0], v[0]) - goal)
                 x = error + goal
                 free = -error @ toy.K.T + KP * (x[:, 1:13] - q[:, 7:]) + KD * (x[:, 14:] - v[:, 6:])
@@ -175,12 +161,12 @@ def answers(record, asked, invalid=()):
     return torque
 
 
-def alarms(classifier, record, alarm):
+def alarms(classifier, rollouts, alarm):
     """(B, T) True where a classifier's network, in float64 by hand, is beyond the alarm's."""
-    clock = record.starts.tick[:, None] + np.arange(record.q.shape[1])
-    state = State(record.q, record.v, record.com, record.feet, record.contacts)
+    clock = rollouts.starts.tick[:, None] + np.arange(rollouts.q.shape[1])
+    state = State(rollouts.q, rollouts.v, rollouts.com, rollouts.feet, rollouts.contacts)
     spec = ObservationSpec("circle", 500)
-    x = rows = network_input(state, clock, record.starts.command[:, None], spec)
+    x = rows = network_input(state, clock, rollouts.starts.command[:, None], spec)
     for weight, bias in classifier.layers[:-1]:
         x = np.maximum(x.astype(float) @ weight + bias, 0.0)
     weight, bias = classifier.layers[-1]
@@ -215,17 +201,17 @@ def last_block(drove, length):
     return block
 
 
-def kept(run, i, part, record):
+def kept(run, i, part, rollouts):
     """(B, T) what the method should keep of its rollouts, or of those that follow (part 1)."""
-    failed = np.isin(record.outcome, [Outcome.FELL, Outcome.DIVERGED])
-    happened = np.arange(record.q.shape[1]) < record.length[:, None]
+    failed = np.isin(rollouts.outcome, [Outcome.FELL, Outcome.DIVERGED])
+    happened = np.arange(rollouts.q.shape[1]) < rollouts.length[:, None]
     if i == 0 or part == 1:
         return happened & ~failed[:, None]
     if run.method == "dagger":
         return happened
     if run.method == "loco_dagger":
         return np.zeros_like(happened)
-    keep = happened & record.expert_drove
+    keep = happened & rollouts.expert_drove
     for b in np.flatnonzero(failed):
-        keep[b] &= ~last_block(record.expert_drove[b], record.length[b])
+        keep[b] &= ~last_block(rollouts.expert_drove[b], rollouts.length[b])
     return keep

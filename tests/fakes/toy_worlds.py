@@ -1,4 +1,4 @@
-"""Collections on the toy: one iteration in a world made for it, and pushes found in the motion."""
+"""Collections on the toy: one iteration in a world made for it, and pushes read off the motion."""
 
 from dataclasses import replace
 

@@ -30,7 +30,7 @@ from surefoot.learning.policy import (
     target_of,
 )
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.engine import Episodes
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import JOINTS, Controller, State

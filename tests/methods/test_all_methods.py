@@ -16,9 +16,8 @@ from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_chunk
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join_summaries
-from surefoot.runs.run import Run, create, open_run
+from surefoot.runs.run import Run, open_run
 from surefoot.scenarios.starts import load_starts
-from surefoot.workers import Workers
 from tests.fakes import toy
 from tests.fakes.runs import Killed, collected, fingerprint, stages_of
 from tests.fakes.toy import Worlds, plan
@@ -26,7 +25,6 @@ from tests.fakes.toy_runs import (
     CONFIG,
     GRID,
     METHODS,
-    RUN,
     SAFETY,
     SMALL_METHODS,
     answers,
@@ -225,8 +223,8 @@ def test_a_run_killed_before_and_after_each_record_ends_with_the_same_bits(
     monkeypatch.setattr(Run, "append_metrics", append_and_die)
     for _ in range(2 * len(stages)):
         with pytest.raises(Killed):
-            RUN[name](create(tmp_path / "run", config, resume=True), Workers(1), plan)
-    RUN[name](create(tmp_path / "run", config, resume=True), Workers(1), plan)
+            run_method(tmp_path, config, resume=True)
+    run_method(tmp_path, config, resume=True)
     assert deaths == [stage for stage in stages for _ in range(2)]
     assert fingerprint(open_run(tmp_path / "run")) == fingerprint(small(name))
 

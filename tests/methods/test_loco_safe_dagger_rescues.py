@@ -8,13 +8,12 @@ import pytest
 from surefoot.config import LocoSafeDaggerConfig
 from surefoot.files import load_arrays
 from surefoot.learning.classifier import load_classifier
-from surefoot.methods import loco_safe_dagger
+from surefoot.methods import METHODS, loco_safe_dagger
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
 from tests.fakes.toy import plan
 from tests.fakes.toy_runs import (
     ALARM,
-    COLLECTION,
     FIRST,
     alarms,
     answers,
@@ -194,7 +193,8 @@ def test_the_expert_gives_up_at_a_takeover_and_within_a_block(tmp_path, monkeypa
         starts = replace(job.starts, tick=np.zeros(10, int))
         return replace(job, episodes=replace(job.episodes, starts=starts))
 
-    monkeypatch.setitem(COLLECTION, "loco_safe_dagger", from_zero)
+    method = replace(METHODS["loco_safe_dagger"], collection=from_zero)
+    monkeypatch.setitem(METHODS, "loco_safe_dagger", method)
     run, cost, ((job, rollouts),) = one_iteration(
         tmp_path, monkeypatch, replace(RESCUE, T_block=0.2), {"heights": heights}
     )

@@ -8,7 +8,8 @@ import pytest
 from surefoot.config import Config
 from surefoot.mpc.expert import make_expert
 from surefoot.robots.solo12 import solo12
-from surefoot.rollouts.engine import Episodes, rollout
+from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.starts import load_starts
 from surefoot.sim import make_simulator
@@ -41,14 +42,14 @@ def survivors(starts_per_offset: int, duration: float) -> np.ndarray:
         offsets = np.repeat(np.arange(first, first + 10), starts_per_offset)
         starts = stored[np.tile(rows, 10)]
         # A second expert, planning on the grid, drives the robot up to the takeover.
-        record = rollout(
+        rollouts = rollout(
             make_simulator(robot, len(starts), config.simulation),
             Episodes(starts, duration),
             HandOver(starts.tick + offsets),
             make_expert(robot, config),
             make_expert(robot, config),
         )
-        good = record.outcome == Outcome.SUCCESS
+        good = rollouts.outcome == Outcome.SUCCESS
         survived[first : first + 10] = good.reshape(10, starts_per_offset)
     return survived
 

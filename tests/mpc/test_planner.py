@@ -233,7 +233,7 @@ BAD = [np.nan, np.inf, -np.inf, 1e200]
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("number", BAD)
-def test_numbers_that_make_no_plan_are_not_vouched_for(number):
+def test_numbers_that_are_not_finite_or_absurd_give_no_valid_plan(number):
     for index in (2, 3, 6, 9):
         state = start(None)
         state.q[index] = number

@@ -21,7 +21,8 @@ from surefoot.evaluation.push import pushed_starts
 from surefoot.mpc.expert import DAMPING, make_expert
 from surefoot.robots.model import standing
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.engine import Episodes, rollout
+from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Disturbance, Pushes
 from surefoot.scenarios.starts import load_starts
@@ -129,7 +130,7 @@ def test_a_state_within_a_standard_deviation_always_has_a_plan(state, tick, comm
 
 
 @for_all(st.lists(ANY_STATE, min_size=3, max_size=3), TICKS, COMMANDS, examples=40)
-def test_the_expert_never_gives_a_torque_that_is_no_number(states, first, command):
+def test_the_expert_never_gives_a_torque_that_is_nan(states, first, command):
     """Robots that leap from one state to another, through a takeover and two replans."""
     EXPERT.reset(len(states))
     batch = State(*(np.array([getattr(s, name) for s in states]) for name in State.__annotations__))
@@ -159,7 +160,7 @@ ABSURD = {
     "no quaternion": changed(q=(slice(3, 7), 0.0)),
     "a tiny quaternion": changed(q=(slice(3, 7), 1e-200)),
     "five meters under ground": changed(q=(2, -5.0)),
-    "a kilometre up": changed(q=(2, 1e3)),
+    "a kilometer up": changed(q=(2, 1e3)),
     "farther than the stars": changed(q=(2, 1e8)),
     "a joint wound up twice": changed(q=(9, 4 * np.pi)),
     "a joint past a turn, of torques in reach": changed(q=(9, -9.0)),
@@ -225,14 +226,14 @@ def test_robots_that_recover_from_a_push_have_a_plan_at_any_time():
     impulse = 3.0 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     at = np.full((20, 1), to_ticks(config.push.before))
     pushes = Pushes(impulse[:, None], at, to_ticks(config.push.duration))
-    record = rollout(
+    rollouts = rollout(
         make_simulator(ROBOT, 20, config.simulation),
         Episodes(starts, 2.0, disturbance=Disturbance(pushes)),
         ExpertOnly(),
         EXPERT,
         safety=replace(config.safety, fall_angle=config.push.fall_angle),
     )
-    assert (record.outcome == Outcome.SUCCESS).sum() >= 15
+    assert (rollouts.outcome == Outcome.SUCCESS).sum() >= 15
     assert EXPERT.plans.sum() > 700
     assert EXPERT.invalid_plans.sum() == 0
 

@@ -9,15 +9,11 @@ from surefoot.config import CentroidalConfig, ExpertConfig, Gait, KinematicConfi
 from surefoot.mpc.expert import Expert
 from surefoot.mpc.planner import PLAN_TICKS, Planner
 from surefoot.robots.model import standing
-from surefoot.robots.solo12 import solo12
 from surefoot.sim import make_simulator
 from surefoot.types import Command
+from tests.fakes.plans import FORWARD, FRICTION, PLANNER, ROBOT
 
-ROBOT = solo12()
 CONFIG = ExpertConfig()
-FRICTION = 0.5
-PLANNER = Planner(ROBOT, Gait(), CONFIG, FRICTION)
-FORWARD = Command(0.2, 0.05, 0.1)
 TOLERANCE = CONFIG.centroidal.tolerance
 
 
@@ -72,11 +68,15 @@ def test_warm_plans_of_a_trot_agree_with_cold_ones(trot):
     assert abs(np.median(cost)) < 5e-3
 
 
+def planner_of(iterations: int) -> Planner:
+    """A planner that makes so many Gauss-Newton iterations."""
+    config = replace(CONFIG, kinematic=KinematicConfig(max_iterations=iterations))
+    return Planner(ROBOT, Gait(), config, FRICTION)
+
+
 def test_one_gauss_newton_iteration_gets_farther_from_a_warm_start(trot):
-    once = Planner(ROBOT, Gait(), replace(CONFIG, kinematic=KinematicConfig(max_iterations=1)), 0.5)
-    many = Planner(
-        ROBOT, Gait(), replace(CONFIG, kinematic=KinematicConfig(max_iterations=30)), FRICTION
-    )
+    once = planner_of(1)
+    many = planner_of(30)
     cold = []
     warm = []
     for state, tick, previous, _ in trot[5:]:
@@ -100,16 +100,16 @@ def test_off_the_grid_plans_agree_too(trot, later):
 
 
 def spoiled(plan, size: float):
-    """A plan with noise on all that a warm start uses, or with a number that is none."""
+    """A plan with noise, or NaN, in all that a warm start uses."""
     rng = np.random.default_rng(0)
 
-    def shaken(array):
+    def with_noise(array):
         return array + size * rng.normal(size=array.shape)
 
     c = plan.centroidal
     fields = ("com", "com_velocity", "angular_momentum", "dual")
-    centroidal = replace(c, **{name: shaken(getattr(c, name)) for name in fields})
-    kinematic = replace(plan.kinematic, q=shaken(plan.kinematic.q))
+    centroidal = replace(c, **{name: with_noise(getattr(c, name)) for name in fields})
+    kinematic = replace(plan.kinematic, q=with_noise(plan.kinematic.q))
     return replace(plan, centroidal=centroidal, kinematic=kinematic)
 
 

@@ -5,14 +5,8 @@ import pytest
 
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly, RandomMix, SafetySwitch
 from surefoot.safety.monitor import SafetyMonitor
-from surefoot.types import State
 from tests.fakes.robots import STANDING
-
-
-def state_of(batch):
-    q = np.tile(STANDING, (batch, 1))
-    feet = np.zeros((batch, 4, 3))
-    return State(q, np.zeros((batch, 18)), q[:, :3], feet, np.ones((batch, 4), bool))
+from tests.fakes.states import state_of
 
 
 def choices(arbiter, ids, ticks, first=0):
@@ -21,7 +15,8 @@ def choices(arbiter, ids, ticks, first=0):
     arbiter.reset(np.array(ids))
     clock = np.full(batch, first)
     command = np.zeros((batch, 3))
-    rows = [arbiter.choose(state_of(batch), clock + t, command) for t in range(ticks)]
+    state = state_of(np.tile(STANDING, (batch, 1)))
+    rows = [arbiter.choose(state, clock + t, command) for t in range(ticks)]
     return np.array(rows).T
 
 

@@ -8,7 +8,8 @@ import pytest
 from surefoot.config import SafetyConfig
 from surefoot.mpc.expert import Expert
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
-from surefoot.rollouts.engine import Episodes, rollout
+from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Disturbance, Pushes
 from surefoot.types import MotionPlan
@@ -277,8 +278,8 @@ def test_stepping_is_judged_without_the_tail(walks, outcome):
 # --- arguments
 
 
-def test_another_number_of_starts_than_robots_is_an_error():
-    with pytest.raises(ValueError, match="3 starts for a simulator of 2 robots; make it 3"):
+def test_another_number_of_initial_states_than_robots_is_an_error():
+    with pytest.raises(ValueError, match="3 initial states for a simulator of 2 robots; give it 3"):
         rollout(FakeSimulator(2), standing_for(0.1, batch=3), ExpertOnly(), FakeController())
 
 

@@ -12,7 +12,8 @@ from surefoot.learning.policy import Policy
 from surefoot.mpc.expert import make_expert
 from surefoot.robots.model import clip_torque
 from surefoot.rollouts.arbiters import ExpertOnly, SafetySwitch
-from surefoot.rollouts.engine import Episodes, Rollout, rollout
+from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor

@@ -21,7 +21,7 @@ from tests.fakes.simulator import FakeSimulator
         ({"tail": -0.1}, "a tail of 0 s or more"),
         ({"tail": np.nan}, "a tail of 0 s or more"),
         ({"starts": starts_of([0], [[np.nan, 0, 0]])}, "commands must be finite numbers"),
-        ({"id": np.arange(2)}, "2 ids for 1 starts"),
+        ({"id": np.arange(2)}, "2 ids for 1 initial states; give one for each"),
     ],
 )
 def test_episodes_that_cannot_be_simulated_are_refused(arguments, message):
@@ -31,7 +31,7 @@ def test_episodes_that_cannot_be_simulated_are_refused(arguments, message):
 
 def test_there_are_as_many_pushed_robots_as_episodes():
     pushes = Disturbance(Pushes(np.ones((3, 1, 3)), np.zeros((3, 1), int), 10))
-    with pytest.raises(ValueError, match="pushes of 3 robots for 1 robots"):
+    with pytest.raises(ValueError, match="pushes for 3 robots, but there are 1"):
         Episodes(starts_of([0]), 0.1, disturbance=pushes)
 
 

@@ -1,7 +1,6 @@
 """How an episode ends: falls, touchdowns to the tick, and what counts as stepping."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from surefoot.config import SafetyConfig
@@ -13,26 +12,12 @@ from surefoot.rollouts.outcome import (
     strictly_stepping,
     touchdowns,
 )
-from surefoot.types import State
-from tests.fakes.robots import ROBOT, STANDING
+from tests.fakes.robots import ROBOT
+from tests.fakes.states import state_of, turned_robot
 
 CONFIG = SafetyConfig()
 RADIUS = ROBOT.foot_radius
 T = 3000
-
-
-def state_of(q):
-    q = np.atleast_2d(q)
-    B = len(q)
-    return State(q, np.zeros((B, 18)), q[:, :3], np.zeros((B, 4, 3)), np.ones((B, 4), bool))
-
-
-def turned(roll=0.0, pitch=0.0, yaw=0.0, z=0.25):
-    q = STANDING.copy()
-    R = pin.rpy.rpyToMatrix(*np.radians([roll, pitch, yaw]))
-    q[2] = z
-    q[3:7] = pin.Quaternion(R).coeffs()
-    return q
 
 
 # --- falls
@@ -46,12 +31,12 @@ def test_falls_and_divergence_are_failures_and_stalls_are_not():
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 def test_falls_by_angle(axis):
     for yaw in (0, 130):
-        q = np.array([turned(**{axis: x}, yaw=yaw) for x in (-30.1, -29.9, 29.9, 30.1, 180)])
+        q = np.array([turned_robot(**{axis: x}, yaw=yaw) for x in (-30.1, -29.9, 29.9, 30.1, 180)])
         np.testing.assert_array_equal(fallen(state_of(q), CONFIG), [True, False, False, True, True])
 
 
 def test_falls_by_height():
-    q = np.array([turned(z=z) for z in (0.099, 0.101, 1.999, 2.001)])
+    q = np.array([turned_robot(z=z) for z in (0.099, 0.101, 1.999, 2.001)])
     np.testing.assert_array_equal(fallen(state_of(q), CONFIG), [True, False, False, True])
 
 

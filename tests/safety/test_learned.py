@@ -10,7 +10,8 @@ from surefoot.config import Config, DisturbanceConfig, NoiseConfig, PolicyConfig
 from surefoot.learning.classifier import Classifier, ClassifierQuality
 from surefoot.learning.observation import INPUT_SIZE, network_input, observation_spec
 from surefoot.rollouts.arbiters import SafetySwitch
-from surefoot.rollouts.engine import Episodes, rollout
+from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.traces import Trace, history_rows, trace_of
 from surefoot.safety.gates import AnyOf, Bounds
 from surefoot.safety.learned import EVERY, SAMPLES, Deviation, History

@@ -9,7 +9,8 @@ from scipy.stats import kstest
 
 from surefoot.config import Config, DisturbanceConfig, NoiseConfig, SafetyConfig
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
-from surefoot.rollouts.engine import Episodes, rollout
+from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances, make_sensors
 from surefoot.scenarios.starts import Starts

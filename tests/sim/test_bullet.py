@@ -16,6 +16,7 @@ import surefoot.sim
 from surefoot.config import SimulationConfig
 from surefoot.robots.geometry import lowest_points
 from surefoot.sim import make_simulator
+from surefoot.testing.driving import record_ticks, stamping_torque
 from surefoot.types import JOINTS
 from tests.fakes.robots import (
     REST,
@@ -23,8 +24,6 @@ from tests.fakes.robots import (
     STANDING,
     needs_pybullet,
     random_states,
-    record,
-    shaken,
     stand,
 )
 
@@ -87,7 +86,7 @@ def test_kinematics_are_bullets_own():
     simulator.reset(*random_states(1))
     place = {"physicsClientId": simulator.clients[0]}
     for tick in range(50):
-        simulator.step(shaken(simulator.state, tick))
+        simulator.step(stamping_torque(ROBOT, simulator.state, tick))
     count = pybullet.getNumJoints(simulator.body, **place)
     links = pybullet.getLinkStates(
         simulator.body, range(count), computeForwardKinematics=1, **place
@@ -187,8 +186,8 @@ def test_a_robot_that_pybullet_refuses_has_blown_up(monkeypatch):
 
     before = simulator.state
     monkeypatch.setattr(pybullet, "getBaseVelocity", refuse)
-    first = record(reference, 5)
-    second = record(simulator, 5)
+    first = record_ticks(reference, 5)
+    second = record_ticks(simulator, 5)
     assert simulator.blown_up.tolist() == [False, True, False]
     np.testing.assert_array_equal(first[:, [0, 2]], second[:, [0, 2]])
     np.testing.assert_array_equal(simulator.state.q[1], before.q[1])

@@ -15,8 +15,7 @@ def test_a_simulator_is_that_of_the_config_and_knows_its_robot(backend):
     assert simulator.batch == 3
 
 
-def test_unusable_arguments_are_refused():
-    with pytest.raises(ValueError, match="at least one"):
-        make_simulator(ROBOT, 0)
-    with pytest.raises(ValueError, match="mujoco"):
-        make_simulator(ROBOT, 1, SimulationConfig(backend="mujco"))  # pyright: ignore
+@pytest.mark.parametrize("batch", [0, -1])
+def test_a_simulator_without_robots_is_refused(batch):
+    with pytest.raises(ValueError, match=f"batch is {batch}; a simulator holds at least one robot"):
+        make_simulator(ROBOT, batch)

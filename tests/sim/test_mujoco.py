@@ -6,8 +6,9 @@ import pytest
 
 from surefoot.config import SimulationConfig
 from surefoot.sim.mujoco import MujocoSimulator, build_model, from_mujoco, to_mujoco
+from surefoot.testing.driving import record_ticks, stamping_torque
 from surefoot.types import JOINTS, LEGS
-from tests.fakes.robots import REST, ROBOT, STANDING, random_states, record, shaken, varied
+from tests.fakes.robots import REST, ROBOT, STANDING, random_states, varied
 
 
 def test_model_is_the_urdf():
@@ -48,7 +49,7 @@ def test_touch_is_the_sum_of_contact_normals():
     seen = 0
     for tick in range(600):
         before = simulator.data(0)
-        torque = shaken(simulator.state, tick)
+        torque = stamping_torque(ROBOT, simulator.state, tick)
         simulator.step(torque)
         mujoco.mj_copyData(data, simulator.model, before)
         data.qfrc_applied[6:] = torque[0]
@@ -116,4 +117,4 @@ def test_pictures_do_not_change_the_physics():
     assert plain.model.nmesh == 0
     assert pretty.model.nmesh > 0
     assert pretty.model.camera("track").id >= 0
-    np.testing.assert_array_equal(record(plain, 300), record(pretty, 300))
+    np.testing.assert_array_equal(record_ticks(plain, 300), record_ticks(pretty, 300))

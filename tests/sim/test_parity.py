@@ -8,7 +8,7 @@ import pytest
 
 from surefoot.config import Config, SimulationConfig
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.engine import Episodes
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import velocities
@@ -141,25 +141,25 @@ def test_standing_is_the_same():
 @needs_pybullet
 def test_the_expert_walks_the_same():
     """Five seconds of trot at 0.2 m/s from standing: speed, height, contacts, effort."""
-    records = []
+    both_rollouts = []
     for backend in ("mujoco", "bullet"):
         config = replace(Config(), simulation=SimulationConfig(backend))
         start = standing_start(Command(0.2))
-        record, expert = play_out(Job(config, Episodes(start, 5.0), ExpertOnly()))
-        assert record.outcome[0] == Outcome.SUCCESS
+        rollouts, expert = play_out(Job(config, Episodes(start, 5.0), ExpertOnly()))
+        assert rollouts.outcome[0] == Outcome.SUCCESS
         assert not expert.invalid_plans.any()
-        records.append(record)
+        both_rollouts.append(rollouts)
     mujoco, bullet = (
         {
-            "velocity": velocities(record)[0, 1000:].mean(axis=0),
-            "height": record.q[0, 1000:, 2].mean(),
-            "swing": record.feet[0, 1000:, :, 2].max(axis=0),
-            "stance": record.feet[0, 1000:, :, 2][record.contacts[0, 1000:]].mean(),
-            "contact": record.contacts[0, 1000:].mean(axis=0),
-            "torque": np.abs(record.torque).max(),
-            "end": record.q[0, -1, :2],
+            "velocity": velocities(rollouts)[0, 1000:].mean(axis=0),
+            "height": rollouts.q[0, 1000:, 2].mean(),
+            "swing": rollouts.feet[0, 1000:, :, 2].max(axis=0),
+            "stance": rollouts.feet[0, 1000:, :, 2][rollouts.contacts[0, 1000:]].mean(),
+            "contact": rollouts.contacts[0, 1000:].mean(axis=0),
+            "torque": np.abs(rollouts.torque).max(),
+            "end": rollouts.q[0, -1, :2],
         }
-        for record in records
+        for rollouts in both_rollouts
     )
     np.testing.assert_allclose(mujoco["velocity"], bullet["velocity"], atol=5e-4)
     np.testing.assert_allclose(mujoco["height"], bullet["height"], atol=2e-4)

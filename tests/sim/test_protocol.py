@@ -5,7 +5,7 @@ import pytest
 
 from surefoot.config import SimulationConfig
 from surefoot.sim import make_simulator
-from surefoot.sim.protocol import positive
+from surefoot.sim.protocol import check_positive
 from surefoot.testing import SimulatorContract
 from tests.fakes.robots import ROBOT, needs_pybullet
 
@@ -23,7 +23,7 @@ class TestBullet(SimulatorContract):
 
 def test_positive_numbers_are_copied():
     values = np.array([0.5, 2.0])
-    copy = positive("mass", values, 2)
+    copy = check_positive("mass", values, 2)
     values[0] = -1.0
     np.testing.assert_array_equal(copy, [0.5, 2.0])
 
@@ -41,4 +41,4 @@ def test_positive_numbers_are_copied():
 )
 def test_numbers_that_are_not_positive_are_named(values, message):
     with pytest.raises(ValueError, match=message):
-        positive("mass", np.array(values), 2)
+        check_positive("mass", np.array(values), 2)

@@ -146,7 +146,7 @@ FAULTS = [
     (reusing_its_arrays, "test_later_plans_do_not_change_earlier_ones"),
     (blind, "test_state_and_command_matter"),
     (deaf, "test_state_and_command_matter"),
-    (sure_of_everything, "test_a_state_that_is_no_number_has_no_plan"),
+    (sure_of_everything, "test_a_state_of_nan_has_no_valid_plan"),
     (transposed, "test_plans_have_their_shapes_and_numbers"),
     (never_valid, "test_plans_have_their_shapes_and_numbers"),
     (not_finite, "test_plans_have_their_shapes_and_numbers"),

@@ -254,13 +254,13 @@ FAULTS = [
     (VariesNeighbors, "test_varied_rows_are_single_robots"),
     (VariesNeighbors, "test_nominal_values_change_no_bit"),
     (NominalIsNotNominal, "test_nominal_values_change_no_bit"),
-    (NeverBlowsUp, "test_a_torque_that_is_no_number_blows_up_its_robot_only"),
-    (NeverBlowsUp, "test_a_start_that_is_no_number_blows_up_its_robot_only"),
-    (BlowsUpLate, "test_a_torque_that_is_no_number_blows_up_its_robot_only"),
-    (BlowsUpTogether, "test_a_torque_that_is_no_number_blows_up_its_robot_only"),
-    (StaysBlownUp, "test_a_start_that_is_no_number_blows_up_its_robot_only"),
+    (NeverBlowsUp, "test_a_torque_that_is_nan_blows_up_its_robot_only"),
+    (NeverBlowsUp, "test_a_start_that_is_nan_blows_up_its_robot_only"),
+    (BlowsUpLate, "test_a_torque_that_is_nan_blows_up_its_robot_only"),
+    (BlowsUpTogether, "test_a_torque_that_is_nan_blows_up_its_robot_only"),
+    (StaysBlownUp, "test_a_start_that_is_nan_blows_up_its_robot_only"),
     (StaysBlownUp, "test_an_episode_repeats_bit_for_bit_whatever_came_before"),
-    (MovesOnWhenLost, "test_a_torque_that_is_no_number_blows_up_its_robot_only"),
+    (MovesOnWhenLost, "test_a_torque_that_is_nan_blows_up_its_robot_only"),
 ]
 
 

@@ -5,7 +5,6 @@ import pinocchio as pin
 
 from surefoot.testing.states import (
     falling_moments,
-    stamping_torque,
     state_of,
     states_in_the_air,
     with_bad_numbers,
@@ -38,14 +37,6 @@ def test_every_second_robot_falls_over():
     ticks = np.array([moment.tick for moment in moments])
     np.testing.assert_array_equal(np.diff(ticks, axis=0), 1)
     assert len(np.unique(moments[0].command[:, 0])) == 6
-
-
-def test_stamping_torque_of_a_robot_does_not_depend_on_the_others():
-    q, v = states_in_the_air(ROBOT, 4)
-    state = state_of(ROBOT, q, v)
-    together = stamping_torque(ROBOT, state, 123)
-    np.testing.assert_array_equal(stamping_torque(ROBOT, state[:2], 123), together[:2])
-    assert len(np.unique(together)) == 48
 
 
 def test_bad_numbers_are_in_one_row_of_a_copy():

@@ -159,7 +159,7 @@ def test_the_pushes_shown_are_those_that_were_felt(run_of):
         ("dagger", ("--iteration", 1, "--episode", 110_000), "an index from 0 on"),
         ("dagger", ("--iteration", -1, "--episode", 3), "nothing in iteration -1"),
         ("dagger", ("--episode", -5), "nothing in iteration -1"),
-        ("dagger", ("--iteration", 1), "iteration 1 of which --episode"),
+        ("dagger", ("--iteration", 1), "--iteration 1 needs an --episode"),
         ("behavior_cloning", ("--iteration", 1, "--episode", 0), "iterations 0 to 0"),
         ("loco_dagger", ("--episode", 110_006), "queries 10000 to 10005, ids 110000 to 110005"),
         ("loco_dagger", ("--episode", 100_002), "has 0 to 1, ids 100000 to 100001"),

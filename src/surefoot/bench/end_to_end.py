@@ -21,7 +21,7 @@ from surefoot.config import Config, method_name
 from surefoot.learning.policy import save
 from surefoot.methods import METHODS
 from surefoot.rollouts.arbiters import PolicyOnly
-from surefoot.rollouts.engine import Episodes
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.runs.metrics import Collected, Trained, Validated
 from surefoot.runs.run import Run, create
@@ -50,8 +50,8 @@ class EvaluationSpeed:
 
 
 @dataclass(frozen=True)
-class StageTime:
-    """Wall time of all stages of a kind in a run.
+class BoundedTime:
+    """Wall time of all stages of a kind in a run, and its lower bound.
 
     Attributes:
         seconds: Wall time [s].
@@ -98,9 +98,9 @@ class EndToEndSpeed:
     method: str
     workers: int
     seconds: float
-    collect: StageTime
-    train: StageTime
-    validate: StageTime
+    collect: BoundedTime
+    train: BoundedTime
+    validate: BoundedTime
     other_seconds: float
     plan_ms: float
     floor_robot_ms_per_s: float
@@ -196,7 +196,7 @@ def bench_end_to_end(config: Config, workers: Workers, folder: Path | None = Non
     )
 
 
-def stage_time(work: list[StageWork], stage: str, workers: int, rates: BareRates) -> StageTime:
+def stage_time(work: list[StageWork], stage: str, workers: int, rates: BareRates) -> BoundedTime:
     """Wall time of the stages of one kind, and what their parts cost at best.
 
     Args:
@@ -214,7 +214,7 @@ def stage_time(work: list[StageWork], stage: str, workers: int, rates: BareRates
             seconds += part.seconds
             floor_seconds += (rollouts + plans) / workers
             floor_seconds += part.steps * rates.step_ms / 1e3
-    return StageTime(seconds, floor_seconds)
+    return BoundedTime(seconds, floor_seconds)
 
 
 def end_to_end_table(speed: EndToEndSpeed) -> str:

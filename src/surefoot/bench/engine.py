@@ -22,7 +22,8 @@ from surefoot.mpc.expert import Expert, make_planner
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
-from surefoot.rollouts.engine import Episodes, rollout
+from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor

@@ -17,7 +17,8 @@ from surefoot.mpc.expert import Expert, make_planner
 from surefoot.mpc.planner import LAST_NODE, PlanStages
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.engine import Episodes, rollout
+from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.episodes import Episodes
 from surefoot.scenarios.starts import load_starts
 from surefoot.sim import make_simulator
 from surefoot.types import Command, MotionPlan, State

@@ -1,7 +1,7 @@
 """How many values each option of a command takes, derived from the types of its fields.
 
 The defaults of some options depend on other arguments (those of `train` on the method and the
-preset), so these have to be found before tyro parses the command line, wherever they stand.
+preset), so these have to be known before tyro parses the command line, wherever they stand.
 ``train --config.method.pretraining.nominal dagger`` names a method, but ``train --run dagger`` a
 folder. Next: `train`.
 """
@@ -16,12 +16,12 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 import tyro
 
 ANY_NUMBER = 1_000_000
-"""Values of an option that takes as many as there are."""
+"""The number of values of an option that takes as many as there are."""
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """A command line, sorted.
+    """What a command line consists of.
 
     Attributes:
         positional: Arguments that are neither options nor values of options.
@@ -83,8 +83,8 @@ def option_sizes(command: type, prefix: str = "") -> dict[str, int]:
             continue
         name = field.name.replace("_", "-")
         for kind in _alternatives(hint):
-            if is_dataclass(kind):
-                sizes |= option_sizes(kind, f"{prefix}{name}.")  # type: ignore[arg-type]
+            if isinstance(kind, type) and is_dataclass(kind):
+                sizes |= option_sizes(kind, f"{prefix}{name}.")
             elif kind is bool:
                 sizes[f"--{prefix}{name}"] = 0
                 sizes[f"--{prefix}no-{name}"] = 0

@@ -23,35 +23,38 @@ if TYPE_CHECKING:
     Speed = PlanTimes | Flat | EndToEndSpeed
 
 Measure = Literal["plan", "engine", "train", "evaluation", "end_to_end"]
-"""What `surefoot bench` measures, in this order."""
+"""What `surefoot bench` measures without a name, in this order."""
 
 
 @dataclass(frozen=True)
 class Bench(OnWorkers, OnSimulator):
     """Measure throughput, compared with lower bounds.
 
-    Without a name it measures plan, engine, train, evaluation and end_to_end, in some minutes;
+    Without a name, it measures plan, engine, train, evaluation and end_to_end in a few minutes.
     `surefoot bench expert` measures what the expert survives, in an hour.
 
     JSON keys: one for each measurement. The keys below it are the fields of the records `PlanTimes`
     (plan), `EngineSpeed` (engine), `TrainSpeed` (train), `EvaluationSpeed` (evaluation) and
-    `EndToEndSpeed` (end_to_end) of `surefoot.bench`; `floor_` marks a lower bound. expert: `cells`,
-    one object for each simulator, horizon and set of rules, and `lost_by_all`, the initial states
-    that all of them lose (see `surefoot.study.expert_survey`).
+    `EndToEndSpeed` (end_to_end) of `surefoot.bench`; `floor_` marks a lower bound.
+
+    JSON keys of expert: `cells`, one object for each simulator, horizon and set of rules, and
+    `lost_by_all`, the initial states that all of them lose (`surefoot.study.records.Survey`).
     """
 
     what: Annotated[
         Literal["all", "plan", "engine", "train", "evaluation", "end_to_end", "expert"],
         tyro.conf.Positional,
+        tyro.conf.arg(metavar="[WHAT]"),
     ] = "all"
-    """plan, engine, train: on one core; evaluation, end_to_end: on all workers; expert: survival,
-    tracking and pushes in both simulators (an hour)."""
+    """What to measure: `plan`, `engine` or `train` (a training step), on one core; `evaluation` or
+    `end_to_end` (a whole run), on all workers; `all` of these; or `expert`."""
     preset: str = "quick"
-    """Preset of loco_safe_dagger (end_to_end only)."""
+    """The preset of loco_safe_dagger that end_to_end trains."""
     episodes: int = 1000
-    """Number of initial states of each set (expert only)."""
+    """The number of initial states of each set that `expert` uses."""
     json: Path | None = None
-    """Write the figures to this file; `bench expert` resumes what the file holds already."""
+    """Write the figures to this file, as JSON; `expert` resumes from what the file holds
+    already."""
     config: Config = field(default_factory=Config)
 
     def __call__(self) -> int:

@@ -18,10 +18,11 @@ from surefoot.files import write_atomic
 
 @dataclass(frozen=True)
 class Compare(OnWorkers, OnSimulator):
-    """Measure runs side by side on the same ground: `surefoot compare runs/bc runs/mine`.
+    """Compare the policies of several runs, and the expert, on the same ground.
 
-    In both simulators, from the same `test` initial states: robustness, tracking, pushes, paired
-    differences to the expert and to a baseline, and what each run cost.
+    All are measured in both simulators, from the same `test` initial states: their robustness,
+    tracking and pushes, the paired differences to the expert and to a baseline, and what each run
+    cost.
 
     JSON keys: config, episodes, versions, starts (each set with its hash), baseline (its label) and
     rows, the expert's first. Of each row: label, run, method, policy, sha256 (of the policy's
@@ -49,7 +50,8 @@ class Compare(OnWorkers, OnSimulator):
     baseline: Path | None = None
     """The run that the others are compared with; without it, the first run of behavior cloning."""
     json: Path | None = None
-    """Write the comparison to this file after each measurement, and resume from what it holds."""
+    """Write the comparison to this file after each measurement, as JSON, and resume from what it
+    holds."""
     out: Path | None = None
     """Write the tables to this Markdown file; in a file that exists, between its comments `table`
     and `end of table`."""

@@ -61,7 +61,7 @@ class Evaluate(OnWorkers, OnSimulator):
     """What makes the episodes harder: another friction or load, noise, late torques. Without any of
     these options, the run's configuration decides."""
     json: Path | None = None
-    """Write the report to this file."""
+    """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
         """Evaluate, print each result as soon as it is there, and write the report where asked."""
@@ -172,8 +172,8 @@ def print_controller(name: str, robustness: Robustness, pushes: PushResult | Non
     """Print one controller's robustness in three lines, and its pushes in one more."""
     low, high = robustness.success_interval
     print(
-        f"{name}: {robustness.successes} of {robustness.episodes} {robustness.split} starts "
-        f"({100 * low:.1f} to {100 * high:.1f} %), {robustness.falls} fell, "
+        f"{name}: {robustness.successes} of {robustness.episodes} {robustness.split} initial "
+        f"states ({100 * low:.1f} to {100 * high:.1f} %), {robustness.falls} fell, "
         f"{robustness.stalls} stalled, {robustness.diverged} diverged"
     )
     print(f"  velocity MSE vx, vy, yaw rate (successes): {_numbers(robustness.mse)}")

@@ -28,12 +28,12 @@ TIGHTENED = 0.6
 
 
 @dataclass(frozen=True)
-class GateWarnings(OnWorkers, OnSimulator):
-    """Measure how early a run's gates warn of falls, and how many false takeovers they cost.
+class MeasureWarnings(OnWorkers, OnSimulator):
+    """Measure how early a run's gates warn of falls, and how many alarms are false.
 
-    The last policy that has a history network drives alone from `test` initial states, pushed three
-    times in 5 s by 0.5 to 2 N s; the paper's bounds, tightened bounds and the network are asked at
-    every tick, without any effect. The run may be unfinished; it is only read.
+    The last policy that has a history network drives alone from `test` initial states, and is
+    pushed three times in 5 s by 0.5 to 2 N s. The paper's bounds, tightened bounds and the network
+    are asked at every tick, without any effect. The run may be unfinished; it is only read.
 
     JSON keys: run, iteration (of the policy); starts, starts_hash, split, episodes, falls, fallen
     (ids of the initial states); gates, for each gate announced (falls, at least 0.2 s ahead),
@@ -46,10 +46,10 @@ class GateWarnings(OnWorkers, OnSimulator):
     episodes: int = 200
     """The number of `test` initial states."""
     json: Path | None = None
-    """Write the figures to this file."""
+    """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
-        """Measure, print the table, and write the figures where asked."""
+        """Measure, print the table, and write the report where asked."""
         from surefoot.evaluation.gate_warnings import RunWarnings, measure_warnings
         from surefoot.runs.run import open_run
 
@@ -75,7 +75,7 @@ class GateWarnings(OnWorkers, OnSimulator):
 
 
 def last_gate(run: Run) -> int:
-    """The last iteration with a policy and a history network.
+    """The last iteration that has both a policy and a history network.
 
     Raises:
         RunError: There is none.
@@ -122,7 +122,7 @@ def gates_of(run: Run, iteration: int) -> dict[str, Gate]:
 
 
 def warnings_table(report: RunWarnings) -> str:
-    """The figures in Markdown."""
+    """The warnings as a Markdown table."""
     from surefoot.study.tables import markdown
 
     head = (

@@ -1,7 +1,7 @@
 """The command line: which command runs, with which options, and how its errors are shown.
 
 A command is a dataclass in a file of its own: its fields are the options, its docstring is the help
-text, and calling it does the work and returns the exit status. Next: `options`, `train`.
+text, and calling it does the work and returns the exit status. Next: `command_line`, `options`.
 """
 
 from __future__ import annotations
@@ -13,13 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import tyro
-
 from surefoot.cli.bench import Bench
+from surefoot.cli.command_line import read_options
 from surefoot.cli.compare import Compare
 from surefoot.cli.doctor import Doctor
 from surefoot.cli.evaluate import Evaluate
-from surefoot.cli.gate_warnings import GateWarnings
+from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.make_starts import MakeStarts
 from surefoot.cli.play import Play
 from surefoot.cli.progress import log_shown
@@ -28,7 +27,7 @@ from surefoot.cli.walk import Walk
 from surefoot.errors import unknown
 
 
-class Command(Protocol):
+class Subcommand(Protocol):
     """What the command line runs."""
 
     def __call__(self) -> int:
@@ -45,7 +44,7 @@ class Entry:
         summary: What the command does, in at most 64 characters.
     """
 
-    command: type[Command]
+    command: type[Subcommand]
     summary: str
 
 
@@ -54,16 +53,16 @@ COMMANDS = {
     "walk": Entry(Walk, "Let the expert walk, and film it."),
     "train": Entry(Train, "Train a policy with one of the five methods."),
     "evaluate": Entry(Evaluate, "Measure robustness and tracking of a policy and the expert."),
-    "compare": Entry(Compare, "Compare runs, from the same initial states."),
+    "compare": Entry(Compare, "Compare the policies of several runs, and the expert."),
     "play": Entry(Play, "Film a policy, or a recorded episode of a run."),
-    "gate-warnings": Entry(GateWarnings, "Measure how early the gates of a run warn of falls."),
-    "make-starts": Entry(MakeStarts, "Make a set of initial states."),
+    "gate-warnings": Entry(MeasureWarnings, "Measure how early the gates of a run warn of falls."),
+    "make-starts": Entry(MakeStarts, "Make a new set of initial states."),
     "bench": Entry(Bench, "Measure throughput, compared with lower bounds."),
 }
 """All commands, by name."""
 
 
-def parse(args: Sequence[str]) -> Command:
+def parse(args: Sequence[str]) -> Subcommand:
     """The command that an argument list asks for.
 
     Args:
@@ -84,16 +83,11 @@ def parse(args: Sequence[str]) -> Command:
         return parse_train(args[1:])
     if name not in COMMANDS:
         raise ValueError(unknown("command", name, COMMANDS))
-    return tyro.cli(
-        COMMANDS[name].command,
-        args=args[1:],
-        prog=f"surefoot {name}",
-        config=(tyro.conf.AvoidSubcommands,),
-    )
+    return read_options(COMMANDS[name].command, args[1:], f"surefoot {name}")
 
 
 def overview() -> str:
-    """One line for each command."""
+    """The first help screen: one line for each command."""
     lines = ["usage: surefoot COMMAND [OPTIONS]", "", "commands:"]
     for name, entry in COMMANDS.items():
         lines.append(f"  {name:<14}{entry.summary}")
@@ -102,11 +96,11 @@ def overview() -> str:
 
 
 def main() -> int:
-    """Entry point.
+    """Run the command that the command line names.
 
     Returns:
         0 if all is done, 1 if the robot fell or something is broken, 2 after bad input, 130 if the
-        command was interrupted.
+        command was interrupted, 141 if the reader of the output closed it.
     """
     # A cluster's batch system asks to stop with SIGTERM: stop as after Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -119,6 +113,9 @@ def main() -> int:
             file=sys.stderr,
         )
         return 130
+    except BrokenPipeError:  # the reader of the output, such as `head`, wants no more of it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
     except (ValueError, ArithmeticError, OSError, ImportError, RuntimeError) as error:
         if os.environ.get("SUREFOOT_TRACEBACK"):
             raise

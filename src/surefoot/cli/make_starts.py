@@ -1,4 +1,4 @@
-"""The command make-starts."""
+"""The command make-starts: a new set of initial states, such as the packaged ones."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from surefoot.config import Config, PerturbationConfig
 
 @dataclass(frozen=True)
 class MakeStarts(OnSimulator):
-    """Make a set of initial states: the expert's settled gait cycles, and perturbed neighbors.
+    """Make a set of initial states: settled gait cycles of the expert, and perturbations.
 
     A set is made once, in minutes, and never overwritten; `surefoot evaluate --starts FILE` uses
     it.
@@ -23,9 +23,9 @@ class MakeStarts(OnSimulator):
     out: Annotated[Path, tyro.conf.Positional]
     """The file to write, with the ending .npz; its name without the ending names the set."""
     scale: float = 1.0
-    """Factor on the standard deviations of the perturbations; 1 is the paper's."""
+    """The factor on the standard deviations of the perturbations; 1 is the paper's."""
     seed: int = 20240711
-    """Root of the perturbations' randomness; the default is that of the packaged sets."""
+    """The root of the perturbations' randomness; the default is that of the packaged sets."""
     config: Config = field(default_factory=Config)
 
     def __call__(self) -> int:

@@ -22,8 +22,8 @@ class OnSimulator:
     """A command whose robots walk in either simulator."""
 
     sim: Backend | None = None
-    """Simulator; without it that of the configuration or of the run (doctor: mujoco; compare and
-    bench expert: both)."""
+    """The simulator; without it, the one of the configuration or of the run (doctor: mujoco;
+    compare and bench expert: both)."""
 
     def simulated(self, config: Config) -> Config:
         """The configuration, with the simulator that was asked for.
@@ -39,11 +39,12 @@ class OnWorkers:
     """A command whose rollouts are spread over processes; the results do not depend on them."""
 
     workers: int = field(default_factory=default_workers)
-    """Number of processes; of a running Ray cluster all cores are used."""
+    """The number of processes; a running Ray cluster is used with all its cores."""
     backend: Literal["loky", "ray"] = "loky"
-    """loky: processes of this machine; ray: tasks on a cluster (needs the extra ray)."""
+    """Where the processes run: `loky` on this machine, `ray` on a cluster (needs the extra ray)."""
     ray_address: str | None = None
-    """Address of a running Ray cluster, auto or host:port; without it Ray is started here."""
+    """The address of a running Ray cluster, auto or host:port; without it, Ray is started on this
+    machine."""
 
     @property
     def spread(self) -> Workers:

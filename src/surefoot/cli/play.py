@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Play(OnSimulator):
-    """Film a policy, or one recorded episode of a run.
+    """Film a policy from standing, or one recorded episode of a run.
 
     JSON keys: outcome; command and mean_velocity [vx m/s, vy m/s, yaw rate rad/s, in the heading
     frame, from 1 s on]; seconds [s, until the end]; max_torque [N m]; drove_last [expert or
@@ -27,23 +27,25 @@ class Play(OnSimulator):
     """
 
     target: Annotated[Path, tyro.conf.Positional]
-    """Folder of a run (its best policy), or a policy file."""
+    """The folder of a run, of which the best policy is played, or a policy file."""
     vx: float = 0.2
-    """Forward speed [m/s]."""
+    """The commanded forward speed [m/s]."""
     vy: float = 0.0
-    """Speed to the left [m/s]."""
+    """The commanded speed to the left [m/s]."""
     yaw_rate: float = 0.0
-    """Yaw rate to the left [rad/s]."""
+    """The commanded yaw rate to the left [rad/s]."""
     seconds: float = 5.0
-    """Duration [s]."""
+    """The duration [s]."""
     episode: int | None = None
-    """Replay this episode of the run instead, bit for bit (ids of failures: metrics.jsonl)."""
+    """Replay the episode with this id instead, bit for bit; metrics.jsonl in the run's folder lists
+    the ids of failures (failed_episodes)."""
     iteration: int | None = None
-    """Count the episode within this iteration: 17 is the 18th rollout."""
+    """Count --episode within this iteration: 17 is then its 18th rollout."""
     out: Path | None = None
-    """Film to write; without it play.mp4 in the run's folder or beside the policy."""
+    """The film to write; without it, play.mp4 or episode_ID.mp4 in the run's folder, or play.mp4
+    beside the policy."""
     json: Path | None = None
-    """Write the figures to this file."""
+    """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
         """Play, print, film; 1 if the robot fell."""
@@ -85,13 +87,15 @@ class Play(OnSimulator):
         """
         from surefoot.learning.policy import check_command, load
         from surefoot.rollouts.arbiters import PolicyOnly
-        from surefoot.rollouts.engine import Episodes
+        from surefoot.rollouts.episodes import Episodes
         from surefoot.rollouts.jobs import Job
         from surefoot.runs.policies import find_policy
         from surefoot.viz.replay import standing_start
 
         if self.iteration is not None:
-            raise ValueError(f"iteration {self.iteration} of which --episode? Name one, from 0 on")
+            raise ValueError(
+                f"--iteration {self.iteration} needs an --episode: its index there, from 0 on"
+            )
         policy, config = find_policy(self.target)
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_command(load(policy), np.array(command))

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import tyro
 
 from surefoot.cli.arguments import sort_arguments
+from surefoot.cli.command_line import read_options
 from surefoot.cli.options import OnSimulator, OnWorkers
 from surefoot.config import METHODS as METHOD_CONFIGS
 from surefoot.config import Config
@@ -33,28 +34,29 @@ class TrainReport:
 
 @dataclass(frozen=True)
 class Train(OnWorkers, OnSimulator):
-    """Train a policy: `surefoot train loco_safe_dagger`.
+    """Train a policy, for example with `surefoot train loco_safe_dagger`.
 
-    The options of a method, and all defaults, are shown by `surefoot train METHOD --help`.
+    See the options of a method, and all defaults, with `surefoot train METHOD --help`.
 
     JSON keys: run [folder], metrics [list, one object for each stage, with the keys of the run's
     metrics.jsonl].
     """
 
-    method: Annotated[str, tyro.conf.Positional]
-    """behavior_cloning, dagger, safe_dagger, loco_dagger or loco_safe_dagger."""
+    method: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="METHOD")]
+    """The method: behavior_cloning, dagger, safe_dagger, loco_dagger or loco_safe_dagger."""
     preset: str = "default"
-    """default; quick: takes minutes; paper: the paper's numbers and simulator, over an hour."""
+    """The preset of the method: `default` takes about ten minutes, `quick` a few minutes, and
+    `paper`, with the paper's numbers and simulator, about an hour."""
     run: Path | None = None
-    """Folder of the run; without it runs/METHOD-PRESET."""
+    """The folder of the run; without it, runs/METHOD-PRESET."""
     device: Literal["auto", "cpu", "cuda"] | None = None
-    """Device that trains the network; without it as configured: a GPU if there is one."""
+    """The device that trains the network; without it, the configured one: a GPU if there is one."""
     resume: bool = False
     """Resume the run in that folder, from the first stage that is not done."""
     tensorboard: bool = False
     """Write TensorBoard events into the run's folder (needs the extra track)."""
     json: Path | None = None
-    """Write the metrics to this file."""
+    """Write the metrics to this file, as JSON."""
     config: Config = field(default_factory=Config)
 
     def __call__(self) -> int:
@@ -92,17 +94,16 @@ def parse_train(args: Sequence[str]) -> Train:
         SystemExit: Help was asked for, or an option is wrong.
     """
     program = "surefoot train"
-    flat = (tyro.conf.AvoidSubcommands,)
-    given = sort_arguments(args, Train)
-    if given.positional:
-        method = given.positional[0]
-        name = given.values.get("--preset", "default")
+    arguments = sort_arguments(args, Train)
+    if arguments.positional:
+        method = arguments.positional[0]
+        name = arguments.values.get("--preset", "default")
         default = Train(method, name, config=preset(method, name))
-        return tyro.cli(Train, args=args, default=default, prog=program, config=flat)
+        return read_options(Train, args, program, default)
     if "-h" in args or "--help" in args:
-        return tyro.cli(Train, args=args, prog=program, config=flat)
-    if given.unknown:
+        return read_options(Train, args, program)
+    if arguments.unknown:
         raise ValueError(
-            f"there is no option {given.unknown[0]}; `surefoot train METHOD --help` lists all"
+            f"there is no option {arguments.unknown[0]}; `surefoot train METHOD --help` lists all"
         )
-    raise ValueError(f"train what? Name a method: {', '.join(METHOD_CONFIGS)}")
+    raise ValueError(f"train needs the name of a method: {', '.join(METHOD_CONFIGS)}")

@@ -15,7 +15,7 @@ from surefoot.types import TICKS_PER_SECOND, Command
 
 if TYPE_CHECKING:
     from surefoot.mpc.expert import Expert
-    from surefoot.rollouts.engine import Rollout
+    from surefoot.rollouts.episodes import Rollout
 
 
 @dataclass(frozen=True)
@@ -60,26 +60,26 @@ class Walk(OnSimulator):
     """
 
     vx: float = 0.2
-    """Forward speed [m/s]."""
+    """The commanded forward speed [m/s]."""
     vy: float = 0.0
-    """Speed to the left [m/s]."""
+    """The commanded speed to the left [m/s]."""
     yaw_rate: float = 0.0
-    """Yaw rate to the left [rad/s]."""
+    """The commanded yaw rate to the left [rad/s]."""
     seconds: float = 10.0
-    """Duration [s]."""
+    """The duration [s]."""
     video: bool = True
     """Film the robot."""
     out: Path = Path("walk.mp4")
-    """Film to write, and a contact sheet beside it."""
+    """The film to write; a contact sheet is written beside it, as a PNG."""
     json: Path | None = None
-    """Write the figures to this file."""
+    """Write the report to this file, as JSON."""
     config: Config = field(default_factory=Config)
 
     def __call__(self) -> int:
         """Walk, print, film; 1 if the robot fell."""
         from surefoot.robots.solo12 import solo12
         from surefoot.rollouts.arbiters import ExpertOnly
-        from surefoot.rollouts.engine import Episodes
+        from surefoot.rollouts.episodes import Episodes
         from surefoot.rollouts.jobs import Job, play_out
         from surefoot.viz.film import Recording
         from surefoot.viz.replay import standing_start

@@ -82,15 +82,29 @@ class CentroidalProblem:
 
 
 class _Problem(NamedTuple):
-    active: BoolArray  # (N, 4)
+    """A centroidal problem of N nodes as arrays that compiled code can take.
+
+    Attributes:
+        active: ``(N, 4)`` True where a foot is in stance.
+        friction: The coefficient mu of the cone.
+        position: ``(N, 4, 3)`` positions of the feet [m].
+        dt: ``(N,)`` durations of the nodes [s].
+        x0: ``(9,)`` measured state.
+        reference: ``(N+1, 9)`` states to track.
+        weight: ``(N+1, 9)`` weights of the states.
+        force_weight: ``(3,)`` weights of a force.
+        rho: ``(9,)`` penalties on the rows of the dynamics.
+    """
+
+    active: BoolArray
     friction: float
-    position: Array  # (N, 4, 3) of the feet [m]
-    dt: Array  # (N,) [s]
-    x0: Array  # (9,)
-    reference: Array  # (N+1, 9)
-    weight: Array  # (N+1, 9) of the states
-    force_weight: Array  # (3,)
-    rho: Array  # (9,) penalty of the dynamics' rows
+    position: Array
+    dt: Array
+    x0: Array
+    reference: Array
+    weight: Array
+    force_weight: Array
+    rho: Array
 
 
 def solve_centroidal(

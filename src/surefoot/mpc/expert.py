@@ -44,7 +44,7 @@ class Expert:
         self.reset(0)
 
     def reset(self, batch: int) -> None:
-        """Forget all plans; ``batch`` robots follow."""
+        """Forget all plans, and be ready for ``batch`` robots."""
         self.plans = np.zeros(batch, dtype=np.int64)
         self.invalid_plans = np.zeros(batch, dtype=np.int64)
         self._diverged = np.zeros(batch, dtype=bool)
@@ -85,6 +85,7 @@ class Expert:
         return np.where(self._diverged[:, None], -DAMPING * v, torque)
 
     def _replan(self, robot: int, state: State, tick: int, command: Array, takeover: bool) -> None:
+        """Ask for a plan for one robot, and keep it if it is valid; else keep the old one."""
         plan = self._plan(state, tick, Command(*map(float, command)))
         parts = [plan.joint_position, plan.joint_velocity, plan.torque]
         ticks = len(plan.joint_position)

@@ -1,6 +1,9 @@
-"""The costs of the whole-body kinematic problem, compiled: value and Gauss-Newton model.
+"""Costs of the whole-body kinematic problem, compiled: their value and their Gauss-Newton model.
 
-`kinematics` calls them in each iteration and solves the model with the Riccati sweep of `riccati`.
+The costs l(x_t, u_t) and l_N(x_N) are those in the docstring of `kinematics`, which evaluates them
+for every trial step. Each is a weighted sum of squared residuals r, so its model at x needs the
+Jacobian of r only: the gradient is J^T W r and the Hessian J^T W J. Read `kinematics` next, which
+solves the model with the sweep of `riccati`.
 """
 
 from __future__ import annotations
@@ -11,51 +14,82 @@ import numpy as np
 from numba import njit
 
 from surefoot.mpc.riccati import NV, QuadraticModel
-from surefoot.robots.rigid import (
-    difference,
-    difference_jacobian,
-    integrate_jacobians,
-)
+from surefoot.robots.rigid import difference, difference_jacobian, integrate_jacobians
 from surefoot.types import Array, BoolArray
 
 
 class ProblemArrays(NamedTuple):
-    """A kinematic problem of N nodes as arrays that compiled code can take."""
+    """A kinematic problem of N nodes as arrays that compiled code can take.
 
-    dt: Array  # (N,) [s]
-    tracked: BoolArray  # (N, 4) feet with a target
-    target: Array  # (N, 4, 3)
-    momentum: Array  # (N+1, 6)
-    q_ref: Array  # (N+1, 19)
-    v_ref: Array  # (N+1, 18)
-    state_weight: Array  # (36,)
-    control_weight: Array  # (18,)
+    Attributes:
+        dt: ``(N,)`` durations of the nodes [s].
+        tracked: ``(N, 4)`` True where a foot has a position to track: a contact or a via point.
+        position: ``(N, 4, 3)`` positions of the tracked feet [m].
+        momentum: ``(N+1, 6)`` centroidal momentum reference, linear first [kg m/s, kg m^2/s].
+        q_ref: ``(N+1, 19)`` regularized configuration.
+        v_ref: ``(N+1, 18)`` regularized velocity.
+        state_weight: ``(36,)`` weights of configuration and velocity.
+        control_weight: ``(18,)`` weights of the accelerations.
+        foot_weight: The weight of the feet's positions.
+        momentum_weight: The weight of the momentum.
+    """
+
+    dt: Array
+    tracked: BoolArray
+    position: Array
+    momentum: Array
+    q_ref: Array
+    v_ref: Array
+    state_weight: Array
+    control_weight: Array
     foot_weight: float
     momentum_weight: float
 
 
 class Motion(NamedTuple):
-    """A trajectory of configurations, velocities and accelerations."""
+    """A trajectory over N nodes.
 
-    q: Array  # (N+1, 19)
-    v: Array  # (N+1, 18)
-    u: Array  # (N, 18)
+    Attributes:
+        q: ``(N+1, 19)`` configurations.
+        v: ``(N+1, 18)`` velocities.
+        u: ``(N, 18)`` generalized accelerations.
+    """
+
+    q: Array
+    v: Array
+    u: Array
 
 
 class Residuals(NamedTuple):
-    """How far a trajectory is from what the costs ask for."""
+    """How far a trajectory is from what the costs ask for.
 
-    foot: Array  # (N, 4, 3), zero where a foot has no target
-    foot_jacobian: Array  # (N+1, 4, 3, 9), with respect to base and own leg
-    momentum: Array  # (N+1, 6)
-    state: Array  # (N+1, 36)
+    Attributes:
+        foot: ``(N, 4, 3)`` errors of the feet [m]; zero where a foot is not tracked.
+        foot_jacobian: ``(N+1, 4, 3, 9)`` Jacobians of the feet with respect to base and own leg.
+        momentum: ``(N+1, 6)`` errors of the centroidal momentum [kg m/s, kg m^2/s].
+        state: ``(N+1, 36)`` differences of configuration and velocity from the regularized ones.
+    """
+
+    foot: Array
+    foot_jacobian: Array
+    momentum: Array
+    state: Array
 
 
 @njit(cache=True, error_model="numpy")
 def objective(
     p: ProblemArrays, motion: Motion, momentum: Array, foot: Array, foot_jacobian: Array
 ) -> tuple[float, Residuals]:
-    """Return the objective and residuals, from momenta and foot positions of a trajectory."""
+    """Return the objective of a trajectory, and its residuals.
+
+    Args:
+        p: The problem.
+        motion: The trajectory.
+        momentum: ``(N+1, 6)`` centroidal momenta of the trajectory.
+        foot: ``(N+1, 4, 3)`` foot positions of the trajectory [m].
+        foot_jacobian: ``(N+1, 4, 3, 9)`` Jacobians of the feet, which become a part of the
+            residuals.
+    """
     q, v, u = motion
     N = len(p.dt)
     momentum = momentum - p.momentum
@@ -72,19 +106,25 @@ def objective(
             continue
         for leg in range(4):
             if p.tracked[t, leg]:
-                error[t, leg] = foot[t, leg] - p.target[t, leg]
+                error[t, leg] = foot[t, leg] - p.position[t, leg]
         stage += p.foot_weight * np.sum(error[t] ** 2) + np.sum(p.control_weight * u[t] ** 2)
         cost += 0.5 * p.dt[t] * stage
     return cost, Residuals(error, foot_jacobian, momentum, state)
 
 
 @njit(cache=True, error_model="numpy")
-def gauss_newton(
+def gauss_newton_model(
     p: ProblemArrays, motion: Motion, r: Residuals, momentum_jacobian: Array
 ) -> QuadraticModel:
     """Return the quadratic model of the state costs, and the dynamics' base blocks.
 
     The state's Jacobian is the identity except for the base; a foot depends on base and own leg.
+
+    Args:
+        p: The problem.
+        motion: The trajectory around which the model is made.
+        r: The residuals of the trajectory, from `objective`.
+        momentum_jacobian: ``(N+1, 6, 36)`` Jacobians of the momentum with respect to q and v.
     """
     v = motion.v
     N = len(p.dt)

@@ -9,7 +9,8 @@ Over nodes t with state x = (q, v) and generalized acceleration u as control,
     v_{t+1} = v_t + dt u_t,   q_{t+1} = q_t (+) dt v_{t+1}
 
 The next velocity serves as the decision of the sweep (u follows from it), so 18 x 18 blocks are
-all there is to solve. Momentum and its derivatives are Pinocchio's. Read `planner` next.
+all there is to solve. The compiled costs are in `kinematic_costs`; momentum and its derivatives are
+Pinocchio's. Read `planner` next.
 """
 
 from __future__ import annotations
@@ -23,15 +24,16 @@ from numba import njit
 
 from surefoot.config import KinematicConfig
 from surefoot.mpc.footholds import ContactPlan
-from surefoot.mpc.kinematic_costs import Motion, ProblemArrays, Residuals, gauss_newton, objective
+from surefoot.mpc.kinematic_costs import (
+    Motion,
+    ProblemArrays,
+    Residuals,
+    gauss_newton_model,
+    objective,
+)
 from surefoot.mpc.riccati import NV, QuadraticModel, riccati
 from surefoot.robots.model import RobotModel
-from surefoot.robots.rigid import (
-    difference,
-    feet,
-    integrate,
-    legs_of,
-)
+from surefoot.robots.rigid import difference, feet, integrate, legs_of
 from surefoot.types import Array
 
 STEPS = (1.0, 0.5, 0.25, 0.125, 0.03125)
@@ -65,7 +67,7 @@ class KinematicProblem:
 
 @dataclass(frozen=True)
 class KinematicPlan:
-    """Solution at the nodes.
+    """The whole-body motion at the nodes, and what it cost to find.
 
     Attributes:
         q: ``(N+1, 19)`` configurations.
@@ -83,6 +85,8 @@ class KinematicPlan:
 
 
 class _Iterate(NamedTuple):
+    """A trajectory with its objective and residuals."""
+
     motion: Motion
     cost: float
     residuals: Residuals
@@ -241,7 +245,7 @@ class KinematicSolver:
             )
             momentum_jacobian[t, :, :NV] = dh_dq
             momentum_jacobian[t, :, NV:] = dh_dv
-        return gauss_newton(p, motion, residuals, momentum_jacobian)
+        return gauss_newton_model(p, motion, residuals, momentum_jacobian)
 
 
 @njit(cache=True, error_model="numpy")

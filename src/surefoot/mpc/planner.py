@@ -3,8 +3,8 @@
 `Planner.plan` is a pure function of (state, tick, command): every stage starts cold, so the same
 input gives the same bits whatever was solved before. It plans in the heading frame, with the origin
 below the base, so a plan depends on neither x, y nor yaw; yaw rate is regulated, yaw is not. For
-real-time use `Planner.solve` can start from an earlier plan. Data must never be made that way: its
-bits would depend on that plan. The stages are public and can be called alone. Read `expert` next.
+real-time use `Planner.solve` can start from an earlier plan. Never collect data that way: its bits
+would depend on that plan. The stages are public and can be called alone. Read `expert` next.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ class Planner:
         whole_body = self.kinematic_problem(q, v, contacts, centroidal, velocity)
         kinematic = self._kinematics.solve(whole_body, postures)
         clock.append(perf_counter())
-        motion = self.to_ticks(contacts, centroidal, kinematic)
+        motion = self.motion_plan(contacts, centroidal, kinematic)
         clock.append(perf_counter())
         seconds = StageSeconds(*np.diff(clock).tolist())
         return PlanStages(tick, contacts, centroidal, kinematic, motion, seconds)
@@ -283,15 +283,15 @@ class Planner:
         v_ref[:, 5] = velocity.yaw_rate
         return KinematicProblem(q, v, contacts, momentum, q_ref, v_ref)
 
-    def to_ticks(
+    def motion_plan(
         self, contacts: ContactPlan, centroidal: CentroidalPlan, kinematic: KinematicPlan
     ) -> MotionPlan:
-        """Interpolate the nodes to 1 kHz and add the inverse dynamics.
+        """Return the plan at 1 kHz: the nodes interpolated, with torques by inverse dynamics.
 
         tau = RNEA(q, v, a) - sum_j J_j^T f_j, joint rows; linear between nodes in q, v, a and f.
 
-        The residual knows the momentum only: a state that no robot is ever in, with its legs wound
-        up or a joint at 1000 rad/s, can have a good one. So the joints are judged as well.
+        The residual is about the momentum only: a state that no robot is ever in, with its legs
+        wound up or a joint at 1000 rad/s, can have a small one. So the joints are checked as well.
 
         Args:
             contacts: The contact plan, for the durations of the nodes.

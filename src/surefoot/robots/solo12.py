@@ -1,4 +1,8 @@
-"""Solo12, as ``example-robot-data`` describes it (Grimminger et al., 2020)."""
+"""Solo12 (Grimminger et al., 2020), as the package ``example-robot-data`` describes it.
+
+Its shapes replace the meshes of the description, whose extents they follow. Read `robots.geometry`
+next for where they meet the ground.
+"""
 
 from __future__ import annotations
 

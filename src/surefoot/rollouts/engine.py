@@ -1,4 +1,4 @@
-"""The engine: B robots in lockstep, an arbiter that says who drives, a record of what happened.
+"""The engine: B robots in lockstep, an arbiter that says who drives, and what happened to them.
 
 It knows protocols only: any simulator, any controller as expert or policy, any arbiter. Which
 frames of a rollout are kept is the method's decision, taken afterwards (`Rollout.frames`). Read
@@ -40,14 +40,14 @@ def rollout(
     ask_always: bool = False,
     progress: Callable[[int], object] | None = None,
 ) -> Rollout:
-    """Run one episode of every robot from its start; a failure ends that robot's episode only.
+    """Run one episode of every robot; a failure ends the episode of that robot only.
 
     Args:
         simulator: Simulator of as many robots as there are episodes.
         episodes: Where the episodes begin, how long they last, and what disturbs the robots.
         arbiter: Decides at every tick who drives.
         expert: Drives where the arbiter says so, and during the tail.
-        policy: Drives elsewhere; it may be missing if the arbiter never asks for it.
+        policy: Drives elsewhere; None if the arbiter never asks for one.
         safety: The bounds beyond which a robot has fallen; None uses the defaults.
         ask_always: Ask the expert at every tick for the torque that it would apply there, even
             where the policy drives (DAGGER). It then plans on its grid, and a takeover continues
@@ -66,7 +66,9 @@ def rollout(
     starts = episodes.starts
     B = len(starts)
     if simulator.batch != B:
-        raise ValueError(f"{B} starts for a simulator of {simulator.batch} robots; make it {B}")
+        raise ValueError(
+            f"{B} initial states for a simulator of {simulator.batch} robots; give it {B} robots"
+        )
     T = to_ticks(episodes.duration)
     total = T + to_ticks(episodes.tail)
     grace = to_ticks(safety.grace)
@@ -82,7 +84,7 @@ def rollout(
     recorder = _Recorder(total, B, noisy=measure is not None, ask_always=ask_always)
     drivers = _Drivers(expert, policy, starts.command, simulator.robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)
-    # A late torque is the one commanded `delay` ticks ago, or the first one, if there was none.
+    # The torque applied is the one commanded `delay` ticks ago, or the first one of the episode.
     commanded = deque[Array](maxlen=disturbance.delay + 1)
     for elapsed in range(total + 1):
         state = simulator.state
@@ -138,7 +140,7 @@ class _Recorder:
         self.outcome = np.full(batch, Outcome.SUCCESS, dtype=np.int64)
 
     def end(self, which: BoolArray, outcome: Outcome, elapsed: int) -> None:
-        """End the episodes of those of the robots ``which`` that are still active."""
+        """End the episodes of the robots in ``which`` ``(B,)``, where they are still active."""
         if not which.any():
             return
         ending = which & self.active
@@ -154,7 +156,7 @@ class _Recorder:
         self.outcome[stalled & (self.outcome == Outcome.SUCCESS)] = Outcome.STALLED
 
     def rollout(self, starts: Starts, T: int) -> Rollout:
-        """The record of the whole rollout, the robot as its first axis."""
+        """The whole rollout, with the robot as its first axis."""
         truth = _states_by_robot(self.truth)
         return Rollout(
             q=truth.q,
@@ -195,15 +197,15 @@ class _Drivers:
     def torque(
         self, state: State, tick: IntArray, choice: BoolArray, elapsed: int, recorder: _Recorder
     ) -> Array:
-        """``(B, 12)`` torques to command in a tick [N m], clipped; all of it is recorded.
+        """Record who drives in a tick; return the torques ``(B, 12)`` to command [N m], clipped.
 
         Args:
             state: The states of B robots, as they measure them.
             tick: ``(B,)`` gait clock [ms].
             choice: ``(B,)`` True where the expert drives.
             elapsed: Number of the tick in the rollout.
-            recorder: Holds what happened so far; the episode of a robot that the expert gives up
-                on while it drives ends here.
+            recorder: Holds what happened so far. Where the expert gives up on a robot that it
+                drives, the episode ends.
         """
         torque = self._no_torque
         by_policy = ~choice & recorder.active

@@ -1,7 +1,7 @@
 """What goes into a rollout and what comes out: `Episodes` to run, and the `Rollout` of them.
 
 A rollout holds everything that was measured, commanded and decided, tick by tick; `Rollout.frames`
-takes from it what a method keeps to learn from. Read `engine` next, which makes the one of the
+takes from it what a method keeps to learn from. Read `engine` next, which turns one into the
 other.
 """
 
@@ -27,7 +27,7 @@ class Episodes:
     Attributes:
         starts: The B initial states, each with its gait clock and command.
         duration: The duration T of the episode proper [s].
-        tail: The time after T during which the expert drives, if the robot is still up [s].
+        tail: The time after T during which the expert drives robots that have not fallen [s].
         id: ``(B,)`` ids, which fix everything random; None numbers the episodes from 0.
         disturbance: What disturbs the B robots; None leaves them undisturbed.
 
@@ -52,10 +52,10 @@ class Episodes:
                 "0.001 s, and a tail of 0 s or more"
             )
         if self.id is not None and len(self.id) != B:
-            raise ValueError(f"{len(self.id)} ids for {B} starts; give one id for each start")
+            raise ValueError(f"{len(self.id)} ids for {B} initial states; give one for each")
         pushes = None if self.disturbance is None else self.disturbance.pushes
         if pushes is not None and len(pushes.tick) != B:
-            raise ValueError(f"pushes of {len(pushes.tick)} robots for {B} robots")
+            raise ValueError(f"pushes for {len(pushes.tick)} robots, but there are {B}")
         if not np.isfinite(self.starts.command).all():
             raise ValueError(f"commands must be finite numbers, not {self.starts.command.tolist()}")
 
@@ -63,7 +63,7 @@ class Episodes:
         return len(self.starts)
 
     def __getitem__(self, rows: slice | NDArray) -> Episodes:
-        """Some of the episodes, with their ids."""
+        """Some of the episodes, with their ids and disturbances."""
         disturbance = None if self.disturbance is None else self.disturbance[rows]
         return replace(self, starts=self.starts[rows], id=self.ids[rows], disturbance=disturbance)
 

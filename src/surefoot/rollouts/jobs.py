@@ -34,8 +34,8 @@ from surefoot.types import BoolArray, IntArray, PlanFunction
 from surefoot.workers import Workers, map_chunks
 
 PLANNER = "surefoot.mpc.planner"
-"""Name of the package's own expert. Metrics of runs hold it: it stays, whatever modules are
-called."""
+"""Name of the package's own expert. Summaries of runs hold it, so it stays the same even if the
+module is renamed."""
 Keep = Callable[[Rollout], BoolArray]
 """The rule of a method for its dataset: ``(B, T)`` True for the frames of a rollout to keep. It may
 be asked about any part of a job, so it decides on each episode by that episode alone."""
@@ -78,7 +78,7 @@ class Job:
     trace: bool = False
 
     def __getitem__(self, rows: slice | NDArray) -> Job:
-        """Some of the episodes."""
+        """The same job with some of its episodes."""
         return replace(self, episodes=self.episodes[rows])
 
     @property
@@ -93,11 +93,11 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Result:
-    """What is left of a chunk.
+class ChunkResult:
+    """What is kept of a chunk of episodes.
 
     Attributes:
-        summary: The outcomes and figures of its episodes.
+        summary: How its episodes ended, and what they cost.
         frames: The frames that the job's rule keeps.
         trace: What a history gate learns from, if the job asks for it.
     """
@@ -108,7 +108,7 @@ class Result:
 
 
 def expert_name(job: Job) -> str:
-    """Name of the expert of a job: the package's planner, or a function's own name."""
+    """The name of a job's expert: the package's planner, or the function's own name."""
     return PLANNER if job.plan is None else job.plan.__qualname__
 
 
@@ -125,7 +125,7 @@ def run_episodes(job: Job, workers: Workers, title: str) -> Summary:
 
 
 def chunks_of(job: Job) -> list[Job]:
-    """The job cut into what is simulated together; depends on nothing but the job.
+    """The job, cut into what is simulated together; the cuts depend on nothing but the job.
 
     The policy comes with every chunk, for workers that cannot see its file.
     """
@@ -134,7 +134,7 @@ def chunks_of(job: Job) -> list[Job]:
     return [job[first : first + size] for first in range(0, len(job.episodes), size)]
 
 
-def run_chunk(job: Job) -> Result:
+def run_chunk(job: Job) -> ChunkResult:
     """Run the episodes of one chunk in this process, and those that follow from them."""
     rollouts, expert = play_out(job)
     frames = concatenate([])
@@ -147,7 +147,7 @@ def run_chunk(job: Job) -> Result:
         more = run_chunk(following)
         summary = join_summaries([summary, more.summary])
         frames = concatenate([frames, more.frames])
-    return Result(summary, frames, trace)
+    return ChunkResult(summary, frames, trace)
 
 
 def summarize_job(job: Job, rollouts: Rollout, expert: Expert, frames: Frames) -> Summary:
@@ -170,13 +170,13 @@ def summarize_job(job: Job, rollouts: Rollout, expert: Expert, frames: Frames) -
 
 
 def disturbance_of(job: Job) -> Disturbance:
-    """What disturbs a job's robots: what its episodes bring, or what its seed and ids draw."""
+    """What disturbs a job's robots: the disturbance of its episodes, or else one that is drawn."""
     if job.episodes.disturbance is not None:
         return job.episodes.disturbance
     config = job.config
     duration = job.episodes.duration
     tail = job.episodes.tail
-    if job.query:  # it is all tail: the expert drives in order to teach
+    if job.query:  # all of it counts as tail: the expert drives in order to teach
         tail = duration
         duration = 0.0
     friction = config.simulation.friction
@@ -226,5 +226,5 @@ def _robot(config: RobotConfig) -> RobotModel:
 
 @lru_cache(maxsize=4)
 def _planner(config: Config) -> Planner:
-    """The planner of a configuration, built once per process: planning leaves no trace in it."""
+    """The planner of a configuration, built once per process; planning does not change it."""
     return make_planner(_robot(config.robot), config)

@@ -1,7 +1,7 @@
 """How an episode ends: falls, and whether a robot kept stepping.
 
 `fallen` ends an episode; `stepping` decides afterwards whether the robot kept walking (paper,
-IV-F). All of it is array code over B robots. Read `engine` for where they are asked.
+IV-F). All of it is array code over B robots. Read `engine` next for where they are called.
 """
 
 from __future__ import annotations
@@ -77,7 +77,8 @@ def strictly_stepping(
 ) -> BoolArray:
     """``(B,)`` True where every foot touches down in every window of 1.5 gait periods.
 
-    It has to do so over at least two thirds of the episode; reported beside `stepping`.
+    The robot has to do so for at least two thirds of the episode. This rule, stricter than
+    `stepping`, is reported and decides nothing.
 
     Args:
         feet_height: ``(B, T, 4)`` height of the foot centers above the ground [m].

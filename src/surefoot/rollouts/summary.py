@@ -2,7 +2,7 @@
 
 `summarize` makes a `Summary` of a rollout, `join_summaries` puts several together; runs store one
 per chunk. Base velocities, and the tracking errors that follow from them, are computed here too.
-Read `evaluation.robustness` and `runs.accounting` next for what is reported of it.
+Read `evaluation.robustness` and `runs.accounting` next for what is reported.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Summary:
         return failed(self.outcome)
 
     def __getitem__(self, rows: NDArray) -> Summary:
-        """Some of the episodes."""
+        """The summary of some of the episodes."""
         return Summary(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
@@ -107,7 +107,7 @@ def join_summaries(parts: Sequence[Summary]) -> Summary:
 
 @dataclass(frozen=True)
 class EpisodeInfo:
-    """What a summary tells of B episodes that their rollout does not know.
+    """What a summary says of B episodes that their rollout does not hold.
 
     Attributes:
         episode: ``(B,)`` ids of the episodes.
@@ -132,9 +132,9 @@ def summarize(
     Args:
         rollouts: What happened in them.
         frames: The frames that are kept.
-        info: What the rollout does not know of them.
+        info: What the rollout does not hold.
         robot: The robot; its foot radius is needed.
-        config: Gives the gait period, the grace, and the bounds that recoveries are told by.
+        config: Gives the gait period, the grace, and the bounds that define a recovery.
     """
     B = len(rollouts.length)
     T = rollouts.duration

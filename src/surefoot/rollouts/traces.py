@@ -43,7 +43,7 @@ class Trace:
 
 
 def trace_of(rollouts: Rollout, episode: IntArray, config: Config) -> Trace:
-    """What a history gate learns from a rollout.
+    """The trace of a rollout.
 
     Args:
         rollouts: What happened in B episodes.
@@ -63,7 +63,12 @@ def trace_of(rollouts: Rollout, episode: IntArray, config: Config) -> Trace:
 
 
 def labels_of(rollouts: Rollout, safety: SafetyConfig) -> NDArray[np.int8]:
-    """``(B, T)`` the label of every tick, as `Trace` explains."""
+    """``(B, T)`` the label of every tick, as `Trace` defines it.
+
+    Args:
+        rollouts: What happened.
+        safety: The bounds.
+    """
     T = rollouts.duration
     happened = rollouts.happened[:, :T]
     ticks = np.arange(T)
@@ -90,7 +95,7 @@ def _next(event: BoolArray, never: int) -> IntArray:
 
 
 def history_rows(traces: Sequence[Trace]) -> tuple[NDArray[np.float32], BoolArray, IntArray]:
-    """What to train the classifier of a `History` gate on: one row for each known label.
+    """The rows to train the classifier of a `History` gate on: one for each known label.
 
     Args:
         traces: The traces; a row never reaches beyond the beginning of its episode.

@@ -1,11 +1,12 @@
-"""Simulators: `protocol` says what they agree on, and `make_simulator` makes the one you name."""
+"""Simulators: `make_simulator` makes the one that a configuration names.
+
+`protocol` says what all of them agree on; each physics engine is imported by its own module, when
+it is first needed. Read `sim.protocol` next.
+"""
 
 from __future__ import annotations
 
-from typing import get_args
-
-from surefoot.config import Backend, SimulationConfig
-from surefoot.errors import unknown
+from surefoot.config import SimulationConfig
 from surefoot.robots.model import RobotModel
 from surefoot.sim.protocol import Simulator
 
@@ -23,16 +24,12 @@ def make_simulator(
         config: The physics engine and its settings; the defaults if it is None.
 
     Raises:
-        ValueError: ``config.backend`` is not a simulator, or ``batch`` is not positive.
+        ValueError: ``batch`` is not positive.
         ImportError: The physics engine is missing.
     """
     config = config or SimulationConfig()
     if batch < 1:
         raise ValueError(f"batch is {batch}; a simulator holds at least one robot")
-    if config.backend == "mujoco":
-        from surefoot.sim.mujoco import MujocoSimulator
-
-        return MujocoSimulator(robot, batch, config)
     if config.backend == "bullet":
         try:
             from surefoot.sim.bullet import BulletSimulator
@@ -42,4 +39,6 @@ def make_simulator(
                 "3.11 only: pip install 'surefoot[pybullet]'"
             ) from error
         return BulletSimulator(robot, batch, config)
-    raise ValueError(unknown("simulator", config.backend, get_args(Backend)))
+    from surefoot.sim.mujoco import MujocoSimulator
+
+    return MujocoSimulator(robot, batch, config)

@@ -22,7 +22,7 @@ from surefoot.config import SimulationConfig
 from surefoot.robots.model import RobotModel, Shape, standing
 from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import rotation
-from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, positive
+from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
 
 
@@ -46,7 +46,7 @@ with _without_greeting():
 RUN_AWAY = 1e10
 """A robot with a larger number in its state has blown up: MuJoCo's limit (mjMAXVAL)."""
 NO_LIMIT = 1e30
-"""[rad/s] By itself PyBullet caps joint rates at 100 rad/s without a word."""
+"""[rad/s] Without this limit PyBullet caps joint rates at 100 rad/s silently."""
 
 
 def to_bullet(q: Array, v: Array) -> tuple[Array, Array]:
@@ -173,7 +173,6 @@ class BulletSimulator:
         """
         self.robot = robot
         self.batch = batch
-        self.robot = robot
         self._config = config or SimulationConfig()
         self._legs = legs_of(robot)
         self._masses = masses_of(robot)
@@ -293,8 +292,8 @@ class BulletSimulator:
 
     def vary(self, friction: Array, mass: Array) -> None:
         """See ``Simulator``. A reset builds a world with these values."""
-        checked_friction = positive("friction", friction, self.batch)
-        checked_mass = positive("mass", mass, self.batch)
+        checked_friction = check_positive("friction", friction, self.batch)
+        checked_mass = check_positive("mass", mass, self.batch)
         self._friction = checked_friction
         self._mass = checked_mass
 
@@ -348,7 +347,7 @@ class BulletSimulator:
         self._force[row] = list(force.values())
 
     def _sane(self) -> BoolArray:
-        """``(B,)`` False where a number is NaN or has run away."""
+        """Return ``(B,)`` False where a number is NaN or has run away."""
         return np.all(np.abs(np.hstack([self._q, self._v])) <= RUN_AWAY, axis=1)
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:

@@ -24,7 +24,7 @@ from surefoot.config import SimulationConfig
 from surefoot.robots import rigid
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
-from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, positive
+from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
 from surefoot.types import GRAVITY, LEGS, Array, BoolArray, State
 
 # Bad numbers in position, velocity and acceleration are neighbors in MuJoCo's list of warnings.
@@ -147,9 +147,8 @@ def build_model(
 def _urdf(robot: RobotModel, visual: bool) -> str:
     """Return the URDF without collision meshes, with mesh paths that MuJoCo can open.
 
-    Visual meshes stay if they are asked for.
-
-    Fixed joints are fused, as Pinocchio does: a foot becomes part of its lower leg.
+    Visual meshes stay if ``visual`` is True. Fixed joints are fused, as Pinocchio does: a foot
+    becomes part of its lower leg.
     """
     root = ElementTree.fromstring(robot.urdf.read_text())
     for link in root.iter("link"):
@@ -310,8 +309,8 @@ class MujocoSimulator:
     def vary(self, friction: Array, mass: Array) -> None:
         """See ``Simulator``."""
         self._variation = (
-            positive("friction", friction, self.batch),
-            positive("mass", mass, self.batch),
+            check_positive("friction", friction, self.batch),
+            check_positive("mass", mass, self.batch),
         )
 
     def _apply(self, friction: Array, mass: Array, rows: BoolArray) -> None:
@@ -328,7 +327,7 @@ class MujocoSimulator:
 
     @cached_property
     def _nominal(self) -> tuple[rigid.Legs, rigid.Masses]:
-        """What a robot knows of itself; a varied one has a center of mass that it does not know."""
+        """Legs and masses of the nominal robot, for the center of mass that robots report."""
         return rigid.legs_of(self.robot), rigid.masses_of(self.robot)
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
@@ -340,7 +339,7 @@ class MujocoSimulator:
         try:
             self.simulations.step(rows, stage=_STAGE_VELOCITY)
         except SimulationError as error:
-            # MuJoCo refused these robots, of its memory for one; it has stepped all the others.
+            # MuJoCo refused these robots (for lack of memory, say) and stepped all the others.
             self._blown_up[error.ids] = True
         # Every way into numbers that are not finite passes one of these warnings.
         if self._bad_numbers.any():

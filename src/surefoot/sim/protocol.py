@@ -52,7 +52,7 @@ class Simulator(Protocol):
     def vary(self, friction: Array, mass: Array) -> None:
         """Give each robot a floor and a base of its own, from its next ``reset`` on.
 
-        They hold, through every later reset, until others are given in the same way. The robot
+        They hold through every later reset, until the next call. The robot
         knows nothing of it: ``state.com`` is that of the nominal masses. With the friction of the
         config and a mass factor of 1 a robot moves as if it had never been varied, bit for bit.
 
@@ -102,12 +102,12 @@ class Simulator(Protocol):
         ...
 
 
-def positive(name: str, values: Array, batch: int) -> Array:
-    """Return a copy of ``values``, one for each robot.
+def check_positive(name: str, values: Array, batch: int) -> Array:
+    """Check that there is one positive number for each robot, and return a copy of them.
 
     Args:
         name: The name of the values, for the error.
-        values: ``(batch,)`` numbers.
+        values: ``(batch,)`` numbers to check.
         batch: The number of robots.
 
     Raises:

@@ -1,6 +1,7 @@
 """What every controller promises, a policy and an expert alike: torques row by row, resets, masks.
 
-The class turns the sentences of `surefoot.types.Controller` into tests.
+The class turns the sentences of `surefoot.types.Controller` into tests. Whether the robot walks is
+not tested. Read `testing.states` next for the states that it tries.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ class ControllerContract:
             np.testing.assert_array_equal(alone, together[:, rows])
 
     def test_rows_outside_the_mask_do_not_matter(self) -> None:
-        """What the robots that are driven by another do changes no torque of the others."""
+        """The states of robots that another controller drives change no torque."""
         moments = self.make_moments()
         masks = _masks(moments)
         masks[:, 1] = False
@@ -123,7 +124,7 @@ class ControllerContract:
 
 
 def _masks(moments: list[Moment]) -> BoolArray:
-    """Return ``(ticks, B)`` which robots are driven: each on and off for spells of its own."""
+    """Return ``(ticks, B)`` True where a robot is driven; each has on and off times of its own."""
     elapsed = np.arange(len(moments))[:, None]
     robot = np.arange(len(moments[0].tick))
     return (elapsed + 5 * robot) % 23 < 16

@@ -1,6 +1,7 @@
 """What every gate promises: one answer a robot and tick, rows that never touch, resets that forget.
 
-Read `testing.controller` next.
+The class turns the sentences of `surefoot.safety.gates.Gate` into tests. Whether the gate warns of
+falls in time is not tested. Read `testing.controller` next.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class GateContract:
         moments = self.make_moments()
         gate = self.make_gate()
         first = self._answers(gate, moments)
-        # Its memory is now full of these moments; the first few of them alone would fill it less.
+        # Fill its memory with other moments, few enough that they do not replace all of it.
         self._answers(gate, moments[::-1][:7])
         np.testing.assert_array_equal(self._answers(gate, moments), first)
         np.testing.assert_array_equal(self._answers(self.make_gate(), moments), first)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from surefoot.robots.model import RobotModel
-from surefoot.testing.states import Moment, falling_moments, state_of
+from surefoot.testing.states import falling_moments, state_of
 from surefoot.types import Command, MotionPlan, PlanFunction, State
 
 
@@ -40,8 +40,7 @@ class PlanContract:
         By default these are nearly standing robots.
         """
         robot = self.make_robot()
-        moment: Moment = falling_moments(robot, 6, 1)[0]
-        state = moment.state
+        state = falling_moments(robot, 6, 1)[0].state
         state.q[1::2, 3:7] = [0.0, 0.0, 0.0, 1.0]
         upright = state_of(robot, state.q, state.v)
         return [upright[row] for row in range(6)]
@@ -71,7 +70,7 @@ class PlanContract:
                 _assert_same_plans(another(state, tick, self.command), copies)
 
     def test_same_bits_whatever_was_planned_before(self) -> None:
-        """Other states, other commands and states that are no numbers leave no trace."""
+        """Other states, other commands and states of NaN leave no trace."""
         plan = self.make_plan()
         states = self.make_states()
         expected = [
@@ -118,13 +117,13 @@ class PlanContract:
             plan(state, self.ticks[-1], self.command)
         _assert_same_plans(first, copies)
 
-    def test_a_state_that_is_no_number_has_no_plan(self) -> None:
-        """Bad numbers give a plan that is not valid or not finite, and no exception."""
+    def test_a_state_of_nan_has_no_valid_plan(self) -> None:
+        """A state of NaN gives a plan that is not valid or not finite, and no exception."""
         plan = self.make_plan()
         with np.errstate(all="ignore"):
             motion = plan(_lost_robot(), self.ticks[0], self.command)
         finite = all(np.isfinite(array).all() for array in _arrays(motion))
-        assert not (motion.valid and finite), "a state that is no number has a plan"
+        assert not (motion.valid and finite), "a state of NaN has a valid plan"
 
 
 def _arrays(plan: MotionPlan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -141,12 +140,12 @@ def _lost_robot() -> State:
 
 
 def _assert_same_plans(plan: MotionPlan, expected: list[np.ndarray]) -> None:
-    """The arrays of a plan are equal to others bit for bit."""
+    """Assert that the arrays of a plan equal the expected ones bit for bit."""
     for array, other in zip(_arrays(plan), expected, strict=True):
         np.testing.assert_array_equal(array, other, "the same input gave another plan")
 
 
 def _differ(plan: MotionPlan, other: MotionPlan) -> bool:
-    """Whether two plans differ in any array."""
+    """Return True if two plans differ in any array."""
     pairs = zip(_arrays(plan), _arrays(other), strict=True)
     return any(not np.array_equal(a, b) for a, b in pairs)

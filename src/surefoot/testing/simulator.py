@@ -11,17 +11,15 @@ import numpy as np
 
 from surefoot.robots.model import standing
 from surefoot.sim.protocol import CONTACT_FORCE, Simulator
-from surefoot.testing.states import (
+from surefoot.testing.driving import (
     assert_same_rows,
-    assert_same_states,
-    copy_of,
     momentum,
     record_ticks,
     stamping_torque,
-    states_in_the_air,
     thrown_states,
     vary_and_reset,
 )
+from surefoot.testing.states import assert_same_states, copy_of, states_in_the_air
 
 
 class SimulatorContract:
@@ -29,7 +27,7 @@ class SimulatorContract:
 
     Attributes:
         nominal_friction: The friction coefficient that your simulator has without `vary`.
-        push_tolerance: How far the momentum may be from that of a push [N s].
+        push_tolerance: The largest error of the momentum that a push adds [N s].
         ticks: The length of the episodes that are compared [ms].
     """
 
@@ -60,7 +58,7 @@ class SimulatorContract:
         assert not simulator.blown_up.any(), "a new simulator has blown up"
 
     def test_new_robots_stand_in_the_nominal_pose(self) -> None:
-        """A new simulator has been reset to the standing pose, at rest."""
+        """The robots of a new simulator stand in the nominal pose, at rest."""
         simulator = self.make_simulator(2)
         expected = np.tile(standing(simulator.robot), (2, 1))
         np.testing.assert_allclose(simulator.state.q, expected, rtol=0, atol=1e-9)
@@ -195,7 +193,7 @@ class SimulatorContract:
             simulator.step(stamping_torque(robot, state, tick))
 
     def test_push_adds_its_impulse_to_the_momentum(self) -> None:
-        """A push of ten ticks, in tenths, changes the momentum of the pushed robots by its impulse.
+        """A push spread over ten ticks changes the momentum of the pushed robots by its impulse.
 
         It acts during these ticks only.
         """
@@ -240,7 +238,7 @@ class SimulatorContract:
         np.testing.assert_allclose(gained, [[0.5, 0.0, 0.0]] * 2, atol=self.push_tolerance)
 
     def test_push_is_forgotten_by_a_reset(self) -> None:
-        """A push before a reset does not act after it."""
+        """A push before a reset has no effect after it."""
         plain = self._in_the_air(2)
         simulator = self._in_the_air(2)
         q = simulator.state.q.copy()
@@ -253,9 +251,9 @@ class SimulatorContract:
         assert_same_states(simulator.state, plain.state, "a push has survived a reset")
 
     def test_nominal_values_change_no_bit(self) -> None:
-        """The nominal friction and a mass factor of 1 are as if the robot had never been varied.
+        """With the nominal friction and a mass factor of 1 a robot moves as if it was never varied.
 
-        Also beside robots that are varied, and in a robot that was another before.
+        This holds beside robots that are varied, and for a robot that was varied before.
         """
         nominal = self.nominal_friction
         plain = record_ticks(self.make_simulator(4), self.ticks)
@@ -340,16 +338,16 @@ class SimulatorContract:
             simulator.reset(upright, np.zeros((2, 18)))
             np.testing.assert_array_equal(record_ticks(simulator, 20), expected)
 
-    def test_a_torque_that_is_no_number_blows_up_its_robot_only(self) -> None:
+    def test_a_torque_that_is_nan_blows_up_its_robot_only(self) -> None:
         """The robot is reported at once and stands still; the others keep every bit."""
         self._blows_up_alone(torque=np.nan)
 
-    def test_a_start_that_is_no_number_blows_up_its_robot_only(self) -> None:
+    def test_a_start_that_is_nan_blows_up_its_robot_only(self) -> None:
         """The robot is reported at its reset and stands still; the others keep every bit."""
         self._blows_up_alone(angle=np.nan)
 
     def _blows_up_alone(self, torque: float = 0.0, angle: float = 0.0) -> None:
-        """One of five robots gets a torque in tick 50, or a joint angle at its reset."""
+        """Add a torque in tick 50, or a joint angle at the reset, to one of five robots."""
         bad = 2
         others = np.arange(5) != bad
         reference = self.make_simulator(5)
@@ -380,7 +378,7 @@ class SimulatorContract:
         assert np.isfinite(simulator.state.q).all(), "a reset gives numbers again"
 
     def _in_the_air(self, batch: int) -> Simulator:
-        """Return robots at rest, 1 m up, the last of them tilted."""
+        """Return a simulator of robots at rest, 1 m up, the last of them tilted."""
         simulator = self.make_simulator(batch)
         q = np.tile(standing(simulator.robot), (batch, 1))
         q[:, 2] += 1.0

@@ -1,4 +1,8 @@
-"""States and torques on which the contracts try their subjects, from a robot's model alone."""
+"""States to test with, made from a robot's model alone, and what compares states bit for bit.
+
+Every contract uses them: robots that stand, fall or fly, and robots that have blown up. Read
+`testing.driving` next for what the simulators' contract does with a simulator.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +10,9 @@ from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import center_of_mass, feet, integrate, legs_of, masses_of
-from surefoot.sim.protocol import Simulator
 from surefoot.types import Array, IntArray, State
 
 HIGHEST_CONTACT = 1e-3
@@ -94,27 +96,6 @@ def states_in_the_air(robot: RobotModel, batch: int, seed: int = 0) -> tuple[Arr
     return q, rng.normal(0.0, 1.0, (batch, 18))
 
 
-def stamping_torque(robot: RobotModel, state: State, tick: int) -> Array:
-    """Return torques ``(B, 12)`` [N m] that make each robot stamp in its own way.
-
-    Contacts open, close and slide under this PD law around the standing pose.
-
-    Args:
-        robot: The robot, for its pose and torque limit.
-        state: The states of B robots.
-        tick: Ticks since the robots began [ms].
-    """
-    batch = len(state.q)
-    rng = np.random.default_rng(7)
-    phase = rng.uniform(0.0, 2 * np.pi, (64 + batch, 12))[:batch]
-    stiffness = robot.torque_limit / 0.9
-    restoring = standing(robot)[7:] - state.q[:, 7:]
-    wave = np.sin(2 * np.pi * 3.0 * tick / 1000 + phase)
-    return (
-        stiffness * restoring - stiffness / 60.0 * state.v[:, 6:] + 0.45 * robot.torque_limit * wave
-    )
-
-
 def copy_of(state: State) -> State:
     """Return a state with arrays of its own."""
     return State(*(getattr(state, field.name).copy() for field in fields(State)))
@@ -135,7 +116,7 @@ def assert_same_states(actual: State, expected: State, message: str = "") -> Non
 
 
 def with_bad_numbers(state: State, row: int) -> State:
-    """Return a copy of a state whose given row holds no numbers, as after a blow-up.
+    """Return a copy of a state in which all numbers of one robot are NaN, as after a blow-up.
 
     Args:
         state: The states of B robots.
@@ -147,51 +128,3 @@ def with_bad_numbers(state: State, row: int) -> State:
     copy.com[row] = np.nan
     copy.feet[row] = np.nan
     return copy
-
-
-def thrown_states(simulator: Simulator) -> tuple[Array, Array]:
-    """Return upright robots a little above the ground, each of which moves in its own way."""
-    q, v = states_in_the_air(simulator.robot, simulator.batch, seed=8)
-    q[:, 2] = 0.04 + standing(simulator.robot)[2]
-    q[:, 3:7] = [0.0, 0.0, 0.0, 1.0]
-    return q, 0.2 * v
-
-
-def vary_and_reset(simulator: Simulator, friction: Array, mass: Array) -> None:
-    """Vary the robots and let them stand."""
-    simulator.vary(friction, mass)
-    q = np.tile(standing(simulator.robot), (simulator.batch, 1))
-    simulator.reset(q, np.zeros((simulator.batch, 18)))
-
-
-def record_ticks(simulator: Simulator, ticks: int) -> Array:
-    """Let the robots stamp, and return all the bits that a rollout could see."""
-    rows = []
-    for tick in range(ticks):
-        state = simulator.state
-        force = simulator.contact_force
-        feet = state.feet.reshape(-1, 12)
-        rows.append(np.hstack([state.q, state.v, state.com, feet, state.contacts, force]))
-        simulator.step(stamping_torque(simulator.robot, state, tick))
-    return np.array(rows)
-
-
-def assert_same_rows(batch: Simulator, singles: list[Simulator]) -> None:
-    """Each robot of a batch has the state and the forces of a simulator of its own."""
-    state: State = batch.state
-    force = batch.contact_force
-    for row, single in enumerate(singles):
-        assert_same_states(state[row : row + 1], single.state, f"robot {row} alone")
-        np.testing.assert_array_equal(force[row], single.contact_force[0])
-
-
-def momentum(simulator: Simulator) -> Array:
-    """Return the linear momentum ``(B, 3)`` of each robot, world frame [N s]."""
-    model = simulator.robot.model
-    data = model.createData()
-    state = simulator.state
-    rows = []
-    for q, v in zip(state.q, state.v, strict=True):
-        pin.computeCentroidalMomentum(model, data, q, v)
-        rows.append(data.hg.linear.copy())
-    return np.array(rows)

@@ -1,7 +1,8 @@
 """Plots: the learning curves of a run.
 
 `learning_curves` draws the records of a run (`runs.metrics`): falls, the expert's share and the
-success on the `select` starts over the iterations, as the paper plots them for its methods (IV-F).
+success on the `select` initial states over the iterations, as the paper plots them for its methods
+(IV-F).
 """
 
 from __future__ import annotations
@@ -151,7 +152,7 @@ def _plot_expert_share(axes: Axes, collected: list[Collected]) -> None:
 
 def _plot_success(axes: Axes, validated: list[Validated], best: int | None) -> None:
     """Success of each iteration's policy with its interval, and which policy is the best."""
-    axes.set(title="Success on the select starts, with Wilson 95 % intervals", ylabel="success [%]")
+    axes.set(title="Success on the select initial states (95 % intervals)", ylabel="success [%]")
     if not validated:
         axes.set_ylim(0, 101)
         axes.text(0.5, 0.5, "not validated yet", transform=axes.transAxes, ha="center", color=GRAY)

@@ -1,0 +1,128 @@
+"""Reads a command's options with tyro, and lays its help out for the width of the terminal.
+
+tyro keeps the line breaks that a field's docstring has in the source, and does not wrap the text
+above the options. Both are joined or filled here. Next: `arguments`.
+"""
+
+from __future__ import annotations
+
+import ast
+import shutil
+import textwrap
+from collections.abc import Sequence
+from dataclasses import MISSING, Field, fields, is_dataclass
+from inspect import cleandoc, getsource
+from itertools import pairwise
+from typing import TypeVar, get_type_hints
+
+import tyro
+from tyro.constructors import (
+    ConstructorRegistry,
+    StructConstructorSpec,
+    StructFieldSpec,
+    StructTypeInfo,
+)
+
+CommandKind = TypeVar("CommandKind")
+
+_registry = ConstructorRegistry()
+
+
+def read_options(
+    command: type[CommandKind],
+    args: Sequence[str],
+    program: str,
+    default: CommandKind | None = None,
+) -> CommandKind:
+    """A command with the options of a command line.
+
+    Args:
+        command: Dataclass of the command.
+        args: Command line, without the name of the command.
+        program: Name of the program and of the command.
+        default: A command that has the defaults; without it those of the dataclass.
+
+    Raises:
+        SystemExit: Help was asked for, or an option is wrong.
+    """
+    with _registry:
+        return tyro.cli(
+            command,
+            args=args,
+            prog=program,
+            description=filled(command.__doc__ or "", shutil.get_terminal_size().columns),
+            default=default,
+            config=(tyro.conf.AvoidSubcommands,),
+        )
+
+
+def filled(text: str, width: int) -> str:
+    """The paragraphs of a docstring, filled to a width, with all but their first line indented.
+
+    The indentation tells tyro not to join the lines again.
+
+    Args:
+        text: The docstring.
+        width: Number of characters of the longest line.
+    """
+    paragraphs = [" ".join(paragraph.split()) for paragraph in cleandoc(text).split("\n\n")]
+    return "\n\n".join(
+        textwrap.fill(paragraph, width, subsequent_indent="  ", break_on_hyphens=False)
+        for paragraph in paragraphs
+    )
+
+
+def field_docstrings(kind: type) -> dict[str, str]:
+    """The docstring of each field of a dataclass on one line, those of its bases included.
+
+    Args:
+        kind: The dataclass.
+    """
+    docstrings: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        if not is_dataclass(base):
+            continue
+        try:
+            source = getsource(base)
+        except OSError:  # a program without its source has no such help
+            continue
+        [definition] = ast.parse(textwrap.dedent(source)).body
+        assert isinstance(definition, ast.ClassDef)
+        for statement, following in pairwise(definition.body):
+            match statement, following:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(ast.Constant(str(text))):
+                    docstrings[name] = " ".join(text.split())
+    return docstrings
+
+
+@_registry.struct_rule
+def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """What tyro does with a dataclass, but for its fields' docstrings, whose lines are joined."""
+    kind = info.type
+    if not (isinstance(kind, type) and is_dataclass(kind)):
+        return None
+    hints = get_type_hints(kind, include_extras=True)
+    docs = field_docstrings(kind)
+    return StructConstructorSpec(
+        instantiate=kind,
+        fields=tuple(
+            StructFieldSpec(
+                name=field.name,
+                type=hints[field.name],
+                default=_default_of(field, info.default),
+                helptext=docs.get(field.name),
+            )
+            for field in fields(kind)
+        ),
+    )
+
+
+def _default_of(field: Field, instance: object) -> object:
+    """The default of a field: that of an instance, if there is one, or the dataclass's own."""
+    if is_dataclass(instance):
+        return getattr(instance, field.name)
+    if field.default is not MISSING:
+        return field.default
+    if field.default_factory is not MISSING:
+        return field.default_factory()
+    return tyro.MISSING

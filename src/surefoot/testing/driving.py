@@ -1,0 +1,108 @@
+"""What the simulators' contract does with a simulator: it drives, varies, records and compares.
+
+The torques make robots stamp, so that contacts open, close and slide; a recording holds every bit
+that a rollout could see. Read `testing.simulator` next, which asserts with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from surefoot.robots.model import RobotModel, standing
+from surefoot.sim.protocol import Simulator
+from surefoot.testing.states import assert_same_states, states_in_the_air
+from surefoot.types import Array, State
+
+
+def stamping_torque(robot: RobotModel, state: State, tick: int) -> Array:
+    """Return torques ``(B, 12)`` [N m] that make each robot stamp in its own way.
+
+    Contacts open, close and slide under this PD law around the standing pose.
+
+    Args:
+        robot: The robot, for its pose and torque limit.
+        state: The states of B robots.
+        tick: Ticks since the robots began [ms].
+    """
+    batch = len(state.q)
+    rng = np.random.default_rng(7)
+    phase = rng.uniform(0.0, 2 * np.pi, (64 + batch, 12))[:batch]
+    stiffness = robot.torque_limit / 0.9
+    restoring = standing(robot)[7:] - state.q[:, 7:]
+    wave = np.sin(2 * np.pi * 3.0 * tick / 1000 + phase)
+    return (
+        stiffness * restoring - stiffness / 60.0 * state.v[:, 6:] + 0.45 * robot.torque_limit * wave
+    )
+
+
+def thrown_states(simulator: Simulator) -> tuple[Array, Array]:
+    """Return q ``(B, 19)`` and v ``(B, 18)`` of upright robots that are thrown onto the ground.
+
+    They begin 4 cm above the ground, and each moves in its own way.
+
+    Args:
+        simulator: The simulator, for its robot and the number of robots B.
+    """
+    q, v = states_in_the_air(simulator.robot, simulator.batch, seed=8)
+    q[:, 2] = 0.04 + standing(simulator.robot)[2]
+    q[:, 3:7] = [0.0, 0.0, 0.0, 1.0]
+    return q, 0.2 * v
+
+
+def vary_and_reset(simulator: Simulator, friction: Array, mass: Array) -> None:
+    """Vary all robots, then reset them to the standing pose.
+
+    Args:
+        simulator: The simulator of B robots.
+        friction: ``(B,)`` friction coefficients.
+        mass: ``(B,)`` factors on the mass of the base.
+    """
+    simulator.vary(friction, mass)
+    q = np.tile(standing(simulator.robot), (simulator.batch, 1))
+    simulator.reset(q, np.zeros((simulator.batch, 18)))
+
+
+def record_ticks(simulator: Simulator, ticks: int) -> Array:
+    """Let the robots stamp, and return ``(ticks, B, 60)``, all that a rollout could see of them.
+
+    Args:
+        simulator: The simulator; it goes on from where it is.
+        ticks: The number of ticks to simulate.
+    """
+    rows = []
+    for tick in range(ticks):
+        state = simulator.state
+        force = simulator.contact_force
+        feet = state.feet.reshape(-1, 12)
+        rows.append(np.hstack([state.q, state.v, state.com, feet, state.contacts, force]))
+        simulator.step(stamping_torque(simulator.robot, state, tick))
+    return np.array(rows)
+
+
+def assert_same_rows(batch: Simulator, singles: Sequence[Simulator]) -> None:
+    """Assert that each robot of a batch has the state and forces of a simulator of its own.
+
+    Args:
+        batch: The simulator of B robots.
+        singles: B simulators of one robot each.
+    """
+    state = batch.state
+    force = batch.contact_force
+    for row, single in enumerate(singles):
+        assert_same_states(state[row : row + 1], single.state, f"robot {row} alone")
+        np.testing.assert_array_equal(force[row], single.contact_force[0])
+
+
+def momentum(simulator: Simulator) -> Array:
+    """Return the linear momentum ``(B, 3)`` of each robot, world frame [N s]."""
+    model = simulator.robot.model
+    data = model.createData()
+    state = simulator.state
+    rows = []
+    for q, v in zip(state.q, state.v, strict=True):
+        pin.computeCentroidalMomentum(model, data, q, v)
+        rows.append(data.hg.linear.copy())
+    return np.array(rows)
