@@ -126,6 +126,21 @@ def test_takeovers_are_false_without_a_fall_within_a_second_and_a_half():
     assert 0.0 <= low < 5 / minutes < high < 3 / (7000 / 60_000)
 
 
+def test_no_false_takeover_in_a_short_time_is_not_a_rate_of_zero():
+    warned = warnings(9000, ([], None), ([], None))
+    assert warned.false_per_minute == 0.0
+    assert warned.false_interval is not None
+    low, high = warned.false_interval
+    minutes = 2 * 7500 / 60_000
+    # With such a rate, no event in so many minutes has a chance of 2.5 %.
+    assert (low, np.exp(-high * minutes)) == (0.0, pytest.approx(0.025))
+
+
+def test_lead_times_without_spread_have_no_interval():
+    assert warnings(5000, ([2700], 3000)).lead_interval is None
+    assert warnings(5000, ([2700], 3000), ([3700], 4000)).lead_interval is None
+
+
 def test_an_alarm_within_the_block_is_no_takeover():
     # The second is blocked: the expert drives already.
     warned = warnings(5000, ([1000, 2500], 2900))

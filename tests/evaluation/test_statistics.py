@@ -71,17 +71,15 @@ def test_percentiles_hold_the_middle_95_percent():
 
 def test_paired_difference_is_the_bootstrap_of_scipy():
     rng = np.random.default_rng(3)
-    a = rng.random(200) < 0.9
-    b = a & (rng.random(200) < 0.95)
+    a = rng.exponential(1.0, 200)
+    b = a + rng.normal(0.1, 0.5, 200)
     paired = paired_difference(a, b)
     expected = bootstrap(
-        (a.astype(float) - b,), np.mean, n_resamples=20_000, method="percentile"
+        (a - b,), np.mean, n_resamples=20_000, method="percentile"
     ).confidence_interval
     assert paired.pairs == 200
     assert paired.difference == pytest.approx(a.mean() - b.mean())
-    # Steps are of one robot in two hundred.
-    assert paired.interval == pytest.approx((expected.low, expected.high), abs=0.0051)
-    assert paired.interval != (0.0, 0.0)
+    assert paired.interval == pytest.approx((expected.low, expected.high), abs=0.005)
 
 
 def test_initial_states_that_one_arm_lacks_are_left_out():
@@ -106,9 +104,41 @@ def test_pairing_narrows_the_interval():
     assert high - low < 0.6 * (unpaired_high - unpaired_low)
 
 
-def test_pairs_that_are_all_alike_or_single():
-    assert paired_difference([1, 1, 1], [0, 0, 0]) == PairedDifference(1.0, (1.0, 1.0), 3)
+@pytest.mark.parametrize(
+    ("both", "only_a", "only_b", "neither", "low", "high"),
+    [
+        # Percentage points; the first two are worked out by hand from Wilson's ends.
+        (500, 0, 0, 0, -0.76, 0.76),
+        (499, 0, 1, 0, -1.12, 0.58),
+        # Newcombe's own examples (Statistics in Medicine 17, 1998, 2635), method 10.
+        (36, 12, 2, 0, 5.69, 34.04),
+        (53, 0, 1, 0, -9.77, 4.96),
+    ],
+)
+def test_a_difference_of_shares_has_newcombes_interval(both, only_a, only_b, neither, low, high):
+    a = np.repeat([1, 1, 0, 0], [both, only_a, only_b, neither])
+    b = np.repeat([1, 0, 1, 0], [both, only_a, only_b, neither])
+    interval = interval_of(paired_difference(a, b))
+    assert [100 * end for end in interval] == pytest.approx([low, high], abs=0.005)
+
+
+def test_newcombes_interval_holds_the_true_difference_where_pairs_hardly_differ():
+    rng = np.random.default_rng(8)
+    held = 0
+    for _ in range(400):
+        a = rng.random(500) < 0.998
+        b = np.ones(500)
+        low, high = interval_of(paired_difference(a, b))
+        held += low <= -0.002 <= high
+    assert held / 400 >= 0.95
+
+
+def test_outcomes_without_spread_are_not_certain():
+    assert paired_difference([2.0, 2.0, 2.0], [1.0, 1.0, 1.0]) == PairedDifference(1.0, None, 3)
     assert paired_difference([1], [0]) == PairedDifference(1.0, None, 1)
+    assert run_bootstrap([np.ones(100), np.ones(100)]).interval == wilson(200, 200)
+    assert run_bootstrap([np.zeros(50), np.zeros(50)]).interval == wilson(0, 100)
+    assert run_bootstrap([np.full(50, 0.3), np.full(50, 0.3)]).interval is None
 
 
 def test_pairs_without_an_outcome_are_an_error():
@@ -165,7 +195,7 @@ def test_intervals_of_runs_cover_the_truth():
 
 
 def test_runs_that_are_all_alike_or_single():
-    assert run_bootstrap([[1, 1], [1, 1, 1]]) == RunMeans(1.0, (1.0, 1.0), (1.0, 1.0))
+    assert run_bootstrap([[1, 1], [1, 1, 1]]) == RunMeans(1.0, wilson(5, 5), (1.0, 1.0))
     assert run_bootstrap([[0, 1]]) == RunMeans(0.5, None, (0.5,))
     # One rollout of each run: runs are still drawn.
     low, high = interval_of(run_bootstrap([[0], [1], [2], [3]]))

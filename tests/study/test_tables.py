@@ -39,19 +39,19 @@ def test_the_tables_hold_the_known_answers(monkeypatch, runs):
     assert table[5][:3] == ["bullet", "LocoSafeDAGGER, bounds", "3 of 4, 75.0 % (30.1 to 95.4)"]
     assert table[5][4:6] == ["1", "0"]
     assert table[0][-2:] == ["3.00 (3.00 to 3.00)", "2.00, 4.00"]
-    # Of four starts drawn anew the share of one is 0 to 75 %, that of two 0 to 100 %.
+    # Newcombe's intervals of two and of one discordant pair in four.
     assert table[6] == [
         "mujoco",
         "expert",
         "-",
-        "+50.0 (+0.0 to +100.0)",
+        "+50.0 (-10.2 to +85.0)",
         "-",
         "+2.00 (+2.00 to +2.00)",
     ]
-    assert table[7][2:4] == ["-50.0 (-100.0 to +0.0)", "-"]
+    assert table[7][2:4] == ["-50.0 (-85.0 to +10.2)", "-"]
     assert table[8][2:] == [
-        "-25.0 (-75.0 to +0.0)",
-        "+25.0 (+0.0 to +75.0)",
+        "-25.0 (-69.9 to +28.1)",
+        "+25.0 (-32.0 to +65.5)",
         "-2.00 (-2.00 to -2.00)",
         "+0.00 (+0.00 to +0.00)",
     ]
@@ -74,7 +74,7 @@ def test_without_pushes_their_cells_are_dashes(monkeypatch, runs):
     table = cells(comparison_tables(comparison))
     assert table[0][-2:] == ["-", "-"]
     assert table[2] == [
-        *("bullet", "LocoSafeDAGGER, bounds", "-25.0 (-75.0 to +0.0)", "-", "-", "-")
+        *("bullet", "LocoSafeDAGGER, bounds", "-25.0 (-69.9 to +28.1)", "-", "-", "-")
     ]
     assert "row minus baseline (no baseline)" in comparison_tables(comparison)
 

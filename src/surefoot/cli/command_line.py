@@ -45,15 +45,19 @@ def read_options(
     Raises:
         SystemExit: Help was asked for, or an option is wrong.
     """
+    description = filled(command.__doc__ or "", shutil.get_terminal_size().columns)
     with _registry:
-        return tyro.cli(
+        options: CommandKind | None = tyro.cli(
             command,
             args=args,
             prog=program,
-            description=filled(command.__doc__ or "", shutil.get_terminal_size().columns),
+            description=description,
             default=default,
             config=(tyro.conf.AvoidSubcommands,),
         )
+    if options is None:  # tyro's types allow it where a default may be None
+        raise ValueError(f"{program} has no options")
+    return options
 
 
 def filled(text: str, width: int) -> str:

@@ -156,9 +156,11 @@ def warnings_table(report: RunWarnings) -> str:
 def _with_interval(
     value: float | None, interval: Interval | None, scale: float, digits: int = 0, unit: str = ""
 ) -> str:
-    """A number with its interval, times a scale; a dash where there is none."""
-    if value is None or interval is None:
+    """A number with its interval, if it has one, times a scale; a dash without a number."""
+    if value is None:
         return "-"
+    if interval is None:
+        return f"{scale * value:.{digits}f}{unit}"
     low, high = interval
     return (
         f"{scale * value:.{digits}f}{unit} ({scale * low:.{digits}f} to {scale * high:.{digits}f})"

@@ -237,7 +237,7 @@ def warnings_of(alarm: BoolArray, length: IntArray, fell: BoolArray) -> GateWarn
         chance_share=chance_share(alarm[~fell]),
         leads=tuple((lead / 1000).tolist()),
         median_lead=float(np.median(lead) / 1000) if falls else None,
-        lead_interval=_median_interval(lead) if falls else None,
+        lead_interval=_median_interval(lead) if falls > 1 else None,
         takeovers=int(number.sum()),
         false_takeovers=int(false.sum()),
         robot_minutes=float(minutes.sum()),
@@ -246,14 +246,22 @@ def warnings_of(alarm: BoolArray, length: IntArray, fell: BoolArray) -> GateWarn
     )
 
 
-def _median_interval(lead: Array) -> Interval:
-    """Bootstrap interval [s] of the median of lead times ``(n,)`` in ticks."""
+def _median_interval(lead: Array) -> Interval | None:
+    """Bootstrap interval [s] of the median of lead times ``(n,)`` in ticks; None without spread."""
+    if np.ptp(lead) == 0:
+        return None
     medians = [np.median(np.repeat(lead, draw)) for draw in resamples(len(lead))]
     return percentiles(np.array(medians) / 1000)
 
 
 def _rate_interval(count: Array, minutes: Array) -> Interval:
-    """Bootstrap interval of a rate per minute: ``(n,)`` events and minutes of each robot."""
+    """Interval of a rate per minute: ``(n,)`` events and minutes of each robot.
+
+    A bootstrap over robots; without any event the exact Poisson interval, whose upper end is
+    -ln 0.025 over the minutes. (A bootstrap of zeros would claim a rate of exactly 0.)
+    """
+    if not count.any():
+        return 0.0, float(-np.log(0.025) / minutes.sum())
     draws = resamples(len(count))
     drawn = draws @ minutes
     rates = (draws @ count)[drawn > 0] / drawn[drawn > 0]

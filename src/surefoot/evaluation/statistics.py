@@ -1,9 +1,11 @@
 """How results are claimed: 95 % intervals, paired differences, and the run as the unit.
 
-A share of one policy has its Wilson interval. Two controllers are compared on the same initial
-states, which are drawn anew for the bootstrap (`resamples`); several trainings are drawn anew as
-runs, and then the rollouts of each drawn run. All draws come from a fixed seed: the same data give
-the same interval. This module knows nothing of robots. Next: `robustness`, `push`.
+A share of one policy has its Wilson interval, and a difference of shares on the same initial states
+has Newcombe's score interval for pairs. Other outcomes are drawn anew for a bootstrap
+(`resamples`); several trainings are drawn anew as runs, and then the rollouts of each drawn run. A
+bootstrap of a sample without spread would claim certainty: where there is no spread, there is a
+score interval or none. All draws come from a fixed seed: the same data give the same interval. This
+module knows nothing of robots. Next: `robustness`, `push`.
 """
 
 from __future__ import annotations
@@ -30,8 +32,9 @@ class PairedDifference:
 
     Attributes:
         difference: Mean of the differences, in the unit of the outcomes.
-        interval: The difference's 95 % percentile bootstrap interval over initial states; None for
-            a single pair, which says nothing about others.
+        interval: The difference's 95 % interval over initial states: Newcombe's score interval for
+            outcomes of 0 and 1, else a percentile bootstrap interval; None for a single pair, and
+            for other outcomes whose differences are all equal, which say nothing about the spread.
         pairs: Number of initial states with an outcome in both arms.
     """
 
@@ -47,6 +50,8 @@ class RunMeans:
     Attributes:
         mean: Mean of the runs' means, in the unit of the outcomes.
         interval: The mean's 95 % bootstrap interval over runs and rollouts; None for a single run.
+            Where every rollout of every run has the same outcome, 0 or 1, it is Wilson's interval
+            of all rollouts together, and None for other outcomes that are all equal.
         runs: Mean of each run, in the order in which the runs were given.
     """
 
@@ -64,6 +69,41 @@ def wilson(successes: int, n: int) -> Interval:
     """
     interval = binomtest(successes, n).proportion_ci(method="wilson")
     return float(interval.low), float(interval.high)
+
+
+def newcombe(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> Interval:
+    """Newcombe's 95 % score interval of a difference of shares, for paired outcomes.
+
+    The square-and-add interval from Wilson's two intervals, with the correlation of the pairs
+    (Newcombe, Statistics in Medicine 17, 1998, method 10).
+
+    Args:
+        a: ``(n,)`` outcomes of one arm, n at least 1.
+        b: ``(n,)`` outcomes of the other arm, which is subtracted, in the same order.
+    """
+    n = len(a)
+    both = int((a & b).sum())
+    neither = int((~a & ~b).sum())
+    share_a = a.mean()
+    share_b = b.mean()
+    low_a, high_a = wilson(int(a.sum()), n)
+    low_b, high_b = wilson(int(b.sum()), n)
+    only_a = int(a.sum()) - both
+    only_b = int(b.sum()) - both
+    agreement = both * neither - only_a * only_b
+    if agreement > 0:
+        agreement = max(agreement - n / 2, 0.0)  # Newcombe's continuity correction
+    margins = float(a.sum()) * float((~a).sum()) * float(b.sum()) * float((~b).sum())
+    phi = agreement / np.sqrt(margins) if margins > 0 else 0.0
+    below = _square_and_add(share_a - low_a, high_b - share_b, phi)
+    above = _square_and_add(high_a - share_a, share_b - low_b, phi)
+    difference = float(share_a - share_b)
+    return max(difference - below, -1.0), min(difference + above, 1.0)
+
+
+def _square_and_add(of_a: float, of_b: float, phi: float) -> float:
+    """Distance of an interval's end from its estimate, from those of two shares."""
+    return float(np.sqrt(max(of_a**2 - 2.0 * phi * of_a * of_b + of_b**2, 0.0)))
 
 
 def resamples(n: int) -> NDArray[np.int64]:
@@ -112,17 +152,32 @@ def paired_difference(a: ArrayLike, b: ArrayLike) -> PairedDifference:
         raise ValueError(
             f"outcomes {a.shape} and {b.shape}; give one number per start, in both arms"
         )
-    differences = a - b
-    differences = differences[~np.isnan(differences)]
-    n = len(differences)
-    if not n:
+    has_both = ~np.isnan(a - b)
+    if not has_both.any():
         raise ValueError(f"of {len(a)} starts none has an outcome in both arms")
-    means = resamples(n) @ differences / n
     return PairedDifference(
-        difference=float(differences.mean()),
-        interval=percentiles(means) if n > 1 else None,
-        pairs=n,
+        difference=float((a - b)[has_both].mean()),
+        interval=_paired_interval(a[has_both], b[has_both]),
+        pairs=int(has_both.sum()),
     )
+
+
+def _paired_interval(a: NDArray[np.float64], b: NDArray[np.float64]) -> Interval | None:
+    """The interval of a mean difference of pairs, as `PairedDifference` explains."""
+    n = len(a)
+    if n == 1:
+        return None
+    if _are_binary(a) and _are_binary(b):
+        return newcombe(a == 1.0, b == 1.0)
+    differences = a - b
+    if np.ptp(differences) == 0.0:
+        return None
+    return percentiles(resamples(n) @ differences / n)
+
+
+def _are_binary(outcomes: NDArray[np.float64]) -> bool:
+    """Whether all outcomes are 0 or 1."""
+    return bool(((outcomes == 0.0) | (outcomes == 1.0)).all())
 
 
 def run_bootstrap(values_by_run: Sequence[ArrayLike]) -> RunMeans:
@@ -144,16 +199,26 @@ def run_bootstrap(values_by_run: Sequence[ArrayLike]) -> RunMeans:
             f"{len(runs)} runs of rollouts {[run.shape for run in runs]}; give at least one run, "
             "and of each at least one rollout, none of them NaN"
         )
+    mean_of_run = tuple(float(run.mean()) for run in runs)
+    return RunMeans(
+        mean=float(np.mean(mean_of_run)),
+        interval=_interval_over_runs(runs),
+        runs=mean_of_run,
+    )
+
+
+def _interval_over_runs(runs: Sequence[NDArray[np.float64]]) -> Interval | None:
+    """The interval of a mean over runs, as `RunMeans` explains."""
+    if len(runs) == 1:
+        return None
+    rollouts = np.concatenate(runs)
+    if np.ptp(rollouts) == 0.0:
+        return wilson(int(rollouts.sum()), len(rollouts)) if _are_binary(rollouts) else None
     rng = np.random.default_rng(SEED)
     means = np.zeros((RESAMPLES, len(runs)))
     drawn = rng.integers(len(runs), size=means.shape)
     for number, run in enumerate(runs):
         which = drawn == number
-        rollouts = rng.integers(len(run), size=(which.sum(), len(run)))
-        means[which] = run[rollouts].mean(axis=1)
-    mean_of_run = tuple(float(run.mean()) for run in runs)
-    return RunMeans(
-        mean=float(np.mean(mean_of_run)),
-        interval=percentiles(means.mean(axis=1)) if len(runs) > 1 else None,
-        runs=mean_of_run,
-    )
+        drawn_rollouts = rng.integers(len(run), size=(which.sum(), len(run)))
+        means[which] = run[drawn_rollouts].mean(axis=1)
+    return percentiles(means.mean(axis=1))

@@ -109,7 +109,7 @@ class TrainingSamples:
                 start = end
                 end += min(BLOCK, self._count - block * BLOCK)
                 self._file.seek(block * BLOCK * WIDTH * 4)
-                self._file.readinto(self._memory[start:end].numpy())
+                self._file.readinto(self._memory[start:end].numpy().data)
             yield self._memory[:end]
 
     def batches(self, batch: int) -> int:

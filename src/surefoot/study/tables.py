@@ -131,9 +131,10 @@ def _about_results(comparison: Comparison, measured: Sequence[Measured]) -> str:
     )
     return (
         f"The first {comparison.episodes} `test` initial states of {', '.join(comparison.starts)}; "
-        "95 % intervals: Wilson's, and bootstrap intervals over initial states. MSE of vx, vy "
-        "[m²/s²] and yaw rate [rad²/s²], in thousandths. Push: the impulse that "
-        f"{share:.0f} % of {', '.join(robots) or 'the robots'} survive, mean of all directions; "
+        "95 % intervals: Wilson's for success, Newcombe's for its paired differences, bootstrap "
+        "intervals over robots for pushes. MSE of vx, vy [m²/s²] and yaw rate [rad²/s²], in "
+        f"thousandths. Push: the impulse that {share:.0f} % of "
+        f"{', '.join(robots) or 'the robots'} survive, mean of all directions; "
         "least and most of a direction."
     )
 
