@@ -17,6 +17,7 @@ from tests.fakes.runs import fingerprint, measurements
 from tests.fakes.small_runs import RESCUING
 
 ray = pytest.importorskip("ray", reason="the extra ray is not installed")
+from ray._private.services import find_gcs_addresses  # noqa: E402
 from ray.cluster_utils import Cluster  # noqa: E402
 
 # Workers cannot import this file: its functions travel with the tasks.
@@ -29,8 +30,12 @@ RAY = Workers(2, "ray")
 
 @pytest.fixture
 def fresh():
-    """Ray is shut down before and after the test."""
+    """Ray is shut down before and after the test, and no cluster of another test is left."""
     ray.shutdown()
+    for _ in range(300):
+        if not find_gcs_addresses():
+            break
+        time.sleep(0.1)  # its processes take a while to end on a busy machine
     yield
     ray.shutdown()
 
