@@ -130,7 +130,13 @@ class FakeSimulator:
         self._bad_numbers[rows] = ~self._finite()[rows]
         self.plant.reset(self.q, self.v, rows)
 
-    def vary(self, friction: Array, mass: Array) -> None:
+    def vary(self, friction: Array | None, mass: Array | None) -> None:
+        if friction is None and mass is None and self._variation is None:
+            return
+        if friction is None:
+            friction = np.full(self.batch, NOMINAL_FRICTION)
+        if mass is None:
+            mass = np.ones(self.batch)
         variation = (
             check_positive("friction", friction, self.batch),
             check_positive("mass", mass, self.batch),

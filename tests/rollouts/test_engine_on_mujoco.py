@@ -21,7 +21,7 @@ from surefoot.scenarios.disturbance import Disturbance, Pushes
 from surefoot.scenarios.starts import at_rest, load_starts
 from surefoot.sim import make_simulator
 from tests.fakes.learning import spec_of
-from tests.fakes.robots import ROBOT, STANDING
+from tests.fakes.robots import BACKENDS, ROBOT, STANDING
 
 CONFIG = Config()
 STORED = load_starts()
@@ -150,3 +150,27 @@ def test_a_push_without_impulse_changes_no_bit():
     np.testing.assert_array_equal(unpushed.q, zero.q)
     np.testing.assert_array_equal(unpushed.torque, zero.torque)
     assert not np.array_equal(unpushed.q, pushed.q)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_used_simulator_gives_the_bits_of_a_new_one(backend):
+    """Friction, load and pushes of one rollout are not those of the next."""
+    simulation = replace(CONFIG.simulation, backend=backend)
+    simulator = make_simulator(ROBOT, 2, simulation)
+    starts = STORED["nominal"][:2]
+    plain = Episodes(starts, 0.2)
+    slippery = Disturbance(friction=np.full(2, 0.1), pushes=pushes_at(0.5, tick=50))
+    heavy = Disturbance(mass=np.full(2, 1.5))
+    first = rollout(simulator, plain, ExpertOnly(), Shaking())
+    for disturbance in (slippery, heavy):
+        disturbed = rollout(
+            simulator, replace(plain, disturbance=disturbance), ExpertOnly(), Shaking()
+        )
+        assert (disturbed.q[:, -1] != first.q[:, -1]).any(axis=1).all()
+        assert_same(rollout(simulator, plain, ExpertOnly(), Shaking()), first)
+
+
+def pushes_at(impulse: float, tick: int) -> Pushes:
+    """Two robots pushed sideways once, for 10 ms [N s]."""
+    vectors = np.full((2, 1, 3), [0.0, impulse, 0.0])
+    return Pushes(vectors, np.full((2, 1), tick), 10)

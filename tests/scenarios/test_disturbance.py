@@ -153,13 +153,6 @@ def test_pushes_of_other_shapes_or_without_a_duration_are_refused(impulse, tick,
         Pushes(impulse, tick, duration)
 
 
-def test_friction_and_mass_without_each_other_are_refused():
-    with pytest.raises(ValueError, match="of the friction alone; give the mass too"):
-        Disturbance(friction=np.ones(2))
-    with pytest.raises(ValueError, match="of the mass alone; give the friction too"):
-        Disturbance(mass=np.ones(2))
-
-
 # --- what is measured
 
 

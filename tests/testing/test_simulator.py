@@ -150,6 +150,12 @@ class VariesOneEpisodeOnly(FakeSimulator):
             self._variation = (np.full(self.batch, 0.5), np.ones(self.batch))
 
 
+class NeverForgetsAVariation(FakeSimulator):
+    def vary(self, friction, mass):
+        if friction is not None:
+            super().vary(friction, mass)
+
+
 class VariesWithoutLooking(FakeSimulator):
     def vary(self, friction, mass):
         self._variation = (np.resize(friction, self.batch), np.resize(mass, self.batch))
@@ -254,6 +260,7 @@ FAULTS = [
     (VariesNeighbors, "test_varied_rows_are_single_robots"),
     (VariesNeighbors, "test_nominal_values_change_no_bit"),
     (NominalIsNotNominal, "test_nominal_values_change_no_bit"),
+    (NeverForgetsAVariation, "test_none_undoes_a_variation"),
     (NeverBlowsUp, "test_a_torque_that_is_nan_blows_up_its_robot_only"),
     (NeverBlowsUp, "test_a_start_that_is_nan_blows_up_its_robot_only"),
     (BlowsUpLate, "test_a_torque_that_is_nan_blows_up_its_robot_only"),
@@ -291,7 +298,7 @@ def test_the_contract_runs_under_unittest():
             return LosesPushes(batch)
 
     loader = unittest.TestLoader()
-    assert loader.loadTestsFromTestCase(Works).countTestCases() == 20
+    assert loader.loadTestsFromTestCase(Works).countTestCases() == 21
     assert unittest.TestResult().wasSuccessful()
     for case, works in ((Works, True), (Broken, False)):
         result = unittest.TestResult()

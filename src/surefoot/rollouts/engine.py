@@ -72,8 +72,7 @@ def rollout(
     T = to_ticks(episodes.duration)
     total = T + to_ticks(episodes.tail)
     grace = to_ticks(safety.grace)
-    if disturbance.friction is not None and disturbance.mass is not None:
-        simulator.vary(disturbance.friction, disturbance.mass)
+    simulator.vary(disturbance.friction, disturbance.mass)  # also undoes an earlier variation
     simulator.reset(starts.q, starts.v)
     expert.reset(B)
     if policy is not None:

@@ -92,9 +92,6 @@ class Disturbance:
         noise: Standard deviations of the noise on what is measured.
         delay: The time from a torque's command to its action [ms].
         seeds: The roots of the noise of the B robots' sensors.
-
-    Raises:
-        ValueError: Only one of friction and mass is given.
     """
 
     pushes: Pushes | None = None
@@ -103,13 +100,6 @@ class Disturbance:
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     delay: int = 0
     seeds: tuple[np.random.SeedSequence, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Check that both are given or neither: `Simulator.vary` takes both."""
-        if self.friction is None and self.mass is not None:
-            raise ValueError("a disturbance of the mass alone; give the friction too")
-        if self.mass is None and self.friction is not None:
-            raise ValueError("a disturbance of the friction alone; give the mass too")
 
     def __getitem__(self, rows: slice | NDArray) -> Disturbance:
         """What disturbs some of the robots."""

@@ -290,8 +290,12 @@ class BulletSimulator:
             self._place(row)
         self._state = None
 
-    def vary(self, friction: Array, mass: Array) -> None:
+    def vary(self, friction: Array | None, mass: Array | None) -> None:
         """See ``Simulator``. A reset builds a world with these values."""
+        if friction is None:
+            friction = np.full(self.batch, self._config.friction)
+        if mass is None:
+            mass = np.ones(self.batch)
         checked_friction = check_positive("friction", friction, self.batch)
         checked_mass = check_positive("mass", mass, self.batch)
         self._friction = checked_friction

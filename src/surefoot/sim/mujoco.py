@@ -278,6 +278,7 @@ class MujocoSimulator:
         self.robot = robot
         self.batch = batch
         self.model = build_model(robot, config, visual)
+        self._nominal_friction = (config or SimulationConfig()).friction
         # One thread: parallelism is over chunks of episodes. Persistent: each robot has its own
         # MjData, so that the kinematics of a new state serves the next tick as well.
         self.simulations = Batch(self.model, batch, nthread=1, persistent=True)
@@ -306,8 +307,14 @@ class MujocoSimulator:
         self._blown_up = np.where(rows, ~finite, self._blown_up)
         self._state = None
 
-    def vary(self, friction: Array, mass: Array) -> None:
+    def vary(self, friction: Array | None, mass: Array | None) -> None:
         """See ``Simulator``."""
+        if friction is None and mass is None and self._variation is None:
+            return
+        if friction is None:
+            friction = np.full(self.batch, self._nominal_friction)
+        if mass is None:
+            mass = np.ones(self.batch)
         self._variation = (
             check_positive("friction", friction, self.batch),
             check_positive("mass", mass, self.batch),

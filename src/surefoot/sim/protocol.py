@@ -49,16 +49,16 @@ class Simulator(Protocol):
         """
         ...
 
-    def vary(self, friction: Array, mass: Array) -> None:
+    def vary(self, friction: Array | None, mass: Array | None) -> None:
         """Give each robot a floor and a base of its own, from its next ``reset`` on.
 
-        They hold through every later reset, until the next call. The robot
-        knows nothing of it: ``state.com`` is that of the nominal masses. With the friction of the
-        config and a mass factor of 1 a robot moves as if it had never been varied, bit for bit.
+        They hold through every later reset, until the next call. The robot knows nothing of it:
+        ``state.com`` is that of the nominal masses. With None, or with the friction of the config
+        and a mass factor of 1, a robot moves as if it had never been varied, bit for bit.
 
         Args:
-            friction: ``(B,)`` coefficient of the pair of floor and robot, instead of the config's.
-            mass: ``(B,)`` factor on mass and rotational inertia of the base link.
+            friction: ``(B,)`` coefficient of the pair of floor and robot; None for the config's.
+            mass: ``(B,)`` factor on mass and rotational inertia of the base link; None for 1.
 
         Raises:
             ValueError: The arrays are not B numbers that are finite and positive.

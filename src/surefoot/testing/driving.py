@@ -52,13 +52,13 @@ def thrown_states(simulator: Simulator) -> tuple[Array, Array]:
     return q, 0.2 * v
 
 
-def vary_and_reset(simulator: Simulator, friction: Array, mass: Array) -> None:
+def vary_and_reset(simulator: Simulator, friction: Array | None, mass: Array | None) -> None:
     """Vary all robots, then reset them to the standing pose.
 
     Args:
         simulator: The simulator of B robots.
-        friction: ``(B,)`` friction coefficients.
-        mass: ``(B,)`` factors on the mass of the base.
+        friction: ``(B,)`` friction coefficients; None for the simulator's own.
+        mass: ``(B,)`` factors on the mass of the base; None for 1.
     """
     simulator.vary(friction, mass)
     q = np.tile(standing(simulator.robot), (simulator.batch, 1))

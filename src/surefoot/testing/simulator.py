@@ -270,6 +270,17 @@ class SimulatorContract:
         vary_and_reset(mixed, np.full(4, nominal), np.ones(4))
         np.testing.assert_array_equal(record_ticks(mixed, self.ticks), plain)
 
+    def test_none_undoes_a_variation(self) -> None:
+        """A robot that was varied before, and is no more, has the bits of one that never was."""
+        plain = record_ticks(self.make_simulator(2), self.ticks)
+        simulator = self.make_simulator(2)
+        vary_and_reset(simulator, None, None)
+        np.testing.assert_array_equal(record_ticks(simulator, self.ticks), plain)
+        vary_and_reset(simulator, np.full(2, 0.6 * self.nominal_friction), np.full(2, 1.3))
+        record_ticks(simulator, 5)
+        vary_and_reset(simulator, None, None)
+        np.testing.assert_array_equal(record_ticks(simulator, self.ticks), plain)
+
     def test_varied_rows_are_single_robots(self) -> None:
         """A varied robot moves as it would alone, bit for bit."""
         friction = self.nominal_friction * np.array([1.0, 0.4, 1.8, 1.0])
