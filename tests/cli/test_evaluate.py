@@ -93,6 +93,27 @@ def test_the_file_is_named_after_what_is_evaluated(surefoot, run_copy, tmp_path)
     assert surefoot("evaluate", run_copy, "--disturbance.mass", -1, 1) == 2
 
 
+def test_an_option_is_heard_also_if_it_equals_a_default(surefoot, run_copy, tmp_path):
+    """The run's own evaluation is delayed by 9 ms; options change that, one by one."""
+    file = run_copy / "config.json"
+    setup = json.loads(file.read_text())
+    setup["config"]["evaluation"]["disturbance"]["delay"] = 9
+    file.write_text(json.dumps(setup))
+    report = tmp_path / "report.json"
+    common = ("evaluate", run_copy, "--workers", 1, "--no-expert", "--episodes", 2)
+    expected = {
+        (): {"delay": 9},
+        ("--disturbance.delay", 0): {},
+        ("--disturbance.mass", 0.9, 0.9): {"mass": [0.9, 0.9], "delay": 9},
+    }
+    for args, disturbance in expected.items():
+        assert surefoot(*common, *args, "--json", report) == 0
+        assert json.loads(report.read_text())["disturbance"] == disturbance
+    assert surefoot("evaluate", run_copy, "--workers", 1, "--disturbance.delay", 0) == 0
+    assert (run_copy / "evaluation-test-undisturbed.json").exists()
+    assert not (run_copy / "evaluation-test.json").exists()
+
+
 @needs_pybullet
 def test_sim_to_sim_leaves_the_runs_own_evaluation_alone(surefoot, run_copy):
     written = []

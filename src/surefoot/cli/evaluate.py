@@ -5,13 +5,15 @@ It prints an `EvaluationReport` (`surefoot.evaluation.report`) and writes it as 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from surefoot.cli.arguments import sort_arguments
+from surefoot.cli.command_line import read_options
 from surefoot.cli.options import OnSimulator, OnWorkers
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
@@ -58,8 +60,8 @@ class Evaluate(OnWorkers, OnSimulator):
     episodes: int | None = None
     """The number of initial states; without it, the number in the run's configuration."""
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
-    """What makes the episodes harder: another friction or load, noise, late torques. Without any of
-    these options, the run's configuration decides."""
+    """What makes the episodes harder: another friction or load, noise, late torques. What is not
+    given on the command line is as in the run's configuration."""
     json: Path | None = None
     """Write the report to this file, as JSON."""
 
@@ -132,8 +134,7 @@ class Evaluate(OnWorkers, OnSimulator):
         evaluation = config.evaluation
         if self.episodes is not None:
             evaluation = replace(evaluation, episodes=self.episodes)
-        if self.disturbance != DisturbanceConfig():
-            evaluation = replace(evaluation, disturbance=self.disturbance)
+        evaluation = replace(evaluation, disturbance=self.disturbance)
         push = config.push
         if self.split != "test":  # pushes on `test` states would be the report already
             push = replace(push, split=self.split)
@@ -155,12 +156,49 @@ class Evaluate(OnWorkers, OnSimulator):
         elif self.starts != PACKAGED[0]:
             parts.append(self.starts)
         if config.evaluation.disturbance != trained_on.evaluation.disturbance:
+            if config.evaluation.disturbance == DisturbanceConfig():
+                parts.append("undisturbed")
             for name, value, _ in disturbances(config):
                 numbers = value if isinstance(value, list) else [value]
                 parts.append("_".join([name, *(f"{number:g}" for number in numbers)]))
         if self.pushes:
             parts.append("pushes")
         return f"evaluation-{'-'.join(parts)}.json"
+
+
+def parse_evaluate(args: Sequence[str]) -> Evaluate:
+    """The command that an argument list asks for; options change the run's own disturbance.
+
+    An option is heard because it was given, not because it differs from a default: the defaults are
+    those of the run, so that ``--disturbance.delay 0`` switches a run's own delay off.
+
+    Args:
+        args: Command line, without the name of the command.
+
+    Raises:
+        RunError: The run's configuration cannot be read.
+        SystemExit: Help was asked for, or an option is wrong.
+    """
+    arguments = sort_arguments(args, Evaluate)
+    default = None
+    if arguments.positional:
+        target = Path(arguments.positional[0])
+        default = Evaluate(target, disturbance=own_disturbance(target))
+    return read_options(Evaluate, args, "surefoot evaluate", default)
+
+
+def own_disturbance(target: Path) -> DisturbanceConfig:
+    """What disturbs a run's own evaluation; nothing outside of any run.
+
+    Args:
+        target: Folder of a run, or a policy file; what is neither is refused later.
+    """
+    from surefoot.runs.run import CONFIG_FILE, open_run, run_of_policy
+
+    if (target / CONFIG_FILE).exists():
+        return open_run(target).config.evaluation.disturbance
+    run = run_of_policy(target)
+    return DisturbanceConfig() if run is None else run.config.evaluation.disturbance
 
 
 def disturbances(config: Config) -> Iterator[tuple[str, Any, Any]]:

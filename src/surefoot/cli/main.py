@@ -17,7 +17,7 @@ from surefoot.cli.bench import Bench
 from surefoot.cli.command_line import read_options
 from surefoot.cli.compare import Compare
 from surefoot.cli.doctor import Doctor
-from surefoot.cli.evaluate import Evaluate
+from surefoot.cli.evaluate import Evaluate, parse_evaluate
 from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.make_starts import MakeStarts
 from surefoot.cli.play import Play
@@ -79,10 +79,12 @@ def parse(args: Sequence[str]) -> Subcommand:
     if name in ("-h", "--help"):
         print(overview())
         raise SystemExit(0)
-    if name == "train":
-        return parse_train(args[1:])
     if name not in COMMANDS:
         raise ValueError(unknown("command", name, COMMANDS))
+    if name == "train":
+        return parse_train(args[1:])
+    if name == "evaluate":
+        return parse_evaluate(args[1:])
     return read_options(COMMANDS[name].command, args[1:], f"surefoot {name}")
 
 
