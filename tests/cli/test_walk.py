@@ -52,3 +52,13 @@ def test_sim_overrides_the_configuration(surefoot, tmp_path):
         reports.append(json.loads(file.read_text()))
     assert reports[0] == reports[1]
     assert reports[0]["base_height"] != reports[2]["base_height"]
+
+
+def test_an_expert_that_gives_up_at_once_has_diverged_after_no_time(surefoot, tmp_path):
+    """No residual is small enough, so no plan is valid."""
+    file = tmp_path / "walk.json"
+    options = ("--no-video", "--seconds", 0.3, "--config.expert.max-residual", 1e-300)
+    assert surefoot("walk", *options, "--json", file) == 1
+    report = json.loads(file.read_text())
+    assert (report["outcome"], report["seconds"]) == ("DIVERGED", 0.0)
+    assert report["plans"] == report["invalid_plans"] == 1

@@ -9,7 +9,7 @@ import surefoot.runs.stages
 from surefoot.config import ExpertData
 from surefoot.learning.dataset import Dataset, DatasetError
 from surefoot.methods.behavior_cloning import behavior_cloning, collection
-from surefoot.runs.run import Run, create, open_run
+from surefoot.runs.run import Run, RunError, create, open_run
 from surefoot.runs.stages import choose_best_policy, collect_data
 from surefoot.types import MotionPlan
 from surefoot.workers import Workers
@@ -123,3 +123,24 @@ def test_the_policy_with_most_successes_is_chosen_and_of_equals_the_last(
         run.append_metrics(validated_record(i, successes=count))
     assert choose_best_policy(run, 2).best_iteration == winner
     assert run.best_policy_path == run.policy_path(winner)
+
+
+@pytest.mark.parametrize("valid", [False, True])
+def test_an_expert_that_gives_up_at_once_leaves_nothing_behind(tmp_path, valid):
+    """Its plans are not valid, or not finite; one that has been fixed starts from nothing."""
+    works = False
+
+    def plan(state, tick, command):
+        reference = np.tile(state.q[7:], (100, 1))
+        if works:
+            return MotionPlan(reference, 0 * reference, 0 * reference)
+        return MotionPlan(np.nan * reference, 0 * reference, 0 * reference, valid)
+
+    run = create(tmp_path / "run", CLONING)
+    with pytest.raises(RunError, match=r"gave up on all \d+ rollouts in their first tick"):
+        behavior_cloning(run, Workers(1), plan)
+    assert run.metrics == []
+    assert run.dataset.shards == ()
+    works = True
+    behavior_cloning(run, Workers(1), plan)
+    assert run.collected(0) is not None

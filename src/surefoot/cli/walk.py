@@ -92,7 +92,7 @@ class Walk(OnSimulator):
         report = walk_report(rollouts, expert, command)
         show_record(report, self.json)
         if self.video:
-            q = rollouts.q[0, : int(rollouts.length[0])]
+            q = rollouts.q[0, : max(int(rollouts.length[0]), 1)]
             recording = Recording(solo12(config.robot), config.simulation, q)
             film_episode(recording, self.out, f"expert, vx {self.vx:.2f} m/s")
         return int(report.fell)
@@ -110,7 +110,8 @@ def walk_report(rollouts: Rollout, expert: Expert, command: Command) -> WalkRepo
     from surefoot.rollouts.summary import heading_drift, settled_part, velocities
 
     length = int(rollouts.length[0])
-    settled = settled_part(length)
+    shown = max(length, 1)  # where the expert gives up at once, the initial state
+    settled = settled_part(shown)
     height = rollouts.q[0, settled, 2]
     vx, vy, yaw_rate = velocities(rollouts)[0, settled].mean(axis=0).tolist()
     return WalkReport(
@@ -118,10 +119,10 @@ def walk_report(rollouts: Rollout, expert: Expert, command: Command) -> WalkRepo
         outcome=Outcome(int(rollouts.outcome[0])).name,
         command=(command.vx, command.vy, command.yaw_rate),
         mean_velocity=(vx, vy, yaw_rate),
-        heading_drift=heading_drift(rollouts.q[0, :length], command),
+        heading_drift=heading_drift(rollouts.q[0, :shown], command),
         base_height=float(height.mean()),
         base_height_std=float(height.std()),
-        max_torque=float(np.abs(rollouts.torque[0, :length]).max()),
+        max_torque=float(np.abs(rollouts.torque[0, :length]).max(initial=0.0)),
         plans=int(expert.plans[0]),
         invalid_plans=int(expert.invalid_plans[0]),
         seconds=length / TICKS_PER_SECOND,

@@ -21,7 +21,7 @@ from surefoot.learning.dataset import Dataset
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, policy_spec, save
 from surefoot.learning.train import FitResult, fit
-from surefoot.rollouts.jobs import Job, chunks_of, expert_name, run_chunk
+from surefoot.rollouts.jobs import ChunkResult, Job, chunks_of, expert_name, run_chunk
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_cost
 from surefoot.runs.episode_ids import end_of_iteration, shard_name
@@ -61,6 +61,7 @@ def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collec
 
     Raises:
         ValueError: The run was begun with another expert, or holds rollouts of another job.
+        RunError: The expert gave up on all rollouts in their first tick.
     """
     done = run.collected(iteration)
     if done is not None:
@@ -112,6 +113,7 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
 
     Raises:
         ValueError: The run's folder holds chunks of another job.
+        RunError: The expert gave up on all rollouts in their first tick.
     """
     chunks = chunks_of(job)
     names = [shard_name(iteration, number) for number in range(len(chunks))]
@@ -126,15 +128,32 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
             )
     title = f"iteration {iteration}: collect"
     results = each_chunk(run_chunk, [chunks[number] for number in missing], workers, title)
+    empty: list[tuple[str, ChunkResult]] = []
     with closing(results):  # whatever goes wrong here, the workers end with it
         for done, result in results:
-            # The shard last: one that the dataset knows is a chunk that is done.
             name = names[missing[done]]
-            if result.trace is not None:
-                save_arrays(run.trace_path(name), result.trace)
-            save_arrays(run.summary_path(name), result.summary)
-            run.dataset.append(name, result.frames)
+            if result.summary.ticks.any():
+                _store(run, name, result)
+            else:
+                empty.append((name, result))
+    if len(empty) == len(chunks):
+        # Nothing is stored: an expert that has been fixed must not find these chunks done.
+        raise RunError(
+            f"the expert {expert_name(job)} gave up on all {len(job.episodes)} rollouts in their "
+            "first tick: its plans are not valid, or not finite. Fix the plan, or the options that "
+            "it depends on, and try again"
+        )
+    for name, result in empty:
+        _store(run, name, result)
     return join_summaries([load_arrays(run.summary_path(name), Summary) for name in names])
+
+
+def _store(run: Run, name: str, result: ChunkResult) -> None:
+    """Write what is left of a chunk; the shard last: one that the dataset knows is done."""
+    if result.trace is not None:
+        save_arrays(run.trace_path(name), result.trace)
+    save_arrays(run.summary_path(name), result.summary)
+    run.dataset.append(name, result.frames)
 
 
 def _stored_shards(run: Run, job: Job) -> set[str]:
