@@ -1,12 +1,12 @@
 """Evaluation: intervals, counts and errors with known answers; valid JSON whatever happens."""
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from surefoot.config import Config, EvaluationConfig, PolicyConfig
+from surefoot.config import Config, DisturbanceConfig, EvaluationConfig, PolicyConfig
 from surefoot.config.json_io import from_json, to_json
 from surefoot.evaluation.robustness import Robustness, evaluate, mean_error, robustness_of
 from surefoot.learning.network import PolicyNetwork
@@ -165,3 +165,20 @@ def test_another_set_of_starts_and_one_that_does_not_exist(tmp_path):
     (tmp_path / "own.npz").write_bytes(b"no starts")
     with pytest.raises(ValueError, match=r"own\.npz is not a set of starts"):
         load_starts(tmp_path / "own.npz")
+
+
+def test_what_disturbs_an_evaluation_does_not_depend_on_the_trainings_seed():
+    """The same initial states have the same friction and pushes, also in a part of the set."""
+    disturbance = DisturbanceConfig(pushes=1, impulse=(0.1, 0.5), friction=(0.3, 1.5))
+    evaluation = EvaluationConfig(duration=0.3, episodes=3, disturbance=disturbance)
+    summaries = []
+    for seed in (0, 1):
+        config = replace(Config(), seed=seed, evaluation=evaluation)
+        _, summary = evaluate(config, None, "test", Workers(1))
+        summaries.append(summary)
+    for field in fields(summaries[0]):
+        first = getattr(summaries[0], field.name)
+        np.testing.assert_array_equal(first, getattr(summaries[1], field.name))
+    undisturbed = EvaluationConfig(duration=0.3, episodes=3)
+    _, plain = evaluate(replace(Config(), evaluation=undisturbed), None, "test", Workers(1))
+    assert (plain.mean_velocity != summaries[0].mean_velocity).any(axis=1).all()

@@ -22,7 +22,7 @@ a run.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -158,7 +158,7 @@ def measure_warnings(
     evaluation = config.evaluation
     starts = stored.first(split, evaluation.episodes)
     job = Job(
-        config,
+        replace(config, seed=stored.seed),
         Episodes(starts, evaluation.duration, id=starts.id),
         PolicyOnly(),
         policy=policy,

@@ -159,8 +159,10 @@ def push_recovery(
     push = config.push
     starts = pushed_starts(push, stored)
     begin = Job(
-        replace(config, safety=replace(config.safety, fall_angle=push.fall_angle)),
-        Episodes(starts, push.before),
+        replace(
+            config, seed=stored.seed, safety=replace(config.safety, fall_angle=push.fall_angle)
+        ),
+        Episodes(starts, push.before, id=starts.id),
         ExpertOnly() if policy is None else PolicyOnly(),
         policy=policy,
         plan=plan,

@@ -7,7 +7,7 @@ Next: `push`, the impulses that a controller withstands; `statistics`, the inter
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -101,7 +101,7 @@ def evaluate(
     stored = stored or load_starts()
     starts = stored.first(split, config.evaluation.episodes)
     job = Job(
-        config,
+        replace(config, seed=stored.seed),
         Episodes(starts, config.evaluation.duration, id=starts.id),
         ExpertOnly() if policy is None else PolicyOnly(),
         policy=policy,

@@ -163,6 +163,15 @@ class StartSet:
                 sha.update(np.ascontiguousarray(getattr(starts, field.name)).data)
         return sha.hexdigest()
 
+    @property
+    def seed(self) -> int:
+        """Root of what disturbs the evaluations on this set.
+
+        It is fixed by the set's content: every policy, whatever its training's seed, meets the same
+        friction, load, pushes and noise in an episode that begins in the same initial state.
+        """
+        return int(self.hash[:8], 16)
+
 
 def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:
     """Read a set: one that comes with the package, by its name, or a file.
