@@ -2,6 +2,7 @@
 
 import json
 import os
+import stat
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -103,6 +104,45 @@ def test_a_folder_that_is_a_file_is_named(tmp_path):
     (tmp_path / "run").touch()
     with pytest.raises(WriteError, match=r"run.*cannot be written"):
         write_atomic(tmp_path / "run" / "file", b"")
+
+
+def test_a_link_stays_and_its_target_is_written(tmp_path):
+    target = tmp_path / "elsewhere" / "precious.json"
+    link = tmp_path / "link"
+    target.parent.mkdir()
+    link.symlink_to(target)
+    for content in (b"first", b"second"):
+        write_atomic(link, content)
+        assert link.is_symlink()
+        assert target.read_bytes() == content
+    assert [path.name for path in target.parent.iterdir()] == ["precious.json"]
+
+
+@pytest.mark.parametrize("content", [b"text", lambda path: path.write_bytes(b"text")])
+def test_a_pipe_is_written_through(tmp_path, content):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_atomic(pipe, content)
+        assert os.read(reader, 100) == b"text"
+    finally:
+        os.close(reader)
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+def test_standard_output_is_written_through(tmp_path):
+    code = "from surefoot.files import write_json; write_json('/dev/stdout', {'a': 1})"
+    for number, kind in enumerate((subprocess.PIPE, (tmp_path / "out").open("wb"))):
+        child = subprocess.run([sys.executable, "-c", code], stdout=kind, check=True)
+        output = child.stdout if number == 0 else (tmp_path / "out").read_bytes()
+        assert json.loads(output) == {"a": 1}
+
+
+def test_a_folder_is_refused(tmp_path):
+    with pytest.raises(WriteError, match="cannot be written"):
+        write_atomic(tmp_path, b"text")
+    assert tmp_path.is_dir()
 
 
 def test_json_of_a_record_has_its_fields_as_keys_and_null_for_nan(tmp_path):

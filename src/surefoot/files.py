@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import fields
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -56,7 +57,8 @@ def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) ->
 
     The content is written under a temporary name in the same folder, flushed to the disk, and
     renamed. Even after a power cut the file is the old or the new one; after a kill in the middle,
-    only a hidden ``.NAME.PID.tmp`` may stay behind.
+    only a hidden ``.NAME.PID.tmp`` may stay behind. A link stays, and its target is written. What
+    renaming would replace, devices and pipes such as ``/dev/stdout``, is written through.
 
     Args:
         path: The file; its folder is made if it does not exist.
@@ -66,20 +68,45 @@ def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) ->
         WriteError: The disk is full, or read-only.
     """
     path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     with writing(path):
+        if _is_stream(path):
+            _write_through(path, content)
+            return
+        path = path.resolve()  # of a link, what it points to
         path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
         try:
-            if callable(content):
-                content(temporary)
-            else:
-                temporary.write_bytes(content)
+            _write_content(temporary, content)
             _flush(temporary)
             os.replace(temporary, path)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
         _flush(path.parent)
+
+
+def _write_content(path: Path, content: bytes | Callable[[Path], object]) -> None:
+    """Write the content to a file that does not matter yet."""
+    if callable(content):
+        content(path)
+    else:
+        path.write_bytes(content)
+
+
+def _is_stream(path: Path) -> bool:
+    """Whether a path is a device, a pipe or a stream of this process, which has no old content."""
+    # Standard output may be a file: what reads it holds that very file, and not the name.
+    own_stream = path.parent in (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))
+    return own_stream or (path.exists() and not path.is_file() and not path.is_dir())
+
+
+def _write_through(path: Path, content: bytes | Callable[[Path], object]) -> None:
+    """Write the content into what is there already."""
+    with TemporaryDirectory() as folder:
+        whole = Path(folder) / "content"
+        _write_content(whole, content)
+        with path.open("wb") as stream:
+            stream.write(whole.read_bytes())
 
 
 def _flush(path: Path) -> None:
