@@ -1,6 +1,7 @@
 """The simulators' contract: our fake keeps it, and every kind of broken simulator is caught."""
 
 import unittest
+from typing import Any
 
 import numpy as np
 import pytest
@@ -138,7 +139,7 @@ class RemembersPushes(FakeSimulator):
 
 
 class VariesAtOnce(FakeSimulator):
-    def vary(self, friction, mass):
+    def vary(self, friction: Any, mass: Any):
         super().vary(friction, mass)
         self.plant.vary(friction, mass, np.ones(self.batch, bool))
 
@@ -151,42 +152,42 @@ class VariesOneEpisodeOnly(FakeSimulator):
 
 
 class NeverForgetsAVariation(FakeSimulator):
-    def vary(self, friction, mass):
+    def vary(self, friction: Any, mass: Any):
         if friction is not None:
             super().vary(friction, mass)
 
 
 class VariesWithoutLooking(FakeSimulator):
-    def vary(self, friction, mass):
+    def vary(self, friction: Any, mass: Any):
         self._variation = (np.resize(friction, self.batch), np.resize(mass, self.batch))
 
 
 class RefusesButTakes(FakeSimulator):
-    def vary(self, friction, mass):
+    def vary(self, friction: Any, mass: Any):
         if np.shape(friction) == (self.batch,):
             self._variation = (np.abs(np.nan_to_num(friction, nan=0.1)), np.ones(self.batch))
         super().vary(friction, mass)
 
 
 class KeepsTheVariationsArrays(FakeSimulator):
-    def vary(self, friction, mass):
+    def vary(self, friction: Any, mass: Any):
         super().vary(friction, mass)
         self._variation = (friction, mass)
 
 
 class IgnoresVariation(FakeSimulator):
-    def vary(self, friction, mass):
+    def vary(self, friction: Any, mass: Any):
         super().vary(friction, mass)
         self._variation = None
 
 
 class VariesNeighbors(FakeSimulator):
-    def vary(self, friction, mass):
+    def vary(self, friction: Any, mass: Any):
         super().vary(friction, np.full(self.batch, np.max(mass)))
 
 
 class NominalIsNotNominal(FakeSimulator):
-    def vary(self, friction, mass):
+    def vary(self, friction: Any, mass: Any):
         super().vary(friction, mass * (1.0 + 1e-12))
 
 
