@@ -105,7 +105,7 @@ class LinearPlant:
         )
 
     def vary(self, friction, mass, rows):
-        raise NotImplementedError
+        raise NotImplementedError  # a linear plant has no floor: no test may ask for one
 
     def feet_x(self, q, ticks):
         return q[:, [9, 12, 15, 18]]
@@ -119,7 +119,7 @@ class Toy(FakeSimulator):
 
     @property
     def contact_force(self):
-        raise NotImplementedError
+        raise NotImplementedError  # the engine must never ask for it
 
 
 class Worlds:

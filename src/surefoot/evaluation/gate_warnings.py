@@ -54,7 +54,7 @@ class GateWarnings:
 
     The intervals of the lead time and of the rate are 95 % percentile bootstrap intervals, over
     falls and over robots. A figure is None where there are no falls, or no minutes, to base it
-    on.
+    on. Without spread no bootstrap is made, because it would claim certainty.
 
     Attributes:
         announced: Number of falls announced at least 0.2 s ahead.
@@ -64,12 +64,14 @@ class GateWarnings:
             gate would have announced a fall.
         leads: Alarm lead time of each fall [s], in the order of the robots.
         median_lead: Median of the lead times [s].
-        lead_interval: Interval of that median [s].
+        lead_interval: Interval of that median [s]; None for a single fall, and where all lead
+            times are equal.
         takeovers: Number of takeovers of which it is known whether they were false.
         false_takeovers: Number of these with no fall within 1.5 s.
         robot_minutes: Time of which it is known whether a takeover would be false [min].
         false_per_minute: False takeovers per robot-minute.
-        false_interval: Interval of that rate.
+        false_interval: Interval of that rate; the exact Poisson interval without any false
+            takeover.
     """
 
     announced: int

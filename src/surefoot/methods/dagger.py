@@ -39,7 +39,7 @@ def dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
     Returns:
-        File of the policy that did best on the `select` starts.
+        File of the policy that did best on the `select` initial states.
 
     Raises:
         TypeError: The run was configured for another method.

@@ -46,7 +46,7 @@ def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
     Returns:
-        File of the policy that did best on the `select` starts.
+        File of the policy that did best on the `select` initial states.
 
     Raises:
         TypeError: The run was configured for another method.

@@ -50,7 +50,7 @@ def safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
     Returns:
-        File of the policy that did best on the `select` starts; its gate is
+        File of the policy that did best on the `select` initial states; its gate is
         ``run.gate_path("classifier", i)`` of the same iteration.
 
     Raises:

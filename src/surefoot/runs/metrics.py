@@ -76,7 +76,7 @@ class Trained:
 
 @dataclass(frozen=True, kw_only=True)
 class Validated(Robustness):
-    """Iteration i has measured the robustness of its policy pi_i on the `select` starts.
+    """Iteration i has measured the robustness of its policy pi_i on the `select` initial states.
 
     Attributes:
         stage: Name of the stage in the file.

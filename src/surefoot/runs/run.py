@@ -129,7 +129,7 @@ class Run:
 
     @property
     def best_policy_path(self) -> Path:
-        """File of the policy that did best on the `select` starts.
+        """File of the policy that did best on the `select` initial states.
 
         Raises:
             RunError: The run is not finished.

@@ -293,7 +293,7 @@ def _save_policy(run: Run, iteration: int, data: Dataset, result: FitResult) -> 
 
 
 def validate_policy(run: Run, iteration: int, workers: Workers) -> Validated:
-    """Measure the robustness of pi_i on the `select` starts, by which a policy is chosen.
+    """Measure the robustness of pi_i on the `select` initial states, by which a policy is chosen.
 
     Args:
         run: The run.
@@ -309,7 +309,7 @@ def validate_policy(run: Run, iteration: int, workers: Workers) -> Validated:
         Validated(iteration=iteration, **vars(robustness), seconds=time.perf_counter() - began)
     )
     logger.info(
-        f"iteration {iteration}: {record.successes} of {record.episodes} select starts, "
+        f"iteration {iteration}: {record.successes} of {record.episodes} select initial states, "
         f"{record.falls} fell, {record.stalls} stalled"
     )
     return record

@@ -77,7 +77,7 @@ def compare(
         names: Labels of the runs; without them, the method and what distinguishes each run.
         baseline: Folder of the run that the others are compared with; without it the first run of
             behavior cloning.
-        which: `best` for the policy chosen on the `select` starts, or `last`.
+        which: `best` for the policy chosen on the `select` initial states, or `last`.
 
     Raises:
         ValueError: The runs cannot be compared, or the file holds another comparison.

@@ -35,7 +35,7 @@ EXPERT = "expert"
 """Label of the expert's row."""
 
 WhichPolicy = Literal["best", "last"]
-"""The policy of a run that did best on the `select` starts, or the one trained last."""
+"""The policy of a run that did best on the `select` initial states, or the one trained last."""
 
 
 def open_comparable_runs(folders: Sequence[Path]) -> list[Run]:
