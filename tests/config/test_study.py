@@ -8,8 +8,8 @@ import pytest
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.presets import preset
 from surefoot.config.study import (
-    Comparison,
     Measurement,
+    PlannedComparison,
     Setting,
     StudyConfig,
     Technique,
@@ -84,9 +84,18 @@ def test_an_option_that_does_not_exist_or_is_out_of_range_is_refused_with_its_pl
         ({"seeds": (1, 1)}, "study.seeds has 1 twice"),
         ({"techniques": (CLONING, CLONING)}, "study.techniques has clone twice"),
         ({"name": "../mine"}, "study.name is '../mine'"),
-        ({"comparisons": (Comparison("test", "save", "clone", "all"),)}, "no technique 'save'"),
-        ({"comparisons": (Comparison("tests", "safe", "clone", "all"),)}, "no measurement 'tests'"),
-        ({"comparisons": (Comparison("test", "safe", "clone", "some"),)}, "no setting 'some'"),
+        (
+            {"comparisons": (PlannedComparison("test", "save", "clone", "all"),)},
+            "no technique 'save'",
+        ),
+        (
+            {"comparisons": (PlannedComparison("tests", "safe", "clone", "all"),)},
+            "no measurement 'tests'",
+        ),
+        (
+            {"comparisons": (PlannedComparison("test", "safe", "clone", "some"),)},
+            "no setting 'some'",
+        ),
         ({"settings": (Setting("a", "a", {"method.x": 1}),)}, "settings.a: there is no option"),
         (
             {"measurements": (Measurement("m", "m", options={"push.x": 1}),)},

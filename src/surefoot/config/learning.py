@@ -58,6 +58,9 @@ class TrainingConfig(Checked):
     float32."""
     device: Device = "auto"
     """`auto` takes a GPU if there is one."""
+    seed: Annotated[int, Within(0, 2**63 - 1)] | None = None
+    """Root of the first weights and of the order of the samples; without it the run's own seed. So
+    the same data can be trained on several times."""
     memory: Annotated[int, Within(1, 1_000_000_000)] = 1024
     """[MB] how much memory the training samples take at most; beyond it they go through a temporary
     file. 1024 MB hold 4.5 million frames. While a shard is read, its frames are added, usually

@@ -6,7 +6,14 @@ its simulator, its techniques, three seeds. `smoke` takes the same path in a min
 
 from __future__ import annotations
 
-from surefoot.config.study import EXPERT, Comparison, Measurement, Options, StudyConfig, Technique
+from surefoot.config.study import (
+    EXPERT,
+    Measurement,
+    Options,
+    PlannedComparison,
+    StudyConfig,
+    Technique,
+)
 from surefoot.errors import unknown
 
 STUDIES = ("paper", "smoke")
@@ -68,10 +75,10 @@ def paper_study() -> StudyConfig:
             "Behavior cloning withstands the smallest impulse, by less than 0.5 N s.",
         ),
         comparisons=(
-            Comparison("push", "loco_safe_dagger", "behavior_cloning", "all", "better"),
-            Comparison("push", "loco_safe_dagger", "loco_dagger-0.5", "all", "equal"),
-            Comparison("test", "loco_safe_dagger", "behavior_cloning", "all", "equal"),
-            Comparison("test", "loco_dagger-0.8", "loco_safe_dagger", "all", "worse"),
+            PlannedComparison("push", "loco_safe_dagger", "behavior_cloning", "all", "better"),
+            PlannedComparison("push", "loco_safe_dagger", "loco_dagger-0.5", "all", "equal"),
+            PlannedComparison("test", "loco_safe_dagger", "behavior_cloning", "all", "equal"),
+            PlannedComparison("test", "loco_dagger-0.8", "loco_safe_dagger", "all", "worse"),
         ),
         claims="paper",
     )
@@ -137,5 +144,7 @@ def smoke_study() -> StudyConfig:
         ),
         seeds=(0, 1),
         predictions=("No policy learns to walk.",),
-        comparisons=(Comparison("test", "loco_safe_dagger", "behavior_cloning", "all", "equal"),),
+        comparisons=(
+            PlannedComparison("test", "loco_safe_dagger", "behavior_cloning", "all", "equal"),
+        ),
     )

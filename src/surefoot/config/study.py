@@ -112,7 +112,7 @@ class Measurement(Checked):
 
 
 @dataclass(frozen=True)
-class Comparison(Checked):
+class PlannedComparison(Checked):
     """Two techniques that are compared, decided upon before the study runs."""
 
     section: ClassVar[str] = "comparisons"
@@ -151,7 +151,7 @@ class StudyConfig(Checked):
     """Seeds of the runs. A seed fixes all data and all trainings of a cell."""
     predictions: tuple[str, ...] = ()
     """What is expected, in sentences, written before the study runs."""
-    comparisons: tuple[Comparison, ...] = ()
+    comparisons: tuple[PlannedComparison, ...] = ()
     """The primary comparisons, written before the study runs; everything else is description."""
     claims: Literal["none", "paper"] = "none"
     """Which claims the report judges beside the comparisons: those of the paper, which need the
