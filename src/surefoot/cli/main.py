@@ -22,6 +22,7 @@ from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.make_starts import MakeStarts
 from surefoot.cli.play import Play
 from surefoot.cli.progress import log_shown
+from surefoot.cli.study import Study
 from surefoot.cli.train import Train, parse_train
 from surefoot.cli.walk import Walk
 from surefoot.errors import unknown
@@ -55,6 +56,7 @@ COMMANDS = {
     "evaluate": Entry(Evaluate, "Measure robustness and tracking of a policy and the expert."),
     "compare": Entry(Compare, "Compare the policies of several runs, and the expert."),
     "play": Entry(Play, "Film a policy, or a recorded episode of a run."),
+    "study": Entry(Study, "Run many trainings and measurements, and see how far they are."),
     "gate-warnings": Entry(MeasureWarnings, "Measure how early the gates of a run warn of falls."),
     "make-starts": Entry(MakeStarts, "Make a new set of initial states."),
     "bench": Entry(Bench, "Measure throughput, compared with lower bounds."),
