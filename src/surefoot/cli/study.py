@@ -62,9 +62,10 @@ class StudyReport:
 class Study(OnWorkers):
     """Run a study: techniques x seeds x settings, and what is measured of them.
 
-    For example `surefoot study smoke`, or with a JSON file of your own. The same command again goes
-    on with a study that was interrupted. `surefoot study status NAME` shows how far it is, `surefoot
-    study pause NAME` holds all its processes, and `surefoot study resume NAME` lets them go on.
+    For example `surefoot study smoke`, or with a JSON file of your own. The same command again
+    goes on with a study that was interrupted. `surefoot study status NAME` shows how far it is,
+    `surefoot study pause NAME` holds all its processes, and `surefoot study resume NAME` lets them
+    go on.
 
     JSON keys: folder, paused, jobs [list; of each job its name, state (done, running, ready,
     waiting, failed) and seconds].
@@ -151,10 +152,9 @@ class Study(OnWorkers):
             print(f"paused: `surefoot study resume {folder}` lets it go on")
         for status in statuses:
             if status.state == "failed":
-                print(
-                    f"{status.job.name} failed, see {job_folder(folder, status.job.name) / LOG_FILE}; again: "
-                    f"surefoot study {folder} --job {status.job.name}"
-                )
+                name = status.job.name
+                log = job_folder(folder, name) / LOG_FILE
+                print(f"{name} failed, see {log}; again: surefoot study {folder} --job {name}")
 
 
 def study_named(name: str, folder: Path) -> StudyConfig:
