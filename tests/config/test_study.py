@@ -112,6 +112,7 @@ def test_a_study_that_could_not_run_is_refused_before_any_work(changes, words):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
+        ({"name": "runs"}, "use another name than runs"),
         ({"method": "dager"}, "did you mean 'dagger'"),
         ({"preset": "papers"}, "did you mean 'paper'"),
         ({"name": "a b"}, "techniques.name is 'a b'"),

@@ -29,6 +29,8 @@ Measure = Literal["robustness", "impulse", "imitation"]
 withstood; the deviation from the expert's targets in states that the expert visits."""
 EXPERT = "expert"
 """The technique that is the expert itself: it is measured, but there is nothing to train."""
+RESERVED = ("runs", "jobs", "code", "report", "figures")
+"""Folders in the folder of a study that belong to no technique or setting."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
@@ -292,6 +294,8 @@ def _check_name(field_name: str, name: str) -> None:
             f"{field_name} is {name!r}; use letters, digits, points, dashes and underscores, and "
             "begin with a letter or a digit"
         )
+    if name in RESERVED:
+        raise ValueError(f"{field_name} is {name!r}; use another name than {', '.join(RESERVED)}")
 
 
 def _check_unique(kind: str, names: Sequence[str]) -> None:

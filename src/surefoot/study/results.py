@@ -1,7 +1,7 @@
 """What a study leaves for its report: small files, one folder for each cell, and their reader.
 
-The folder of a study holds ``study.json`` and ``results/CELL/``, with the configuration of the run,
-its metrics, what was measured of its policies, a record of each job, and the policies that are
+The folder of a study holds ``study.json`` and a folder for each cell, with the configuration of the
+run, its metrics, what was measured of its policies, a record of each job, and the policy that is
 kept. All of it can be committed; ``runs/``, ``jobs/`` and ``code/`` beside it are only needed while
 the study runs. `read_results` refuses results that do not belong together. Read `claims` and
 `report` for what is made of them.
@@ -208,7 +208,7 @@ def read_study(folder: Path) -> StudySetup:
 
 def results_folder(folder: Path, cell: Cell) -> Path:
     """Folder of a cell's results in the folder of its study."""
-    return folder / "results" / cell.name
+    return folder / cell.name
 
 
 def run_folder(folder: Path, cell: Cell) -> Path:
