@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from surefoot.robots.geometry import state_of
 from surefoot.robots.model import RobotModel
-from surefoot.testing.states import falling_moments, state_of
+from surefoot.testing.states import falling_moments
 from surefoot.types import Command, MotionPlan, PlanFunction, State
 
 
