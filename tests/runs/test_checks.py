@@ -21,9 +21,16 @@ from surefoot.config import (
     TrainingConfig,
 )
 from surefoot.config.presets import PRESETS, preset
-from surefoot.runs.checks import check_config, check_expert, parameters, remember_expert
+from surefoot.runs.checks import (
+    check_config,
+    check_expert,
+    parameters,
+    remember_expert,
+    warn_of_own_expert,
+)
 from surefoot.runs.run import Run, RunError
 from surefoot.types import MotionPlan
+from tests.fakes.runs import collected_record
 
 UNVALIDATED = TrainingConfig(validation=0.0)
 
@@ -129,3 +136,14 @@ def test_of_a_plan_that_is_not_repeatable_is_warned(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         remember_expert(run, holding(1.0))
+
+
+def test_beside_a_run_of_an_own_expert_that_of_the_package_is_not_measured_silently(tmp_path):
+    run = Run(tmp_path, Config())
+    run.append_metrics(collected_record(0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_own_expert(run)
+    run.append_metrics(collected_record(1, expert="my_plan"))
+    with pytest.warns(UserWarning, match="your own expert my_plan, but the expert that"):
+        warn_of_own_expert(run)

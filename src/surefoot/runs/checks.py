@@ -25,6 +25,8 @@ from surefoot.files import write_json
 from surefoot.learning.step import choose_device
 from surefoot.mpc.identity import ExpertIdentity, difference, identity_of
 from surefoot.robots.solo12 import solo12
+from surefoot.rollouts.jobs import PLANNER
+from surefoot.runs.metrics import Collected
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import draw_starts
 from surefoot.scenarios.starts import StartSet, load_starts
@@ -107,6 +109,18 @@ def check_expert(run: Run, plan: PlanFunction | None) -> None:
         raise RunError(
             f"{run.folder} was begun with the expert {before.title}, {text}. Resume it with the "
             "same one, or begin another run"
+        )
+
+
+def warn_of_own_expert(run: Run) -> None:
+    """Warn of a run that learned from a user's MPC, where the package's planner is measured."""
+    names = {record.expert for record in run.metrics if isinstance(record, Collected)}
+    for name in sorted(names - {PLANNER}):
+        warnings.warn(
+            f"{run.folder} learned from your own expert {name}, but the expert that is measured "
+            "here is the package's planner: use sf.evaluate and sf.push_recovery with your plan, "
+            "from Python, or leave the expert out with --no-expert",
+            stacklevel=3,
         )
 
 
