@@ -115,6 +115,15 @@ def test_an_option_is_heard_also_if_it_equals_a_default(surefoot, run_copy, tmp_
 
 
 @needs_pybullet
+@pytest.mark.parametrize("options", [(), ("--no-expert",)])
+def test_an_own_expert_is_not_replaced_silently(surefoot, run_copy, recwarn, options):
+    metrics = run_copy / "metrics.jsonl"
+    metrics.write_text(metrics.read_text().replace("surefoot.mpc.planner", "my_plan"))
+    assert surefoot("evaluate", run_copy, "--episodes", 1, "--workers", 1, *options) == 0
+    warned = any("learned from your own expert my_plan" in str(one.message) for one in recwarn)
+    assert warned == (not options)
+
+
 def test_sim_to_sim_leaves_the_runs_own_evaluation_alone(surefoot, run_copy):
     written = []
     for sim in ((), ("--sim", "mujoco"), ("--sim", "bullet")):

@@ -21,7 +21,9 @@ from surefoot.rollouts.jobs import disturbance_of, play_out, summarize_job
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.episode_ids import FIRST_QUERY
-from surefoot.runs.run import Run, create, open_run
+from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.runs.stages import collect_data
+from surefoot.types import MotionPlan
 from surefoot.viz.replay import recorded_episode, report_episode
 from surefoot.workers import Workers
 from tests.fakes.robots import needs_pybullet
@@ -207,6 +209,29 @@ def test_a_driver_that_is_lost_is_named_and_how_to_get_it_back(copy, method, los
     with pytest.raises(FileNotFoundError, match=message):
         play_out(recorded_episode(run.folder, episode))
     assert recorded_episode(run.folder, 0).episode == [0]  # the expert's are there
+
+
+def scaled(gain: float):
+    """A user's own MPC: stand, with a feed-forward torque; all of them have one name."""
+    rows = np.zeros((100, 12))
+    return lambda state, tick, command: MotionPlan(
+        np.tile(state.q[7:], (100, 1)), rows, rows + 0.01 * gain
+    )
+
+
+def test_an_episode_of_an_own_expert_is_replayed_with_that_expert(tmp_path):
+    run = create(tmp_path / "run", config_of("behavior_cloning"))
+    job = methods.METHODS[run.method].collection(run, 0, scaled(1.0))
+    collect_data(run, 0, job, Workers(1))
+    replayed, _ = play_out(recorded_episode(run.folder, 3, plan=scaled(1.0)))
+    frames = run.dataset.load()
+    own = frames[frames.episode == 3]
+    np.testing.assert_array_equal(replayed.torque[0, : len(own)], own.torque)
+    with pytest.raises(RunError, match="which has changed since"):
+        recorded_episode(run.folder, 3, plan=scaled(0.9))
+    message = r"was scaled\.<locals>\.<lambda>, not surefoot\.mpc\.planner: replay .*plan=your_plan"
+    with pytest.raises(ValueError, match=message):
+        recorded_episode(run.folder, 3)
 
 
 def test_a_run_of_other_versions_warns(copy):

@@ -67,11 +67,16 @@ class Evaluate(OnWorkers, OnSimulator):
 
     def __call__(self) -> int:
         """Evaluate, print each result as soon as it is there, and write the report where asked."""
+        from surefoot.runs.checks import warn_of_own_expert
         from surefoot.runs.policies import find_policy
+        from surefoot.runs.run import run_of_policy
 
         load_starts(self.starts)  # a set that does not exist is an error before any work
         policy, trained_on = find_policy(self.target)
         config = self.as_asked(trained_on)
+        run = run_of_policy(policy)
+        if self.expert and run is not None:
+            warn_of_own_expert(run)
         report = self.measure(policy, config)
         if self.target.is_dir() and self.expert and self.episodes is None:
             write_json(self.target / self.file_name(config, trained_on), report)

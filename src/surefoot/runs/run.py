@@ -123,6 +123,16 @@ class Run:
         return self.folder / "gates" / f"{kind}-{iteration:03d}.safetensors"
 
     @property
+    def expert_path(self) -> Path:
+        """File of the identity of a user's own MPC (`surefoot.mpc.identity`)."""
+        return self.folder / "expert.json"
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the folder holds results of the run, which would be lost or mixed with others."""
+        return bool(self.metrics or self.dataset.shards)
+
+    @property
     def metrics_path(self) -> Path:
         """File of the metrics: one line for each stage that is done."""
         return self.folder / "metrics.jsonl"
@@ -258,8 +268,7 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
             part.unlink()
     if path.exists():
         before = open_run(folder)
-        has_begun = before.metrics or before.dataset.shards  # if not, nothing would be lost
-        if before.config != config and has_begun:
+        if before.config != config and before.has_begun:  # if not, nothing would be lost
             raise RunError(
                 f"{folder} holds a run with another configuration ({path}); resume it with the "
                 "options it was started with, or choose another folder with --run"

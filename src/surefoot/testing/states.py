@@ -11,12 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from surefoot.robots.geometry import state_of
 from surefoot.robots.model import RobotModel, standing
-from surefoot.robots.rigid import center_of_mass, feet, integrate, legs_of, masses_of
+from surefoot.robots.rigid import integrate
 from surefoot.types import Array, IntArray, State
-
-HIGHEST_CONTACT = 1e-3
-"""[m] A foot whose sphere is at most this far above the ground counts as a contact here."""
 
 
 class Moment(NamedTuple):
@@ -31,21 +29,6 @@ class Moment(NamedTuple):
     state: State
     tick: IntArray
     command: Array
-
-
-def state_of(robot: RobotModel, q: Array, v: Array) -> State:
-    """Return the state of B robots with these configurations and velocities.
-
-    Args:
-        robot: The robot.
-        q: ``(B, 19)`` configurations.
-        v: ``(B, 18)`` velocities.
-    """
-    legs = legs_of(robot)
-    position, _ = feet(q, legs)
-    com = center_of_mass(q, legs, masses_of(robot))
-    contacts = position[:, :, 2] < robot.foot_radius + HIGHEST_CONTACT
-    return State(q, v, com, position, contacts)
 
 
 def falling_moments(robot: RobotModel, batch: int, ticks: int, seed: int = 0) -> list[Moment]:
