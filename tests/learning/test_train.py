@@ -364,7 +364,8 @@ frames = toy_frames(range(5))
 from surefoot.config import TrainingConfig
 data = sf.Dataset(sys.argv[1])
 data.append("all", frames)
-result = sf.fit(sf.PolicyNetwork(SMALL), data, TrainingConfig(batch=64, precision="float32"), SPEC, 1, 0)
+config = TrainingConfig(batch=64, precision="float32")
+result = sf.fit(sf.PolicyNetwork(SMALL), data, config, SPEC, 1, 0)
 sf.save(sf.Policy(result.network, SPEC, result.command_range), sys.argv[1] + "/policy")
 assert sf.load(sys.argv[1] + "/policy").spec == SPEC
 """

@@ -60,8 +60,10 @@ def test_all_trainings_of_a_resumed_run_have_the_precision_that_it_was_begun_wit
     named = run_method(tmp_path / "named", trained_in("bfloat16"))
     for iteration in (0, 1):
         records = [run.trained(iteration) for run in (chosen, named)]
+        assert records[0] is not None
+        assert records[1] is not None
         policies = [run.policy_path(iteration).read_bytes() for run in (chosen, named)]
-        assert [record.precision for record in records] == ["bfloat16"] * 2
+        assert records[0].precision == records[1].precision == "bfloat16"
         assert records[0].train_loss == records[1].train_loss
         assert policies[0] == policies[1]
 
