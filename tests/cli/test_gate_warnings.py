@@ -14,7 +14,7 @@ from surefoot.learning.classifier import Classifier, ClassifierQuality, save_cla
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
 from surefoot.runs.run import Run, RunError, create, open_run
-from tests.fakes.learning import spec_of
+from tests.fakes.learning import FLOAT32, spec_of
 
 SMALL = PolicyConfig(hidden=(4,))
 
@@ -30,7 +30,9 @@ def constant_network(logit: float) -> Classifier:
 @pytest.fixture
 def run(tmp_path) -> Run:
     """Three untrained policies; the first two have a history network."""
-    run = create(tmp_path / "run", Config(method=LocoSafeDaggerConfig(), policy=SMALL))
+    run = create(
+        tmp_path / "run", Config(method=LocoSafeDaggerConfig(), policy=SMALL, training=FLOAT32)
+    )
     for i in range(3):
         policy = Policy(PolicyNetwork(SMALL, i), spec_of(SMALL), np.zeros((2, 3)))
         save(policy, run.policy_path(i))

@@ -15,7 +15,7 @@ from surefoot.scenarios.starts import load_starts
 from surefoot.study.comparison import Measurements, compare
 from surefoot.study.records import Comparison
 from surefoot.workers import Workers
-from tests.fakes.learning import spec_of
+from tests.fakes.learning import FLOAT32, spec_of
 from tests.fakes.results import push_result, robustness
 from tests.fakes.rollouts import summary_of
 from tests.fakes.runs import collected_record, gate_record, trained_record, validated_record
@@ -54,7 +54,7 @@ def save_policy(path: Path, seed: int) -> None:
 
 def run_of(folder: Path, method, weights_seed: int, best: int | None = 0, **config) -> Path:
     """A run's folder without data: two policies and what stands in its metrics."""
-    run = create(folder, Config(method=method, policy=SMALL, **config))
+    run = create(folder, Config(method=method, policy=SMALL, training=FLOAT32, **config))
     iterations = 1 if isinstance(method, BehaviorCloningConfig) else 2
     for i in range(iterations):
         save_policy(run.policy_path(i), weights_seed + i)

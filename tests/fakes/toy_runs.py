@@ -70,7 +70,7 @@ CONFIG = replace(
     seed=5,
     safety=SAFETY,
     policy=PolicyConfig(hidden=(16, 16)),
-    training=TrainingConfig(batch=64, validation=0.25),
+    training=TrainingConfig(batch=64, precision="float32", validation=0.25),
     collection=DisturbanceConfig(pushes=2, impulse=(0.1, 0.4), gentle=0.5),
     evaluation=EvaluationConfig(duration=0.02, episodes=3),
 )

@@ -12,6 +12,7 @@ from surefoot.config import BehaviorCloningConfig, Config, LocoSafeDaggerConfig
 from surefoot.runs.metrics import Best
 from surefoot.runs.run import RunError, create, open_run, run_of_policy
 from surefoot.runs.versions import versions
+from tests.fakes.learning import FLOAT32
 from tests.fakes.runs import (
     EVERY_RECORD,
     collected_record,
@@ -21,7 +22,7 @@ from tests.fakes.runs import (
     validated_record,
 )
 
-CONFIG = replace(Config(), seed=5, method=LocoSafeDaggerConfig(iterations=2))
+CONFIG = Config(seed=5, method=LocoSafeDaggerConfig(iterations=2), training=FLOAT32)
 
 
 def words(seed, count=4):

@@ -30,6 +30,7 @@ from surefoot.study.records import Difference, Differences, read_comparison
 from surefoot.study.tables import comparison_tables
 from surefoot.workers import Workers
 from tests.fakes.comparisons import Interrupted, measure, pretend_measurements, run_of, save_policy
+from tests.fakes.learning import FLOAT32
 
 DATA = ExpertData(1, 1, False, 0.2)
 
@@ -186,7 +187,9 @@ def trained(tmp_path_factory) -> list[Path]:
         push = PushConfig(
             speeds=1, before=0.1, after=0.2, directions=2, resolution=4.0, levels=1, success=0.5
         )
-        config = Config(method=method, policy=PolicyConfig(hidden=(16, 16)), push=push)
+        config = Config(
+            method=method, policy=PolicyConfig(hidden=(16, 16)), training=FLOAT32, push=push
+        )
         evaluation = replace(config.evaluation, duration=0.7, episodes=4)
         folder = tmp_path_factory.mktemp("run") / "tiny"
         run = create(folder, replace(config, evaluation=evaluation))

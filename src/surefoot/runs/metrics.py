@@ -14,6 +14,7 @@ import json
 from dataclasses import dataclass, fields
 from typing import Literal
 
+from surefoot.config import NumberFormat
 from surefoot.config.json_io import from_json, to_json
 from surefoot.errors import unknown
 from surefoot.evaluation.robustness import Robustness
@@ -58,6 +59,8 @@ class Trained:
         steps: Number of optimizer steps.
         frames: Number of frames in D, held out or not.
         device: Device that computed it, as PyTorch names it.
+        precision: Number format of the products of the hidden layers; None in files of early
+            versions.
         train_loss: Mean L1 loss of the last epoch [rad].
         validation_loss: Mean L1 loss on the held-out episodes [rad]; None without any.
         seconds: Wall time of the stage [s].
@@ -69,6 +72,7 @@ class Trained:
     steps: int
     frames: int
     device: str
+    precision: NumberFormat | None = None
     train_loss: float
     validation_loss: float | None
     seconds: float

@@ -22,6 +22,7 @@ from surefoot.config import Config, method_name
 from surefoot.config.json_io import from_json, read_json, to_json
 from surefoot.files import write_atomic, write_json, writing
 from surefoot.learning.dataset import Dataset
+from surefoot.learning.precision import PrecisionChoice
 from surefoot.runs.metrics import (
     Best,
     Collected,
@@ -33,6 +34,7 @@ from surefoot.runs.metrics import (
     format_line,
     parse_line,
 )
+from surefoot.runs.precision import choose_for_run, with_precision_of
 from surefoot.runs.versions import versions
 from surefoot.seeds import seed_of
 
@@ -55,10 +57,13 @@ class Setup:
     Attributes:
         config: The run's configuration.
         versions: Version of Python, the processor and each package by name, when it was begun.
+        precision: The number format that all its trainings multiply in; None in runs of versions
+            that did not write it down.
     """
 
     config: Config
     versions: dict[str, str] = field(default_factory=dict)
+    precision: PrecisionChoice | None = None
 
 
 class Run:
@@ -67,17 +72,22 @@ class Run:
     Args:
         folder: Folder of the run.
         config: Configuration of the run.
+        precision: The number format that was chosen when it was begun (see `Setup`).
 
     Attributes:
         folder: Folder of the run.
-        config: Configuration of the run.
+        config: Configuration of the run, as it was asked for.
+        precision: The number format that was chosen when it was begun, or None (`runs.precision`).
         dataset: D, all frames that the run has kept.
         listeners: Functions that are called with each record once it is on the disk.
     """
 
-    def __init__(self, folder: Path, config: Config) -> None:
+    def __init__(
+        self, folder: Path, config: Config, precision: PrecisionChoice | None = None
+    ) -> None:
         self.folder = folder
         self.config = config
+        self.precision = precision
         self.dataset = Dataset(folder / "data")
         self.listeners: list[Callable[[StageRecord], None]] = []
         self._parsed = b""
@@ -249,6 +259,8 @@ class Run:
 def create(folder: Path, config: Config, resume: bool = False) -> Run:
     """Create a run in a folder, or resume the one that is there; it belongs to this process.
 
+    A new run whose precision is `auto` first measures, for less than a second, which one is faster.
+
     Args:
         folder: Folder of the run, new or empty, or with a run to resume.
         config: Configuration of the run.
@@ -258,6 +270,7 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
         WriteError: The folder cannot be written to.
         RunError: The folder holds a run and ``resume`` is False, or a run with another config, or
             something else.
+        ValueError: The configured device is not there, or lacks the configured precision.
     """
     path = folder / CONFIG_FILE
     _check_folder(folder, resume)
@@ -268,15 +281,18 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
             part.unlink()
     if path.exists():
         before = open_run(folder)
+        if before.has_begun and before.precision is None:
+            config = with_precision_of(config, before.config)
         if before.config != config and before.has_begun:  # if not, nothing would be lost
             raise RunError(
                 f"{folder} holds a run with another configuration ({path}); resume it with the "
                 "options it was started with, or choose another folder with --run"
             )
         if before.config == config:
-            warn_of_versions(run)
-            return run
-    write_json(path, Setup(config, versions(config.simulation.backend)))
+            warn_of_versions(before)
+            return before
+    run.precision = choose_for_run(config)
+    write_json(path, Setup(config, versions(config.simulation.backend), run.precision))
     return run
 
 
@@ -286,7 +302,8 @@ def open_run(folder: Path) -> Run:
     Raises:
         RunError: There is no run, or its config cannot be read.
     """
-    return Run(folder, read_setup(folder).config)
+    setup = read_setup(folder)
+    return Run(folder, setup.config, setup.precision)
 
 
 def run_of_policy(policy: Path) -> Run | None:

@@ -28,6 +28,7 @@ from surefoot.runs.accounting import collection_cost
 from surefoot.runs.checks import check_expert, remember_expert
 from surefoot.runs.episode_ids import end_of_iteration, shard_name
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
+from surefoot.runs.precision import kept_precision
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import expert_rollouts
 from surefoot.scenarios.starts import load_starts
@@ -264,6 +265,7 @@ def train_policy(
             steps=result.steps,
             frames=result.frames,
             device=result.device,
+            precision=result.precision,
             train_loss=result.train_loss[-1],
             validation_loss=result.validation_loss[-1],
             seconds=time.perf_counter() - began,
@@ -293,7 +295,7 @@ def _fit(run: Run, iteration: int, epochs: int, data: Dataset, fresh: bool) -> F
         return fit(
             network,
             data,
-            config.training,
+            kept_precision(config.training, run.precision),
             policy_spec(config),
             epochs,
             run.torch_seed("order", iteration),
