@@ -5,7 +5,7 @@ key names the nearest one that exists, a missing key and a value of the wrong ty
 A class with a `name` of its own (the methods' parameters) is written with that name, which tells it
 from the others when it is read; a class with a table `renamed` still reads its former keys. A
 number that is not finite, which JSON does not have, becomes null; it is read back as NaN.
-`read_record` reads a whole file, and names it in every error.
+`json_text` reads the files.
 """
 
 from __future__ import annotations
@@ -110,23 +110,6 @@ def read_json(path: Path) -> Any:
         return parse_json(content)
     except ValueError as error:
         raise ValueError(f"{path} is not JSON ({error})") from error
-
-
-def read_record(path: Path, kind: type[Record]) -> Record:
-    """The record that a file of JSON holds.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: The file is not JSON, or holds no such record; the message names the file and
-            the dotted path of what is wrong.
-    """
-    values = read_json(path)
-    try:
-        return from_json(kind, values)
-    except ValueError as error:
-        raise ValueError(
-            f"{path} is no {kind.__name__} that this version can read: {error}"
-        ) from error
 
 
 def changes(

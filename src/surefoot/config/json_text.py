@@ -52,7 +52,9 @@ def parse_json(content: bytes) -> Any:
     needed = len(content) * (2 if content.isascii() else 9)
     needed += sum(content.count(mark) * cost for mark, cost in _JSON_COSTS.items())
     if needed > MEMORY_FACTOR * len(content) + MEMORY_BASE:
-        raise ValueError(f"so many values in {len(content)} bytes are nothing that was written")
+        raise ValueError(
+            f"its many small values would take too much memory for {len(content)} bytes"
+        )
     try:
         values = json.loads(
             content,
