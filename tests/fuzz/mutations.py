@@ -25,7 +25,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from hypothesis import strategies as st
 
 Drawn = TypeVar("Drawn")
@@ -293,6 +293,8 @@ def fuzz(
         database=None,
         max_examples=examples,
         phases=(Phase.generate, Phase.shrink),
+        # Kilobytes of bytes tell nobody anything: the file of the smallest case stays in its folder.
+        verbosity=Verbosity.quiet,
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
     )
 

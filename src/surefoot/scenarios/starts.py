@@ -259,7 +259,9 @@ def _check_arrays(arrays: Mapping[str, NDArray]) -> list[tuple[int, int, int]]:
         array = arrays[name]
         if array.shape != shape:
             raise ValueError(f"{name} has shape {array.shape} instead of {shape}")
-        if name != "tick" and array.dtype != np.float64:
+        if name == "tick":
+            continue
+        if array.dtype != np.float64:
             raise ValueError(f"{name} holds {array.dtype} instead of float64")
         if not (np.abs(array) <= LARGEST).all():
             raise ValueError(f"{name} holds numbers that are not finite, or beyond {LARGEST:g}")
@@ -318,5 +320,12 @@ def save_starts(starts: StartSet, path: Path) -> None:
     except ValueError as error:
         raise ValueError(f"{path} is not written: {error}") from error
     buffer = BytesIO()
-    np.savez_compressed(buffer, **arrays | {"tick": everything.tick.astype(np.int16)})
+    np.savez_compressed(
+        buffer,
+        q=arrays["q"],
+        v=arrays["v"],
+        tick=arrays["tick"].astype(np.int16),
+        command=arrays["command"],
+        shapes=arrays["shapes"],
+    )
     write_atomic(path, buffer.getvalue())
