@@ -293,7 +293,7 @@ def fuzz(
         database=None,
         max_examples=examples,
         phases=(Phase.generate, Phase.shrink),
-        # Kilobytes of bytes tell nobody anything: the file of the smallest case stays in its folder.
+        # Instead of printing kilobytes of bytes, the smallest case stays as a file in its folder.
         verbosity=Verbosity.quiet,
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
     )
