@@ -4,6 +4,7 @@ import os
 import zipfile
 from dataclasses import fields
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -286,7 +287,7 @@ def npz(**arrays) -> bytes:
     return buffer.getvalue()
 
 
-def parts_of(starts: StartSet) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def parts_of(starts: StartSet) -> tuple[dict[str, Any], np.ndarray]:
     """The arrays of a stored set, and the shapes of its splits."""
     parts = {
         name: np.concatenate([getattr(starts.grid[split], name) for split in SPLITS])
