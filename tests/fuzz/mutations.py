@@ -225,7 +225,8 @@ def _other_value(draw: st.DrawFn, root: list[Any], value: Any, kind: str) -> Any
         container, key = draw(st.sampled_from(list(_places(root))))
         return copy.deepcopy(container[key])
     if kind == "longer":
-        return (value or [0]) * draw(st.sampled_from([2, 3, 1000]))
+        many = 1000 if len(json.dumps(value)) < 1000 else 3
+        return (value or [0]) * draw(st.sampled_from([2, many]))
     if kind == "empty":
         return []
     if kind == "negative":
