@@ -13,8 +13,9 @@ Weights = Annotated[tuple[float, float, float], Within(0.0, 1e12)]
 """Weights of the three axes of a cost."""
 Weight = Annotated[float, Within(0.0, 1e12)]
 """Weight of a cost."""
-Nodes = Annotated[int, Within(1, 200)]
-"""Length of a horizon in nodes of 50 ms, up to 10 s; the time of a plan grows with it."""
+Nodes = Annotated[int, Within(4, 200)]
+"""Length of a horizon in nodes of 50 ms: at least the 100 ms of a plan with a first node that may
+be shorter, at most 10 s, because the time of a plan grows with it."""
 Iterations = Annotated[int, Within(1, 10_000)]
 """Iterations of a solver; a plan that is not found after so many is late by seconds."""
 Height = Annotated[float, Within(0.01, 10.0)]
@@ -155,3 +156,12 @@ class ExpertConfig(Checked):
     """A plan whose dynamics residual is larger is not valid."""
     centroidal: CentroidalConfig = field(default_factory=CentroidalConfig)
     kinematic: KinematicConfig = field(default_factory=KinematicConfig)
+
+    def __post_init__(self) -> None:
+        """Check the fields, and that forces are planned as far ahead as motions."""
+        super().__post_init__()
+        if self.kinematic.nodes > self.centroidal.nodes:
+            raise ValueError(
+                f"expert.kinematic.nodes is {self.kinematic.nodes}; use at most those of "
+                f"expert.centroidal.nodes, {self.centroidal.nodes}"
+            )
