@@ -81,6 +81,11 @@ def test_lines_that_earlier_versions_wrote_for_gates_are_read(line, kind):
         (b'{"stage": "colect"}', "did you mean 'collect'"),
         (b'{"stage": "best", "iteration": 0}', "not a whole record of the stage best .*lacks best"),
         (b'{"stage": "best", "best_iteration": 1, "a": 2}', "there is no key 'a'"),
+        (b'{"stage": ["collect"]}', "there is no stage"),
+        (b'{"stage": "best", "stage": "best"}', "is not JSON .*'stage' is there twice"),
+        (b'{"stage": "best", "best_iteration": -1}', "best_iteration is -1, expected 0 to 10000"),
+        (b'{"stage": "best", "best_iteration": 1e3}', "best_iteration is 1000.0, expected int"),
+        (b'{"stage": "best", "best_iteration": 1, "iteration": 1e999}', "not a finite number"),
         (b'{"stage": "best", "best_iteration": "1"}', "best_iteration is '1', expected int"),
     ],
 )

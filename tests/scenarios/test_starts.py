@@ -1,8 +1,10 @@
 """The stored initial states: what is in the packaged set, and what files are refused."""
 
+import os
 import zipfile
 from dataclasses import fields
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -42,8 +44,10 @@ def small(seed=0) -> StartSet:
     shapes = {"nominal": (1, 2, 3), "train": (2, 2, 3), "select": (1, 1, 1), "test": (1, 2, 1)}
     for split, shape in shapes.items():
         n = int(np.prod(shape))
+        q = rng.normal(size=(n, 19))
+        q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
         grid[split] = Starts(
-            rng.normal(size=(n, 19)),
+            q,
             rng.normal(size=(n, 18)),
             rng.integers(0, 500, n),
             rng.normal(size=(n, 3)),
@@ -283,13 +287,17 @@ def npz(**arrays) -> bytes:
     return buffer.getvalue()
 
 
-def damaged() -> dict[str, bytes]:
-    starts = small()
+def parts_of(starts: StartSet) -> tuple[dict[str, Any], np.ndarray]:
+    """The arrays of a stored set, and the shapes of its splits."""
     parts = {
         name: np.concatenate([getattr(starts.grid[split], name) for split in SPLITS])
         for name in ("q", "v", "tick", "command")
     }
-    shapes = np.array([starts.shape[split] for split in SPLITS])
+    return parts, np.array([starts.shape[split] for split in SPLITS])
+
+
+def damaged() -> dict[str, bytes]:
+    parts, shapes = parts_of(small())
     whole = npz(**parts, shapes=shapes)
     flipped = bytearray(whole)
     flipped[200] ^= 0xFF
@@ -310,6 +318,15 @@ def damaged() -> dict[str, bytes]:
         "fewer rows than the shapes say": npz(**{**parts, "q": parts["q"][:-1]}, shapes=shapes),
         "another robot": npz(**{**parts, "v": parts["v"][:, :-1]}, shapes=shapes),
         "pickles": npz(**{**parts, "q": np.array([{}])}, shapes=shapes),
+        "an array more": npz(**parts, shapes=shapes, more=shapes),
+        "complex numbers": npz(**{**parts, "q": parts["q"] + 0j}, shapes=shapes),
+        "single precision": npz(**{**parts, "v": parts["v"].astype(np.float32)}, shapes=shapes),
+        "no number": npz(**{**parts, "v": parts["v"] * np.nan}, shapes=shapes),
+        "infinity": npz(**{**parts, "command": parts["command"] * np.inf}, shapes=shapes),
+        "times in the past": npz(**{**parts, "tick": parts["tick"] - 600}, shapes=shapes),
+        "times that are no integers": npz(**{**parts, "tick": parts["tick"] + 0.5}, shapes=shapes),
+        "an empty split": npz(**parts, shapes=shapes * [[1], [0], [1], [1]]),
+        "shapes beyond 64 bits": npz(**parts, shapes=shapes * 2**62),
     }
 
 
@@ -318,4 +335,45 @@ def test_a_damaged_file_is_a_clear_error(kind, tmp_path):
     path = tmp_path / "broken.npz"
     path.write_bytes(damaged()[kind])
     with pytest.raises(ValueError, match=r"broken\.npz is not a set of starts \(.*write it again"):
+        load_starts(path)
+
+
+def test_a_quaternion_that_is_no_rotation_is_named_with_its_length(tmp_path):
+    parts, shapes = parts_of(small())
+    parts["q"][4, 3:7] *= 1.01
+    path = tmp_path / "long.npz"
+    path.write_bytes(npz(**parts, shapes=shapes))
+    with pytest.raises(ValueError, match=r"long\.npz.*q\[4, 3:7\] has length 1\.01 instead of 1"):
+        load_starts(path)
+    parts["q"][4, 3:7] *= (1.0 + 1e-9) / 1.01
+    path.write_bytes(npz(**parts, shapes=shapes))
+    assert len(load_starts(path)["nominal"]) == 6
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("q", np.nan, "q holds numbers that are not finite"),
+        ("v", np.inf, "v holds numbers that are not finite"),
+        ("tick", 40_000, "tick must be integers from 0 to 32767"),
+    ],
+)
+def test_a_set_that_could_not_be_read_again_is_not_written(tmp_path, name, change, message):
+    starts = small()
+    getattr(starts.grid["select"], name)[0] = change
+    with pytest.raises(ValueError, match=f"set.npz is not written: {message}"):
+        save_starts(starts, tmp_path / "set.npz")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_pipe_is_no_set(tmp_path):
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(ValueError, match=r"pipe\.npz is not a regular file"):
+        load_starts(tmp_path / "pipe.npz")
+
+
+def test_a_small_file_cannot_ask_for_much_memory(tmp_path):
+    path = tmp_path / "bomb.npz"
+    path.write_bytes(npz(q=np.zeros((2_000_000, 19))))
+    with pytest.raises(ValueError, match=r"bomb\.npz.*too large for a file of"):
         load_starts(path)

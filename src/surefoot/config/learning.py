@@ -26,7 +26,7 @@ class PolicyConfig(Checked):
 
     section: ClassVar[str] = "policy"
 
-    hidden: Annotated[tuple[int, ...], Within(1, 65_536)] = (512, 512, 512)
+    hidden: Annotated[tuple[int, ...], Within(1, 8192)] = (512, 512, 512)
     """Units of the hidden layers (paper, IV-A)."""
     kp: Annotated[float, Within(0.0, 10_000.0)] = 2.0
     """[N m/rad] stiffness of the PD (the paper's research code)."""
