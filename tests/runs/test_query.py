@@ -1,9 +1,13 @@
 """Queries on hand-made rollouts: from which states, with which ids, and for how long."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from surefoot.config import Config, DisturbanceConfig
+from surefoot.learning.frames import PART, whole_episode
+from surefoot.learning.samples import held_out
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
@@ -16,7 +20,7 @@ from tests.fakes.rollouts import blank
 T = 600
 LENGTH = np.array([600, 400, 199, 600])
 OUTCOME = np.array([Outcome.SUCCESS, Outcome.FELL, Outcome.FELL, Outcome.STALLED])
-QUERY = Query(N_query=40, T_query=0.5, before_fall=0.2)
+QUERY = Query(N_query=3, T_query=0.5, before_fall=0.2)
 
 
 @pytest.fixture
@@ -42,23 +46,49 @@ def test_queries_start_from_states_on_the_grid_that_were_visited_before_any_fall
     job, rollouts = played
     queries = QUERY(job, rollouts)
     assert queries is not None
-    robots = np.array([0, 1, 3]).repeat(40)
+    robots = np.array([0, 1, 3]).repeat(3)
     elapsed = queries.starts.tick - job.starts.tick[robots]
     assert (queries.starts.tick % GRID == 0).all()
-    assert (elapsed >= 0).all() and (elapsed < np.array([600, 200, 600]).repeat(40)).all()
-    assert (np.diff(elapsed.reshape(3, 40), axis=1) >= 0).all()
+    assert (elapsed >= 0).all() and (elapsed < np.array([600, 200, 600]).repeat(3)).all()
+    assert (np.diff(elapsed.reshape(3, 3), axis=1) > 0).all()
     np.testing.assert_array_equal(queries.starts.q[:, :2], 0.0)
     np.testing.assert_array_equal(queries.starts.q[:, 2:], rollouts.q[robots, elapsed, 2:])
     np.testing.assert_array_equal(queries.starts.v, rollouts.v[robots, elapsed])
     np.testing.assert_array_equal(queries.starts.command, job.starts.command[robots])
     np.testing.assert_array_equal(queries.starts.id, job.starts.id[robots])
-    assert len(np.unique(elapsed[:40])) == 12  # 40 draws reach every tick of the grid of 600
+
+
+@pytest.mark.parametrize("N_query", [11, 12, 40])
+def test_the_states_of_a_rollout_are_different_ones_and_all_of_them_if_there_are_too_few(
+    played, N_query
+):
+    job, rollouts = played
+    queries = replace(QUERY, N_query=N_query)(job, rollouts)
+    assert queries is not None
+    # In 0.6 s there are twelve states on the grid of 50 ms; four before the fall of the second.
+    counts = {200_000: min(N_query, 12), 200_001: 4, 200_003: min(N_query, 12)}
+    for id_, count in counts.items():
+        ticks = queries.starts.tick[whole_episode(queries.episode) == id_]
+        assert len(ticks) == len(np.unique(ticks)) == count
+
+
+def test_the_queries_of_a_rollout_are_held_out_together(played):
+    job, rollouts = played
+    held = []
+    for first in range(0, 1000, 4):
+        ids = replace(job.episodes, id=300_000 + first + np.arange(4))
+        queries = QUERY(replace(job, episodes=ids), rollouts)
+        assert queries is not None
+        by_rollout = held_out(queries.episode, 0.1).reshape(3, 3)
+        assert (by_rollout == held_out(ids.ids[[0, 1, 3]], 0.1)[:, None]).all()
+        held.append(by_rollout)
+    assert 0.05 < np.mean(held) < 0.15
 
 
 def test_queries_have_ids_of_their_own_and_are_driven_by_the_expert(played):
     queries = QUERY(*played)
     assert queries is not None
-    expected = [210_000 + 40 * robot + j for robot in (0, 1, 3) for j in range(40)]
+    expected = [200_000 + robot + (j + 1) * PART for robot in (0, 1, 3) for j in range(3)]
     assert queries.episode.tolist() == expected
     assert isinstance(queries.arbiter, ExpertOnly)
     assert queries.episodes.duration == 0.5
@@ -71,8 +101,8 @@ def test_the_states_of_a_rollout_depend_on_its_id_and_the_seed_alone(played):
     together = QUERY(job, rollouts)
     alone = QUERY(job[3:], one_of(rollouts, 3))
     assert together is not None and alone is not None
-    np.testing.assert_array_equal(alone.starts.tick, together.starts.tick[80:])
-    np.testing.assert_array_equal(alone.episode, together.episode[80:])
+    np.testing.assert_array_equal(alone.starts.tick, together.starts.tick[6:])
+    np.testing.assert_array_equal(alone.episode, together.episode[6:])
 
 
 def one_of(rollouts: Rollout, robot: int) -> Rollout:

@@ -111,9 +111,8 @@ class LocoDaggerConfig(IterativeConfig):
     alpha: Share = 0.5
     """Decay of the expert's influence: it drives a period of 50 ms with probability alpha^(i-1);
     the paper tries 0.5 and 0.8."""
-    # More than 600 could run into the ids of the next iteration.
     N_query: Annotated[int, Within(1, 600)] = 5
-    """Expert rollouts from states of each rollout (paper)."""
+    """Expert rollouts from different states of each rollout (paper); fewer if it ended early."""
     T_query: Duration = 1.0
     """[s] how long each of them lasts (paper)."""
     before_fall: Seconds = 0.2

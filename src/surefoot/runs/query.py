@@ -27,11 +27,14 @@ from surefoot.types import GRID, IntArray, to_ticks
 class Query:
     """Expert rollouts from random states of each rollout, at the gait phase they were seen at.
 
+    The states of a rollout are different ones; if it has fewer than N_query on the expert's grid,
+    there is a query from each of them.
+
     The pushes of the rollout do not continue; a push of the size of `expert_impulse` comes early,
     if that is not zero.
 
     Attributes:
-        N_query: Number of queries of each rollout.
+        N_query: Number of queries of each rollout, at most.
         T_query: Duration of each query [s]; a query that fails is dropped whole.
         before_fall: Time before a failure from which on no state is taken [s].
     """
@@ -55,7 +58,7 @@ class Query:
             for j, elapsed in enumerate(chosen.tolist()):
                 robots.append(robot)
                 elapsed_ticks.append(elapsed)
-                ids.append(EpisodeId.from_number(episode).query(j, self.N_query).number)
+                ids.append(replace(EpisodeId.from_number(episode), query=j).number)
         if not ids:
             return None
         states = _visited_states(rollouts, np.array(robots), np.array(elapsed_ticks))
@@ -77,10 +80,9 @@ class Query:
             length -= to_ticks(self.before_fall)
         clock = int(rollouts.starts.tick[robot]) + np.arange(max(length, 0))
         grid = np.flatnonzero(clock % GRID == 0)
-        if len(grid) == 0:
-            return grid
         rng = np.random.default_rng(seed_of(job.config.seed, "query", int(job.episode[robot])))
-        return np.sort(rng.choice(grid, self.N_query))
+        # Without replacement: a second query from one state would be the first once more.
+        return np.sort(rng.choice(grid, min(self.N_query, len(grid)), replace=False))
 
 
 def _visited_states(rollouts: Rollout, robot: IntArray, elapsed: IntArray) -> Starts:
