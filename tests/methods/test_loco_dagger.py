@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import DisturbanceConfig, LocoDaggerConfig
+from surefoot.config import DisturbanceConfig, LocoDaggerConfig, NoiseConfig
 from surefoot.learning.frames import PART
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.jobs import play_out
@@ -171,3 +171,22 @@ def test_queries_are_pushed_early_and_once_by_the_experts_impulse(tmp_path):
         for b in range(12):
             expected = 0.0 if drawn is None else expected_kicks(drawn, rollouts, b)
             np.testing.assert_allclose(kicks(rollouts, b), expected, rtol=0, atol=1e-9)
+
+
+def test_a_query_of_the_experts_own_rollout_goes_on_as_the_rollout_did(tmp_path):
+    """In iteration 1 the expert drives, with noise and late torques; the toy rounds its roll."""
+    disturbance = DisturbanceConfig(noise=NoiseConfig(*[1e-3] * 6), delay=5)
+    method = replace(SMALL_METHODS["loco_dagger"], T_query=0.1)
+    run = run_method(tmp_path, replace(CONFIG, method=method, collection=disturbance))
+    (job, rollouts), (queries, answered) = replayed(run, 1)
+    compared = 0
+    for n, id_ in enumerate(queries.episode.tolist()):
+        b = int(np.flatnonzero(job.episode == id_ % PART)[0])
+        begin = int(queries.starts.tick[n] - rollouts.starts.tick[b])
+        ticks = min(100, int(rollouts.length[b]) - begin)
+        for name in ("v", "torque"):
+            expected = getattr(rollouts, name)[b, begin : begin + ticks]
+            actual = getattr(answered, name)[n, :ticks]
+            np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-9)
+        compared += ticks
+    assert compared > 900

@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import Config, DisturbanceConfig
+from surefoot.config import Config, DisturbanceConfig, NoiseConfig
 from surefoot.learning.frames import PART, whole_episode
 from surefoot.learning.samples import held_out
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes, Rollout
-from surefoot.rollouts.jobs import Job
+from surefoot.rollouts.jobs import Job, disturbance_of
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.query import Query
+from surefoot.scenarios.disturbance import draw_disturbances
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import GRID
 from tests.fakes.rollouts import blank
@@ -121,6 +122,46 @@ def one_of(rollouts: Rollout, robot: int) -> Rollout:
 def test_without_a_rollout_that_lasted_long_enough_there_is_no_query(played):
     job, rollouts = played
     assert QUERY(job[2:3], one_of(rollouts, 2)) is None
+
+
+DISTURBED = DisturbanceConfig(
+    pushes=2,
+    expert_impulse=(0.5, 1.0),
+    friction=(0.5, 1.5),
+    mass=(0.8, 1.2),
+    noise=NoiseConfig(joint_position=0.01),
+    delay=4,
+)
+
+
+def test_a_query_is_the_same_robot_on_the_same_floor(played):
+    """Friction, mass, noise and the torques under way are those of its rollout at that tick."""
+    job, rollouts = played
+    job = replace(job, disturbance=DISTURBED)
+    disturbance = disturbance_of(job)
+    torque = np.random.default_rng(1).normal(size=(4, T, 12))
+    queries = QUERY(job, replace(rollouts, disturbance=disturbance, torque=torque))
+    assert queries is not None
+    asked = queries.episodes.disturbance
+    assert asked is not None and asked.pushes is not None and asked.measured is not None
+    robots = np.array([0, 1, 3]).repeat(3)
+    elapsed = queries.starts.tick - job.starts.tick[robots]
+    for name in ("friction", "mass"):
+        np.testing.assert_array_equal(getattr(asked, name), getattr(disturbance, name)[robots])
+    assert [*asked.seeds] == [disturbance.seeds[robot] for robot in robots]
+    np.testing.assert_array_equal(asked.measured, elapsed)
+    assert (asked.noise, asked.delay) == (DISTURBED.noise, 4)
+    assert queries.episodes.late is not None
+    for row, (robot, tick) in enumerate(zip(robots, elapsed, strict=True)):
+        if tick > 0:
+            np.testing.assert_array_equal(
+                queries.episodes.late[row], torque[robot, tick - 4 : tick]
+            )
+    # The pushes are its own: one, early, of the size that teaches.
+    own = draw_disturbances(replace(DISTURBED, pushes=0), 3, queries.episode, 0.0, 0.5, 0.5)
+    assert own.pushes is not None and own.pushes.tick.shape == (9, 1)
+    np.testing.assert_array_equal(asked.pushes.impulse, own.pushes.impulse)
+    np.testing.assert_array_equal(asked.pushes.tick, own.pushes.tick)
 
 
 def test_failed_queries_are_dropped_whole(played):
