@@ -24,7 +24,7 @@ from tests.fakes.toy_runs import CONFIG, angles
 
 def pushed_expert(impulses, at, **disturbance):
     """The expert for 0.7 s and a tail of 0.5 s, each robot pushed sideways once."""
-    starts = load_starts().first("nominal", len(impulses))
+    starts = load_starts()["nominal"][: len(impulses)]
     push = np.zeros((len(impulses), 1, 3))
     push[:, 0, 1] = impulses
     pushes = Disturbance(pushes=Pushes(push, np.array(at)[:, None], 10))

@@ -6,7 +6,13 @@ import pytest
 from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig
 from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.outcome import Outcome
-from surefoot.runs.sampling import draw_starts, expert_frames, expert_rollouts, keep_unless_failed
+from surefoot.runs.sampling import (
+    draw_starts,
+    expert_frames,
+    expert_rollouts,
+    keep_unless_failed,
+    series_order,
+)
 from surefoot.scenarios.starts import load_starts
 from tests.fakes.rollouts import blank
 
@@ -51,6 +57,21 @@ def test_draw_starts_takes_each_velocity_at_one_phase_with_new_perturbations():
     assert seen <= set(stored["train"].id)
     again = draw_starts(method, np.random.default_rng(0))
     np.testing.assert_array_equal(again.id, starts.id)
+
+
+@pytest.mark.parametrize("sizes", [(40, 40, 40), (100, 10, 1), (7,)])
+def test_every_beginning_of_a_series_holds_each_stratum_in_its_share(sizes):
+    stratum = np.repeat(np.arange(len(sizes)), sizes)
+    orders = [series_order(stratum, np.random.default_rng(seed)) for seed in range(50)]
+    for order in orders:
+        assert sorted(order) == [*range(sum(sizes))]
+        held = np.cumsum(stratum[order][:, None] == np.arange(len(sizes)), axis=0)
+        even = np.arange(1, sum(sizes) + 1)[:, None] * np.array(sizes) / sum(sizes)
+        assert np.abs(held - even).max() <= len(sizes)
+    # And each thing of a stratum comes first in its turn.
+    assert len({order[0] for order in orders}) > 5
+    again = series_order(stratum, np.random.default_rng(7))
+    np.testing.assert_array_equal(again, orders[7])
 
 
 def test_failed_rollouts_are_dropped_whole():

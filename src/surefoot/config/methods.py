@@ -49,8 +49,9 @@ class BehaviorCloningConfig(Checked):
     epochs: Epochs = 150
     """Passes over the data (paper, IV-F)."""
     frames: Annotated[tuple[int, ...], Within(1, 1_000_000_000_000)] = ()
-    """A series of dataset sizes: each gives a policy that is trained on the first whole episodes
-    with at most this many frames. The last policy is trained on all frames."""
+    """A series of dataset sizes: each gives a policy that is trained on whole episodes with at most
+    this many frames, the first ones in a random order that is fixed by the seed and mixes the
+    phases. The last policy is trained on all frames."""
 
 
 @dataclass(frozen=True)

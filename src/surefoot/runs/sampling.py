@@ -97,6 +97,20 @@ def expert_rows(stored: StartSet, data: ExpertData) -> IntArray:
     return grid[: data.perturbations, :, velocities].ravel()
 
 
+def series_order(stratum: IntArray, rng: np.random.Generator) -> IntArray:
+    """``(n,)`` a random order, of which every beginning holds each stratum in its share.
+
+    Args:
+        stratum: ``(n,)`` the stratum of each of n things, as a number.
+        rng: Random generator.
+    """
+    position = np.empty(len(stratum))
+    for value in np.unique(stratum):
+        rows = np.flatnonzero(stratum == value)
+        position[rows] = (rng.permutation(len(rows)) + rng.random()) / len(rows)
+    return np.argsort(position)
+
+
 def draw_starts(method: IterativeConfig, rng: np.random.Generator) -> Starts:
     """Draw one iteration's initial states: each velocity, one random phase, random perturbations.
 
