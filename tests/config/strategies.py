@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hin
 
 from hypothesis import strategies as st
 
-from surefoot.config import Config, PerturbationConfig
+from surefoot.config import Config, ExpertData, PerturbationConfig
 from surefoot.config.checked import Checked, Rising, Within
 
 
@@ -74,4 +74,6 @@ def configs(kind) -> st.SearchStrategy:
     values = {name: values_of(hint) for name, hint in field_hints(kind).items()}
     if "gates" in values:
         values["T"] = st.floats(0.31, 100.0)  # long enough for a history network
+    if kind is ExpertData:
+        values["nominal"] = st.just(True)  # without perturbations, nothing else is left
     return st.builds(kind, **values)

@@ -32,10 +32,18 @@ def test_episodes_that_cannot_be_simulated_are_refused(arguments, message):
         Episodes(**{"starts": starts_of([0]), "duration": 0.1, **arguments})
 
 
-def test_there_are_as_many_pushed_robots_as_episodes():
-    pushes = Disturbance(Pushes(np.ones((3, 1, 3)), np.zeros((3, 1), int), 10))
-    with pytest.raises(ValueError, match="pushes for 3 robots, but there are 1"):
-        Episodes(starts_of([0]), 0.1, disturbance=pushes)
+@pytest.mark.parametrize(
+    "disturbance",
+    [
+        Disturbance(Pushes(np.ones((3, 1, 3)), np.zeros((3, 1), int), 10)),
+        Disturbance(friction=np.ones(3)),
+        Disturbance(mass=np.ones(3)),
+        Disturbance(measured=np.zeros(3, int)),
+    ],
+)
+def test_there_are_as_many_disturbed_robots_as_episodes(disturbance):
+    with pytest.raises(ValueError, match="a disturbance of 3 robots, but there are 1"):
+        Episodes(starts_of([0]), 0.1, disturbance=disturbance)
 
 
 def test_some_of_the_episodes_keep_their_ids_and_what_disturbs_them():

@@ -33,6 +33,23 @@ def test_expert_rollouts_begin_from_velocities_by_phases_by_perturbations():
     assert len(one.starts) == 10
 
 
+def test_expert_rollouts_without_perturbation_begin_standing_at_each_velocity():
+    job = expert_rollouts(Config(), ExpertData(4, 0, True, 1.0))
+    with_perturbed = expert_rollouts(Config(), ExpertData(4, 1, True, 1.0))
+    assert len(job.starts) == 4 and job.episode.tolist() == [0, 1, 2, 3]
+    assert (job.starts.id == -1).all() and not job.starts.v.any()
+    np.testing.assert_array_equal(job.starts.command, with_perturbed.starts.command[:4])
+    np.testing.assert_array_equal(job.starts.q, with_perturbed.starts.q[:4])
+    assert (job.starts.command[0, 0], job.starts.command[-1, 0]) == (0.0, 0.3)
+
+
+def test_without_perturbed_pretraining_all_perturbations_are_left_to_the_iterations():
+    method = LocoSafeDaggerConfig(
+        pretraining=ExpertData(2, 0, True, 0.12), velocities=2, perturbations=8
+    )
+    assert len(draw_starts(method, np.random.default_rng(0))) == 16
+
+
 def test_draw_starts_takes_each_velocity_at_one_phase_with_new_perturbations():
     method = LocoSafeDaggerConfig(
         pretraining=ExpertData(2, 1, True, 0.12), velocities=5, perturbations=3

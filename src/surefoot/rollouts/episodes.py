@@ -58,9 +58,9 @@ class Episodes:
             )
         if self.id is not None and len(self.id) != B:
             raise ValueError(f"{len(self.id)} ids for {B} initial states; give one for each")
-        pushes = None if self.disturbance is None else self.disturbance.pushes
-        if pushes is not None and len(pushes.tick) != B:
-            raise ValueError(f"pushes for {len(pushes.tick)} robots, but there are {B}")
+        disturbed = None if self.disturbance is None else self.disturbance.batch
+        if disturbed is not None and disturbed != B:
+            raise ValueError(f"a disturbance of {disturbed} robots, but there are {B}")
         if self.late is not None:
             delay = 0 if self.disturbance is None else self.disturbance.delay
             if self.late.shape != (B, delay, 12):

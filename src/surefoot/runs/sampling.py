@@ -69,7 +69,8 @@ def expert_rollouts(
     starts = stored["train"][expert_rows(stored, data)]
     if data.nominal:
         # From standing still, as a robot is switched on: no other initial state teaches that.
-        speeds = np.unique(starts.command, axis=0)
+        first = stored.rows("train")[0, 0, stored.velocities("train", data.velocities)]
+        speeds = np.unique(stored["train"].command[first], axis=0)
         starts = join_starts([at_rest(standing(solo12(config.robot)), speeds), starts])
     return Job(
         config,
@@ -82,7 +83,7 @@ def expert_rollouts(
 
 
 def expert_rows(stored: StartSet, data: ExpertData) -> IntArray:
-    """Rows of the `train` split to clone from: velocities x ten phases x perturbations.
+    """Rows of the `train` split to clone from: velocities x ten phases x perturbations, or none.
 
     Raises:
         ValueError: The stored set has fewer initial states than are asked for.

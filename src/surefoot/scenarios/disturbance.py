@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,10 @@ from surefoot.types import Array, IntArray, State, to_ticks
 
 EARLY = 0.2
 """The push of a tail begins within this time of it, so that the rest shows the recovery [s]."""
+MOST_PUSH_TICKS = 60_000
+"""The longest push [ms], as in `DisturbanceConfig.push_duration`."""
+MOST_DELAY = 1000
+"""The longest delay [ms], as in `DisturbanceConfig.delay`."""
 _BLOCK = 500
 """The number of ticks for which noise is drawn at a time."""
 
@@ -39,8 +44,8 @@ class Pushes:
     A tick may be negative: that push began before the episode, which holds what is left of it.
 
     Raises:
-        ValueError: The shapes do not agree, an impulse is not finite, or the duration is not
-            positive.
+        ValueError: The shapes do not agree, an impulse is not finite, or the ticks or the duration
+            are not whole numbers in their range.
     """
 
     impulse: Array
@@ -49,6 +54,8 @@ class Pushes:
 
     def __post_init__(self) -> None:
         """Check that every push is one that can act."""
+        object.__setattr__(self, "impulse", np.asarray(self.impulse, dtype=float))
+        object.__setattr__(self, "tick", np.asarray(self.tick))
         expected = (*self.tick.shape, 3)
         if self.impulse.shape != expected or len(expected) != 3:
             raise ValueError(
@@ -57,8 +64,13 @@ class Pushes:
             )
         if not np.isfinite(self.impulse).all():
             raise ValueError("pushes: an impulse is not finite")
-        if self.duration < 1:
-            raise ValueError(f"pushes: a duration of {self.duration} ms; use at least 1 ms")
+        if not np.issubdtype(self.tick.dtype, np.integer):
+            raise ValueError(f"pushes: ticks of type {self.tick.dtype}; use whole numbers [ms]")
+        if not isinstance(self.duration, Integral) or not 1 <= self.duration <= MOST_PUSH_TICKS:
+            raise ValueError(
+                f"pushes: a duration of {self.duration} ms; use whole numbers from 1 to "
+                f"{MOST_PUSH_TICKS}"
+            )
 
     def __getitem__(self, rows: slice | NDArray) -> Pushes:
         """The pushes on the robots in these rows."""
@@ -96,6 +108,10 @@ class Disturbance:
         seeds: The roots of the noise of the B robots' sensors.
         measured: ``(B,)`` how many ticks of each robot's noise lie before the episode [ms]; None
             begins with the first.
+
+    Raises:
+        ValueError: The fields are of different numbers of robots, a number is not finite or out of
+            its range, or there is noise without seeds.
     """
 
     pushes: Pushes | None = None
@@ -105,6 +121,48 @@ class Disturbance:
     delay: int = 0
     seeds: tuple[np.random.SeedSequence, ...] = ()
     measured: IntArray | None = None
+
+    def __post_init__(self) -> None:
+        """Check all fields, and bring friction and mass to arrays."""
+        for name, values in (("friction", self.friction), ("mass", self.mass)):
+            if values is not None:
+                object.__setattr__(self, name, _positive(name, values))
+        if not isinstance(self.delay, Integral) or not 0 <= self.delay <= MOST_DELAY:
+            raise ValueError(
+                f"disturbance: a delay of {self.delay} ms; use whole numbers from 0 to {MOST_DELAY}"
+            )
+        if self.measured is not None:
+            measured = np.asarray(self.measured)
+            whole = measured.ndim == 1 and np.issubdtype(measured.dtype, np.integer)
+            if not whole or (measured < 0).any():
+                raise ValueError("disturbance: measured must be (B,) whole numbers from 0 on [ms]")
+            object.__setattr__(self, "measured", measured)
+        if _standard_deviations(self.noise).any() and not self.seeds:
+            raise ValueError(
+                "disturbance: noise without seeds; give one for each robot, or let "
+                "draw_disturbances make it"
+            )
+        robots = self._robots()
+        if len(set(robots.values())) > 1:
+            given = ", ".join(f"{name} for {count}" for name, count in robots.items())
+            raise ValueError(f"disturbance: {given}; give each for the same number of robots")
+
+    def _robots(self) -> dict[str, int]:
+        """For how many robots each field is, of those that are given."""
+        pushed = None if self.pushes is None else self.pushes.tick
+        fields = {
+            "pushes": pushed,
+            "friction": self.friction,
+            "mass": self.mass,
+            "seeds": self.seeds or None,
+            "measured": self.measured,
+        }
+        return {name: len(values) for name, values in fields.items() if values is not None}
+
+    @property
+    def batch(self) -> int | None:
+        """The number of robots B; None if the disturbance is the same for any number."""
+        return next(iter(self._robots().values()), None)
 
     def __getitem__(self, rows: slice | NDArray) -> Disturbance:
         """What disturbs some of the robots."""
@@ -169,6 +227,24 @@ def join_optional(parts: Sequence[NDArray | None]) -> NDArray | None:
     if len(arrays) not in (0, len(parts)):
         raise ValueError(f"{len(arrays)} of {len(parts)} parts have an array that all need")
     return np.concatenate(arrays) if arrays else None
+
+
+def _positive(name: str, values: Array) -> Array:
+    """``(B,)`` values of a field, if each is a positive number.
+
+    Raises:
+        ValueError: They are not.
+    """
+    array = np.asarray(values, dtype=float)
+    if array.ndim != 1:
+        raise ValueError(f"disturbance: {name} has shape {array.shape}; give one for each robot")
+    wrong = ~(np.isfinite(array) & (array > 0.0))
+    if wrong.any():
+        robot = int(wrong.argmax())
+        raise ValueError(
+            f"disturbance: {name} of robot {robot} is {array[robot]}; use a finite number above 0"
+        )
+    return array
 
 
 @dataclass(frozen=True)
