@@ -289,7 +289,7 @@ def test_warnings_of_a_policy_do_not_depend_on_the_number_of_workers():
     assert (measured.split, measured.episodes) == ("select", 7)
     # An untrained policy falls from nearly every start; bounds are crossed before it has.
     assert measured.falls == len(measured.fallen) >= 4
-    assert set(measured.fallen) <= set(stored["select"].id[:7].tolist())
+    assert set(measured.fallen) <= set(stored.first("select", 7).id.tolist())
     bounds = measured.gates["bounds"]
     silent = measured.gates["silent"]
     assert min(bounds.leads) > 0.0

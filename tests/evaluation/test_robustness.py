@@ -118,7 +118,7 @@ def test_a_random_policy_falls(policy):
     assert robustness.episodes == 8
     assert robustness.split == "select"
     assert robustness.starts_hash == STORED.hash
-    np.testing.assert_array_equal(summary.start, STORED["select"].id[:8])
+    np.testing.assert_array_equal(summary.start, STORED.first("select", 8).id)
     assert robustness.falls > 0
     assert robustness.successes == 0
     assert robustness.plans == 0
@@ -158,7 +158,7 @@ def test_another_set_of_starts_and_one_that_does_not_exist(tmp_path):
     robustness, summary = evaluate(config, None, "test", Workers(1), stored=wide)
     assert (robustness.starts, robustness.starts_hash) == (wide.name, wide.hash)
     assert robustness.starts_hash != STORED.hash
-    np.testing.assert_array_equal(summary.start, wide["test"].id[:2])
+    np.testing.assert_array_equal(summary.start, wide.first("test", 2).id)
     message = r"no set of starts.*'solo12-trot-v2'; did you mean 'solo12-trot-v1'\? Known: .*wide"
     with pytest.raises(FileNotFoundError, match=message):
         load_starts("solo12-trot-v2")

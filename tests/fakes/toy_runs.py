@@ -25,6 +25,7 @@ from surefoot.config import (
     SafetyConfig,
     TrainingConfig,
 )
+from surefoot.learning.frames import whole_episode
 from surefoot.learning.observation import ObservationSpec, network_input
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.rollouts.outcome import Outcome
@@ -106,7 +107,7 @@ def replayed(run, i):
 
 def kept_in(run, i):
     frames = run.dataset.load()
-    return frames[frames.episode // EPISODES_PER_ITERATION == i]
+    return frames[whole_episode(frames.episode) // EPISODES_PER_ITERATION == i]
 
 
 # --- what a test computes for itself

@@ -14,6 +14,7 @@ from surefoot.config import (
     Config,
     DaggerConfig,
     EvaluationConfig,
+    ExpertData,
     Gait,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
@@ -62,11 +63,21 @@ def test_every_preset_can_be_run(method, name):
             Config(method=LocoSafeDaggerConfig(gates=("classifier",)), training=UNVALIDATED),
             r"training\.validation is 0, but tau",
         ),
+        (
+            Config(method=SafeDaggerConfig(pretraining=ExpertData(10, 0, True, 1.5))),
+            r"training\.validation is 0\.1, which holds out none of the 10 rollouts",
+        ),
     ],
 )
 def test_a_run_that_cannot_be_done_is_refused(config, message):
     with pytest.raises(ValueError, match=message):
         check_config(config)
+
+
+def test_a_run_whose_expert_data_is_unperturbed_can_be_done():
+    data = ExpertData(20, 0, True, 3.0)
+    for method in (BehaviorCloningConfig(data), LocoDaggerConfig(pretraining=data)):
+        check_config(Config(method=method))
 
 
 def test_without_a_classifier_nothing_has_to_be_held_out():

@@ -33,6 +33,9 @@ def test_keys_of_a_collection_are_those_of_earlier_versions():
         "recoveries_tilted recoveries_near_bounds dataset_frames dataset_hash seconds"
     )
     assert json.loads(format_line(collected_record(0))).keys() == set(old.split())
+    timed = collected_record(0, rollout_seconds=180.0, rollout_seconds_with_tail=200.0)
+    new = "rollout_seconds rollout_seconds_with_tail"
+    assert json.loads(format_line(timed)).keys() == set(f"{old} {new}".split())
 
 
 def test_what_is_not_a_number_is_null_and_what_is_not_there_is_left_out():

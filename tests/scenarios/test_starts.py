@@ -258,8 +258,49 @@ def test_more_states_or_velocities_than_there_are_is_an_error(n):
         STORED.first("select", n)
     with pytest.raises(ValueError, match=f"{n} velocities asked for.* hold 10 in 'select'"):
         STORED.velocities("select", n)
-    np.testing.assert_array_equal(STORED.first("select", 2).id, STORED["select"].id[:2])
     assert STORED.velocities("select", 3).tolist() == [0, 4, 9]
+
+
+@pytest.mark.parametrize("split", ["test", "select", "nominal"])
+def test_any_number_of_states_is_spread_over_phases_and_speeds(split):
+    starts = STORED[split]
+    _, phases, velocities = STORED.shape[split]
+    taken = set()
+    for n in range(1, len(starts) + 1):
+        row = STORED.first(split, n).id - starts.id[0]
+        assert len(row) == n and (np.diff(row) > 0).all()  # each once, in the order of the set
+        perturbation, cell = np.divmod(row, phases * velocities)
+        counts = np.bincount(perturbation)
+        assert (counts[:-1] == phases * velocities).all()  # no perturbation before one is complete
+        for index, size in ((cell // velocities, phases), (cell % velocities, velocities)):
+            assert np.ptp(np.bincount(index, minlength=size)) <= 1, n
+        assert taken < set(row)  # what fewer states have shown is shown again
+        taken = set(row)
+
+
+def test_whole_hundreds_are_the_states_that_published_figures_are_of():
+    for n in (100, 500, 1000):
+        np.testing.assert_array_equal(STORED.first("test", n).id, STORED["test"].id[:n])
+
+
+def test_a_few_states_reach_over_all_phases_and_speeds():
+    """Of 20, two begin at each phase and two at each speed; they used to be two of ten phases."""
+    starts = STORED.first("test", 20)
+    for value in (starts.tick, starts.command[:, 0]):
+        _, counts = np.unique(value, return_counts=True)
+        assert counts.tolist() == [2] * 10
+    assert abs(np.corrcoef(starts.tick, starts.command[:, 0])[0, 1]) < 0.1
+    few = STORED.first("test", 5)
+    assert np.ptp(few.tick) >= 300 and np.ptp(few.command[:, 0]) >= 0.2
+
+
+def test_the_phase_of_a_stored_state_is_known_from_its_id():
+    for split in SPLITS:
+        starts = STORED[split]
+        grid = STORED.phases(starts.id).reshape(STORED.shape[split])
+        np.testing.assert_array_equal(grid, np.broadcast_to(np.arange(10)[:, None], grid.shape))
+    np.testing.assert_array_equal(STORED.phases(np.array([-1, 10_000_000])), [-1, -1])
+    np.testing.assert_array_equal(STORED["test"].tick, 50 * STORED.phases(STORED["test"].id))
 
 
 def test_a_set_is_never_overwritten(tmp_path):

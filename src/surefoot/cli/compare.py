@@ -40,7 +40,7 @@ class Compare(OnWorkers, OnSimulator):
     policy: Literal["best", "last"] = "best"
     """The policy of each run: the one chosen on the `select` initial states, or the last."""
     episodes: int = 500
-    """The number of initial states."""
+    """The number of initial states, spread over speeds and phases."""
     pushes: bool = True
     """Push the robots too."""
     push_speeds: int | None = None

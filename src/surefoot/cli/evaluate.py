@@ -58,7 +58,8 @@ class Evaluate(OnWorkers, OnSimulator):
     pushes: bool = False
     """Push the robots too, and find the impulse that they withstand from each direction."""
     episodes: int | None = None
-    """The number of initial states; without it, the number in the run's configuration."""
+    """The number of initial states, spread over speeds and phases; without it, the number in the
+    run's configuration."""
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     """What makes the episodes harder: another friction or load, noise, late torques. What is not
     given on the command line is as in the run's configuration."""

@@ -44,7 +44,7 @@ class MeasureWarnings(OnWorkers, OnSimulator):
     run: Annotated[Path, tyro.conf.Positional]
     """The folder of a loco_safe_dagger run."""
     episodes: int = 200
-    """The number of `test` initial states."""
+    """The number of `test` initial states, spread over speeds and phases."""
     json: Path | None = None
     """Write the report to this file, as JSON."""
 

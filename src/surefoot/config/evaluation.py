@@ -18,8 +18,8 @@ class EvaluationConfig(Checked):
     duration: Duration = 5.0
     """[s] how long an episode lasts (paper)."""
     episodes: Annotated[int, Within(1, 1_000_000)] = 100
-    """How many initial states of a split are used, from its first one on: each hundred of them are
-    10 velocities at 10 phases."""
+    """How many initial states of a split are used: each hundred of them are 10 velocities at 10
+    phases, and of the last hundred those that are used are spread over velocities and phases."""
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     """What makes an evaluation harder: friction, mass, sensor noise, delayed torques and pushes;
     the paper has none of them."""

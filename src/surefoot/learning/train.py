@@ -2,8 +2,9 @@
 
 It minimizes the mean of |pi(o, g) - a|, where a are the joint targets with which the policy's PD
 gives the expert's torque. Episodes are held out for validation by a hash of their id, so an episode
-stays on its side however much data is added later. It needs no robotics. Read ``samples.py`` first,
-then ``policy.py`` for the network and its target, and ``step.py`` for the single step.
+stays on its side with all of its parts, however much data is added later. It needs no robotics.
+Read ``samples.py`` first, then ``policy.py`` for the network and its target, and ``step.py`` for
+the single step.
 """
 
 from __future__ import annotations

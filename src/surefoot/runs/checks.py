@@ -14,6 +14,7 @@ import numpy as np
 
 from surefoot.config import (
     Config,
+    ExpertData,
     Gait,
     IterativeConfig,
     LocoSafeDaggerConfig,
@@ -28,7 +29,8 @@ from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.jobs import PLANNER
 from surefoot.runs.metrics import Collected
 from surefoot.runs.run import Run, RunError
-from surefoot.runs.sampling import draw_starts
+from surefoot.runs.sampling import draw_starts, expert_rollouts
+from surefoot.learning.samples import held_out
 from surefoot.scenarios.starts import StartSet, load_starts
 from surefoot.types import PlanFunction
 
@@ -55,10 +57,8 @@ def check_config(config: Config) -> None:
     """
     stored = load_starts()
     _check_stored(config, stored)
-    if _learns_deviations(config.method) and config.training.validation == 0.0:
-        raise ValueError(
-            "training.validation is 0, but tau is chosen on frames held out; use 0.1, for example"
-        )
+    if isinstance(config.method, IterativeConfig) and _learns_deviations(config.method):
+        _check_held_out(config, config.method.pretraining)
     choose_device(config.training.device)
 
 
@@ -155,6 +155,26 @@ def _check_stored(config: Config, stored: StartSet) -> None:
         )
     if isinstance(config.method, IterativeConfig):
         draw_starts(config.method, np.random.default_rng())
+
+
+def _check_held_out(config: Config, pretraining: ExpertData) -> None:
+    """Check that tau can be chosen on the frames of the pre-training that are held out.
+
+    Raises:
+        ValueError: None of its rollouts is held out.
+    """
+    share = config.training.validation
+    if share == 0.0:
+        raise ValueError(
+            "training.validation is 0, but tau is chosen on frames held out; use 0.1, for example"
+        )
+    episode = expert_rollouts(config, pretraining).episode
+    if not held_out(episode, share).any():
+        raise ValueError(
+            f"training.validation is {share}, which holds out none of the {len(episode)} rollouts "
+            "of method.pretraining, but tau is chosen on frames held out; use a larger share, or "
+            "more velocities or perturbations"
+        )
 
 
 def _learns_deviations(method: MethodConfig) -> bool:

@@ -66,6 +66,9 @@ class Trained:
         train_loss: Mean L1 loss of the last epoch [rad].
         validation_loss: Mean L1 loss on the held-out episodes [rad]; None without any.
         seconds: Wall time of the stage [s].
+        episodes: Number of episodes in D; None in files of early versions.
+        dataset_hash: SHA-256 of D, which is a part of what was collected in a series of dataset
+            sizes (behavior cloning); None in files of early versions.
     """
 
     stage: Literal["train"] = "train"
@@ -78,6 +81,8 @@ class Trained:
     train_loss: float
     validation_loss: float | None
     seconds: float
+    episodes: int | None = None
+    dataset_hash: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

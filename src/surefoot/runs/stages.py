@@ -30,7 +30,7 @@ from surefoot.runs.episode_ids import end_of_iteration, shard_name
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
 from surefoot.runs.precision import kept_precision
 from surefoot.runs.run import Run, RunError
-from surefoot.runs.sampling import expert_rollouts
+from surefoot.runs.sampling import expert_rollouts, series_order
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers, each_chunk
@@ -205,7 +205,10 @@ def _is_of(summary: Summary, chunk: Job) -> bool:
 
 
 def first_frames(run: Run, frames: int) -> Dataset:
-    """The first whole episodes of D that have at most this many frames together.
+    """Whole episodes of D that have at most this many frames together.
+
+    They are the first ones in a random order that is fixed by the run's seed, and in which every
+    beginning holds each phase of the gait in its share: D is stored phase by phase.
 
     Args:
         run: The run.
@@ -217,14 +220,16 @@ def first_frames(run: Run, frames: int) -> Dataset:
     summary = join_summaries(
         [load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards]
     )
-    order = np.argsort(summary.episode)
+    summary = summary[np.argsort(summary.episode)]
+    phase = load_starts().phases(summary.start)
+    order = series_order(phase, np.random.default_rng(run.seed("series", 0)))
     fits = np.cumsum(summary.kept[order]) <= frames
-    if not fits[0]:
-        raise ValueError(f"method.frames: {frames} frames are less than one episode")
     if fits.all():
         return run.dataset
-    first_left_out = np.argmin(fits)
-    return run.dataset.before(int(summary.episode[order][first_left_out]))
+    chosen = order[fits]
+    if not summary.kept[chosen].any():
+        raise ValueError(f"method.frames: {frames} frames are less than one episode")
+    return run.dataset.only(summary.episode[chosen].tolist())
 
 
 def train_policy(
@@ -264,6 +269,8 @@ def train_policy(
             epochs=epochs,
             steps=result.steps,
             frames=result.frames,
+            episodes=data.episodes,
+            dataset_hash=data.hash,
             device=result.device,
             precision=result.precision,
             train_loss=result.train_loss[-1],

@@ -126,7 +126,10 @@ class StartSet:
         return self.grid[split]
 
     def first(self, split: str, n: int) -> Starts:
-        """The first n initial states of a split.
+        """The first n initial states of a split: of any n, evenly spread over phases and speeds.
+
+        They are whole perturbations, and of the next one the first cells of `_spread_cells`; they
+        come in the order in which they are stored. So n states are among any larger number of them.
 
         Raises:
             KeyError: There is no such split.
@@ -138,7 +141,10 @@ class StartSet:
                 f"{n} episodes asked for, the starts {self.name!r} hold {len(starts)} in "
                 f"{split!r}; use 1 to {len(starts)}"
             )
-        return starts[:n]
+        cells = _spread_cells(*self.shape[split][1:])
+        whole, rest = divmod(n, len(cells))
+        begun = whole * len(cells)
+        return starts[np.concatenate([np.arange(begun), begun + np.sort(cells[:rest])])]
 
     def rows(self, split: str) -> IntArray:
         """``(perturbations, phases, velocities)`` indices into the split.
@@ -173,6 +179,20 @@ class StartSet:
                 sha.update(np.ascontiguousarray(getattr(starts, field.name)).data)
         return sha.hexdigest()
 
+    def phases(self, id: IntArray) -> IntArray:
+        """``(n,)`` indices of the phases at which stored initial states begin; -1 of no set.
+
+        Args:
+            id: ``(n,)`` ids of initial states, as in `Starts`.
+        """
+        phase = np.full(len(id), -1)
+        for split in SPLITS:
+            _, phases, velocities = self.shape[split]
+            row = id - self[split].id[0]
+            within = (row >= 0) & (row < len(self[split]))
+            phase[within] = row[within] // velocities % phases
+        return phase
+
     @property
     def seed(self) -> int:
         """Root of what disturbs the evaluations on this set.
@@ -181,6 +201,31 @@ class StartSet:
         friction, load, pushes and noise in an episode that begins in the same initial state.
         """
         return int(self.hash[:8], 16)
+
+
+def _spread_cells(phases: int, velocities: int) -> IntArray:
+    """``(phases x velocities,)`` rows of one perturbation, each once, in an order that spreads.
+
+    Among the first n, for any n, the numbers of states of two phases, or of two velocities, differ
+    by at most one, and both are spread over their range.
+
+    Args:
+        phases: Number of phases.
+        velocities: Number of velocities.
+    """
+    n = np.arange(phases * velocities)
+    # Diagonals of the grid: each takes every phase and every velocity in turn. One ends where it
+    # would repeat itself, and the next is shifted.
+    shift = n // math.lcm(phases, velocities)
+    # Multiples of the powers of 1 / 1.3247, modulo 1, fill the unit square evenly (Roberts, 2018).
+    phase = _ranks(phases, 0.7548776662466927)[n % phases]
+    velocity = _ranks(velocities, 0.5698402909980532)[(n + shift) % velocities]
+    return phase * velocities + velocity
+
+
+def _ranks(n: int, step: float) -> IntArray:
+    """``(n,)`` the numbers below n in an order whose beginnings are spread: ranks of multiples."""
+    return np.argsort(np.argsort(np.arange(n) * step % 1.0))
 
 
 def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:

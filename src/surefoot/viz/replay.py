@@ -22,7 +22,7 @@ from surefoot.rollouts.jobs import Job, disturbance_of, expert_name, play_out, s
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import settled_part, velocities
 from surefoot.runs.checks import check_expert
-from surefoot.runs.episode_ids import EPISODES_PER_ITERATION, FIRST_QUERY, EpisodeId
+from surefoot.runs.episode_ids import EpisodeId
 from surefoot.runs.metrics import Collected
 from surefoot.runs.query import Query
 from surefoot.runs.run import Run, open_run, warn_of_versions
@@ -105,14 +105,15 @@ def recorded_episode(
 
 def _place_of(episode: int, iteration: int | None) -> EpisodeId:
     """The place of an episode that is given by its id, or by an iteration and its index there."""
+    place = EpisodeId.from_number(episode)
     if iteration is None:
-        return EpisodeId.from_number(episode)
-    if not 0 <= episode < EPISODES_PER_ITERATION:
+        return place
+    if place.iteration != 0:
         raise ValueError(
             f"episode {episode} of iteration {iteration}: with an iteration, an episode is an "
             f"index from 0 on; the id {episode} is given without an iteration"
         )
-    return EpisodeId(iteration, episode)
+    return replace(place, iteration=iteration)
 
 
 def _collected_by(run: Run, place: EpisodeId) -> Collected:
@@ -134,13 +135,10 @@ def _collected_by(run: Run, place: EpisodeId) -> Collected:
 
 def _alone(job: Job, place: EpisodeId) -> Job | None:
     """An episode of a job, or one that follows from it, as a job of its own; None if not there."""
-    parent = place
-    if isinstance(job.then, Query):
-        parent = place.parent(job.then.N_query)
-    alone = job[job.episode == parent.number]
+    alone = job[job.episode == place.rollout.number]
     if len(alone.episode) == 0:
         return None
-    if parent == place:
+    if place.query is None:
         return alone
     if job.then is None:
         return None
@@ -160,11 +158,11 @@ def _range_of(job: Job, place: EpisodeId) -> str:
     last = EpisodeId(i, count - 1)
     text = f"iteration {i} has 0 to {last.index}, ids {first.number} to {last.number}"
     if isinstance(job.then, Query):
-        first = EpisodeId(i, FIRST_QUERY)
-        last = last.query(job.then.N_query - 1, job.then.N_query)
+        first = replace(first, query=0)
+        last = replace(first, query=job.then.N_query - 1)
         text += (
-            f", and queries {first.index} to {last.index}, ids {first.number} to {last.number}, "
-            "of rollouts that lasted long enough"
+            f", and of rollout 0 at most {job.then.N_query} queries, ids {first.number} to "
+            f"{last.number}"
         )
     return text
 
