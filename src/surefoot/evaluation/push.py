@@ -4,8 +4,9 @@ A push lasts 10 ms and comes from one of eight directions in the robot's heading
 after a perturbed start; a level is survived if at least 80 % of the robots neither fall nor stop
 stepping (paper, IV-F). Those two seconds are the same for every push: they are simulated once, and
 each push branches off from the states in which they end. The levels tried are bisected; a monotone
-curve is fitted over all of them and read at 80 %. Its interval draws the robots anew. Next:
-`push_fit`, the curve.
+curve is fitted over all of them and read at 80 %. A direction's interval is a score interval
+carried to the impulse (`push_fit`); for the mean of all directions, and for differences, the robots
+are drawn anew. Next: `push_fit`, the curve.
 """
 
 from __future__ import annotations
@@ -17,7 +18,13 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.config import Config, PushConfig
-from surefoot.evaluation.push_fit import fitted_level, resampled_impulses, robots_needed
+from surefoot.evaluation.push_fit import (
+    fitted_level,
+    limit_interval,
+    refuting_counts,
+    resampled_impulses,
+    robots_needed,
+)
 from surefoot.evaluation.robustness import controller_title
 from surefoot.evaluation.statistics import Interval, percentiles
 from surefoot.files import as_digits
@@ -27,7 +34,7 @@ from surefoot.rollouts.jobs import Job, chunks_of, disturbance_of, play_out, run
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Pushes
 from surefoot.scenarios.starts import Starts, StartSet, join_starts, load_starts
-from surefoot.types import Array, BoolArray, PlanFunction, to_ticks
+from surefoot.types import Array, BoolArray, IntArray, PlanFunction, to_ticks
 from surefoot.workers import Workers, map_chunks
 
 
@@ -68,9 +75,13 @@ class PushLimits:
 class PushResult(PushLimits):
     """The push limits of a controller, with intervals and with the outcome of every robot.
 
-    Intervals are 95 % percentile bootstrap intervals over robots, given the levels tried. For
-    robots with normally distributed limits, they covered the true limit in 91 to 95 of 100 trials.
-    Where robots survive the strongest level, the interval ends there too.
+    The 95 % interval of a direction is the score interval of survival, carried to the impulse: at
+    least the two levels between which the limit lies, and as wide as that number of robots allows
+    (`push_fit` has the equation). For robots with the same limit or with normally distributed
+    limits, it covered the true limit in 95 or more of 100 trials. It ends at the strongest level of
+    the search at most: limits beyond it are not told apart. The interval of the mean is a
+    percentile bootstrap interval over robots, given the levels tried; by as much as a direction's
+    bootstrap interval is narrower than its score interval, on average, it is widened.
 
     Attributes:
         split: Split of the initial states.
@@ -79,6 +90,8 @@ class PushResult(PushLimits):
         survived: For each direction and each of its levels, one digit per robot: 1 if it survived.
         interval: ``(D,)`` intervals of `fitted_impulse` [N s].
         mean_interval: Interval of `mean_fitted_impulse` [N s].
+        measured: What was asked for: speeds, directions, levels and times; None in files of
+            earlier versions.
     """
 
     split: str
@@ -87,6 +100,7 @@ class PushResult(PushLimits):
     survived: tuple[tuple[str, ...], ...]
     interval: tuple[Interval, ...]
     mean_interval: Interval
+    measured: PushConfig | None = None
 
 
 @dataclass(frozen=True)
@@ -96,7 +110,7 @@ class PushDifference:
     Attributes:
         difference: Difference of the mean fitted impulses [N s].
         interval: Its 95 % bootstrap interval [N s]; each draw takes the same robots in both arms,
-            in all directions and at all levels.
+            in all directions and at all levels. It is widened as those of the two means are.
     """
 
     difference: float
@@ -197,13 +211,53 @@ def push_difference(a: PushResult, b: PushResult) -> PushDifference:
                 f"pushes of different {name}, {of_a} and {of_b}: only robots from the same "
                 "starts, pushed the same way, can be compared in pairs"
             )
-    needed = robots_needed(a.share, a.episodes)
-    drawn_a = resampled_impulses(a.levels, a.survived, needed)
-    drawn_b = resampled_impulses(b.levels, b.survived, needed)
+    drawn_a = _resampled(a)
+    drawn_b = _resampled(b)
+    below_a, above_a = _widening(drawn_a, _limit_intervals(a))
+    below_b, above_b = _widening(drawn_b, _limit_intervals(b))
+    low, high = percentiles((drawn_a - drawn_b).mean(axis=1))
     return PushDifference(
         difference=a.mean_fitted_impulse - b.mean_fitted_impulse,
-        interval=percentiles((drawn_a - drawn_b).mean(axis=1)),
+        interval=(low - below_a - above_b, high + above_a + below_b),
     )
+
+
+def _resampled(result: PushResult) -> Array:
+    """``(RESAMPLES, D)`` fitted impulses of the robots of a result, drawn anew [N s]."""
+    needed = robots_needed(result.share, result.episodes)
+    return resampled_impulses(result.levels, result.survived, needed)
+
+
+def _limit_intervals(result: PushResult) -> tuple[Interval, ...]:
+    """The score intervals of a result, also of one that an earlier version wrote [N s]."""
+    tried = max(max(levels) for levels in result.levels)
+    strongest = tried if result.measured is None else result.measured.strongest
+    return tuple(
+        limit_interval(levels, counts, result.share, result.episodes, strongest)
+        for levels, counts in zip(result.levels, result.successes, strict=True)
+    )
+
+
+def _widening(drawn: Array, intervals: Sequence[Interval]) -> tuple[float, float]:
+    """By how much the score intervals exceed bootstrap intervals, on average over directions.
+
+    Where robots agree, or where they are few, draws of them show less than there is to see.
+
+    Args:
+        drawn: ``(RESAMPLES, D)`` fitted impulses of robots drawn anew [N s].
+        intervals: ``(D,)`` score intervals [N s].
+
+    Returns:
+        What to take off the lower end of an interval of the mean over directions, and what to add
+        to its upper end; neither is negative [N s].
+    """
+    below = []
+    above = []
+    for impulses, (low, high) in zip(drawn.T, intervals, strict=True):
+        drawn_low, drawn_high = percentiles(impulses)
+        below.append(max(drawn_low - low, 0.0))
+        above.append(max(high - drawn_high, 0.0))
+    return float(np.mean(below)), float(np.mean(above))
 
 
 def pushed_starts(push: PushConfig, stored: StartSet) -> Starts:
@@ -280,7 +334,8 @@ def search_levels(
     """Bisect the levels of every direction, all directions together in each round.
 
     Level k is the impulse k * resolution. The search keeps a level that passed and one that failed;
-    robots that fail unpushed are not pushed.
+    robots that fail unpushed need none that passes. Where even the strongest level tried does not
+    clearly fail, stronger ones follow: without them the limit would have no upper bound.
 
     Args:
         branch: The n robots at the time of the push.
@@ -298,22 +353,31 @@ def search_levels(
     passed = np.zeros(len(angles), int)
     failed = np.full(len(angles), push.levels + 1 if control.sum() >= needed else 0)
     tried: list[dict[int, BoolArray]] = [{0: control} for _ in angles]
+
+    def push_them(which: IntArray, level: IntArray) -> None:
+        impulses = level * push.resolution
+        name = f"{title}: {len(which)} pushes"
+        survived = branch.survivors(angles[which], impulses, workers, name)
+        for direction, k, robots in zip(which, level.tolist(), survived, strict=True):
+            tried[direction][k] = robots
+
     while (failed - passed > 1).any():
         unsettled = np.flatnonzero(failed - passed > 1)
         level = (passed + failed)[unsettled] // 2
-        survived = branch.survivors(
-            angles[unsettled],
-            level * push.resolution,
-            workers,
-            f"{title}: {len(unsettled)} pushes",
-        )
-        for direction, k, robots in zip(unsettled, level.tolist(), survived, strict=True):
-            tried[direction][k] = robots
-            if robots.sum() >= needed:
+        push_them(unsettled, level)
+        for direction, k in zip(unsettled, level.tolist(), strict=True):
+            if tried[direction][k].sum() >= needed:
                 passed[direction] = k
             else:
                 failed[direction] = k
-    return tried
+    few, _ = refuting_counts(push.success, len(branch.up))
+    while True:
+        top = np.array([max(each) for each in tried])
+        survivors = np.array([each[k].sum() for each, k in zip(tried, top, strict=True)])
+        unclear = np.flatnonzero((survivors >= few) & (few > 0) & (top < push.levels))
+        if not unclear.size:
+            return tried
+        push_them(unclear, (top[unclear] + push.levels + 1) // 2)
 
 
 def push_result(
@@ -344,8 +408,8 @@ def push_result(
         fitted_level(levels_tried, counts, needed)
         for levels_tried, counts in zip(levels, successes, strict=True)
     )
-    drawn = resampled_impulses(levels, survived, needed)
-    return PushResult(
+    mean_fitted = float(np.mean(fitted))
+    result = PushResult(
         starts=stored.name,
         starts_hash=stored.hash,
         episodes=n,
@@ -353,13 +417,19 @@ def push_result(
         max_impulse=tuple((passed * push.resolution).tolist()),
         mean_max_impulse=float(passed.mean() * push.resolution),
         fitted_impulse=fitted,
-        mean_fitted_impulse=float(np.mean(fitted)),
+        mean_fitted_impulse=mean_fitted,
         levels=levels,
         successes=successes,
         split=push.split,
         lost_before=int((~up).sum()),
         share=push.success,
         survived=survived,
-        interval=tuple(percentiles(impulses) for impulses in drawn.T),
-        mean_interval=percentiles(drawn.mean(axis=1)),
+        interval=(),
+        mean_interval=(mean_fitted, mean_fitted),
+        measured=push,
     )
+    intervals = _limit_intervals(result)
+    drawn = _resampled(result)
+    low, high = percentiles(drawn.mean(axis=1))
+    below, above = _widening(drawn, intervals)
+    return replace(result, interval=intervals, mean_interval=(low - below, high + above))

@@ -1,7 +1,20 @@
 """The impulse at which a falling curve, fitted to the robots that survived, meets a share of them.
 
 The number of survivors need not fall from level to level; isotonic regression pools neighbors until
-it does. The curve is read by linear interpolation between levels. `push` makes the data.
+it does. The curve is read by linear interpolation between levels.
+
+Its 95 % interval is the score interval of survival, carried to the impulse. Let S(x) be the share
+of robots that survive x, falling in x, and x* the limit: S(x*) = p. That a level is survived by p
+is refuted (score test) if of n robots survive
+
+    more than  n p + z sqrt(n p (1 - p)):  the limit lies above the level, or
+    less than  n p - z sqrt(n p (1 - p)):  it lies below.
+
+The interval reaches from where the fitted curve meets the upper count to where it meets the lower
+one, and at least over the two levels tried between which it meets n p: inside them nothing was
+seen. Where all n robots have the same limit it is these two levels; but with n < z^2 p / (1 - p),
+16 robots for p = 0.8, even n survivors do not refute that only p survive: it begins at 0. `push`
+makes the data.
 """
 
 from __future__ import annotations
@@ -12,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import isotonic_regression
 
-from surefoot.evaluation.statistics import resamples
+from surefoot.evaluation.statistics import Interval, Z, resamples
 from surefoot.files import from_digits
 from surefoot.types import Array
 
@@ -39,6 +52,44 @@ def fitted_level(levels: Sequence[float], successes: ArrayLike, needed: float) -
         return 0.0
     part = (curve[k - 1] - needed) / (curve[k - 1] - curve[k])
     return float(levels[k - 1] + part * (levels[k] - levels[k - 1]))
+
+
+def refuting_counts(share: float, n: int) -> tuple[float, float]:
+    """The counts of survivors below and above which a share of n robots is refuted (95 %).
+
+    Args:
+        share: Share p of the robots that has to survive.
+        n: Number of robots.
+    """
+    margin = Z * float(np.sqrt(n * share * (1.0 - share)))
+    return n * share - margin, n * share + margin
+
+
+def limit_interval(
+    levels: Sequence[float], successes: Sequence[int], share: float, n: int, strongest: float
+) -> Interval:
+    """The 95 % score interval of an impulse that a share of the robots survives [N s].
+
+    Args:
+        levels: The levels tried, rising, from the unpushed control on [N s].
+        successes: Number of robots that survived each level.
+        share: Share of the robots that has to survive.
+        n: Number of robots.
+        strongest: The strongest level of the search; limits beyond it are not told apart [N s].
+    """
+    needed = robots_needed(share, n)
+    few, many = refuting_counts(share, n)
+    curve = isotonic_regression(np.asarray(successes), increasing=False).x.round(9)
+    below = np.flatnonzero(curve < needed)
+    cell_begin = float(levels[-1])
+    cell_end = strongest
+    if below.size:
+        k = int(below[0])
+        cell_begin = float(levels[max(k - 1, 0)])
+        cell_end = float(levels[k])
+    low = fitted_level(levels, successes, many) if many < n else 0.0
+    high = fitted_level(levels, successes, few) if (curve < few).any() else strongest
+    return min(low, cell_begin), max(high, cell_end)
 
 
 def resampled_impulses(
