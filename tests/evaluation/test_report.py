@@ -6,7 +6,7 @@ from dataclasses import fields
 import pytest
 
 from surefoot.config.json_io import to_json
-from surefoot.evaluation.push import PushDifference
+from surefoot.evaluation.push_limits import PushDifference
 from surefoot.evaluation.report import EvaluationReport, ExpertReport, read_report
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_json

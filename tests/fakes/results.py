@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from surefoot.evaluation.push import PushResult
+from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.evaluation.statistics import wilson
 from surefoot.scenarios.starts import load_starts

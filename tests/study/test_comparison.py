@@ -16,7 +16,7 @@ from surefoot.config import (
     PushConfig,
 )
 from surefoot.config.json_io import to_json
-from surefoot.evaluation.push import PushDifference
+from surefoot.evaluation.push_limits import PushDifference
 from surefoot.evaluation.statistics import paired_difference
 from surefoot.files import load_arrays
 from surefoot.methods.behavior_cloning import behavior_cloning

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from surefoot.evaluation.push import PushResult
+from surefoot.evaluation.push_limits import PushResult
 from surefoot.files import write_json
 from surefoot.study.expert_survey import survey_table
 from surefoot.study.records import read_comparison, read_survey, write_survey

@@ -21,7 +21,7 @@ from surefoot.files import write_json
 from surefoot.scenarios.starts import PACKAGED, load_starts
 
 if TYPE_CHECKING:
-    from surefoot.evaluation.push import PushDifference, PushResult
+    from surefoot.evaluation.push_limits import PushDifference, PushResult
     from surefoot.evaluation.report import EvaluationReport
     from surefoot.evaluation.robustness import Robustness, VelocityError
 
@@ -86,7 +86,7 @@ class Evaluate(OnWorkers, OnSimulator):
             policy: File of the policy.
             config: What is evaluated.
         """
-        from surefoot.evaluation.push import push_difference
+        from surefoot.evaluation.push_limits import push_difference
         from surefoot.evaluation.report import EvaluationReport, ExpertReport
 
         robustness, pushes = self.measure_controller(policy, config)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from surefoot.config import Backend
 from surefoot.config.json_io import from_json, read_json
-from surefoot.evaluation.push import PushDifference, PushResult
+from surefoot.evaluation.push_limits import PushDifference, PushResult
 from surefoot.evaluation.robustness import Robustness
 
 

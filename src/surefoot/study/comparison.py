@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import get_args
 
 from surefoot.config import Backend, Config, simulated
-from surefoot.evaluation.push import push_difference, push_recovery
+from surefoot.evaluation.push import push_recovery
+from surefoot.evaluation.push_limits import push_difference
 from surefoot.evaluation.robustness import evaluate
 from surefoot.evaluation.statistics import paired_difference
 from surefoot.files import as_digits, from_digits, write_json

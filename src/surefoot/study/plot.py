@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from surefoot.config import Backend
-from surefoot.evaluation.push import PushResult
+from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.statistics import Interval
 from surefoot.study.records import Comparison, Measured, RobustnessByStart
 from surefoot.viz.plots import PALETTE, STYLE, save_figure

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from surefoot.bench.plan import Times
 from surefoot.config import Backend, Config
 from surefoot.config.json_io import from_json, read_json, to_json
-from surefoot.evaluation.push import PushDifference, PushLimits, PushResult
+from surefoot.evaluation.push_limits import PushDifference, PushLimits, PushResult
 from surefoot.evaluation.robustness import Robustness, VelocityError
 from surefoot.evaluation.statistics import Interval, PairedDifference
 from surefoot.files import write_json

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import get_args
 
 from surefoot.config import Backend
-from surefoot.evaluation.push import PushDifference, PushResult
+from surefoot.evaluation.push_limits import PushDifference, PushResult
 from surefoot.evaluation.robustness import VelocityError
 from surefoot.evaluation.statistics import Interval, PairedDifference, wilson
 from surefoot.runs.accounting import RunCost

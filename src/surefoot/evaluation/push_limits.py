@@ -1,0 +1,229 @@
+"""What a search for push limits found: its records, their intervals, and paired differences.
+
+Read `push_fit` for how a limit and its interval are read from the robots that survived, and `push`
+for the search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from surefoot.config import PushConfig
+from surefoot.evaluation.push_fit import (
+    fitted_level,
+    limit_interval,
+    resampled_impulses,
+    robots_needed,
+)
+from surefoot.evaluation.statistics import Interval, percentiles
+from surefoot.files import as_digits
+from surefoot.scenarios.starts import StartSet
+from surefoot.types import Array, BoolArray
+
+
+@dataclass(frozen=True)
+class PushLimits:
+    """What was tried from each of D directions, and the impulses that a controller withstands.
+
+    Where robots fail even unpushed the impulse is 0; where they survive the strongest level it is
+    that level.
+
+    Attributes:
+        starts: Name of the set of initial states.
+        starts_hash: SHA-256 of that set.
+        episodes: Number of robots pushed at each level.
+        direction_deg: ``(D,)`` directions of the pushes [deg]; 0 is forward, 90 to the left.
+        max_impulse: ``(D,)`` largest level survived [N s].
+        mean_max_impulse: Mean of `max_impulse` over the directions [N s].
+        fitted_impulse: ``(D,)`` impulse at which the monotone fit meets the share of robots that
+            have to survive [N s].
+        mean_fitted_impulse: Mean of `fitted_impulse` over the directions [N s].
+        levels: For each direction, the levels tried, rising [N s]; 0 is the unpushed control.
+        successes: For each direction, the number of robots that survived each of its levels.
+    """
+
+    starts: str
+    starts_hash: str
+    episodes: int
+    direction_deg: tuple[float, ...]
+    max_impulse: tuple[float, ...]
+    mean_max_impulse: float
+    fitted_impulse: tuple[float, ...]
+    mean_fitted_impulse: float
+    levels: tuple[tuple[float, ...], ...]
+    successes: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True)
+class PushResult(PushLimits):
+    """The push limits of a controller, with intervals and with the outcome of every robot.
+
+    The 95 % interval of a direction is the score interval of survival, carried to the impulse: at
+    least the two levels between which the limit lies, and as wide as that number of robots allows
+    (`push_fit` has the equation). For robots with the same limit or with normally distributed
+    limits, it covered the true limit in 95 or more of 100 trials. It ends at the strongest level of
+    the search at most: limits beyond it are not told apart. The interval of the mean is a
+    percentile bootstrap interval over robots, given the levels tried; by as much as a direction's
+    bootstrap interval is narrower than its score interval, on average, it is widened.
+
+    Attributes:
+        split: Split of the initial states.
+        lost_before: Number of robots that fell before the push; they fail at every level.
+        share: Share of the robots that has to survive a level.
+        survived: For each direction and each of its levels, one digit per robot: 1 if it survived.
+        interval: ``(D,)`` intervals of `fitted_impulse` [N s].
+        mean_interval: Interval of `mean_fitted_impulse` [N s].
+        measured: What was asked for: speeds, directions, levels and times; None in files of
+            earlier versions.
+    """
+
+    split: str
+    lost_before: int
+    share: float
+    survived: tuple[tuple[str, ...], ...]
+    interval: tuple[Interval, ...]
+    mean_interval: Interval
+    measured: PushConfig | None = None
+
+
+@dataclass(frozen=True)
+class PushDifference:
+    """How much more impulse one controller withstands than another.
+
+    Attributes:
+        difference: Difference of the mean fitted impulses [N s].
+        interval: Its 95 % bootstrap interval [N s]; each draw takes the same robots in both arms,
+            in all directions and at all levels. It is widened as those of the two means are.
+    """
+
+    difference: float
+    interval: Interval
+
+
+def result_of_search(
+    stored: StartSet,
+    push: PushConfig,
+    up: BoolArray,
+    angles: Array,
+    tried: Sequence[dict[int, BoolArray]],
+) -> PushResult:
+    """The result of a search.
+
+    Args:
+        stored: The set of initial states.
+        push: The pushes.
+        up: ``(n,)`` True for the robots that were up at the time of the push.
+        angles: ``(D,)`` directions [rad].
+        tried: For each direction, level -> ``(n,)`` True for the robots that survived it.
+    """
+    n = len(up)
+    needed = robots_needed(push.success, n)
+    levels = tuple(tuple(k * push.resolution for k in sorted(each)) for each in tried)
+    successes = tuple(tuple(int(each[k].sum()) for k in sorted(each)) for each in tried)
+    survived = tuple(tuple(as_digits(each[k]) for k in sorted(each)) for each in tried)
+    passed = np.array(
+        [max((k for k in each if each[k].sum() >= needed), default=0) for each in tried]
+    )
+    fitted = tuple(
+        fitted_level(levels_tried, counts, needed)
+        for levels_tried, counts in zip(levels, successes, strict=True)
+    )
+    mean_fitted = float(np.mean(fitted))
+    result = PushResult(
+        starts=stored.name,
+        starts_hash=stored.hash,
+        episodes=n,
+        direction_deg=tuple(np.degrees(angles).round(6).tolist()),
+        max_impulse=tuple((passed * push.resolution).tolist()),
+        mean_max_impulse=float(passed.mean() * push.resolution),
+        fitted_impulse=fitted,
+        mean_fitted_impulse=mean_fitted,
+        levels=levels,
+        successes=successes,
+        split=push.split,
+        lost_before=int((~up).sum()),
+        share=push.success,
+        survived=survived,
+        interval=(),
+        mean_interval=(mean_fitted, mean_fitted),
+        measured=push,
+    )
+    intervals = _limit_intervals(result)
+    drawn = _resampled(result)
+    low, high = percentiles(drawn.mean(axis=1))
+    below, above = _widening(drawn, intervals)
+    return replace(result, interval=intervals, mean_interval=(low - below, high + above))
+
+
+def push_difference(a: PushResult, b: PushResult) -> PushDifference:
+    """How much more impulse one controller withstands than another from the same initial states.
+
+    Args:
+        a: The pushes of one controller.
+        b: The pushes of the other, which is subtracted.
+
+    Raises:
+        ValueError: The two differ in initial states, directions or share.
+    """
+    for name, of_a, of_b in (
+        ("starts_hash", a.starts_hash, b.starts_hash),
+        ("split", a.split, b.split),
+        ("episodes", a.episodes, b.episodes),
+        ("direction_deg", a.direction_deg, b.direction_deg),
+        ("share", a.share, b.share),
+    ):
+        if of_a != of_b:
+            raise ValueError(
+                f"pushes of different {name}, {of_a} and {of_b}: only robots from the same "
+                "starts, pushed the same way, can be compared in pairs"
+            )
+    drawn_a = _resampled(a)
+    drawn_b = _resampled(b)
+    below_a, above_a = _widening(drawn_a, _limit_intervals(a))
+    below_b, above_b = _widening(drawn_b, _limit_intervals(b))
+    low, high = percentiles((drawn_a - drawn_b).mean(axis=1))
+    return PushDifference(
+        difference=a.mean_fitted_impulse - b.mean_fitted_impulse,
+        interval=(low - below_a - above_b, high + above_a + below_b),
+    )
+
+
+def _resampled(result: PushResult) -> Array:
+    """``(RESAMPLES, D)`` fitted impulses of the robots of a result, drawn anew [N s]."""
+    needed = robots_needed(result.share, result.episodes)
+    return resampled_impulses(result.levels, result.survived, needed)
+
+
+def _limit_intervals(result: PushResult) -> tuple[Interval, ...]:
+    """The score intervals of a result, also of one that an earlier version wrote [N s]."""
+    tried = max(max(levels) for levels in result.levels)
+    strongest = tried if result.measured is None else result.measured.strongest
+    return tuple(
+        limit_interval(levels, counts, result.share, result.episodes, strongest)
+        for levels, counts in zip(result.levels, result.successes, strict=True)
+    )
+
+
+def _widening(drawn: Array, intervals: Sequence[Interval]) -> tuple[float, float]:
+    """By how much the score intervals exceed bootstrap intervals, on average over directions.
+
+    Where robots agree, or where they are few, draws of them show less than there is to see.
+
+    Args:
+        drawn: ``(RESAMPLES, D)`` fitted impulses of robots drawn anew [N s].
+        intervals: ``(D,)`` score intervals [N s].
+
+    Returns:
+        What to take off the lower end of an interval of the mean over directions, and what to add
+        to its upper end; neither is negative [N s].
+    """
+    below = []
+    above = []
+    for impulses, (low, high) in zip(drawn.T, intervals, strict=True):
+        drawn_low, drawn_high = percentiles(impulses)
+        below.append(max(drawn_low - low, 0.0))
+        above.append(max(high - drawn_high, 0.0))
+    return float(np.mean(below)), float(np.mean(above))
