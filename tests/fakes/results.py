@@ -35,7 +35,7 @@ def robustness(successes: int, n: int, **changes) -> Robustness:
 
 
 def push_result(fitted: tuple[float, ...], **changes) -> PushResult:
-    """Two robots that both survive the impulse of each direction [N s], and no more."""
+    """Two robots that both survive the impulse of each direction [N s], the strongest level."""
     mean = float(np.mean(fitted))
     directions = len(fitted)
     result = PushResult(

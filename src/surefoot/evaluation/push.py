@@ -197,7 +197,7 @@ def search_levels(
     tried: list[dict[int, BoolArray]] = [{0: control} for _ in angles]
 
     def push_them(which: IntArray, level: IntArray) -> None:
-        impulses = level * push.resolution
+        impulses = level.astype(float) * push.resolution
         name = f"{title}: {len(which)} pushes"
         survived = branch.survivors(angles[which], impulses, workers, name)
         for direction, k, robots in zip(which, level.tolist(), survived, strict=True):

@@ -7,7 +7,7 @@ for the search.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -88,6 +88,25 @@ class PushResult(PushLimits):
     mean_interval: Interval
     measured: PushConfig | None = None
 
+    def __post_init__(self) -> None:
+        """Check that each level of each direction has the outcome of every robot.
+
+        Raises:
+            ValueError: The directions are not the same for all fields, or a string of digits has
+                another length or holds something else.
+        """
+        if not self.levels or any(not levels for levels in self.levels):
+            raise ValueError("levels must have at least one level for each direction")
+        shape = [len(levels) for levels in self.levels]
+        for name, values in (("successes", self.successes), ("survived", self.survived)):
+            if [len(each) for each in values] != shape:
+                raise ValueError(f"{name} must have one entry for each of {shape} levels")
+        digits = [robots for each in self.survived for robots in each]
+        if any(len(robots) != self.episodes or not set(robots) <= {"0", "1"} for robots in digits):
+            raise ValueError(
+                f"survived must have {self.episodes} digits, 0 or 1, for each level: one a robot"
+            )
+
 
 @dataclass(frozen=True)
 class PushDifference:
@@ -131,8 +150,14 @@ def result_of_search(
         fitted_level(levels_tried, counts, needed)
         for levels_tried, counts in zip(levels, successes, strict=True)
     )
-    mean_fitted = float(np.mean(fitted))
-    result = PushResult(
+    intervals = tuple(
+        limit_interval(levels_tried, counts, push.success, n, push.strongest)
+        for levels_tried, counts in zip(levels, successes, strict=True)
+    )
+    drawn = resampled_impulses(levels, survived, needed)
+    low, high = percentiles(drawn.mean(axis=1))
+    below, above = _widening(drawn, intervals)
+    return PushResult(
         starts=stored.name,
         starts_hash=stored.hash,
         episodes=n,
@@ -140,22 +165,17 @@ def result_of_search(
         max_impulse=tuple((passed * push.resolution).tolist()),
         mean_max_impulse=float(passed.mean() * push.resolution),
         fitted_impulse=fitted,
-        mean_fitted_impulse=mean_fitted,
+        mean_fitted_impulse=float(np.mean(fitted)),
         levels=levels,
         successes=successes,
         split=push.split,
         lost_before=int((~up).sum()),
         share=push.success,
         survived=survived,
-        interval=(),
-        mean_interval=(mean_fitted, mean_fitted),
+        interval=intervals,
+        mean_interval=(low - below, high + above),
         measured=push,
     )
-    intervals = _limit_intervals(result)
-    drawn = _resampled(result)
-    low, high = percentiles(drawn.mean(axis=1))
-    below, above = _widening(drawn, intervals)
-    return replace(result, interval=intervals, mean_interval=(low - below, high + above))
 
 
 def push_difference(a: PushResult, b: PushResult) -> PushDifference:
@@ -180,10 +200,8 @@ def push_difference(a: PushResult, b: PushResult) -> PushDifference:
                 f"pushes of different {name}, {of_a} and {of_b}: only robots from the same "
                 "starts, pushed the same way, can be compared in pairs"
             )
-    drawn_a = _resampled(a)
-    drawn_b = _resampled(b)
-    below_a, above_a = _widening(drawn_a, _limit_intervals(a))
-    below_b, above_b = _widening(drawn_b, _limit_intervals(b))
+    drawn_a, below_a, above_a = _drawn_and_widening(a)
+    drawn_b, below_b, above_b = _drawn_and_widening(b)
     low, high = percentiles((drawn_a - drawn_b).mean(axis=1))
     return PushDifference(
         difference=a.mean_fitted_impulse - b.mean_fitted_impulse,
@@ -191,20 +209,22 @@ def push_difference(a: PushResult, b: PushResult) -> PushDifference:
     )
 
 
-def _resampled(result: PushResult) -> Array:
-    """``(RESAMPLES, D)`` fitted impulses of the robots of a result, drawn anew [N s]."""
-    needed = robots_needed(result.share, result.episodes)
-    return resampled_impulses(result.levels, result.survived, needed)
+def _drawn_and_widening(result: PushResult) -> tuple[Array, float, float]:
+    """What the interval of a result's mean is made of, also of one of an earlier version.
 
-
-def _limit_intervals(result: PushResult) -> tuple[Interval, ...]:
-    """The score intervals of a result, also of one that an earlier version wrote [N s]."""
+    Returns:
+        ``(RESAMPLES, D)`` fitted impulses of robots drawn anew, and what `_widening` says [N s].
+    """
     tried = max(max(levels) for levels in result.levels)
     strongest = tried if result.measured is None else result.measured.strongest
-    return tuple(
+    intervals = [
         limit_interval(levels, counts, result.share, result.episodes, strongest)
         for levels, counts in zip(result.levels, result.successes, strict=True)
-    )
+    ]
+    needed = robots_needed(result.share, result.episodes)
+    drawn = resampled_impulses(result.levels, result.survived, needed)
+    below, above = _widening(drawn, intervals)
+    return drawn, below, above
 
 
 def _widening(drawn: Array, intervals: Sequence[Interval]) -> tuple[float, float]:
