@@ -3,18 +3,18 @@
 The number of survivors need not fall from level to level; isotonic regression pools neighbors until
 it does. The curve is read by linear interpolation between levels.
 
-Its 95 % interval is the score interval of survival, carried to the impulse. Let S(x) be the share
-of robots that survive x, falling in x, and x* the limit: S(x*) = p. That a level is survived by p
-is refuted (score test) if of n robots survive
+Its 95 % interval is that of the middle 95 % of the limits of robots drawn anew. Where robots agree,
+all draws are alike, and that is not certainty. Let S(x) be the share of robots that survive x,
+falling in x, and x* the limit: S(x*) = p. So the interval is no narrower than what was seen:
 
-    more than  n p + z sqrt(n p (1 - p)):  the limit lies above the level, or
-    less than  n p - z sqrt(n p (1 - p)):  it lies below.
+- It holds the two levels a < b tried between which the curve meets n p; where x* lies between them
+  nothing shows.
+- A score test refutes S(x) = p where of n robots more than n p + z sqrt(n p (1 - p)) survive x, and
+  then x* > x; or fewer than n p - z sqrt(n p (1 - p)), and then x* < x. With n <= z^2 p / (1 - p)
+  robots, 15 for p = 0.8, even n survivors do not refute it: the interval begins at 0. With
+  n <= z^2 (1 - p) / p even none do not, and it ends at the strongest level.
 
-The interval reaches from where the fitted curve meets the upper count to where it meets the lower
-one, and at least over the two levels tried between which it meets n p: inside them nothing was
-seen. Where all n robots have the same limit it is these two levels; but with n < z^2 p / (1 - p),
-16 robots for p = 0.8, even n survivors do not refute that only p survive: it begins at 0. `push`
-makes the data.
+`push_limits` makes records of it.
 """
 
 from __future__ import annotations
@@ -68,28 +68,26 @@ def refuting_counts(share: float, n: int) -> tuple[float, float]:
 def limit_interval(
     levels: Sequence[float], successes: Sequence[int], share: float, n: int, strongest: float
 ) -> Interval:
-    """The 95 % score interval of an impulse that a share of the robots survives [N s].
+    """What the robots pushed leave open of a limit, even if they all agree [N s].
 
     Args:
         levels: The levels tried, rising, from the unpushed control on [N s].
         successes: Number of robots that survived each level.
-        share: Share of the robots that has to survive.
+        share: Share p of the robots that has to survive.
         n: Number of robots.
         strongest: The strongest level of the search; limits beyond it are not told apart [N s].
+
+    Returns:
+        The two levels between which the curve meets the share; or 0 and the strongest level, where
+        n robots are too few to refute it.
     """
-    needed = robots_needed(share, n)
     few, many = refuting_counts(share, n)
     curve = isotonic_regression(np.asarray(successes), increasing=False).x.round(9)
-    below = np.flatnonzero(curve < needed)
-    cell_begin = float(levels[-1])
-    cell_end = strongest
-    if below.size:
-        k = int(below[0])
-        cell_begin = float(levels[max(k - 1, 0)])
-        cell_end = float(levels[k])
-    low = fitted_level(levels, successes, many) if many < n else 0.0
-    high = fitted_level(levels, successes, few) if (curve < few).any() else strongest
-    return min(low, cell_begin), max(high, cell_end)
+    below = np.flatnonzero(curve < robots_needed(share, n))
+    k = int(below[0]) if below.size else len(levels)
+    low = float(levels[max(k - 1, 0)]) if many < n else 0.0
+    high = float(levels[k]) if below.size and few > 0.0 else strongest
+    return low, high
 
 
 def resampled_impulses(
