@@ -6,9 +6,9 @@ import numpy as np
 
 import surefoot.study.comparison as module
 from surefoot.config import BehaviorCloningConfig, Config, PolicyConfig
+from surefoot.files import as_digits
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
-from surefoot.files import as_digits
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.metrics import Best, Collected
 from surefoot.runs.run import create
