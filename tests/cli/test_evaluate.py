@@ -113,8 +113,11 @@ def test_pushes_can_be_shortened(surefoot, capsys, run_copy, tmp_path):
 def test_a_shortened_report_has_a_name_of_its_own():
     trained_on = Config()
     names = []
-    for options in ({}, {"push_directions": 4}, {"push_speeds": 2, "push_resolution": 0.8}):
-        command = Evaluate(Path("run"), pushes=True, **options)
+    for command in (
+        Evaluate(Path("run"), pushes=True),
+        Evaluate(Path("run"), pushes=True, push_directions=4),
+        Evaluate(Path("run"), pushes=True, push_speeds=2, push_resolution=0.8),
+    ):
         names.append(command.file_name(command.as_asked(trained_on), trained_on))
     assert names == [
         "evaluation-test-pushes.json",
