@@ -10,15 +10,8 @@ import pytest
 import surefoot.evaluation.push as push_module
 from surefoot.config import Config, DisturbanceConfig, NoiseConfig, PushConfig
 from surefoot.config.json_io import from_json, to_json
-from surefoot.evaluation.push import (
-    PushDifference,
-    PushResult,
-    branch_at_push,
-    push_difference,
-    push_recovery,
-    pushed_job,
-    pushed_starts,
-)
+from surefoot.evaluation.push import branch_at_push, push_recovery, pushed_job, pushed_starts
+from surefoot.evaluation.push_limits import PushResult, push_difference
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
@@ -96,9 +89,36 @@ def test_search_finds_the_limit_of_every_direction(monkeypatch):
     assert rounds[0] == 100
     assert len(rounds) == 6
     assert sum(rounds) == 100 * sum(len(levels) - 1 for levels in result.levels) + 100
-    # Where all robots are alike there is nothing to draw.
-    for fitted, (low, high) in zip(result.fitted_impulse, result.interval, strict=True):
-        assert low == high == fitted
+    assert result.measured == CONFIG.push
+
+
+def test_robots_that_agree_leave_the_levels_around_their_limit_open(monkeypatch):
+    pretend(monkeypatch, lambda angle, robot: 2.0 + 0.5 * np.cos(angle))
+    result = recovery()
+    limits = 2.0 + 0.5 * np.cos(np.radians(result.direction_deg))
+    for limit, fitted, (low, high) in zip(
+        limits, result.fitted_impulse, result.interval, strict=True
+    ):
+        assert low <= limit + 1e-9 and fitted <= high
+        assert high - low == pytest.approx(RESOLUTION)
+    low, high = result.mean_interval
+    assert high - low == pytest.approx(RESOLUTION)
+    assert low <= np.mean(limits) <= high
+    # Ten robots that agree do not even show that 80 % of all survive the weakest push.
+    few = recovery(replace(CONFIG, push=replace(CONFIG.push, speeds=1)))
+    assert few.fitted_impulse == pytest.approx(result.fitted_impulse)
+    assert [low for low, _ in few.interval] == [0.0] * 8
+    assert [high for _, high in few.interval] == [high for _, high in result.interval]
+
+
+def test_a_search_goes_on_until_a_level_clearly_fails(monkeypatch):
+    """Of 100 robots 79 survive the first level tried, and any stronger one."""
+    ids = pushed_starts(CONFIG.push, STORED).id
+    pretend(monkeypatch, lambda angle, robot: np.where(np.isin(robot, ids[:21]), 2.9, 99.0))
+    result = recovery()
+    assert [levels[-1] for levels in result.levels] == [STRONGEST] * 8
+    assert [high for _, high in result.interval] == [STRONGEST] * 8
+    assert all(impulse < 3.0 for impulse in result.fitted_impulse)
 
 
 def test_the_outcome_of_every_robot_is_recorded(monkeypatch):
@@ -163,8 +183,9 @@ def test_robots_lost_before_the_push_fail_at_every_level(monkeypatch):
             assert len(text) == 100
             assert text[3] == text[50] == text[99] == "0"
         assert texts[0].count("1") == 97
-    # With 21 of 100 lost no level reaches 80; with all lost there is nothing to run.
-    for count, runs in ((21, 1), (100, 0)):
+    # With 21 of 100 lost no level reaches 80, but only a push shows which of them clearly fails;
+    # with 30 lost none has to; with all lost there is nothing to run.
+    for count, runs in ((21, 2), (30, 1), (100, 0)):
         rounds = pretend(monkeypatch, lambda angle, robot: 2.0, lost=ids[:count])
         result = recovery()
         assert result.max_impulse == (0.0,) * 8
@@ -177,7 +198,9 @@ def test_differences_are_paired(monkeypatch):
     a = recovery()
     pretend(monkeypatch, lambda angle, robot: spread_limit(angle, robot) + 2 * RESOLUTION)
     b = recovery()
-    assert push_difference(a, a) == PushDifference(0.0, (0.0, 0.0))
+    same = push_difference(a, a)
+    assert same.difference == 0.0
+    assert -0.1 < same.interval[0] <= 0.0 <= same.interval[1] < 0.1
     paired = push_difference(b, a)
     assert paired.difference == pytest.approx(0.4, abs=0.1)
     low, high = paired.interval
@@ -187,12 +210,28 @@ def test_differences_are_paired(monkeypatch):
     assert push_difference(a, b).difference == -paired.difference
 
 
+def test_pairs_that_agree_are_not_certain(monkeypatch):
+    """Two controllers whose robots all have the same limit, the resolution apart."""
+    pretend(monkeypatch, lambda angle, robot: 2.1)
+    a = recovery()
+    pretend(monkeypatch, lambda angle, robot: 2.1 + RESOLUTION)
+    paired = push_difference(recovery(), a)
+    assert paired.difference == pytest.approx(RESOLUTION)
+    assert paired.interval == pytest.approx((0.0, 2 * RESOLUTION))
+
+
+def test_pushes_of_an_earlier_version_have_honest_differences(monkeypatch):
+    pretend(monkeypatch, lambda angle, robot: 2.1)
+    old = replace(recovery(), measured=None)
+    low, high = push_difference(old, old).interval
+    assert (low, high) == pytest.approx((-RESOLUTION, RESOLUTION))
+
+
 @pytest.mark.parametrize(
     ("name", "other"),
     [
         ("starts_hash", "0"),
         ("split", "select"),
-        ("episodes", 40),
         ("share", 0.9),
         ("direction_deg", (0.0,)),
     ],
@@ -202,6 +241,19 @@ def test_only_the_same_starts_are_compared(monkeypatch, name, other):
     result = recovery()
     with pytest.raises(ValueError, match=f"different {name}"):
         push_difference(result, replace(result, **{name: other}))
+
+
+def test_a_result_without_the_outcome_of_every_robot_is_an_error(monkeypatch):
+    pretend(monkeypatch, lambda angle, robot: 2.0)
+    result = recovery()
+    for name, value, message in (
+        ("episodes", 40, "survived must have 40 digits"),
+        ("levels", (), "at least one level"),
+        ("successes", result.successes[:3], "successes must have one entry"),
+        ("survived", result.survived[:3], "survived must have one entry"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            replace(result, **{name: value})
 
 
 def test_starts_are_the_first_perturbation_of_the_split():

@@ -46,6 +46,7 @@ def written(folder):
         stage = record.pop("stage")
         step = record.pop("iteration")
         record.pop("failed_episodes", None)
+        record.pop("lost_at", None)
         for key in ("mse", "settled_mse"):
             values = record.pop(key, [None] * 3)
             names = [f"{key}/vx", f"{key}/vy", f"{key}/yaw_rate"]

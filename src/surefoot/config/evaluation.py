@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar
 
 from surefoot.config.checked import Angle, Checked, Duration, Share, Within
@@ -57,3 +57,41 @@ class PushConfig(Checked):
     """[N s] distance between two levels; the monotone fit interpolates."""
     levels: Annotated[int, Within(1, 10_000)] = 30
     """How many levels are tried; the strongest push is this times the resolution."""
+
+    @property
+    def strongest(self) -> float:
+        """The strongest push [N s]."""
+        return self.levels * self.resolution
+
+
+def shortened(
+    push: PushConfig,
+    speeds: int | None = None,
+    directions: int | None = None,
+    resolution: float | None = None,
+) -> PushConfig:
+    """Pushes that take less time: fewer robots, fewer directions, coarser levels.
+
+    The simulated time is that of speeds x directions x (about log2 of the levels) episodes.
+
+    Args:
+        push: The pushes; what is not given is as there.
+        speeds: The number of forward speeds, each at ten phases of the gait.
+        directions: The number of directions.
+        resolution: The distance between two levels [N s]; the strongest push stays about the same.
+
+    Raises:
+        ValueError: A number is out of its range.
+    """
+    levels = push.levels
+    if resolution is None:
+        resolution = push.resolution
+    elif resolution > 0.0:  # a range that is not is refused below
+        levels = max(round(push.strongest / resolution), 1)
+    return replace(
+        push,
+        speeds=push.speeds if speeds is None else speeds,
+        directions=push.directions if directions is None else directions,
+        resolution=resolution,
+        levels=levels,
+    )

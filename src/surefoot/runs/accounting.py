@@ -7,9 +7,9 @@ the records that a run keeps.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
@@ -100,6 +100,7 @@ class StageSeconds:
         gates: Wall time of training gates [s].
     """
 
+    renamed: ClassVar[Mapping[str, str]] = {"guards": "gates"}
     collect: float
     train: float
     validate: float

@@ -23,6 +23,7 @@ from surefoot.config import (
 )
 from surefoot.config.json_io import from_json, read_json
 from surefoot.files import write_json
+from surefoot.learning.samples import held_out
 from surefoot.learning.step import choose_device
 from surefoot.mpc.identity import ExpertIdentity, difference, identity_of
 from surefoot.robots.solo12 import solo12
@@ -30,7 +31,6 @@ from surefoot.rollouts.jobs import PLANNER
 from surefoot.runs.metrics import Collected
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import draw_starts, expert_rollouts
-from surefoot.learning.samples import held_out
 from surefoot.scenarios.starts import StartSet, load_starts
 from surefoot.types import PlanFunction
 
