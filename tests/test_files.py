@@ -5,17 +5,26 @@ import os
 import stat
 import subprocess
 import sys
-from dataclasses import dataclass
+import tracemalloc
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import ClassVar
+from zipfile import ZIP_BZIP2, ZIP_DEFLATED, ZIP_LZMA, ZipFile
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from surefoot.files import (
+    Shape,
     WriteError,
     as_digits,
+    check_output,
     from_digits,
     load_arrays,
+    parse_npz,
     save_arrays,
     write_atomic,
     write_json,
@@ -25,6 +34,8 @@ from surefoot.files import (
 
 @dataclass(frozen=True)
 class Arrays:
+    shapes: ClassVar[Mapping[str, Shape]] = {"values": ("n", 30)}
+
     name: NDArray[np.str_]
     values: NDArray[np.float64]
     flags: NDArray[np.bool_]
@@ -145,6 +156,58 @@ def test_a_folder_is_refused(tmp_path):
     assert tmp_path.is_dir()
 
 
+def test_checking_an_output_that_can_be_written_writes_nothing(tmp_path):
+    (tmp_path / "old.json").write_text("old")
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere" / "target")
+    os.mkfifo(tmp_path / "pipe")
+    names = ["new.json", "old.json", "link", "pipe", "a/b/c/new.json"]
+    before = sorted(tmp_path.rglob("*"))
+    for name in names:
+        check_output(tmp_path / name)
+    for stream in ("/dev/null", "/dev/stdout"):
+        check_output(Path(stream), suffixes=(".png",))
+    assert sorted(tmp_path.rglob("*")) == before
+    assert (tmp_path / "old.json").read_text() == "old"
+
+
+def test_outputs_that_cannot_be_written_are_refused_before_the_work(tmp_path):
+    (tmp_path / "file").touch()
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
+    (tmp_path / "to_folder").symlink_to(tmp_path)
+    refused = {
+        tmp_path: "is a folder",
+        tmp_path / "to_folder": "is a folder",
+        Path(""): "is an empty name",
+        tmp_path / "file" / "new.json": "cannot be written",
+        tmp_path / "circle": "cannot be written",
+        tmp_path / "circle" / "new.json": "cannot be written",
+        tmp_path / ("n" * 250): "File name too long",
+        tmp_path / ("n" * 300) / "new.json": "File name too long",
+    }
+    for path, message in refused.items():
+        with pytest.raises(WriteError, match=message):
+            check_output(path)
+        with pytest.raises(WriteError):  # and it is so: `write_atomic` cannot write them
+            write_atomic(path, b"text")
+
+
+def test_outputs_without_permission_are_refused_before_the_work(tmp_path, monkeypatch):
+    def denied(**_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("surefoot.files.TemporaryFile", denied)  # root may write anywhere
+    with pytest.raises(WriteError, match=r"new.json cannot be written .*Permission denied"):
+        check_output(tmp_path / "a" / "new.json")
+
+
+def test_outputs_of_a_format_have_one_of_its_endings(tmp_path):
+    suffixes = (".png", ".svg")
+    check_output(tmp_path / "plot.SVG", suffixes=suffixes)
+    for name in ("plot.jpg", "plot", "png"):
+        with pytest.raises(ValueError, match=rf"{name} must end in .png or .svg"):
+            check_output(tmp_path / name, suffixes=suffixes)
+
+
 def test_json_of_a_record_has_its_fields_as_keys_and_null_for_nan(tmp_path):
     @dataclass(frozen=True)
     class Figures:
@@ -203,3 +266,117 @@ def test_arrays_of_objects_are_refused(tmp_path):
     np.savez(path, name=np.array([print]), values=ARRAYS.values, flags=ARRAYS.flags)
     with pytest.raises(ValueError, match="missing or damaged"):
         load_arrays(path, Arrays)
+
+
+def npz(**arrays) -> bytes:
+    buffer = BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+PARTS = {"name": ARRAYS.name, "values": ARRAYS.values, "flags": ARRAYS.flags}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"more": np.zeros(2)}, "it has 'more', which Arrays has not"),
+        ({"values": np.zeros((2, 29))}, r"values has shape \(2, 29\), expected \(2, 30\)"),
+        ({"values": np.zeros(30)}, r"values has shape \(30,\), expected \(2, 30\)"),
+        ({"flags": np.ones(3, bool)}, r"flags has shape \(3,\), expected \(2,\)"),
+        ({"flags": np.ones(2)}, "flags holds float64, expected bool"),
+        ({"values": ARRAYS.values.astype(np.float32)}, "values holds float32, expected float64"),
+        ({"values": ARRAYS.values + 0j}, "'values.npy' holds complex128"),
+        ({"name": np.array([b"a", b"b"])}, r"'name.npy' holds \|S1"),
+    ],
+)
+def test_other_arrays_than_those_of_the_record_are_named(tmp_path, change, message):
+    path = tmp_path / "arrays.npz"
+    path.write_bytes(npz(**PARTS | change))
+    with pytest.raises(ValueError, match=rf"arrays.npz is missing or damaged \({message}"):
+        load_arrays(path, Arrays)
+
+
+def test_a_field_that_later_versions_added_may_be_absent_if_it_has_a_default(tmp_path):
+    @dataclass(frozen=True)
+    class Later(Arrays):
+        added: NDArray[np.int64] = field(default_factory=lambda: np.full(2, -1))
+
+    save_arrays(tmp_path / "arrays.npz", ARRAYS)
+    assert load_arrays(tmp_path / "arrays.npz", Later).added.tolist() == [-1, -1]
+
+
+def test_a_pipe_holds_no_arrays(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ValueError, match="pipe is not a regular file"):
+        load_arrays(tmp_path / "pipe", Arrays)
+
+
+# --- headers that promise more than there is
+
+
+def with_header(shape: str, data: bytes = b"", descr: str = "'<f8'") -> bytes:
+    """An npz file whose only array has this shape in its header."""
+    text = f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}".encode()
+    header = b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
+    buffer = BytesIO()
+    with ZipFile(buffer, "w") as archive:
+        archive.writestr("values.npy", header + data)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (with_header("(10000000000,)"), r"needs 80000000000 bytes .* and has 0"),
+        (with_header("(10000000000, 0)", b"12345678"), "needs 0 bytes .* and has 8"),
+        (with_header("(-1,)"), "needs -8 bytes"),
+        (with_header("(-1, -1)", b"12345678"), "needs 8 bytes"),
+        (with_header("(4611686018427387904, 4)"), "needs 147573952589676412928 bytes"),
+        (with_header("(1000000000,)", descr="'<U0'"), "holds <U0, which is neither"),
+        (with_header("(1,)", b"12345678", descr="'|O'"), "holds object, which is neither"),
+        (with_header("(1,)", b"12345678", descr="[('a', '<f8')]"), "which is neither"),
+        (with_header("1"), "shape is not valid"),
+    ],
+)
+def test_a_header_that_does_not_fit_its_bytes_is_refused_before_memory_is_taken(content, message):
+    tracemalloc.start()
+    with pytest.raises(ValueError, match=message):
+        parse_npz(content)
+    assert tracemalloc.get_traced_memory()[1] < 2e6
+    tracemalloc.stop()
+
+
+def packed(content: bytes, method: int) -> bytes:
+    buffer = BytesIO()
+    with ZipFile(buffer, "w", method) as archive:
+        archive.writestr("values.npy", content)
+    return buffer.getvalue()
+
+
+def test_what_unpacks_to_very_much_is_refused_before_memory_is_taken():
+    bomb = packed(bytes(100_000_000), ZIP_DEFLATED)
+    assert len(bomb) < 200_000
+    # The directory may also promise less than there is.
+    liar = bomb.replace((100_000_000).to_bytes(4, "little"), (1000).to_bytes(4, "little"))
+    assert liar != bomb
+    for content in (bomb, liar):
+        tracemalloc.start()
+        with pytest.raises(ValueError):
+            parse_npz(content)
+        assert tracemalloc.get_traced_memory()[1] < 5e6
+        tracemalloc.stop()
+
+
+def test_packings_that_numpy_never_uses_are_refused():
+    for method in (ZIP_BZIP2, ZIP_LZMA):
+        with pytest.raises(ValueError, match=r"'values.npy' is packed in a way that NumPy never"):
+            parse_npz(packed(b"content", method))
+
+
+def test_an_array_that_is_there_twice_is_refused():
+    buffer = BytesIO(npz(values=np.zeros(2)))
+    with ZipFile(buffer, "a") as archive, pytest.warns(UserWarning, match="Duplicate name"):
+        archive.writestr("values.npy", b"")
+    with pytest.raises(ValueError, match="an array is there twice"):
+        parse_npz(buffer.getvalue())

@@ -43,9 +43,10 @@ _HOME = {
     "methods.loco_dagger": ("loco_dagger",),
     "methods.loco_safe_dagger": ("loco_safe_dagger",),
     "evaluation.robustness": ("evaluate", "Robustness"),
-    "evaluation.push": ("push_difference", "push_recovery", "PushResult"),
+    "evaluation.push": ("push_recovery",),
+    "evaluation.push_limits": ("push_difference", "PushResult"),
     "study.comparison": ("compare", "Measurements"),
-    "evaluation.statistics": ("paired_difference", "run_bootstrap"),
+    "evaluation.statistics": ("paired_difference", "run_bootstrap", "run_interval"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 

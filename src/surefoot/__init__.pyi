@@ -7,13 +7,14 @@ from surefoot.config import Config as Config
 from surefoot.config import HandBack as HandBack
 from surefoot.config.presets import preset as preset
 from surefoot.config.presets import published_rules as published_rules
-from surefoot.evaluation.push import PushResult as PushResult
-from surefoot.evaluation.push import push_difference as push_difference
 from surefoot.evaluation.push import push_recovery as push_recovery
+from surefoot.evaluation.push_limits import PushResult as PushResult
+from surefoot.evaluation.push_limits import push_difference as push_difference
 from surefoot.evaluation.robustness import Robustness as Robustness
 from surefoot.evaluation.robustness import evaluate as evaluate
 from surefoot.evaluation.statistics import paired_difference as paired_difference
 from surefoot.evaluation.statistics import run_bootstrap as run_bootstrap
+from surefoot.evaluation.statistics import run_interval as run_interval
 from surefoot.learning.dataset import Dataset as Dataset
 from surefoot.learning.frames import Frames as Frames
 from surefoot.learning.network import PolicyNetwork as PolicyNetwork

@@ -7,26 +7,47 @@ how a record becomes JSON.
 
 from __future__ import annotations
 
+import errno
 import json
+import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import MISSING, Field, fields
 from io import BytesIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, TypeVar
+from tempfile import TemporaryDirectory, TemporaryFile
+from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar, get_args, get_type_hints
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from surefoot.config.json_io import to_json
+from surefoot.config.json_text import MEMORY_BASE, MEMORY_FACTOR, read_file
 from surefoot.types import IntArray
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-Record = TypeVar("Record")
+Shape = tuple[int | str, ...]
+"""Lengths of an array's axes; axes of one name have one length."""
+_ARRAY_KINDS = "biufU"
+"""Kinds of arrays in files: truth values, integers of both sorts, floats, and text."""
+
+
+class ArrayRecord(Protocol):
+    """A dataclass of arrays, for `load_arrays`.
+
+    Attributes:
+        shapes: Shapes of the fields that are not ``("n",)``.
+    """
+
+    __dataclass_fields__: ClassVar[dict[str, Field]]
+    shapes: ClassVar[Mapping[str, Shape]]
+
+
+Record = TypeVar("Record", bound=ArrayRecord)
 
 
 class WriteError(OSError):
@@ -52,6 +73,44 @@ def writing(path: Path | str) -> Iterator[None]:
         ) from error
 
 
+def check_output(path: Path, *, suffixes: tuple[str, ...] = ()) -> None:
+    """Check that `write_atomic` could write a file, before the work whose results it is to hold.
+
+    Nothing is written or made. Links, devices and pipes are allowed, as `write_atomic` writes what
+    they stand for; a device or a pipe has no format, so any name will do.
+
+    Args:
+        path: The file; its folder need not exist.
+        suffixes: Endings of a name that the format allows, such as ``(".png", ".svg")``, in lower
+            case; without any, all are allowed.
+
+    Raises:
+        ValueError: The name has another ending.
+        WriteError: The path is a folder or empty, its folder can neither be written to nor be made,
+            or the name is too long.
+    """
+    try:
+        if is_stream(path):
+            if path.is_socket() or not os.access(path, os.W_OK):
+                raise WriteError(f"{path} cannot be written to; name a file, a device or a pipe")
+            return
+        if path.is_dir():
+            given = "an empty name" if path == Path() else "a folder"
+            raise WriteError(f"{str(path)!r} is {given}, and cannot be written; name a file")
+        if suffixes and path.suffix.lower() not in suffixes:
+            raise ValueError(f"{path} must end in {' or '.join(suffixes)}")
+        target = _target(path)
+        _temporary(target).exists()  # a name that is too long is an error
+        folder = next(folder for folder in target.parents if os.path.lexists(folder))
+        TemporaryFile(dir=folder).close()
+    except WriteError:
+        raise
+    except OSError as error:
+        raise WriteError(
+            f"{path} cannot be written ({error}); name a file in a folder that you may write to"
+        ) from error
+
+
 def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) -> None:
     """Write a file so that a reader sees the old one or the new one, never a part.
 
@@ -69,12 +128,12 @@ def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) ->
     """
     path = Path(path)
     with writing(path):
-        if _is_stream(path):
+        if is_stream(path):
             _write_through(path, content)
             return
-        path = path.resolve()  # of a link, what it points to
+        path = _target(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        temporary = _temporary(path)
         try:
             _write_content(temporary, content)
             _flush(temporary)
@@ -85,6 +144,19 @@ def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) ->
         _flush(path.parent)
 
 
+def _target(path: Path) -> Path:
+    """The file that a path stands for: of a link, what it points to."""
+    target = Path(os.path.realpath(path))
+    if target.is_symlink():  # of links that point to each other, there is no such file
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+    return target
+
+
+def _temporary(path: Path) -> Path:
+    """The name that a file has until it is whole."""
+    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
+
+
 def _write_content(path: Path, content: bytes | Callable[[Path], object]) -> None:
     """Write the content to a file that does not matter yet."""
     if callable(content):
@@ -93,7 +165,7 @@ def _write_content(path: Path, content: bytes | Callable[[Path], object]) -> Non
         path.write_bytes(content)
 
 
-def _is_stream(path: Path) -> bool:
+def is_stream(path: Path) -> bool:
     """Whether a path is a device, a pipe or a stream of this process, which has no old content."""
     # Standard output may be a file: what reads it holds that very file, and not the name.
     own_stream = path.parent in (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))
@@ -166,16 +238,125 @@ def load_arrays(path: Path, kind: type[Record]) -> Record:
 
     Args:
         path: The file.
-        kind: The dataclass.
+        kind: The dataclass. A field that has a default may be absent from the file.
 
     Raises:
         ValueError: The file is missing, damaged, or holds other arrays than the dataclass has.
     """
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            return kind(**{name: stored[name] for name in stored.files})
-    except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
+        arrays = parse_npz(read_file(path))
+        _check_arrays(arrays, kind)
+    except (OSError, ValueError) as error:
         raise ValueError(
             f"{path} is missing or damaged ({error}); delete it: `surefoot train ... --resume` "
             "collects it again, to the same bits"
         ) from error
+    return kind(**arrays)
+
+
+def _check_arrays(arrays: Mapping[str, NDArray], kind: type[ArrayRecord]) -> None:
+    """Check that arrays are those of a dataclass: names, types and shapes.
+
+    Raises:
+        ValueError: They are not.
+    """
+    known = {field.name: field for field in fields(kind)}
+    if extra := sorted(arrays.keys() - known.keys()):
+        raise ValueError(f"it has {extra[0][:80]!r}, which {kind.__name__} has not")
+    hints = get_type_hints(kind)
+    lengths: dict[str, int] = {}
+    for name, field in known.items():
+        if name not in arrays:
+            if field.default is MISSING and field.default_factory is MISSING:
+                raise ValueError(f"it lacks {name}")
+            continue
+        # NDArray[np.float64] is ndarray[shape, dtype[np.float64]].
+        expected = np.dtype(get_args(get_args(hints[name])[1])[0])
+        actual = arrays[name].dtype
+        # Text has the length of the longest.
+        if actual != expected and not actual.kind == expected.kind == "U":
+            raise ValueError(f"{name} holds {actual}, expected {expected}")
+        shape = kind.shapes.get(name, ("n",))
+        _check_shape(name, arrays[name].shape, shape, lengths)
+
+
+def _check_shape(
+    name: str, actual: tuple[int, ...], expected: Shape, lengths: dict[str, int]
+) -> None:
+    """Check the shape of an array, and note the lengths of its named axes.
+
+    Raises:
+        ValueError: It has another shape, or an axis of another length than in an earlier array.
+    """
+    if len(actual) == len(expected):
+        pairs = list(zip(expected, actual, strict=True))
+        wanted = [
+            lengths.setdefault(axis, length) if isinstance(axis, str) else axis
+            for axis, length in pairs
+        ]
+        if wanted == list(actual):
+            return
+    known = tuple(lengths.get(axis, axis) if isinstance(axis, str) else axis for axis in expected)
+    raise ValueError(f"{name} has shape {actual}, expected {known}")
+
+
+def parse_npz(content: bytes) -> dict[str, NDArray]:
+    """The arrays of an npz file, by their names.
+
+    An array is read once its header agrees with the number of bytes that there are for it.
+
+    Raises:
+        ValueError: The content is no such file, or promises more than its size justifies.
+    """
+    try:
+        with ZipFile(BytesIO(content)) as archive:
+            members = archive.infolist()
+            _check_members(members, len(content))
+            return {
+                member.filename.removesuffix(".npy"): _read_array(archive, member)
+                for member in members
+            }
+    except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
+        raise ValueError(str(error) or repr(error)) from error
+
+
+def _check_members(members: list[ZipInfo], size: int) -> None:
+    """Check the directory of an npz file of so many bytes.
+
+    Raises:
+        ValueError: A name is there twice, or there is too much to unpack, or in another format.
+    """
+    names = {member.filename for member in members}
+    if len(names) < len(members):
+        raise ValueError("an array is there twice")
+    # The bytes of all arrays are in memory beside the content, and those of one a second time.
+    if 2 * sum(member.file_size for member in members) > (MEMORY_FACTOR - 1) * size + MEMORY_BASE:
+        raise ValueError(f"its arrays are too large for a file of {size} bytes")
+    for member in members:
+        # Other formats allocate by numbers that stand in the file.
+        if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
+            raise ValueError(f"{member.filename[:80]!r} is packed in a way that NumPy never writes")
+
+
+def _read_array(archive: ZipFile, member: ZipInfo) -> NDArray:
+    """One array of an npz file.
+
+    Raises:
+        ValueError: Its header does not fit its bytes, or it holds something else than numbers,
+            truth values or text.
+    """
+    with archive.open(member) as stream:
+        # With the size, so that no more than this is unpacked.
+        packed = BytesIO(stream.read(member.file_size))
+    name = repr(member.filename[:80])
+    if np.lib.format.read_magic(packed) != (1, 0):
+        raise ValueError(f"{name} has an unknown version")
+    shape, _, dtype = np.lib.format.read_array_header_1_0(packed)
+    if dtype.kind not in _ARRAY_KINDS or dtype.itemsize == 0:
+        raise ValueError(f"{name} holds {dtype}, which is neither numbers nor text")
+    expected = math.prod(shape) * dtype.itemsize
+    present = member.file_size - packed.tell()
+    if min(shape, default=0) < 0 or expected != present:
+        raise ValueError(f"{name} needs {expected} bytes for {shape} {dtype}, and has {present}")
+    packed.seek(0)
+    return np.lib.format.read_array(packed, allow_pickle=False)

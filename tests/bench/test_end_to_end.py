@@ -62,7 +62,7 @@ def test_an_evaluation_is_compared_with_its_bare_steps(monkeypatch):
 
 
 def test_a_run_is_measured_from_nothing_to_its_best_policy(monkeypatch, tmp_path):
-    bare = TrainSpeed(256, "float32", 4.0, 10.0, 0.4, 3.0, 1.25)
+    bare = TrainSpeed(256, 4.0, 6.0, 10.0, "float32", 1.0, 0.4, 3.0, 1.25)
     monkeypatch.setattr(end_to_end, "bare_rate", lambda config: 50_000.0)
     monkeypatch.setattr(end_to_end, "bench_train", lambda config: bare)
     folder = tmp_path / "run"

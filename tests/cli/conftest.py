@@ -12,6 +12,7 @@ from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig, PolicyConf
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.runs.run import create
 from surefoot.workers import Workers
+from tests.fakes.learning import FLOAT32
 
 
 @pytest.fixture
@@ -41,7 +42,7 @@ def run_folder(tmp_path_factory) -> Path:
         T_end=0.1,
         epochs=1,
     )
-    config = Config(method=method, policy=PolicyConfig(hidden=(16, 16)))
+    config = Config(method=method, policy=PolicyConfig(hidden=(16, 16)), training=FLOAT32)
     # The expert withstands these pushes, and the policy falls without any.
     push = PushConfig(speeds=1, before=0.05, after=0.8, directions=2, resolution=0.5, levels=1)
     evaluation = replace(config.evaluation, duration=0.2, episodes=4)

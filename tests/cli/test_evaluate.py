@@ -8,8 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import surefoot.cli.evaluate as module
 from surefoot.cli.evaluate import Evaluate
 from surefoot.config import Config, PolicyConfig, PushConfig
+from surefoot.evaluation import robustness
+from surefoot.evaluation.report import read_report
+from surefoot.evaluation.robustness import success_difference
+from surefoot.files import WriteError
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
 from surefoot.scenarios.starts import load_starts, save_starts
@@ -37,6 +42,87 @@ def test_policy_and_expert_begin_from_the_same_states(surefoot, run_copy, tmp_pa
         assert {"success_rate", "mse"} <= part.keys()
     assert figures["starts_hash"] == figures["expert"]["starts_hash"]
     assert not list(run_copy.glob("evaluation-*.json"))  # fewer episodes than the run's own
+
+
+def test_the_outcome_of_each_initial_state_is_kept(surefoot, capsys, run_copy, tmp_path):
+    file = tmp_path / "figures.json"
+    args = ("evaluate", run_copy, "--episodes", 4, "--workers", 1, "--json", file)
+    assert surefoot(*args) == 0
+    report = read_report(file)
+    assert report.expert is not None
+    for part in (report, report.expert):
+        assert len(part.ids) == len(part.outcomes) == len(part.strict) == 4
+        assert int(part.succeeded.sum()) == part.successes
+        assert part.touched.count("1") == part.body_contacts
+    assert report.success_difference == success_difference(report, report.expert)
+    printed = capsys.readouterr().out
+    assert printed.count("touched the ground with something other than a foot: ") == 2
+    assert "points of success (" in printed
+
+
+def test_outputs_are_checked_before_any_work(surefoot, capsys, monkeypatch, run_copy, tmp_path):
+    monkeypatch.setattr(robustness, "evaluate", None)  # nothing is measured
+    for path in (tmp_path, "", run_copy / "config.json" / "report.json"):
+        assert surefoot("evaluate", run_copy, "--workers", 1, "--json", path) == 2
+        assert "cannot be written" in capsys.readouterr().err
+
+
+def test_the_report_is_written_where_the_run_may_only_be_read(
+    surefoot, capsys, monkeypatch, run_copy, tmp_path
+):
+    write_json = module.write_json
+
+    def write_outside(path, record):
+        if run_copy in path.parents:
+            raise WriteError(f"{path} cannot be written (Read-only file system)")
+        write_json(path, record)
+
+    monkeypatch.setattr(module, "write_json", write_outside)
+    file = tmp_path / "own.json"
+    assert surefoot("evaluate", run_copy, "--workers", 1, "--json", file) == 0
+    assert "no copy of the report in the run's folder" in capsys.readouterr().err
+    assert read_report(file).expert is not None
+
+
+def test_what_cannot_be_printed_is_written(surefoot, monkeypatch, run_copy, tmp_path):
+    def closed(*args, **options):
+        raise BrokenPipeError
+
+    file = tmp_path / "figures.json"
+    monkeypatch.setattr(module, "print_controller", closed)
+    args = ("evaluate", run_copy, "--episodes", 2, "--no-expert", "--workers", 1, "--json", file)
+    surefoot(*args)
+    assert read_report(file).episodes == 2
+
+
+def test_pushes_can_be_shortened(surefoot, capsys, run_copy, tmp_path):
+    file = tmp_path / "figures.json"
+    common = ("evaluate", run_copy, "--workers", 1, "--no-expert", "--json", file)
+    assert surefoot(*common, "--push-directions", 1) == 2
+    assert "--push-directions without pushes; add --pushes" in capsys.readouterr().err
+    assert surefoot(*common, "--pushes", "--push-directions", 0) == 2
+    assert "push.directions" in capsys.readouterr().err
+    assert surefoot(*common, "--pushes", "--push-directions", 1, "--push-resolution", 0.25) == 0
+    pushes = read_report(file).pushes
+    assert pushes is not None and pushes.measured is not None
+    assert pushes.direction_deg == (0.0,)
+    assert (pushes.measured.directions, pushes.measured.resolution) == (1, 0.25)
+    assert pushes.measured.levels == 2  # up to 0.5 N s, as in the run's configuration
+
+
+def test_a_shortened_report_has_a_name_of_its_own():
+    trained_on = Config()
+    commands = (
+        Evaluate(Path("run"), pushes=True),
+        Evaluate(Path("run"), pushes=True, push_directions=4),
+        Evaluate(Path("run"), pushes=True, push_speeds=2, push_resolution=0.8),
+    )
+    names = [command.file_name(command.as_asked(trained_on), trained_on) for command in commands]
+    assert names == [
+        "evaluation-test-pushes.json",
+        "evaluation-test-pushes-directions_4.json",
+        "evaluation-test-pushes-speeds_2-resolution_0.8-levels_8.json",
+    ]
 
 
 def test_pushes_are_measured_and_compared(surefoot, capsys, run_copy, tmp_path):
@@ -115,6 +201,15 @@ def test_an_option_is_heard_also_if_it_equals_a_default(surefoot, run_copy, tmp_
 
 
 @needs_pybullet
+@pytest.mark.parametrize("options", [(), ("--no-expert",)])
+def test_an_own_expert_is_not_replaced_silently(surefoot, run_copy, recwarn, options):
+    metrics = run_copy / "metrics.jsonl"
+    metrics.write_text(metrics.read_text().replace("surefoot.mpc.planner", "my_plan"))
+    assert surefoot("evaluate", run_copy, "--episodes", 1, "--workers", 1, *options) == 0
+    warned = any("learned from your own expert my_plan" in str(one.message) for one in recwarn)
+    assert warned == (not options)
+
+
 def test_sim_to_sim_leaves_the_runs_own_evaluation_alone(surefoot, run_copy):
     written = []
     for sim in ((), ("--sim", "mujoco"), ("--sim", "bullet")):

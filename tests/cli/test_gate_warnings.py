@@ -10,11 +10,12 @@ from surefoot.cli.gate_warnings import ALARMS, MeasureWarnings, last_gate, warni
 from surefoot.config import Config, LocoSafeDaggerConfig, PolicyConfig
 from surefoot.config.json_io import from_json
 from surefoot.evaluation.gate_warnings import FallWarnings, RunWarnings, warnings_of
+from surefoot.files import WriteError
 from surefoot.learning.classifier import Classifier, ClassifierQuality, save_classifier
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
 from surefoot.runs.run import Run, RunError, create, open_run
-from tests.fakes.learning import spec_of
+from tests.fakes.learning import FLOAT32, spec_of
 
 SMALL = PolicyConfig(hidden=(4,))
 
@@ -30,7 +31,9 @@ def constant_network(logit: float) -> Classifier:
 @pytest.fixture
 def run(tmp_path) -> Run:
     """Three untrained policies; the first two have a history network."""
-    run = create(tmp_path / "run", Config(method=LocoSafeDaggerConfig(), policy=SMALL))
+    run = create(
+        tmp_path / "run", Config(method=LocoSafeDaggerConfig(), policy=SMALL, training=FLOAT32)
+    )
     for i in range(3):
         policy = Policy(PolicyNetwork(SMALL, i), spec_of(SMALL), np.zeros((2, 3)))
         save(policy, run.policy_path(i))
@@ -57,6 +60,11 @@ def test_the_gates_of_the_last_history_network_are_asked(run, capsys, tmp_path):
     assert printed.startswith("run, policy 1: 3 of 3 fell\n")
     assert printed.count("\n| ") == 2 + len(names)
     assert {path: path.stat().st_mtime_ns for path in run.folder.rglob("*")} == before
+
+
+def test_an_output_that_cannot_be_written_is_refused_before_any_work(run, tmp_path):
+    with pytest.raises(WriteError, match="cannot be written"):
+        MeasureWarnings(run.folder, json=tmp_path, workers=1)()
 
 
 def test_the_last_gate_is_that_of_the_last_policy_with_one(run):

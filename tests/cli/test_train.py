@@ -10,6 +10,7 @@ from surefoot.cli.train import Train, parse_train
 from surefoot.config import BehaviorCloningConfig, Config, DaggerConfig
 from surefoot.config.presets import preset
 from surefoot.runs.run import create
+from tests.fakes.learning import FLOAT32
 
 
 @pytest.mark.parametrize(
@@ -79,10 +80,11 @@ def test_help_shows_the_defaults_of_the_method(surefoot, capsys, args):
 
 def test_a_wrong_option_does_not_occupy_the_folder(surefoot, capsys, tmp_path):
     folder = tmp_path / "run"
-    args = ("train", "loco_safe_dagger", "--run", folder)
+    args = ("train", "loco_safe_dagger", "--run", folder, "--config.training.precision", "float32")
     assert surefoot(*args, "--config.method.velocities", 50) == 2
     assert "50 velocities asked for" in capsys.readouterr().err
-    assert create(folder, Config()).config == Config()  # nothing was collected, nothing is lost
+    other = Config(training=FLOAT32)
+    assert create(folder, other).config == other  # nothing was collected, nothing is lost
 
 
 def contents(folder: Path) -> dict[Path, bytes | None]:
@@ -104,10 +106,13 @@ def test_training_prints_its_progress_and_writes_its_metrics(surefoot, capsys, t
     sizes += " --config.method.data.no-nominal --config.method.data.duration 0.1"
     sizes += " --config.method.epochs 1 --config.method.frames 1000 --config.policy.hidden 16"
     sizes += " --config.evaluation.duration 0.05 --config.evaluation.episodes 2"
+    sizes += " --config.training.precision float32"
     args = ("train", "behavior_cloning", *sizes.split(), "--run", folder, "--workers", 1)
     assert surefoot(*args, "--json", file) == 0
     printed = capsys.readouterr().out
-    assert printed.startswith(f"behavior_cloning, preset default, seed 0, in {folder}\n")
+    assert printed.startswith(
+        f"behavior_cloning, preset default, seed 0, in {folder}\ntraining in float32\n"
+    )
     assert "\niteration 0: 20 rollouts, 0 fell" in printed
     assert f"best policy: {folder}/policies/" in printed
     report = json.loads(file.read_text())

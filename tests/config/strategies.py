@@ -1,12 +1,12 @@
 """Random configurations within their ranges, made from the annotations of their fields."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from types import UnionType
 from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hints
 
 from hypothesis import strategies as st
 
-from surefoot.config import Config, PerturbationConfig
+from surefoot.config import Config, ExpertData, PerturbationConfig
 from surefoot.config.checked import Checked, Rising, Within
 
 
@@ -74,4 +74,8 @@ def configs(kind) -> st.SearchStrategy:
     values = {name: values_of(hint) for name, hint in field_hints(kind).items()}
     if "gates" in values:
         values["T"] = st.floats(0.31, 100.0)  # long enough for a history network
+    if "centroidal" in values:  # forces are planned as far ahead as motions, or farther
+        values["centroidal"] = values["centroidal"].map(lambda config: replace(config, nodes=200))
+    if kind is ExpertData:
+        values["nominal"] = st.just(True)  # without perturbations, nothing else is left
     return st.builds(kind, **values)

@@ -130,7 +130,7 @@ def test_an_unknown_name_names_the_nearest(values, words):
         ({"policy": {"hidden": "512"}}, "policy.hidden is '512', expected a list"),
         ({"policy": {"hidden": 512}}, "policy.hidden is 512, expected a list"),
         ({"policy": {"hidden": [16, 16.5]}}, r"policy.hidden\[1\] is 16.5, expected int"),
-        ({"policy": {"hidden": [16, 0]}}, r"policy.hidden\[1\] is 0; use 1 to 65536"),
+        ({"policy": {"hidden": [16, 0]}}, r"policy.hidden\[1\] is 0; use 1 to 8192"),
         ({"safety": {"knee": [1.0]}}, r"safety.knee is \[1.0\], expected 2"),
         ({"safety": {"knee": [-160.0, "0"]}}, r"safety.knee\[1\] is '0', expected float"),
         ({"gait": None}, "gait is None, expected an object"),

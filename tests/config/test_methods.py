@@ -100,7 +100,8 @@ def test_a_parameter_out_of_range_is_refused_with_its_name_and_its_range(kind, c
     ("change", "text"),
     [
         ({"velocities": 0}, "expert_data.velocities is 0; use 1 to"),
-        ({"perturbations": 0}, "expert_data.perturbations is 0; use 1 to"),
+        ({"perturbations": -1}, "expert_data.perturbations is -1; use 0 to"),
+        ({"perturbations": 0, "nominal": False}, "expert data of 0 perturbations without nominal"),
         ({"duration": 0.0}, "expert_data.duration is 0.0; use 0.001 to"),
     ],
 )

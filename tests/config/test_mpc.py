@@ -13,7 +13,9 @@ from surefoot.config import CentroidalConfig, ExpertConfig, Gait, KinematicConfi
         (Gait, {"offsets": (0.0, 0.5)}, "gait.offsets is (0.0, 0.5), expected 4 values"),
         (ExpertConfig, {"kp": -1.0}, "expert.kp is -1.0; use 0.0 to 10000.0"),
         (ExpertConfig, {"foothold_rule": "capturing"}, "there is no expert.foothold_rule 'captu"),
-        (CentroidalConfig, {"nodes": 0}, "expert.centroidal.nodes is 0; use 1 to 1000"),
+        (CentroidalConfig, {"nodes": 0}, "expert.centroidal.nodes is 0; use 4 to 200"),
+        (CentroidalConfig, {"nodes": 100_000}, "expert.centroidal.nodes is 100000; use 4 to 200"),
+        (KinematicConfig, {"max_iterations": 10**6}, "expert.kinematic.max_iterations is 1000000"),
         (CentroidalConfig, {"force": (-1.0, 0.0, 0.0)}, "expert.centroidal.force[0] is -1.0; use"),
         (KinematicConfig, {"foot_weight": -1.0}, "expert.kinematic.foot_weight is -1.0; use 0.0"),
     ],
@@ -22,3 +24,13 @@ def test_values_outside_their_ranges_are_refused(kind, change, text):
     with pytest.raises(ValueError) as error:
         kind(**change)
     assert str(error.value).startswith(text)
+
+
+@pytest.mark.parametrize(("kinematic", "centroidal"), [(30, 20), (10, 9)])
+def test_motions_are_not_planned_further_ahead_than_forces(kinematic, centroidal):
+    text = f"expert.kinematic.nodes is {kinematic}; use at most .*nodes, {centroidal}"
+    with pytest.raises(ValueError, match=text):
+        ExpertConfig(
+            centroidal=CentroidalConfig(nodes=centroidal),
+            kinematic=KinematicConfig(nodes=kinematic),
+        )

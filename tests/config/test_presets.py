@@ -46,7 +46,7 @@ def test_the_preset_paper_has_the_numbers_of_the_paper():
     assert (method.velocities, method.perturbations, method.T) == (20, 2, 10.0)
     assert (method.T_block, method.T_end) == (2.0, 1.0)
     assert (training.learning_rate, training.batch, training.schedule) == (2e-3, 256, "constant")
-    assert training.validation == 0.1
+    assert (training.validation, training.precision) == (0.1, "float32")
     assert config.policy == PolicyConfig((512, 512, 512), 2.0, 0.1, "fraction")
     assert (config.expert.kp, config.expert.kd) == (3.0, 0.05)
     assert (config.expert.foothold_rule, config.expert.command_gain) == ("published", (1, 1, 1))

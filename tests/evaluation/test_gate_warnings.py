@@ -6,6 +6,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from scipy.stats import poisson
 
 import surefoot.evaluation.gate_warnings as module
 from surefoot.config import Config, DisturbanceConfig, EvaluationConfig, PolicyConfig
@@ -134,6 +135,17 @@ def test_no_false_takeover_in_a_short_time_is_not_a_rate_of_zero():
     minutes = 2 * 7500 / 60_000
     # With such a rate, no event in so many minutes has a chance of 2.5 %.
     assert (low, np.exp(-high * minutes)) == (0.0, pytest.approx(0.025))
+
+
+def test_robots_with_equal_rates_are_not_certain():
+    """One false takeover of each robot: the exact Poisson interval of two events."""
+    warned = warnings(9000, ([100], None), ([100], None))
+    minutes = 2 * 7500 / 60_000
+    assert warned.false_per_minute == pytest.approx(2 / minutes)
+    assert warned.false_interval is not None
+    low, high = warned.false_interval
+    assert poisson.sf(1, low * minutes) == pytest.approx(0.025)
+    assert poisson.cdf(2, high * minutes) == pytest.approx(0.025)
 
 
 def test_lead_times_without_spread_have_no_interval():
@@ -289,7 +301,7 @@ def test_warnings_of_a_policy_do_not_depend_on_the_number_of_workers():
     assert (measured.split, measured.episodes) == ("select", 7)
     # An untrained policy falls from nearly every start; bounds are crossed before it has.
     assert measured.falls == len(measured.fallen) >= 4
-    assert set(measured.fallen) <= set(stored["select"].id[:7].tolist())
+    assert set(measured.fallen) <= set(stored.first("select", 7).id.tolist())
     bounds = measured.gates["bounds"]
     silent = measured.gates["silent"]
     assert min(bounds.leads) > 0.0

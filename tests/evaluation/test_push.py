@@ -8,17 +8,10 @@ import numpy as np
 import pytest
 
 import surefoot.evaluation.push as push_module
-from surefoot.config import Config, DisturbanceConfig, PushConfig
+from surefoot.config import Config, DisturbanceConfig, NoiseConfig, PushConfig
 from surefoot.config.json_io import from_json, to_json
-from surefoot.evaluation.push import (
-    PushDifference,
-    PushResult,
-    branch_at_push,
-    push_difference,
-    push_recovery,
-    pushed_job,
-    pushed_starts,
-)
+from surefoot.evaluation.push import branch_at_push, push_recovery, pushed_job, pushed_starts
+from surefoot.evaluation.push_limits import PushResult, push_difference
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
@@ -29,6 +22,8 @@ from surefoot.scenarios.starts import load_starts
 from surefoot.study.expert_survey import PUSHES
 from surefoot.types import MotionPlan, to_ticks
 from surefoot.workers import Workers
+from tests.fakes import toy
+from tests.fakes.simulator import FakeSimulator
 
 CONFIG = Config()
 STORED = load_starts()
@@ -41,8 +36,13 @@ def pretend(monkeypatch, limit, unpushed=Outcome.SUCCESS, lost=()):
     rounds = []
 
     def map_chunks(function, chunks, workers, title):
-        assert function is push_module.states_at_the_end
-        return [(chunk.starts, ~np.isin(chunk.starts.id, lost)) for chunk in chunks]
+        assert function is push_module.branch_at_the_end
+        parts = []
+        for chunk in chunks:
+            up = ~np.isin(chunk.starts.id, lost)
+            going_on = replace(chunk.episodes, duration=chunk.config.push.after)[up]
+            parts.append((going_on, up))
+        return parts
 
     def run_episodes(job, workers, title):
         assert job.episodes.duration == CONFIG.push.after
@@ -89,9 +89,36 @@ def test_search_finds_the_limit_of_every_direction(monkeypatch):
     assert rounds[0] == 100
     assert len(rounds) == 6
     assert sum(rounds) == 100 * sum(len(levels) - 1 for levels in result.levels) + 100
-    # Where all robots are alike there is nothing to draw.
-    for fitted, (low, high) in zip(result.fitted_impulse, result.interval, strict=True):
-        assert low == high == fitted
+    assert result.measured == CONFIG.push
+
+
+def test_robots_that_agree_leave_the_levels_around_their_limit_open(monkeypatch):
+    pretend(monkeypatch, lambda angle, robot: 2.0 + 0.5 * np.cos(angle))
+    result = recovery()
+    limits = 2.0 + 0.5 * np.cos(np.radians(result.direction_deg))
+    for limit, fitted, (low, high) in zip(
+        limits, result.fitted_impulse, result.interval, strict=True
+    ):
+        assert low <= limit + 1e-9 and fitted <= high
+        assert high - low == pytest.approx(RESOLUTION)
+    low, high = result.mean_interval
+    assert high - low == pytest.approx(RESOLUTION)
+    assert low <= np.mean(limits) <= high
+    # Ten robots that agree do not even show that 80 % of all survive the weakest push.
+    few = recovery(replace(CONFIG, push=replace(CONFIG.push, speeds=1)))
+    assert few.fitted_impulse == pytest.approx(result.fitted_impulse)
+    assert [low for low, _ in few.interval] == [0.0] * 8
+    assert [high for _, high in few.interval] == [high for _, high in result.interval]
+
+
+def test_a_search_goes_on_until_a_level_clearly_fails(monkeypatch):
+    """Of 100 robots 79 survive the first level tried, and any stronger one."""
+    ids = pushed_starts(CONFIG.push, STORED).id
+    pretend(monkeypatch, lambda angle, robot: np.where(np.isin(robot, ids[:21]), 2.9, 99.0))
+    result = recovery()
+    assert [levels[-1] for levels in result.levels] == [STRONGEST] * 8
+    assert [high for _, high in result.interval] == [STRONGEST] * 8
+    assert all(impulse < 3.0 for impulse in result.fitted_impulse)
 
 
 def test_the_outcome_of_every_robot_is_recorded(monkeypatch):
@@ -156,8 +183,9 @@ def test_robots_lost_before_the_push_fail_at_every_level(monkeypatch):
             assert len(text) == 100
             assert text[3] == text[50] == text[99] == "0"
         assert texts[0].count("1") == 97
-    # With 21 of 100 lost no level reaches 80; with all lost there is nothing to run.
-    for count, runs in ((21, 1), (100, 0)):
+    # With 21 of 100 lost no level reaches 80, but only a push shows which of them clearly fails;
+    # with 30 lost none has to; with all lost there is nothing to run.
+    for count, runs in ((21, 2), (30, 1), (100, 0)):
         rounds = pretend(monkeypatch, lambda angle, robot: 2.0, lost=ids[:count])
         result = recovery()
         assert result.max_impulse == (0.0,) * 8
@@ -170,7 +198,9 @@ def test_differences_are_paired(monkeypatch):
     a = recovery()
     pretend(monkeypatch, lambda angle, robot: spread_limit(angle, robot) + 2 * RESOLUTION)
     b = recovery()
-    assert push_difference(a, a) == PushDifference(0.0, (0.0, 0.0))
+    same = push_difference(a, a)
+    assert same.difference == 0.0
+    assert -0.1 < same.interval[0] <= 0.0 <= same.interval[1] < 0.1
     paired = push_difference(b, a)
     assert paired.difference == pytest.approx(0.4, abs=0.1)
     low, high = paired.interval
@@ -180,12 +210,28 @@ def test_differences_are_paired(monkeypatch):
     assert push_difference(a, b).difference == -paired.difference
 
 
+def test_pairs_that_agree_are_not_certain(monkeypatch):
+    """Two controllers whose robots all have the same limit, the resolution apart."""
+    pretend(monkeypatch, lambda angle, robot: 2.1)
+    a = recovery()
+    pretend(monkeypatch, lambda angle, robot: 2.1 + RESOLUTION)
+    paired = push_difference(recovery(), a)
+    assert paired.difference == pytest.approx(RESOLUTION)
+    assert paired.interval == pytest.approx((0.0, 2 * RESOLUTION))
+
+
+def test_pushes_of_an_earlier_version_have_honest_differences(monkeypatch):
+    pretend(monkeypatch, lambda angle, robot: 2.1)
+    old = replace(recovery(), measured=None)
+    low, high = push_difference(old, old).interval
+    assert (low, high) == pytest.approx((-RESOLUTION, RESOLUTION))
+
+
 @pytest.mark.parametrize(
     ("name", "other"),
     [
         ("starts_hash", "0"),
         ("split", "select"),
-        ("episodes", 40),
         ("share", 0.9),
         ("direction_deg", (0.0,)),
     ],
@@ -195,6 +241,19 @@ def test_only_the_same_starts_are_compared(monkeypatch, name, other):
     result = recovery()
     with pytest.raises(ValueError, match=f"different {name}"):
         push_difference(result, replace(result, **{name: other}))
+
+
+def test_a_result_without_the_outcome_of_every_robot_is_an_error(monkeypatch):
+    pretend(monkeypatch, lambda angle, robot: 2.0)
+    result = recovery()
+    for name, value, message in (
+        ("episodes", 40, "survived must have 40 digits"),
+        ("levels", (), "at least one level"),
+        ("successes", result.successes[:3], "successes must have one entry"),
+        ("survived", result.survived[:3], "survived must have one entry"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            replace(result, **{name: value})
 
 
 def test_starts_are_the_first_perturbation_of_the_split():
@@ -209,6 +268,11 @@ def test_starts_are_the_first_perturbation_of_the_split():
     np.testing.assert_allclose(np.unique(settled.command[:, 0]), [0, 0.1, 0.2, 0.3], atol=0.01)
     with pytest.raises(ValueError, match=r"11 velocities asked.*hold 10 in 'test'; use 1 to 10"):
         pushed_starts(replace(CONFIG.push, speeds=11), STORED)
+
+
+def worlds(robot, batch, config):
+    """Robots that go on to the bit from a state."""
+    return FakeSimulator(batch, robot=robot)
 
 
 def job_of(n, before, config=CONFIG, plan=None):
@@ -272,6 +336,34 @@ def test_a_robot_keeps_its_friction_and_load_over_all_pushes():
         assert first is not None and second is not None
         assert len(set(first)) == 4
         np.testing.assert_array_equal(second, np.tile(first, 2))
+
+
+def test_a_push_without_impulse_changes_nothing_under_noise_and_delay(monkeypatch):
+    """Torques under way, noise, friction and mass of the whole rollout go on in its branch."""
+    monkeypatch.setattr("surefoot.rollouts.jobs.make_simulator", worlds)
+    noise = NoiseConfig(base_orientation=0.01, joint_position=0.01, joint_velocity=0.1)
+    disturbance = DisturbanceConfig(friction=(0.5, 1.5), mass=(0.8, 1.2), noise=noise, delay=8)
+    config = replace(CONFIG, chunk=2)
+    begin = replace(job_of(4, 0.2, config, plan=toy.plan), disturbance=disturbance)
+    branch = branch_at_push(begin, Workers(1), "test")
+    assert branch.up.all()
+    pushed = pushed_job(branch.job, np.zeros(1), np.zeros(1))
+    after, _ = play_out(lasting(pushed, 0.3))
+    whole, _ = play_out(lasting(begin, 0.5))
+    for name in ("q", "v", "torque"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(whole, name)[:, 200:])
+    np.testing.assert_array_equal(after.seen.q, whole.seen.q[:, 200:])
+    assert not np.array_equal(whole.seen.q, whole.q)
+
+
+def test_a_branch_on_mujoco_goes_on_as_the_whole_rollout_does():
+    noise = NoiseConfig(joint_position=0.01, joint_velocity=0.05)
+    disturbance = DisturbanceConfig(friction=(0.5, 1.5), mass=(0.8, 1.2), noise=noise, delay=8)
+    begin = replace(job_of(2, 0.1), disturbance=disturbance)
+    branch = branch_at_push(begin, Workers(1), "test")
+    after, _ = play_out(lasting(branch.job, 0.1))
+    whole, _ = play_out(lasting(begin, 0.2))
+    np.testing.assert_allclose(after.q, whole.q[:, 100:], rtol=0, atol=1e-9)
 
 
 def test_pushes_take_place_under_the_disturbance_of_the_evaluation(monkeypatch):

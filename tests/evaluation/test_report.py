@@ -6,14 +6,14 @@ from dataclasses import fields
 import pytest
 
 from surefoot.config.json_io import to_json
-from surefoot.evaluation.push import PushDifference
+from surefoot.evaluation.push_limits import PushDifference
 from surefoot.evaluation.report import EvaluationReport, ExpertReport, read_report
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_json
 from tests.fakes.results import push_result, robustness
 
 DISTURBANCE = {"noise.joint_position": 0.01, "delay": 3, "friction": (0.6, 0.7)}
-OPTIONAL = ("pushes", "push_difference", "expert")
+OPTIONAL = ("pushes", "push_difference", "expert", "success_difference")
 
 
 def report(**changes) -> EvaluationReport:
@@ -42,7 +42,7 @@ def test_a_report_is_read_back_as_it_was_written(tmp_path):
 def test_the_keys_are_those_of_earlier_versions():
     values = to_json(whole_report())
     own = {field.name for field in fields(Robustness)}
-    beside = {"policy", "simulator", "disturbance", "pushes", "push_difference", "expert"}
+    beside = {"policy", "simulator", "disturbance", *OPTIONAL}
     assert values.keys() == own | beside
     assert values["expert"].keys() == own | {"pushes"}
     assert values["disturbance"] == {
@@ -59,6 +59,11 @@ def test_parts_that_earlier_versions_left_out_are_none(tmp_path):
     path = tmp_path / "evaluation-test.json"
     path.write_text(json.dumps(values))
     assert read_report(path) == report()
+    own = ("body_contacts", "body_contact_successes", "initial_states", "outcomes", "strict")
+    for name in (*own, "touched", "lost_at"):
+        del values[name]
+    path.write_text(json.dumps(values))
+    assert read_report(path) == report()
     values["expert"] = to_json(robustness(4, 4))
     path.write_text(json.dumps(values))
     assert read_report(path).expert == ExpertReport(**vars(robustness(4, 4)))
@@ -68,7 +73,9 @@ def test_unknown_and_missing_keys_are_named(tmp_path):
     path = tmp_path / "evaluation-test.json"
     values = to_json(whole_report())
     path.write_text(json.dumps(values | {"fals": 1}))
-    with pytest.raises(ValueError, match=r"fals.*did you mean 'falls'"):
+    with pytest.raises(
+        ValueError, match=r"evaluation-test.json is no evaluation.*fals.*did you mean 'falls'"
+    ):
         read_report(path)
     del values["falls"]
     path.write_text(json.dumps(values))

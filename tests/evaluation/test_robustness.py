@@ -8,7 +8,16 @@ import pytest
 
 from surefoot.config import Config, DisturbanceConfig, EvaluationConfig, PolicyConfig
 from surefoot.config.json_io import from_json, to_json
-from surefoot.evaluation.robustness import Robustness, evaluate, mean_error, robustness_of
+from surefoot.evaluation.robustness import (
+    Robustness,
+    evaluate,
+    ids_as_text,
+    ids_from_text,
+    mean_error,
+    robustness_of,
+    success_difference,
+)
+from surefoot.evaluation.statistics import paired_difference
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
 from surefoot.rollouts.outcome import Outcome
@@ -76,6 +85,77 @@ def test_outcomes_are_counted():
     assert robustness.invalid_plans == 3
 
 
+def test_the_outcome_of_each_initial_state_is_kept():
+    robustness = robustness_from(
+        [SUCCESS, FELL, STALLED, DIVERGED, SUCCESS],
+        start=[700, 701, 702, 790, 710],
+        strict=[True, False, True, False, False],
+        ticks=[5000, 700, 5000, 1234, 5000],
+        contact_ticks=[3, 50, 0, 0, 0],
+    )
+    assert robustness.initial_states == "700-702,790,710"
+    assert robustness.ids.tolist() == [700, 701, 702, 790, 710]
+    assert robustness.outcomes == "01230"
+    assert robustness.strict == "10100"
+    assert robustness.lost_at == (0.7, 1.234)
+    assert robustness.touched == "11000"
+    assert (robustness.body_contacts, robustness.body_contact_successes) == (2, 1)
+    assert robustness.succeeded.tolist() == [True, False, False, False, True]
+    assert through_json(robustness) == robustness
+
+
+def test_body_contact_that_was_not_recorded_is_none_and_not_zero():
+    robustness = robustness_from([SUCCESS, FELL], contact_ticks=[-1, -1])
+    assert robustness.body_contacts is None
+    assert robustness.body_contact_successes is None
+    assert robustness.touched == ""
+
+
+@pytest.mark.parametrize(
+    ("ids", "text"),
+    [
+        ([], ""),
+        ([5], "5"),
+        ([5, 6, 7], "5-7"),
+        ([7, 6, 5], "7,6,5"),
+        ([0, 10, 11, 3, 3], "0,10-11,3,3"),
+        ([-1, -1], "-1,-1"),
+    ],
+)
+def test_ids_are_short_text(ids, text):
+    assert ids_as_text(np.array(ids, np.int64)) == text
+    assert ids_from_text(text).tolist() == ids
+
+
+@pytest.mark.parametrize("text", ["a", "1,", "1-", "1--2", "1 - 2", "1..2"])
+def test_text_that_names_no_ids_is_an_error(text):
+    with pytest.raises(ValueError, match="no list of ids"):
+        ids_from_text(text)
+
+
+def test_outcomes_that_are_not_one_for_each_episode_are_an_error():
+    robustness = robustness_from([SUCCESS, FELL], start=[3, 4])
+    for name, value in (("outcomes", "0"), ("outcomes", "04"), ("strict", "02"), ("touched", "1")):
+        with pytest.raises(ValueError, match=f"{name} must be 2 digits"):
+            replace(robustness, **{name: value})
+    with pytest.raises(ValueError, match="'3-5' names 3"):
+        replace(robustness, initial_states="3-5")
+
+
+def test_differences_are_paired_by_initial_state():
+    a = robustness_from([SUCCESS, SUCCESS, FELL, SUCCESS], start=[3, 4, 5, 6])
+    b = robustness_from([FELL, SUCCESS, SUCCESS, STALLED], start=[3, 4, 5, 6])
+    expected = paired_difference([1, 1, 0, 1], [0, 1, 1, 0])
+    assert success_difference(a, b) == expected
+    # From a file of an earlier version.
+    assert success_difference(a, replace(b, outcomes="")) is None
+    other = robustness_from([FELL, SUCCESS, SUCCESS, STALLED], start=[3, 4, 5, 7])
+    with pytest.raises(ValueError, match="different initial_states, 3-6 and 3-5,7"):
+        success_difference(a, other)
+    with pytest.raises(ValueError, match="different starts_hash"):
+        success_difference(a, replace(b, starts_hash="0"))
+
+
 def test_errors_are_over_successes_and_settled_ones_over_all():
     robustness = robustness_from(
         [SUCCESS, FELL, SUCCESS, FELL],
@@ -118,11 +198,14 @@ def test_a_random_policy_falls(policy):
     assert robustness.episodes == 8
     assert robustness.split == "select"
     assert robustness.starts_hash == STORED.hash
-    np.testing.assert_array_equal(summary.start, STORED["select"].id[:8])
+    np.testing.assert_array_equal(summary.start, STORED.first("select", 8).id)
     assert robustness.falls > 0
     assert robustness.successes == 0
     assert robustness.plans == 0
     assert not summary.kept.any()
+    np.testing.assert_array_equal(robustness.ids, summary.start)
+    assert len(robustness.lost_at) == robustness.falls
+    assert robustness.body_contacts is not None
     assert through_json(robustness) == robustness
     # The same twice, and on another split other starts.
     again, _ = evaluate(config, policy, "select", Workers(2))
@@ -158,7 +241,7 @@ def test_another_set_of_starts_and_one_that_does_not_exist(tmp_path):
     robustness, summary = evaluate(config, None, "test", Workers(1), stored=wide)
     assert (robustness.starts, robustness.starts_hash) == (wide.name, wide.hash)
     assert robustness.starts_hash != STORED.hash
-    np.testing.assert_array_equal(summary.start, wide["test"].id[:2])
+    np.testing.assert_array_equal(summary.start, wide.first("test", 2).id)
     message = r"no set of starts.*'solo12-trot-v2'; did you mean 'solo12-trot-v1'\? Known: .*wide"
     with pytest.raises(FileNotFoundError, match=message):
         load_starts("solo12-trot-v2")

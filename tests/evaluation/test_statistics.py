@@ -15,6 +15,7 @@ from surefoot.evaluation.statistics import (
     percentiles,
     resamples,
     run_bootstrap,
+    run_interval,
     wilson,
 )
 
@@ -202,10 +203,64 @@ def test_runs_that_are_all_alike_or_single():
     assert 0 < low < 1.5 < high < 3
 
 
-def test_runs_without_outcomes_are_an_error():
+@pytest.mark.parametrize("estimate", [run_bootstrap, run_interval])
+def test_runs_without_outcomes_are_an_error(estimate):
     for runs in ([], [[1.0], []], [[1.0, np.nan]], [[[1.0]]]):
         with pytest.raises(ValueError, match="at least one run"):
-            run_bootstrap(runs)
+            estimate(runs)
+
+
+def test_few_runs_have_a_t_interval():
+    runs = [[3.0, 5.0], [6.0], [8.0, 8.0, 8.0]]
+    means = run_interval(runs)
+    assert (means.mean, means.runs) == (6.0, (4.0, 6.0, 8.0))
+    # t of two degrees of freedom is 4.3027; the standard error of 4, 6, 8 is 2 / sqrt(3).
+    assert interval_of(means) == pytest.approx((6 - 4.96828, 6 + 4.96828), abs=1e-4)
+    assert run_interval([[3.0, 5.0]]) == RunMeans(4.0, None, (4.0,))
+    assert run_interval([[3.0, 5.0], [4.0]]).interval is None  # nothing shows the spread
+
+
+def test_t_intervals_of_runs_cover_the_truth():
+    rng = np.random.default_rng(7)
+    for count in (3, 5):
+        hits = 0
+        for _ in range(400):
+            runs = [rng.normal(mean, 1.0, 40) for mean in rng.normal(0, 1.0, count)]
+            low, high = interval_of(run_interval(runs))
+            hits += low <= 0 <= high
+        assert 0.92 < hits / 400 < 0.98
+
+
+def test_runs_that_agree_are_as_uncertain_as_their_rollouts():
+    every = [np.ones(100)] * 5
+    assert interval_of(run_interval(every)) == pytest.approx(wilson(500, 500))
+    assert interval_of(run_interval([np.zeros(100)] * 5)) == pytest.approx(wilson(0, 500))
+    # At any other share, too: 49 of 50 in each run.
+    nearly = [np.repeat([1, 0], [49, 1])] * 4
+    assert interval_of(run_interval(nearly)) == pytest.approx(wilson(196, 200))
+    # With rollouts of a run that are all alike, the number of runs counts: that is the floor.
+    assert interval_of(run_interval(every, correlation=1.0)) == pytest.approx(wilson(5, 5))
+    low, high = interval_of(run_interval(every, correlation=0.1))
+    assert wilson(5, 5)[0] < low < wilson(500, 500)[0] and high == pytest.approx(1.0)
+    # Of runs of different length, the short ones limit it: 1 / (1/4 (1/10 + 1/1000)) trials.
+    low, _ = interval_of(run_interval([np.ones(10), np.ones(1000)]))
+    assert low == pytest.approx(1 / (1 + 1.959964**2 / (4 / (1 / 10 + 1 / 1000))))
+
+
+def test_runs_that_differ_more_than_their_rollouts_keep_the_t_interval():
+    runs = [np.repeat([1, 0], [count, 100 - count]) for count in (20, 50, 70)]
+    low, high = interval_of(run_interval(runs))
+    half = 4.302653 * np.std([0.2, 0.5, 0.7], ddof=1) / np.sqrt(3)
+    assert low == pytest.approx(max(0.466667 - half, 0.0), abs=1e-5)
+    assert high == pytest.approx(min(0.466667 + half, 1.0), abs=1e-5)
+    apart = run_interval([np.zeros(9), np.ones(9)])
+    assert apart.interval == (0.0, 1.0)  # shares stay between 0 and 1
+
+
+def test_a_correlation_out_of_range_is_an_error():
+    for correlation in (-0.1, 1.1, np.nan):
+        with pytest.raises(ValueError, match="use one from 0 to 1"):
+            run_interval([[1.0], [0.0]], correlation)
 
 
 def test_the_same_data_give_the_same_records_also_through_json():

@@ -6,6 +6,7 @@ import numpy as np
 
 import surefoot.study.comparison as module
 from surefoot.config import BehaviorCloningConfig, Config, PolicyConfig
+from surefoot.files import as_digits
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
 from surefoot.rollouts.outcome import Outcome
@@ -15,7 +16,7 @@ from surefoot.scenarios.starts import load_starts
 from surefoot.study.comparison import Measurements, compare
 from surefoot.study.records import Comparison
 from surefoot.workers import Workers
-from tests.fakes.learning import spec_of
+from tests.fakes.learning import FLOAT32, spec_of
 from tests.fakes.results import push_result, robustness
 from tests.fakes.rollouts import summary_of
 from tests.fakes.runs import collected_record, gate_record, trained_record, validated_record
@@ -54,7 +55,7 @@ def save_policy(path: Path, seed: int) -> None:
 
 def run_of(folder: Path, method, weights_seed: int, best: int | None = 0, **config) -> Path:
     """A run's folder without data: two policies and what stands in its metrics."""
-    run = create(folder, Config(method=method, policy=SMALL, **config))
+    run = create(folder, Config(method=method, policy=SMALL, training=FLOAT32, **config))
     iterations = 1 if isinstance(method, BehaviorCloningConfig) else 2
     for i in range(iterations):
         save_policy(run.policy_path(i), weights_seed + i)
@@ -85,7 +86,7 @@ def pretend_measurements(monkeypatch, stop_after=1000) -> list[tuple]:
         calls.append((what, config.simulation.backend, run))
         return run
 
-    def evaluate(config, policy, split, workers):
+    def evaluate(config, policy, split, workers, stored):
         run = count("evaluation", config, policy)
         assert (split, config.evaluation.episodes) == ("test", 4)
         outcome = np.array([Outcome.SUCCESS] * 4)
@@ -95,13 +96,20 @@ def pretend_measurements(monkeypatch, stop_after=1000) -> list[tuple]:
             4,
             falls=int((outcome == Outcome.FELL).sum()),
             stalls=int((outcome == Outcome.STALLED).sum()),
+            starts=stored.name,
+            starts_hash=stored.hash,
+            body_contacts=3,
+            body_contact_successes=1,
+            initial_states="700-703",
+            outcomes=as_digits(outcome),
+            strict="1011",
         )
-        strict = np.array([True, False, True, True])
-        return figures, summary_of(outcome, strict=strict)
+        return figures, summary_of(outcome)
 
-    def push_recovery(config, policy, workers):
+    def push_recovery(config, policy, workers, stored):
         run = count("push", config, policy)
-        return push_result((2.0, 4.0) if run is None else (1.0, 1.0))
+        fitted = (2.0, 4.0) if run is None else (1.0, 1.0)
+        return push_result(fitted, starts=stored.name, starts_hash=stored.hash)
 
     monkeypatch.setattr(module, "evaluate", evaluate)
     monkeypatch.setattr(module, "push_recovery", push_recovery)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from surefoot.config import PolicyConfig
+from surefoot.config import PolicyConfig, TrainingConfig
 from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE, ObservationSpec, network_input
@@ -14,6 +14,8 @@ from surefoot.learning.policy import PolicySpec, pd
 from surefoot.types import State
 
 SMALL = PolicyConfig(hidden=(64, 64))
+FLOAT32 = TrainingConfig(precision="float32")
+"""A precision by its name: nothing is measured, and the bits are the same everywhere."""
 OBSERVATION_SPEC = ObservationSpec("circle", 500)
 
 

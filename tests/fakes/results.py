@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from surefoot.evaluation.push import PushResult
+from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.evaluation.statistics import wilson
 from surefoot.scenarios.starts import load_starts
@@ -35,7 +35,7 @@ def robustness(successes: int, n: int, **changes) -> Robustness:
 
 
 def push_result(fitted: tuple[float, ...], **changes) -> PushResult:
-    """Two robots that both survive the impulse of each direction [N s], and no more."""
+    """Two robots that both survive the impulse of each direction [N s], the strongest level."""
     mean = float(np.mean(fitted))
     directions = len(fitted)
     result = PushResult(

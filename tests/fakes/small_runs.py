@@ -26,7 +26,7 @@ CLONING = replace(
     method=BehaviorCloningConfig(data=ExpertData(2, 1, False, 0.1), epochs=2),
     chunk=6,
     policy=PolicyConfig(hidden=(16, 16)),
-    training=TrainingConfig(batch=64, schedule="cosine"),
+    training=TrainingConfig(batch=64, precision="float32", schedule="cosine"),
     evaluation=EvaluationConfig(duration=0.05, episodes=3),
 )
 """Behavior cloning: 20 rollouts of 0.1 s in four chunks."""
@@ -48,7 +48,7 @@ RESCUING = replace(
     chunk=3,
     seed=11,
     policy=PolicyConfig(hidden=(16, 16)),
-    training=TrainingConfig(batch=64),
+    training=TrainingConfig(batch=64, precision="float32"),
     evaluation=EvaluationConfig(duration=0.1, episodes=4),
 )
 """LocoSafeDAGGER: 22 rollouts of the pre-training in eight chunks, then twice four in two."""
@@ -91,7 +91,7 @@ def config_of(method: str) -> Config:
         chunk=3,
         seed=5,
         policy=PolicyConfig(hidden=(16, 16)),
-        training=TrainingConfig(batch=64),
+        training=TrainingConfig(batch=64, precision="float32"),
         evaluation=EvaluationConfig(duration=0.05, episodes=2),
         collection=NOISY if method == "loco_safe_dagger" else ROUGH,
     )

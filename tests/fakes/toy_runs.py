@@ -25,6 +25,7 @@ from surefoot.config import (
     SafetyConfig,
     TrainingConfig,
 )
+from surefoot.learning.frames import whole_episode
 from surefoot.learning.observation import ObservationSpec, network_input
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.rollouts.outcome import Outcome
@@ -70,7 +71,7 @@ CONFIG = replace(
     seed=5,
     safety=SAFETY,
     policy=PolicyConfig(hidden=(16, 16)),
-    training=TrainingConfig(batch=64, validation=0.25),
+    training=TrainingConfig(batch=64, precision="float32", validation=0.25),
     collection=DisturbanceConfig(pushes=2, impulse=(0.1, 0.4), gentle=0.5),
     evaluation=EvaluationConfig(duration=0.02, episodes=3),
 )
@@ -106,7 +107,7 @@ def replayed(run, i):
 
 def kept_in(run, i):
     frames = run.dataset.load()
-    return frames[frames.episode // EPISODES_PER_ITERATION == i]
+    return frames[whole_episode(frames.episode) // EPISODES_PER_ITERATION == i]
 
 
 # --- what a test computes for itself

@@ -10,7 +10,7 @@ import pytest
 import surefoot.learning.dataset as module
 from surefoot.files import write_atomic
 from surefoot.learning.dataset import Dataset, DatasetError
-from surefoot.learning.frames import concatenate
+from surefoot.learning.frames import PART, concatenate
 from tests.fakes.learning import assert_same_frames, random_frames
 from tests.fakes.runs import Killed
 
@@ -275,3 +275,29 @@ def test_what_a_view_leaves_out_is_checked_all_the_same(tmp_path):
     for read in (view.load, lambda: list(view.parts()), lambda: view.frames):
         with pytest.raises(DatasetError, match=r"shard .*a\.h5 is missing or damaged"):
             read()
+
+
+def test_parts_of_an_episode_are_left_out_with_it(tmp_path):
+    data = Dataset(tmp_path)
+    data.append("one", random_frames([1, PART + 1, 2 * PART + 1]))
+    data.append("two", random_frames([2, PART + 2]))
+    assert data.before(2).load().episode.tolist() == [1] * 5 + [PART + 1] * 5 + [2 * PART + 1] * 5
+    assert data.before(2).shards == ("one",)
+    assert data.before(1).episodes == 0
+
+
+@pytest.mark.parametrize("chosen", [[], [3], [0, 5, 6], [6, 2, 0, 77]])
+def test_a_view_of_some_episodes_is_the_dataset_that_has_never_held_others(tmp_path, chosen):
+    data = Dataset(tmp_path / "all")
+    data.append("a", random_frames([0, 2]))
+    data.append("b", random_frames([1, 5, 3]))
+    data.append("c", random_frames([6]))
+    there = sorted({*chosen} - {77})
+    view = data.only(chosen)
+    expected = concatenate([random_frames([episode]) for episode in there])
+    assert_same_frames(view.load(), expected)
+    assert (view.frames, view.episodes, view.hash) == (len(expected), len(there), expected.hash)
+    assert view.before(5).episodes == sum(episode < 5 for episode in there)
+    assert data.before(5).only(chosen).hash == view.before(5).hash
+    with pytest.raises(DatasetError, match="only read"):
+        view.append("new", random_frames([12]))

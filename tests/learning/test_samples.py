@@ -8,6 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from surefoot.learning.frames import PART
 from surefoot.learning.observation import INPUT_SIZE, network_input
 from surefoot.learning.policy import pd
 from surefoot.learning.samples import BLOCK, WIDTH, TrainingSamples, derive, held_out
@@ -147,3 +148,6 @@ def test_episodes_are_held_out_by_their_ids_alone():
     assert (frames_out.reshape(20, 100).all(1) | ~frames_out.reshape(20, 100).any(1)).all()
     assert 0 < frames_out.sum() < len(FRAMES)
     assert not held_out(ids, 0.0).any()
+    # The parts of an episode are held out with it.
+    for part in (1, 2, 600):
+        np.testing.assert_array_equal(held_out(ids + part * PART, 0.1), out)

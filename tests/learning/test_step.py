@@ -3,7 +3,6 @@
 import pytest
 import torch
 
-from surefoot.config import TrainingConfig
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.samples import WIDTH
@@ -19,8 +18,7 @@ def weights_of(network):
 
 
 def make_step(network, learning_rate=1e-2):
-    config = TrainingConfig(batch=64, precision="float32")
-    return TrainingStep(network, make_optimizer(network, learning_rate, CPU), config, CPU)
+    return TrainingStep(network, make_optimizer(network, learning_rate, CPU), 64, "float32", CPU)
 
 
 def test_a_step_lowers_the_l1_loss_and_reports_the_loss_before_it():

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import DisturbanceConfig, LocoDaggerConfig
+from surefoot.config import DisturbanceConfig, LocoDaggerConfig, NoiseConfig
+from surefoot.learning.frames import PART
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.jobs import play_out
 from surefoot.rollouts.outcome import Outcome
@@ -99,7 +100,7 @@ def test_queries_are_of_states_that_the_rollout_visited(runs, alpha, i):
         np.testing.assert_array_equal(start.v[0], rollouts.v[b, elapsed])
         np.testing.assert_array_equal(start.command[0], rollouts.starts.command[b])
         np.testing.assert_array_equal(answered.q[n, 0], start.q[0])
-        assert first // 100_000 == i
+        assert first % PART == job.episode[b]
     assert len(set(seen)) > 5
     cost = collected(run, i)
     assert cost.queries == N * len(job.starts)
@@ -120,27 +121,28 @@ def test_queries_of_rollouts_that_ended_early_and_queries_that_fail(tmp_path, mo
         "heights": {1: spells((550, NEVER, FALLEN)), 4: spells((300, NEVER, FALLEN))},
         "lost": {2: 150, 3: 201, 5: 200},
     }
-    # Robots 2 and 5 have no state 0.2 s before their end, robot 3 has its first.
+    # Robots 2 and 5 have no state 0.2 s before their end, robot 3 has its first and no other.
     asked = {"heights": {4: spells((500, NEVER, FALLEN))}, "lost": {7: 10}}
     run, cost, ((_, rollouts), (queries, answered)) = one_iteration(
         tmp_path, monkeypatch, QUERY, main, asked
     )
     assert rollouts.length.tolist() == [700, 550, 150, 201, 500, 200]
-    rows = [b for b in (0, 1, 3, 4) for _ in range(3)]
-    base = 100_000
-    ids = [base + 10_000 + 3 * b + j for b in (0, 1, 3, 4) for j in range(3)]
+    rows = [0, 0, 0, 1, 1, 1, 3, 4, 4, 4]
+    parts = [1, 2, 3, 1, 2, 3, 1, 1, 2, 3]
+    ids = [100_000 + b + part * PART for b, part in zip(rows, parts, strict=True)]
     assert queries.episode.tolist() == ids
     elapsed = queries.starts.tick - rollouts.starts.tick[rows]
     assert (elapsed % GRID == 0).all() and (elapsed >= 0).all()
-    latest = np.array([699, 350, 1, 300])[[0, 1, 2, 3]].repeat(3)
-    assert (elapsed <= latest).all() and (elapsed[6:9] == 0).all()
+    latest = np.array([699, 350, 1, 300]).repeat([3, 3, 1, 3])
+    assert (elapsed <= latest).all() and elapsed[6] == 0
+    assert len(set(zip(rows, elapsed.tolist(), strict=True))) == 10  # no state twice
     assert elapsed[:3].max() > 350  # a robot that did not fall is asked about its whole rollout
-    assert answered.length.tolist() == [520] * 4 + [500, 520, 520, 10] + [520] * 4
+    assert answered.length.tolist() == [520] * 4 + [500, 520, 520, 10] + [520] * 2
     frames = run.dataset.load()
     good = [e for n, e in enumerate(ids) if n not in (4, 7)]
-    assert np.unique(frames.episode).tolist() == good
-    assert len(frames) == 10 * 520 == cost.frames_kept
-    assert (cost.queries, cost.queries_failed, cost.falls) == (12, 2, 5)
+    assert np.unique(frames.episode).tolist() == sorted(good)
+    assert len(frames) == 8 * 520 == cost.frames_kept
+    assert (cost.queries, cost.queries_failed, cost.falls) == (10, 2, 5)
 
 
 def test_no_queries_if_every_rollout_ended_too_early(tmp_path, monkeypatch):
@@ -169,3 +171,22 @@ def test_queries_are_pushed_early_and_once_by_the_experts_impulse(tmp_path):
         for b in range(12):
             expected = 0.0 if drawn is None else expected_kicks(drawn, rollouts, b)
             np.testing.assert_allclose(kicks(rollouts, b), expected, rtol=0, atol=1e-9)
+
+
+def test_a_query_of_the_experts_own_rollout_goes_on_as_the_rollout_did(tmp_path):
+    """In iteration 1 the expert drives, with noise and late torques; the toy rounds its roll."""
+    disturbance = DisturbanceConfig(noise=NoiseConfig(*[1e-3] * 6), delay=5)
+    method = replace(SMALL_METHODS["loco_dagger"], T_query=0.1)
+    run = run_method(tmp_path, replace(CONFIG, method=method, collection=disturbance))
+    (job, rollouts), (queries, answered) = replayed(run, 1)
+    compared = 0
+    for n, id_ in enumerate(queries.episode.tolist()):
+        b = int(np.flatnonzero(job.episode == id_ % PART)[0])
+        begin = int(queries.starts.tick[n] - rollouts.starts.tick[b])
+        ticks = min(100, int(rollouts.length[b]) - begin)
+        for name in ("v", "torque"):
+            expected = getattr(rollouts, name)[b, begin : begin + ticks]
+            actual = getattr(answered, name)[n, :ticks]
+            np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-9)
+        compared += ticks
+    assert compared > 900

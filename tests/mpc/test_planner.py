@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from surefoot.config import CentroidalConfig, ExpertConfig, Gait, KinematicConfig
+from surefoot.config import ExpertConfig, Gait, KinematicConfig
 from surefoot.mpc.planner import PLAN_TICKS, Planner, to_heading_frame
 from surefoot.robots.model import standing
 from surefoot.testing import PlanContract
@@ -256,15 +256,6 @@ def test_yaw_rate_turns_the_plan_that_way(rate):
     end = pin.Quaternion(stages.kinematic.q[-1, 3:7]).matrix()
     planned = CONFIG.command_gain[2] * rate
     assert pin.rpy.matrixToRpy(end)[2] == pytest.approx(planned * time, abs=0.01)
-
-
-@pytest.mark.parametrize(("kinematic", "centroidal"), [(3, 20), (10, 9)])
-def test_horizons_that_do_not_cover_a_plan_are_refused(kinematic, centroidal):
-    config = ExpertConfig(
-        kinematic=KinematicConfig(nodes=kinematic), centroidal=CentroidalConfig(nodes=centroidal)
-    )
-    with pytest.raises(ValueError, match=f"kinematic.nodes is {kinematic}"):
-        Planner(ROBOT, Gait(), config, FRICTION)
 
 
 @pytest.mark.parametrize("offset", [0, 17, 41])

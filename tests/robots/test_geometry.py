@@ -1,9 +1,10 @@
 """The shapes that meet the ground: lowest points against points sampled on their surfaces."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from surefoot.robots.geometry import lowest_points
+from surefoot.robots.geometry import lowest_points, state_of
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.types import LEGS
@@ -96,3 +97,20 @@ def test_a_sphere_is_a_capsule_without_length():
     for shape in SHAPES[:4]:
         assert shape.start == shape.end
     assert all(shape.start != shape.end for shape in SHAPES[5:])
+
+
+def test_a_state_is_what_pinocchio_computes_and_who_stands_is_in_contact():
+    rng = np.random.default_rng(2)
+    q = np.array([standing(ROBOT), *(random_configuration(rng) for _ in range(3))])
+    q[1:, 2] += 2.0
+    v = rng.normal(size=(4, 18))
+    state = state_of(ROBOT, q, v)
+    data = ROBOT.model.createData()
+    for row in range(4):
+        com = pin.centerOfMass(ROBOT.model, data, q[row])
+        np.testing.assert_allclose(state.com[row], com, atol=1e-12)
+        pin.framesForwardKinematics(ROBOT.model, data, q[row])
+        feet = [data.oMf[foot].translation for foot in ROBOT.feet]
+        np.testing.assert_allclose(state.feet[row], feet, atol=1e-12)
+    assert state.contacts.tolist() == [[True] * 4, *[[False] * 4] * 3]
+    assert (state.q is q) and (state.v is v)

@@ -1,6 +1,7 @@
 """Many episodes: the same for any number of workers, chunks and companions."""
 
 from dataclasses import fields, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -195,6 +196,29 @@ def stiff(state, tick, command):
     """A user's own MPC: stand, stiffly."""
     rows = np.zeros((100, 12))
     return MotionPlan(np.tile(STANDING[7:], (100, 1)), rows, rows + 0.01 * command.vx)
+
+
+class Stiff:
+    """The same as an object, which is called in a worker too."""
+
+    def __call__(self, state, tick, command):
+        return stiff(state, tick, command)
+
+
+@pytest.mark.parametrize(
+    ("plan", "name", "workers"),
+    [
+        (stiff, "stiff", 1),
+        (stiff, "stiff", 2),
+        (partial(stiff), "stiff", 2),
+        (Stiff(), "Stiff", 1),
+        (lambda *given: stiff(*given), "<lambda>", 2),
+        (None, "surefoot.mpc.planner", 1),
+    ],
+)
+def test_the_expert_has_the_name_of_its_plan(plan, name, workers):
+    summary, _ = collected(job_of(plan=plan, duration=0.01, tail=0.0), workers)
+    assert summary.expert.tolist() == [name] * 5
 
 
 @pytest.mark.parametrize("workers", [1, 2])

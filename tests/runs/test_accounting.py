@@ -24,7 +24,7 @@ from tests.fakes.toy_runs import CONFIG, angles
 
 def pushed_expert(impulses, at, **disturbance):
     """The expert for 0.7 s and a tail of 0.5 s, each robot pushed sideways once."""
-    starts = load_starts().first("nominal", len(impulses))
+    starts = load_starts()["nominal"][: len(impulses)]
     push = np.zeros((len(impulses), 1, 3))
     push[:, 0, 1] = impulses
     pushes = Disturbance(pushes=Pushes(push, np.array(at)[:, None], 10))
@@ -95,8 +95,12 @@ def random_summary(rng, n: int, T: int, tail: int, drove: float, fell: float, qu
 @pytest.mark.parametrize("tail", [0, 1000])
 @pytest.mark.parametrize("queries", [False, True])
 @pytest.mark.parametrize("fell", [0.0, 0.4])
-def test_the_cost_of_a_run_is_pooled_exactly(tail, queries, fell):
-    """From the records of the iterations alone, as if all rollouts had been in one."""
+@pytest.mark.parametrize("early", [False, True])
+def test_the_cost_of_a_run_is_pooled_exactly(tail, queries, fell, early):
+    """From the records of the iterations alone, as if all rollouts had been in one.
+
+    Those of early versions hold no time of the rollouts.
+    """
     rng = np.random.default_rng(int(tail + 10 * fell) + queries)
     T = 5000
     records = []
@@ -107,7 +111,12 @@ def test_the_cost_of_a_run_is_pooled_exactly(tail, queries, fell):
         part = random_summary(rng, 10 + i, T, 0 if i == 0 else tail, drove, fell)
         if queries and i > 0:
             part = join_summaries([part, random_summary(rng, 50, 1000, 0, 1.0, fell, query=True)])
-        records.append(collected_record(i, seconds=2.0, **vars(collection_cost(part))))
+        record = collected_record(i, seconds=2.0, **vars(collection_cost(part)))
+        assert record.rollout_seconds == part.proper_ticks[~part.query].sum() / 1000
+        assert record.rollout_seconds_with_tail == part.ticks[~part.query].sum() / 1000
+        if early:
+            record = replace(record, rollout_seconds=None, rollout_seconds_with_tail=None)
+        records.append(record)
         parts.append(part)
     cost = run_cost(records, T / 1000)
     pooled = collection_cost(join_summaries(parts[1:]))
@@ -127,6 +136,23 @@ def test_the_cost_of_a_run_is_pooled_exactly(tail, queries, fell):
     assert cost.near_falls_in_tail == everything.near_falls_in_tail
     assert cost.pretraining_episodes == 10
     assert cost.seconds == StageSeconds(collect=10.0, train=0, validate=0, gates=0)
+
+
+def test_rollouts_that_the_expert_gave_up_on_count_as_long_as_they_lasted():
+    """It drove alone and no robot fell, so that nothing but the time itself says how long."""
+    rng = np.random.default_rng(0)
+    part = random_summary(rng, 10, 5000, 0, 1.0, 0.0)
+    short = np.where(np.arange(10) < 4, 100, 5000)
+    outcome = np.where(np.arange(10) < 4, int(Outcome.DIVERGED), int(Outcome.SUCCESS))
+    part = replace(part, ticks=short, proper_ticks=short, expert_ticks=short, outcome=outcome)
+    asked = random_summary(rng, 20, 1000, 0, 1.0, 0.0, query=True)
+    mixed = random_summary(rng, 10, 5000, 0, 0.5, 0.0)
+    records = [
+        collected_record(i, **vars(collection_cost(summary)))
+        for i, summary in enumerate([part, join_summaries([part, asked]), mixed])
+    ]
+    share = run_cost(records, 5.0).expert_share
+    assert share == pytest.approx((30.4 + mixed.expert_ticks.sum() / 1000) / 80.4, rel=1e-12)
 
 
 def test_in_a_series_of_sizes_only_the_time_of_the_last_policy_counts():

@@ -1,7 +1,10 @@
 """Checks of a run as a whole: two configurations, the stored initial states, this machine."""
 
+import itertools
+import warnings
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
@@ -11,6 +14,7 @@ from surefoot.config import (
     Config,
     DaggerConfig,
     EvaluationConfig,
+    ExpertData,
     Gait,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
@@ -18,8 +22,16 @@ from surefoot.config import (
     TrainingConfig,
 )
 from surefoot.config.presets import PRESETS, preset
-from surefoot.runs.checks import check_config, parameters
-from surefoot.runs.run import Run
+from surefoot.runs.checks import (
+    check_config,
+    check_expert,
+    parameters,
+    remember_expert,
+    warn_of_own_expert,
+)
+from surefoot.runs.run import Run, RunError
+from surefoot.types import MotionPlan
+from tests.fakes.runs import collected_record
 
 UNVALIDATED = TrainingConfig(validation=0.0)
 
@@ -51,11 +63,21 @@ def test_every_preset_can_be_run(method, name):
             Config(method=LocoSafeDaggerConfig(gates=("classifier",)), training=UNVALIDATED),
             r"training\.validation is 0, but tau",
         ),
+        (
+            Config(method=SafeDaggerConfig(pretraining=ExpertData(10, 0, True, 1.5))),
+            r"training\.validation is 0\.1, which holds out none of the 10 rollouts",
+        ),
     ],
 )
 def test_a_run_that_cannot_be_done_is_refused(config, message):
     with pytest.raises(ValueError, match=message):
         check_config(config)
+
+
+def test_a_run_whose_expert_data_is_unperturbed_can_be_done():
+    data = ExpertData(20, 0, True, 3.0)
+    for method in (BehaviorCloningConfig(data), LocoDaggerConfig(pretraining=data)):
+        check_config(Config(method=method))
 
 
 def test_without_a_classifier_nothing_has_to_be_held_out():
@@ -74,3 +96,65 @@ def test_parameters_are_those_of_the_runs_method(tmp_path):
     assert parameters(run, DaggerConfig).p == 0.25
     with pytest.raises(TypeError, match="configured for dagger, not for loco_dagger"):
         parameters(run, LocoDaggerConfig)
+
+
+def holding(torque: float):
+    """A plan function of always the same name."""
+    rows = np.zeros((100, 12))
+    return lambda state, tick, command: MotionPlan(rows, rows, rows + torque)
+
+
+def test_the_expert_that_a_run_was_begun_with_is_accepted_and_another_one_refused(tmp_path):
+    run = Run(tmp_path, Config())
+    remember_expert(run, holding(1.0))
+    check_expert(run, holding(1.0 + 1e-9))
+    message = (
+        r"was begun with the expert .*test_checks\.holding\.<locals>\.<lambda>, which has changed "
+        r"since: .*torque is up to 0\.1 N m apart \(tolerance 1e-06\)\. Resume it with the same one"
+    )
+    with pytest.raises(RunError, match=message):
+        check_expert(run, holding(0.9))
+    with pytest.raises(RunError, match="not with the package's own planner"):
+        check_expert(run, None)
+
+
+def test_the_packages_planner_leaves_no_file_and_removes_that_of_a_failed_expert(tmp_path):
+    run = Run(tmp_path, Config())
+    remember_expert(run, holding(1.0))
+    assert run.expert_path.exists()
+    remember_expert(run, None)
+    assert not run.expert_path.exists()
+
+
+def test_a_run_of_an_earlier_version_has_no_identity_to_compare(tmp_path):
+    check_expert(Run(tmp_path, Config()), holding(1.0))
+    check_expert(Run(tmp_path, Config()), None)
+
+
+@pytest.mark.parametrize("content", ["", "[]", '{"module": "a"}', '{"module": 3}'])
+def test_an_identity_that_cannot_be_read_is_named(tmp_path, content):
+    run = Run(tmp_path, Config())
+    run.expert_path.write_text(content)
+    with pytest.raises(RunError, match=r"expert\.json cannot be read: .*or delete it"):
+        check_expert(run, holding(1.0))
+
+
+def test_of_a_plan_that_is_not_repeatable_is_warned(tmp_path):
+    run = Run(tmp_path, Config())
+    count = itertools.count()
+    with pytest.warns(UserWarning, match="gives another plan when it is asked again"):
+        remember_expert(run, lambda *given: holding(next(count))(*given))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        remember_expert(run, holding(1.0))
+
+
+def test_beside_a_run_of_an_own_expert_that_of_the_package_is_not_measured_silently(tmp_path):
+    run = Run(tmp_path, Config())
+    run.append_metrics(collected_record(0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_own_expert(run)
+    run.append_metrics(collected_record(1, expert="my_plan"))
+    with pytest.warns(UserWarning, match="your own expert my_plan, but the expert that"):
+        warn_of_own_expert(run)

@@ -49,7 +49,7 @@ CONFIG = replace(
     method=METHOD,
     chunk=4,
     policy=PolicyConfig(hidden=(16, 16)),
-    training=TrainingConfig(batch=64),
+    training=TrainingConfig(batch=64, precision="float32"),
     collection=DisturbanceConfig(1),
     evaluation=EvaluationConfig(duration=0.1, episodes=2),
 )

@@ -16,6 +16,8 @@ from surefoot.runs.run import open_run
 from tests.fakes.runs import measurements
 
 TINY = [
+    "--config.training.precision",
+    "float32",
     "--config.method.pretraining.velocities",
     "2",
     "--config.method.pretraining.perturbations",
@@ -50,6 +52,8 @@ TINY = [
 ]
 
 SHORT = [
+    "--config.training.precision",
+    "float32",
     "--config.method.pretraining.duration",
     "0.4",
     "--config.method.pretraining-epochs",

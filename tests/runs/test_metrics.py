@@ -33,6 +33,9 @@ def test_keys_of_a_collection_are_those_of_earlier_versions():
         "recoveries_tilted recoveries_near_bounds dataset_frames dataset_hash seconds"
     )
     assert json.loads(format_line(collected_record(0))).keys() == set(old.split())
+    timed = collected_record(0, rollout_seconds=180.0, rollout_seconds_with_tail=200.0)
+    new = "rollout_seconds rollout_seconds_with_tail"
+    assert json.loads(format_line(timed)).keys() == set(f"{old} {new}".split())
 
 
 def test_what_is_not_a_number_is_null_and_what_is_not_there_is_left_out():
@@ -81,6 +84,11 @@ def test_lines_that_earlier_versions_wrote_for_gates_are_read(line, kind):
         (b'{"stage": "colect"}', "did you mean 'collect'"),
         (b'{"stage": "best", "iteration": 0}', "not a whole record of the stage best .*lacks best"),
         (b'{"stage": "best", "best_iteration": 1, "a": 2}', "there is no key 'a'"),
+        (b'{"stage": ["collect"]}', "there is no stage"),
+        (b'{"stage": "best", "stage": "best"}', "is not JSON .*'stage' is there twice"),
+        (b'{"stage": "best", "best_iteration": -1}', "best_iteration is -1, expected 0 to 10000"),
+        (b'{"stage": "best", "best_iteration": 1e3}', "best_iteration is 1000.0, expected int"),
+        (b'{"stage": "best", "best_iteration": 1, "iteration": 1e999}', "not a finite number"),
         (b'{"stage": "best", "best_iteration": "1"}', "best_iteration is '1', expected int"),
     ],
 )

@@ -1,17 +1,19 @@
 """The run folder: what may be created, opened and resumed; metrics; seeds."""
 
 import json
+import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import surefoot.files
-import surefoot.runs.run as run_module
+import surefoot.runs.metrics as metrics_module
 from surefoot.config import BehaviorCloningConfig, Config, LocoSafeDaggerConfig
 from surefoot.runs.metrics import Best
 from surefoot.runs.run import RunError, create, open_run, run_of_policy
 from surefoot.runs.versions import versions
+from tests.fakes.learning import FLOAT32
 from tests.fakes.runs import (
     EVERY_RECORD,
     collected_record,
@@ -21,7 +23,7 @@ from tests.fakes.runs import (
     validated_record,
 )
 
-CONFIG = replace(Config(), seed=5, method=LocoSafeDaggerConfig(iterations=2))
+CONFIG = Config(seed=5, method=LocoSafeDaggerConfig(iterations=2), training=FLOAT32)
 
 
 def words(seed, count=4):
@@ -115,6 +117,75 @@ def test_a_kill_in_the_first_moment_can_be_started_again(tmp_path, monkeypatch, 
     assert create(tmp_path / "run", CONFIG).config == CONFIG
 
 
+def test_only_files_that_a_killed_write_leaves_are_deleted(tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    left = [run.folder / ".config.json.123.tmp", run.folder / "data" / ".manifest.json.7.tmp"]
+    own = [".mine.tmp", ".thesis.tex.tmp", ".5.tmp", "notes.5.tmp", ".notes.5.tmp.txt"]
+    kept = [run.folder / name for name in own]
+    for path in left + kept:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("text")
+    folder = run.folder / ".folder.5.tmp"
+    folder.mkdir()
+    link = run.folder / ".link.5.tmp"
+    link.symlink_to(kept[0])
+    create(run.folder, CONFIG, resume=True)
+    assert not any(path.exists() for path in left)
+    assert all(path.read_text() == "text" for path in kept)
+    assert folder.is_dir()
+    assert link.is_symlink()
+
+
+@pytest.mark.parametrize("name", [".mine.tmp", ".folder.5.tmp/"])
+def test_a_folder_of_a_user_is_no_run_and_stays_as_it_is(tmp_path, name):
+    path = tmp_path / name
+    if name.endswith("/"):
+        path.mkdir()
+    else:
+        path.write_text("text")
+    for resume in (False, True):
+        with pytest.raises(RunError, match="not empty and holds no run"):
+            create(tmp_path, CONFIG, resume=resume)
+    assert [each.name for each in tmp_path.iterdir()] == [path.name]
+
+
+def test_what_only_looks_like_a_file_of_a_run_is_refused_at_once(tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    os.mkfifo(run.metrics_path)
+    with pytest.raises(RunError, match=r"metrics\.jsonl is not a regular file"):
+        _ = run.metrics
+    (run.folder / "config.json").unlink()
+    os.mkfifo(run.folder / "config.json")
+    with pytest.raises(RunError, match=r"config\.json cannot be read.*not a regular file"):
+        open_run(run.folder)
+
+
+def test_a_stage_that_is_there_twice_is_refused_as_it_would_count_twice(tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    for i in range(2):
+        run.append_metrics(collected_record(i))
+        run.append_metrics(trained_record(i))
+    lines = run.metrics_path.read_text().splitlines(keepends=True)
+    twice = json.dumps(json.loads(lines[0]) | {"expert_seconds": 3.3}) + "\n"
+    for again in (lines[0], twice):
+        run.metrics_path.write_text("".join([*lines[:3], again, lines[3]]))
+        message = r"lines 1 and 4 of .*metrics\.jsonl are both of the stage collect of iteration 0"
+        with pytest.raises(RunError, match=message + ".*delete line 4"):
+            _ = open_run(run.folder).metrics
+    run.metrics_path.write_text("".join(lines))
+    assert len(open_run(run.folder).metrics) == 4
+
+
+def test_a_stage_that_is_done_is_not_recorded_again(tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    run.append_metrics(collected_record(0))
+    before = run.metrics_path.read_bytes()
+    with pytest.raises(RunError, match="record of the stage collect of iteration 0 already"):
+        run.append_metrics(collected_record(0, falls=1))
+    assert run.metrics_path.read_bytes() == before
+    run.append_metrics(collected_record(1))
+
+
 def test_metrics_are_one_line_a_stage_in_order(tmp_path):
     run = create(tmp_path / "run", CONFIG)
     for record in EVERY_RECORD:
@@ -159,13 +230,13 @@ def test_metrics_are_parsed_once_and_again_only_when_the_file_has_changed(tmp_pa
     run = create(tmp_path / "run", CONFIG)
     run.append_metrics(collected_record(0))
     parsed = []
-    parse_line = run_module.parse_line
+    parse_line = metrics_module.parse_line
 
     def counted(line):
         parsed.append(line)
         return parse_line(line)
 
-    monkeypatch.setattr(run_module, "parse_line", counted)
+    monkeypatch.setattr(metrics_module, "parse_line", counted)
     for _ in range(3):
         assert run.metrics == [collected_record(0)]
     assert len(parsed) == 1

@@ -6,7 +6,13 @@ import pytest
 from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig
 from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.outcome import Outcome
-from surefoot.runs.sampling import draw_starts, expert_frames, expert_rollouts, keep_unless_failed
+from surefoot.runs.sampling import (
+    draw_starts,
+    expert_frames,
+    expert_rollouts,
+    keep_unless_failed,
+    series_order,
+)
 from surefoot.scenarios.starts import load_starts
 from tests.fakes.rollouts import blank
 
@@ -25,6 +31,23 @@ def test_expert_rollouts_begin_from_velocities_by_phases_by_perturbations():
     assert len(np.unique(job.starts.tick)) == 10
     one = expert_rollouts(Config(), ExpertData(1, 1, False, 1.0))
     assert len(one.starts) == 10
+
+
+def test_expert_rollouts_without_perturbation_begin_standing_at_each_velocity():
+    job = expert_rollouts(Config(), ExpertData(4, 0, True, 1.0))
+    with_perturbed = expert_rollouts(Config(), ExpertData(4, 1, True, 1.0))
+    assert len(job.starts) == 4 and job.episode.tolist() == [0, 1, 2, 3]
+    assert (job.starts.id == -1).all() and not job.starts.v.any()
+    np.testing.assert_array_equal(job.starts.command, with_perturbed.starts.command[:4])
+    np.testing.assert_array_equal(job.starts.q, with_perturbed.starts.q[:4])
+    assert (job.starts.command[0, 0], job.starts.command[-1, 0]) == (0.0, 0.3)
+
+
+def test_without_perturbed_pretraining_all_perturbations_are_left_to_the_iterations():
+    method = LocoSafeDaggerConfig(
+        pretraining=ExpertData(2, 0, True, 0.12), velocities=2, perturbations=8
+    )
+    assert len(draw_starts(method, np.random.default_rng(0))) == 16
 
 
 def test_draw_starts_takes_each_velocity_at_one_phase_with_new_perturbations():
@@ -51,6 +74,21 @@ def test_draw_starts_takes_each_velocity_at_one_phase_with_new_perturbations():
     assert seen <= set(stored["train"].id)
     again = draw_starts(method, np.random.default_rng(0))
     np.testing.assert_array_equal(again.id, starts.id)
+
+
+@pytest.mark.parametrize("sizes", [(40, 40, 40), (100, 10, 1), (7,)])
+def test_every_beginning_of_a_series_holds_each_stratum_in_its_share(sizes):
+    stratum = np.repeat(np.arange(len(sizes)), sizes)
+    orders = [series_order(stratum, np.random.default_rng(seed)) for seed in range(50)]
+    for order in orders:
+        assert sorted(order) == [*range(sum(sizes))]
+        held = np.cumsum(stratum[order][:, None] == np.arange(len(sizes)), axis=0)
+        even = np.arange(1, sum(sizes) + 1)[:, None] * np.array(sizes) / sum(sizes)
+        assert np.abs(held - even).max() <= len(sizes)
+    # And each thing of a stratum comes first in its turn.
+    assert len({order[0] for order in orders}) > 5
+    again = series_order(stratum, np.random.default_rng(7))
+    np.testing.assert_array_equal(again, orders[7])
 
 
 def test_failed_rollouts_are_dropped_whole():

@@ -125,6 +125,77 @@ def test_the_policy_with_most_successes_is_chosen_and_of_equals_the_last(
     assert run.best_policy_path == run.policy_path(winner)
 
 
+def scaled(gain: float):
+    """A user's own MPC: stand, with a feed-forward torque; all of them have one name."""
+    return lambda state, tick, command: MotionPlan(
+        np.tile(state.q[7:], (100, 1)), np.zeros((100, 12)), np.full((100, 12), 0.01 * gain)
+    )
+
+
+def killed_after_the_first_chunk(run: Run, monkeypatch, plan):
+    append = Dataset.append
+
+    def store_and_die(dataset, name, frames):
+        append(dataset, name, frames)
+        raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Dataset, "append", store_and_die)
+        with pytest.raises(Killed):
+            behavior_cloning(run, Workers(1), plan)
+
+
+def test_an_own_expert_whose_gain_has_changed_since_is_refused(tmp_path, monkeypatch):
+    """One that another processor rounds differently is not."""
+    run = create(tmp_path / "run", CLONING)
+    killed_after_the_first_chunk(run, monkeypatch, scaled(1.0))
+    with pytest.raises(RunError, match=r"torque is up to 0\.001 N m apart \(tolerance 1e-06\)"):
+        behavior_cloning(open_run(run.folder), Workers(1), scaled(0.9))
+    with pytest.raises(RunError, match="not with the package's own planner"):
+        behavior_cloning(open_run(run.folder), Workers(1))
+    assert len(run.dataset.shards) == 1
+    collect_data(run, 0, collection(run, 0, scaled(1.0 + 1e-7)), Workers(1))
+    record = run.collected(0)
+    assert record is not None and record.expert == "scaled.<locals>.<lambda>"
+    with pytest.raises(RunError, match="which has changed since"):  # although it is done
+        collect_data(run, 0, collection(run, 0, scaled(0.9)), Workers(1))
+
+
+def test_an_own_expert_of_an_earlier_version_is_known_by_its_name(tmp_path, monkeypatch):
+    run = create(tmp_path / "run", CLONING)
+    killed_after_the_first_chunk(run, monkeypatch, scaled(1.0))
+    run.expert_path.unlink()
+    with pytest.raises(ValueError, match="another expert than stiff"):
+        behavior_cloning(run, Workers(1), stiff)
+    collect_data(run, 0, collection(run, 0, scaled(1.0)), Workers(1))
+    assert not run.expert_path.exists()  # what began it is not known any more
+
+
+def test_the_packages_planner_leaves_no_identity(finished):
+    assert not finished.expert_path.exists()
+
+
+def test_a_first_collection_that_leaves_no_frame_leaves_nothing_behind(tmp_path):
+    """The expert has a plan for the initial states only, until it is mended."""
+    longer = replace(CLONING, method=replace(CLONING.method, data=ExpertData(2, 1, False, 0.2)))
+    run = create(tmp_path / "run", longer)
+    begun = collection(run, 0).starts.v
+    works = False
+
+    def plan(state, tick, command):
+        valid = works or bool((begun == state.v).all(axis=1).any())
+        return replace(scaled(1.0)(state, tick, command), valid=valid)
+
+    message = r"no frame is left of 20 rollouts of the expert .*plan: it gave up on 20, .*try again"
+    with pytest.raises(RunError, match=message):
+        behavior_cloning(run, Workers(1), plan)
+    assert run.metrics == []
+    assert run.dataset.shards == ()
+    works = True
+    collect_data(run, 0, collection(run, 0, plan), Workers(1))
+    assert run.dataset.frames > 0
+
+
 @pytest.mark.parametrize("valid", [False, True])
 def test_an_expert_that_gives_up_at_once_leaves_nothing_behind(tmp_path, valid):
     """Its plans are not valid, or not finite; one that has been fixed starts from nothing."""

@@ -145,12 +145,56 @@ def test_a_push_acts_evenly_for_its_duration():
         (np.zeros((1, 1, 3)), np.zeros((2, 1), int), 1, "must be"),
         (np.full((1, 1, 3), np.inf), np.zeros((1, 1), int), 1, "not finite"),
         (np.full((2, 1, 3), np.nan), np.zeros((2, 1), int), 1, "not finite"),
-        (np.ones((1, 1, 3)), np.zeros((1, 1), int), 0, "at least 1 ms"),
+        (np.ones((1, 1, 3)), np.zeros((1, 1), int), 0, "duration of 0 ms; use whole numbers from"),
+        (np.ones((1, 1, 3)), np.zeros((1, 1), int), 60_001, "from 1 to 60000"),
+        (np.ones((1, 1, 3)), np.zeros((1, 1), int), 10.0, "duration of 10.0 ms"),
+        (np.ones((1, 1, 3)), np.zeros((1, 1), int), float("nan"), "duration of nan ms"),
+        (np.ones((1, 1, 3)), np.zeros((1, 1)), 1, "ticks of type float64; use whole numbers"),
+        (np.ones((1, 1, 3)), np.full((1, 1), np.nan), 1, "ticks of type float64"),
     ],
 )
 def test_pushes_of_other_shapes_or_without_a_duration_are_refused(impulse, tick, duration, message):
     with pytest.raises(ValueError, match=message):
         Pushes(impulse, tick, duration)
+
+
+TWO_SEEDS = tuple(np.random.SeedSequence(number) for number in range(2))
+ONE_PUSH = Pushes(np.ones((1, 1, 3)), np.zeros((1, 1), int), 10)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"friction": np.array([0.5, np.nan])}, "friction of robot 1 is nan; use a finite number"),
+        ({"friction": np.array([0.0])}, "friction of robot 0 is 0.0; use a finite number above 0"),
+        ({"mass": np.array([1.0, -1.0])}, "mass of robot 1 is -1.0"),
+        ({"mass": np.array([np.inf])}, "mass of robot 0 is inf"),
+        ({"mass": np.ones((2, 1))}, r"mass has shape \(2, 1\); give one for each robot"),
+        ({"friction": 0.5}, r"friction has shape \(\); give one for each robot"),
+        ({"friction": np.ones(2), "mass": np.ones(3)}, "friction for 2, mass for 3; give each for"),
+        ({"pushes": ONE_PUSH, "friction": np.ones(2)}, "pushes for 1, friction for 2"),
+        ({"mass": np.ones(3), "seeds": TWO_SEEDS}, "mass for 3, seeds for 2"),
+        ({"mass": np.ones(3), "measured": np.zeros(2, int)}, "mass for 3, measured for 2"),
+        ({"measured": np.array([-1])}, "measured must be"),
+        ({"measured": np.array([0.5])}, "measured must be"),
+        ({"delay": -1}, "delay of -1 ms; use whole numbers from 0 to 1000"),
+        ({"delay": 1001}, "delay of 1001 ms"),
+        ({"delay": 2.5}, "delay of 2.5 ms"),
+        ({"noise": NOISE}, "noise without seeds"),
+    ],
+)
+def test_a_disturbance_that_cannot_be_is_refused(fields, message):
+    with pytest.raises(ValueError, match=message):
+        Disturbance(**fields)
+
+
+def test_a_disturbance_knows_for_how_many_robots_it_is():
+    assert Disturbance().batch is None and Disturbance(delay=3).batch is None
+    assert Disturbance(friction=np.ones(4)).batch == 4
+    assert Disturbance(pushes=ONE_PUSH).batch == 1
+    assert drawn().batch == 1000 and drawn()[5:7].batch == 2
+    given = Disturbance(friction=[0.5, 1])  # pyright: ignore[reportArgumentType]
+    np.testing.assert_array_equal(given[1:].friction, [1.0])
 
 
 # --- what is measured

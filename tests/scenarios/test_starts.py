@@ -1,8 +1,10 @@
 """The stored initial states: what is in the packaged set, and what files are refused."""
 
+import os
 import zipfile
 from dataclasses import fields
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -42,8 +44,10 @@ def small(seed=0) -> StartSet:
     shapes = {"nominal": (1, 2, 3), "train": (2, 2, 3), "select": (1, 1, 1), "test": (1, 2, 1)}
     for split, shape in shapes.items():
         n = int(np.prod(shape))
+        q = rng.normal(size=(n, 19))
+        q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
         grid[split] = Starts(
-            rng.normal(size=(n, 19)),
+            q,
             rng.normal(size=(n, 18)),
             rng.integers(0, 500, n),
             rng.normal(size=(n, 3)),
@@ -254,8 +258,49 @@ def test_more_states_or_velocities_than_there_are_is_an_error(n):
         STORED.first("select", n)
     with pytest.raises(ValueError, match=f"{n} velocities asked for.* hold 10 in 'select'"):
         STORED.velocities("select", n)
-    np.testing.assert_array_equal(STORED.first("select", 2).id, STORED["select"].id[:2])
     assert STORED.velocities("select", 3).tolist() == [0, 4, 9]
+
+
+@pytest.mark.parametrize("split", ["test", "select", "nominal"])
+def test_any_number_of_states_is_spread_over_phases_and_speeds(split):
+    starts = STORED[split]
+    _, phases, velocities = STORED.shape[split]
+    taken = set()
+    for n in range(1, len(starts) + 1):
+        row = STORED.first(split, n).id - starts.id[0]
+        assert len(row) == n and (np.diff(row) > 0).all()  # each once, in the order of the set
+        perturbation, cell = np.divmod(row, phases * velocities)
+        counts = np.bincount(perturbation)
+        assert (counts[:-1] == phases * velocities).all()  # no perturbation before one is complete
+        for index, size in ((cell // velocities, phases), (cell % velocities, velocities)):
+            assert np.ptp(np.bincount(index, minlength=size)) <= 1, n
+        assert taken < set(row)  # what fewer states have shown is shown again
+        taken = set(row)
+
+
+def test_whole_hundreds_are_the_states_that_published_figures_are_of():
+    for n in (100, 500, 1000):
+        np.testing.assert_array_equal(STORED.first("test", n).id, STORED["test"].id[:n])
+
+
+def test_a_few_states_reach_over_all_phases_and_speeds():
+    """Of 20, two begin at each phase and two at each speed; they used to be two of ten phases."""
+    starts = STORED.first("test", 20)
+    for value in (starts.tick, starts.command[:, 0]):
+        _, counts = np.unique(value, return_counts=True)
+        assert counts.tolist() == [2] * 10
+    assert abs(np.corrcoef(starts.tick, starts.command[:, 0])[0, 1]) < 0.1
+    few = STORED.first("test", 5)
+    assert np.ptp(few.tick) >= 300 and np.ptp(few.command[:, 0]) >= 0.2
+
+
+def test_the_phase_of_a_stored_state_is_known_from_its_id():
+    for split in SPLITS:
+        starts = STORED[split]
+        grid = STORED.phases(starts.id).reshape(STORED.shape[split])
+        np.testing.assert_array_equal(grid, np.broadcast_to(np.arange(10)[:, None], grid.shape))
+    np.testing.assert_array_equal(STORED.phases(np.array([-1, 10_000_000])), [-1, -1])
+    np.testing.assert_array_equal(STORED["test"].tick, 50 * STORED.phases(STORED["test"].id))
 
 
 def test_a_set_is_never_overwritten(tmp_path):
@@ -283,13 +328,17 @@ def npz(**arrays) -> bytes:
     return buffer.getvalue()
 
 
-def damaged() -> dict[str, bytes]:
-    starts = small()
+def parts_of(starts: StartSet) -> tuple[dict[str, Any], np.ndarray]:
+    """The arrays of a stored set, and the shapes of its splits."""
     parts = {
         name: np.concatenate([getattr(starts.grid[split], name) for split in SPLITS])
         for name in ("q", "v", "tick", "command")
     }
-    shapes = np.array([starts.shape[split] for split in SPLITS])
+    return parts, np.array([starts.shape[split] for split in SPLITS])
+
+
+def damaged() -> dict[str, bytes]:
+    parts, shapes = parts_of(small())
     whole = npz(**parts, shapes=shapes)
     flipped = bytearray(whole)
     flipped[200] ^= 0xFF
@@ -310,6 +359,15 @@ def damaged() -> dict[str, bytes]:
         "fewer rows than the shapes say": npz(**{**parts, "q": parts["q"][:-1]}, shapes=shapes),
         "another robot": npz(**{**parts, "v": parts["v"][:, :-1]}, shapes=shapes),
         "pickles": npz(**{**parts, "q": np.array([{}])}, shapes=shapes),
+        "an array more": npz(**parts, shapes=shapes, more=shapes),
+        "complex numbers": npz(**{**parts, "q": parts["q"] + 0j}, shapes=shapes),
+        "single precision": npz(**{**parts, "v": parts["v"].astype(np.float32)}, shapes=shapes),
+        "no number": npz(**{**parts, "v": parts["v"] * np.nan}, shapes=shapes),
+        "infinity": npz(**{**parts, "command": parts["command"] * np.inf}, shapes=shapes),
+        "times in the past": npz(**{**parts, "tick": parts["tick"] - 600}, shapes=shapes),
+        "times that are no integers": npz(**{**parts, "tick": parts["tick"] + 0.5}, shapes=shapes),
+        "an empty split": npz(**parts, shapes=shapes * [[1], [0], [1], [1]]),
+        "shapes beyond 64 bits": npz(**parts, shapes=shapes * 2**62),
     }
 
 
@@ -318,4 +376,45 @@ def test_a_damaged_file_is_a_clear_error(kind, tmp_path):
     path = tmp_path / "broken.npz"
     path.write_bytes(damaged()[kind])
     with pytest.raises(ValueError, match=r"broken\.npz is not a set of starts \(.*write it again"):
+        load_starts(path)
+
+
+def test_a_quaternion_that_is_no_rotation_is_named_with_its_length(tmp_path):
+    parts, shapes = parts_of(small())
+    parts["q"][4, 3:7] *= 1.01
+    path = tmp_path / "long.npz"
+    path.write_bytes(npz(**parts, shapes=shapes))
+    with pytest.raises(ValueError, match=r"long\.npz.*q\[4, 3:7\] has length 1\.01 instead of 1"):
+        load_starts(path)
+    parts["q"][4, 3:7] *= (1.0 + 1e-9) / 1.01
+    path.write_bytes(npz(**parts, shapes=shapes))
+    assert len(load_starts(path)["nominal"]) == 6
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("q", np.nan, "q holds numbers that are not finite"),
+        ("v", np.inf, "v holds numbers that are not finite"),
+        ("tick", 40_000, "tick must be integers from 0 to 32767"),
+    ],
+)
+def test_a_set_that_could_not_be_read_again_is_not_written(tmp_path, name, change, message):
+    starts = small()
+    getattr(starts.grid["select"], name)[0] = change
+    with pytest.raises(ValueError, match=f"set.npz is not written: {message}"):
+        save_starts(starts, tmp_path / "set.npz")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_pipe_is_no_set(tmp_path):
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(ValueError, match=r"pipe\.npz is not a regular file"):
+        load_starts(tmp_path / "pipe.npz")
+
+
+def test_a_small_file_cannot_ask_for_much_memory(tmp_path):
+    path = tmp_path / "bomb.npz"
+    path.write_bytes(npz(q=np.zeros((2_000_000, 19))))
+    with pytest.raises(ValueError, match=r"bomb\.npz.*too large for a file of"):
         load_starts(path)

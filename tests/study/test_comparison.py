@@ -10,13 +10,14 @@ import pytest
 from surefoot.config import (
     BehaviorCloningConfig,
     Config,
+    DisturbanceConfig,
     ExpertData,
     LocoSafeDaggerConfig,
     PolicyConfig,
     PushConfig,
 )
 from surefoot.config.json_io import to_json
-from surefoot.evaluation.push import PushDifference
+from surefoot.evaluation.push_limits import PushDifference
 from surefoot.evaluation.statistics import paired_difference
 from surefoot.files import load_arrays
 from surefoot.methods.behavior_cloning import behavior_cloning
@@ -24,12 +25,14 @@ from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_cost
 from surefoot.runs.run import create, open_run
+from surefoot.scenarios.starts import PACKAGED, load_starts
 from surefoot.study.comparison import Measurements, compare
 from surefoot.study.ground import label_of
 from surefoot.study.records import Difference, Differences, read_comparison
 from surefoot.study.tables import comparison_tables
 from surefoot.workers import Workers
 from tests.fakes.comparisons import Interrupted, measure, pretend_measurements, run_of, save_policy
+from tests.fakes.learning import FLOAT32
 
 DATA = ExpertData(1, 1, False, 0.2)
 
@@ -49,8 +52,9 @@ def test_every_row_is_measured_once_in_each_simulator(monkeypatch, runs, tmp_pat
 def test_differences_are_paired_to_the_expert_and_to_the_baseline(monkeypatch, runs):
     pretend_measurements(monkeypatch)
     expert, cloned, safe = (row.differences["mujoco"] for row in measure(runs).rows)
-    weaker = PushDifference(-2.0, (-2.0, -2.0))
-    stronger = PushDifference(2.0, (2.0, 2.0))
+    # Two robots refute nothing: what one survives may be any push up to the strongest.
+    weaker = PushDifference(-2.0, (-4.0, 1.0))
+    stronger = PushDifference(2.0, (-1.0, 4.0))
     # The same draws for both arms: the order of the four initial states matters.
     half = paired_difference([0, 0, 1, 1], [1, 1, 1, 1])
     assert expert == Differences(
@@ -59,7 +63,7 @@ def test_differences_are_paired_to_the_expert_and_to_the_baseline(monkeypatch, r
     assert cloned == Differences(Difference(half, weaker), None)
     assert safe == Differences(
         Difference(paired_difference([1, 0, 1, 1], [1, 1, 1, 1]), weaker),
-        Difference(paired_difference([1, 0, 1, 1], [0, 0, 1, 1]), PushDifference(0.0, (0.0, 0.0))),
+        Difference(paired_difference([1, 0, 1, 1], [0, 0, 1, 1]), PushDifference(0.0, (-1.0, 1.0))),
     )
 
 
@@ -156,9 +160,9 @@ def test_a_file_of_other_settings_is_refused(monkeypatch, runs, tmp_path):
     measure(runs, path)
     before = path.read_bytes()
     new = run_of(tmp_path / "new", BehaviorCloningConfig(), 5, push=PushConfig(levels=7))
-    with pytest.raises(ValueError, match="other config; name another file"):
+    with pytest.raises(ValueError, match=r"other config: push.levels is 30, not 7; name another"):
         measure([new], path)
-    with pytest.raises(ValueError, match="other episodes; name another file"):
+    with pytest.raises(ValueError, match="other episodes: 4, not 3; name another file"):
         compare(runs, Measurements(episodes=3), Workers(1), path)
     save_policy(open_run(runs[0]).policy_path(0), 9)
     with pytest.raises(ValueError, match="trained further has another policy"):
@@ -166,12 +170,52 @@ def test_a_file_of_other_settings_is_refused(monkeypatch, runs, tmp_path):
     assert path.read_bytes() == before
 
 
-def test_the_number_of_pushed_speeds_can_be_chosen(monkeypatch, runs, tmp_path):
+def test_pushes_can_be_shortened(monkeypatch, runs, tmp_path):
     pretend_measurements(monkeypatch)
-    measurements = Measurements(("mujoco",), episodes=4, push_speeds=5)
+    measurements = Measurements(
+        ("mujoco",), episodes=4, push_speeds=5, push_directions=4, push_resolution=0.5
+    )
     comparison = compare(runs, measurements, Workers(1))
-    assert comparison.config.push == replace(Config().push, speeds=5)
+    expected = replace(Config().push, speeds=5, directions=4, resolution=0.5, levels=12)
+    assert comparison.config.push == expected
     assert measure(runs).config.push == Config().push
+
+
+def test_initial_states_and_disturbance_can_be_chosen_and_are_not_mixed(
+    monkeypatch, runs, tmp_path
+):
+    pretend_measurements(monkeypatch)
+    path = tmp_path / "methods.json"
+    wide = "solo12-trot-v1-wide"
+    late = DisturbanceConfig(delay=3)
+    measurements = Measurements(("mujoco",), episodes=4, starts=wide, disturbance=late)
+    comparison = compare(runs, measurements, Workers(1), path)
+    assert comparison.starts == {wide: load_starts(wide).hash}
+    assert comparison.config.evaluation.disturbance == late
+    for row in comparison.rows:
+        measured = row.results["mujoco"]
+        assert measured.evaluation is not None and measured.pushes is not None
+        assert measured.evaluation.starts == measured.pushes.starts == wide
+    text = comparison_tables(comparison)
+    assert f"4 `test` initial states of {wide}, disturbed: delay 3; 95 %" in text
+    with pytest.raises(ValueError, match=r"other starts: .*-wide.*; name another file"):
+        compare(runs, replace(measurements, starts=PACKAGED[0]), Workers(1), path)
+    message = "other config: evaluation.disturbance.delay is 3, not 0; name another file"
+    with pytest.raises(ValueError, match=message):
+        compare(runs, replace(measurements, disturbance=DisturbanceConfig()), Workers(1), path)
+    assert read_comparison(path) == comparison
+
+
+def test_a_file_that_did_not_keep_the_initial_states_is_refused(monkeypatch, runs, tmp_path):
+    """What an earlier version took as the first n of a split may be other states now."""
+    path = tmp_path / "methods.json"
+    pretend_measurements(monkeypatch)
+    measure(runs, path)
+    values = json.loads(path.read_text())
+    del values["rows"][1]["results"]["bullet"]["evaluation"]["initial_states"]
+    path.write_text(json.dumps(values))
+    with pytest.raises(ValueError, match="did not keep the initial states; name another file"):
+        measure(runs, path)
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +230,9 @@ def trained(tmp_path_factory) -> list[Path]:
         push = PushConfig(
             speeds=1, before=0.1, after=0.2, directions=2, resolution=4.0, levels=1, success=0.5
         )
-        config = Config(method=method, policy=PolicyConfig(hidden=(16, 16)), push=push)
+        config = Config(
+            method=method, policy=PolicyConfig(hidden=(16, 16)), training=FLOAT32, push=push
+        )
         evaluation = replace(config.evaluation, duration=0.7, episodes=4)
         folder = tmp_path_factory.mktemp("run") / "tiny"
         run = create(folder, replace(config, evaluation=evaluation))
@@ -206,6 +252,7 @@ def test_a_comparison_of_trained_runs(trained, tmp_path):
     for evaluation in evaluations:
         assert evaluation is not None
         assert evaluation.outcomes.count("0") == evaluation.successes
+        assert evaluation.initial_states == expert.evaluation.initial_states
         assert evaluation.starts_hash == expert.evaluation.starts_hash
     assert evaluations[0] != evaluations[1]
     assert comparison.rows[2].label == label_of(open_run(trained[1]))

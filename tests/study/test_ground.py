@@ -15,6 +15,7 @@ from surefoot.config import (
 from surefoot.runs.run import RunError, create, open_run
 from surefoot.study.ground import WhichPolicy, open_comparable_runs, rows_of
 from tests.fakes.comparisons import SMALL, run_of, ten_rollouts
+from tests.fakes.learning import FLOAT32
 
 BASE = Config()
 
@@ -63,7 +64,7 @@ def test_what_bears_on_training_only_may_differ(runs, tmp_path):
 def test_a_run_from_other_starts_or_of_an_own_expert_is_refused(
     runs, tmp_path, name, changes, message
 ):
-    run = create(tmp_path / name, Config(policy=SMALL))
+    run = create(tmp_path / name, Config(policy=SMALL, training=FLOAT32))
     run.append_metrics(ten_rollouts(0, **changes))
     with pytest.raises(ValueError, match=f"{name} .*{message}"):
         open_comparable_runs([*runs, run.folder])
@@ -111,6 +112,6 @@ def test_of_an_unfinished_run_only_the_last_policy_can_be_compared(tmp_path):
         rows([unfinished])
     cost = rows([unfinished], which="last")[1].cost
     assert cost is not None and cost.falls == 3
-    nothing = create(tmp_path / "4", Config()).folder
+    nothing = create(tmp_path / "4", Config(training=FLOAT32)).folder
     with pytest.raises(RunError, match="no policy yet"):
         rows([nothing], which="last")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from surefoot.evaluation.push import PushResult
+from surefoot.evaluation.push_limits import PushResult
 from surefoot.files import write_json
 from surefoot.study.expert_survey import survey_table
 from surefoot.study.records import read_comparison, read_survey, write_survey
@@ -21,6 +21,16 @@ def test_the_published_comparison_gives_the_published_tables():
     assert page_with(comparison_tables(comparison), page) == page.read_text()
 
 
+LATER = {
+    "body_contacts": None,
+    "body_contact_successes": None,
+    "initial_states": "",
+    "touched": "",
+    "lost_at": [],
+}
+"""What the published evaluations do not hold yet."""
+
+
 def test_the_published_comparison_loses_nothing(tmp_path):
     path = DOCS / "methods.json"
     write_json(tmp_path / "again.json", read_comparison(path))
@@ -30,6 +40,9 @@ def test_the_published_comparison_loses_nothing(tmp_path):
         for differences in row["differences"].values():
             for to in ("expert", "baseline"):
                 differences.setdefault(to, None)
+        for measured in row["results"].values():
+            measured["evaluation"] = LATER | measured["evaluation"]
+            measured["pushes"] = {"measured": None} | measured["pushes"]
         if row["cost"] is not None:
             row["cost"]["seconds"]["gates"] = row["cost"]["seconds"].pop("guards")
     assert after["rows"] == before["rows"]
@@ -62,19 +75,19 @@ def test_a_survey_of_this_version_keeps_the_outcome_of_every_robot(tmp_path):
         "split": "nominal",
         "lost_before": 0,
         "share": 0.8,
-        "survived": [["11"]],
+        "survived": [["1" * count + "0" * (40 - count) for count in (40, 39)]],
         "interval": [[1.0, 2.0]],
         "mean_interval": [1.0, 2.0],
     }
     for cell in values["cells"]:
         del cell["push"]["unpushed_successes"]
-        cell["push"] |= robots
+        cell["push"] |= robots | {"levels": [[0.0, 1.0]], "successes": [[40, 39]]}
     path = tmp_path / "survey.json"
     path.write_text(json.dumps(values))
     survey = read_survey(path)
     push = survey.cells[0].push
     assert isinstance(push, PushResult)
-    assert push.survived == (("11",),)
+    assert push.survived == (("1" * 40, "1" * 39 + "0"),)
     write_survey(path, survey)
     assert read_survey(path) == survey
 
@@ -86,6 +99,22 @@ def test_a_survey_of_this_version_keeps_the_outcome_of_every_robot(tmp_path):
         (lambda values: values["rows"][1].pop("label"), "lacks label"),
         (lambda values: values.pop("rows"), "rows"),
         (lambda values: values["rows"][1]["cost"].update(plans="many"), "cost.plans is 'many'"),
+        (lambda values: values.update(rows=3), "rows is 3, expected a list"),
+        (lambda values: values.update(rows=[3]), r"rows\[0\] is 3, expected an object"),
+        (lambda values: values["rows"][1].update(cost=[]), r"rows\[1\].cost is \[\]"),
+        (lambda values: values["rows"][1].update(results=[]), r"rows\[1\].results is \[\]"),
+        (
+            lambda values: values["rows"][1]["results"]["mujoco"]["evaluation"].update(
+                outcomes="0x00"
+            ),
+            "outcomes must be 4 digits out of 0123",
+        ),
+        (
+            lambda values: values["rows"][1]["results"]["mujoco"]["pushes"].update(
+                survived=[["1", "11"], ["11", "11"]]
+            ),
+            "survived must have 2 digits",
+        ),
     ],
 )
 def test_unknown_and_missing_keys_of_a_comparison_are_named(
@@ -108,6 +137,9 @@ def test_unknown_and_missing_keys_of_a_comparison_are_named(
         (lambda values: values["cells"][0].pop("stalls"), "stalls"),
         (lambda values: values["cells"][0]["push"].pop("levels"), "push lacks levels"),
         (lambda values: values.pop("cells"), "cells"),
+        (lambda values: values.update(cells={}), "cells is {}, expected a list"),
+        (lambda values: values.update(cells=[None]), r"cells\[0\] is None, expected an object"),
+        (lambda values: values["cells"][0].update(push=[]), r"cells\[0\].push is \[\]"),
     ],
 )
 def test_unknown_and_missing_keys_of_a_survey_are_named(tmp_path, change, message):

@@ -31,6 +31,7 @@ def test_the_tables_hold_the_known_answers(monkeypatch, runs):
         "1",
         "1",
         "0",
+        "3, 1",
         "1.00, 2.00, 34.50",
         "-, 2.00, 3.00",
         "1.00 (1.00 to 1.00)",
@@ -46,14 +47,14 @@ def test_the_tables_hold_the_known_answers(monkeypatch, runs):
         "-",
         "+50.0 (-10.2 to +85.0)",
         "-",
-        "+2.00 (+2.00 to +2.00)",
+        "+2.00 (-1.00 to +4.00)",
     ]
     assert table[7][2:4] == ["-50.0 (-85.0 to +10.2)", "-"]
     assert table[8][2:] == [
         "-25.0 (-69.9 to +28.1)",
         "+25.0 (-32.0 to +65.5)",
-        "-2.00 (-2.00 to -2.00)",
-        "+0.00 (+0.00 to +0.00)",
+        "-2.00 (-4.00 to +1.00)",
+        "+0.00 (-1.00 to +1.00)",
     ]
     assert table[12] == [
         *("BC", "0", "60", "1200", "0 of 10 (0.0 to 27.8 %)", "-", "-", "0, 0"),
@@ -85,13 +86,21 @@ def test_an_unfinished_comparison_has_tables(monkeypatch, runs):
     expert = replace(comparison.rows[0], results={"mujoco": Measured()}, differences={})
     begun = replace(comparison, rows=(expert, replace(comparison.rows[1], results={})))
     table = cells(comparison_tables(begun))
-    assert table[0] == ["mujoco", "expert", *(["-"] * 9)]
+    assert table[0] == ["mujoco", "expert", *(["-"] * 10)]
     assert [row[0] for row in table[1:]] == ["BC"]  # no differences; what it cost is known
 
 
 def test_a_share_of_nothing_is_a_dash():
     assert share_cell(0, 0) == share_cell(None, None) == "-"
     assert share_cell(1, 4) == "1 of 4 (4.6 to 69.9 %)"
+
+
+def test_a_bar_in_a_name_does_not_break_the_table(monkeypatch, runs):
+    pretend_measurements(monkeypatch)
+    comparison = measure(runs, simulators=("mujoco",), names=("a|b", "two\nlines"))
+    text = comparison_tables(comparison)
+    assert "| mujoco | a\\|b | 2 of 4" in text
+    assert "| mujoco | two lines | 3 of 4" in text
 
 
 def test_prose_around_the_tables_stays(tmp_path):

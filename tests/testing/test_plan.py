@@ -67,6 +67,22 @@ def of_its_own_kind():
     return plan
 
 
+def with_other_noise_each_time():
+    offset = 1e-3 * np.random.default_rng().random()
+    return lambda *arguments: replace(toy.plan(*arguments), torque=np.full((100, 12), offset))
+
+
+def drifting():
+    """What it plans grows with every plan."""
+    calls = []
+
+    def plan(state, tick, command):
+        calls.append(tick)
+        return replace(toy.plan(state, tick, command), torque=np.full((100, 12), len(calls)))
+
+    return plan
+
+
 def normalizing_in_place():
     def plan(state, tick, command):
         state.q[3:7] /= 2 * np.linalg.norm(state.q[3:7])
@@ -142,6 +158,8 @@ FAULTS = [
     (of_its_own_kind, "test_same_input_same_bits"),
     (starting_warm, "test_same_bits_whatever_was_planned_before"),
     (poisoned_by_bad_numbers, "test_same_bits_whatever_was_planned_before"),
+    (with_other_noise_each_time, "test_a_resumed_run_knows_the_plan_again"),
+    (drifting, "test_a_resumed_run_knows_the_plan_again"),
     (normalizing_in_place, "test_arguments_are_not_changed"),
     (reusing_its_arrays, "test_later_plans_do_not_change_earlier_ones"),
     (blind, "test_state_and_command_matter"),

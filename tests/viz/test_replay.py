@@ -17,11 +17,13 @@ from surefoot.config import (
     SimulationConfig,
 )
 from surefoot.files import load_arrays
+from surefoot.learning.frames import PART, whole_episode
 from surefoot.rollouts.jobs import disturbance_of, play_out, summarize_job
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join_summaries
-from surefoot.runs.episode_ids import FIRST_QUERY
-from surefoot.runs.run import Run, create, open_run
+from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.runs.stages import collect_data
+from surefoot.types import MotionPlan
 from surefoot.viz.replay import recorded_episode, report_episode
 from surefoot.workers import Workers
 from tests.fakes.robots import needs_pybullet
@@ -65,7 +67,9 @@ def test_every_episode_repeats_bit_for_bit(run_of, method, backend):
     run = run_of(method, backend)
     frames = run.dataset.load()
     summary = summary_of(run)
-    assert set(summary.episode // 100_000) == set(range(1 if method == "behavior_cloning" else 3))
+    assert set(whole_episode(summary.episode) // 100_000) == set(
+        range(1 if method == "behavior_cloning" else 3)
+    )
     replayed = summary.episode >= 100_000
     replayed[::7] = True  # of the pre-training; all of the others
     for episode in summary.episode[replayed].tolist():
@@ -108,7 +112,7 @@ def play(monkeypatch, *args: object) -> tuple[int, list]:
     return cli.main(), films
 
 
-@pytest.mark.parametrize("index", [1, FIRST_QUERY + 4])
+@pytest.mark.parametrize("index", [1, 2 * PART + 1])
 def test_play_by_index_and_by_id(monkeypatch, run_of, tmp_path, index):
     folder = run_of("loco_dagger").folder
     file = tmp_path / "figures.json"
@@ -131,7 +135,7 @@ def test_play_by_index_and_by_id(monkeypatch, run_of, tmp_path, index):
     assert figures["drove_last"] == ("expert" if stored.expert_drove_last[0] else "policy")
     pushes = played[0][3]
     assert figures["pushes"] == [tick / 1000 for tick in pushes]
-    assert not pushes if index >= FIRST_QUERY else 0 < len(pushes) <= 2
+    assert not pushes if index >= PART else 0 < len(pushes) <= 2
 
 
 def test_the_pushes_shown_are_those_that_were_felt(run_of):
@@ -161,7 +165,7 @@ def test_the_pushes_shown_are_those_that_were_felt(run_of):
         ("dagger", ("--episode", -5), "nothing in iteration -1"),
         ("dagger", ("--iteration", 1), "--iteration 1 needs an --episode"),
         ("behavior_cloning", ("--iteration", 1, "--episode", 0), "iterations 0 to 0"),
-        ("loco_dagger", ("--episode", 110_006), "queries 10000 to 10005, ids 110000 to 110005"),
+        ("loco_dagger", ("--episode", 9 * PART + 100_001), "ids 1000000100000 to 3000000100000"),
         ("loco_dagger", ("--episode", 100_002), "has 0 to 1, ids 100000 to 100001"),
     ],
 )
@@ -207,6 +211,29 @@ def test_a_driver_that_is_lost_is_named_and_how_to_get_it_back(copy, method, los
     with pytest.raises(FileNotFoundError, match=message):
         play_out(recorded_episode(run.folder, episode))
     assert recorded_episode(run.folder, 0).episode == [0]  # the expert's are there
+
+
+def scaled(gain: float):
+    """A user's own MPC: stand, with a feed-forward torque; all of them have one name."""
+    rows = np.zeros((100, 12))
+    return lambda state, tick, command: MotionPlan(
+        np.tile(state.q[7:], (100, 1)), rows, rows + 0.01 * gain
+    )
+
+
+def test_an_episode_of_an_own_expert_is_replayed_with_that_expert(tmp_path):
+    run = create(tmp_path / "run", config_of("behavior_cloning"))
+    job = methods.METHODS[run.method].collection(run, 0, scaled(1.0))
+    collect_data(run, 0, job, Workers(1))
+    replayed, _ = play_out(recorded_episode(run.folder, 3, plan=scaled(1.0)))
+    frames = run.dataset.load()
+    own = frames[frames.episode == 3]
+    np.testing.assert_array_equal(replayed.torque[0, : len(own)], own.torque)
+    with pytest.raises(RunError, match="which has changed since"):
+        recorded_episode(run.folder, 3, plan=scaled(0.9))
+    message = r"was scaled\.<locals>\.<lambda>, not surefoot\.mpc\.planner: replay .*plan=your_plan"
+    with pytest.raises(ValueError, match=message):
+        recorded_episode(run.folder, 3)
 
 
 def test_a_run_of_other_versions_warns(copy):

@@ -1,26 +1,34 @@
-"""Time of a training step, compared with PyTorch's eager step and with a lower bound.
+"""Time of a training step in both precisions, compared with plain PyTorch and with a lower bound.
 
-The lower bound is the time of the step's matrix products alone. The figures are of one machine and
-moment: trust the ratios. Next: `end_to_end`.
+Plain PyTorch is the usual loop: `l1_loss`, `backward`, the fused Adam, in float32. The lower bound
+is the time of the step's matrix products alone. The figures are of one machine and moment: trust
+the ratios. Next: `end_to_end`.
 """
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 import torch
 
 from surefoot.bench.engine import median_seconds
-from surefoot.config import Config, TrainingConfig
+from surefoot.config import Config, NumberFormat, TrainingConfig
 from surefoot.learning.frames import Frames
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import policy_spec
-from surefoot.learning.step import has_bfloat16
+from surefoot.learning.precision import choose_precision
+from surefoot.learning.samples import WIDTH
+from surefoot.learning.step import torch_threads
 from surefoot.learning.train import fit
+
+REPEATS = 5
+"""How often everything is measured, in turns."""
 
 
 @dataclass(frozen=True)
@@ -29,24 +37,29 @@ class TrainSpeed:
 
     Attributes:
         batch: Number of frames of a step.
-        precision: Precision of the matrix products: the configured one, if the processor has it.
-        step_ms: Time of a step [ms].
-        eager_step_ms: Time of PyTorch's eager step in float32 [ms].
-        ratio_to_eager: ``step_ms`` over ``eager_step_ms``.
-        floor_step_ms: Lower bound: time of the step's products, forward and backward [ms].
-        ratio: ``step_ms`` over ``floor_step_ms``; 1 at best.
+        float32_step_ms: Time of a step in float32 [ms].
+        bfloat16_step_ms: Time of a step whose hidden layers multiply in bfloat16 [ms].
+        eager_step_ms: Time of a step of a plain PyTorch loop in float32 [ms].
+        chosen: The configured precision; with `auto`, the one that a run would choose now.
+        ratio_to_better: Time of the chosen one over that of the better one; 1 at best.
+        ratio_to_eager: Time of the better one over ``eager_step_ms``.
+        floor_step_ms: Lower bound: time of the products of the better one, forward and backward
+            [ms].
+        ratio: Time of the better one over ``floor_step_ms``; 1 at best.
     """
 
     batch: int
-    precision: str
-    step_ms: float
+    float32_step_ms: float
+    bfloat16_step_ms: float
     eager_step_ms: float
+    chosen: NumberFormat
+    ratio_to_better: float
     ratio_to_eager: float
     floor_step_ms: float
     ratio: float
 
 
-def bench_train(config: Config, steps: int = 100) -> TrainSpeed:
+def bench_train(config: Config, steps: int = 50) -> TrainSpeed:
     """Measure a training step, on one thread.
 
     Args:
@@ -55,27 +68,33 @@ def bench_train(config: Config, steps: int = 100) -> TrainSpeed:
     """
     batch = config.training.batch
     training = replace(config.training, validation=0.0, threads=1, device="cpu")
-    eager = replace(training, precision="float32")
     frames = _random_frames(steps * batch)
     network = PolicyNetwork(config.policy)
-    short = training.precision == "bfloat16" and has_bfloat16(torch.device("cpu"))
-    step_seconds = []
-    eager_seconds = []
-    product_seconds = []
-    for _ in range(3):
-        step_seconds.append(_step_seconds(network, frames, config, training, steps))
-        eager_seconds.append(_step_seconds(network, frames, config, eager, steps))
-        product_seconds.append(median_seconds(_network_products(network, batch, short), 30))
-    step_ms = 1e3 * float(np.median(step_seconds))
-    eager_step_ms = 1e3 * float(np.median(eager_seconds))
+    names: tuple[NumberFormat, ...] = get_args(NumberFormat)
+    # The medians of the parts, which are measured in turns.
+    measured = {f"{part} {name}": [] for part in ("step", "products") for name in names}
+    measured["eager"] = []
+    for _ in range(REPEATS):
+        for name in names:
+            named = replace(training, precision=name)
+            measured[f"step {name}"].append(_step_seconds(network, frames, config, named, steps))
+            products = _network_products(network, batch, name)
+            measured[f"products {name}"].append(median_seconds(products, 30))
+        measured["eager"].append(_eager_step_seconds(network, batch, steps))
+    ms = {part: 1e3 * float(np.median(seconds)) for part, seconds in measured.items()}
+    better = min(names, key=lambda name: ms[f"step {name}"])
+    step_ms = ms[f"step {better}"]
+    chosen = choose_precision(network, training).chosen
     # Backward there are two products for each forward: for the inputs, and for the weights.
-    floor_step_ms = 3 * 1e3 * float(np.median(product_seconds))
+    floor_step_ms = 3 * ms[f"products {better}"]
     return TrainSpeed(
         batch=batch,
-        precision="bfloat16" if short else "float32",
-        step_ms=step_ms,
-        eager_step_ms=eager_step_ms,
-        ratio_to_eager=step_ms / eager_step_ms,
+        float32_step_ms=ms["step float32"],
+        bfloat16_step_ms=ms["step bfloat16"],
+        eager_step_ms=ms["eager"],
+        chosen=chosen,
+        ratio_to_better=ms[f"step {chosen}"] / step_ms,
+        ratio_to_eager=step_ms / ms["eager"],
         floor_step_ms=floor_step_ms,
         ratio=step_ms / floor_step_ms,
     )
@@ -95,9 +114,26 @@ def _step_seconds(
     return (ends[1] - ends[0]) / steps
 
 
-def _network_products(network: PolicyNetwork, batch: int, short: bool) -> Callable[[], None]:
+def _eager_step_seconds(network: PolicyNetwork, batch: int, steps: int) -> float:
+    """Wall time of one step of a plain PyTorch loop in float32 [s]."""
+    network = copy.deepcopy(network).train()
+    optimizer = torch.optim.Adam(network.parameters(), fused=True)
+    rows = torch.randn(steps * batch, WIDTH, generator=torch.Generator().manual_seed(0))
+    with torch_threads(1):
+        began = time.perf_counter()
+        for part in rows.split(batch):
+            optimizer.zero_grad()
+            outputs = network(part[:, :INPUT_SIZE])
+            torch.nn.functional.l1_loss(outputs, part[:, INPUT_SIZE:]).backward()
+            optimizer.step()
+        return (time.perf_counter() - began) / steps
+
+
+def _network_products(
+    network: PolicyNetwork, batch: int, precision: NumberFormat
+) -> Callable[[], None]:
     """The matrix products of one forward pass and nothing else, on one thread."""
-    kind = torch.bfloat16 if short else torch.float32
+    kind = torch.bfloat16 if precision == "bfloat16" else torch.float32
     weights = [weight.to(kind) for weight, _ in network.folded()]
     inputs = [torch.randn(batch, size, dtype=kind) for size in (INPUT_SIZE, *network.hidden)]
     torch.set_num_threads(1)

@@ -51,7 +51,8 @@ class Bench(OnWorkers, OnSimulator):
     preset: str = "quick"
     """The preset of loco_safe_dagger that end_to_end trains."""
     episodes: int = 1000
-    """The number of initial states of each set that `expert` uses."""
+    """The number of initial states of each set that `expert` uses, spread over speeds and
+    phases."""
     json: Path | None = None
     """Write the figures to this file, as JSON; `expert` resumes from what the file holds
     already."""

@@ -5,19 +5,25 @@ It prints the tables of a `Comparison` (`surefoot.study.records`) and writes it 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 import tyro
 
+from surefoot.cli.arguments import sort_arguments
+from surefoot.cli.command_line import read_options
+from surefoot.cli.evaluate import own_disturbance
 from surefoot.cli.options import OnSimulator, OnWorkers
-from surefoot.config import Backend, SimulationConfig
-from surefoot.files import write_atomic
+from surefoot.cli.push_options import OnPushes
+from surefoot.config import Backend, DisturbanceConfig, SimulationConfig
+from surefoot.files import check_output, write_atomic
+from surefoot.scenarios.starts import PACKAGED
 
 
 @dataclass(frozen=True)
-class Compare(OnWorkers, OnSimulator):
+class Compare(OnPushes, OnWorkers, OnSimulator):
     """Compare the policies of several runs, and the expert, on the same ground.
 
     All are measured in both simulators, from the same `test` initial states: their robustness,
@@ -26,8 +32,8 @@ class Compare(OnWorkers, OnSimulator):
 
     JSON keys: config, episodes, versions, starts (each set with its hash), baseline (its label) and
     rows, the expert's first. Of each row: label, run, method, policy, sha256 (of the policy's
-    file); cost of the whole run; results, for each simulator evaluation (the keys of `surefoot
-    evaluate`; outcomes and strict have one digit for each initial state) and pushes; differences,
+    file); cost of the whole run; results, for each simulator evaluation and pushes (the keys of
+    `surefoot evaluate`, with the outcome of each initial state and of each robot); differences,
     for each simulator to expert and to baseline: success and pushes, each with difference and
     interval (95 %). What was not measured is null.
     """
@@ -40,13 +46,15 @@ class Compare(OnWorkers, OnSimulator):
     policy: Literal["best", "last"] = "best"
     """The policy of each run: the one chosen on the `select` initial states, or the last."""
     episodes: int = 500
-    """The number of initial states."""
+    """The number of initial states, spread over speeds and phases."""
+    starts: str = PACKAGED[0]
+    """The name of a set of initial states, or a file; solo12-trot-v1-wide is perturbed 1.5 times as
+    far as the default."""
+    disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
+    """What makes the episodes harder: another friction or load, noise, late torques. What is not
+    given on the command line is as in the first run's configuration."""
     pushes: bool = True
     """Push the robots too."""
-    push_speeds: int | None = None
-    """The number of forward speeds of the robots that are pushed, each at the ten phases of the
-    gait. Without it the run's configuration decides: 10 are the paper's 100 robots a level; 5 cost
-    half."""
     baseline: Path | None = None
     """The run that the others are compared with; without it, the first run of behavior cloning."""
     json: Path | None = None
@@ -59,7 +67,7 @@ class Compare(OnWorkers, OnSimulator):
     """Draw the comparison to this file, PNG or SVG."""
 
     def __call__(self) -> int:
-        """Measure, print the tables, and write them where asked."""
+        """Measure, write the tables where asked, and print them."""
         from surefoot.robots.solo12 import solo12
         from surefoot.sim import make_simulator
         from surefoot.study.comparison import Measurements, compare
@@ -67,14 +75,30 @@ class Compare(OnWorkers, OnSimulator):
         from surefoot.study.tables import comparison_tables, page_with
 
         # What would fail hours later fails before any work.
+        if self.json is not None:
+            check_output(self.json)
+        if self.out is not None:
+            check_output(self.out)
+            page_with("", self.out)
+        if self.figure is not None:
+            check_output(self.figure, suffixes=(".png", ".svg"))
+        self.check_pushed(self.pushes)
         simulators = get_args(Backend) if self.sim is None else (self.sim,)
         for simulator in simulators:
             make_simulator(solo12(), 1, SimulationConfig(backend=simulator))
-        if self.out is not None:
-            page_with("", self.out)
+        measurements = Measurements(
+            simulators,
+            self.episodes,
+            self.pushes,
+            self.push_speeds,
+            self.push_directions,
+            self.push_resolution,
+            self.starts,
+            self.disturbance,
+        )
         comparison = compare(
             self.runs,
-            Measurements(simulators, self.episodes, self.pushes, self.push_speeds),
+            measurements,
             self.spread,
             self.json,
             names=self.names,
@@ -82,9 +106,28 @@ class Compare(OnWorkers, OnSimulator):
             which=self.policy,
         )
         text = comparison_tables(comparison)
-        print(text)
+        # Written first: what cannot be printed is not lost.
         if self.out is not None:
             write_atomic(self.out, page_with(text, self.out).encode())
         if self.figure is not None:
             comparison_figure(comparison, self.figure)
+        print(text)
         return 0
+
+
+def parse_compare(args: Sequence[str]) -> Compare:
+    """The command that an argument list asks for; options change the first run's own disturbance.
+
+    Args:
+        args: Command line, without the name of the command.
+
+    Raises:
+        RunError: The first run's configuration cannot be read.
+        SystemExit: Help was asked for, or an option is wrong.
+    """
+    arguments = sort_arguments(args, Compare)
+    default = None
+    if arguments.positional:
+        runs = tuple(Path(run) for run in arguments.positional)
+        default = Compare(runs, disturbance=own_disturbance(runs[0]))
+    return read_options(Compare, args, "surefoot compare", default)

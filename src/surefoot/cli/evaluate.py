@@ -5,6 +5,7 @@ It prints an `EvaluationReport` (`surefoot.evaluation.report`) and writes it as 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,31 +16,34 @@ import tyro
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.options import OnSimulator, OnWorkers
+from surefoot.cli.push_options import OnPushes
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
-from surefoot.files import write_json
+from surefoot.files import WriteError, check_output, write_json
 from surefoot.scenarios.starts import PACKAGED, load_starts
 
 if TYPE_CHECKING:
-    from surefoot.evaluation.push import PushDifference, PushResult
+    from surefoot.evaluation.push_limits import PushResult
     from surefoot.evaluation.report import EvaluationReport
     from surefoot.evaluation.robustness import Robustness, VelocityError
 
 
 @dataclass(frozen=True)
-class Evaluate(OnWorkers, OnSimulator):
+class Evaluate(OnPushes, OnWorkers, OnSimulator):
     """Measure the robustness and tracking of a policy, and of the expert beside it.
 
     JSON keys: episodes, successes, success_rate, success_interval (Wilson, 95 %); falls, stalls,
     diverged, strict_successes; mse (successes) and settled_mse (all episodes, from 1 s on) of vx,
     vy [m^2/s^2] and yaw rate [rad^2/s^2]; max_torque [N m]; robot_seconds [s]; plans,
-    invalid_plans; starts, starts_hash, split; policy (its file), simulator, disturbance (what
-    disturbed the robots).
+    invalid_plans; body_contacts (episodes in which something other than a foot touched the ground)
+    and body_contact_successes; starts, starts_hash, split, initial_states (their ids, in order),
+    outcomes, strict and touched (one digit for each of them) and lost_at [s]; policy (its file),
+    simulator, disturbance (what disturbed the robots); success_difference, policy minus expert.
 
     With --pushes also: pushes, with fitted_impulse and max_impulse [N s] for each direction_deg,
-    interval, their means, and for each of the levels the successes of the episodes; and
-    push_difference, policy minus expert. Under expert: the same keys of the expert. What was not
-    measured is null.
+    interval, their means, for each of the levels the successes of the episodes, and measured (the
+    pushes asked for); and push_difference, policy minus expert. Under expert: the same keys of the
+    expert. What was not measured is null.
 
     The folder of a run gets the report too, in a file named after what was evaluated, if all
     initial states and the expert were evaluated.
@@ -56,9 +60,12 @@ class Evaluate(OnWorkers, OnSimulator):
     expert: bool = True
     """Evaluate the expert too."""
     pushes: bool = False
-    """Push the robots too, and find the impulse that they withstand from each direction."""
+    """Push the robots too, and find the impulse that they withstand from each direction. By default
+    100 robots walk for about 7 thousand seconds in all, with the policy and again with the expert;
+    --push-speeds, --push-directions and --push-resolution make it shorter."""
     episodes: int | None = None
-    """The number of initial states; without it, the number in the run's configuration."""
+    """The number of initial states, spread over speeds and phases; without it, the number in the
+    run's configuration."""
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     """What makes the episodes harder: another friction or load, noise, late torques. What is not
     given on the command line is as in the run's configuration."""
@@ -66,49 +73,72 @@ class Evaluate(OnWorkers, OnSimulator):
     """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
-        """Evaluate, print each result as soon as it is there, and write the report where asked."""
+        """Evaluate, write the report where asked, and print each result as soon as it is there."""
+        from surefoot.runs.checks import warn_of_own_expert
         from surefoot.runs.policies import find_policy
+        from surefoot.runs.run import run_of_policy
 
-        load_starts(self.starts)  # a set that does not exist is an error before any work
+        # What would fail after minutes fails before any work.
+        if self.json is not None:
+            check_output(self.json)
+        self.check_pushed(self.pushes)
+        load_starts(self.starts)
         policy, trained_on = find_policy(self.target)
         config = self.as_asked(trained_on)
+        run = run_of_policy(policy)
+        if self.expert and run is not None:
+            warn_of_own_expert(run)
         report = self.measure(policy, config)
         if self.target.is_dir() and self.expert and self.episodes is None:
-            write_json(self.target / self.file_name(config, trained_on), report)
-        if self.json:
-            write_json(self.json, report)
+            copy = self.target / self.file_name(config, trained_on)
+            try:
+                write_json(copy, report)
+            except WriteError as error:  # of a run that may only be read
+                print(f"no copy of the report in the run's folder: {error}", file=sys.stderr)
         return 0
 
     def measure(self, policy: Path, config: Config) -> EvaluationReport:
-        """Evaluate a policy, and the expert if it was asked for, and print the results.
+        """Evaluate a policy, and the expert if it was asked for; write and print the results.
+
+        They are written first: what cannot be printed is not lost.
 
         Args:
             policy: File of the policy.
             config: What is evaluated.
         """
-        from surefoot.evaluation.push import push_difference
+        from surefoot.evaluation.push_limits import push_difference
         from surefoot.evaluation.report import EvaluationReport, ExpertReport
+        from surefoot.evaluation.robustness import success_difference
 
         robustness, pushes = self.measure_controller(policy, config)
-        print_controller("policy", robustness, pushes)
-        expert = None
-        difference = None
-        if self.expert:
-            expert_robustness, expert_pushes = self.measure_controller(None, config)
-            print_controller("expert", expert_robustness, expert_pushes)
-            expert = ExpertReport(**vars(expert_robustness), pushes=expert_pushes)
-            if pushes is not None and expert_pushes is not None:
-                difference = push_difference(pushes, expert_pushes)
-                print_difference(difference)
-        return EvaluationReport(
+        report = EvaluationReport(
             **vars(robustness),
             policy=str(policy),
             simulator=config.simulation.backend,
             disturbance={name: value for name, value, _ in disturbances(config)},
             pushes=pushes,
-            push_difference=difference,
-            expert=expert,
         )
+        self.write_own(report)
+        print_controller("policy", robustness, pushes)
+        if not self.expert:
+            return report
+        expert, expert_pushes = self.measure_controller(None, config)
+        if pushes is not None and expert_pushes is not None:
+            report = replace(report, push_difference=push_difference(pushes, expert_pushes))
+        report = replace(
+            report,
+            expert=ExpertReport(**vars(expert), pushes=expert_pushes),
+            success_difference=success_difference(robustness, expert),
+        )
+        self.write_own(report)
+        print_controller("expert", expert, expert_pushes)
+        print_differences(report)
+        return report
+
+    def write_own(self, report: EvaluationReport) -> None:
+        """Write the report to the file that was asked for, if there is one."""
+        if self.json is not None:
+            write_json(self.json, report)
 
     def measure_controller(
         self, policy: Path | None, config: Config
@@ -135,7 +165,7 @@ class Evaluate(OnWorkers, OnSimulator):
         if self.episodes is not None:
             evaluation = replace(evaluation, episodes=self.episodes)
         evaluation = replace(evaluation, disturbance=self.disturbance)
-        push = config.push
+        push = self.shortened(config.push)
         if self.split != "test":  # pushes on `test` states would be the report already
             push = replace(push, split=self.split)
         return self.simulated(replace(config, evaluation=evaluation, push=push))
@@ -163,6 +193,8 @@ class Evaluate(OnWorkers, OnSimulator):
                 parts.append("_".join([name, *(f"{number:g}" for number in numbers)]))
         if self.pushes:
             parts.append("pushes")
+            short = changes(replace(config.push, split=trained_on.push.split), trained_on.push)
+            parts.extend(f"{name}_{value:g}" for name, value, _ in short)
         return f"evaluation-{'-'.join(parts)}.json"
 
 
@@ -207,23 +239,37 @@ def disturbances(config: Config) -> Iterator[tuple[str, Any, Any]]:
 
 
 def print_controller(name: str, robustness: Robustness, pushes: PushResult | None) -> None:
-    """Print one controller's robustness in three lines, and its pushes in one more."""
+    """Print one controller's robustness in a few lines, and its pushes in one more."""
     low, high = robustness.success_interval
     print(
         f"{name}: {robustness.successes} of {robustness.episodes} {robustness.split} initial "
         f"states ({100 * low:.1f} to {100 * high:.1f} %), {robustness.falls} fell, "
         f"{robustness.stalls} stalled, {robustness.diverged} diverged"
     )
+    if robustness.body_contacts is not None:
+        print(
+            f"  touched the ground with something other than a foot: {robustness.body_contacts}, "
+            f"of them {robustness.body_contact_successes} among the successes"
+        )
     print(f"  velocity MSE vx, vy, yaw rate (successes): {_numbers(robustness.mse)}")
     print(f"  velocity MSE vx, vy, yaw rate (all, from 1 s on): {_numbers(robustness.settled_mse)}")
     if pushes is not None:
         print(f"  {_pushes_line(pushes)}")
 
 
-def print_difference(difference: PushDifference) -> None:
-    """Print how the pushes of policy and expert differ."""
-    low, high = difference.interval
-    print(f"policy minus expert: {difference.difference:+.2f} N s ({low:+.2f}, {high:+.2f})")
+def print_differences(report: EvaluationReport) -> None:
+    """Print how policy and expert differ, with 95 % intervals."""
+    success = report.success_difference
+    if success is not None:
+        line = f"policy minus expert: {100 * success.difference:+.1f} points of success"
+        if success.interval is not None:
+            low, high = success.interval
+            line += f" ({100 * low:+.1f} to {100 * high:+.1f})"
+        print(line)
+    if report.push_difference is not None:
+        low, high = report.push_difference.interval
+        difference = report.push_difference.difference
+        print(f"policy minus expert: {difference:+.2f} N s ({low:+.2f} to {high:+.2f})")
 
 
 def _numbers(mse: VelocityError) -> str:

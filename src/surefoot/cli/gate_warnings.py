@@ -13,7 +13,7 @@ import tyro
 
 from surefoot.cli.options import OnSimulator, OnWorkers
 from surefoot.config import Config, DisturbanceConfig, EvaluationConfig
-from surefoot.files import write_json
+from surefoot.files import check_output, write_json
 
 if TYPE_CHECKING:
     from surefoot.evaluation.gate_warnings import RunWarnings
@@ -44,15 +44,17 @@ class MeasureWarnings(OnWorkers, OnSimulator):
     run: Annotated[Path, tyro.conf.Positional]
     """The folder of a loco_safe_dagger run."""
     episodes: int = 200
-    """The number of `test` initial states."""
+    """The number of `test` initial states, spread over speeds and phases."""
     json: Path | None = None
     """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
-        """Measure, print the table, and write the report where asked."""
+        """Measure, write the report where asked, and print the table."""
         from surefoot.evaluation.gate_warnings import RunWarnings, measure_warnings
         from surefoot.runs.run import open_run
 
+        if self.json is not None:
+            check_output(self.json)  # what would fail after minutes fails before any work
         run = open_run(self.run)
         iteration = last_gate(run)
         config = self.as_asked(run.config)
@@ -60,9 +62,9 @@ class MeasureWarnings(OnWorkers, OnSimulator):
             config, run.policy_path(iteration), gates_of(run, iteration), "test", self.spread
         )
         report = RunWarnings(**vars(warnings), run=run.folder.resolve().name, iteration=iteration)
-        print(warnings_table(report))
-        if self.json:
+        if self.json is not None:
             write_json(self.json, report)
+        print(warnings_table(report))
         return 0
 
     def as_asked(self, config: Config) -> Config:

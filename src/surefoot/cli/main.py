@@ -15,7 +15,7 @@ from typing import Protocol
 
 from surefoot.cli.bench import Bench
 from surefoot.cli.command_line import read_options
-from surefoot.cli.compare import Compare
+from surefoot.cli.compare import Compare, parse_compare
 from surefoot.cli.doctor import Doctor
 from surefoot.cli.evaluate import Evaluate, parse_evaluate
 from surefoot.cli.gate_warnings import MeasureWarnings
@@ -87,6 +87,8 @@ def parse(args: Sequence[str]) -> Subcommand:
         return parse_train(args[1:])
     if name == "evaluate":
         return parse_evaluate(args[1:])
+    if name == "compare":
+        return parse_compare(args[1:])
     return read_options(COMMANDS[name].command, args[1:], f"surefoot {name}")
 
 

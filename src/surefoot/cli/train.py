@@ -75,6 +75,8 @@ class Train(OnWorkers, OnSimulator):
 
             log_to_tensorboard(run)
         print(f"{self.method}, preset {self.preset}, seed {run.config.seed}, in {folder}")
+        if run.precision is not None:
+            print(run.precision)
         policy = METHODS[self.method].train(run, self.spread, None)
         curves = learning_curves(run.metrics, folder / "curves.png")
         if self.json:

@@ -15,6 +15,7 @@ from surefoot.config.checked import Checked, Within
 from surefoot.config.evaluation import EvaluationConfig, PushConfig
 from surefoot.config.learning import (
     Device,
+    NumberFormat,
     Phase,
     PolicyConfig,
     Precision,
@@ -61,6 +62,7 @@ __all__ = [
     "LocoSafeDaggerConfig",
     "MethodConfig",
     "NoiseConfig",
+    "NumberFormat",
     "PerturbationConfig",
     "Phase",
     "PolicyConfig",

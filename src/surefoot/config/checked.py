@@ -23,6 +23,10 @@ Annotation = Any
 """What stands behind the colon of a field: a type, or something made of types."""
 
 
+MOST_ITEMS = 32
+"""A tuple of any length has at most this many items."""
+
+
 @dataclass(frozen=True)
 class Within:
     """The range of a number, or of each number of a tuple.
@@ -136,6 +140,8 @@ def _check_tuple(
     if not isinstance(value, tuple):
         raise ValueError(f"{path} is {value!r}, expected a tuple")
     if kinds[-1] is Ellipsis:
+        if len(value) > MOST_ITEMS:
+            raise ValueError(f"{path} has {len(value)} items; use at most {MOST_ITEMS}")
         kinds = kinds[:1] * len(value)
     if len(value) != len(kinds):
         raise ValueError(f"{path} is {value!r}, expected {len(kinds)} values")

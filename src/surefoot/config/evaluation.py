@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar
 
 from surefoot.config.checked import Angle, Checked, Duration, Share, Within
@@ -18,8 +18,8 @@ class EvaluationConfig(Checked):
     duration: Duration = 5.0
     """[s] how long an episode lasts (paper)."""
     episodes: Annotated[int, Within(1, 1_000_000)] = 100
-    """How many initial states of a split are used, from its first one on: each hundred of them are
-    10 velocities at 10 phases."""
+    """How many initial states of a split are used: each hundred of them are 10 velocities at 10
+    phases, and of the last hundred those that are used are spread over velocities and phases."""
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     """What makes an evaluation harder: friction, mass, sensor noise, delayed torques and pushes;
     the paper has none of them."""
@@ -57,3 +57,41 @@ class PushConfig(Checked):
     """[N s] distance between two levels; the monotone fit interpolates."""
     levels: Annotated[int, Within(1, 10_000)] = 30
     """How many levels are tried; the strongest push is this times the resolution."""
+
+    @property
+    def strongest(self) -> float:
+        """The strongest push [N s]."""
+        return self.levels * self.resolution
+
+
+def shortened(
+    push: PushConfig,
+    speeds: int | None = None,
+    directions: int | None = None,
+    resolution: float | None = None,
+) -> PushConfig:
+    """Pushes that take less time: fewer robots, fewer directions, coarser levels.
+
+    The simulated time is that of speeds x directions x (about log2 of the levels) episodes.
+
+    Args:
+        push: The pushes; what is not given is as there.
+        speeds: The number of forward speeds, each at ten phases of the gait.
+        directions: The number of directions.
+        resolution: The distance between two levels [N s]; the strongest push stays about the same.
+
+    Raises:
+        ValueError: A number is out of its range.
+    """
+    levels = push.levels
+    if resolution is None:
+        resolution = push.resolution
+    elif resolution > 0.0:  # a range that is not is refused below
+        levels = max(round(push.strongest / resolution), 1)
+    return replace(
+        push,
+        speeds=push.speeds if speeds is None else speeds,
+        directions=push.directions if directions is None else directions,
+        resolution=resolution,
+        levels=levels,
+    )

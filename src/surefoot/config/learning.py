@@ -12,8 +12,10 @@ Phase = Literal["circle", "fraction"]
 """
 Schedule = Literal["constant", "cosine"]
 """Names of the schedules of the learning rate."""
-Precision = Literal["float32", "bfloat16"]
+NumberFormat = Literal["float32", "bfloat16"]
 """Names of the number formats of the hidden layers' products."""
+Precision = Literal["auto", NumberFormat]
+"""A number format, or `auto` for the one in which a step takes less time."""
 Device = Literal["auto", "cpu", "cuda"]
 """Names of the devices to train on."""
 
@@ -24,7 +26,7 @@ class PolicyConfig(Checked):
 
     section: ClassVar[str] = "policy"
 
-    hidden: Annotated[tuple[int, ...], Within(1, 65_536)] = (512, 512, 512)
+    hidden: Annotated[tuple[int, ...], Within(1, 8192)] = (512, 512, 512)
     """Units of the hidden layers (paper, IV-A)."""
     kp: Annotated[float, Within(0.0, 10_000.0)] = 2.0
     """[N m/rad] stiffness of the PD (the paper's research code)."""
@@ -52,10 +54,11 @@ class TrainingConfig(Checked):
     threads: Annotated[int, Within(1, 1024)] = 1
     """Torch threads: a constant, because the bits depend on it. Two are faster on an idle machine,
     and slower than one where a neighbor holds a core."""
-    precision: Precision = "bfloat16"
-    """Number format of the products of the hidden layers, in training only. `bfloat16` is used
-    where the processor has instructions for it; weights, sums, the last layer and all else are
-    float32."""
+    precision: Precision = "auto"
+    """Number format of the products of the hidden layers, in training only: `float32`, `bfloat16`,
+    or with `auto` the faster one, which is measured once, when a run begins, and kept. Weights,
+    sums, the last layer and all else are float32. Name one where the same bits are needed on any
+    machine."""
     device: Device = "auto"
     """`auto` takes a GPU if there is one."""
     seed: Annotated[int, Within(0, 2**63 - 1)] | None = None

@@ -18,6 +18,8 @@ Epochs = Annotated[int, Within(1, 1_000_000)]
 """Passes over the data."""
 Count = Annotated[int, Within(1, 10_000)]
 """How many velocities or perturbations of the stored initial states are used."""
+CountOrNone = Annotated[int, Within(0, 10_000)]
+"""The same, or none of them."""
 
 
 @dataclass(frozen=True)
@@ -28,13 +30,22 @@ class ExpertData(Checked):
 
     velocities: Count
     """How many equally spaced forward speeds are used."""
-    perturbations: Count
+    perturbations: CountOrNone
     """How many perturbed initial states there are for each velocity and each of the ten phases of
-    the gait cycle."""
+    the gait cycle; 0 leaves the nominal rollouts alone."""
     nominal: bool
     """Add one unperturbed rollout for each velocity, from standing still."""
     duration: Duration
     """[s] how long a rollout lasts."""
+
+    def __post_init__(self) -> None:
+        """Check the fields, and that there is a rollout at all."""
+        super().__post_init__()
+        if self.perturbations == 0 and not self.nominal:
+            raise ValueError(
+                "expert data of 0 perturbations without nominal rollouts is no data: use nominal "
+                "rollouts, or 1 perturbation or more"
+            )
 
 
 @dataclass(frozen=True)
@@ -49,8 +60,9 @@ class BehaviorCloningConfig(Checked):
     epochs: Epochs = 150
     """Passes over the data (paper, IV-F)."""
     frames: Annotated[tuple[int, ...], Within(1, 1_000_000_000_000)] = ()
-    """A series of dataset sizes: each gives a policy that is trained on the first whole episodes
-    with at most this many frames. The last policy is trained on all frames."""
+    """A series of dataset sizes: each gives a policy that is trained on whole episodes with at most
+    this many frames, the first ones in a random order that is fixed by the seed and mixes the
+    phases. The last policy is trained on all frames."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +73,9 @@ class IterativeConfig(Checked):
     section: ClassVar[str] = "method"
 
     pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
-    """The expert's rollouts to begin with: 10 velocities x (1 nominal + 10 perturbed) x 1.5 s
-    (paper, IV-E); they are the same for all methods. They are DAGGER's i = 1, as beta_1 = 1."""
+    """The expert's rollouts to begin with: 10 velocities x (1 nominal + 10 perturbed) x 1.5 s. The
+    paper (IV-E) has 100 rollouts from 10 velocities; the ten nominal ones, from standing, are added
+    here. They are the same for all methods, and DAGGER's i = 1, as beta_1 = 1."""
     pretraining_epochs: Epochs = 150
     """Passes over the data of the pre-training: as many as for behavior cloning, because the paper
     does not say."""
@@ -111,9 +124,8 @@ class LocoDaggerConfig(IterativeConfig):
     alpha: Share = 0.5
     """Decay of the expert's influence: it drives a period of 50 ms with probability alpha^(i-1);
     the paper tries 0.5 and 0.8."""
-    # More than 600 could run into the ids of the next iteration.
     N_query: Annotated[int, Within(1, 600)] = 5
-    """Expert rollouts from states of each rollout (paper)."""
+    """Expert rollouts from different states of each rollout (paper); fewer if it ended early."""
     T_query: Duration = 1.0
     """[s] how long each of them lasts (paper)."""
     before_fall: Seconds = 0.2

@@ -13,8 +13,11 @@ Weights = Annotated[tuple[float, float, float], Within(0.0, 1e12)]
 """Weights of the three axes of a cost."""
 Weight = Annotated[float, Within(0.0, 1e12)]
 """Weight of a cost."""
-Nodes = Annotated[int, Within(1, 1000)]
-"""Length of a horizon in nodes of 50 ms."""
+Nodes = Annotated[int, Within(4, 200)]
+"""Length of a horizon in nodes of 50 ms: at least the 100 ms of a plan with a first node that may
+be shorter, at most 10 s, because the time of a plan grows with it."""
+Iterations = Annotated[int, Within(1, 10_000)]
+"""Iterations of a solver; a plan that is not found after so many is late by seconds."""
 Height = Annotated[float, Within(0.01, 10.0)]
 """Height above the ground [m]."""
 
@@ -67,7 +70,7 @@ class CentroidalConfig(Checked):
     """[1/s] gain from the orientation error to the reference of the angular momentum."""
     rho: Annotated[float, Within(1e-6, 1e12)] = 5e4
     """Penalty of ADMM."""
-    max_iterations: Annotated[int, Within(1, 1_000_000)] = 100
+    max_iterations: Iterations = 100
     """ADMM stops after at most this many iterations."""
     tolerance: Share = 1e-3
     """ADMM stops when the dynamics residual (2-norm) falls below this."""
@@ -112,7 +115,7 @@ class KinematicConfig(Checked):
     """Weight of the centroidal momentum, linear and angular."""
     base_height: Height = 0.25
     """[m] regularized height of the base frame."""
-    max_iterations: Annotated[int, Within(1, 1_000_000)] = 3
+    max_iterations: Iterations = 3
     """Gauss-Newton iterations. With 1 the robot does not walk; with 2 and 3 it survives all of 500
     perturbed initial states; of 200 much harder ones 2, 3 and 10 lose 2, 0 and 1. In a settled
     cycle the cost ends 7e-5 above the optimum after 2 (median) and 3e-7 after 3: the third is one
@@ -153,3 +156,12 @@ class ExpertConfig(Checked):
     """A plan whose dynamics residual is larger is not valid."""
     centroidal: CentroidalConfig = field(default_factory=CentroidalConfig)
     kinematic: KinematicConfig = field(default_factory=KinematicConfig)
+
+    def __post_init__(self) -> None:
+        """Check the fields, and that forces are planned as far ahead as motions."""
+        super().__post_init__()
+        if self.kinematic.nodes > self.centroidal.nodes:
+            raise ValueError(
+                f"expert.kinematic.nodes is {self.kinematic.nodes}; use at most those of "
+                f"expert.centroidal.nodes, {self.centroidal.nodes}"
+            )

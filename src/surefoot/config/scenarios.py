@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal
 
-from surefoot.config.checked import Angle, Checked, Rising, Within
+from surefoot.config.checked import Angle, Checked, Rising, Share, Within
 
 Split = Literal["nominal", "train", "select", "test"]
 """Splits of the stored initial states: a settled gait cycle, and perturbed states to train on, to
@@ -69,7 +69,7 @@ class DisturbanceConfig(Checked):
     """How many pushes act on the base in an episode, from any horizontal direction, at any time."""
     impulse: Impulse = (0.5, 1.5)
     """[N s] the smallest and the largest push."""
-    gentle: Annotated[float, Within(0.0, 100.0)] = 1.0
+    gentle: Share = 1.0
     """`impulse` in the first iteration is this share of what it is in the last one; in between it
     rises evenly. A policy that has not seen pushes yet is thrown by smaller ones."""
     expert_impulse: Impulse = (0.0, 0.0)

@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import chi2
 
 from surefoot.config import Config
 from surefoot.evaluation.statistics import Interval, percentiles, resamples, wilson
@@ -70,8 +71,8 @@ class GateWarnings:
         false_takeovers: Number of these with no fall within 1.5 s.
         robot_minutes: Time of which it is known whether a takeover would be false [min].
         false_per_minute: False takeovers per robot-minute.
-        false_interval: Interval of that rate; the exact Poisson interval without any false
-            takeover.
+        false_interval: Interval of that rate; the exact Poisson interval where the rates of all
+            robots are equal.
     """
 
     announced: int
@@ -259,15 +260,23 @@ def _median_interval(lead: Array) -> Interval | None:
 def _rate_interval(count: Array, minutes: Array) -> Interval:
     """Interval of a rate per minute: ``(n,)`` events and minutes of each robot.
 
-    A bootstrap over robots; without any event the exact Poisson interval, whose upper end is
-    -ln 0.025 over the minutes. (A bootstrap of zeros would claim a rate of exactly 0.)
+    A bootstrap over robots. Where their rates are all equal, 0 for example, it would claim
+    certainty: there it is the exact Poisson interval of all events.
     """
-    if not count.any():
-        return 0.0, float(-np.log(0.025) / minutes.sum())
+    seen = minutes > 0
+    if np.ptp(count[seen] / minutes[seen]) == 0:
+        return _poisson_interval(int(count.sum()), float(minutes.sum()))
     draws = resamples(len(count))
     drawn = draws @ minutes
     rates = (draws @ count)[drawn > 0] / drawn[drawn > 0]
     return percentiles(rates)
+
+
+def _poisson_interval(events: int, minutes: float) -> Interval:
+    """Exact 95 % interval of a rate (Garwood): without events its upper end is -ln 0.025 / t."""
+    low = chi2.ppf(0.025, 2 * events) / 2 if events else 0.0
+    high = chi2.ppf(0.975, 2 * events + 2) / 2
+    return float(low / minutes), float(high / minutes)
 
 
 def lead_ticks(alarm: BoolArray, fall: IntArray) -> Array:

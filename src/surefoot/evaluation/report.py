@@ -11,8 +11,9 @@ from pathlib import Path
 
 from surefoot.config import Backend
 from surefoot.config.json_io import from_json, read_json
-from surefoot.evaluation.push import PushDifference, PushResult
+from surefoot.evaluation.push_limits import PushDifference, PushResult
 from surefoot.evaluation.robustness import Robustness
+from surefoot.evaluation.statistics import PairedDifference
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class EvaluationReport(Robustness):
             its value, in the unit of that setting.
         pushes: The impulses that the policy withstands; None if it was not pushed.
         push_difference: The policy's pushes minus the expert's; None unless both were pushed.
+        success_difference: The policy's success rate minus the expert's, paired by initial state;
+            None without the expert.
         expert: The same figures of the expert; None if it was not evaluated.
     """
 
@@ -46,12 +49,16 @@ class EvaluationReport(Robustness):
     pushes: PushResult | None = None
     push_difference: PushDifference | None = None
     expert: ExpertReport | None = None
+    success_difference: PairedDifference | None = None
 
 
 def read_report(path: Path) -> EvaluationReport:
     """Read what `surefoot evaluate` wrote; parts that an older file lacks are None.
 
     Raises:
-        ValueError: The file is not JSON, or has unknown or missing keys.
+        ValueError: The file is not JSON, or has unknown or missing keys; the message names it.
     """
-    return from_json(EvaluationReport, read_json(path))
+    try:
+        return from_json(EvaluationReport, read_json(path))
+    except ValueError as error:
+        raise ValueError(f"{path} is no evaluation that this version can read: {error}") from error

@@ -1,26 +1,29 @@
 """Evaluation as in the paper (IV-F): robustness from perturbed initial states, velocity tracking.
 
 A rollout succeeds if the robot does not fall and steps constantly for two thirds of it. Every
-policy and the expert are run from the same stored initial states, so that comparisons are paired.
-Next: `push`, the impulses that a controller withstands; `statistics`, the intervals.
+policy and the expert are run from the same stored initial states, so that comparisons are paired:
+the outcome of each is kept. Next: `push`, the impulses that a controller withstands; `statistics`,
+the intervals.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import re
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from surefoot.config import Config
-from surefoot.evaluation.statistics import Interval, wilson
+from surefoot.evaluation.statistics import Interval, PairedDifference, paired_difference, wilson
+from surefoot.files import as_digits, from_digits
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
 from surefoot.scenarios.starts import StartSet, load_starts
-from surefoot.types import TICKS_PER_SECOND, Array, PlanFunction
+from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, PlanFunction
 from surefoot.workers import Workers
 
 VelocityError = tuple[float | None, float | None, float | None]
@@ -51,6 +54,19 @@ class Robustness:
         robot_seconds: Simulated time of all robots together [s].
         plans: Number of MPC solves.
         invalid_plans: Number of these that gave no valid plan.
+        body_contacts: Number of robots that touched the ground with something other than a foot;
+            None where that was not recorded.
+        body_contact_successes: Number of these among the successes.
+        initial_states: Ids of the initial states in the order of the episodes, as text such as
+            ``700-798,850`` (`ids` has them); empty in files of earlier versions, as are the
+            next four.
+        outcomes: One digit for each episode, its `Outcome`.
+        strict: One digit for each episode: 1 if every foot stepped in every window of 1.5 gait
+            periods.
+        touched: One digit for each episode: 1 if something other than a foot touched the ground;
+            empty where that was not recorded.
+        lost_at: When the robot fell or the expert gave up on it [s], for each episode with one of
+            these two outcomes, in the order of the episodes.
     """
 
     starts: str
@@ -70,6 +86,105 @@ class Robustness:
     robot_seconds: float
     plans: int
     invalid_plans: int
+    body_contacts: int | None = field(default=None, kw_only=True)
+    body_contact_successes: int | None = field(default=None, kw_only=True)
+    initial_states: str = field(default="", kw_only=True)
+    outcomes: str = field(default="", kw_only=True)
+    strict: str = field(default="", kw_only=True)
+    touched: str = field(default="", kw_only=True)
+    lost_at: tuple[float, ...] = field(default=(), kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check that each episode has one outcome.
+
+        Raises:
+            ValueError: A string of digits has another length, or holds something else.
+        """
+        kinds = "".join(str(int(outcome)) for outcome in Outcome)
+        for name, digits, allowed in (
+            ("outcomes", self.outcomes, kinds),
+            ("strict", self.strict, "01"),
+            ("touched", self.touched, "01"),
+        ):
+            if digits and (len(digits) != self.episodes or not set(digits) <= set(allowed)):
+                raise ValueError(
+                    f"{name} must be {self.episodes} digits out of {allowed}, one for each "
+                    f"episode; there are {len(digits)} characters"
+                )
+        if self.initial_states and len(self.ids) != self.episodes:
+            raise ValueError(
+                f"initial_states must name one state for each of {self.episodes} episodes; "
+                f"{self.initial_states!r} names {len(self.ids)}"
+            )
+
+    @property
+    def ids(self) -> IntArray:
+        """``(n,)`` ids of the initial states, in the order of the episodes; none if not kept."""
+        return ids_from_text(self.initial_states)
+
+    @property
+    def succeeded(self) -> BoolArray:
+        """``(n,)`` True for each episode that ended in success; none if that was not kept."""
+        return from_digits(self.outcomes) == Outcome.SUCCESS
+
+
+def success_difference(a: Robustness, b: Robustness) -> PairedDifference | None:
+    """Success rate of one controller minus that of another, from the same initial states.
+
+    Args:
+        a: The robustness of one controller.
+        b: That of the other, which is subtracted.
+
+    Returns:
+        The difference with Newcombe's interval; None if one of them is of an earlier version, which
+        did not keep the outcomes.
+
+    Raises:
+        ValueError: The two differ in their initial states.
+    """
+    for name, of_a, of_b in (
+        ("starts_hash", a.starts_hash, b.starts_hash),
+        ("split", a.split, b.split),
+        ("episodes", a.episodes, b.episodes),
+        ("initial_states", a.initial_states, b.initial_states),
+    ):
+        if of_a != of_b:
+            raise ValueError(
+                f"episodes of different {name}, {of_a} and {of_b}: only episodes from the same "
+                "initial states can be compared in pairs"
+            )
+    if not a.outcomes or not b.outcomes:
+        return None
+    return paired_difference(a.succeeded, b.succeeded)
+
+
+def ids_as_text(ids: IntArray) -> str:
+    """Ids in their order as text in which consecutive ones are a range: ``700-798,850``.
+
+    Args:
+        ids: ``(n,)`` ids.
+    """
+    if not len(ids):
+        return ""
+    ends = np.flatnonzero(np.diff(ids) != 1) + 1
+    ranges = [part.tolist() for part in np.split(ids, ends)]
+    return ",".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in ranges)
+
+
+def ids_from_text(text: str) -> IntArray:
+    """The ids ``(n,)`` of a text; undoes `ids_as_text`.
+
+    Raises:
+        ValueError: The text is no list of ids and of ranges.
+    """
+    ids: list[int] = []
+    for part in text.split(",") if text else ():
+        match = re.fullmatch(r"(-?\d+)(?:-(\d+))?", part)
+        if match is None:
+            raise ValueError(f"{text!r} is no list of ids such as 700-798,850")
+        first, last = match.groups()
+        ids.extend(range(int(first), int(last or first) + 1))
+    return np.array(ids, dtype=np.int64)
 
 
 def evaluate(
@@ -130,6 +245,10 @@ def robustness_of(summary: Summary, stored: StartSet, split: str) -> Robustness:
     n = len(summary.outcome)
     success = summary.outcome == Outcome.SUCCESS
     successes = int(success.sum())
+    lost = summary.failed
+    # Counts of an earlier version are -1: not recorded.
+    recorded = bool((summary.contact_ticks >= 0).all())
+    touched = summary.contact_ticks > 0
     return Robustness(
         starts=stored.name,
         starts_hash=stored.hash,
@@ -148,6 +267,13 @@ def robustness_of(summary: Summary, stored: StartSet, split: str) -> Robustness:
         robot_seconds=float(summary.ticks.sum() / TICKS_PER_SECOND),
         plans=int(summary.plans.sum()),
         invalid_plans=int(summary.invalid_plans.sum()),
+        body_contacts=int(touched.sum()) if recorded else None,
+        body_contact_successes=int((touched & success).sum()) if recorded else None,
+        initial_states=ids_as_text(summary.start),
+        outcomes=as_digits(summary.outcome),
+        strict=as_digits(summary.strict),
+        touched=as_digits(touched) if recorded else "",
+        lost_at=tuple((summary.ticks[lost] / TICKS_PER_SECOND).tolist()),
     )
 
 

@@ -4,8 +4,9 @@ A share of one policy has its Wilson interval, and a difference of shares on the
 has Newcombe's score interval for pairs. Other outcomes are drawn anew for a bootstrap
 (`resamples`); several trainings are drawn anew as runs, and then the rollouts of each drawn run. A
 bootstrap of a sample without spread would claim certainty: where there is no spread, there is a
-score interval or none. All draws come from a fixed seed: the same data give the same interval. This
-module knows nothing of robots. Next: `robustness`, `push`.
+score interval or none. With the few runs of a study `run_interval` is the one to use: a t interval
+over run means. All draws come from a fixed seed: the same data give the same interval. This module
+knows nothing of robots. Next: `robustness`, `push`.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import binomtest
+from scipy.stats import binomtest, norm, sem
+from scipy.stats import t as student_t
 
 RESAMPLES = 2000
 """Number of draws of a bootstrap."""
 SEED = 0
 """Seed of all draws."""
+Z = float(norm.ppf(0.975))
+"""Standard deviations of a normal distribution on either side that hold its middle 95 %."""
 
 Interval = tuple[float, float]
 """Lower and upper end of a 95 % interval, in the unit of its estimate."""
@@ -49,9 +53,8 @@ class RunMeans:
 
     Attributes:
         mean: Mean of the runs' means, in the unit of the outcomes.
-        interval: The mean's 95 % bootstrap interval over runs and rollouts; None for a single run.
-            Where every rollout of every run has the same outcome, 0 or 1, it is Wilson's interval
-            of all rollouts together, and None for other outcomes that are all equal.
+        interval: The mean's 95 % interval over runs, as `run_interval` or `run_bootstrap` has it;
+            None for a single run, and where the outcomes say nothing about the spread.
         runs: Mean of each run, in the order in which the runs were given.
     """
 
@@ -180,15 +183,91 @@ def _are_binary(outcomes: NDArray[np.float64]) -> bool:
     return bool(((outcomes == 0.0) | (outcomes == 1.0)).all())
 
 
+def run_interval(values_by_run: Sequence[ArrayLike], correlation: float = 0.0) -> RunMeans:
+    """Mean over training runs with a t interval; every run has the same weight.
+
+    The run is the unit: with R runs of means m_r the interval is mean(m) +- t sd(m) / sqrt(R), with
+    the 97.5 % quantile t of R - 1 degrees of freedom. It holds for few runs, too, where no
+    bootstrap does. Runs that agree by chance would make it too narrow, down to nothing. So for
+    outcomes of 0 and 1 it is never narrower than the score interval of all rollouts together, which
+    count as
+
+        n_eff = R^2 / sum_r (1 + (n_r - 1) rho) / n_r
+
+    independent ones, for n_r rollouts of run r with the correlation rho: all of them at 0, and at 1
+    the number of runs, the floor. Where all outcomes are equal nothing says how large rho is: 0
+    supposes that runs differ no more than their rollouts do by chance.
+
+    Args:
+        values_by_run: For each run ``(n,)`` an outcome of each rollout, none of them missing.
+        correlation: The correlation rho between the outcomes of two rollouts of one run, from 0 to
+            1, as far as it is known from other runs of the same kind.
+
+    Raises:
+        ValueError: There is no run, a run without rollouts, an outcome that is NaN, or the
+            correlation is not between 0 and 1.
+    """
+    runs = _checked_runs(values_by_run)
+    if not 0.0 <= correlation <= 1.0:
+        raise ValueError(f"a correlation of {correlation}; use one from 0 to 1")
+    means = np.array([run.mean() for run in runs])
+    return RunMeans(
+        mean=float(means.mean()),
+        interval=_t_interval(runs, means, correlation),
+        runs=tuple(means.tolist()),
+    )
+
+
+def _t_interval(
+    runs: Sequence[NDArray[np.float64]], means: NDArray[np.float64], correlation: float
+) -> Interval | None:
+    """The interval of `run_interval`; None for one run, or where nothing shows the spread."""
+    R = len(runs)
+    if R == 1:
+        return None
+    mean = float(means.mean())
+    half = float(student_t.ppf(0.975, R - 1) * sem(means))
+    if not all(_are_binary(run) for run in runs):
+        return (mean - half, mean + half) if half > 0.0 else None
+    counts = np.array([len(run) for run in runs])
+    n_eff = R**2 / float(((1 + (counts - 1) * correlation) / counts).sum())
+    low, high = _score_interval(mean, n_eff)
+    return max(min(mean - half, low), 0.0), min(max(mean + half, high), 1.0)
+
+
+def _score_interval(share: float, n: float) -> Interval:
+    """Wilson's interval of a share in an effective number of trials, which may be a fraction."""
+    center = (share + Z**2 / (2 * n)) / (1 + Z**2 / n)
+    half = Z / (1 + Z**2 / n) * np.sqrt(share * (1 - share) / n + Z**2 / (4 * n**2))
+    return float(center - half), float(center + half)
+
+
 def run_bootstrap(values_by_run: Sequence[ArrayLike]) -> RunMeans:
     """Mean over training runs; every run has the same weight, however many rollouts it has.
 
     The bootstrap is hierarchical: runs are drawn, then rollouts of each drawn run. With few runs no
     bootstrap says enough: with three (five, ten) normally distributed runs, the interval covers the
-    truth in 75 (84, 90) % of the cases instead of 95 %. Show every run.
+    truth in 75 (84, 90) % of the cases instead of 95 %: use `run_interval` there, and show every
+    run. Where every rollout of every run has the same outcome, 0 or 1, the interval is Wilson's of
+    all rollouts together; other outcomes that are all equal have none.
 
     Args:
         values_by_run: For each run ``(n,)`` an outcome of each rollout, none of them missing.
+
+    Raises:
+        ValueError: There is no run, a run without rollouts, or an outcome that is NaN.
+    """
+    runs = _checked_runs(values_by_run)
+    mean_of_run = tuple(float(run.mean()) for run in runs)
+    return RunMeans(
+        mean=float(np.mean(mean_of_run)),
+        interval=_interval_over_runs(runs),
+        runs=mean_of_run,
+    )
+
+
+def _checked_runs(values_by_run: Sequence[ArrayLike]) -> list[NDArray[np.float64]]:
+    """The outcomes of each run.
 
     Raises:
         ValueError: There is no run, a run without rollouts, or an outcome that is NaN.
@@ -199,16 +278,11 @@ def run_bootstrap(values_by_run: Sequence[ArrayLike]) -> RunMeans:
             f"{len(runs)} runs of rollouts {[run.shape for run in runs]}; give at least one run, "
             "and of each at least one rollout, none of them NaN"
         )
-    mean_of_run = tuple(float(run.mean()) for run in runs)
-    return RunMeans(
-        mean=float(np.mean(mean_of_run)),
-        interval=_interval_over_runs(runs),
-        runs=mean_of_run,
-    )
+    return runs
 
 
 def _interval_over_runs(runs: Sequence[NDArray[np.float64]]) -> Interval | None:
-    """The interval of a mean over runs, as `RunMeans` explains."""
+    """The interval of `run_bootstrap`."""
     if len(runs) == 1:
         return None
     rollouts = np.concatenate(runs)

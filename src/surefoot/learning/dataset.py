@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,7 +27,9 @@ from surefoot.learning.frames import (
     episode_digests,
     sorted_by_episode,
     uninitialized_arrays,
+    whole_episode,
 )
+from surefoot.types import BoolArray, IntArray
 
 FORMAT = 1
 """Version of the shards and of the manifest."""
@@ -72,23 +74,34 @@ class Dataset:
 
     Args:
         folder: Folder of the files; the first ``append`` creates it.
-        before: Episodes of this id or above are left out; such a view is read-only.
+        before: Episodes of this id or above are left out, and so are parts of them; such a view is
+            read-only.
         skip_damaged: Whether shards that are lost or damaged are left out, with a warning that
             names them: counts and hash are those of what is left. All shards are read to find out.
             Such a view is read-only, too.
+        only: All episodes but these are left out; such a view is read-only. None keeps all.
     """
 
     def __init__(
-        self, folder: Path | str, before: int | None = None, skip_damaged: bool = False
+        self,
+        folder: Path | str,
+        before: int | None = None,
+        skip_damaged: bool = False,
+        only: Collection[int] | None = None,
     ) -> None:
         self.folder = Path(folder)
         self._before = before
+        self._only = None if only is None else frozenset(only)
         self._skip_damaged = skip_damaged
         self._is_whole: dict[str, bool] = {}
 
     def before(self, episode: int) -> Dataset:
         """The dataset as it was before that episode, if ids grow with time."""
-        return Dataset(self.folder, episode, self._skip_damaged)
+        return Dataset(self.folder, episode, self._skip_damaged, self._only)
+
+    def only(self, episodes: Collection[int]) -> Dataset:
+        """Some of the episodes; what is not in the dataset is not in this view either."""
+        return Dataset(self.folder, self._before, self._skip_damaged, episodes)
 
     def append(self, name: str, frames: Frames) -> None:
         """Add frames as a shard, whole or not at all; the same frames again change nothing.
@@ -103,7 +116,7 @@ class Dataset:
             WriteError: The disk is full, or read-only.
         """
         # The manifest would lose the shards that a view leaves out.
-        if self._before is not None or self._skip_damaged:
+        if self._leaves_out or self._skip_damaged:
             raise DatasetError(f"a view of {self.folder} is only read: append to the whole")
         if not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
             raise DatasetError(f"shard name {name!r}: use letters, digits, '_', '-' and dots")
@@ -256,19 +269,29 @@ class Dataset:
 
     def _kept_episodes(self, entry: ShardEntry) -> dict[str, str]:
         """The episodes of a shard that are not left out, with their digests."""
-        if self._before is None:
+        if not self._leaves_out:
             return entry.episodes
-        return {
-            episode: digest
-            for episode, digest in entry.episodes.items()
-            if int(episode) < self._before
-        }
+        kept = self._keeps(np.array([int(episode) for episode in entry.episodes], dtype=np.int64))
+        chosen = zip(entry.episodes.items(), kept, strict=True)
+        return {episode: digest for (episode, digest), keep in chosen if keep}
 
     def _kept_frames(self, frames: Frames) -> Frames:
         """The frames, sorted by episode, of those episodes that are not left out."""
-        if self._before is None:
-            return frames
-        return frames[: int(np.searchsorted(frames.episode, self._before))]
+        return frames[self._keeps(frames.episode)] if self._leaves_out else frames
+
+    @property
+    def _leaves_out(self) -> bool:
+        """Whether this is a view of some episodes."""
+        return self._before is not None or self._only is not None
+
+    def _keeps(self, episode: IntArray) -> BoolArray:
+        """``(n,)`` True for ids of episodes that are not left out."""
+        kept = np.ones(len(episode), dtype=bool)
+        if self._before is not None:
+            kept &= whole_episode(episode) < self._before
+        if self._only is not None:
+            kept &= np.isin(episode, list(self._only))
+        return kept
 
     def _ordered(self, shards: Sequence[str] | None = None) -> dict[str, ShardEntry]:
         """Entries of the named shards, or of all, by their first episodes."""

@@ -31,6 +31,20 @@ FIELDS: dict[str, tuple[tuple[int, ...], str]] = {
     "outcome": ((), "|i1"),
 }
 """Shape of one frame's part of each array, and the type on disk."""
+PART = 1_000_000_000_000
+"""Part n of an episode, from 1 on, has this many times n more than the episode as its id."""
+
+
+def whole_episode(episode: IntArray) -> IntArray:
+    """``(n,)`` ids of the whole episodes that parts belong to; a whole episode is its own.
+
+    A part repeats states of its episode (LocoDAGGER's expert rollouts begin in them), so whatever
+    keeps episodes apart has to keep these together.
+
+    Args:
+        episode: ``(n,)`` ids of whole episodes and of parts.
+    """
+    return episode % PART
 
 
 @dataclass(frozen=True)
@@ -47,7 +61,7 @@ class Frames:
         command: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
         torque: ``(n, 12)`` the expert's joint torque [N m], clipped to the motor limit.
         expert_drove: ``(n,)`` True where that torque was applied, not only recorded.
-        episode: ``(n,)`` episode id.
+        episode: ``(n,)`` id of the episode, or of a part of one (`whole_episode`).
         outcome: ``(n,)`` int8, how the frame's episode ended.
 
     Raises:

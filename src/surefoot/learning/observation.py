@@ -44,7 +44,8 @@ class ObservationSpec:
     }
     """Base height [m]; direction of gravity in the base frame; linear and angular velocity of the
     base in its own frame [m/s, rad/s]; joint angles [rad] and rates [rad/s]; x, y of the four feet
-    relative to the center of mass in the heading frame [m]."""
+    relative to the center of mass in the heading frame [m]. The paper lists all of them but the
+    height of the base, which is an additional input here."""
     goal_sizes: ClassVar[dict[str, int]] = {"phase": 2, "command": 3}
     """Gait phase, as sine and cosine, or as a fraction of the period and a zero; vx, vy [m/s] and
     yaw rate [rad/s] in the heading frame."""

@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 from surefoot.files import writing
-from surefoot.learning.frames import Frames
+from surefoot.learning.frames import Frames, whole_episode
 from surefoot.learning.observation import INPUT_SIZE, Float32Array, network_input
 from surefoot.learning.policy import PolicySpec, target_of
 from surefoot.types import JOINTS, BoolArray, IntArray
@@ -174,12 +174,15 @@ def derive(frames: Frames, spec: PolicySpec) -> Float32Array:
 def held_out(episode: IntArray, share: float) -> BoolArray:
     """``(n,)`` True for frames of episodes held out for validation, decided by the id alone.
 
+    The parts of an episode (`frames.whole_episode`) are held out together: they hold the same
+    states, so that a policy would be judged on what it was trained on.
+
     Args:
         episode: ``(n,)`` episode ids.
-        share: Share of the ids that is held out, in the long run.
+        share: Share of the whole episodes that is held out, in the long run.
     """
     # The finalizer of SplitMix64 (Steele et al., 2014): neighboring ids land far apart.
-    h = episode.astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
+    h = whole_episode(episode).astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
     h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     h = h ^ (h >> np.uint64(31))

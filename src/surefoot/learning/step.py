@@ -7,13 +7,14 @@ device, because the loss is added up there. Read next: ``train.py``, which takes
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, get_args
 
 import torch
 from torch import Tensor
 
-from surefoot.config import Device, TrainingConfig
+from surefoot.config import Device, NumberFormat
 from surefoot.errors import unknown
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
@@ -42,11 +43,22 @@ def device_name(device: torch.device) -> str:
 
 
 def has_bfloat16(device: torch.device) -> bool:
-    """Whether the device multiplies in bfloat16 faster than in float32."""
+    """Whether the device has instructions for bfloat16; they are not always the faster ones."""
     if device.type == "cuda":
         return torch.cuda.is_bf16_supported(including_emulation=False)
     capabilities = torch.cpu.get_capabilities()
     return bool(capabilities.get("avx512_bf16") or capabilities.get("amx_bf16"))
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """Set PyTorch's number of threads, and restore the former one afterwards."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def make_optimizer(
@@ -65,7 +77,8 @@ class TrainingStep:
     Args:
         network: The network that is trained, on the device.
         optimizer: Its optimizer, as `make_optimizer` makes it.
-        config: The size of a minibatch, and the precision.
+        batch: Number of rows of a minibatch.
+        precision: Number format of the products of the hidden layers.
         device: The device that computes.
     """
 
@@ -73,14 +86,15 @@ class TrainingStep:
         self,
         network: PolicyNetwork,
         optimizer: torch.optim.Optimizer,
-        config: TrainingConfig,
+        batch: int,
+        precision: NumberFormat,
         device: torch.device,
     ) -> None:
         self.device = device
         self._network = network
         self._optimizer = optimizer
-        self._bfloat16 = config.precision == "bfloat16" and has_bfloat16(device)
-        self._rows = torch.zeros(config.batch, WIDTH, device=device)
+        self._bfloat16 = precision == "bfloat16"
+        self._rows = torch.zeros(batch, WIDTH, device=device)
         self._loss = torch.zeros((), dtype=torch.float64, device=device)
         self._launch = self._capture() if device.type == "cuda" else self._compute
 

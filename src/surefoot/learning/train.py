@@ -2,8 +2,9 @@
 
 It minimizes the mean of |pi(o, g) - a|, where a are the joint targets with which the policy's PD
 gives the expert's torque. Episodes are held out for validation by a hash of their id, so an episode
-stays on its side however much data is added later. It needs no robotics. Read ``samples.py`` first,
-then ``policy.py`` for the network and its target, and ``step.py`` for the single step.
+stays on its side with all of its parts, however much data is added later. It needs no robotics.
+Read ``samples.py`` first, then ``policy.py`` for the network and its target, and ``step.py`` for
+the single step.
 """
 
 from __future__ import annotations
@@ -13,15 +14,14 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from surefoot.config import TrainingConfig
+from surefoot.config import NumberFormat, TrainingConfig
 from surefoot.config.json_io import to_json
 from surefoot.learning.checkpoint import Losses, load_checkpoint, save_checkpoint
 from surefoot.learning.dataset import Dataset
@@ -29,6 +29,7 @@ from surefoot.learning.frames import Frames
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import PolicySpec
+from surefoot.learning.precision import choose_precision
 from surefoot.learning.samples import ROWS_AT_A_TIME, WIDTH, TrainingSamples, derive, held_out
 from surefoot.learning.step import (
     TrainingStep,
@@ -36,6 +37,7 @@ from surefoot.learning.step import (
     device_name,
     has_bfloat16,
     make_optimizer,
+    torch_threads,
 )
 from surefoot.types import Array
 
@@ -55,6 +57,7 @@ class FitResult:
         frames: Number of frames, held out or not.
         command_range: ``(2, 3)`` smallest and largest vx, vy [m/s] and yaw rate [rad/s] among them.
         device: The device that computed it, as PyTorch names it.
+        precision: Number format of the products of the hidden layers.
     """
 
     network: PolicyNetwork
@@ -64,6 +67,7 @@ class FitResult:
     frames: int
     command_range: Array
     device: str
+    precision: NumberFormat
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,7 @@ def fit(
 ) -> FitResult:
     """Train a copy of the network on frames; same arguments, same bits.
 
+    Where the precision is `auto`, two calls may choose different ones: name one for the same bits.
     The weights are carried over, the optimizer is new. Normalizers are fitted if the network has
     none, and stay as they are from then on.
 
@@ -111,7 +116,8 @@ def fit(
             the same kind of device, resumes from it.
 
     Raises:
-        ValueError: There are too few frames, a number is not finite, or there is no such device.
+        ValueError: There are too few frames, a number is not finite, or there is no such device,
+            or the device cannot multiply in the precision.
         FloatingPointError: The loss is not finite.
         DatasetError: A shard is damaged.
         WriteError: The disk is full.
@@ -121,20 +127,22 @@ def fit(
     device = choose_device(config.device)
     samples = split_samples(data, config, spec)
     batches = _count_batches(samples, config)
+    precision = choose_precision(network, config).chosen
+    config = replace(config, precision=precision)
     key = ""
     if checkpoint is not None:
         platform = [torch.__version__, device_name(device), has_bfloat16(device)]
         key = _fingerprint(network, [data.hash, config, spec, epochs, seed, *platform])
     network = copy.deepcopy(network).to(device)
     losses: Losses = []
-    with _threads(config.threads):
+    with torch_threads(config.threads):
         if not network.has_normalisers:
             mean, deviation = samples.training.moments()
             network.set_normalizers(mean[:INPUT_SIZE], deviation[:INPUT_SIZE])
         optimizer = make_optimizer(network, config.learning_rate, device)
         if checkpoint is not None:
             losses = load_checkpoint(checkpoint, key, network, optimizer)
-        step = TrainingStep(network, optimizer, config, device)
+        step = TrainingStep(network, optimizer, config.batch, precision, device)
         for epoch in range(len(losses), epochs):
             network.train()
             train_loss = _train_epoch(step, samples.training, config, seed, epoch, epochs)
@@ -156,6 +164,7 @@ def fit(
         frames=len(samples),
         command_range=samples.command_range,
         device=device_name(device),
+        precision=precision,
     )
 
 
@@ -286,14 +295,3 @@ def _fingerprint(network: PolicyNetwork, inputs: list[object]) -> str:
         sha.update(tensor.cpu().numpy().tobytes())
     sha.update(json.dumps(to_json(inputs)).encode())
     return sha.hexdigest()
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """Set PyTorch's number of threads, and restore the former one afterwards."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

@@ -4,7 +4,7 @@ D <- collect rollout data from the expert
 train pi on D
 
 The paper compares with it at several sizes of D: each policy of the series is trained from scratch
-on the first whole episodes.
+on the first whole episodes in a random order (`runs.stages.first_frames`).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def behavior_cloning(run: Run, workers: Workers, plan: PlanFunction | None = Non
     # D <- collect rollout data from the expert
     collect_data(run, 0, collection(run, 0, plan), workers)
 
-    # Train pi on the first frames of D, a policy for each size of the series
+    # Train pi on the first episodes of D in a random order, a policy for each size of the series
     for size, frames in enumerate(method.frames):
         train_policy(run, size, method.epochs, first_frames(run, frames), fresh=True)
         validate_policy(run, size, workers)

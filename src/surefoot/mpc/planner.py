@@ -93,19 +93,11 @@ class Planner:
         gait: The timing and posture.
         config: The horizon, weights and stopping rules.
         friction: The coefficient of the force cone, which should be the simulator's.
-
-    Raises:
-        ValueError: The horizon does not cover a plan's ticks.
     """
 
     def __init__(
         self, robot: RobotModel, gait: Gait, config: ExpertConfig, friction: float
     ) -> None:
-        if not LAST_NODE < config.kinematic.nodes <= config.centroidal.nodes:
-            raise ValueError(
-                f"kinematic.nodes is {config.kinematic.nodes}, must be more than {LAST_NODE} "
-                f"and at most centroidal.nodes, {config.centroidal.nodes}"
-            )
         self._robot = robot
         self._gait = gait
         self._config = config

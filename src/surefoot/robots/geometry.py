@@ -1,4 +1,4 @@
-"""Where a robot touches the ground: the lowest points of its shapes in a configuration.
+"""Where a robot touches the ground: lowest points of its shapes, and states without a simulator.
 
 The shapes are those of `RobotModel.shapes`, the same in every simulator: spheres for the feet,
 capsules for the legs and a box for the base.
@@ -10,7 +10,11 @@ import numpy as np
 import pinocchio as pin
 
 from surefoot.robots.model import RobotModel
-from surefoot.types import LEGS, Array
+from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
+from surefoot.types import LEGS, Array, State
+
+HIGHEST_CONTACT = 1e-3
+"""[m] A foot whose sphere is at most this far above the ground is in contact, for `state_of`."""
 
 
 def lowest_points(robot: RobotModel, data: pin.Data, q: Array) -> tuple[Array, Array]:
@@ -32,3 +36,18 @@ def lowest_points(robot: RobotModel, data: pin.Data, q: Array) -> tuple[Array, A
             reach = shape.size[0]
         lowest.append(ends[:, 2].min() - reach)
     return np.array(lowest[: len(LEGS)]), np.array(lowest[len(LEGS) :])
+
+
+def state_of(robot: RobotModel, q: Array, v: Array) -> State:
+    """Return the state of B robots with these configurations and velocities; the ground is z = 0.
+
+    Args:
+        robot: The robot.
+        q: ``(B, 19)`` configurations.
+        v: ``(B, 18)`` velocities.
+    """
+    legs = legs_of(robot)
+    position, _ = feet(q, legs)
+    com = center_of_mass(q, legs, masses_of(robot))
+    contacts = position[:, :, 2] < robot.foot_radius + HIGHEST_CONTACT
+    return State(q, v, com, position, contacts)

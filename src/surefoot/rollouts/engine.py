@@ -22,7 +22,6 @@ from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.outcome import Outcome, fallen, stepping
 from surefoot.rotations import from_heading
 from surefoot.scenarios.disturbance import Disturbance, Pushes, make_sensors
-from surefoot.scenarios.starts import Starts
 from surefoot.sim.protocol import Simulator
 from surefoot.types import Array, BoolArray, Controller, IntArray, State, to_ticks
 
@@ -83,32 +82,42 @@ def rollout(
     recorder = _Recorder(total, B, noisy=measure is not None, ask_always=ask_always)
     drivers = _Drivers(expert, policy, starts.command, simulator.robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)
-    # The torque applied is the one commanded `delay` ticks ago, or the first one of the episode.
-    commanded = deque[Array](maxlen=disturbance.delay + 1)
+    # For how many ticks without a break something other than a foot has touched the ground.
+    lying = np.zeros(B, dtype=np.int64) if safety.body_contact > 0.0 else None
+    # The torque applied is the one commanded `delay` ticks ago.
+    line = deque[Array](maxlen=disturbance.delay + 1)
     for elapsed in range(total + 1):
         state = simulator.state
         # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
         recorder.end(simulator.blown_up, Outcome.FELL, elapsed)
+        touching = simulator.body_contact
+        if lying is not None:
+            lying = np.where(touching, lying + 1, 0)
         if elapsed >= grace:
             recorder.end(fallen(state, safety), Outcome.FELL, elapsed)
+            if lying is not None:
+                recorder.end(lying >= to_ticks(safety.body_contact), Outcome.FELL, elapsed)
         if elapsed == total or not recorder.active.any():
             break
         _store(recorder.truth, elapsed, state)
+        recorder.body_contact[elapsed] = touching
         if measure is not None:
             state = measure(state)
             _store(recorder.seen, elapsed, state)
         tick = starts.tick + elapsed
         choice = arbiter.choose(state, tick, starts.command) if elapsed < T else everyone
         torque = drivers.torque(state, tick, choice, elapsed, recorder)
-        commanded.append(torque)
+        if elapsed == 0:
+            line.extend(_under_way(episodes, disturbance.delay, torque))
+        line.append(torque)
         if disturbance.pushes is not None:
             _push(simulator, disturbance.pushes, elapsed, recorder.active)
-        simulator.step(commanded[0], recorder.active)
+        simulator.step(line[0], recorder.active)
         if progress is not None and (elapsed + 1) % PROGRESS_TICKS == 0:
             progress(PROGRESS_TICKS)
     if to_ticks(safety.stepping_from) <= T:
         recorder.mark_stalled(T, simulator.robot.foot_radius)
-    return recorder.rollout(starts, T)
+    return recorder.rollout(episodes, disturbance, T)
 
 
 class _Recorder:
@@ -122,6 +131,7 @@ class _Recorder:
         torque: ``(ticks, B, 12)`` torque commanded by the driver [N m].
         expert_torque: ``(ticks, B, 12)`` torque of the expert [N m]; the same array as ``torque``
             if it is asked only where it drives.
+        body_contact: ``(ticks, B)`` True where something other than a foot touched the ground.
         active: ``(B,)`` True for robots whose episode has not ended.
         length: ``(B,)`` number of ticks simulated.
         outcome: ``(B,)`` values of `Outcome`.
@@ -134,6 +144,7 @@ class _Recorder:
         self.asked = np.zeros((ticks, batch), dtype=bool)
         self.torque = np.zeros((ticks, batch, 12))
         self.expert_torque = np.zeros((ticks, batch, 12)) if ask_always else self.torque
+        self.body_contact = np.zeros((ticks, batch), dtype=bool)
         self.active = np.ones(batch, dtype=bool)
         self.length = np.full(batch, ticks)
         self.outcome = np.full(batch, Outcome.SUCCESS, dtype=np.int64)
@@ -154,7 +165,7 @@ class _Recorder:
         stalled = ~stepping(height, _by_robot(self.truth.contacts[:T]), foot_radius)
         self.outcome[stalled & (self.outcome == Outcome.SUCCESS)] = Outcome.STALLED
 
-    def rollout(self, starts: Starts, T: int) -> Rollout:
+    def rollout(self, episodes: Episodes, disturbance: Disturbance, T: int) -> Rollout:
         """The whole rollout, with the robot as its first axis."""
         truth = _states_by_robot(self.truth)
         return Rollout(
@@ -168,10 +179,13 @@ class _Recorder:
             expert_torque=_by_robot(self.expert_torque),
             expert_drove=_by_robot(self.drove),
             expert_asked=_by_robot(self.asked),
-            starts=starts,
+            body_contact=_by_robot(self.body_contact),
+            starts=episodes.starts,
             length=self.length,
             outcome=self.outcome,
             duration=T,
+            disturbance=disturbance,
+            late=episodes.late,
         )
 
 
@@ -226,6 +240,14 @@ class _Drivers:
         recorder.torque[elapsed] = torque
         recorder.drove[elapsed] = choice
         return torque
+
+
+def _under_way(episodes: Episodes, delay: int, first: Array) -> list[Array]:
+    """The torques ``(B, 12)`` that act before the first one that is commanded, in their order."""
+    if episodes.late is None:
+        return [first] * delay
+    torques = np.swapaxes(episodes.late, 0, 1)
+    return [np.where(np.isnan(torque), first, torque) for torque in torques]
 
 
 def _push(simulator: Simulator, pushes: Pushes, elapsed: int, active: BoolArray) -> None:

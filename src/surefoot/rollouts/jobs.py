@@ -19,6 +19,7 @@ from surefoot.config import Config, DisturbanceConfig, RobotConfig
 from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import Expert, make_expert, make_planner
+from surefoot.mpc.identity import plan_names
 from surefoot.mpc.planner import Planner
 from surefoot.robots.model import RobotModel
 from surefoot.robots.solo12 import solo12
@@ -55,7 +56,8 @@ class Job:
             there is one, takes the place of the drawn one.
         arbiter: Decides at every tick who drives.
         policy: The policy or its file, where the arbiter needs one.
-        plan: The expert's MPC, any plain function; None is the BiConMP-style planner.
+        plan: The expert's MPC: a function, or any other object that is called as one. None is the
+            BiConMP-style planner.
         disturbance: What disturbs the robots, drawn from the root seed and the ids, and how far the
             robots may tilt under it.
         ask_always: Whether the expert is asked at every tick, see `rollout`.
@@ -108,8 +110,14 @@ class ChunkResult:
 
 
 def expert_name(job: Job) -> str:
-    """The name of a job's expert: the package's planner, or the function's own name."""
-    return PLANNER if job.plan is None else job.plan.__qualname__
+    """The short name of a job's expert: the package's planner, or the plan function's own name.
+
+    It does not tell two lambdas apart; `surefoot.mpc.identity` does.
+    """
+    if job.plan is None:
+        return PLANNER
+    _, name = plan_names(job.plan)
+    return name
 
 
 def run_episodes(job: Job, workers: Workers, title: str) -> Summary:

@@ -7,9 +7,9 @@ the records that a run keeps.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
@@ -54,6 +54,10 @@ class CollectionCost:
         recoveries_tilted: Number of kept frames with a roll or pitch beyond 10 degrees.
         recoveries_near_bounds: Number of kept frames within 5 degrees or 1 cm of the bounds in the
             paper's table, or beyond them.
+        rollout_seconds: Simulated time of the rollouts before their tails [s]; None in files of
+            early versions.
+        rollout_seconds_with_tail: Simulated time of the rollouts [s]; None in files of early
+            versions.
     """
 
     episodes: int
@@ -79,6 +83,8 @@ class CollectionCost:
     frames_kept: int
     recoveries_tilted: int
     recoveries_near_bounds: int
+    rollout_seconds: float | None = None
+    rollout_seconds_with_tail: float | None = None
 
 
 @dataclass(frozen=True)
@@ -94,6 +100,7 @@ class StageSeconds:
         gates: Wall time of training gates [s].
     """
 
+    renamed: ClassVar[Mapping[str, str]] = {"guards": "gates"}
     collect: float
     train: float
     validate: float
@@ -181,6 +188,8 @@ def collection_cost(summary: Summary) -> CollectionCost:
         frames_kept=int(summary.kept.sum()),
         recoveries_tilted=int(summary.kept_tilted.sum()),
         recoveries_near_bounds=int(summary.kept_near_bounds.sum()),
+        rollout_seconds=float(rollouts.proper_ticks.sum()) / TICKS_PER_SECOND,
+        rollout_seconds_with_tail=robot_ticks / TICKS_PER_SECOND,
     )
 
 
@@ -189,13 +198,14 @@ def run_cost(metrics: Sequence[StageRecord], T: float) -> RunCost:
 
     Args:
         metrics: The run's records (`surefoot.runs.run.Run.metrics`).
-        T: Duration of a rollout of an iterative method [s]; any number for behavior cloning.
+        T: Duration of a rollout of an iterative method [s], for records of early versions; any
+            number for behavior cloning.
     """
     collected = [record for record in metrics if record.stage == "collect"]
     first = [record for record in collected if record.iteration == 0]
     later = [record for record in collected if record.iteration > 0]
-    minutes = sum(rollout_seconds(r, r.expert_share_with_tail, T) for r in later) / 60
-    seconds = [rollout_seconds(record, record.expert_share, T) for record in later]
+    minutes = sum(_seconds_with_tail(record, T) for record in later) / 60
+    seconds = [_seconds_before_tail(record, T) for record in later]
     shares = [record.expert_share for record in later]
     by_expert = sum(share * time for share, time in zip(shares, seconds, strict=True))
     falls = sum(record.falls for record in later)
@@ -240,12 +250,27 @@ def stage_seconds(metrics: Sequence[StageRecord], iterative: bool) -> StageSecon
     )
 
 
-def rollout_seconds(cost: CollectionCost, share: float, T: float) -> float:
-    """Time of an iteration's rollouts [s], without the expert's queries, from what is recorded.
+def _seconds_before_tail(cost: CollectionCost, T: float) -> float:
+    """Time of an iteration's rollouts before their tails [s], without the expert's queries."""
+    if cost.rollout_seconds is not None:
+        return cost.rollout_seconds
+    return _inferred_seconds(cost, cost.expert_share, T)
+
+
+def _seconds_with_tail(cost: CollectionCost, T: float) -> float:
+    """Time of an iteration's rollouts with their tails [s], without the expert's queries."""
+    if cost.rollout_seconds_with_tail is not None:
+        return cost.rollout_seconds_with_tail
+    return _inferred_seconds(cost, cost.expert_share_with_tail, T)
+
+
+def _inferred_seconds(cost: CollectionCost, share: float, T: float) -> float:
+    """Time of an iteration's rollouts [s], of which early versions did not record it.
 
     The time that the policy drove is that of all robots minus the expert's, and it is 1 - share of
     the time of the rollouts; this is exact. Where the expert drove alone (LocoDAGGER's first
-    iteration), the falls and their rate give the time; without a fall, each rollout lasted T.
+    iteration), the falls and their rate give the time. Without a fall, each rollout is taken to
+    have lasted T, which is too long for those that the expert gave up on.
 
     Args:
         cost: Cost of an iteration's rollouts.

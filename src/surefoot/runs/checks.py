@@ -1,27 +1,38 @@
 """Checks of a run as a whole: what would fail hours later fails before any work.
 
 Each configuration checks its own numbers when it is made (`surefoot.config.checked`). What is left
-needs two configurations, the stored initial states, or this machine.
+needs two configurations, the stored initial states, this machine, or the expert that a run was
+begun with.
 """
 
 from __future__ import annotations
 
+import warnings
 from typing import TypeVar
 
 import numpy as np
 
 from surefoot.config import (
     Config,
+    ExpertData,
     Gait,
     IterativeConfig,
     LocoSafeDaggerConfig,
     MethodConfig,
     SafeDaggerConfig,
 )
+from surefoot.config.json_io import from_json, read_json
+from surefoot.files import write_json
+from surefoot.learning.samples import held_out
 from surefoot.learning.step import choose_device
-from surefoot.runs.run import Run
-from surefoot.runs.sampling import draw_starts
+from surefoot.mpc.identity import ExpertIdentity, difference, identity_of
+from surefoot.robots.solo12 import solo12
+from surefoot.rollouts.jobs import PLANNER
+from surefoot.runs.metrics import Collected
+from surefoot.runs.run import Run, RunError
+from surefoot.runs.sampling import draw_starts, expert_rollouts
 from surefoot.scenarios.starts import StartSet, load_starts
+from surefoot.types import PlanFunction
 
 Parameters = TypeVar("Parameters", bound=MethodConfig)
 
@@ -46,11 +57,84 @@ def check_config(config: Config) -> None:
     """
     stored = load_starts()
     _check_stored(config, stored)
-    if _learns_deviations(config.method) and config.training.validation == 0.0:
-        raise ValueError(
-            "training.validation is 0, but tau is chosen on frames held out; use 0.1, for example"
-        )
+    if isinstance(config.method, IterativeConfig) and _learns_deviations(config.method):
+        _check_held_out(config, config.method.pretraining)
     choose_device(config.training.device)
+
+
+def remember_expert(run: Run, plan: PlanFunction | None) -> None:
+    """Keep the identity of a user's MPC in the folder of a run that has not begun.
+
+    The package's own planner is fixed by the run's configuration, and leaves no file.
+
+    Args:
+        run: The run.
+        plan: The expert's MPC; None for the BiConMP-style planner.
+
+    Raises:
+        WriteError: The file cannot be written.
+    """
+    if plan is None:
+        run.expert_path.unlink(missing_ok=True)  # of an MPC that has left nothing else behind
+    else:
+        write_json(run.expert_path, _identity(run, plan))
+
+
+def check_expert(run: Run, plan: PlanFunction | None) -> None:
+    """Check that an MPC is the one that a run was begun with.
+
+    Runs of earlier versions kept no identity: there the stages compare the names alone.
+
+    Args:
+        run: The run.
+        plan: The expert's MPC; None for the BiConMP-style planner.
+
+    Raises:
+        RunError: It is another one, or the file with the identity cannot be read.
+    """
+    if not run.expert_path.exists():
+        return
+    try:
+        before = from_json(ExpertIdentity, read_json(run.expert_path))
+    except ValueError as error:
+        raise RunError(
+            f"{run.expert_path} cannot be read: {error}. Restore it from a copy, or delete it: "
+            "then the run knows its expert by its name alone"
+        ) from error
+    if plan is None:
+        text = "not with the package's own planner"
+    else:
+        text = difference(before, _identity(run, plan))
+    if text:
+        raise RunError(
+            f"{run.folder} was begun with the expert {before.title}, {text}. Resume it with the "
+            "same one, or begin another run"
+        )
+
+
+def warn_of_own_expert(run: Run) -> None:
+    """Warn of a run that learned from a user's MPC, where the package's planner is measured."""
+    names = {record.expert for record in run.metrics if isinstance(record, Collected)}
+    for name in sorted(names - {PLANNER}):
+        warnings.warn(
+            f"{run.folder} learned from your own expert {name}, but the expert that is measured "
+            "here is the package's planner: use sf.evaluate and sf.push_recovery with your plan, "
+            "from Python, or leave the expert out with --no-expert",
+            stacklevel=3,
+        )
+
+
+def _identity(run: Run, plan: PlanFunction) -> ExpertIdentity:
+    """The identity of a user's MPC; warns of one that gives other plans when it is asked again."""
+    identity = identity_of(plan, solo12(run.config.robot))
+    if not identity.repeatable:
+        warnings.warn(
+            f"the expert {identity.name} gives another plan when it is asked again for the same "
+            "state: results depend on the order of the work, and a resumed run knows it by its "
+            "name alone. Make it a pure function (surefoot.testing.PlanContract tests that)",
+            stacklevel=4,
+        )
+    return identity
 
 
 def _check_stored(config: Config, stored: StartSet) -> None:
@@ -71,6 +155,26 @@ def _check_stored(config: Config, stored: StartSet) -> None:
         )
     if isinstance(config.method, IterativeConfig):
         draw_starts(config.method, np.random.default_rng())
+
+
+def _check_held_out(config: Config, pretraining: ExpertData) -> None:
+    """Check that tau can be chosen on the frames of the pre-training that are held out.
+
+    Raises:
+        ValueError: None of its rollouts is held out.
+    """
+    share = config.training.validation
+    if share == 0.0:
+        raise ValueError(
+            "training.validation is 0, but tau is chosen on frames held out; use 0.1, for example"
+        )
+    episode = expert_rollouts(config, pretraining).episode
+    if not held_out(episode, share).any():
+        raise ValueError(
+            f"training.validation is {share}, which holds out none of the {len(episode)} rollouts "
+            "of method.pretraining, but tau is chosen on frames held out; use a larger share, or "
+            "more velocities or perturbations"
+        )
 
 
 def _learns_deviations(method: MethodConfig) -> bool:

@@ -1,23 +1,24 @@
 """Ids of a run's episodes and names of its shards: the only place that computes either.
 
 An id, together with the run's seed, fixes an episode. Iteration i owns the ids from 100 000 i on:
-rollout n has the index n in it, and query j of rollout n (LocoDAGGER, Algorithm 3) has the index
-``10_000 + n N_query + j``. Each chunk of an iteration's episodes is stored as one shard, whose name
-holds the iteration and the number of the chunk. Read `runs.sampling` and `runs.query` next.
+rollout n has the index n in it. Query j of a rollout (LocoDAGGER, Algorithm 3) is part j + 1 of it:
+its id is the rollout's and ``(j + 1) PART``, so that learning knows what belongs together
+(`learning.frames.whole_episode`). Earlier versions gave queries the indices from 10 000 on. Each
+chunk of an iteration's episodes is stored as one shard, whose name holds the iteration and the
+number of the chunk. Read `runs.sampling` and `runs.query` next.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from surefoot.learning.frames import PART
 from surefoot.types import IntArray
 
 EPISODES_PER_ITERATION = 100_000
-"""Number of ids that each iteration owns."""
-FIRST_QUERY = 10_000
-"""Index of an iteration's first query; rollouts have the indices below it."""
+"""Number of ids that the rollouts of each iteration own."""
 
 
 @dataclass(frozen=True)
@@ -26,53 +27,31 @@ class EpisodeId:
 
     Attributes:
         iteration: Iteration that collects the episode.
-        index: Index of the episode in its iteration; rollouts count from 0, queries from
-            `FIRST_QUERY`.
+        index: Index of the rollout in its iteration, from 0 on.
+        query: Number of the rollout's query, from 0 on; None is the rollout itself.
     """
 
     iteration: int
     index: int
+    query: int | None = None
 
     @classmethod
     def from_number(cls, number: int) -> EpisodeId:
         """The place of the episode that has this number as its id."""
-        iteration, index = divmod(number, EPISODES_PER_ITERATION)
-        return cls(iteration, index)
+        part = max(number, 0) // PART
+        iteration, index = divmod(number - part * PART, EPISODES_PER_ITERATION)
+        return cls(iteration, index, part - 1 if part else None)
 
     @property
     def number(self) -> int:
         """The id as one number, as frames and summaries store it."""
-        return self.iteration * EPISODES_PER_ITERATION + self.index
+        part = 0 if self.query is None else self.query + 1
+        return part * PART + self.iteration * EPISODES_PER_ITERATION + self.index
 
     @property
-    def is_query(self) -> bool:
-        """Whether the episode is an expert rollout from a state of another rollout."""
-        return self.index >= FIRST_QUERY
-
-    def query(self, j: int, N_query: int) -> EpisodeId:
-        """The id of this rollout's query j.
-
-        Args:
-            j: Number of the query among those of the rollout, from 0 on.
-            N_query: Number of queries of each rollout.
-
-        Raises:
-            ValueError: The id would belong to the next iteration.
-        """
-        index = FIRST_QUERY + self.index * N_query + j
-        if index >= EPISODES_PER_ITERATION:
-            raise ValueError(
-                f"rollout {self.index} has no ids left for {N_query} queries: an iteration has "
-                f"{EPISODES_PER_ITERATION - FIRST_QUERY} ids for all queries of its rollouts; "
-                "use fewer queries (method.N_query) or fewer rollouts"
-            )
-        return EpisodeId(self.iteration, index)
-
-    def parent(self, N_query: int) -> EpisodeId:
-        """The id of the rollout that a query starts from; a rollout is its own parent."""
-        if not self.is_query:
-            return self
-        return EpisodeId(self.iteration, (self.index - FIRST_QUERY) // N_query)
+    def rollout(self) -> EpisodeId:
+        """The id of the rollout that a query starts from; a rollout's own."""
+        return replace(self, query=None)
 
 
 def rollout_ids(iteration: int, count: int) -> IntArray:
@@ -81,7 +60,7 @@ def rollout_ids(iteration: int, count: int) -> IntArray:
 
 
 def end_of_iteration(iteration: int) -> int:
-    """The smallest id that is larger than all ids of an iteration."""
+    """The smallest id that is larger than those of all rollouts of an iteration."""
     return EpisodeId(iteration + 1, 0).number
 
 

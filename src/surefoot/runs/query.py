@@ -15,10 +15,10 @@ import numpy as np
 
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes, Rollout
-from surefoot.rollouts.jobs import Job
+from surefoot.rollouts.jobs import Job, disturbance_of
 from surefoot.runs.episode_ids import EpisodeId
 from surefoot.runs.sampling import keep_unless_failed
-from surefoot.scenarios.starts import Starts
+from surefoot.scenarios.disturbance import Disturbance
 from surefoot.seeds import seed_of
 from surefoot.types import GRID, IntArray, to_ticks
 
@@ -27,11 +27,13 @@ from surefoot.types import GRID, IntArray, to_ticks
 class Query:
     """Expert rollouts from random states of each rollout, at the gait phase they were seen at.
 
-    The pushes of the rollout do not continue; a push of the size of `expert_impulse` comes early,
-    if that is not zero.
+    The states of a rollout are different ones; if it has fewer than N_query on the expert's grid,
+    there is a query from each of them. A query is the same robot on the same floor: friction, mass,
+    sensor noise and the torques under way go on (`Rollout.branch`). The pushes of the rollout do
+    not; a push of the size of `expert_impulse` comes early, if that is not zero.
 
     Attributes:
-        N_query: Number of queries of each rollout.
+        N_query: Number of queries of each rollout, at most.
         T_query: Duration of each query [s]; a query that fails is dropped whole.
         before_fall: Time before a failure from which on no state is taken [s].
     """
@@ -55,13 +57,16 @@ class Query:
             for j, elapsed in enumerate(chosen.tolist()):
                 robots.append(robot)
                 elapsed_ticks.append(elapsed)
-                ids.append(EpisodeId.from_number(episode).query(j, self.N_query).number)
+                ids.append(replace(EpisodeId.from_number(episode), query=j).number)
         if not ids:
             return None
-        states = _visited_states(rollouts, np.array(robots), np.array(elapsed_ticks))
-        return replace(
+        # Friction, mass, noise and late torques go on; the pushes of the rollout do not.
+        branches = rollouts.branch(
+            np.array(robots), np.array(elapsed_ticks), self.T_query, np.array(ids)
+        )
+        queries = replace(
             job,
-            episodes=Episodes(states, self.T_query, id=np.array(ids)),
+            episodes=_at_the_origin(branches),
             arbiter=ExpertOnly(),
             policy=None,
             keep=keep_unless_failed,
@@ -69,6 +74,7 @@ class Query:
             query=True,
             then=None,
         )
+        return _with_own_pushes(queries)
 
     def _chosen_ticks(self, job: Job, rollouts: Rollout, robot: int) -> IntArray:
         """Ticks of a rollout that its queries start from, on the expert's grid and in order."""
@@ -77,26 +83,22 @@ class Query:
             length -= to_ticks(self.before_fall)
         clock = int(rollouts.starts.tick[robot]) + np.arange(max(length, 0))
         grid = np.flatnonzero(clock % GRID == 0)
-        if len(grid) == 0:
-            return grid
         rng = np.random.default_rng(seed_of(job.config.seed, "query", int(job.episode[robot])))
-        return np.sort(rng.choice(grid, self.N_query))
+        # Without replacement: a second query from one state would be the first once more.
+        return np.sort(rng.choice(grid, min(self.N_query, len(grid)), replace=False))
 
 
-def _visited_states(rollouts: Rollout, robot: IntArray, elapsed: IntArray) -> Starts:
-    """States that rollouts visited, moved to the origin, as initial states.
-
-    Args:
-        rollouts: B rollouts.
-        robot: ``(n,)`` rows of the rollouts.
-        elapsed: ``(n,)`` ticks from their beginnings on [ms].
-    """
-    q = rollouts.q[robot, elapsed].copy()
+def _at_the_origin(episodes: Episodes) -> Episodes:
+    """Episodes that begin at x = y = 0, as initial states do."""
+    q = episodes.starts.q.copy()
     q[:, :2] = 0.0
-    return Starts(
-        q,
-        rollouts.v[robot, elapsed],
-        rollouts.starts.tick[robot] + elapsed,
-        rollouts.starts.command[robot],
-        rollouts.starts.id[robot],
-    )
+    return replace(episodes, starts=replace(episodes.starts, q=q))
+
+
+def _with_own_pushes(queries: Job) -> Job:
+    """Queries with pushes drawn from their own ids, and all else as it was in their rollouts."""
+    inherited = queries.episodes.disturbance or Disturbance()
+    undisturbed = replace(queries.episodes, disturbance=None, late=None)
+    pushes = disturbance_of(replace(queries, episodes=undisturbed)).pushes
+    disturbance = replace(inherited, pushes=pushes)
+    return replace(queries, episodes=replace(queries.episodes, disturbance=disturbance))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -20,8 +21,10 @@ import numpy as np
 
 from surefoot.config import Config, method_name
 from surefoot.config.json_io import from_json, read_json, to_json
+from surefoot.config.json_text import read_file
 from surefoot.files import write_atomic, write_json, writing
 from surefoot.learning.dataset import Dataset
+from surefoot.learning.precision import PrecisionChoice
 from surefoot.runs.metrics import (
     Best,
     Collected,
@@ -31,8 +34,10 @@ from surefoot.runs.metrics import (
     Trained,
     Validated,
     format_line,
-    parse_line,
+    parse_metrics,
+    stage_of,
 )
+from surefoot.runs.precision import choose_for_run, with_precision_of
 from surefoot.runs.versions import versions
 from surefoot.seeds import seed_of
 
@@ -55,10 +60,13 @@ class Setup:
     Attributes:
         config: The run's configuration.
         versions: Version of Python, the processor and each package by name, when it was begun.
+        precision: The number format that all its trainings multiply in; None in runs of versions
+            that did not write it down.
     """
 
     config: Config
     versions: dict[str, str] = field(default_factory=dict)
+    precision: PrecisionChoice | None = None
 
 
 class Run:
@@ -67,17 +75,22 @@ class Run:
     Args:
         folder: Folder of the run.
         config: Configuration of the run.
+        precision: The number format that was chosen when it was begun (see `Setup`).
 
     Attributes:
         folder: Folder of the run.
-        config: Configuration of the run.
+        config: Configuration of the run, as it was asked for.
+        precision: The number format that was chosen when it was begun, or None (`runs.precision`).
         dataset: D, all frames that the run has kept.
         listeners: Functions that are called with each record once it is on the disk.
     """
 
-    def __init__(self, folder: Path, config: Config) -> None:
+    def __init__(
+        self, folder: Path, config: Config, precision: PrecisionChoice | None = None
+    ) -> None:
         self.folder = folder
         self.config = config
+        self.precision = precision
         self.dataset = Dataset(folder / "data")
         self.listeners: list[Callable[[StageRecord], None]] = []
         self._parsed = b""
@@ -123,6 +136,16 @@ class Run:
         return self.folder / "gates" / f"{kind}-{iteration:03d}.safetensors"
 
     @property
+    def expert_path(self) -> Path:
+        """File of the identity of a user's own MPC (`surefoot.mpc.identity`)."""
+        return self.folder / "expert.json"
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the folder holds results of the run, which would be lost or mixed with others."""
+        return bool(self.metrics or self.dataset.shards)
+
+    @property
     def metrics_path(self) -> Path:
         """File of the metrics: one line for each stage that is done."""
         return self.folder / "metrics.jsonl"
@@ -162,20 +185,14 @@ class Run:
         """One record for each stage that is done, in the order they were done.
 
         Raises:
-            RunError: A line of the file cannot be read.
+            RunError: A line of the file cannot be read, or repeats the stage of another one.
         """
         content = self._metrics_content()
         if content != self._parsed:
-            records = []
-            for number, line in enumerate(content.splitlines(), 1):
-                try:
-                    records.append(parse_line(line))
-                except ValueError as error:
-                    raise RunError(
-                        f"line {number} of {self.metrics_path} {error}; delete it and all lines "
-                        "after it: `surefoot train ... --resume` does those stages again"
-                    ) from error
-            self._records = records
+            try:
+                self._records = parse_metrics(content, self.metrics_path)
+            except ValueError as error:
+                raise RunError(str(error)) from error
             self._parsed = content
         return list(self._records)
 
@@ -215,10 +232,15 @@ class Run:
             The record as it is read back.
 
         Raises:
-            RunError: A line of the file cannot be read.
+            RunError: A line of the file cannot be read, or the stage is done already.
             WriteError: The file cannot be written.
         """
-        _ = self.metrics  # a damaged file is an error, not something to append to
+        # A damaged file is an error, not something to append to.
+        if any(stage_of(done) == stage_of(record) for done in self.metrics):
+            raise RunError(
+                f"{self.metrics_path} has a record of the stage {record.stage} of iteration "
+                f"{record.iteration} already; a stage is done once"
+            )
         lines = [*self._metrics_content().splitlines(), format_line(record), b""]
         write_atomic(self.metrics_path, b"\n".join(lines))
         written = from_json(type(record), to_json(record))
@@ -228,7 +250,12 @@ class Run:
 
     def _metrics_content(self) -> bytes:
         """The bytes of the metrics file; none if there is no file yet."""
-        return self.metrics_path.read_bytes() if self.metrics_path.exists() else b""
+        if not self.metrics_path.exists():
+            return b""
+        try:
+            return read_file(self.metrics_path)
+        except ValueError as error:
+            raise RunError(f"{error}; restore it from a copy, or remove it") from error
 
     def _find(self, kind: type[Record], iteration: int) -> Record | None:
         """The first record of a kind and an iteration."""
@@ -241,6 +268,8 @@ class Run:
 def create(folder: Path, config: Config, resume: bool = False) -> Run:
     """Create a run in a folder, or resume the one that is there; it belongs to this process.
 
+    A new run whose precision is `auto` first measures, for less than a second, which one is faster.
+
     Args:
         folder: Folder of the run, new or empty, or with a run to resume.
         config: Configuration of the run.
@@ -250,6 +279,7 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
         WriteError: The folder cannot be written to.
         RunError: The folder holds a run and ``resume`` is False, or a run with another config, or
             something else.
+        ValueError: The configured device is not there, or lacks the configured precision.
     """
     path = folder / CONFIG_FILE
     _check_folder(folder, resume)
@@ -260,16 +290,18 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
             part.unlink()
     if path.exists():
         before = open_run(folder)
-        has_begun = before.metrics or before.dataset.shards  # if not, nothing would be lost
-        if before.config != config and has_begun:
+        if before.has_begun and before.precision is None:
+            config = with_precision_of(config, before.config)
+        if before.config != config and before.has_begun:  # if not, nothing would be lost
             raise RunError(
                 f"{folder} holds a run with another configuration ({path}); resume it with the "
                 "options it was started with, or choose another folder with --run"
             )
         if before.config == config:
-            warn_of_versions(run)
-            return run
-    write_json(path, Setup(config, versions(config.simulation.backend)))
+            warn_of_versions(before)
+            return before
+    run.precision = choose_for_run(config)
+    write_json(path, Setup(config, versions(config.simulation.backend), run.precision))
     return run
 
 
@@ -279,7 +311,8 @@ def open_run(folder: Path) -> Run:
     Raises:
         RunError: There is no run, or its config cannot be read.
     """
-    return Run(folder, read_setup(folder).config)
+    setup = read_setup(folder)
+    return Run(folder, setup.config, setup.precision)
 
 
 def run_of_policy(policy: Path) -> Run | None:
@@ -350,5 +383,6 @@ def _check_folder(folder: Path, resume: bool) -> None:
 
 
 def _is_left_over(path: Path) -> bool:
-    """Whether a file is what a killed process was writing."""
-    return path.name.startswith(".") and path.name.endswith(".tmp")
+    """Whether a file is what a killed process was writing, by the name that `write_atomic` uses."""
+    is_file = path.is_file() and not path.is_symlink()
+    return is_file and re.fullmatch(r"\..+\.\d+\.tmp", path.name) is not None

@@ -69,7 +69,8 @@ def expert_rollouts(
     starts = stored["train"][expert_rows(stored, data)]
     if data.nominal:
         # From standing still, as a robot is switched on: no other initial state teaches that.
-        speeds = np.unique(starts.command, axis=0)
+        first = stored.rows("train")[0, 0, stored.velocities("train", data.velocities)]
+        speeds = np.unique(stored["train"].command[first], axis=0)
         starts = join_starts([at_rest(standing(solo12(config.robot)), speeds), starts])
     return Job(
         config,
@@ -82,7 +83,7 @@ def expert_rollouts(
 
 
 def expert_rows(stored: StartSet, data: ExpertData) -> IntArray:
-    """Rows of the `train` split to clone from: velocities x ten phases x perturbations.
+    """Rows of the `train` split to clone from: velocities x ten phases x perturbations, or none.
 
     Raises:
         ValueError: The stored set has fewer initial states than are asked for.
@@ -95,6 +96,20 @@ def expert_rows(stored: StartSet, data: ExpertData) -> IntArray:
         )
     velocities = stored.velocities("train", data.velocities)
     return grid[: data.perturbations, :, velocities].ravel()
+
+
+def series_order(stratum: IntArray, rng: np.random.Generator) -> IntArray:
+    """``(n,)`` a random order, of which every beginning holds each stratum in its share.
+
+    Args:
+        stratum: ``(n,)`` the stratum of each of n things, as a number.
+        rng: Random generator.
+    """
+    position = np.empty(len(stratum))
+    for value in np.unique(stratum):
+        rows = np.flatnonzero(stratum == value)
+        position[rows] = (rng.permutation(len(rows)) + rng.random()) / len(rows)
+    return np.argsort(position)
 
 
 def draw_starts(method: IterativeConfig, rng: np.random.Generator) -> Starts:

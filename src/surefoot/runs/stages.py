@@ -22,12 +22,15 @@ from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, policy_spec, save
 from surefoot.learning.train import FitResult, fit
 from surefoot.rollouts.jobs import ChunkResult, Job, chunks_of, expert_name, run_chunk
+from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_cost
+from surefoot.runs.checks import check_expert, remember_expert
 from surefoot.runs.episode_ids import end_of_iteration, shard_name
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
+from surefoot.runs.precision import kept_precision
 from surefoot.runs.run import Run, RunError
-from surefoot.runs.sampling import expert_rollouts
+from surefoot.runs.sampling import expert_rollouts, series_order
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers, each_chunk
@@ -60,9 +63,14 @@ def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collec
         workers: Processes that run the rollouts; the result does not depend on them.
 
     Raises:
-        ValueError: The run was begun with another expert, or holds rollouts of another job.
-        RunError: The expert gave up on all rollouts in their first tick.
+        ValueError: The run was begun with another expert (a `RunError` if its plans at the fixed
+            states differ), or holds rollouts of another job.
+        RunError: The expert has failed in all rollouts; nothing of them is stored.
     """
+    if run.has_begun:
+        check_expert(run, job.plan)
+    else:
+        remember_expert(run, job.plan)
     done = run.collected(iteration)
     if done is not None:
         if done.expert != expert_name(job):
@@ -113,7 +121,7 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
 
     Raises:
         ValueError: The run's folder holds chunks of another job.
-        RunError: The expert gave up on all rollouts in their first tick.
+        RunError: The expert has failed in all rollouts; nothing of them is stored.
     """
     chunks = chunks_of(job)
     names = [shard_name(iteration, number) for number in range(len(chunks))]
@@ -128,24 +136,43 @@ def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summa
             )
     title = f"iteration {iteration}: collect"
     results = each_chunk(run_chunk, [chunks[number] for number in missing], workers, title)
-    empty: list[tuple[str, ChunkResult]] = []
+    # What an expert that does not work leaves behind is kept until one of its chunks teaches
+    # something: one that has been mended must not find those chunks done.
+    held_back: list[tuple[str, ChunkResult]] = []
+    teaches = iteration > 0 or run.dataset.frames > 0
     with closing(results):  # whatever goes wrong here, the workers end with it
         for done, result in results:
             name = names[missing[done]]
-            if result.summary.ticks.any():
+            teaches = teaches or len(result.frames) > 0
+            if teaches and result.summary.ticks.any():
                 _store(run, name, result)
             else:
-                empty.append((name, result))
-    if len(empty) == len(chunks):
-        # Nothing is stored: an expert that has been fixed must not find these chunks done.
-        raise RunError(
-            f"the expert {expert_name(job)} gave up on all {len(job.episodes)} rollouts in their "
-            "first tick: its plans are not valid, or not finite. Fix the plan, or the options that "
-            "it depends on, and try again"
-        )
-    for name, result in empty:
+                held_back.append((name, result))
+    if not teaches or len(held_back) == len(chunks):
+        old = [load_arrays(run.summary_path(name), Summary) for name in names if name in stored]
+        text = _failure_text(job, [*old, *(result.summary for _, result in held_back)])
+        advice = "fix the plan, or the options that it depends on, and "
+        advice += f"begin another run: {run.folder} holds these" if old else "try again"
+        raise RunError(f"{text}; {advice}")
+    for name, result in held_back:
         _store(run, name, result)
     return join_summaries([load_arrays(run.summary_path(name), Summary) for name in names])
+
+
+def _failure_text(job: Job, summaries: list[Summary]) -> str:
+    """What to say of rollouts from which nothing can be learned."""
+    count = len(job.episodes)
+    name = expert_name(job)
+    if not any(summary.ticks.any() for summary in summaries):
+        return (
+            f"the expert {name} gave up on all {count} rollouts in their first tick: its plans are "
+            "not valid, or not finite"
+        )
+    outcome = np.concatenate([summary.outcome for summary in summaries])
+    return (
+        f"no frame is left of {count} rollouts of the expert {name}: it gave up on "
+        f"{(outcome == Outcome.DIVERGED).sum()}, and {(outcome == Outcome.FELL).sum()} fell"
+    )
 
 
 def _store(run: Run, name: str, result: ChunkResult) -> None:
@@ -178,7 +205,10 @@ def _is_of(summary: Summary, chunk: Job) -> bool:
 
 
 def first_frames(run: Run, frames: int) -> Dataset:
-    """The first whole episodes of D that have at most this many frames together.
+    """Whole episodes of D that have at most this many frames together.
+
+    They are the first ones in a random order that is fixed by the run's seed, and in which every
+    beginning holds each phase of the gait in its share: D is stored phase by phase.
 
     Args:
         run: The run.
@@ -190,14 +220,16 @@ def first_frames(run: Run, frames: int) -> Dataset:
     summary = join_summaries(
         [load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards]
     )
-    order = np.argsort(summary.episode)
+    summary = summary[np.argsort(summary.episode)]
+    phase = load_starts().phases(summary.start)
+    order = series_order(phase, np.random.default_rng(run.seed("series", 0)))
     fits = np.cumsum(summary.kept[order]) <= frames
-    if not fits[0]:
-        raise ValueError(f"method.frames: {frames} frames are less than one episode")
     if fits.all():
         return run.dataset
-    first_left_out = np.argmin(fits)
-    return run.dataset.before(int(summary.episode[order][first_left_out]))
+    chosen = order[fits]
+    if not summary.kept[chosen].any():
+        raise ValueError(f"method.frames: {frames} frames are less than one episode")
+    return run.dataset.only(summary.episode[chosen].tolist())
 
 
 def train_policy(
@@ -237,7 +269,10 @@ def train_policy(
             epochs=epochs,
             steps=result.steps,
             frames=result.frames,
+            episodes=data.episodes,
+            dataset_hash=data.hash,
             device=result.device,
+            precision=result.precision,
             train_loss=result.train_loss[-1],
             validation_loss=result.validation_loss[-1],
             seconds=time.perf_counter() - began,
@@ -267,7 +302,7 @@ def _fit(run: Run, iteration: int, epochs: int, data: Dataset, fresh: bool) -> F
         return fit(
             network,
             data,
-            config.training,
+            kept_precision(config.training, run.precision),
             policy_spec(config),
             epochs,
             run.torch_seed("order", iteration),

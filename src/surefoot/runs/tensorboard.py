@@ -14,7 +14,7 @@ from surefoot.files import writing
 from surefoot.runs.metrics import StageRecord
 from surefoot.runs.run import Run
 
-LEFT_OUT = ("stage", "iteration", "failed_episodes")
+LEFT_OUT = ("stage", "iteration", "failed_episodes", "lost_at")
 """Fields of a record that say where it belongs, and ids of episodes: they are no measurements."""
 VELOCITY = ("vx", "vy", "yaw_rate")
 """Names of the three numbers of a velocity error."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,10 @@ from surefoot.types import Array, IntArray, State, to_ticks
 
 EARLY = 0.2
 """The push of a tail begins within this time of it, so that the rest shows the recovery [s]."""
+MOST_PUSH_TICKS = 60_000
+"""The longest push [ms], as in `DisturbanceConfig.push_duration`."""
+MOST_DELAY = 1000
+"""The longest delay [ms], as in `DisturbanceConfig.delay`."""
 _BLOCK = 500
 """The number of ticks for which noise is drawn at a time."""
 
@@ -36,9 +41,11 @@ class Pushes:
         tick: ``(B, K)`` tick of the episode at which each push begins [ms].
         duration: The time over which each impulse is spread evenly [ms].
 
+    A tick may be negative: that push began before the episode, which holds what is left of it.
+
     Raises:
-        ValueError: The shapes do not agree, an impulse is not finite, or the duration is not
-            positive.
+        ValueError: The shapes do not agree, an impulse is not finite, or the ticks or the duration
+            are not whole numbers in their range.
     """
 
     impulse: Array
@@ -47,6 +54,8 @@ class Pushes:
 
     def __post_init__(self) -> None:
         """Check that every push is one that can act."""
+        object.__setattr__(self, "impulse", np.asarray(self.impulse, dtype=float))
+        object.__setattr__(self, "tick", np.asarray(self.tick))
         expected = (*self.tick.shape, 3)
         if self.impulse.shape != expected or len(expected) != 3:
             raise ValueError(
@@ -55,8 +64,13 @@ class Pushes:
             )
         if not np.isfinite(self.impulse).all():
             raise ValueError("pushes: an impulse is not finite")
-        if self.duration < 1:
-            raise ValueError(f"pushes: a duration of {self.duration} ms; use at least 1 ms")
+        if not np.issubdtype(self.tick.dtype, np.integer):
+            raise ValueError(f"pushes: ticks of type {self.tick.dtype}; use whole numbers [ms]")
+        if not isinstance(self.duration, Integral) or not 1 <= self.duration <= MOST_PUSH_TICKS:
+            raise ValueError(
+                f"pushes: a duration of {self.duration} ms; use whole numbers from 1 to "
+                f"{MOST_PUSH_TICKS}"
+            )
 
     def __getitem__(self, rows: slice | NDArray) -> Pushes:
         """The pushes on the robots in these rows."""
@@ -92,6 +106,12 @@ class Disturbance:
         noise: Standard deviations of the noise on what is measured.
         delay: The time from a torque's command to its action [ms].
         seeds: The roots of the noise of the B robots' sensors.
+        measured: ``(B,)`` how many ticks of each robot's noise lie before the episode [ms]; None
+            begins with the first.
+
+    Raises:
+        ValueError: The fields are of different numbers of robots, a number is not finite or out of
+            its range, or there is noise without seeds.
     """
 
     pushes: Pushes | None = None
@@ -100,6 +120,49 @@ class Disturbance:
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     delay: int = 0
     seeds: tuple[np.random.SeedSequence, ...] = ()
+    measured: IntArray | None = None
+
+    def __post_init__(self) -> None:
+        """Check all fields, and bring friction and mass to arrays."""
+        for name, values in (("friction", self.friction), ("mass", self.mass)):
+            if values is not None:
+                object.__setattr__(self, name, _positive(name, values))
+        if not isinstance(self.delay, Integral) or not 0 <= self.delay <= MOST_DELAY:
+            raise ValueError(
+                f"disturbance: a delay of {self.delay} ms; use whole numbers from 0 to {MOST_DELAY}"
+            )
+        if self.measured is not None:
+            measured = np.asarray(self.measured)
+            whole = measured.ndim == 1 and np.issubdtype(measured.dtype, np.integer)
+            if not whole or (measured < 0).any():
+                raise ValueError("disturbance: measured must be (B,) whole numbers from 0 on [ms]")
+            object.__setattr__(self, "measured", measured)
+        if _standard_deviations(self.noise).any() and not self.seeds:
+            raise ValueError(
+                "disturbance: noise without seeds; give one for each robot, or let "
+                "draw_disturbances make it"
+            )
+        robots = self._robots()
+        if len(set(robots.values())) > 1:
+            given = ", ".join(f"{name} for {count}" for name, count in robots.items())
+            raise ValueError(f"disturbance: {given}; give each for the same number of robots")
+
+    def _robots(self) -> dict[str, int]:
+        """For how many robots each field is, of those that are given."""
+        pushed = None if self.pushes is None else self.pushes.tick
+        fields = {
+            "pushes": pushed,
+            "friction": self.friction,
+            "mass": self.mass,
+            "seeds": self.seeds or None,
+            "measured": self.measured,
+        }
+        return {name: len(values) for name, values in fields.items() if values is not None}
+
+    @property
+    def batch(self) -> int | None:
+        """The number of robots B; None if the disturbance is the same for any number."""
+        return next(iter(self._robots().values()), None)
 
     def __getitem__(self, rows: slice | NDArray) -> Disturbance:
         """What disturbs some of the robots."""
@@ -110,7 +173,78 @@ class Disturbance:
             friction=None if self.friction is None else self.friction[rows],
             mass=None if self.mass is None else self.mass[rows],
             seeds=tuple(self.seeds[row] for row in chosen),
+            measured=None if self.measured is None else self.measured[rows],
         )
+
+    def after(self, ticks: IntArray) -> Disturbance:
+        """What disturbs the B robots in episodes that go on from these.
+
+        Friction, mass and delay stay; the pushes that are to come, and the noise, go on.
+
+        Args:
+            ticks: ``(B,)`` how far into its episode each robot goes on [ms].
+        """
+        pushes = self.pushes
+        if pushes is not None:
+            pushes = replace(pushes, tick=pushes.tick - ticks[:, None])
+        before = np.zeros_like(ticks) if self.measured is None else self.measured
+        return replace(self, pushes=pushes, measured=before + ticks)
+
+
+def join_disturbances(parts: Sequence[Disturbance]) -> Disturbance:
+    """What disturbs the robots of at least one part, one part after another.
+
+    Args:
+        parts: The parts, drawn from one configuration.
+    """
+    pushes = [part.pushes for part in parts if part.pushes is not None]
+    joined = (
+        Pushes(
+            np.concatenate([each.impulse for each in pushes]),
+            np.concatenate([each.tick for each in pushes]),
+            pushes[0].duration,
+        )
+        if pushes
+        else None
+    )
+    return replace(
+        parts[0],
+        pushes=joined,
+        friction=join_optional([part.friction for part in parts]),
+        mass=join_optional([part.mass for part in parts]),
+        seeds=tuple(seed for part in parts for seed in part.seeds),
+        measured=join_optional([part.measured for part in parts]),
+    )
+
+
+def join_optional(parts: Sequence[NDArray | None]) -> NDArray | None:
+    """Arrays one after another; None if there are none.
+
+    Raises:
+        ValueError: Some parts have an array and others have none.
+    """
+    arrays = [part for part in parts if part is not None]
+    if len(arrays) not in (0, len(parts)):
+        raise ValueError(f"{len(arrays)} of {len(parts)} parts have an array that all need")
+    return np.concatenate(arrays) if arrays else None
+
+
+def _positive(name: str, values: Array) -> Array:
+    """``(B,)`` values of a field, if each is a positive number.
+
+    Raises:
+        ValueError: They are not.
+    """
+    array = np.asarray(values, dtype=float)
+    if array.ndim != 1:
+        raise ValueError(f"disturbance: {name} has shape {array.shape}; give one for each robot")
+    wrong = ~(np.isfinite(array) & (array > 0.0))
+    if wrong.any():
+        robot = int(wrong.argmax())
+        raise ValueError(
+            f"disturbance: {name} of robot {robot} is {array[robot]}; use a finite number above 0"
+        )
+    return array
 
 
 @dataclass(frozen=True)
@@ -197,7 +331,7 @@ def make_sensors(robot: RobotModel, disturbance: Disturbance) -> Callable[[State
     sigma = _standard_deviations(disturbance.noise)
     if not sigma.any():
         return None
-    return _Sensors(robot, sigma, disturbance.seeds)
+    return _Sensors(robot, sigma, disturbance)
 
 
 def _standard_deviations(noise: NoiseConfig) -> Array:
@@ -220,17 +354,19 @@ class _Sensors:
     Args:
         robot: The model of the robots.
         sigma: ``(36,)`` standard deviations of a displacement and of a velocity.
-        seeds: The roots of the noise of the B robots.
+        disturbance: The roots of the noise of the B robots, and how much of it lies behind them.
     """
 
-    def __init__(
-        self, robot: RobotModel, sigma: Array, seeds: Sequence[np.random.SeedSequence]
-    ) -> None:
+    def __init__(self, robot: RobotModel, sigma: Array, disturbance: Disturbance) -> None:
         self._legs = legs_of(robot)
         self._masses = masses_of(robot)
         self._sigma = sigma
-        self._sources = [np.random.default_rng(seed) for seed in seeds]
-        self._block = np.empty((_BLOCK, len(seeds), 36))
+        self._sources = [np.random.default_rng(seed) for seed in disturbance.seeds]
+        if disturbance.measured is not None:
+            # Normal numbers use up a varying part of their source: the way to tick n is to draw.
+            for source, ticks in zip(self._sources, disturbance.measured.tolist(), strict=True):
+                source.standard_normal((ticks, 36))
+        self._block = np.empty((_BLOCK, len(self._sources), 36))
         self._next = 0
 
     def __call__(self, state: State) -> State:

@@ -8,7 +8,8 @@ perturbed ones to ``train`` on, to ``select`` a policy on, and to ``test`` it on
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache, cached_property
 from importlib.resources import files
@@ -20,14 +21,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Split
+from surefoot.config.json_text import read_file
 from surefoot.errors import unknown
-from surefoot.files import write_atomic
+from surefoot.files import parse_npz, write_atomic
 from surefoot.types import Array, IntArray
 
 SPLITS: tuple[Split, ...] = get_args(Split)
 PACKAGED = ("solo12-trot-v1", "solo12-trot-v1-wide")
 """The sets that come with the package: Solo12 trots forward at 0 to 0.3 m/s. The first set is
 perturbed with the paper's standard deviations, the second with 1.5 times those."""
+
+UNIT_TOLERANCE = 1e-6
+"""A quaternion of a stored state may be longer or shorter than 1 by this; those of the packaged
+sets are so by 1e-15."""
+LARGEST = 1e6
+"""No number of a state is larger, in whatever unit."""
+LATEST = int(np.iinfo(np.int16).max)
+"""[ms] The last tick that a stored set can hold."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +126,10 @@ class StartSet:
         return self.grid[split]
 
     def first(self, split: str, n: int) -> Starts:
-        """The first n initial states of a split.
+        """The first n initial states of a split: of any n, evenly spread over phases and speeds.
+
+        They are whole perturbations, and of the next one the first cells of `_spread_cells`; they
+        come in the order in which they are stored. So n states are among any larger number of them.
 
         Raises:
             KeyError: There is no such split.
@@ -128,7 +141,10 @@ class StartSet:
                 f"{n} episodes asked for, the starts {self.name!r} hold {len(starts)} in "
                 f"{split!r}; use 1 to {len(starts)}"
             )
-        return starts[:n]
+        cells = _spread_cells(*self.shape[split][1:])
+        whole, rest = divmod(n, len(cells))
+        begun = whole * len(cells)
+        return starts[np.concatenate([np.arange(begun), begun + np.sort(cells[:rest])])]
 
     def rows(self, split: str) -> IntArray:
         """``(perturbations, phases, velocities)`` indices into the split.
@@ -163,6 +179,20 @@ class StartSet:
                 sha.update(np.ascontiguousarray(getattr(starts, field.name)).data)
         return sha.hexdigest()
 
+    def phases(self, id: IntArray) -> IntArray:
+        """``(n,)`` indices of the phases at which stored initial states begin; -1 of no set.
+
+        Args:
+            id: ``(n,)`` ids of initial states, as in `Starts`.
+        """
+        phase = np.full(len(id), -1)
+        for split in SPLITS:
+            _, phases, velocities = self.shape[split]
+            row = id - self[split].id[0]
+            within = (row >= 0) & (row < len(self[split]))
+            phase[within] = row[within] // velocities % phases
+        return phase
+
     @property
     def seed(self) -> int:
         """Root of what disturbs the evaluations on this set.
@@ -173,6 +203,31 @@ class StartSet:
         return int(self.hash[:8], 16)
 
 
+def _spread_cells(phases: int, velocities: int) -> IntArray:
+    """``(phases x velocities,)`` rows of one perturbation, each once, in an order that spreads.
+
+    Among the first n, for any n, the numbers of states of two phases, or of two velocities, differ
+    by at most one, and both are spread over their range.
+
+    Args:
+        phases: Number of phases.
+        velocities: Number of velocities.
+    """
+    n = np.arange(phases * velocities)
+    # Diagonals of the grid: each takes every phase and every velocity in turn. One ends where it
+    # would repeat itself, and the next is shifted.
+    shift = n // math.lcm(phases, velocities)
+    # Multiples of the powers of 1 / 1.3247, modulo 1, fill the unit square evenly (Roberts, 2018).
+    phase = _ranks(phases, 0.7548776662466927)[n % phases]
+    velocity = _ranks(velocities, 0.5698402909980532)[(n + shift) % velocities]
+    return phase * velocities + velocity
+
+
+def _ranks(n: int, step: float) -> IntArray:
+    """``(n,)`` the numbers below n in an order whose beginnings are spread: ranks of multiples."""
+    return np.argsort(np.argsort(np.arange(n) * step % 1.0))
+
+
 def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:
     """Read a set: one that comes with the package, by its name, or a file.
 
@@ -180,14 +235,15 @@ def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is not a set of initial states.
+        ValueError: The file is not a set of initial states: arrays of other shapes or types,
+            numbers that are not finite, or quaternions that are not of length 1.
     """
     if isinstance(which, str) and which in PACKAGED:
         return _load_packaged(which)
     path = Path(which)
-    if not path.is_file():
+    if not path.exists():
         raise FileNotFoundError(unknown("set of starts (or file)", str(which), PACKAGED))
-    return _parse(path.read_bytes(), path.stem, str(which))
+    return _parse(read_file(path), path.stem, str(which))
 
 
 @cache
@@ -204,20 +260,18 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
         ValueError: They hold none.
     """
     try:
-        with np.load(BytesIO(content), allow_pickle=False) as stored:
-            arrays = {key: stored[key] for key in stored.files}
-        shapes = [(int(a), int(b), int(c)) for a, b, c in arrays["shapes"]]
-        bounds = np.cumsum([0, *(np.prod(shapes, axis=1))])
-        everything = Starts(
-            arrays["q"],
-            arrays["v"],
-            arrays["tick"].astype(np.int64),
-            arrays["command"],
-            np.arange(bounds[-1]),
-        )
-        _check_shapes(everything, len(shapes), int(bounds[-1]))
-    except Exception as error:  # a damaged file can raise anything from zip, zlib and NumPy
+        arrays = parse_npz(content)
+        shapes = _check_arrays(arrays)
+    except ValueError as error:
         raise ValueError(f"{source} is not a set of starts ({error}); write it again") from error
+    bounds = np.cumsum([0, *(math.prod(shape) for shape in shapes)])
+    everything = Starts(
+        arrays["q"],
+        arrays["v"],
+        arrays["tick"].astype(np.int64),
+        arrays["command"],
+        np.arange(bounds[-1]),
+    )
     for field in fields(Starts):
         getattr(everything, field.name).flags.writeable = False
     grid = {
@@ -227,19 +281,56 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
     return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)))
 
 
-def _check_shapes(starts: Starts, splits: int, n: int) -> None:
-    """Check the shapes of the arrays of n initial states in so many splits.
+def _check_arrays(arrays: Mapping[str, NDArray]) -> list[tuple[int, int, int]]:
+    """Check the arrays of a stored set.
+
+    Returns:
+        The numbers of perturbations, phases and velocities of each split.
 
     Raises:
-        ValueError: A shape is not what it must be.
+        ValueError: One is missing, has another shape or type, or numbers that no state has.
     """
-    if splits != len(SPLITS):
-        raise ValueError(f"{splits} splits instead of {len(SPLITS)}")
+    names = ("q", "v", "tick", "command", "shapes")
+    if arrays.keys() != set(names):
+        raise ValueError(f"it has the arrays {sorted(arrays)}, expected {sorted(names)}"[:300])
+    if arrays["shapes"].shape != (len(SPLITS), 3) or arrays["shapes"].dtype.kind not in "iu":
+        raise ValueError(f"shapes must be ({len(SPLITS)}, 3) integers: one row for each split")
+    shapes = [(int(a), int(b), int(c)) for a, b, c in arrays["shapes"]]
+    if min(map(min, shapes)) < 1:
+        raise ValueError(f"shapes {shapes} must be positive")
+    n = sum(math.prod(shape) for shape in shapes)
     expected = {"q": (n, 19), "v": (n, 18), "tick": (n,), "command": (n, 3)}
     for name, shape in expected.items():
-        actual = getattr(starts, name).shape
-        if actual != shape:
-            raise ValueError(f"{name} has shape {actual} instead of {shape}")
+        array = arrays[name]
+        if array.shape != shape:
+            raise ValueError(f"{name} has shape {array.shape} instead of {shape}")
+        if name == "tick":
+            continue
+        if array.dtype != np.float64:
+            raise ValueError(f"{name} holds {array.dtype} instead of float64")
+        if not (np.abs(array) <= LARGEST).all():
+            raise ValueError(f"{name} holds numbers that are not finite, or beyond {LARGEST:g}")
+    tick = arrays["tick"]
+    if tick.dtype.kind not in "iu" or tick.min() < 0 or tick.max() > LATEST:
+        raise ValueError(f"tick must be integers from 0 to {LATEST} [ms]")
+    _check_unit(arrays["q"])
+    return shapes
+
+
+def _check_unit(q: Array) -> None:
+    """Check that the quaternions of configurations ``(n, 19)`` have length 1.
+
+    Raises:
+        ValueError: One has not; simulators and planner would take it for different orientations.
+    """
+    length = np.linalg.norm(q[:, 3:7], axis=1)
+    wrong = np.abs(length - 1.0) > UNIT_TOLERANCE
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise ValueError(
+            f"the quaternion q[{row}, 3:7] has length {length[row]:.6g} instead of 1; divide it by "
+            "its length"
+        )
 
 
 def check_unused(path: Path) -> None:
@@ -257,17 +348,29 @@ def save_starts(starts: StartSet, path: Path) -> None:
 
     Raises:
         FileExistsError: A set of this name exists already; new states get a new name.
+        ValueError: The states are not such as `load_starts` reads.
         WriteError: The disk is full, or read-only.
     """
     check_unused(path)
     everything = join_starts([starts.grid[split] for split in SPLITS])
+    arrays = {
+        "q": everything.q,
+        "v": everything.v,
+        "tick": everything.tick,
+        "command": everything.command,
+        "shapes": np.array([starts.shape[split] for split in SPLITS]),
+    }
+    try:
+        _check_arrays(arrays)
+    except ValueError as error:
+        raise ValueError(f"{path} is not written: {error}") from error
     buffer = BytesIO()
     np.savez_compressed(
         buffer,
-        q=everything.q,
-        v=everything.v,
-        tick=everything.tick.astype(np.int16),
-        command=everything.command,
-        shapes=np.array([starts.shape[split] for split in SPLITS]),
+        q=arrays["q"],
+        v=arrays["v"],
+        tick=arrays["tick"].astype(np.int16),
+        command=arrays["command"],
+        shapes=arrays["shapes"],
     )
     write_atomic(path, buffer.getvalue())

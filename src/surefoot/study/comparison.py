@@ -15,25 +15,24 @@ from itertools import product
 from pathlib import Path
 from typing import get_args
 
-from surefoot.config import Backend, Config, simulated
-from surefoot.evaluation.push import push_difference, push_recovery
-from surefoot.evaluation.robustness import evaluate
-from surefoot.evaluation.statistics import paired_difference
-from surefoot.files import as_digits, from_digits, write_json
-from surefoot.rollouts.outcome import Outcome
+from surefoot.config import Backend, Config, DisturbanceConfig, simulated
+from surefoot.config.evaluation import shortened
+from surefoot.config.json_io import changes
+from surefoot.evaluation.push import push_recovery
+from surefoot.evaluation.push_limits import push_difference
+from surefoot.evaluation.robustness import evaluate, success_difference
+from surefoot.files import write_json
 from surefoot.runs.versions import versions
-from surefoot.scenarios.starts import load_starts
+from surefoot.scenarios.starts import PACKAGED, load_starts
 from surefoot.study.ground import EXPERT, WhichPolicy, common_ground, open_comparable_runs, rows_of
 from surefoot.study.records import (
     Comparison,
     Difference,
     Differences,
     Measured,
-    RobustnessByStart,
     Row,
     read_comparison,
 )
-from surefoot.types import BoolArray
 from surefoot.workers import Workers
 
 logger = logging.getLogger(__name__)
@@ -49,12 +48,21 @@ class Measurements:
         pushes: Whether to push the robots too.
         push_speeds: Number of forward speeds of the robots that are pushed, each at ten phases of
             the gait; None takes the runs' own number.
+        push_directions: Number of directions of the pushes; None takes the runs' own number.
+        push_resolution: Distance between two levels of the pushes [N s]; None takes the runs' own.
+        starts: Name of the set of initial states, or its file.
+        disturbance: What disturbs the robots; None takes what disturbs the first run's own
+            evaluation.
     """
 
     simulators: tuple[Backend, ...] = get_args(Backend)
     episodes: int = 500
     pushes: bool = True
     push_speeds: int | None = None
+    push_directions: int | None = None
+    push_resolution: float | None = None
+    starts: str = PACKAGED[0]
+    disturbance: DisturbanceConfig | None = None
 
 
 def compare(
@@ -83,10 +91,10 @@ def compare(
         ValueError: The runs cannot be compared, or the file holds another comparison.
         RunError: A folder holds no run, or a run no such policy.
     """
+    stored = load_starts(measurements.starts)
     opened = open_comparable_runs(runs)
     config = _config_of(opened[0].config, measurements)
     rows = rows_of(opened, names, which)
-    stored = load_starts()
     comparison = Comparison(
         config=config,
         episodes=measurements.episodes,
@@ -104,7 +112,7 @@ def compare(
         policy = None if row.policy is None else Path(row.policy)
         measured = row.results.get(simulator, Measured())
         if measured.evaluation is None:
-            evaluation = evaluate_by_start(ground, policy, workers)
+            evaluation, _ = evaluate(ground, policy, "test", workers, stored=stored)
             measured = replace(measured, evaluation=evaluation)
             comparison = with_results(comparison, number, simulator, measured)
             save_comparison(path, comparison)
@@ -116,7 +124,7 @@ def compare(
                 evaluation.falls,
             )
         if measurements.pushes and measured.pushes is None:
-            pushes = push_recovery(ground, policy, workers)
+            pushes = push_recovery(ground, policy, workers, stored=stored)
             measured = replace(measured, pushes=pushes)
             comparison = with_results(comparison, number, simulator, measured)
             save_comparison(path, comparison)
@@ -129,9 +137,16 @@ def compare(
 def _config_of(config: Config, measurements: Measurements) -> Config:
     """The configuration under which all are measured, from that of the first run."""
     ground = replace(common_ground(config, measurements.episodes), chunk=config.chunk)
-    if measurements.push_speeds is None:
-        return ground
-    return replace(ground, push=replace(ground.push, speeds=measurements.push_speeds))
+    push = shortened(
+        ground.push,
+        measurements.push_speeds,
+        measurements.push_directions,
+        measurements.push_resolution,
+    )
+    evaluation = ground.evaluation
+    if measurements.disturbance is not None:
+        evaluation = replace(evaluation, disturbance=measurements.disturbance)
+    return replace(ground, push=push, evaluation=evaluation)
 
 
 def baseline_label(rows: Sequence[Row], baseline: Path | None) -> str | None:
@@ -201,14 +216,26 @@ def resume_comparison(path: Path, comparison: Comparison) -> Comparison:
             holds results of policies that are not asked for, which would be lost.
     """
     before = read_comparison(path)
-    for name, same in (
-        ("episodes", before.episodes == comparison.episodes),
-        ("config", before.config == comparison.config),
-        ("versions", before.versions == comparison.versions),
-        ("starts", before.starts == comparison.starts),
+    for name, of_file, asked_for in (
+        ("episodes", before.episodes, comparison.episodes),
+        ("versions", before.versions, comparison.versions),
+        ("starts", before.starts, comparison.starts),
     ):
-        if not same:
-            raise ValueError(f"{path} holds a comparison of other {name}; name another file")
+        if of_file != asked_for:
+            raise ValueError(
+                f"{path} holds a comparison of other {name}: {of_file}, not {asked_for}; name "
+                "another file"
+            )
+    for name, of_file, asked_for in changes(before.config, comparison.config):
+        raise ValueError(
+            f"{path} holds a comparison of other config: {name} is {of_file}, not {asked_for}; "
+            "name another file"
+        )
+    if not all(_keeps_initial_states(row) for row in before.rows):
+        raise ValueError(
+            f"{path} holds a comparison of an earlier version, which did not keep the initial "
+            "states; name another file"
+        )
     asked = {row.sha256 for row in comparison.rows}
     lost = [f"{row.label} ({row.policy})" for row in before.rows if row.sha256 not in asked]
     if lost:
@@ -219,6 +246,12 @@ def resume_comparison(path: Path, comparison: Comparison) -> Comparison:
     results = {row.sha256: row.results for row in before.rows}
     rows = [replace(row, results=results.get(row.sha256, {})) for row in comparison.rows]
     return replace(comparison, rows=tuple(rows))
+
+
+def _keeps_initial_states(row: Row) -> bool:
+    """Whether a row says from which initial states its episodes began."""
+    evaluations = [measured.evaluation for measured in row.results.values()]
+    return all(each is None or bool(each.initial_states) for each in evaluations)
 
 
 def with_differences(comparison: Comparison) -> Comparison:
@@ -248,13 +281,8 @@ def difference_of(row: Row, other: Row | None, simulator: Backend) -> Difference
     reference = other.results.get(simulator, Measured())
     success = None
     if measured.evaluation is not None and reference.evaluation is not None:
-        success = paired_difference(succeeded(measured.evaluation), succeeded(reference.evaluation))
+        success = success_difference(measured.evaluation, reference.evaluation)
     pushes = None
     if measured.pushes is not None and reference.pushes is not None:
         pushes = push_difference(measured.pushes, reference.pushes)
     return Difference(success, pushes)
-
-
-def succeeded(evaluation: RobustnessByStart) -> BoolArray:
-    """``(n,)`` True for each initial state whose episode ended in success."""
-    return from_digits(evaluation.outcomes) == Outcome.SUCCESS

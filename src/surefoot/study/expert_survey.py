@@ -20,7 +20,8 @@ import numpy as np
 from surefoot.bench.plan import Times, cold_plans, times_of
 from surefoot.config import Backend, Config, PushConfig, simulated
 from surefoot.config.presets import published_rules
-from surefoot.evaluation.push import PushLimits, push_recovery
+from surefoot.evaluation.push import push_recovery
+from surefoot.evaluation.push_limits import PushLimits
 from surefoot.evaluation.robustness import evaluate
 from surefoot.evaluation.statistics import wilson
 from surefoot.runs.versions import versions

@@ -126,6 +126,7 @@ def common_ground(config: Config, episodes: int) -> Config:
     safety = SafetyConfig(
         fall_height=config.safety.fall_height,
         fall_angle=config.safety.fall_angle,
+        body_contact=config.safety.body_contact,
         grace=config.safety.grace,
         stepping_from=config.safety.stepping_from,
     )

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from surefoot.config import Backend
-from surefoot.evaluation.push import PushResult
+from surefoot.evaluation.push_limits import PushResult
+from surefoot.evaluation.robustness import Robustness
 from surefoot.evaluation.statistics import Interval
-from surefoot.study.records import Comparison, Measured, RobustnessByStart
+from surefoot.study.records import Comparison, Measured
 from surefoot.viz.plots import PALETTE, STYLE, save_figure
 
 if TYPE_CHECKING:
@@ -88,9 +89,7 @@ def _name_rows(axes: Axes, labels: Sequence[str]) -> None:
     axes.set_ylim(len(labels) - 0.4, -0.6)
 
 
-def _draw_success(
-    axes: Axes, results: Sequence[Measured], evaluated: Sequence[RobustnessByStart]
-) -> None:
+def _draw_success(axes: Axes, results: Sequence[Measured], evaluated: Sequence[Robustness]) -> None:
     """The success rate of each row [%]; all that was evaluated sets the scale."""
     for number, (measured, color) in enumerate(zip(results, _colors(len(results)), strict=True)):
         if measured.evaluation is not None:

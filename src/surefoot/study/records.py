@@ -15,7 +15,7 @@ from typing import Any, Literal
 from surefoot.bench.plan import Times
 from surefoot.config import Backend, Config
 from surefoot.config.json_io import from_json, read_json, to_json
-from surefoot.evaluation.push import PushDifference, PushLimits, PushResult
+from surefoot.evaluation.push_limits import PushDifference, PushLimits, PushResult
 from surefoot.evaluation.robustness import Robustness, VelocityError
 from surefoot.evaluation.statistics import Interval, PairedDifference
 from surefoot.files import write_json
@@ -32,20 +32,6 @@ _PREFIXES = {"paper": "", "wide": "wide_"}
 
 
 @dataclass(frozen=True)
-class RobustnessByStart(Robustness):
-    """The robustness of a controller, with the outcome of every episode.
-
-    Attributes:
-        outcomes: One digit for each initial state, the `Outcome` of its episode.
-        strict: One digit for each initial state: 1 if every foot stepped in every window of 1.5
-            gait periods.
-    """
-
-    outcomes: str
-    strict: str
-
-
-@dataclass(frozen=True)
 class Measured:
     """What has been measured of one controller in one simulator.
 
@@ -54,7 +40,7 @@ class Measured:
         pushes: The impulses that it withstands.
     """
 
-    evaluation: RobustnessByStart | None = None
+    evaluation: Robustness | None = None
     pushes: PushResult | None = None
 
 
@@ -215,15 +201,13 @@ def read_comparison(path: Path) -> Comparison:
     """Read a comparison, finished or in progress, also one of an earlier version.
 
     Raises:
-        ValueError: The file is not JSON, or has unknown or missing keys.
+        ValueError: The file is not JSON, or has unknown or missing keys; the message names the file
+            and the key.
     """
     values = read_json(path)
     try:
-        for row in values["rows"]:
-            if row["cost"] is not None and "guards" in row["cost"]["seconds"]:
-                row["cost"]["seconds"]["gates"] = row["cost"]["seconds"].pop("guards")
         return from_json(Comparison, values)
-    except (KeyError, TypeError, ValueError) as error:
+    except ValueError as error:
         raise ValueError(f"{path} is no comparison that this version can read: {error}") from error
 
 
@@ -231,15 +215,20 @@ def read_survey(path: Path) -> Survey:
     """Read a survey, finished or in progress, also one of an earlier version.
 
     Raises:
-        ValueError: The file is not JSON, or has unknown or missing keys.
+        ValueError: The file is not JSON, or has unknown or missing keys; the message names the file
+            and the key.
     """
     values = read_json(path)
     try:
-        cells = [_read_cell(cell) for cell in values["cells"]]
         # A survey that has no measurement yet may have been written without this key.
-        values = {"lost_by_all": {}} | values | {"cells": []}
-        return replace(from_json(Survey, values), cells=tuple(cells))
-    except (KeyError, TypeError, ValueError) as error:
+        values = {"lost_by_all": {}} | _object(values, "Survey")
+        cells = values.get("cells")
+        if not isinstance(cells, list):
+            raise ValueError(f"cells is {cells!r}, expected a list")
+        survey = from_json(Survey, values | {"cells": []})
+        read = [_read_cell(cell, f"cells[{number}]") for number, cell in enumerate(cells)]
+        return replace(survey, cells=tuple(read))
+    except ValueError as error:
         raise ValueError(f"{path} is no survey that this version can read: {error}") from error
 
 
@@ -257,21 +246,33 @@ def write_survey(path: Path, survey: Survey) -> None:
     write_json(path, values)
 
 
-def _read_cell(values: dict[str, Any]) -> SurveyCell:
+def _read_cell(cell: object, where: str) -> SurveyCell:
     """A cell from its JSON values, in which the fields of its survivals stand beside its others."""
-    values = dict(values)
+    values = _object(cell, where)
     for name, prefix in _PREFIXES.items():
         if f"{prefix}survived" in values:
             keys = [field.name for field in fields(Survival) if prefix + field.name in values]
             values[name] = {key: values.pop(prefix + key) for key in keys}
     push = values.pop("push", None)
-    cell = from_json(SurveyCell, values)
-    return cell if push is None else replace(cell, push=_read_push(push))
+    read = from_json(SurveyCell, values, where)
+    return read if push is None else replace(read, push=_read_push(push, f"{where}.push"))
 
 
-def _read_push(values: dict[str, Any]) -> PushLimits:
+def _read_push(push: object, where: str) -> PushLimits:
     """Pushes from their JSON values; earlier versions wrote no outcome of each robot."""
+    values = _object(push, where)
     if "survived" in values:
-        return from_json(PushResult, values, "push")
+        return from_json(PushResult, values, where)
     known = {key: value for key, value in values.items() if key != "unpushed_successes"}
-    return from_json(PushLimits, known, "push")
+    return from_json(PushLimits, known, where)
+
+
+def _object(value: object, where: str) -> dict[str, Any]:
+    """A copy of JSON values that have keys.
+
+    Raises:
+        ValueError: They have none.
+    """
+    if not isinstance(value, dict):
+        raise ValueError(f"{where} is {value!r}, expected an object with keys")
+    return dict(value)

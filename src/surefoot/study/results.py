@@ -17,12 +17,12 @@ from typing import TypeVar
 from surefoot.config import Config
 from surefoot.config.json_io import from_json, read_json
 from surefoot.config.study import StudyConfig
-from surefoot.evaluation.push import PushResult
+from surefoot.evaluation.push_limits import PushResult
+from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
 from surefoot.runs.metrics import Best, StageRecord
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, read_setup
 from surefoot.study.cells import Cell, StudyJob, cell_config, cells_of, measurements_of
-from surefoot.study.records import RobustnessByStart
 
 Record = TypeVar("Record")
 STUDY_FILE = "study.json"
@@ -91,7 +91,7 @@ class PolicyTest:
     iteration: int
     frames: int | None
     sha256: str | None
-    robustness: RobustnessByStart | None = None
+    robustness: Robustness | None = None
     pushes: PushResult | None = None
 
 

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
-from surefoot.config import Backend
-from surefoot.evaluation.push import PushDifference, PushResult
-from surefoot.evaluation.robustness import VelocityError
+from surefoot.config import Backend, DisturbanceConfig
+from surefoot.config.json_io import changes
+from surefoot.evaluation.push_limits import PushDifference, PushResult
+from surefoot.evaluation.robustness import Robustness, VelocityError
 from surefoot.evaluation.statistics import Interval, PairedDifference, wilson
 from surefoot.runs.accounting import RunCost
 from surefoot.study.records import (
@@ -20,7 +21,6 @@ from surefoot.study.records import (
     Difference,
     Differences,
     Measured,
-    RobustnessByStart,
     Row,
 )
 
@@ -36,6 +36,7 @@ RESULTS = (
     "fell",
     "stalled",
     "diverged",
+    "body contact, of them successes",
     "MSE, successes, whole episode",
     "MSE, all, from 1 s on",
     "push [N s]",
@@ -78,7 +79,7 @@ def page_with(text: str, path: Path) -> str:
     Raises:
         ValueError: The file has no such part.
     """
-    content = path.read_text() if path.exists() else f"{BEGIN}{END}\n"
+    content = path.read_text(encoding="utf-8") if path.is_file() else f"{BEGIN}{END}\n"
     before, begin, rest = content.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not (begin and end):
@@ -129,10 +130,15 @@ def _about_results(comparison: Comparison, measured: Sequence[Measured]) -> str:
     robots = sorted(
         {f"{each.pushes.episodes} robots" for each in measured if each.pushes is not None}
     )
+    disturbed = changes(comparison.config.evaluation.disturbance, DisturbanceConfig())
+    settings = ", ".join(f"{name} {value}" for name, value, _ in disturbed)
     return (
-        f"The first {comparison.episodes} `test` initial states of {', '.join(comparison.starts)}; "
-        "95 % intervals: Wilson's for success, Newcombe's for its paired differences, bootstrap "
-        "intervals over robots for pushes. MSE of vx, vy [m²/s²] and yaw rate [rad²/s²], in "
+        f"{comparison.episodes} `test` initial states of {', '.join(comparison.starts)}"
+        f"{f', disturbed: {settings}' if settings else ''}; "
+        "95 % intervals: Wilson's for success, Newcombe's for its paired differences, for pushes "
+        "bootstrap intervals over robots, no narrower than the levels and the number of robots "
+        "allow. Body contact: episodes in which something other than a foot touched the ground. "
+        "MSE of vx, vy [m²/s²] and yaw rate [rad²/s²], in "
         f"thousandths. Push: the impulse that {share:.0f} % of "
         f"{', '.join(robots) or 'the robots'} survive, mean of all directions; "
         "least and most of a direction."
@@ -160,15 +166,22 @@ def _about_costs(comparison: Comparison) -> str:
 
 
 def markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A Markdown table of the cells of its head and of its lines."""
+    """A Markdown table of the cells of its head and of its lines; a bar in a cell is escaped."""
     rule = ["---"] * len(head)
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, rule, *lines))
+    return "\n".join(
+        "| " + " | ".join(_escaped(cell) for cell in cells) + " |" for cells in (head, rule, *lines)
+    )
 
 
-def robustness_cells(evaluation: RobustnessByStart | None) -> list[str]:
-    """The seven cells of an evaluation."""
+def _escaped(cell: str) -> str:
+    """The text of a cell in which nothing ends the cell or the line."""
+    return " ".join(cell.replace("|", "\\|").split())
+
+
+def robustness_cells(evaluation: Robustness | None) -> list[str]:
+    """The eight cells of an evaluation."""
     if evaluation is None:
-        return ["-"] * 7
+        return ["-"] * 8
     low, high = evaluation.success_interval
     n = evaluation.episodes
     return [
@@ -178,6 +191,9 @@ def robustness_cells(evaluation: RobustnessByStart | None) -> list[str]:
         str(evaluation.falls),
         str(evaluation.stalls),
         str(evaluation.diverged),
+        "-"
+        if evaluation.body_contacts is None
+        else f"{evaluation.body_contacts}, {evaluation.body_contact_successes}",
         _error_cell(evaluation.mse),
         _error_cell(evaluation.settled_mse),
     ]

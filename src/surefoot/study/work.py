@@ -21,6 +21,7 @@ from pathlib import Path
 from surefoot.config import Config, IterativeConfig
 from surefoot.config.study import EXPERT, Measurement, StudyConfig, measured_config
 from surefoot.evaluation.push import push_recovery
+from surefoot.evaluation.robustness import evaluate
 from surefoot.files import write_atomic
 from surefoot.methods import METHODS
 from surefoot.runs.metrics import StageRecord, Trained
@@ -29,7 +30,6 @@ from surefoot.runs.run import create, open_run
 from surefoot.runs.stages import collect_data, train_policy
 from surefoot.runs.versions import versions
 from surefoot.study.cells import Cell, StudyJob, cell_config, find_job
-from surefoot.study.comparison import evaluate_by_start
 from surefoot.study.results import (
     POLICY_FILE,
     JobRecord,
@@ -233,7 +233,7 @@ def _measure(config: Config, policy: MeasuredPolicy, measurement: Measurement) -
         test = replace(test, sha256=sha256(policy.path.read_bytes()).hexdigest())
     if measurement.measure == "impulse":
         return replace(test, pushes=push_recovery(config, policy.path, ONE_WORKER))
-    robustness = evaluate_by_start(config, policy.path, ONE_WORKER, measurement.split)
+    robustness, _ = evaluate(config, policy.path, measurement.split, ONE_WORKER)
     return replace(test, robustness=robustness)
 
 

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from surefoot.mpc.identity import difference, identity_of
+from surefoot.robots.geometry import state_of
 from surefoot.robots.model import RobotModel
-from surefoot.testing.states import falling_moments, state_of
+from surefoot.testing.states import falling_moments
 from surefoot.types import Command, MotionPlan, PlanFunction, State
 
 
@@ -83,6 +85,14 @@ class PlanContract:
             for row in order:
                 plan(states[row - 1], 300, Command(-0.1, 0.1, -0.2))
                 _assert_same_plans(plan(states[row], 133, self.command), expected[row])
+
+    def test_a_resumed_run_knows_the_plan_again(self) -> None:
+        """A run is refused another MPC than it was begun with, and knows it by names and plans."""
+        before = identity_of(self.make_plan(), self.make_robot())
+        now = identity_of(self.make_plan(), self.make_robot())
+        assert now.repeatable, "a plan that is asked again for the same state is another one"
+        text = difference(before, now)
+        assert not text, f"a run begun with {before.title}, {text}, could not be resumed"
 
     def test_state_and_command_matter(self) -> None:
         """Different states give different plans; so do different commands."""

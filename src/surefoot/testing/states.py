@@ -11,12 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from surefoot.robots.geometry import state_of
 from surefoot.robots.model import RobotModel, standing
-from surefoot.robots.rigid import center_of_mass, feet, integrate, legs_of, masses_of
+from surefoot.robots.rigid import integrate
 from surefoot.types import Array, IntArray, State
-
-HIGHEST_CONTACT = 1e-3
-"""[m] A foot whose sphere is at most this far above the ground counts as a contact here."""
 
 
 class Moment(NamedTuple):
@@ -31,21 +29,6 @@ class Moment(NamedTuple):
     state: State
     tick: IntArray
     command: Array
-
-
-def state_of(robot: RobotModel, q: Array, v: Array) -> State:
-    """Return the state of B robots with these configurations and velocities.
-
-    Args:
-        robot: The robot.
-        q: ``(B, 19)`` configurations.
-        v: ``(B, 18)`` velocities.
-    """
-    legs = legs_of(robot)
-    position, _ = feet(q, legs)
-    com = center_of_mass(q, legs, masses_of(robot))
-    contacts = position[:, :, 2] < robot.foot_radius + HIGHEST_CONTACT
-    return State(q, v, com, position, contacts)
 
 
 def falling_moments(robot: RobotModel, batch: int, ticks: int, seed: int = 0) -> list[Moment]:
@@ -94,6 +77,23 @@ def states_in_the_air(robot: RobotModel, batch: int, seed: int = 0) -> tuple[Arr
     q[:, 3:7] = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
     q[:, 7:] += rng.uniform(-1.0, 1.0, (batch, 12))
     return q, rng.normal(0.0, 1.0, (batch, 18))
+
+
+def lying_on_its_back(robot: RobotModel) -> Array:
+    """Return the configuration ``(19,)`` of a robot upside down, its base 0.1 mm in the ground.
+
+    Args:
+        robot: The robot, for its pose and the shapes of its base.
+    """
+    tops = []
+    for shape in robot.shapes:
+        if shape.link == "base_link":
+            half_height = shape.size[2] if len(shape.size) == 3 else shape.size[0]
+            tops.append(max(shape.start[2], shape.end[2]) + half_height)
+    q = standing(robot)
+    q[2] = max(tops) - 1e-4
+    q[3:7] = [1.0, 0.0, 0.0, 0.0]
+    return q
 
 
 def copy_of(state: State) -> State:

@@ -21,12 +21,13 @@ from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.jobs import Job, disturbance_of, expert_name, play_out, summarize_job
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import settled_part, velocities
-from surefoot.runs.episode_ids import EPISODES_PER_ITERATION, FIRST_QUERY, EpisodeId
+from surefoot.runs.checks import check_expert
+from surefoot.runs.episode_ids import EpisodeId
 from surefoot.runs.metrics import Collected
 from surefoot.runs.query import Query
 from surefoot.runs.run import Run, open_run, warn_of_versions
 from surefoot.scenarios.starts import Starts, at_rest
-from surefoot.types import TICKS_PER_SECOND, Command
+from surefoot.types import TICKS_PER_SECOND, Command, PlanFunction
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,9 @@ def standing_start(command: Command) -> Starts:
     return at_rest(standing(solo12()), np.array([command]))
 
 
-def recorded_episode(folder: Path, episode: int, iteration: int | None = None) -> Job:
+def recorded_episode(
+    folder: Path, episode: int, iteration: int | None = None, plan: PlanFunction | None = None
+) -> Job:
     """The job that repeats one episode of a run's collection, alone, to the same bits.
 
     A query of LocoDAGGER starts from a state of another rollout, which is played first for that.
@@ -74,22 +77,25 @@ def recorded_episode(folder: Path, episode: int, iteration: int | None = None) -
         folder: Folder of the run.
         episode: Id of the episode; with an iteration its index there.
         iteration: Iteration that collected it; None if the episode is given by its id.
+        plan: The expert's MPC if it was the user's own; None for the BiConMP-style planner.
 
     Raises:
-        RunError: There is no run.
+        RunError: There is no run, or its expert's plans at the fixed states were others.
         FileNotFoundError: The policy or gate that drove is lost.
-        ValueError: The run has no such episode, or the expert was the user's own.
+        ValueError: The run has no such episode, or its expert has another name.
     """
     run = open_run(folder)
     place = _place_of(episode, iteration)
     collected = _collected_by(run, place)
-    job = METHODS[run.method].collection(run, place.iteration, None)
+    job = METHODS[run.method].collection(run, place.iteration, plan)
     if collected.expert != expert_name(job):
         raise ValueError(
-            f"the expert of {folder} was your own {collected.expert}: replay it from Python, with "
-            "surefoot.methods.METHODS[...].collection(run, iteration, plan) and "
+            f"the expert of {folder} was {collected.expert}, not {expert_name(job)}: replay an "
+            "episode of your own expert from Python, with "
+            "surefoot.viz.replay.recorded_episode(folder, episode, plan=your_plan) and "
             "surefoot.rollouts.jobs.play_out"
         )
+    check_expert(run, plan)
     warn_of_versions(run)
     alone = _alone(job, place)
     if alone is None:
@@ -99,14 +105,15 @@ def recorded_episode(folder: Path, episode: int, iteration: int | None = None) -
 
 def _place_of(episode: int, iteration: int | None) -> EpisodeId:
     """The place of an episode that is given by its id, or by an iteration and its index there."""
+    place = EpisodeId.from_number(episode)
     if iteration is None:
-        return EpisodeId.from_number(episode)
-    if not 0 <= episode < EPISODES_PER_ITERATION:
+        return place
+    if place.iteration != 0:
         raise ValueError(
             f"episode {episode} of iteration {iteration}: with an iteration, an episode is an "
             f"index from 0 on; the id {episode} is given without an iteration"
         )
-    return EpisodeId(iteration, episode)
+    return replace(place, iteration=iteration)
 
 
 def _collected_by(run: Run, place: EpisodeId) -> Collected:
@@ -128,13 +135,10 @@ def _collected_by(run: Run, place: EpisodeId) -> Collected:
 
 def _alone(job: Job, place: EpisodeId) -> Job | None:
     """An episode of a job, or one that follows from it, as a job of its own; None if not there."""
-    parent = place
-    if isinstance(job.then, Query):
-        parent = place.parent(job.then.N_query)
-    alone = job[job.episode == parent.number]
+    alone = job[job.episode == place.rollout.number]
     if len(alone.episode) == 0:
         return None
-    if parent == place:
+    if place.query is None:
         return alone
     if job.then is None:
         return None
@@ -154,11 +158,11 @@ def _range_of(job: Job, place: EpisodeId) -> str:
     last = EpisodeId(i, count - 1)
     text = f"iteration {i} has 0 to {last.index}, ids {first.number} to {last.number}"
     if isinstance(job.then, Query):
-        first = EpisodeId(i, FIRST_QUERY)
-        last = last.query(job.then.N_query - 1, job.then.N_query)
+        first = replace(first, query=0)
+        last = replace(first, query=job.then.N_query - 1)
         text += (
-            f", and queries {first.index} to {last.index}, ids {first.number} to {last.number}, "
-            "of rollouts that lasted long enough"
+            f", and of rollout 0 at most {job.then.N_query} queries, ids {first.number} to "
+            f"{last.number}"
         )
     return text
 

@@ -1,0 +1,200 @@
+"""Which MPC an expert is: the name of its plan function, and its plans at two fixed states.
+
+A run is to be continued with the expert it was begun with, or one dataset holds the labels of two.
+A name alone does not tell: all lambdas have the same one, and a function may have been edited. So a
+run keeps an `ExpertIdentity` of a user's MPC, and `difference` says in what another one differs. A
+change that shows at neither of the two states is not noticed. The package's own planner needs none:
+the run's configuration is all of it. `runs.checks` decides with this whether a run may go on.
+"""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from surefoot.robots.geometry import state_of
+from surefoot.robots.model import RobotModel, standing
+from surefoot.robots.rigid import integrate
+from surefoot.types import Array, Command, MotionPlan, PlanFunction, State
+
+TOLERANCE = 1e-6
+"""[rad, rad/s, N m] Plans this far apart are the same: another processor rounds differently."""
+REPEATABLE = 0.01 * TOLERANCE
+"""[rad, rad/s, N m] A pure function that is asked again is closer, on several threads too."""
+DECIMALS = 9
+"""Numbers of a plan are kept to this many decimals, far below the tolerance."""
+UNITS = {"joint_position": "rad", "joint_velocity": "rad/s", "torque": "N m"}
+"""The arrays of a plan, with their units."""
+
+Rows = tuple[tuple[float, ...], ...]
+"""``(ticks, 12)`` numbers, as JSON keeps them."""
+
+
+@dataclass(frozen=True)
+class FixedPlan:
+    """The answer of a plan function at one fixed state.
+
+    Attributes:
+        joint_position: ``(ticks, 12)`` reference joint angles [rad].
+        joint_velocity: ``(ticks, 12)`` reference joint rates [rad/s].
+        torque: ``(ticks, 12)`` feed-forward joint torques [N m].
+        valid: Whether the plan may be executed.
+        failure: What the function did instead of planning; empty if it gave a plan.
+    """
+
+    joint_position: Rows = ()
+    joint_velocity: Rows = ()
+    torque: Rows = ()
+    valid: bool = False
+    failure: str = ""
+
+
+@dataclass(frozen=True)
+class ExpertIdentity:
+    """All that tells one MPC from another.
+
+    Attributes:
+        module: Name of the module that defines the plan function, or its class.
+        name: Qualified name of the function, or of its class.
+        repeatable: Whether the function gave the same plan when it was asked again. If it did not,
+            it is known by its names alone.
+        plans: The plans at the fixed states.
+    """
+
+    module: str
+    name: str
+    repeatable: bool
+    plans: tuple[FixedPlan, ...]
+
+    @property
+    def title(self) -> str:
+        """The name with its module."""
+        return f"{self.module}.{self.name}"
+
+
+def plan_names(plan: PlanFunction) -> tuple[str, str]:
+    """Return the module and the qualified name of a plan function.
+
+    They are those of the function that a `functools.partial` or a decorator wraps, and those of the
+    class of an object that can be called.
+
+    Args:
+        plan: The plan function.
+    """
+    inner = inspect.unwrap(plan)
+    if isinstance(inner, partial):
+        return plan_names(inner.func)
+    named = inner if inspect.isroutine(inner) or inspect.isclass(inner) else type(inner)
+    return str(named.__module__), named.__qualname__
+
+
+def identity_of(plan: PlanFunction, robot: RobotModel) -> ExpertIdentity:
+    """Return the identity of a plan function; this asks it for three plans.
+
+    A function that raises, or returns something else than a plan, has an identity too: what it
+    did is kept as the failure.
+
+    Args:
+        plan: The plan function.
+        robot: The robot that it plans for.
+    """
+    module, name = plan_names(plan)
+    states = _fixed_states(robot)
+    plans = tuple(_ask(plan, *state) for state in states)
+    again = _ask(plan, *_fixed_states(robot)[0])  # after the others, which must leave no trace
+    repeatable = not _plan_difference(plans[0], again, REPEATABLE)
+    return ExpertIdentity(module, name, repeatable, plans)
+
+
+def difference(before: ExpertIdentity, now: ExpertIdentity) -> str:
+    """Return in what an expert differs from an earlier one, in words; nothing if it is the same.
+
+    Args:
+        before: The earlier expert.
+        now: The expert to compare with it.
+
+    Returns:
+        The end of a sentence that begins with the name of the earlier expert and a comma, or an
+        empty text.
+    """
+    if (before.module, before.name) != (now.module, now.name):
+        return f"not with {now.title}"
+    if not (before.repeatable and now.repeatable):
+        return ""
+    if len(before.plans) != len(now.plans):  # of a version with other states
+        return ""
+    for number, (one, other) in enumerate(zip(before.plans, now.plans, strict=True), 1):
+        text = _plan_difference(one, other, TOLERANCE)
+        if text:
+            return f"which has changed since: at fixed state {number} of {len(now.plans)} {text}"
+    return ""
+
+
+def _fixed_states(robot: RobotModel) -> list[tuple[State, int, Command]]:
+    """Return the arguments for which plans are kept, in arrays that nobody else holds.
+
+    The first robot stands still; the second moves in every degree of freedom, between two ticks of
+    the planning grid, so that feedback on a position or a velocity shows.
+    """
+    upright = standing(robot)
+    count = np.arange(1.0, 19.0)
+    q = np.stack([upright, integrate(upright, 0.02 * np.sin(count))])
+    v = np.stack([np.zeros(18), 0.1 * np.cos(count)])
+    states = state_of(robot, q, v)
+    return [
+        (states[0], 0, Command(0.3, 0.0, 0.0)),
+        (states[1], 133, Command(0.2, 0.05, 0.1)),
+    ]
+
+
+def _ask(plan: PlanFunction, state: State, tick: int, command: Command) -> FixedPlan:
+    """Return the plan of a function, or how it failed."""
+    try:
+        motion = plan(state, tick, command)
+    except Exception as error:  # whatever a user's code raises
+        return FixedPlan(failure=f"raised {type(error).__name__}")
+    if not isinstance(motion, MotionPlan):
+        return FixedPlan(failure=f"returned {type(motion).__name__}, no MotionPlan")
+    try:
+        rows = [_rows(motion.joint_position), _rows(motion.joint_velocity), _rows(motion.torque)]
+    except (TypeError, ValueError):
+        return FixedPlan(failure="gave arrays that are not (ticks, 12) numbers each")
+    return FixedPlan(*rows, valid=bool(motion.valid))
+
+
+def _rows(values: Array) -> Rows:
+    """Return an array of a plan as tuples; what is not finite becomes NaN, as in JSON.
+
+    Raises:
+        TypeError: They are no numbers.
+        ValueError: They are no numbers, or their shape is another one.
+    """
+    array = np.asarray(values, np.float64)
+    if array.ndim != 2 or array.shape[1] != 12:
+        raise ValueError(f"{array.shape}, expected (ticks, 12)")
+    array = np.where(np.isfinite(array), np.round(array, DECIMALS), np.nan)
+    return tuple(map(tuple, array.tolist()))
+
+
+def _plan_difference(before: FixedPlan, now: FixedPlan, tolerance: float) -> str:
+    """Return in what a plan differs from an earlier one, in words; nothing if it does not."""
+    if before.failure != now.failure:
+        return f"it {now.failure or 'gave a plan'}; before, it {before.failure or 'gave a plan'}"
+    for name, unit in UNITS.items():
+        one = np.array(getattr(before, name))
+        other = np.array(getattr(now, name))
+        what = name.replace("_", " ")
+        if one.shape != other.shape:
+            return f"its plan has {len(other)} ticks; before, it had {len(one)}"
+        if not np.array_equal(np.isfinite(one), np.isfinite(other)):
+            return f"its {what} is not finite where it was before, or the other way round"
+        apart = float(np.abs(other - one)[np.isfinite(one)].max(initial=0.0))
+        if apart > tolerance:
+            return f"its {what} is up to {apart:.3g} {unit} apart (tolerance {tolerance:g})"
+    if before.valid != now.valid:
+        words = {True: "valid", False: "not valid"}
+        return f"its plan is {words[now.valid]}; before, it was {words[before.valid]}"
+    return ""
