@@ -169,25 +169,6 @@ def baseline_label(rows: Sequence[Row], baseline: Path | None) -> str | None:
     raise ValueError(f"the baseline {baseline} is none of {folders}")
 
 
-def evaluate_by_start(
-    config: Config, policy: Path | None, workers: Workers, split: str = "test"
-) -> RobustnessByStart:
-    """Robustness on stored initial states, with the outcome of every episode.
-
-    Args:
-        config: The configuration, simulator included.
-        policy: File of the policy; None evaluates the expert.
-        workers: Processes that run the episodes.
-        split: Split of the initial states.
-    """
-    robustness, summary = evaluate(config, policy, split, workers)
-    return RobustnessByStart(
-        **vars(robustness),
-        outcomes=as_digits(summary.outcome),
-        strict=as_digits(summary.strict),
-    )
-
-
 def with_results(
     comparison: Comparison, number: int, simulator: Backend, measured: Measured
 ) -> Comparison:
