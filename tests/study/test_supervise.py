@@ -38,7 +38,7 @@ def folder(tmp_path):
     study = StudyConfig(
         "mine", "My study", (Technique("a", "A", "dagger"),), (Measurement("t", "t"),)
     )
-    save_setup(tmp_path, StudySetup(study, None, "0"))
+    save_setup(tmp_path, StudySetup(study, None, "0", "float32"))
     package = tmp_path / "code" / "surefoot" / "study"
     package.mkdir(parents=True)
     (package / "__init__.py").touch()

@@ -10,12 +10,13 @@ the study runs. `read_results` refuses results that do not belong together. Read
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
 from surefoot.config import Config
 from surefoot.config.json_io import from_json, read_json
+from surefoot.config.learning import NumberFormat
 from surefoot.config.study import StudyConfig
 from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
@@ -43,11 +44,14 @@ class StudySetup:
         study: The study.
         commit: The commit of the code that its jobs run; None if it was not in a checkout.
         version: Version of the package.
+        precision: The number format in which cells train whose precision is `auto`, measured once
+            for all of them.
     """
 
     study: StudyConfig
     commit: str | None
     version: str
+    precision: NumberFormat
 
 
 @dataclass(frozen=True)
@@ -185,6 +189,14 @@ class StudyResults:
         )
 
 
+def run_config(setup: StudySetup, cell: Cell) -> Config:
+    """The configuration of a cell's run, with the precision that the whole study trains in."""
+    config = cell_config(setup.study, cell)
+    if config.training.precision != "auto":
+        return config
+    return replace(config, training=replace(config.training, precision=setup.precision))
+
+
 def save_setup(folder: Path, setup: StudySetup) -> None:
     """Write what fixes a study into its folder.
 
@@ -275,7 +287,7 @@ def read_results(folder: Path) -> StudyResults:
     results = []
     missing = []
     for cell in cells_of(setup.study):
-        result = read_cell(folder, setup.study, cell)
+        result = read_cell(folder, setup, cell)
         if result is not None:
             results.append(result)
         if result is None or not _is_complete(setup.study, result):
@@ -284,7 +296,7 @@ def read_results(folder: Path) -> StudyResults:
     return StudyResults(setup, folder, tuple(results), tuple(missing))
 
 
-def read_cell(folder: Path, study: StudyConfig, cell: Cell) -> CellResult | None:
+def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
     """All results of a cell; None if there are none yet.
 
     Raises:
@@ -293,7 +305,7 @@ def read_cell(folder: Path, study: StudyConfig, cell: Cell) -> CellResult | None
     results = results_folder(folder, cell)
     if not results.is_dir():
         return None
-    config = cell_config(study, cell)
+    config = run_config(setup, cell)
     metrics: tuple[StageRecord, ...] = ()
     if (results / CONFIG_FILE).exists():
         run = open_run(results)
@@ -304,7 +316,7 @@ def read_cell(folder: Path, study: StudyConfig, cell: Cell) -> CellResult | None
             )
         metrics = tuple(run.metrics)
     tests = {}
-    for measurement in study.measurements:
+    for measurement in setup.study.measurements:
         measured = read_tests(folder, cell, measurement.name)
         if measured is not None:
             tests[measurement.name] = measured

@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from surefoot.config.json_io import changes
+from surefoot.config.learning import NumberFormat
 from surefoot.config.study import StudyConfig
+from surefoot.runs.precision import choose_for_run
 from surefoot.runs.versions import versions
-from surefoot.study.cells import StudyJob, find_job, jobs_of
+from surefoot.study.cells import StudyJob, cell_config, cells_of, find_job, jobs_of
 from surefoot.study.checkout import check_out, checkout_root, clean_commit
 from surefoot.study.pools import make_pool
 from surefoot.study.results import (
@@ -69,9 +71,19 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
         return setup
     root = checkout_root()
     commit = None if root is None else clean_commit(root)
-    setup = StudySetup(study, commit, versions()["surefoot"])
+    precision = measured_precision(study)
+    setup = StudySetup(study, commit, versions()["surefoot"], precision)
     save_setup(folder, setup)
     return setup
+
+
+def measured_precision(study: StudyConfig) -> NumberFormat:
+    """The faster precision for the networks of a study, by those of the first cell that asks."""
+    for cell in cells_of(study):
+        config = cell_config(study, cell)
+        if config.training.precision == "auto":
+            return choose_for_run(config).chosen
+    return "float32"
 
 
 def run_study(folder: Path, workers: Workers, only: str | None = None) -> StudyOutcome:

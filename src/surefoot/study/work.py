@@ -29,16 +29,18 @@ from surefoot.runs.prepare import copy_first_stage
 from surefoot.runs.run import create, open_run
 from surefoot.runs.stages import collect_data, train_policy
 from surefoot.runs.versions import versions
-from surefoot.study.cells import Cell, StudyJob, cell_config, find_job
+from surefoot.study.cells import Cell, StudyJob, find_job
 from surefoot.study.results import (
     POLICY_FILE,
     JobRecord,
     PolicyTest,
+    StudySetup,
     Tests,
     read_job,
     read_study,
     read_tests,
     results_folder,
+    run_config,
     run_folder,
     save_job,
     save_run,
@@ -114,27 +116,27 @@ def do_job(folder: Path, name: str, seconds: float = SLICE) -> bool:
     finished = True
     try:
         if job.kind == "share":
-            make_shared(folder, setup.study, job, piece)
+            make_shared(folder, setup, job, piece)
         elif job.kind == "train":
-            train_cell(folder, setup.study, job, piece)
+            train_cell(folder, setup, job, piece)
         else:
-            measure_cell(folder, setup.study, job, piece)
+            measure_cell(folder, setup, job, piece)
     except SliceOver:
         finished = False
     save_job(folder, job.cell, job_record(folder, job, piece, finished))
     return finished
 
 
-def make_shared(folder: Path, study: StudyConfig, job: StudyJob, piece: Slice) -> None:
+def make_shared(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> None:
     """Make what several cells begin with: the first data, or also the first policy.
 
     Args:
         folder: Folder of the study.
-        study: The study.
+        setup: The study.
         job: The job.
         piece: The time that it has.
     """
-    run = create(shared_folder(folder, job), cell_config(study, job.cell), resume=True)
+    run = create(shared_folder(folder, job), run_config(setup, job.cell), resume=True)
     run.listeners.append(piece.stop_if_over)
     method = METHODS[run.method]
     collect_data(run, 0, method.collection(run, 0, None), ONE_WORKER)
@@ -143,19 +145,19 @@ def make_shared(folder: Path, study: StudyConfig, job: StudyJob, piece: Slice) -
         train_policy(run, 0, run.config.method.pretraining_epochs)
 
 
-def train_cell(folder: Path, study: StudyConfig, job: StudyJob, piece: Slice) -> None:
+def train_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> None:
     """Train the run of a cell, and keep its metrics and its best policy.
 
     Args:
         folder: Folder of the study.
-        study: The study.
+        setup: The study.
         job: The job.
         piece: The time that it has.
     """
     cell = job.cell
-    run = create(run_folder(folder, cell), cell_config(study, cell), resume=True)
+    run = create(run_folder(folder, cell), run_config(setup, cell), resume=True)
     for name in job.needs:
-        shared = find_job(study, name)
+        shared = find_job(setup.study, name)
         assert shared.shared is not None
         copy_first_stage(open_run(shared_folder(folder, shared)), run, shared.shared)
     run.listeners.append(piece.stop_if_over)
@@ -166,21 +168,21 @@ def train_cell(folder: Path, study: StudyConfig, job: StudyJob, piece: Slice) ->
     write_atomic(results_folder(folder, cell) / POLICY_FILE, run.best_policy_path.read_bytes())
 
 
-def measure_cell(folder: Path, study: StudyConfig, job: StudyJob, piece: Slice) -> None:
+def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> None:
     """Measure the policies of a cell, or the expert; each is kept as soon as it is measured.
 
     Args:
         folder: Folder of the study.
-        study: The study.
+        setup: The study.
         job: The job.
         piece: The time that it has.
     """
     cell = job.cell
-    measurement = study.measurement(job.measurement)
-    config = measured_config(cell_config(study, cell), measurement)
+    measurement = setup.study.measurement(job.measurement)
+    config = measured_config(run_config(setup, cell), measurement)
     before = read_tests(folder, cell, measurement.name)
     done = () if before is None else before.policies
-    wanted = _policies_of(folder, study, cell, measurement)
+    wanted = _policies_of(folder, setup.study, cell, measurement)
     for number, policy in enumerate(wanted):
         if number < len(done):
             continue
@@ -247,7 +249,7 @@ def job_record(folder: Path, job: StudyJob, piece: Slice, finished: bool) -> Job
         finished: Whether the job is done.
     """
     setup = read_study(folder)
-    config = cell_config(setup.study, job.cell)
+    config = run_config(setup, job.cell)
     now = versions(config.simulation.backend)
     before = read_job(folder, job.cell, job.name)
     began = datetime.now(UTC) - timedelta(seconds=piece.spent)
