@@ -6,6 +6,7 @@ import stat
 import subprocess
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from surefoot.files import (
     WriteError,
     as_digits,
+    check_output,
     from_digits,
     load_arrays,
     save_arrays,
@@ -143,6 +145,58 @@ def test_a_folder_is_refused(tmp_path):
     with pytest.raises(WriteError, match="cannot be written"):
         write_atomic(tmp_path, b"text")
     assert tmp_path.is_dir()
+
+
+def test_checking_an_output_that_can_be_written_writes_nothing(tmp_path):
+    (tmp_path / "old.json").write_text("old")
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere" / "target")
+    os.mkfifo(tmp_path / "pipe")
+    names = ["new.json", "old.json", "link", "pipe", "a/b/c/new.json"]
+    before = sorted(tmp_path.rglob("*"))
+    for name in names:
+        check_output(tmp_path / name)
+    for stream in ("/dev/null", "/dev/stdout"):
+        check_output(Path(stream), suffixes=(".png",))
+    assert sorted(tmp_path.rglob("*")) == before
+    assert (tmp_path / "old.json").read_text() == "old"
+
+
+def test_outputs_that_cannot_be_written_are_refused_before_the_work(tmp_path):
+    (tmp_path / "file").touch()
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
+    (tmp_path / "to_folder").symlink_to(tmp_path)
+    refused = {
+        tmp_path: "is a folder",
+        tmp_path / "to_folder": "is a folder",
+        Path(""): "is an empty name",
+        tmp_path / "file" / "new.json": "cannot be written",
+        tmp_path / "circle": "cannot be written",
+        tmp_path / "circle" / "new.json": "cannot be written",
+        tmp_path / ("n" * 250): "File name too long",
+        tmp_path / ("n" * 300) / "new.json": "File name too long",
+    }
+    for path, message in refused.items():
+        with pytest.raises(WriteError, match=message):
+            check_output(path)
+        with pytest.raises(WriteError):  # and it is so: `write_atomic` cannot write them
+            write_atomic(path, b"text")
+
+
+def test_outputs_without_permission_are_refused_before_the_work(tmp_path, monkeypatch):
+    def denied(**_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("surefoot.files.TemporaryFile", denied)  # root may write anywhere
+    with pytest.raises(WriteError, match=r"new.json cannot be written .*Permission denied"):
+        check_output(tmp_path / "a" / "new.json")
+
+
+def test_outputs_of_a_format_have_one_of_its_endings(tmp_path):
+    suffixes = (".png", ".svg")
+    check_output(tmp_path / "plot.SVG", suffixes=suffixes)
+    for name in ("plot.jpg", "plot", "png"):
+        with pytest.raises(ValueError, match=rf"{name} must end in .png or .svg"):
+            check_output(tmp_path / name, suffixes=suffixes)
 
 
 def test_json_of_a_record_has_its_fields_as_keys_and_null_for_nan(tmp_path):

@@ -7,6 +7,7 @@ how a record becomes JSON.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from collections.abc import Callable, Iterator
@@ -14,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import fields
 from io import BytesIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -52,6 +53,44 @@ def writing(path: Path | str) -> Iterator[None]:
         ) from error
 
 
+def check_output(path: Path, *, suffixes: tuple[str, ...] = ()) -> None:
+    """Check that `write_atomic` could write a file, before the work whose results it is to hold.
+
+    Nothing is written or made. Links, devices and pipes are allowed, as `write_atomic` writes what
+    they stand for; a device or a pipe has no format, so any name will do.
+
+    Args:
+        path: The file; its folder need not exist.
+        suffixes: Endings of a name that the format allows, such as ``(".png", ".svg")``, in lower
+            case; without any, all are allowed.
+
+    Raises:
+        ValueError: The name has another ending.
+        WriteError: The path is a folder or empty, its folder can neither be written to nor be made,
+            or the name is too long.
+    """
+    try:
+        if is_stream(path):
+            if path.is_socket() or not os.access(path, os.W_OK):
+                raise WriteError(f"{path} cannot be written to; name a file, a device or a pipe")
+            return
+        if path.is_dir():
+            given = "an empty name" if path == Path() else "a folder"
+            raise WriteError(f"{str(path)!r} is {given}, and cannot be written; name a file")
+        if suffixes and path.suffix.lower() not in suffixes:
+            raise ValueError(f"{path} must end in {' or '.join(suffixes)}")
+        target = _target(path)
+        _temporary(target).exists()  # a name that is too long is an error
+        folder = next(folder for folder in target.parents if os.path.lexists(folder))
+        TemporaryFile(dir=folder).close()
+    except WriteError:
+        raise
+    except OSError as error:
+        raise WriteError(
+            f"{path} cannot be written ({error}); name a file in a folder that you may write to"
+        ) from error
+
+
 def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) -> None:
     """Write a file so that a reader sees the old one or the new one, never a part.
 
@@ -69,12 +108,12 @@ def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) ->
     """
     path = Path(path)
     with writing(path):
-        if _is_stream(path):
+        if is_stream(path):
             _write_through(path, content)
             return
-        path = path.resolve()  # of a link, what it points to
+        path = _target(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        temporary = _temporary(path)
         try:
             _write_content(temporary, content)
             _flush(temporary)
@@ -85,6 +124,19 @@ def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) ->
         _flush(path.parent)
 
 
+def _target(path: Path) -> Path:
+    """The file that a path stands for: of a link, what it points to."""
+    target = Path(os.path.realpath(path))
+    if target.is_symlink():  # of links that point to each other, there is no such file
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+    return target
+
+
+def _temporary(path: Path) -> Path:
+    """The name that a file has until it is whole."""
+    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
+
+
 def _write_content(path: Path, content: bytes | Callable[[Path], object]) -> None:
     """Write the content to a file that does not matter yet."""
     if callable(content):
@@ -93,7 +145,7 @@ def _write_content(path: Path, content: bytes | Callable[[Path], object]) -> Non
         path.write_bytes(content)
 
 
-def _is_stream(path: Path) -> bool:
+def is_stream(path: Path) -> bool:
     """Whether a path is a device, a pipe or a stream of this process, which has no old content."""
     # Standard output may be a file: what reads it holds that very file, and not the name.
     own_stream = path.parent in (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))
