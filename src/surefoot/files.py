@@ -48,8 +48,7 @@ def writing(path: Path | str) -> Iterator[None]:
         yield
     except OSError as error:
         raise WriteError(
-            f"{path} cannot be written ({error}). Nothing that was complete is lost: free some "
-            "space or fix the folder's permissions, then resume (train: with --resume)"
+            f"{path} cannot be written ({error}): free some space, or fix the folder's permissions"
         ) from error
 
 
