@@ -20,6 +20,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal, Protocol, TypeVar
 from urllib.parse import urlsplit
 
@@ -331,18 +332,18 @@ def _connected(workers: Workers) -> Any:
         return ray
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     terminate = signal.getsignal(signal.SIGTERM)
-    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
+    connect = partial(ray.init, log_to_driver=False, logging_level=logging.ERROR)
     try:
         if workers.ray_address is None:  # "local", or Ray would join any cluster that it finds
-            ray.init("local", num_cpus=workers.started, include_dashboard=False, **quiet)
+            connect("local", num_cpus=workers.started, include_dashboard=False)
         else:
-            _join(workers.ray_address, lambda: ray.init(workers.ray_address, **quiet))
+            _join(workers.ray_address, connect)
     finally:
         _answer_sigterm_by(terminate)
     return ray
 
 
-def _join(address: str, connect: Callable[[], object]) -> None:
+def _join(address: str, connect: Callable[[str], object]) -> None:
     """Connect to a cluster, or find out soon that there is none.
 
     Ray tries for minutes, and hears no signal meanwhile. So the address is tried first, and Ray
@@ -350,7 +351,7 @@ def _join(address: str, connect: Callable[[], object]) -> None:
 
     Args:
         address: Host and port, or a word such as ``auto``.
-        connect: The function that connects.
+        connect: The function that connects to the address.
 
     Raises:
         ValueError: There is no cluster. Whatever else connecting raises is raised too.
@@ -359,7 +360,7 @@ def _join(address: str, connect: Callable[[], object]) -> None:
 
     def call() -> None:
         try:
-            done.set_result(connect())
+            done.set_result(connect(address))
         except BaseException as error:
             done.set_exception(error)
 
