@@ -86,7 +86,8 @@ def check_output(path: Path, *, suffixes: tuple[str, ...] = ()) -> None:
         raise
     except OSError as error:
         raise WriteError(
-            f"{path} cannot be written ({error}); name a file in a folder that you may write to"
+            f"{path} cannot be written ({error.strerror}); name a file in a folder that you may "
+            "write to"
         ) from error
 
 

@@ -332,12 +332,15 @@ def _connected(workers: Workers) -> Any:
         return ray
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     terminate = signal.getsignal(signal.SIGTERM)
-    connect = partial(ray.init, log_to_driver=False, logging_level=logging.ERROR)
+    connect: Callable[..., object] = partial(
+        ray.init, log_to_driver=False, logging_level=logging.ERROR
+    )
     try:
-        if workers.ray_address is None:  # "local", or Ray would join any cluster that it finds
-            connect("local", num_cpus=workers.started, include_dashboard=False)
+        address = workers.ray_address or "local"  # without it, Ray would join what it finds
+        if address == "local":
+            connect(address, num_cpus=workers.started, include_dashboard=False)
         else:
-            _join(workers.ray_address, connect)
+            _join(address, connect)
     finally:
         _answer_sigterm_by(terminate)
     return ray

@@ -67,6 +67,7 @@ class Train(OnWorkers, OnSimulator):
 
         check_option("--json", self.json)
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
+        check_option("--run", folder / "metrics.jsonl")
         config = self.simulated(self.config)
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))

@@ -78,7 +78,7 @@ def page_with(text: str, path: Path) -> str:
     Raises:
         ValueError: The file has no such part.
     """
-    content = path.read_text() if path.exists() else f"{BEGIN}{END}\n"
+    content = path.read_text("utf-8") if path.exists() else f"{BEGIN}{END}\n"
     before, begin, rest = content.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not (begin and end):
