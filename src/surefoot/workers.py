@@ -20,7 +20,6 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, Literal, Protocol, TypeVar
 from urllib.parse import urlsplit
 
@@ -332,9 +331,10 @@ def _connected(workers: Workers) -> Any:
         return ray
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     terminate = signal.getsignal(signal.SIGTERM)
-    connect: Callable[..., object] = partial(
-        ray.init, log_to_driver=False, logging_level=logging.ERROR
-    )
+
+    def connect(address: str, **options: Any) -> None:
+        ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **options)
+
     try:
         address = workers.ray_address or "local"  # without it, Ray would join what it finds
         if address == "local":
