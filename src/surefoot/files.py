@@ -111,44 +111,6 @@ def check_output(path: Path, *, suffixes: tuple[str, ...] = ()) -> None:
         ) from error
 
 
-def check_output(path: Path, *, suffixes: tuple[str, ...] = ()) -> None:
-    """Check that `write_atomic` could write a file, before the work whose results it is to hold.
-
-    Nothing is written or made. Links, devices and pipes are allowed, as `write_atomic` writes what
-    they stand for; a device or a pipe has no format, so any name will do.
-
-    Args:
-        path: The file; its folder need not exist.
-        suffixes: Endings of a name that the format allows, such as ``(".png", ".svg")``, in lower
-            case; without any, all are allowed.
-
-    Raises:
-        ValueError: The name has another ending.
-        WriteError: The path is a folder or empty, its folder can neither be written to nor be made,
-            or the name is too long.
-    """
-    try:
-        if is_stream(path):
-            if path.is_socket() or not os.access(path, os.W_OK):
-                raise WriteError(f"{path} cannot be written to; name a file, a device or a pipe")
-            return
-        if path.is_dir():
-            given = "an empty name" if path == Path() else "a folder"
-            raise WriteError(f"{str(path)!r} is {given}, and cannot be written; name a file")
-        if suffixes and path.suffix.lower() not in suffixes:
-            raise ValueError(f"{path} must end in {' or '.join(suffixes)}")
-        target = _target(path)
-        _temporary(target).exists()  # a name that is too long is an error
-        folder = next(folder for folder in target.parents if os.path.lexists(folder))
-        TemporaryFile(dir=folder).close()
-    except WriteError:
-        raise
-    except OSError as error:
-        raise WriteError(
-            f"{path} cannot be written ({error}); name a file in a folder that you may write to"
-        ) from error
-
-
 def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) -> None:
     """Write a file so that a reader sees the old one or the new one, never a part.
 
