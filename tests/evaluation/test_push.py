@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import surefoot.evaluation.push as push_module
-from surefoot.config import Config, DisturbanceConfig, PushConfig
+from surefoot.config import Config, DisturbanceConfig, NoiseConfig, PushConfig
 from surefoot.config.json_io import from_json, to_json
 from surefoot.evaluation.push import (
     PushDifference,
@@ -29,6 +29,8 @@ from surefoot.scenarios.starts import load_starts
 from surefoot.study.expert_survey import PUSHES
 from surefoot.types import MotionPlan, to_ticks
 from surefoot.workers import Workers
+from tests.fakes import toy
+from tests.fakes.simulator import FakeSimulator
 
 CONFIG = Config()
 STORED = load_starts()
@@ -41,8 +43,13 @@ def pretend(monkeypatch, limit, unpushed=Outcome.SUCCESS, lost=()):
     rounds = []
 
     def map_chunks(function, chunks, workers, title):
-        assert function is push_module.states_at_the_end
-        return [(chunk.starts, ~np.isin(chunk.starts.id, lost)) for chunk in chunks]
+        assert function is push_module.branch_at_the_end
+        parts = []
+        for chunk in chunks:
+            up = ~np.isin(chunk.starts.id, lost)
+            going_on = replace(chunk.episodes, duration=chunk.config.push.after)[up]
+            parts.append((going_on, up))
+        return parts
 
     def run_episodes(job, workers, title):
         assert job.episodes.duration == CONFIG.push.after
@@ -211,6 +218,11 @@ def test_starts_are_the_first_perturbation_of_the_split():
         pushed_starts(replace(CONFIG.push, speeds=11), STORED)
 
 
+def worlds(robot, batch, config):
+    """Robots that go on to the bit from a state."""
+    return FakeSimulator(batch, robot=robot)
+
+
 def job_of(n, before, config=CONFIG, plan=None):
     return Job(config, Episodes(STORED["test"][:n], before), ExpertOnly(), plan=plan)
 
@@ -272,6 +284,34 @@ def test_a_robot_keeps_its_friction_and_load_over_all_pushes():
         assert first is not None and second is not None
         assert len(set(first)) == 4
         np.testing.assert_array_equal(second, np.tile(first, 2))
+
+
+def test_a_push_without_impulse_changes_nothing_under_noise_and_delay(monkeypatch):
+    """Torques under way, noise, friction and mass of the whole rollout go on in its branch."""
+    monkeypatch.setattr("surefoot.rollouts.jobs.make_simulator", worlds)
+    noise = NoiseConfig(base_orientation=0.01, joint_position=0.01, joint_velocity=0.1)
+    disturbance = DisturbanceConfig(friction=(0.5, 1.5), mass=(0.8, 1.2), noise=noise, delay=8)
+    config = replace(CONFIG, chunk=2)
+    begin = replace(job_of(4, 0.2, config, plan=toy.plan), disturbance=disturbance)
+    branch = branch_at_push(begin, Workers(1), "test")
+    assert branch.up.all()
+    pushed = pushed_job(branch.job, np.zeros(1), np.zeros(1))
+    after, _ = play_out(lasting(pushed, 0.3))
+    whole, _ = play_out(lasting(begin, 0.5))
+    for name in ("q", "v", "torque"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(whole, name)[:, 200:])
+    np.testing.assert_array_equal(after.seen.q, whole.seen.q[:, 200:])
+    assert not np.array_equal(whole.seen.q, whole.q)
+
+
+def test_a_branch_on_mujoco_goes_on_as_the_whole_rollout_does():
+    noise = NoiseConfig(joint_position=0.01, joint_velocity=0.05)
+    disturbance = DisturbanceConfig(friction=(0.5, 1.5), mass=(0.8, 1.2), noise=noise, delay=8)
+    begin = replace(job_of(2, 0.1), disturbance=disturbance)
+    branch = branch_at_push(begin, Workers(1), "test")
+    after, _ = play_out(lasting(branch.job, 0.1))
+    whole, _ = play_out(lasting(begin, 0.2))
+    np.testing.assert_allclose(after.q, whole.q[:, 100:], rtol=0, atol=1e-9)
 
 
 def test_pushes_take_place_under_the_disturbance_of_the_evaluation(monkeypatch):

@@ -1,12 +1,15 @@
 """Episodes check themselves, and the frames of a rollout hold what happened."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from surefoot.config import DisturbanceConfig, NoiseConfig
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import rollout
-from surefoot.rollouts.episodes import Episodes
-from surefoot.scenarios.disturbance import Disturbance, Pushes
+from surefoot.rollouts.episodes import Episodes, join_episodes
+from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances
 from tests.fakes.drivers import FakeController, Script, standing_for, starts_of
 from tests.fakes.simulator import FakeSimulator
 
@@ -101,3 +104,93 @@ def test_a_rule_that_keeps_nothing_gives_no_frames():
     rollouts = rollout(FakeSimulator(1), standing_for(0.01), ExpertOnly(), FakeController())
     assert len(rollouts.frames(np.zeros((1, 10), bool), np.array([0]))) == 0
     assert len(rollouts.frames(np.ones((1, 10), bool), np.array([0]))) == 10
+
+
+# --- branches
+
+
+def disturbed(n):
+    """Pushes, noise, late torques, and a friction and a mass for each of n robots."""
+    config = DisturbanceConfig(
+        pushes=2,
+        friction=(0.5, 1.5),
+        mass=(0.8, 1.2),
+        noise=NoiseConfig(joint_position=0.05, joint_velocity=0.1),
+        delay=8,
+    )
+    return draw_disturbances(config, 3, np.arange(n), 0.6, 0.5)
+
+
+def drive(episodes):
+    """The rollout of a controller that answers to what it measures."""
+    return rollout(FakeSimulator(len(episodes)), episodes, ExpertOnly(), FakeController(1.0))
+
+
+def assert_goes_on(branch, whole, robot, elapsed):
+    """The branch holds what the whole rollout holds from those ticks on, to the bit."""
+    for row, (b, tick) in enumerate(zip(robot, elapsed, strict=True)):
+        ticks = branch.q.shape[1]
+        for name in ("q", "v", "torque"):
+            expected = getattr(whole, name)[b, tick : tick + ticks]
+            np.testing.assert_array_equal(getattr(branch, name)[row], expected, name)
+        np.testing.assert_array_equal(branch.seen.q[row], whole.seen.q[b, tick : tick + ticks])
+
+
+def test_a_branch_goes_on_to_the_bit_with_its_friction_mass_noise_pushes_and_late_torques():
+    whole = drive(Episodes(starts_of([50, 400, 0]), 0.7, disturbance=disturbed(3)))
+    assert not np.array_equal(whole.q, whole.seen.q)
+    robot = np.array([2, 0, 0, 1, 2])
+    elapsed = np.array([505, 3, 500, 250, 0])
+    episodes = whole.branch(robot, elapsed, 0.15, np.arange(5) + 90)
+    assert episodes.ids.tolist() == [90, 91, 92, 93, 94]
+    assert episodes.starts.tick.tolist() == [505, 53, 550, 650, 0]
+    assert episodes.starts.id.tolist() == [72, 70, 70, 71, 72]
+    assert whole.disturbance.friction is not None and episodes.disturbance is not None
+    np.testing.assert_array_equal(episodes.disturbance.friction, whole.disturbance.friction[robot])
+    branch = drive(episodes)
+    assert_goes_on(branch, whole, robot, elapsed)
+    # And so does a branch of a branch, and a part of one.
+    again = drive(branch.branch(np.array([0, 4]), np.array([5, 0]), 0.1, np.arange(2)))
+    assert_goes_on(again, whole, [2, 2], [510, 0])
+    part = drive(episodes[np.array([3, 1])])
+    assert_goes_on(part, whole, [1, 0], [250, 3])
+    joined = drive(join_episodes([episodes[:2], episodes[2:]]))
+    assert_goes_on(joined, whole, robot, elapsed)
+
+
+def test_a_branch_within_a_push_feels_the_rest_of_it():
+    pushes = Pushes(np.array([[[0.0, 3.0, 0.0]]]), np.array([[20]]), 10)
+    whole = drive(Episodes(starts_of([0]), 0.1, disturbance=Disturbance(pushes)))
+    branch = drive(whole.branch(np.array([0]), np.array([25]), 0.05, np.array([0])))
+    assert_goes_on(branch, whole, [0], [25])
+
+
+def test_an_undisturbed_branch_has_nothing_late():
+    whole = drive(Episodes(starts_of([0]), 0.05))
+    episodes = whole.branch(np.array([0]), np.array([20]), 0.03, np.array([0]))
+    assert episodes.late is None
+    assert_goes_on(drive(episodes), whole, [0], [20])
+
+
+def test_a_robot_does_not_go_on_after_its_episode():
+    heights = {1: [(510, 0.05)]}
+    simulator = FakeSimulator(2, heights)
+    whole = rollout(simulator, standing_for(0.6, batch=2), ExpertOnly(), FakeController())
+    with pytest.raises(ValueError, match=r"robot 1 cannot go on from tick 510.*lasted 510 ticks"):
+        whole.branch(np.array([0, 1]), np.array([510, 510]), 0.1, np.arange(2))
+
+
+def test_late_torques_fit_the_robots_and_the_delay():
+    late = np.zeros((1, 3, 12))
+    message = r"late torques \(1, 3, 12\) for 1 robots and a delay of 2 ms; give \(1, 2, 12\)"
+    with pytest.raises(ValueError, match=message):
+        Episodes(starts_of([0]), 0.1, disturbance=Disturbance(delay=2), late=late)
+
+
+def test_only_episodes_of_one_kind_are_joined():
+    plain = Episodes(starts_of([0]), 0.1)
+    with pytest.raises(ValueError, match="1 of 2 parts are disturbed"):
+        join_episodes([plain, replace(plain, disturbance=Disturbance())])
+    late = replace(plain, disturbance=Disturbance(delay=1), late=np.zeros((1, 1, 12)))
+    with pytest.raises(ValueError, match="1 of 2 parts have an array that all need"):
+        join_episodes([late, replace(late, late=None)])

@@ -22,11 +22,11 @@ from surefoot.evaluation.robustness import controller_title
 from surefoot.evaluation.statistics import Interval, percentiles
 from surefoot.files import as_digits
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
-from surefoot.rollouts.episodes import Episodes
+from surefoot.rollouts.episodes import Episodes, join_episodes
 from surefoot.rollouts.jobs import Job, chunks_of, disturbance_of, play_out, run_episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Pushes
-from surefoot.scenarios.starts import Starts, StartSet, join_starts, load_starts
+from surefoot.scenarios.starts import Starts, StartSet, load_starts
 from surefoot.types import Array, BoolArray, PlanFunction, to_ticks
 from surefoot.workers import Workers, map_chunks
 
@@ -225,30 +225,30 @@ def branch_at_push(begin: Job, workers: Workers, title: str) -> Branch:
         workers: Processes that run them.
         title: Text of the progress bar.
     """
-    parts = map_chunks(states_at_the_end, chunks_of(begin), workers, title)
+    parts = map_chunks(branch_at_the_end, chunks_of(begin), workers, title)
     up = np.concatenate([chunk_up for _, chunk_up in parts])
-    states = join_starts([states for states, _ in parts])[up]
     # Falls are tested at once: the grace is for initial states that no robot walked into.
     config = replace(begin.config, safety=replace(begin.config.safety, grace=0.0))
-    # The ids stay: each robot keeps its friction and its load, in every direction and level.
-    episodes = Episodes(states, config.push.after, id=begin.episode[up])
+    # The ids stay, and so do friction, load, noise and late torques, for every push.
+    episodes = join_episodes([chunk for chunk, _ in parts])
     return Branch(replace(begin, config=config, episodes=episodes), up)
 
 
-def states_at_the_end(job: Job) -> tuple[Starts, BoolArray]:
+def branch_at_the_end(job: Job) -> tuple[Episodes, BoolArray]:
     """Run the episodes of one chunk.
 
     Returns:
-        The states in which they end, as initial states; and ``(B,)`` True for the robots that are
-        still up then.
+        The episodes that go on where they end, of the robots that are still up; and ``(B,)`` True
+        for these robots.
     """
     ticks = to_ticks(job.episodes.duration)
     # A state is recorded before its tick is made: one tick more records the last.
     longer = replace(job.episodes, duration=job.episodes.duration + 1e-3)
     rollouts, _ = play_out(replace(job, episodes=longer))
-    tick = job.starts.tick + ticks
-    states = replace(job.starts, q=rollouts.q[:, ticks], v=rollouts.v[:, ticks], tick=tick)
-    return states, rollouts.length > ticks
+    up = rollouts.length > ticks
+    robot = np.flatnonzero(up)
+    elapsed = np.full(len(robot), ticks)
+    return rollouts.branch(robot, elapsed, job.config.push.after, job.episode[up]), up
 
 
 def pushed_job(job: Job, angles: Array, impulses: Array) -> Job:

@@ -22,7 +22,6 @@ from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.outcome import Outcome, fallen, stepping
 from surefoot.rotations import from_heading
 from surefoot.scenarios.disturbance import Disturbance, Pushes, make_sensors
-from surefoot.scenarios.starts import Starts
 from surefoot.sim.protocol import Simulator
 from surefoot.types import Array, BoolArray, Controller, IntArray, State, to_ticks
 
@@ -83,8 +82,8 @@ def rollout(
     recorder = _Recorder(total, B, noisy=measure is not None, ask_always=ask_always)
     drivers = _Drivers(expert, policy, starts.command, simulator.robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)
-    # The torque applied is the one commanded `delay` ticks ago, or the first one of the episode.
-    commanded = deque[Array](maxlen=disturbance.delay + 1)
+    # The torque applied is the one commanded `delay` ticks ago.
+    line = deque[Array](maxlen=disturbance.delay + 1)
     for elapsed in range(total + 1):
         state = simulator.state
         # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
@@ -100,15 +99,17 @@ def rollout(
         tick = starts.tick + elapsed
         choice = arbiter.choose(state, tick, starts.command) if elapsed < T else everyone
         torque = drivers.torque(state, tick, choice, elapsed, recorder)
-        commanded.append(torque)
+        if elapsed == 0:
+            line.extend(_under_way(episodes, disturbance.delay, torque))
+        line.append(torque)
         if disturbance.pushes is not None:
             _push(simulator, disturbance.pushes, elapsed, recorder.active)
-        simulator.step(commanded[0], recorder.active)
+        simulator.step(line[0], recorder.active)
         if progress is not None and (elapsed + 1) % PROGRESS_TICKS == 0:
             progress(PROGRESS_TICKS)
     if to_ticks(safety.stepping_from) <= T:
         recorder.mark_stalled(T, simulator.robot.foot_radius)
-    return recorder.rollout(starts, T)
+    return recorder.rollout(episodes, disturbance, T)
 
 
 class _Recorder:
@@ -154,7 +155,7 @@ class _Recorder:
         stalled = ~stepping(height, _by_robot(self.truth.contacts[:T]), foot_radius)
         self.outcome[stalled & (self.outcome == Outcome.SUCCESS)] = Outcome.STALLED
 
-    def rollout(self, starts: Starts, T: int) -> Rollout:
+    def rollout(self, episodes: Episodes, disturbance: Disturbance, T: int) -> Rollout:
         """The whole rollout, with the robot as its first axis."""
         truth = _states_by_robot(self.truth)
         return Rollout(
@@ -168,10 +169,12 @@ class _Recorder:
             expert_torque=_by_robot(self.expert_torque),
             expert_drove=_by_robot(self.drove),
             expert_asked=_by_robot(self.asked),
-            starts=starts,
+            starts=episodes.starts,
             length=self.length,
             outcome=self.outcome,
             duration=T,
+            disturbance=disturbance,
+            late=episodes.late,
         )
 
 
@@ -226,6 +229,14 @@ class _Drivers:
         recorder.torque[elapsed] = torque
         recorder.drove[elapsed] = choice
         return torque
+
+
+def _under_way(episodes: Episodes, delay: int, first: Array) -> list[Array]:
+    """The torques ``(B, 12)`` that act before the first one that is commanded, in their order."""
+    if episodes.late is None:
+        return [first] * delay
+    torques = np.swapaxes(episodes.late, 0, 1)
+    return [np.where(np.isnan(torque), first, torque) for torque in torques]
 
 
 def _push(simulator: Simulator, pushes: Pushes, elapsed: int, active: BoolArray) -> None:

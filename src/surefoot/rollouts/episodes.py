@@ -8,15 +8,16 @@ other.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.learning.frames import Frames
 from surefoot.rollouts.outcome import failed
-from surefoot.scenarios.disturbance import Disturbance
-from surefoot.scenarios.starts import Starts
+from surefoot.scenarios.disturbance import Disturbance, join_disturbances, join_optional
+from surefoot.scenarios.starts import Starts, join_starts
 from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
 
 
@@ -30,10 +31,13 @@ class Episodes:
         tail: The time after T during which the expert drives robots that have not fallen [s].
         id: ``(B,)`` ids, which fix everything random; None numbers the episodes from 0.
         disturbance: What disturbs the B robots; None leaves them undisturbed.
+        late: ``(B, delay, 12)`` the torques under way when the episodes begin, the next to act
+            first [N m]; NaN where there is none, and the first torque of the episode acts instead.
+            None has none at all. `Rollout.branch` makes them.
 
     Raises:
-        ValueError: There is nothing to simulate, a command is not finite, or the number of ids or
-            of pushed robots is not that of the initial states.
+        ValueError: There is nothing to simulate, a command is not finite, or the number of ids, of
+            pushed robots or of late torques is not that of the initial states.
     """
 
     starts: Starts
@@ -41,6 +45,7 @@ class Episodes:
     tail: float = 0.0
     id: IntArray | None = None
     disturbance: Disturbance | None = None
+    late: Array | None = None
 
     def __post_init__(self) -> None:
         """Check that the episodes can be simulated."""
@@ -56,6 +61,13 @@ class Episodes:
         pushes = None if self.disturbance is None else self.disturbance.pushes
         if pushes is not None and len(pushes.tick) != B:
             raise ValueError(f"pushes for {len(pushes.tick)} robots, but there are {B}")
+        if self.late is not None:
+            delay = 0 if self.disturbance is None else self.disturbance.delay
+            if self.late.shape != (B, delay, 12):
+                raise ValueError(
+                    f"late torques {self.late.shape} for {B} robots and a delay of {delay} ms; "
+                    f"give ({B}, {delay}, 12)"
+                )
         if not np.isfinite(self.starts.command).all():
             raise ValueError(f"commands must be finite numbers, not {self.starts.command.tolist()}")
 
@@ -65,12 +77,36 @@ class Episodes:
     def __getitem__(self, rows: slice | NDArray) -> Episodes:
         """Some of the episodes, with their ids and disturbances."""
         disturbance = None if self.disturbance is None else self.disturbance[rows]
-        return replace(self, starts=self.starts[rows], id=self.ids[rows], disturbance=disturbance)
+        late = None if self.late is None else self.late[rows]
+        return replace(
+            self, starts=self.starts[rows], id=self.ids[rows], disturbance=disturbance, late=late
+        )
 
     @property
     def ids(self) -> IntArray:
         """``(B,)`` the ids, 0 to B - 1 where none were given."""
         return np.arange(len(self.starts)) if self.id is None else self.id
+
+
+def join_episodes(parts: Sequence[Episodes]) -> Episodes:
+    """The episodes of at least one part, one part after another, all of the same length.
+
+    Args:
+        parts: The parts, with disturbances that are drawn from one configuration.
+
+    Raises:
+        ValueError: Some parts are disturbed, or have late torques, and others are not.
+    """
+    disturbances = [part.disturbance for part in parts if part.disturbance is not None]
+    if len(disturbances) not in (0, len(parts)):
+        raise ValueError(f"{len(disturbances)} of {len(parts)} parts are disturbed; disturb all")
+    return replace(
+        parts[0],
+        starts=join_starts([part.starts for part in parts]),
+        id=np.concatenate([part.ids for part in parts]),
+        disturbance=join_disturbances(disturbances) if disturbances else None,
+        late=join_optional([part.late for part in parts]),
+    )
 
 
 @dataclass(frozen=True)
@@ -93,6 +129,9 @@ class Rollout:
         length: ``(B,)`` number of ticks simulated.
         outcome: ``(B,)`` values of `Outcome`.
         duration: Number of ticks of the episode proper; what follows them is the tail.
+        disturbance: What disturbed the robots.
+        late: ``(B, delay, 12)`` the torques that were under way at the beginning, as `Episodes` has
+            them; None without any.
     """
 
     q: Array
@@ -109,6 +148,8 @@ class Rollout:
     length: IntArray
     outcome: IntArray
     duration: int
+    disturbance: Disturbance = field(default_factory=Disturbance)
+    late: Array | None = None
 
     @property
     def failed(self) -> BoolArray:
@@ -119,6 +160,57 @@ class Rollout:
     def happened(self) -> BoolArray:
         """``(B, T)`` True for ticks that were simulated."""
         return np.arange(self.q.shape[1]) < self.length[:, None]
+
+    def branch(self, robot: IntArray, elapsed: IntArray, duration: float, id: IntArray) -> Episodes:
+        """Episodes that go on from states of this rollout, with all that belongs to them.
+
+        Each robot keeps its friction, its mass, the torques that are under way, the noise from that
+        tick on and the pushes that are to come: driven by the same torques, it moves as it did
+        here (to the rounding of the simulator's reset: 1e-13 after 150 ticks). Only controllers and arbiters begin anew; an expert goes on as it did if it planned at
+        this tick, which it does on its grid.
+
+        Args:
+            robot: ``(n,)`` rows of the robots; a row may come several times.
+            elapsed: ``(n,)`` the tick of the rollout at which each of them goes on [ms].
+            duration: The time that the episodes last [s].
+            id: ``(n,)`` ids of the episodes.
+
+        Raises:
+            ValueError: A robot's episode was over at its tick.
+        """
+        over = elapsed >= self.length[robot]
+        if over.any():
+            row = int(over.argmax())
+            raise ValueError(
+                f"robot {robot[row]} cannot go on from tick {elapsed[row]}: its episode lasted "
+                f"{self.length[robot[row]]} ticks, and the state of the last is not recorded"
+            )
+        starts = Starts(
+            self.q[robot, elapsed],
+            self.v[robot, elapsed],
+            self.starts.tick[robot] + elapsed,
+            self.starts.command[robot],
+            self.starts.id[robot],
+        )
+        disturbance = self.disturbance[robot].after(elapsed)
+        return Episodes(
+            starts, duration, id=id, disturbance=disturbance, late=self._under_way(robot, elapsed)
+        )
+
+    def _under_way(self, robot: IntArray, elapsed: IntArray) -> Array | None:
+        """``(n, delay, 12)`` torques commanded to robots before a tick that have not acted yet."""
+        delay = self.disturbance.delay
+        if delay == 0:
+            return None
+        before = np.full((len(self.length), delay, 12), np.nan) if self.late is None else self.late
+        line = np.empty((len(robot), delay, 12))
+        for row, (b, tick) in enumerate(zip(robot.tolist(), elapsed.tolist(), strict=True)):
+            # Where nothing was under way at the beginning, the first torque takes its place.
+            first = self.torque[b, 0] if tick > 0 else np.nan
+            began_with = np.where(np.isnan(before[b]), first, before[b])
+            commanded = self.torque[b, max(tick - delay, 0) : tick]
+            line[row] = np.concatenate([began_with, commanded])[-delay:]
+        return line
 
     def frames(self, keep: BoolArray, episode: IntArray) -> Frames:
         """The frames to keep, episode by episode.

@@ -36,6 +36,8 @@ class Pushes:
         tick: ``(B, K)`` tick of the episode at which each push begins [ms].
         duration: The time over which each impulse is spread evenly [ms].
 
+    A tick may be negative: that push began before the episode, which holds what is left of it.
+
     Raises:
         ValueError: The shapes do not agree, an impulse is not finite, or the duration is not
             positive.
@@ -92,6 +94,8 @@ class Disturbance:
         noise: Standard deviations of the noise on what is measured.
         delay: The time from a torque's command to its action [ms].
         seeds: The roots of the noise of the B robots' sensors.
+        measured: ``(B,)`` how many ticks of each robot's noise lie before the episode [ms]; None
+            begins with the first.
     """
 
     pushes: Pushes | None = None
@@ -100,6 +104,7 @@ class Disturbance:
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     delay: int = 0
     seeds: tuple[np.random.SeedSequence, ...] = ()
+    measured: IntArray | None = None
 
     def __getitem__(self, rows: slice | NDArray) -> Disturbance:
         """What disturbs some of the robots."""
@@ -110,7 +115,60 @@ class Disturbance:
             friction=None if self.friction is None else self.friction[rows],
             mass=None if self.mass is None else self.mass[rows],
             seeds=tuple(self.seeds[row] for row in chosen),
+            measured=None if self.measured is None else self.measured[rows],
         )
+
+    def after(self, ticks: IntArray) -> Disturbance:
+        """What disturbs the B robots in episodes that go on from these.
+
+        Friction, mass and delay stay; the pushes that are to come, and the noise, go on.
+
+        Args:
+            ticks: ``(B,)`` how far into its episode each robot goes on [ms].
+        """
+        pushes = self.pushes
+        if pushes is not None:
+            pushes = replace(pushes, tick=pushes.tick - ticks[:, None])
+        before = np.zeros_like(ticks) if self.measured is None else self.measured
+        return replace(self, pushes=pushes, measured=before + ticks)
+
+
+def join_disturbances(parts: Sequence[Disturbance]) -> Disturbance:
+    """What disturbs the robots of at least one part, one part after another.
+
+    Args:
+        parts: The parts, drawn from one configuration.
+    """
+    pushes = [part.pushes for part in parts if part.pushes is not None]
+    joined = (
+        Pushes(
+            np.concatenate([each.impulse for each in pushes]),
+            np.concatenate([each.tick for each in pushes]),
+            pushes[0].duration,
+        )
+        if pushes
+        else None
+    )
+    return replace(
+        parts[0],
+        pushes=joined,
+        friction=join_optional([part.friction for part in parts]),
+        mass=join_optional([part.mass for part in parts]),
+        seeds=tuple(seed for part in parts for seed in part.seeds),
+        measured=join_optional([part.measured for part in parts]),
+    )
+
+
+def join_optional(parts: Sequence[NDArray | None]) -> NDArray | None:
+    """Arrays one after another; None if there are none.
+
+    Raises:
+        ValueError: Some parts have an array and others have none.
+    """
+    arrays = [part for part in parts if part is not None]
+    if len(arrays) not in (0, len(parts)):
+        raise ValueError(f"{len(arrays)} of {len(parts)} parts have an array that all need")
+    return np.concatenate(arrays) if arrays else None
 
 
 @dataclass(frozen=True)
@@ -197,7 +255,7 @@ def make_sensors(robot: RobotModel, disturbance: Disturbance) -> Callable[[State
     sigma = _standard_deviations(disturbance.noise)
     if not sigma.any():
         return None
-    return _Sensors(robot, sigma, disturbance.seeds)
+    return _Sensors(robot, sigma, disturbance)
 
 
 def _standard_deviations(noise: NoiseConfig) -> Array:
@@ -220,17 +278,19 @@ class _Sensors:
     Args:
         robot: The model of the robots.
         sigma: ``(36,)`` standard deviations of a displacement and of a velocity.
-        seeds: The roots of the noise of the B robots.
+        disturbance: The roots of the noise of the B robots, and how much of it lies behind them.
     """
 
-    def __init__(
-        self, robot: RobotModel, sigma: Array, seeds: Sequence[np.random.SeedSequence]
-    ) -> None:
+    def __init__(self, robot: RobotModel, sigma: Array, disturbance: Disturbance) -> None:
         self._legs = legs_of(robot)
         self._masses = masses_of(robot)
         self._sigma = sigma
-        self._sources = [np.random.default_rng(seed) for seed in seeds]
-        self._block = np.empty((_BLOCK, len(seeds), 36))
+        self._sources = [np.random.default_rng(seed) for seed in disturbance.seeds]
+        if disturbance.measured is not None:
+            # Normal numbers use up a varying part of their source: the way to tick n is to draw.
+            for source, ticks in zip(self._sources, disturbance.measured.tolist(), strict=True):
+                source.standard_normal((ticks, 36))
+        self._block = np.empty((_BLOCK, len(self._sources), 36))
         self._next = 0
 
     def __call__(self, state: State) -> State:
