@@ -49,7 +49,8 @@ from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import at_rest
 from surefoot.sim import make_simulator
-from surefoot.sim.mujoco import build_model, to_mujoco
+from surefoot.sim.mujoco import to_mujoco
+from surefoot.sim.mujoco_model import build_model
 from surefoot.types import JOINTS, to_ticks
 
 VERSIONS = ("imitation", "stable-baselines3", "gymnasium", "mujoco", "torch", "numpy")

@@ -33,6 +33,7 @@ def blank(B: int, T: int, **changes) -> Rollout:
         expert_torque=torque,
         expert_drove=drove,
         expert_asked=drove,
+        body_contact=np.zeros((B, T), bool),
         starts=starts,
         length=np.full(B, T),
         outcome=np.zeros(B, np.int64),

@@ -24,6 +24,9 @@ NOMINAL_FRICTION = 0.5
 STEP_HEIGHT = 0.05
 """[m] Height of a foot frame in the air."""
 
+LYING = 0.05
+"""[m] The base of a robot that lies on its back is lower."""
+
 
 class Plant(Protocol):
     """How robots move, in place, in the rows that are to move."""
@@ -81,6 +84,8 @@ class FakeSimulator:
         lost: For each robot, the tick at which its numbers run away.
         robot: The robot that is simulated.
         plant: How the robots move; `Drift` if None.
+        touches: For each robot, (first, end) pairs of ticks in which its body is on the ground; a
+            robot that lies on its back is there anyway.
 
     Attributes:
         ticks: ``(B,)`` ticks since the reset.
@@ -98,11 +103,13 @@ class FakeSimulator:
         lost: Mapping[int, int] | None = None,
         robot: RobotModel = ROBOT,
         plant: Plant | None = None,
+        touches: Mapping[int, Sequence[tuple[int, int]]] | None = None,
     ) -> None:
         self.batch = batch
         self.robot = robot
         self.heights = heights or {}
         self.lost = lost or {}
+        self.touches = touches or {}
         self.plant = plant or Drift(batch, robot)
         self.q = np.zeros((batch, 19))
         self.v = np.zeros((batch, 18))
@@ -189,6 +196,15 @@ class FakeSimulator:
         flags = self._bad_numbers.copy()
         flags |= late
         return flags
+
+    @property
+    def body_contact(self) -> BoolArray:
+        on_its_back: BoolArray = rotation(self.q[:, 3:7])[:, 2, 2] < 0.0
+        touching = on_its_back & (self.q[:, 2] < LYING)
+        for robot, intervals in self.touches.items():
+            tick = self.ticks[robot]
+            touching[robot] |= any(first <= tick < end for first, end in intervals)
+        return touching
 
     @property
     def contact_force(self) -> Array:

@@ -309,3 +309,38 @@ def test_a_push_acts_on_its_robot_at_its_time_in_its_heading():
         # The first robot is not pushed, nor is the third once it has fallen.
         assert mask.tolist() == [False, True, tick < 4]
         np.testing.assert_allclose(applied[1], np.array([-0.5, 1.0, 0.2]) / 5, atol=1e-15)
+
+
+# --- something other than a foot on the ground
+
+
+def touched_for(touches, body_contact=0.0, grace=0.01):
+    """The rollout of standing robots whose bodies are on the ground in these ticks."""
+    simulator = FakeSimulator(len(touches), touches=dict(enumerate(touches)))
+    safety = SafetyConfig(body_contact=body_contact, grace=grace)
+    episodes = standing_for(0.3, batch=len(touches))
+    return rollout(simulator, episodes, ExpertOnly(), FakeController(), safety=safety)
+
+
+def test_body_contact_is_recorded_tick_by_tick_and_is_no_fall_by_default():
+    rollouts = touched_for([[(0, 3), (100, 300)], [], [(299, 400)]])
+    assert rollouts.body_contact.sum(axis=1).tolist() == [203, 0, 1]
+    assert rollouts.body_contact[0].nonzero()[0].tolist() == [0, 1, 2, *range(100, 300)]
+    assert not (rollouts.outcome == Outcome.FELL).any()
+    assert SafetyConfig().body_contact == 0.0
+
+
+def test_a_body_that_stays_on_the_ground_has_fallen_where_the_option_says_so():
+    touches = [
+        [(50, 149)],  # a tick less than 0.1 s
+        [(50, 151)],
+        [(50, 149), (150, 249)],  # it gets up in between
+        [(0, 300)],
+    ]
+    rollouts = touched_for(touches, body_contact=0.1)
+    fell = rollouts.outcome == Outcome.FELL
+    assert fell.tolist() == [False, True, False, True]
+    assert rollouts.length[fell].tolist() == [149, 99]
+    # Falls are tested from the grace on, contact counts from the beginning.
+    rollouts = touched_for([[(0, 300)], [(0, 150)]], body_contact=0.1, grace=0.2)
+    assert rollouts.length.tolist() == [200, 300]

@@ -7,13 +7,16 @@ import pinocchio as pin
 import pytest
 
 from surefoot.config import Config
+from surefoot.files import load_arrays, save_arrays
 from surefoot.learning.frames import concatenate
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import (
     NEAR_ANGLE,
     NEAR_HEIGHT,
+    NOT_RECORDED,
     TILTED,
     EpisodeInfo,
+    Summary,
     heading_drift,
     join_summaries,
     settled_part,
@@ -100,6 +103,28 @@ def test_the_tail_counts_in_ticks_and_in_nothing_else():
     np.testing.assert_array_equal(summary.max_torque, [1.5, 1.5])
     np.testing.assert_array_equal(summary.mean_velocity, 0.0)
     np.testing.assert_allclose(summary.mse, [[0.04, 0.01, 0.09]] * 2)
+
+
+def test_ticks_with_a_body_on_the_ground_are_counted_while_the_episode_lasts():
+    rollouts = synthetic(T=1500, tail=300, length=[1800, 1600])
+    rollouts.body_contact[:, :20] = True
+    rollouts.body_contact[:, 1590:1700] = True
+    assert summary_of(rollouts).contact_ticks.tolist() == [130, 30]
+
+
+def test_a_summary_of_an_older_version_says_that_body_contact_was_not_recorded(tmp_path):
+    summary = summary_of(synthetic(length=[2000, 500]))
+    path = tmp_path / "summary.npz"
+    arrays = {name: array for name, array in vars(summary).items() if name != "contact_ticks"}
+    np.savez(path, **arrays)
+    old = load_arrays(path, Summary)
+    assert old.contact_ticks.tolist() == [NOT_RECORDED] * 2 == [-1, -1]
+    assert old[np.array([1])].contact_ticks.tolist() == [-1]
+    joined = join_summaries([old, summary])
+    assert joined.contact_ticks.tolist() == [-1, -1, 0, 0]
+    save_arrays(path, joined)
+    assert load_arrays(path, Summary).contact_ticks.tolist() == [-1, -1, 0, 0]
+    assert len(summary[np.zeros(0, int)].contact_ticks) == 0
 
 
 def test_the_driver_of_the_last_tick_and_of_half_a_second_before():

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from surefoot.config import SimulationConfig
-from surefoot.sim.mujoco import MujocoSimulator, build_model, from_mujoco, to_mujoco
+from surefoot.sim.mujoco import MujocoSimulator, from_mujoco, to_mujoco
+from surefoot.sim.mujoco_model import build_model
 from surefoot.testing.driving import record_ticks, stamping_torque
 from surefoot.types import JOINTS, LEGS
 from tests.fakes.robots import REST, ROBOT, STANDING, random_states, varied

@@ -96,6 +96,33 @@ class FeelsNothing(FakeSimulator):
         return 0.0 * super().contact_force
 
 
+class HasOneContactForAll(FakeSimulator):
+    @property
+    def body_contact(self):
+        return super().body_contact.any()
+
+
+class NeverTouches(FakeSimulator):
+    @property
+    def body_contact(self):
+        return np.zeros(self.batch, bool)
+
+
+class CountsFeet(FakeSimulator):
+    @property
+    def body_contact(self):
+        return self.state.contacts.any(axis=1)
+
+
+class ForgetsToClearContacts(FakeSimulator):
+    lay = False
+
+    @property
+    def body_contact(self):
+        self.lay |= super().body_contact
+        return self.lay
+
+
 class LosesPushes(FakeSimulator):
     """A push is lost if the robot is not stepped in the next tick."""
 
@@ -244,6 +271,10 @@ FAULTS = [
     (StartsLow, "test_new_robots_stand_in_the_nominal_pose"),
     (HasOneForceForAll, "test_arrays_have_their_shapes_and_types"),
     (FeelsNothing, "test_contacts_are_the_feet_that_carry_a_force"),
+    (HasOneContactForAll, "test_arrays_have_their_shapes_and_types"),
+    (NeverTouches, "test_only_a_robot_that_lies_touches_the_ground_with_its_body"),
+    (CountsFeet, "test_only_a_robot_that_lies_touches_the_ground_with_its_body"),
+    (ForgetsToClearContacts, "test_only_a_robot_that_lies_touches_the_ground_with_its_body"),
     (LosesPushes, "test_push_waits_for_a_robot_that_is_not_stepped"),
     (PushesForEver, "test_push_adds_its_impulse_to_the_momentum"),
     (KeepsTheLastPushOnly, "test_pushes_before_the_same_tick_add_up"),
@@ -299,7 +330,7 @@ def test_the_contract_runs_under_unittest():
             return LosesPushes(batch)
 
     loader = unittest.TestLoader()
-    assert loader.loadTestsFromTestCase(Works).countTestCases() == 21
+    assert loader.loadTestsFromTestCase(Works).countTestCases() == 22
     assert unittest.TestResult().wasSuccessful()
     for case, works in ((Works, True), (Broken, False)):
         result = unittest.TestResult()

@@ -58,6 +58,9 @@ class SafetyConfig(Checked):
     """[m] a base height outside this range is a fall (the paper's research code)."""
     fall_angle: Tilt = 30.0
     """[deg] roll or pitch beyond this is a fall (the paper's research code)."""
+    body_contact: Seconds = 0.0
+    """[s] a base or a leg, not a foot, on the ground for so long without a break is a fall; 0 only
+    counts it (the paper). 0.1 is a fall that no robot gets up from."""
     grace: Seconds = 0.5
     """[s] falls are tested from this time on (the paper's research code)."""
     stepping_from: Seconds = 1.56

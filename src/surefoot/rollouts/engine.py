@@ -82,17 +82,25 @@ def rollout(
     recorder = _Recorder(total, B, noisy=measure is not None, ask_always=ask_always)
     drivers = _Drivers(expert, policy, starts.command, simulator.robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)
+    # For how many ticks without a break something other than a foot has touched the ground.
+    lying = np.zeros(B, dtype=np.int64) if safety.body_contact > 0.0 else None
     # The torque applied is the one commanded `delay` ticks ago.
     line = deque[Array](maxlen=disturbance.delay + 1)
     for elapsed in range(total + 1):
         state = simulator.state
         # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
         recorder.end(simulator.blown_up, Outcome.FELL, elapsed)
+        touching = simulator.body_contact
+        if lying is not None:
+            lying = np.where(touching, lying + 1, 0)
         if elapsed >= grace:
             recorder.end(fallen(state, safety), Outcome.FELL, elapsed)
+            if lying is not None:
+                recorder.end(lying >= to_ticks(safety.body_contact), Outcome.FELL, elapsed)
         if elapsed == total or not recorder.active.any():
             break
         _store(recorder.truth, elapsed, state)
+        recorder.body_contact[elapsed] = touching
         if measure is not None:
             state = measure(state)
             _store(recorder.seen, elapsed, state)
@@ -123,6 +131,7 @@ class _Recorder:
         torque: ``(ticks, B, 12)`` torque commanded by the driver [N m].
         expert_torque: ``(ticks, B, 12)`` torque of the expert [N m]; the same array as ``torque``
             if it is asked only where it drives.
+        body_contact: ``(ticks, B)`` True where something other than a foot touched the ground.
         active: ``(B,)`` True for robots whose episode has not ended.
         length: ``(B,)`` number of ticks simulated.
         outcome: ``(B,)`` values of `Outcome`.
@@ -135,6 +144,7 @@ class _Recorder:
         self.asked = np.zeros((ticks, batch), dtype=bool)
         self.torque = np.zeros((ticks, batch, 12))
         self.expert_torque = np.zeros((ticks, batch, 12)) if ask_always else self.torque
+        self.body_contact = np.zeros((ticks, batch), dtype=bool)
         self.active = np.ones(batch, dtype=bool)
         self.length = np.full(batch, ticks)
         self.outcome = np.full(batch, Outcome.SUCCESS, dtype=np.int64)
@@ -169,6 +179,7 @@ class _Recorder:
             expert_torque=_by_robot(self.expert_torque),
             expert_drove=_by_robot(self.drove),
             expert_asked=_by_robot(self.asked),
+            body_contact=_by_robot(self.body_contact),
             starts=episodes.starts,
             length=self.length,
             outcome=self.outcome,

@@ -125,6 +125,7 @@ class Rollout:
             as ``torque`` if it was asked only where it drove.
         expert_drove: ``(B, T)`` True where the expert drove.
         expert_asked: ``(B, T)`` True where the expert was asked and had not given up on the robot.
+        body_contact: ``(B, T)`` True where something other than a foot touched the ground.
         starts: The B initial states.
         length: ``(B,)`` number of ticks simulated.
         outcome: ``(B,)`` values of `Outcome`.
@@ -144,6 +145,7 @@ class Rollout:
     expert_torque: Array
     expert_drove: BoolArray
     expert_asked: BoolArray
+    body_contact: BoolArray
     starts: Starts
     length: IntArray
     outcome: IntArray
@@ -166,8 +168,9 @@ class Rollout:
 
         Each robot keeps its friction, its mass, the torques that are under way, the noise from that
         tick on and the pushes that are to come: driven by the same torques, it moves as it did
-        here (to the rounding of the simulator's reset: 1e-13 after 150 ticks). Only controllers and arbiters begin anew; an expert goes on as it did if it planned at
-        this tick, which it does on its grid.
+        here, to the rounding of the simulator's reset (1e-13 after 150 ticks). Controllers and
+        arbiters begin anew, and so does the time for which a body has touched the ground; an expert
+        goes on as it did if it planned at this tick, which it does on its grid.
 
         Args:
             robot: ``(n,)`` rows of the robots; a row may come several times.

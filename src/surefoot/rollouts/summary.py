@@ -8,7 +8,7 @@ Read `evaluation.robustness` and `runs.accounting` next for what is reported.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ recovery by distance."""
 NEAR_HEIGHT = 0.01
 """[m] A frame with the height so close to its bound in the paper's table, or beyond it, is a
 recovery by distance."""
+
+NOT_RECORDED = -1
+"""Stands for a count that an older version did not make."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,8 @@ class Summary:
         mse: ``(n, 3)`` mean squared velocity error over the whole episode.
         settled_mse: ``(n, 3)`` mean squared velocity error from 1 s on; NaN for shorter episodes.
         max_torque: ``(n,)`` largest joint torque commanded [N m].
+        contact_ticks: ``(n,)`` number of ticks, tail included, in which something other than a foot
+            touched the ground [ms]; -1 where that was not recorded.
     """
 
     episode: IntArray
@@ -88,6 +93,14 @@ class Summary:
     mse: Array
     settled_mse: Array
     max_torque: Array
+    # Summaries of older versions lack it.
+    contact_ticks: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        """Mark contacts that were not recorded."""
+        if len(self.contact_ticks) == 0:
+            unknown = np.full(len(self.episode), NOT_RECORDED)
+            object.__setattr__(self, "contact_ticks", unknown)
 
     @property
     def failed(self) -> BoolArray:
@@ -96,12 +109,12 @@ class Summary:
 
     def __getitem__(self, rows: NDArray) -> Summary:
         """The summary of some of the episodes."""
-        return Summary(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return Summary(*(getattr(self, each.name)[rows] for each in fields(self)))
 
 
 def join_summaries(parts: Sequence[Summary]) -> Summary:
     """The episodes of several summaries, one after another."""
-    names = [field.name for field in fields(Summary)]
+    names = [each.name for each in fields(Summary)]
     return Summary(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
@@ -181,6 +194,7 @@ def summarize(
         mse=_mean(error, proper),
         settled_mse=_mean(error, settled),
         max_torque=np.where(proper, torque, 0.0).max(axis=1),
+        contact_ticks=(rollouts.body_contact & happened).sum(axis=1),
     )
 
 

@@ -196,6 +196,7 @@ class BulletSimulator:
         self._q = np.zeros((batch, 19))
         self._v = np.zeros((batch, 18))
         self._force = np.zeros((batch, 4))
+        self._body_force = np.zeros(batch)
         self._push = np.zeros((batch, 3))
         self._pushed = False
         self._blown_up: BoolArray = np.zeros(batch, dtype=bool)
@@ -281,6 +282,7 @@ class BulletSimulator:
             self._q[rows], self._v[rows] = to_bullet(q[rows], v[rows])
         self._push[rows] = 0.0
         self._force[rows] = 0.0
+        self._body_force[rows] = 0.0
         self._blown_up = np.where(rows, ~self._sane(), self._blown_up)
         for row in np.flatnonzero(rows & ~self._blown_up).tolist():
             # PyBullet has no forces before its first step; make one, then begin anew.
@@ -341,14 +343,17 @@ class BulletSimulator:
         self._read_forces(row)
 
     def _read_forces(self, row: int) -> None:
-        """Read the sum of the normal forces on each foot in the last step of one robot."""
+        """Read the normal forces in the last step of one robot: on each foot, and on the rest."""
         force = dict.fromkeys(self.foot_links, 0.0)
+        body_force = 0.0
         for contact in pybullet.getContactPoints(self.body, physicsClientId=self.clients[row]):
             link = contact[3]
-            normal_force = contact[9]
             if link in force:
-                force[link] += normal_force
+                force[link] += contact[9]
+            else:
+                body_force += contact[9]
         self._force[row] = list(force.values())
+        self._body_force[row] = body_force
 
     def _sane(self) -> BoolArray:
         """Return ``(B,)`` False where a number is NaN or has run away."""
@@ -376,6 +381,11 @@ class BulletSimulator:
     def contact_force(self) -> Array:
         """See ``Simulator``."""
         return self._force.copy()
+
+    @property
+    def body_contact(self) -> BoolArray:
+        """See ``Simulator``."""
+        return self._body_force > CONTACT_FORCE
 
     @property
     def blown_up(self) -> BoolArray:

@@ -4,16 +4,14 @@ One tick is the second half of MuJoCo's step (forces, acceleration, integration)
 followed by the first half (kinematics, collisions) of the next: positions, center of mass and feet
 then belong to the new state at no extra cost, and foot forces to the tick just made. All that is
 read per tick lies in MuJoCo's state rows and sensors; the only layout conversions are
-``to_mujoco`` and ``from_mujoco``. Read ``sim.protocol`` first.
+``to_mujoco`` and ``from_mujoco``. Read ``sim.protocol`` first, and ``mujoco_model`` for the model.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+import math
 from functools import cached_property
-from typing import Any
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -24,8 +22,9 @@ from surefoot.config import SimulationConfig
 from surefoot.robots import rigid
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
+from surefoot.sim.mujoco_model import COM, FEET, FORCE, OTHER_PARTS, build_model
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
-from surefoot.types import GRAVITY, LEGS, Array, BoolArray, State
+from surefoot.types import Array, BoolArray, State
 
 # Bad numbers in position, velocity and acceleration are neighbors in MuJoCo's list of warnings.
 _BAD_NUMBERS = slice(
@@ -33,11 +32,6 @@ _BAD_NUMBERS = slice(
 )
 _STAGE_NONE = mujoco.mjtStage.mjSTAGE_NONE.value
 _STAGE_VELOCITY = mujoco.mjtStage.mjSTAGE_VEL.value
-
-# Sensor layout of `build_model`: normal force of each foot, foot positions, center of mass.
-_FORCE = slice(0, 4)
-_FEET = slice(4, 16)
-_COM = slice(16, 19)
 
 
 def to_mujoco(q: Array, v: Array) -> tuple[Array, Array]:
@@ -92,158 +86,15 @@ def _convert(qpos: Array, qvel: Array, q: Array, v: Array, R: Array) -> None:
             v[robot, j] = rows[0][j] * world[0] + rows[1][j] * world[1] + rows[2][j] * world[2]
 
 
-def build_model(
-    robot: RobotModel, config: SimulationConfig | None = None, visual: bool = False
-) -> mujoco.MjModel:
-    """Build the MuJoCo model of the robot on a flat floor, from its URDF.
-
-    Links touch the floor only, never each other. There are no actuators: torques are generalized
-    forces. The URDF's joint limits are dropped; they would only hide a broken controller.
-
-    Args:
-        robot: The robot.
-        config: The friction and stiffness of the contacts; the defaults if it is None.
-        visual: True keeps the URDF's meshes and adds a floor texture, sky, light and a camera that
-            follows the robot (``"track"``). The physics is the same to the bit.
-    """
-    config = config or SimulationConfig()
-    spec = mujoco.MjSpec.from_string(_urdf(robot, visual))
-    base = spec.body("base_link")
-    base.add_freejoint()
-    for joint in spec.joints:
-        joint.limited = joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-        joint.damping = np.zeros(3)
-        joint.armature = 0.0
-        joint.frictionloss = 0.0
-
-    # Two geoms meet if the type of one is in the affinity of the other: robot and floor only.
-    # Of the friction of two geoms MuJoCo takes the larger; equal values need no rule.
-    contact = {
-        "friction": [config.friction, 0.005, 0.0001],
-        "condim": 3,
-        "solref": config.solref,
-    }
-    plane = mujoco.mjtGeom.mjGEOM_PLANE
-    floor = {"size": [0, 0, 0.05], "contype": 1, "conaffinity": 0, **contact}
-    spec.worldbody.add_geom(name="floor", type=plane, **floor)
-    _add_shapes(spec, robot, contact, group=3 if visual else 0)  # renderers hide group 3
-    _add_sensors(spec, robot)
-    if visual:
-        _decorate(spec)
-
-    option = spec.option
-    option.timestep = TIME_STEP
-    option.gravity = [0.0, 0.0, -GRAVITY]
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = config.impratio
-    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    # Auto-reset would put a robot that blew up back to its start and say nothing. Islands only
-    # cost time for one robot.
-    disable = mujoco.mjtDisableBit
-    option.disableflags = int(disable.mjDSBL_AUTORESET) | int(disable.mjDSBL_ISLAND)
-    return spec.compile()
-
-
-def _urdf(robot: RobotModel, visual: bool) -> str:
-    """Return the URDF without collision meshes, with mesh paths that MuJoCo can open.
-
-    Visual meshes stay if ``visual`` is True. Fixed joints are fused, as Pinocchio does: a foot
-    becomes part of its lower leg.
-    """
-    root = ElementTree.fromstring(robot.urdf.read_text())
-    for link in root.iter("link"):
-        for element in link.findall("collision") + ([] if visual else link.findall("visual")):
-            link.remove(element)
-    for mesh in root.iter("mesh"):
-        path = mesh.get("filename", "").replace("package://", f"{robot.package_root}/")
-        mesh.set("filename", path)
-    options = {"strippath": "false", "discardvisual": "false", "fusestatic": "true"}
-    ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler", options)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _add_shapes(
-    spec: mujoco.MjSpec, robot: RobotModel, contact: Mapping[str, Any], group: int
-) -> None:
-    """Add the geometry that meets the floor, with MuJoCo's settings of its contacts."""
-    kind = mujoco.mjtGeom
-    for shape in robot.shapes:
-        body = spec.body(shape.link)
-        part = {"name": shape.link, "contype": 0, "conaffinity": 1, "mass": 0.0, **contact}
-        part["group"] = group
-        size = [*shape.size, 0.0, 0.0][:3]
-        if len(shape.size) == 3:
-            body.add_geom(type=kind.mjGEOM_BOX, pos=shape.start, size=size, **part)
-        elif shape.start == shape.end:
-            body.add_geom(type=kind.mjGEOM_SPHERE, pos=shape.start, size=size, **part)
-        else:
-            ends = [*shape.start, *shape.end]
-            body.add_geom(type=kind.mjGEOM_CAPSULE, fromto=ends, size=size, **part)
-
-
-def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
-    """Add normal force and position of each foot, and the center of mass, as the slices say."""
-    site = mujoco.mjtObj.mjOBJ_SITE
-    kind = mujoco.mjtSensor
-    for leg in LEGS:
-        # A touch sensor adds up the normal forces at contacts of its body inside its site, which
-        # has to hold the contact point of the foot: the sphere and 1 mm.
-        size = [robot.foot_radius + 0.001] * 3
-        spec.body(f"{leg}_FOOT").add_site(name=f"{leg}_FOOT", size=size, group=4)
-        spec.add_sensor(type=kind.mjSENS_TOUCH, objtype=site, objname=f"{leg}_FOOT")
-    for leg in LEGS:
-        spec.add_sensor(type=kind.mjSENS_FRAMEPOS, objtype=site, objname=f"{leg}_FOOT")
-    body = mujoco.mjtObj.mjOBJ_BODY
-    spec.add_sensor(type=kind.mjSENS_SUBTREECOM, objtype=body, objname="base_link")
-
-
-def _decorate(spec: mujoco.MjSpec) -> None:
-    """Add floor texture, sky, light and camera for pictures."""
-    texture = mujoco.mjtTexture
-    builtin = mujoco.mjtBuiltin
-    spec.add_texture(
-        name="sky",
-        type=texture.mjTEXTURE_SKYBOX,
-        builtin=builtin.mjBUILTIN_GRADIENT,
-        rgb1=[0.75, 0.83, 0.92],
-        rgb2=[0.97, 0.98, 1.0],
-        width=256,
-        height=1536,
-    )
-    spec.add_texture(
-        name="tiles",
-        type=texture.mjTEXTURE_2D,
-        builtin=builtin.mjBUILTIN_CHECKER,
-        mark=mujoco.mjtMark.mjMARK_EDGE,
-        rgb1=[0.87, 0.89, 0.91],
-        rgb2=[0.81, 0.84, 0.87],
-        markrgb=[0.72, 0.75, 0.79],
-        width=512,
-        height=512,
-    )
-    tiles = spec.add_material(name="tiles", texuniform=True, texrepeat=[2, 2], reflectance=0.05)
-    tiles.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
-    spec.geom("floor").material = "tiles"
-    for leg in LEGS:
-        for geom in spec.body(f"{leg}_FOOT").geoms:
-            geom.rgba = [0.15, 0.16, 0.18, 1.0]
-    spec.worldbody.add_light(
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=[0, 0, 3],
-        dir=[-0.3, 0.4, -1],
-        diffuse=[0.55, 0.55, 0.55],
-        specular=[0.1, 0.1, 0.1],
-        castshadow=True,
-    )
-    track = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
-    spec.body("base_link").add_camera(
-        name="track", mode=track, pos=[0.6, -1.0, 0.4], xyaxes=[0.86, 0.51, 0, -0.16, 0.27, 0.95]
-    )
-    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
-    spec.visual.headlight.diffuse = [0.35, 0.35, 0.35]
-    spec.visual.quality.shadowsize = 4096
-    spec.visual.global_.offwidth = 1920
-    spec.visual.global_.offheight = 1080
+@njit(cache=True)
+def _carried(sensors: Array, first: int) -> Array:
+    """``(B,)`` sum of the sizes of the forces in the sensors from ``first`` on [N]."""
+    total = np.zeros(len(sensors))
+    for robot in range(len(sensors)):
+        for i in range(first, sensors.shape[1], 3):
+            x, y, z = sensors[robot, i : i + 3]
+            total[robot] += math.sqrt(x * x + y * y + z * z)
+    return total
 
 
 class MujocoSimulator:
@@ -367,9 +218,9 @@ class MujocoSimulator:
         """See ``Simulator``; computed once a tick."""
         if self._state is None:
             sensors = self._sensors.copy()
-            feet = sensors[:, _FEET].reshape(self.batch, 4, 3)
-            contacts = sensors[:, _FORCE] > CONTACT_FORCE
-            self._state = from_mujoco(self._qpos, self._qvel, sensors[:, _COM], feet, contacts)
+            feet = sensors[:, FEET].reshape(self.batch, 4, 3)
+            contacts = sensors[:, FORCE] > CONTACT_FORCE
+            self._state = from_mujoco(self._qpos, self._qvel, sensors[:, COM], feet, contacts)
             if self._loaded.size:
                 q = self._state.q[self._loaded]
                 self._state.com[self._loaded] = rigid.center_of_mass(q, *self._nominal)
@@ -378,7 +229,12 @@ class MujocoSimulator:
     @property
     def contact_force(self) -> Array:
         """See ``Simulator``."""
-        return self._sensors[:, _FORCE].copy()
+        return self._sensors[:, FORCE].copy()
+
+    @property
+    def body_contact(self) -> BoolArray:
+        """See ``Simulator``."""
+        return _carried(self._sensors, OTHER_PARTS) > CONTACT_FORCE
 
     @property
     def blown_up(self) -> BoolArray:

@@ -17,7 +17,7 @@ from surefoot.types import Array, BoolArray, State
 TIME_STEP = 1e-3
 """[s] The length of a tick."""
 CONTACT_FORCE = 0.5
-"""[N] A foot that carries more than this is in contact."""
+"""[N] A foot that carries more than this is in contact; so are all other parts together."""
 
 
 class Simulator(Protocol):
@@ -94,6 +94,15 @@ class Simulator(Protocol):
     @property
     def contact_force(self) -> Array:
         """``(B, 4)`` sum of the normal contact forces on each foot in the last tick [N]."""
+        ...
+
+    @property
+    def body_contact(self) -> BoolArray:
+        """``(B,)`` True where all parts but the feet together carried more than 0.5 N in that tick.
+
+        That is a base or a leg on the ground. As for the feet, a reset shows the contacts of the
+        state that it gives.
+        """
         ...
 
     @property

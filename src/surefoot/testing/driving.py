@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from surefoot.robots.model import RobotModel, standing
 from surefoot.sim.protocol import Simulator
-from surefoot.testing.states import assert_same_states, states_in_the_air
+from surefoot.testing.states import assert_same_states, copy_of, states_in_the_air
 from surefoot.types import Array, State
 
 
@@ -30,12 +30,34 @@ def stamping_torque(robot: RobotModel, state: State, tick: int) -> Array:
     batch = len(state.q)
     rng = np.random.default_rng(7)
     phase = rng.uniform(0.0, 2 * np.pi, (64 + batch, 12))[:batch]
+    wave = np.sin(2 * np.pi * 3.0 * tick / 1000 + phase)
+    return holding_torque(robot, state) + 0.45 * robot.torque_limit * wave
+
+
+def holding_torque(robot: RobotModel, state: State) -> Array:
+    """Return torques ``(B, 12)`` [N m] of a PD law that holds the standing pose.
+
+    Args:
+        robot: The robot, for its pose and torque limit.
+        state: The states of B robots.
+    """
     stiffness = robot.torque_limit / 0.9
     restoring = standing(robot)[7:] - state.q[:, 7:]
-    wave = np.sin(2 * np.pi * 3.0 * tick / 1000 + phase)
-    return (
-        stiffness * restoring - stiffness / 60.0 * state.v[:, 6:] + 0.45 * robot.torque_limit * wave
-    )
+    return stiffness * restoring - stiffness / 60.0 * state.v[:, 6:]
+
+
+def put_in_the_air(simulator: Simulator) -> Simulator:
+    """Reset all robots to rest, 1 m up, the last of them tilted; return the simulator.
+
+    Args:
+        simulator: The simulator of B robots.
+    """
+    q = np.tile(standing(simulator.robot), (simulator.batch, 1))
+    q[:, 2] += 1.0
+    q[-1, 3:7] = [0.5, -0.5, 0.1, 0.7]
+    q[-1, 3:7] /= np.linalg.norm(q[-1, 3:7])
+    simulator.reset(q, np.zeros((simulator.batch, 18)))
+    return simulator
 
 
 def thrown_states(simulator: Simulator) -> tuple[Array, Array]:
@@ -106,3 +128,42 @@ def momentum(simulator: Simulator) -> Array:
         pin.computeCentroidalMomentum(model, data, q, v)
         rows.append(data.hg.linear.copy())
     return np.array(rows)
+
+
+def assert_blows_up_alone(
+    reference: Simulator, simulator: Simulator, torque: float = 0.0, angle: float = 0.0
+) -> None:
+    """Assert that one of five robots blows up, and disturbs no other.
+
+    Args:
+        reference: A simulator of five robots, none of which blows up.
+        simulator: Another one.
+        torque: What is added to a torque of that robot in tick 50 [N m].
+        angle: What is added to a joint angle of that robot at the reset [rad].
+    """
+    bad = 2
+    others = np.arange(5) != bad
+    robot = simulator.robot
+    q = np.tile(standing(robot), (5, 1))
+    reference.reset(q, np.zeros((5, 18)))
+    q[bad, 8] += angle
+    simulator.reset(q, np.zeros((5, 18)))
+    blown_up_at = 0 if np.isnan(angle) else 50
+    stopped = simulator.state[bad : bad + 1]
+    for tick in range(100):
+        expected = reference.state
+        torques = stamping_torque(robot, expected, tick)
+        reference.step(torques)
+        torques = torques.copy()
+        torques[bad, 3] += torque if tick == 50 else 0.0
+        simulator.step(torques)
+        assert_same_states(simulator.state[others], reference.state[others], "a neighbor")
+        flags = (np.arange(5) == bad) & (tick >= blown_up_at)
+        np.testing.assert_array_equal(simulator.blown_up, flags, f"in tick {tick}")
+        if tick > blown_up_at:
+            assert_same_states(simulator.state[bad : bad + 1], stopped, "a robot that is lost")
+        stopped = copy_of(simulator.state[bad : bad + 1])
+    standing_again = np.tile(standing(robot), (5, 1))
+    simulator.reset(standing_again, np.zeros((5, 18)), simulator.blown_up)
+    assert not simulator.blown_up.any(), "a reset ends a blow-up"
+    assert np.isfinite(simulator.state.q).all(), "a reset gives numbers again"

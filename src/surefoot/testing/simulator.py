@@ -12,14 +12,22 @@ import numpy as np
 from surefoot.robots.model import standing
 from surefoot.sim.protocol import CONTACT_FORCE, Simulator
 from surefoot.testing.driving import (
+    assert_blows_up_alone,
     assert_same_rows,
+    holding_torque,
     momentum,
+    put_in_the_air,
     record_ticks,
     stamping_torque,
     thrown_states,
     vary_and_reset,
 )
-from surefoot.testing.states import assert_same_states, copy_of, states_in_the_air
+from surefoot.testing.states import (
+    assert_same_states,
+    copy_of,
+    lying_on_its_back,
+    states_in_the_air,
+)
 
 
 class SimulatorContract:
@@ -53,6 +61,8 @@ class SimulatorContract:
         assert state.contacts.shape == (3, 4), f"contacts are {state.contacts.shape}"
         assert state.contacts.dtype == bool, f"contacts are {state.contacts.dtype}"
         assert simulator.contact_force.shape == (3, 4), "contact_force must be (B, 4)"
+        assert simulator.body_contact.shape == (3,), "body_contact must be (B,)"
+        assert simulator.body_contact.dtype == bool, "body_contact must be True or False"
         assert simulator.blown_up.shape == (3,), "blown_up must be (B,)"
         assert simulator.blown_up.dtype == bool, "blown_up must be True or False"
         assert not simulator.blown_up.any(), "a new simulator has blown up"
@@ -82,6 +92,25 @@ class SimulatorContract:
             seen |= [contacts.any(), (~contacts).any()]
             simulator.step(stamping_torque(simulator.robot, simulator.state, tick))
         assert seen.all(), "the test needs feet in the air and on the ground"
+
+    def test_only_a_robot_that_lies_touches_the_ground_with_its_body(self) -> None:
+        """The base of a robot on its back is on the ground; that of a standing robot never is."""
+        simulator = self.make_simulator(3)
+        robot = simulator.robot
+        q = np.array([standing(robot), lying_on_its_back(robot), standing(robot)])
+        simulator.reset(q, np.zeros((3, 18)))
+        assert not simulator.body_contact[[0, 2]].any(), "a reset shows a body on the ground"
+        touched = np.zeros(3, dtype=bool)
+        for _ in range(self.ticks):
+            simulator.step(holding_torque(robot, simulator.state))
+            touched |= simulator.body_contact
+        assert touched.tolist() == [False, True, False], f"body contacts are {touched}"
+        flags = simulator.body_contact
+        simulator.step(np.zeros((3, 12)), np.array([True, False, True]))
+        assert simulator.body_contact[1] == flags[1], "a robot outside the mask"
+        simulator.reset(q[[0, 0, 0]], np.zeros((3, 18)))
+        assert not simulator.body_contact.any(), "a reset does not end a contact"
+        assert flags[1] == touched[1], "an array that was handed out has changed"
 
     def test_later_calls_do_not_change_arrays_handed_out(self) -> None:
         """A state belongs to the caller and may be kept."""
@@ -199,8 +228,8 @@ class SimulatorContract:
         """
         impulse = np.array([[0.3, -0.2, 0.1], [9.0, 9.0, 9.0], [0.0, 0.5, 0.0]])
         pushed = np.array([True, False, True])
-        plain = self._in_the_air(3)
-        simulator = self._in_the_air(3)
+        plain = put_in_the_air(self.make_simulator(3))
+        simulator = put_in_the_air(self.make_simulator(3))
         for _ in range(10):
             simulator.push(impulse / 10, pushed)
             simulator.step(np.zeros((3, 12)))
@@ -214,8 +243,8 @@ class SimulatorContract:
 
     def test_pushes_before_the_same_tick_add_up(self) -> None:
         """Two pushes are one push of their sum; one impulse ``(3,)`` is meant for every robot."""
-        plain = self._in_the_air(2)
-        simulator = self._in_the_air(2)
+        plain = put_in_the_air(self.make_simulator(2))
+        simulator = put_in_the_air(self.make_simulator(2))
         simulator.push(np.array([0.1, 0.0, 0.0]))
         simulator.push(np.array([[0.2, 0.1, 0.0], [0.0, 0.0, 0.1]]))
         simulator.step(np.zeros((2, 12)))
@@ -226,8 +255,8 @@ class SimulatorContract:
 
     def test_push_waits_for_a_robot_that_is_not_stepped(self) -> None:
         """A push acts during the robot's own next tick."""
-        plain = self._in_the_air(2)
-        simulator = self._in_the_air(2)
+        plain = put_in_the_air(self.make_simulator(2))
+        simulator = put_in_the_air(self.make_simulator(2))
         before = copy_of(simulator.state)
         simulator.push(np.array([0.5, 0.0, 0.0]))
         simulator.step(np.zeros((2, 12)), np.array([True, False]))
@@ -239,8 +268,8 @@ class SimulatorContract:
 
     def test_push_is_forgotten_by_a_reset(self) -> None:
         """A push before a reset has no effect after it."""
-        plain = self._in_the_air(2)
-        simulator = self._in_the_air(2)
+        plain = put_in_the_air(self.make_simulator(2))
+        simulator = put_in_the_air(self.make_simulator(2))
         q = simulator.state.q.copy()
         v = simulator.state.v.copy()
         simulator.push(np.array([0.5, 0.0, 0.0]))
@@ -351,49 +380,8 @@ class SimulatorContract:
 
     def test_a_torque_that_is_nan_blows_up_its_robot_only(self) -> None:
         """The robot is reported at once and stands still; the others keep every bit."""
-        self._blows_up_alone(torque=np.nan)
+        assert_blows_up_alone(self.make_simulator(5), self.make_simulator(5), torque=np.nan)
 
     def test_a_start_that_is_nan_blows_up_its_robot_only(self) -> None:
         """The robot is reported at its reset and stands still; the others keep every bit."""
-        self._blows_up_alone(angle=np.nan)
-
-    def _blows_up_alone(self, torque: float = 0.0, angle: float = 0.0) -> None:
-        """Add a torque in tick 50, or a joint angle at the reset, to one of five robots."""
-        bad = 2
-        others = np.arange(5) != bad
-        reference = self.make_simulator(5)
-        simulator = self.make_simulator(5)
-        robot = simulator.robot
-        q = np.tile(standing(robot), (5, 1))
-        reference.reset(q, np.zeros((5, 18)))
-        q[bad, 8] += angle
-        simulator.reset(q, np.zeros((5, 18)))
-        blown_up_at = 0 if np.isnan(angle) else 50
-        stopped = simulator.state[bad : bad + 1]
-        for tick in range(100):
-            expected = reference.state
-            torques = stamping_torque(robot, expected, tick)
-            reference.step(torques)
-            torques = torques.copy()
-            torques[bad, 3] += torque if tick == 50 else 0.0
-            simulator.step(torques)
-            assert_same_states(simulator.state[others], reference.state[others], "a neighbor")
-            flags = (np.arange(5) == bad) & (tick >= blown_up_at)
-            np.testing.assert_array_equal(simulator.blown_up, flags, f"in tick {tick}")
-            if tick > blown_up_at:
-                assert_same_states(simulator.state[bad : bad + 1], stopped, "a robot that is lost")
-            stopped = copy_of(simulator.state[bad : bad + 1])
-        standing_again = np.tile(standing(robot), (5, 1))
-        simulator.reset(standing_again, np.zeros((5, 18)), simulator.blown_up)
-        assert not simulator.blown_up.any(), "a reset ends a blow-up"
-        assert np.isfinite(simulator.state.q).all(), "a reset gives numbers again"
-
-    def _in_the_air(self, batch: int) -> Simulator:
-        """Return a simulator of robots at rest, 1 m up, the last of them tilted."""
-        simulator = self.make_simulator(batch)
-        q = np.tile(standing(simulator.robot), (batch, 1))
-        q[:, 2] += 1.0
-        q[-1, 3:7] = [0.5, -0.5, 0.1, 0.7]
-        q[-1, 3:7] /= np.linalg.norm(q[-1, 3:7])
-        simulator.reset(q, np.zeros((batch, 18)))
-        return simulator
+        assert_blows_up_alone(self.make_simulator(5), self.make_simulator(5), angle=np.nan)

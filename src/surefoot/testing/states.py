@@ -96,6 +96,23 @@ def states_in_the_air(robot: RobotModel, batch: int, seed: int = 0) -> tuple[Arr
     return q, rng.normal(0.0, 1.0, (batch, 18))
 
 
+def lying_on_its_back(robot: RobotModel) -> Array:
+    """Return the configuration ``(19,)`` of a robot upside down, its base 0.1 mm in the ground.
+
+    Args:
+        robot: The robot, for its pose and the shapes of its base.
+    """
+    tops = []
+    for shape in robot.shapes:
+        if shape.link == "base_link":
+            half_height = shape.size[2] if len(shape.size) == 3 else shape.size[0]
+            tops.append(max(shape.start[2], shape.end[2]) + half_height)
+    q = standing(robot)
+    q[2] = max(tops) - 1e-4
+    q[3:7] = [1.0, 0.0, 0.0, 0.0]
+    return q
+
+
 def copy_of(state: State) -> State:
     """Return a state with arrays of its own."""
     return State(*(getattr(state, field.name).copy() for field in fields(State)))

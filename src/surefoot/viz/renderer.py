@@ -22,7 +22,8 @@ from PIL import Image
 
 from surefoot.config import SimulationConfig
 from surefoot.robots.model import RobotModel
-from surefoot.sim.mujoco import build_model, to_mujoco
+from surefoot.sim.mujoco import to_mujoco
+from surefoot.sim.mujoco_model import build_model
 from surefoot.types import Array
 
 TILE = 0.1
