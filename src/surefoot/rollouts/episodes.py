@@ -20,6 +20,9 @@ from surefoot.scenarios.disturbance import Disturbance, join_disturbances, join_
 from surefoot.scenarios.starts import Starts, join_starts
 from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
 
+UNIT = 1e-6
+"""The length of an initial state's quaternion may differ from 1 by this."""
+
 
 @dataclass(frozen=True)
 class Episodes:
@@ -36,8 +39,8 @@ class Episodes:
             None has none at all. `Rollout.branch` makes them.
 
     Raises:
-        ValueError: There is nothing to simulate, a command is not finite, or the number of ids, of
-            pushed robots or of late torques is not that of the initial states.
+        ValueError: There is nothing to simulate, an initial state is none (`check_starts`), or the
+            number of ids, of disturbed robots or of late torques is not that of the initial states.
     """
 
     starts: Starts
@@ -49,6 +52,7 @@ class Episodes:
 
     def __post_init__(self) -> None:
         """Check that the episodes can be simulated."""
+        check_starts(self.starts)
         B = len(self.starts)
         lasts = math.isfinite(self.duration) and to_ticks(self.duration) >= 1
         if not lasts or not 0.0 <= self.tail < math.inf:
@@ -56,11 +60,15 @@ class Episodes:
                 f"a rollout of {self.duration} s with a tail of {self.tail} s; use at least "
                 "0.001 s, and a tail of 0 s or more"
             )
-        if self.id is not None and len(self.id) != B:
-            raise ValueError(f"{len(self.id)} ids for {B} initial states; give one for each")
-        pushes = None if self.disturbance is None else self.disturbance.pushes
-        if pushes is not None and len(pushes.tick) != B:
-            raise ValueError(f"pushes for {len(pushes.tick)} robots, but there are {B}")
+        if self.id is not None:
+            if np.shape(self.id) != (B,):
+                raise ValueError(
+                    f"ids {np.shape(self.id)} for {B} initial states; give one for each"
+                )
+            if np.asarray(self.id).dtype.kind not in "iu":
+                raise ValueError(f"ids are whole numbers, not {np.asarray(self.id).dtype}")
+        if self.disturbance is not None:
+            self.disturbance.check_robots(B)
         if self.late is not None:
             delay = 0 if self.disturbance is None else self.disturbance.delay
             if self.late.shape != (B, delay, 12):
@@ -68,8 +76,6 @@ class Episodes:
                     f"late torques {self.late.shape} for {B} robots and a delay of {delay} ms; "
                     f"give ({B}, {delay}, 12)"
                 )
-        if not np.isfinite(self.starts.command).all():
-            raise ValueError(f"commands must be finite numbers, not {self.starts.command.tolist()}")
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -86,6 +92,45 @@ class Episodes:
     def ids(self) -> IntArray:
         """``(B,)`` the ids, 0 to B - 1 where none were given."""
         return np.arange(len(self.starts)) if self.id is None else self.id
+
+
+def check_starts(starts: Starts) -> None:
+    """Check that robots can begin in these initial states.
+
+    A quaternion may differ from length 1 by `UNIT`: MuJoCo divides by the length where PyBullet
+    does not, so that longer ones would begin in two different states.
+
+    Args:
+        starts: n initial states.
+
+    Raises:
+        ValueError: An array has the wrong shape or type, a number is not finite, or a quaternion
+            is not of length 1.
+    """
+    n = len(starts.q)
+    shapes = {"q": (n, 19), "v": (n, 18), "tick": (n,), "command": (n, 3), "id": (n,)}
+    for name, shape in shapes.items():
+        array = np.asarray(getattr(starts, name))
+        kinds = "iu" if name in ("tick", "id") else "fiu"
+        if array.shape != shape or array.dtype.kind not in kinds:
+            expected = "whole" if kinds == "iu" else "real"
+            raise ValueError(
+                f"initial states: {name} is {array.dtype} {array.shape}, expected {shape} "
+                f"{expected} numbers"
+            )
+        if not np.isfinite(array).all():
+            place = [int(index) for index in np.argwhere(~np.isfinite(array))[0]]
+            raise ValueError(
+                f"initial states: {name}{place} is {array[tuple(place)]}; use finite numbers"
+            )
+    length = np.linalg.norm(starts.q[:, 3:7], axis=1)
+    wrong = np.abs(length - 1.0) > UNIT
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise ValueError(
+            f"initial states: the quaternion of row {row} is {starts.q[row, 3:7].tolist()} of "
+            f"length {length[row]:.9g}; divide it by its length (scalar last: qx, qy, qz, qw)"
+        )
 
 
 def join_episodes(parts: Sequence[Episodes]) -> Episodes:
@@ -223,8 +268,20 @@ class Rollout:
             episode: ``(B,)`` ids, unique in the dataset.
 
         Raises:
-            ValueError: The expert was not asked about a frame to keep.
+            ValueError: The expert was not asked about a frame to keep, the mask does not fit, or
+                two episodes have the same id.
         """
+        if np.shape(episode) != self.length.shape or np.shape(keep) != self.expert_asked.shape:
+            raise ValueError(
+                f"frames: keep is {np.shape(keep)} and episode {np.shape(episode)}, expected "
+                f"{self.expert_asked.shape} and {self.length.shape}"
+            )
+        ids, counts = np.unique(episode, return_counts=True)
+        if (counts > 1).any():
+            raise ValueError(
+                f"frames: {counts.max()} episodes have the id {ids[counts.argmax()]}; give each an "
+                "id of its own, or a dataset takes them for one"
+            )
         keep = keep & self.happened
         if (keep & ~self.expert_asked).any():
             raise ValueError(

@@ -118,6 +118,32 @@ class Disturbance:
             measured=None if self.measured is None else self.measured[rows],
         )
 
+    def check_robots(self, batch: int) -> None:
+        """Check that this disturbs so many robots.
+
+        Args:
+            batch: The number of robots B.
+
+        Raises:
+            ValueError: An array is for another number of robots, or the delay is negative.
+        """
+        if self.pushes is not None and len(self.pushes.tick) != batch:
+            raise ValueError(f"pushes for {len(self.pushes.tick)} robots, but there are {batch}")
+        named = {"friction": self.friction, "mass": self.mass, "measured": self.measured}
+        for name, values in named.items():
+            if values is not None and np.shape(values) != (batch,):
+                raise ValueError(
+                    f"disturbance: {name} is {np.shape(values)}, expected ({batch},): one number "
+                    "for each robot"
+                )
+        if _standard_deviations(self.noise).any() and len(self.seeds) != batch:
+            raise ValueError(
+                f"disturbance: {len(self.seeds)} seeds for the noise of {batch} robots; give one "
+                "for each"
+            )
+        if self.delay < 0:
+            raise ValueError(f"disturbance: a delay of {self.delay} ms; use 0 or more")
+
     def after(self, ticks: IntArray) -> Disturbance:
         """What disturbs the B robots in episodes that go on from these.
 
