@@ -5,13 +5,16 @@ import os
 import stat
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from surefoot.files import (
+    Shape,
     WriteError,
     as_digits,
     from_digits,
@@ -25,6 +28,8 @@ from surefoot.files import (
 
 @dataclass(frozen=True)
 class Arrays:
+    shapes: ClassVar[Mapping[str, Shape]] = {"values": ("n", 30)}
+
     name: NDArray[np.str_]
     values: NDArray[np.float64]
     flags: NDArray[np.bool_]

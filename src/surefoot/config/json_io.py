@@ -5,12 +5,14 @@ key names the nearest one that exists, a missing key and a value of the wrong ty
 A class with a `name` of its own (the methods' parameters) is written with that name, which tells it
 from the others when it is read; a class with a table `renamed` still reads its former keys. A
 number that is not finite, which JSON does not have, becomes null; it is read back as NaN.
+`read_record` reads a whole file, and names it in every error.
 """
 
 from __future__ import annotations
 
-import json
 import math
+import reprlib
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
@@ -31,6 +33,7 @@ from typing import (
 import numpy as np
 
 from surefoot.config.checked import Checked, check_values
+from surefoot.config.json_text import parse_json, read_file
 from surefoot.errors import unknown
 
 if TYPE_CHECKING:
@@ -39,6 +42,10 @@ if TYPE_CHECKING:
 Record = TypeVar("Record")
 Plain = None | bool | int | float | str | list[Any] | dict[str, Any]
 """What the json module reads and writes."""
+_shown = reprlib.Repr()
+"""Shows a value in a message: of a long or nested one, only the beginning."""
+_shown.maxstring = 200
+_shown.maxother = 200
 
 
 def to_json(value: object) -> Any:
@@ -78,7 +85,7 @@ def from_json(kind: type[Record], values: object, where: str = "") -> Record:
             continue
         name = former.get(key, key)
         if name not in hints:
-            raise ValueError(unknown("key", path + key, (path + known for known in hints)))
+            raise ValueError(unknown("key", path + _text(key), (path + known for known in hints)))
         if name in arguments:
             raise ValueError(f"{path}{name} is there twice: also under its former name")
         arguments[name] = _value(hints[name], value, path + key)
@@ -92,15 +99,34 @@ def from_json(kind: type[Record], values: object, where: str = "") -> Record:
 
 
 def read_json(path: Path) -> Any:
-    """The JSON values of a file.
+    """The JSON values of a file; no key is there twice, and numbers are finite.
 
     Raises:
-        ValueError: The file is not JSON.
+        FileNotFoundError: There is no such file.
+        ValueError: The file is not JSON, or not a regular file.
     """
+    content = read_file(path)
     try:
-        return json.loads(path.read_bytes())
+        return parse_json(content)
     except ValueError as error:
         raise ValueError(f"{path} is not JSON ({error})") from error
+
+
+def read_record(path: Path, kind: type[Record]) -> Record:
+    """The record that a file of JSON holds.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is not JSON, or holds no such record; the message names the file and
+            the dotted path of what is wrong.
+    """
+    values = read_json(path)
+    try:
+        return from_json(kind, values)
+    except ValueError as error:
+        raise ValueError(
+            f"{path} is no {kind.__name__} that this version can read: {error}"
+        ) from error
 
 
 def changes(
@@ -151,7 +177,7 @@ def _renamed(kind: type) -> Mapping[str, str]:
 def _mapping(value: object, path: str) -> Mapping[str, Any]:
     """The value itself, if it has keys."""
     if not isinstance(value, Mapping):
-        raise ValueError(f"{path} is {value!r}, expected an object with keys")
+        raise ValueError(f"{path} is {_shown.repr(value)}, expected an object with keys")
     return value
 
 
@@ -163,12 +189,14 @@ def _value(hint: Any, value: Any, path: str) -> Any:
     if origin is tuple:
         return _tuple(get_args(hint), value, path)
     if origin in (dict, Mapping):
-        kind = get_args(hint)[1]
-        items = _mapping(value, path).items()
-        return {key: _value(kind, item, f"{path}.{key}") for key, item in items}
+        key_kind, kind = get_args(hint)
+        return {
+            _value(key_kind, key, f"key of {path}"): _value(kind, item, f"{path}.{_text(key)}")
+            for key, item in _mapping(value, path).items()
+        }
     if origin is Literal:
         if value not in get_args(hint):
-            raise ValueError(unknown(path, str(value), map(str, get_args(hint))))
+            raise ValueError(unknown(path, _text(value), map(str, get_args(hint))))
         return value
     if isinstance(hint, type) and is_dataclass(hint):
         return from_json(hint, value, path)
@@ -183,11 +211,16 @@ def _plain(hint: Any, value: Any, path: str) -> Any:
         return Path(value)
     if hint is float and value is None:
         return math.nan
-    if hint is float and type(value) is int:
+    if hint is float and type(value) is int and abs(value) <= sys.float_info.max:
         return float(value)
     if type(value) is not hint:
-        raise ValueError(f"{path} is {value!r}, expected {hint.__name__}")
+        raise ValueError(f"{path} is {_shown.repr(value)}, expected {hint.__name__}")
     return value
+
+
+def _text(value: Any) -> str:
+    """A name as it is; of anything else, what a message shows."""
+    return value if isinstance(value, str) and len(value) <= 200 else _shown.repr(value)
 
 
 def _one_of(kinds: tuple[Any, ...], value: Any, path: str) -> Any:
@@ -201,7 +234,7 @@ def _one_of(kinds: tuple[Any, ...], value: Any, path: str) -> Any:
     kinds = tuple(kind for kind in kinds if kind is not type(None))
     named = {kind.name: kind for kind in kinds if isinstance(kind, type) and _is_named(kind)}
     if named:
-        name = str(_mapping(value, path).get("name"))
+        name = _text(_mapping(value, path).get("name"))
         if name not in named:
             raise ValueError(unknown(path, name, named))
         return from_json(named[name], value, path)
@@ -216,10 +249,10 @@ def _one_of(kinds: tuple[Any, ...], value: Any, path: str) -> Any:
 def _tuple(kinds: tuple[Any, ...], value: Any, path: str) -> tuple[Any, ...]:
     """A list as a tuple of the length and types that its field has."""
     if not isinstance(value, list | tuple):
-        raise ValueError(f"{path} is {value!r}, expected a list")
+        raise ValueError(f"{path} is {_shown.repr(value)}, expected a list")
     if kinds[-1] is Ellipsis:
         kinds = kinds[:1] * len(value)
     if len(value) != len(kinds):
-        raise ValueError(f"{path} is {value!r}, expected {len(kinds)} values")
+        raise ValueError(f"{path} is {_shown.repr(value)}, expected {len(kinds)} values")
     pairs = zip(kinds, value, strict=True)
     return tuple(_value(kind, item, f"{path}[{n}]") for n, (kind, item) in enumerate(pairs))

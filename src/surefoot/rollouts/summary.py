@@ -7,13 +7,15 @@ Read `evaluation.robustness` and `runs.accounting` next for what is reported.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config, SafetyConfig
+from surefoot.files import Shape
 from surefoot.learning.frames import Frames
 from surefoot.robots.model import RobotModel
 from surefoot.rollouts.episodes import Rollout
@@ -63,7 +65,16 @@ class Summary:
         mse: ``(n, 3)`` mean squared velocity error over the whole episode.
         settled_mse: ``(n, 3)`` mean squared velocity error from 1 s on; NaN for shorter episodes.
         max_torque: ``(n,)`` largest joint torque commanded [N m].
+        shapes: Shapes of the arrays that are not ``(n,)``.
     """
+
+    shapes: ClassVar[Mapping[str, Shape]] = {
+        "command": ("n", 3),
+        "tilted_far": ("n", 2),
+        "mean_velocity": ("n", 3),
+        "mse": ("n", 3),
+        "settled_mse": ("n", 3),
+    }
 
     episode: IntArray
     start: IntArray

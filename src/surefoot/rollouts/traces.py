@@ -7,14 +7,16 @@ its training.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config, SafetyConfig
 from surefoot.config.safety import HISTORY_HORIZON
+from surefoot.files import Shape
 from surefoot.learning.observation import INPUT_SIZE, network_input, observation_spec
 from surefoot.rollouts.episodes import Rollout
 from surefoot.safety.gates import unsafe
@@ -35,7 +37,14 @@ class Trace:
         label: ``(B, n)`` int8: 1 where the policy drives and the bounds are left within 0.3 s; 0
             where it drives that long and they are not; -1 where that is unknown: the expert drives
             or takes over earlier, the episode ends, or the state is outside the bounds already.
+        shapes: Shapes of the arrays.
     """
+
+    shapes: ClassVar[Mapping[str, Shape]] = {
+        "episode": ("B",),
+        "inputs": ("B", "n", INPUT_SIZE),
+        "label": ("B", "n"),
+    }
 
     episode: IntArray
     inputs: NDArray[np.float32]

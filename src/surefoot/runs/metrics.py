@@ -4,17 +4,19 @@
 measured is among the fields of its record. `format_line` and `parse_line` are the only code that
 knows how a record becomes a line. A field whose default is None is left out of the line where it is
 None; what is not a number (NaN) is null. Runs of earlier versions wrote ``guard_classifier`` and
-``guard_history`` for what is ``gate_classifier`` and ``gate_history`` now; both are read. Read
-`runs.stages` next, which makes most of the records.
+``guard_history`` for what is ``gate_classifier`` and ``gate_history`` now; both are read.
+`parse_metrics` reads a whole file. Read `runs.stages` next, which makes most of the records.
 """
 
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Literal
 
 from surefoot.config.json_io import from_json, to_json
+from surefoot.config.json_text import parse_json
 from surefoot.errors import unknown
 from surefoot.evaluation.robustness import Robustness
 from surefoot.learning.classifier import ClassifierQuality
@@ -134,6 +136,8 @@ class Best:
 StageRecord = Collected | Trained | Validated | GateTrained | Best
 """A record of a stage that is done."""
 
+MOST_ITERATIONS = 10_000
+"""No configuration allows for more."""
 _KINDS: dict[str, type[StageRecord]] = {
     "collect": Collected,
     "train": Trained,
@@ -162,17 +166,69 @@ def parse_line(line: bytes) -> StageRecord:
             sentence that begins with the name of the line.
     """
     try:
-        values = json.loads(line)
+        values = parse_json(line)
     except ValueError as error:
         raise ValueError(f"is not JSON ({error})") from error
     if not isinstance(values, dict):
-        raise ValueError(f"is no record: {values!r} is not an object with keys")
-    stage = str(values.get("stage"))
+        raise ValueError(f"is no record: {str(values)[:80]} is not an object with keys")
+    stage = str(values.get("stage"))[:80]
     if stage.startswith("guard_"):
         stage = "gate_" + stage.removeprefix("guard_")
     if stage not in _KINDS:
         raise ValueError(f"is no record: {unknown('stage', stage, _KINDS)}")
     try:
-        return from_json(_KINDS[stage], values | {"stage": stage})
+        record = from_json(_KINDS[stage], values | {"stage": stage})
+        _check_iterations(record)
     except ValueError as error:
         raise ValueError(f"is not a whole record of the stage {stage} ({error})") from error
+    return record
+
+
+def parse_metrics(content: bytes, path: Path) -> list[StageRecord]:
+    """The records in the content of a metrics file, in their order.
+
+    Args:
+        content: Content of the file.
+        path: The file, for messages.
+
+    Raises:
+        ValueError: A line is no record, or repeats the stage of another one, whose cost would then
+            count twice.
+    """
+    records: list[StageRecord] = []
+    lines: dict[tuple[str, int], int] = {}
+    for number, line in enumerate(content.splitlines(), 1):
+        try:
+            record = parse_line(line)
+        except ValueError as error:
+            raise ValueError(
+                f"line {number} of {path} {error}; delete it and all lines after it: "
+                "`surefoot train ... --resume` does those stages again"
+            ) from error
+        first = lines.setdefault(stage_of(record), number)
+        if first < number:
+            raise ValueError(
+                f"lines {first} and {number} of {path} are both of the stage {record.stage} of "
+                f"iteration {record.iteration}, which is done once; delete line {number}"
+            )
+        records.append(record)
+    return records
+
+
+def stage_of(record: StageRecord) -> tuple[str, int]:
+    """What tells a stage from all others of a run: its name and its iteration."""
+    return record.stage, record.iteration
+
+
+def _check_iterations(record: StageRecord) -> None:
+    """Check that the iterations that a record names can be those of a run.
+
+    Raises:
+        ValueError: A number is negative, or beyond what any run does.
+    """
+    named = {"iteration": record.iteration}
+    if isinstance(record, Best):
+        named["best_iteration"] = record.best_iteration
+    for name, iteration in named.items():
+        if not 0 <= iteration <= MOST_ITERATIONS:
+            raise ValueError(f"{name} is {iteration}, expected 0 to {MOST_ITERATIONS}")

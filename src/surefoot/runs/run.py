@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ import numpy as np
 
 from surefoot.config import Config, method_name
 from surefoot.config.json_io import from_json, read_json, to_json
+from surefoot.config.json_text import read_file
 from surefoot.files import write_atomic, write_json, writing
 from surefoot.learning.dataset import Dataset
 from surefoot.runs.metrics import (
@@ -31,7 +33,8 @@ from surefoot.runs.metrics import (
     Trained,
     Validated,
     format_line,
-    parse_line,
+    parse_metrics,
+    stage_of,
 )
 from surefoot.runs.versions import versions
 from surefoot.seeds import seed_of
@@ -160,20 +163,14 @@ class Run:
         """One record for each stage that is done, in the order they were done.
 
         Raises:
-            RunError: A line of the file cannot be read.
+            RunError: A line of the file cannot be read, or repeats the stage of another one.
         """
         content = self._metrics_content()
         if content != self._parsed:
-            records = []
-            for number, line in enumerate(content.splitlines(), 1):
-                try:
-                    records.append(parse_line(line))
-                except ValueError as error:
-                    raise RunError(
-                        f"line {number} of {self.metrics_path} {error}; delete it and all lines "
-                        "after it: `surefoot train ... --resume` does those stages again"
-                    ) from error
-            self._records = records
+            try:
+                self._records = parse_metrics(content, self.metrics_path)
+            except ValueError as error:
+                raise RunError(str(error)) from error
             self._parsed = content
         return list(self._records)
 
@@ -213,10 +210,15 @@ class Run:
             The record as it is read back.
 
         Raises:
-            RunError: A line of the file cannot be read.
+            RunError: A line of the file cannot be read, or the stage is done already.
             WriteError: The file cannot be written.
         """
-        _ = self.metrics  # a damaged file is an error, not something to append to
+        # A damaged file is an error, not something to append to.
+        if any(stage_of(done) == stage_of(record) for done in self.metrics):
+            raise RunError(
+                f"{self.metrics_path} has a record of the stage {record.stage} of iteration "
+                f"{record.iteration} already; a stage is done once"
+            )
         lines = [*self._metrics_content().splitlines(), format_line(record), b""]
         write_atomic(self.metrics_path, b"\n".join(lines))
         written = from_json(type(record), to_json(record))
@@ -226,7 +228,12 @@ class Run:
 
     def _metrics_content(self) -> bytes:
         """The bytes of the metrics file; none if there is no file yet."""
-        return self.metrics_path.read_bytes() if self.metrics_path.exists() else b""
+        if not self.metrics_path.exists():
+            return b""
+        try:
+            return read_file(self.metrics_path)
+        except ValueError as error:
+            raise RunError(f"{error}; restore it from a copy, or remove it") from error
 
     def _find(self, kind: type[Record], iteration: int) -> Record | None:
         """The first record of a kind and an iteration."""
@@ -348,5 +355,6 @@ def _check_folder(folder: Path, resume: bool) -> None:
 
 
 def _is_left_over(path: Path) -> bool:
-    """Whether a file is what a killed process was writing."""
-    return path.name.startswith(".") and path.name.endswith(".tmp")
+    """Whether a file is what a killed process was writing, by the name that `write_atomic` uses."""
+    is_file = path.is_file() and not path.is_symlink()
+    return is_file and re.fullmatch(r"\..+\.\d+\.tmp", path.name) is not None

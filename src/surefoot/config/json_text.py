@@ -1,0 +1,118 @@
+"""Files and JSON that anything may have written: nothing hangs, and nothing takes much memory.
+
+`read_file` takes regular files only. `parse_json` adds up what a text would take in memory before
+it reads it, and refuses what JSON of this package never is: keys that are there twice, numbers that
+are not finite or not of 64 bits, deep nesting. Read `json_io` next, which makes records of the
+values.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+MOST_BYTES = 2**30
+"""[B] No file of the package is larger, but shards of frames, which are not read here."""
+MOST_LEVELS = 50
+"""JSON that is nested more deeply is nothing that the package writes."""
+MEMORY_FACTOR = 9
+"""What is read may take this many times the file's size in memory, and `MEMORY_BASE`."""
+MEMORY_BASE = 45_000_000
+"""[B] What any file may take in memory."""
+_JSON_COSTS = {b"{": 250, b"[": 90, b":": 240, b",": 60, b'"': 35}
+"""[B] What Python allocates at most for a value that begins, or ends, with each of these."""
+
+
+def read_file(path: Path) -> bytes:
+    """The content of a regular file, or of one that a link points to.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is a folder, a pipe or a device, which could last forever, or too large.
+    """
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path} is not a regular file")
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise ValueError(f"{path} has {size} bytes; files of its kind have at most {MOST_BYTES}")
+    return path.read_bytes()
+
+
+def parse_json(content: bytes) -> Any:
+    """The values of a JSON text: numbers are finite and fit 64 bits, no key is there twice.
+
+    Raises:
+        ValueError: The text is not such JSON, or would take too much memory.
+    """
+    # The text and its values: with one letter beyond ASCII, Python may take four bytes for each.
+    needed = len(content) * (2 if content.isascii() else 9)
+    needed += sum(content.count(mark) * cost for mark, cost in _JSON_COSTS.items())
+    if needed > MEMORY_FACTOR * len(content) + MEMORY_BASE:
+        raise ValueError(f"so many values in {len(content)} bytes are nothing that was written")
+    try:
+        values = json.loads(
+            content,
+            object_pairs_hook=_object,
+            parse_constant=_no_number,
+            parse_float=_finite,
+            parse_int=_integer,
+        )
+    except RecursionError as error:
+        raise ValueError(f"it is nested more than {MOST_LEVELS} levels deep") from error
+    _check_depth(values)
+    return values
+
+
+def _object(pairs: list[tuple[str, Any]]) -> object:
+    """An object of JSON whose keys differ."""
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        counts = Counter(key for key, _ in pairs)
+        twice = max(counts, key=lambda key: counts[key])
+        raise ValueError(f"the key {twice[:80]!r} is there twice in one object")
+    return values
+
+
+def _no_number(text: str) -> float:
+    """Refuse what Python writes for a number that JSON does not have."""
+    raise ValueError(f"{text} is not a finite number")
+
+
+def _finite(text: str) -> float:
+    """A number that a float can hold."""
+    value = float(text)
+    if not math.isfinite(value):
+        _no_number(text[:40])
+    return value
+
+
+def _integer(text: str) -> int:
+    """An integer that fits 64 bits, as all that the package writes do."""
+    if len(text) > 20 or not -(2**63) <= int(text) < 2**63:
+        raise ValueError(f"{text[:40]} does not fit 64 bits")
+    return int(text)
+
+
+def _check_depth(values: Any) -> None:
+    """Check, level by level, how deep JSON values are nested.
+
+    Raises:
+        ValueError: They are nested too deeply for messages, which show them, to be made.
+    """
+    level = [values]
+    for _ in range(MOST_LEVELS):
+        level = [item for value in level for item in _items(value)]
+        if not level:
+            return
+    raise ValueError(f"it is nested more than {MOST_LEVELS} levels deep")
+
+
+def _items(value: Any) -> Iterable[Any]:
+    """What a list or an object holds; nothing for other JSON values."""
+    if isinstance(value, dict):
+        return value.values()
+    return value if isinstance(value, list) else ()
