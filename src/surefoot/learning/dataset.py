@@ -18,6 +18,7 @@ from reprlib import repr as short
 import numpy as np
 
 from surefoot.config.json_io import from_json
+from surefoot.config.json_text import parse_json, read_file
 from surefoot.files import write_atomic, write_json
 from surefoot.learning.frames import (
     Frames,
@@ -27,7 +28,6 @@ from surefoot.learning.frames import (
     uninitialized_arrays,
 )
 from surefoot.learning.shard import FORMAT, check_size, read_shard, shard_content
-from surefoot.reading import parse_json, read_file
 
 
 class DatasetError(ValueError):

@@ -22,8 +22,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
 from torch import Tensor
 
+from surefoot.config.json_text import parse_json
 from surefoot.files import write_atomic
-from surefoot.reading import parse_json
 
 HEADER_KEY = "surefoot"
 """Key of the header, as text, in the metadata of a safetensors file."""
