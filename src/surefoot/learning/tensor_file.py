@@ -67,7 +67,11 @@ def write_tensor_file(
     """
     plain = {name: tensor.detach().contiguous().cpu() for name, tensor in tensors.items()}
     header = {**header, "sha256": sha256 or _digest(plain, header)}
-    content = to_bytes(plain, {HEADER_KEY: json.dumps(header, allow_nan=False)})
+    try:
+        text = json.dumps(header, allow_nan=False)
+    except ValueError as error:
+        raise ValueError(f"the header of {path} cannot be JSON ({error})") from error
+    content = to_bytes(plain, {HEADER_KEY: text})
     _check_header_size(path, content)
     write_atomic(path, content)
 
