@@ -68,10 +68,9 @@ def write_tensor_file(
     plain = {name: tensor.detach().contiguous().cpu() for name, tensor in tensors.items()}
     header = {**header, "sha256": sha256 or _digest(plain, header)}
     try:
-        text = json.dumps(header, allow_nan=False)
-    except ValueError as error:
-        raise ValueError(f"the header of {path} cannot be JSON ({error})") from error
-    content = to_bytes(plain, {HEADER_KEY: text})
+        content = to_bytes(plain, {HEADER_KEY: json.dumps(header, allow_nan=False)})
+    except (ValueError, SafetensorError) as error:  # not a finite number, or 100 MB
+        raise ValueError(f"{path} cannot have such a header ({error})") from error
     _check_header_size(path, content)
     write_atomic(path, content)
 
