@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from hypothesis import assume
 from hypothesis import strategies as st
 from safetensors import safe_open
 from safetensors.torch import save as to_bytes
 from torch import Tensor
+
+from tests.fuzz.mutations import json_mutations
 
 Tensors = dict[str, Tensor]
 
@@ -49,13 +50,17 @@ def tensor_bytes(tensor: Tensor) -> bytes:
 
 def sealed(tensors: Mapping[str, Tensor], header: Any) -> bytes:
     """The bytes of a file whose hash is that of its contents, whatever they are."""
-    assume(len(json.dumps(header)) < MOST_HEADER)
     sha = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     for name in sorted(tensors):
         sha.update(name.encode() + tensor_bytes(tensors[name]))
     if isinstance(header, dict):
         header = {**header, "sha256": sha.hexdigest()}
     return to_bytes(dict(tensors), {"surefoot": json.dumps(header)})
+
+
+def header_mutations(header: Any) -> st.SearchStrategy[Any]:
+    """The header after changes as those of `json_mutations`, if safetensors writes it."""
+    return json_mutations(header).filter(lambda value: len(json.dumps(value)) < MOST_HEADER)
 
 
 @st.composite

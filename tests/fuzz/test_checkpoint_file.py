@@ -9,8 +9,8 @@ from surefoot.config import PolicyConfig
 from surefoot.learning.checkpoint import load_checkpoint, save_checkpoint
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
-from tests.fuzz.mutations import byte_mutations, check_loader, fuzz, json_mutations
-from tests.fuzz.tensors import contents, sealed, tensor_mutations
+from tests.fuzz.mutations import byte_mutations, check_loader, fuzz
+from tests.fuzz.tensors import contents, header_mutations, sealed, tensor_mutations
 
 LOSSES = [(0.1, float("nan")), (1 / 3, 0.2)]
 
@@ -56,7 +56,7 @@ def test_a_damaged_header_with_a_valid_hash(path):
     tensors, header = contents(path)
     del tensors["losses"]
     header["losses"] = [[first.hex(), second.hex()] for first, second in LOSSES]  # as before
-    fuzz(json_mutations(header), lambda damaged: check(path, sealed(tensors, damaged)), 100)
+    fuzz(header_mutations(header), lambda damaged: check(path, sealed(tensors, damaged)), 100)
 
 
 def test_damaged_tensors_with_a_valid_hash(path):

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import assume
 from safetensors.torch import save as to_bytes
 
 from surefoot.learning.classifier import (
@@ -17,8 +16,8 @@ from surefoot.learning.classifier import (
     load_classifier,
     save_classifier,
 )
-from tests.fuzz.mutations import byte_mutations, check_loader, fuzz, json_mutations
-from tests.fuzz.tensors import MOST_HEADER, Tensors, contents, tensor_bytes, tensor_mutations
+from tests.fuzz.mutations import byte_mutations, check_loader, fuzz
+from tests.fuzz.tensors import Tensors, contents, header_mutations, tensor_bytes, tensor_mutations
 
 QUALITY = ClassifierQuality(90, 0.2, 0, 10, 2, 0.5, 1.0, 0.5, 0.4, 0.7)
 
@@ -49,7 +48,6 @@ def check(path: Path, content: bytes) -> None:
 
 def sealed(tensors: Tensors, header: Any) -> bytes:
     """The bytes of a file whose hash is that of its contents, whatever they are."""
-    assume(len(json.dumps(header)) < MOST_HEADER)
     if isinstance(header, dict):
         sha = hashlib.sha256(json.dumps(header.get("figures"), sort_keys=True).encode())
         for number in range(3):
@@ -66,7 +64,7 @@ def test_damaged_bytes(path):
 
 def test_a_damaged_header_with_a_valid_hash(path):
     tensors, header = contents(path)
-    fuzz(json_mutations(header), lambda damaged: check(path, sealed(tensors, damaged)), 150)
+    fuzz(header_mutations(header), lambda damaged: check(path, sealed(tensors, damaged)), 150)
 
 
 def test_damaged_tensors_with_a_valid_hash(path):

@@ -9,8 +9,8 @@ import pytest
 from surefoot.config import PolicyConfig
 from surefoot.learning.policy import Policy, PolicyFileError, load, save
 from tests.fakes.learning import random_state, spec_of, trained_network
-from tests.fuzz.mutations import byte_mutations, check_loader, fuzz, json_mutations
-from tests.fuzz.tensors import contents, sealed, tensor_mutations
+from tests.fuzz.mutations import byte_mutations, check_loader, fuzz
+from tests.fuzz.tensors import contents, header_mutations, sealed, tensor_mutations
 
 SMALL = PolicyConfig(hidden=(8, 6))
 STATE = replace(random_state(3), q=np.zeros((3, 19)), v=np.zeros((3, 18)))
@@ -48,7 +48,7 @@ def test_damaged_bytes(path):
 
 def test_a_damaged_header_with_a_valid_hash(path):
     tensors, header = contents(path)
-    fuzz(json_mutations(header), lambda damaged: check(path, sealed(tensors, damaged)), 150)
+    fuzz(header_mutations(header), lambda damaged: check(path, sealed(tensors, damaged)), 150)
 
 
 def test_damaged_tensors_with_a_valid_hash(path):
