@@ -53,4 +53,4 @@ def test_damaged_bytes(path):
 
 def test_damaged_values(path):
     values = json.loads(path.read_bytes())
-    fuzz(json_texts(values), lambda damaged: check(path, damaged), 200)
+    fuzz(json_texts(values), lambda damaged: check(path, damaged), 120)

@@ -37,7 +37,7 @@ def check(path: Path, content: bytes) -> None:
 
 def test_damaged_bytes(path):
     content = path.read_bytes()
-    fuzz(byte_mutations(content), lambda damaged: check(path, damaged), 150)
+    fuzz(byte_mutations(content), lambda damaged: check(path, damaged), 80)
 
 
 # --- what HDF5 can do, and a shard must not
