@@ -107,6 +107,10 @@ def test_many_epochs_do_not_make_the_header_too_long(tmp_path):
         lambda tensors: tensors.update({"optimizer.0.exp_avg": torch.zeros(1)}),
         lambda tensors: tensors.update({"losses": torch.zeros(3)}),
         lambda tensors: tensors["network.linear.0.bias"].fill_(torch.nan),
+        lambda tensors: tensors["network.norm.0.running_var"].fill_(-1.0),
+        lambda tensors: tensors["optimizer.0.step"].fill_(-1.0),  # Adam divides by zero
+        lambda tensors: tensors["optimizer.0.step"].fill_(-1e38),
+        lambda tensors: tensors["optimizer.0.exp_avg_sq"].fill_(-1.0),
     ],
 )
 def test_other_tensors_with_a_valid_hash_change_nothing(stored, change):

@@ -449,9 +449,11 @@ def test_layers_that_the_file_does_not_hold_are_refused_before_there_is_a_networ
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("norm.0.running_var", -1.0, r"norm\.0\.running_var has variances below zero"),
-        ("scale", 0.0, "scale has numbers that are not positive"),
-        ("scale", 1e-45, "weights that are not finite"),
+        ("norm.0.running_var", -1.0, r"norm\.0\.running_var has numbers below 0"),
+        ("scale", 0.0, "scale has numbers below 1e-07"),
+        ("scale", 1e-45, "scale has numbers below 1e-07"),
+        ("linear.0.weight", 3e38, "weights that are not finite"),
+        ("linear.0.weight", 1e37, "answers to typical inputs are not finite"),
         ("mean", math.nan, "mean has numbers that are not finite"),
         ("linear.2.bias", math.inf, "not finite"),
     ],
@@ -460,7 +462,7 @@ def test_numbers_that_would_give_no_torque_are_refused(tmp_path, name, value, me
     path = tmp_path / "policy.safetensors"
     save(make_policy(), path)
     tensors, header = contents(path)
-    tensors[name][0] = value
+    tensors[name][:2] = value
     path.write_bytes(sealed(tensors, header))
     with pytest.raises(PolicyFileError, match=f"{COMPLETE}.*{message}"):
         load(path)

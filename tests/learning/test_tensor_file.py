@@ -113,7 +113,7 @@ def test_tensors_do_not_change_with_their_file(tmp_path):
     assert torch.equal(tensors["b"], TENSORS["b"])
 
 
-KINDS = (TensorKind("b", (2, 3)), TensorKind("a", (), torch.bool))
+KINDS = (TensorKind("b", (2, 3), least=0.0), TensorKind("a", (), torch.bool))
 
 
 def test_the_expected_tensors_are_in_order():
@@ -126,6 +126,7 @@ def test_the_expected_tensors_are_in_order():
         ({"b": torch.zeros(3, 2)}, r"b has shape \(3, 2\).*expected \(2, 3\)"),
         ({"b": torch.zeros(2, 3).int()}, r"b has .*type torch.int32, expected .*torch.float32"),
         ({"b": torch.full((2, 3), torch.inf)}, "b has numbers that are not finite"),
+        ({"b": torch.full((2, 3), -0.5)}, "b has numbers below 0"),
         ({"c": torch.zeros(1)}, "does not ask for: {'c'}"),
     ],
 )

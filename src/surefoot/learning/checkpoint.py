@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from surefoot.config.json_io import from_json
+from surefoot.learning.network import PolicyNetwork, tensor_kinds
 from surefoot.learning.tensor_file import (
     TensorKind,
     check_tensors,
@@ -38,7 +39,7 @@ class _Header:
 
 
 def save_checkpoint(
-    path: Path, key: str, network: torch.nn.Module, optimizer: torch.optim.Optimizer, losses: Losses
+    path: Path, key: str, network: PolicyNetwork, optimizer: torch.optim.Optimizer, losses: Losses
 ) -> None:
     """Write the state of a fit, whole or not at all.
 
@@ -61,7 +62,7 @@ def save_checkpoint(
 
 
 def load_checkpoint(
-    path: Path, key: str, network: torch.nn.Module, optimizer: torch.optim.Optimizer
+    path: Path, key: str, network: PolicyNetwork, optimizer: torch.optim.Optimizer
 ) -> Losses:
     """Bring network and optimizer to the state that a checkpoint holds.
 
@@ -95,14 +96,15 @@ def load_checkpoint(
     return losses
 
 
-def _expected(network: torch.nn.Module) -> Iterator[TensorKind]:
+def _expected(network: PolicyNetwork) -> Iterator[TensorKind]:
     """What a checkpoint of this network and its Adam holds besides the losses."""
-    for name, tensor in network.state_dict().items():
-        yield TensorKind(f"network.{name}", tuple(tensor.shape), tensor.dtype)
+    for kind in tensor_kinds(network.hidden):
+        yield replace(kind, name=f"network.{kind.name}")
     for index, parameter in enumerate(network.parameters()):
-        yield TensorKind(f"optimizer.{index}.step", ())
-        for moment in ("exp_avg", "exp_avg_sq"):
-            yield TensorKind(f"optimizer.{index}.{moment}", tuple(parameter.shape), parameter.dtype)
+        shape = tuple(parameter.shape)
+        yield TensorKind(f"optimizer.{index}.step", (), least=0.0)
+        yield TensorKind(f"optimizer.{index}.exp_avg", shape)
+        yield TensorKind(f"optimizer.{index}.exp_avg_sq", shape, least=0.0)
 
 
 def _pop_losses(tensors: dict[str, Tensor], header: _Header) -> Losses:

@@ -24,6 +24,10 @@ MINIMUM_ROWS = 8
 another path, with other last bits. From here on a row's result did not depend on its batch."""
 
 
+LEAST_SCALE = 1e-7
+"""No input has a smaller scale: `set_normalizers` takes 1 for a deviation of 1e-6 or less."""
+
+
 class PolicyNetwork(nn.Module):
     """A map from ``(n, 47)`` observation and goal to ``(n, 12)`` joint targets [rad].
 
@@ -118,17 +122,19 @@ def tensor_kinds(hidden: Sequence[int]) -> Iterator[TensorKind]:
         hidden: Units of the hidden layers.
     """
     yield TensorKind("mean", (INPUT_SIZE,))
-    yield TensorKind("scale", (INPUT_SIZE,))
+    yield TensorKind("scale", (INPUT_SIZE,), least=LEAST_SCALE)
     yield TensorKind("has_normalisers", (), torch.bool)
     for index, (before, after) in enumerate(pairwise((INPUT_SIZE, *hidden, len(JOINTS)))):
         yield TensorKind(f"linear.{index}.weight", (after, before))
         yield TensorKind(f"linear.{index}.bias", (after,))
     for index, units in enumerate(hidden):
-        for name in ("weight", "bias", "running_mean", "running_var"):
+        for name in ("weight", "bias", "running_mean"):
             yield TensorKind(f"norm.{index}.{name}", (units,))
+        yield TensorKind(f"norm.{index}.running_var", (units,), least=0.0)
         yield TensorKind(f"norm.{index}.num_batches_tracked", (), torch.int64)
 
 
+@torch.no_grad()
 def network_from_tensors(config: PolicyConfig, tensors: Mapping[str, Tensor]) -> PolicyNetwork:
     """The network of a policy, in ``eval()`` mode, from the tensors of a file.
 
@@ -142,14 +148,12 @@ def network_from_tensors(config: PolicyConfig, tensors: Mapping[str, Tensor]) ->
     """
     # The network takes the memory that its configuration asks for, hence only once that is checked.
     check_tensors(tensors, tensor_kinds(config.hidden))
-    if not (tensors["scale"] > 0).all():
-        raise ValueError("scale has numbers that are not positive")
-    for index in range(len(config.hidden)):
-        if not (tensors[f"norm.{index}.running_var"] >= 0).all():
-            raise ValueError(f"norm.{index}.running_var has variances below zero")
     network = PolicyNetwork(config)
     network.load_state_dict(dict(tensors))
     for layer in network.eval().folded():
         if not all(array.isfinite().all() for array in layer):
             raise ValueError("its weights and normalizers give weights that are not finite")
+    typical = network.mean + network.scale * torch.tensor([[-1.0], [0.0], [1.0]])
+    if not network(typical).isfinite().all():
+        raise ValueError("its answers to typical inputs are not finite")
     return network

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,11 +44,13 @@ class TensorKind:
         name: Its name in the file.
         shape: Its shape.
         dtype: The type of its numbers.
+        least: The smallest that a number of it may be.
     """
 
     name: str
     shape: tuple[int, ...]
     dtype: torch.dtype = torch.float32
+    least: float = -math.inf
 
 
 def write_tensor_file(
@@ -126,14 +129,15 @@ def _read(file: Any, name: str) -> Tensor:
 
 
 def check_tensors(tensors: Mapping[str, Tensor], expected: Iterable[TensorKind]) -> None:
-    """Check that a file's tensors are exactly those expected, and that all numbers are finite.
+    """Check that a file's tensors are exactly those expected, and that all numbers make sense.
 
     Args:
         tensors: The tensors by name.
         expected: What each has to be; of a generator, no more is taken than is needed.
 
     Raises:
-        ValueError: A tensor is missing, of another shape or type, unknown, or not finite.
+        ValueError: A tensor is missing, of another shape or type, unknown, or has a number that is
+            not finite or too small.
     """
     known = set()
     for kind in expected:
@@ -147,6 +151,8 @@ def check_tensors(tensors: Mapping[str, Tensor], expected: Iterable[TensorKind])
             )
         if not tensor.isfinite().all():
             raise ValueError(f"{kind.name} has numbers that are not finite")
+        if kind.least > -math.inf and (tensor < kind.least).any():
+            raise ValueError(f"{kind.name} has numbers below {kind.least:.3g}")
         known.add(kind.name)
     if unknown := tensors.keys() - known:
         raise ValueError(f"it has tensors that its header does not ask for: {short(unknown)}")
