@@ -1,11 +1,15 @@
 """The entry point: one thread before anything heavy is loaded, and Ctrl-C while it loads."""
 
 import os
+import signal
 import subprocess
 import sys
 from ast import literal_eval
 
+import pytest
+
 import surefoot.__main__
+from surefoot.__main__ import PATIENCE, Interrupt
 from surefoot.workers import ONE_THREAD
 
 
@@ -36,5 +40,68 @@ def test_ctrl_c_while_the_command_line_is_loaded_ends_quietly(monkeypatch, capsy
             raise KeyboardInterrupt
 
     monkeypatch.setitem(sys.modules, "surefoot.cli.main", Interrupted())
+    monkeypatch.setattr(signal, "signal", lambda number, answer: None)
     assert surefoot.__main__.main() == 130
     assert capsys.readouterr() == ("", "")
+
+
+def test_only_the_first_interrupt_is_heard_while_the_command_ends(monkeypatch):
+    """The one after a while ends a process that hangs."""
+    now = [100.0]
+    ended = []
+    monkeypatch.setattr(surefoot.__main__, "monotonic", lambda: now[0])
+    monkeypatch.setattr(os, "_exit", ended.append)
+    interrupt = Interrupt()
+    with pytest.raises(KeyboardInterrupt):
+        interrupt(signal.SIGINT, None)
+    interrupt(signal.SIGTERM, None)
+    now[0] += PATIENCE
+    interrupt(signal.SIGINT, None)
+    assert ended == []
+    now[0] += 0.1
+    interrupt(signal.SIGINT, None)
+    assert ended == [130]
+
+
+TWICE = """
+import os, signal, sys, threading
+signal.signal(signal.SIGINT, signal.default_int_handler)
+import surefoot.__main__ as entry
+import surefoot.cli.main as command_line
+
+def command():
+    # Python waits for this thread when it ends, as it does for those of processes.
+    threading.Thread(target=lambda: (ending.wait(), again())).start()
+    try:
+        os.kill(os.getpid(), signal.{first})
+        threading.Event().wait(10)
+    finally:
+        again()
+
+def again():
+    os.kill(os.getpid(), signal.{second})
+
+ending = threading.Event()
+command_line.parse = lambda args: command
+sys.argv = ["surefoot", "walk"]
+status = entry.main()
+ending.set()
+sys.exit(status)
+"""
+
+
+@pytest.mark.parametrize("first", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("second", ["SIGINT", "SIGTERM"])
+def test_a_second_interrupt_changes_neither_words_nor_status(first, second):
+    code = TWICE.format(first=first, second=second)
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (child.returncode, child.stderr) == (130, "\ninterrupted\n")
+
+
+def test_a_process_in_the_background_ignores_ctrl_c_as_before():
+    code = "import signal, surefoot.__main__ as entry\n"
+    code += "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+    code += "for step in (entry.answer_signals, lambda: entry.leave_signals(0)):\n"
+    code += "    step()\n"
+    code += "    assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN"
+    subprocess.run([sys.executable, "-c", code], check=True)

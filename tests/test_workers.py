@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -12,8 +13,10 @@ import pytest
 
 from surefoot.workers import (
     ONE_THREAD,
+    PROCESSES_PER_CORE,
     RETRIES,
     Workers,
+    _join,
     _listed,
     default_workers,
     each_chunk,
@@ -256,3 +259,36 @@ def test_no_worker_outlives_the_parent_after_ctrl_c_or_a_kill(tmp_path, ending):
     finally:
         process.kill()
         process.wait()
+
+
+def test_a_number_of_workers_far_above_the_cores_is_not_started(monkeypatch):
+    assert Workers(1).started == 1
+    assert Workers(100_000).started == PROCESSES_PER_CORE * default_workers()
+    monkeypatch.setattr("surefoot.workers.default_workers", lambda: 1)
+    results = map_chunks(slow_first, list(range(8)), Workers(100_000), "many")
+    assert len({pid for _, pid in results}) <= PROCESSES_PER_CORE
+
+
+@pytest.mark.parametrize(
+    ("address", "reason"), [("127.0.0.1:1", "Connection refused"), ("127.0.0.1:99999", "Port")]
+)
+def test_an_address_where_nothing_listens_is_refused_at_once(address, reason):
+    with pytest.raises(ValueError, match=rf"no Ray cluster at '{address}' \(.*{reason}.*start"):
+        _join(address, pytest.fail)
+
+
+def test_a_cluster_that_does_not_answer_is_given_up(monkeypatch):
+    monkeypatch.setattr("surefoot.workers.RAY_TIMEOUT", 0.1)
+    silent = threading.Event()
+    with pytest.raises(ValueError, match=r"no Ray cluster at 'auto' \(no answer within 0 s\)"):
+        _join("auto", lambda address: silent.wait())
+    silent.set()
+
+
+def test_what_connecting_raises_is_passed_on():
+    def connect(address):
+        raise RuntimeError(f"{address} has another version")
+
+    with pytest.raises(RuntimeError, match="auto has another version"):
+        _join("auto", connect)
+    _join("auto", str)  # and what works, works

@@ -11,6 +11,10 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+from surefoot.caches import settle_caches as _settle_caches
+
+_settle_caches()
+
 _HOME = {
     "config": ("Config", "HandBack"),
     "config.presets": ("preset", "published_rules"),

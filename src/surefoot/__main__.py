@@ -1,23 +1,80 @@
 """The entry point of `python -m surefoot` and of the command `surefoot`.
 
-It sets the number of threads before NumPy and PyTorch are loaded. Read `cli.main` next.
+It sets the number of threads before NumPy and PyTorch are loaded, and what Ctrl-C does. Read
+`cli.main` next.
 """
 
 import os
+import signal
 import sys
+from contextlib import suppress
+from time import monotonic
+from types import FrameType
 
 from surefoot.workers import ONE_THREAD
 
 os.environ.update(ONE_THREAD)
 
+INTERRUPTED = 130
+"""Exit status of a command that was interrupted, as of any that ends by Ctrl-C."""
+PATIENCE = 5.0
+"""[s] after a first Ctrl-C in which others are not heard: processes are ended, files are closed."""
+
+
+class Interrupt:
+    """The answer to Ctrl-C, and to SIGTERM, with which a cluster's batch system asks to stop.
+
+    The first one interrupts the work. What follows within a few seconds, as from a user who presses
+    twice, would interrupt the ending; what follows later ends this process at once, and the workers
+    end with it.
+    """
+
+    def __init__(self) -> None:
+        self.first: float | None = None
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Answer a signal.
+
+        Raises:
+            KeyboardInterrupt: It is the first.
+        """
+        if self.first is None:
+            self.first = monotonic()
+            raise KeyboardInterrupt
+        if monotonic() - self.first > PATIENCE:
+            os._exit(INTERRUPTED)
+
+
+def answer_signals() -> None:
+    """Answer Ctrl-C and SIGTERM; what the shell has a process in the background ignore stays so."""
+    interrupt = Interrupt()
+    signal.signal(signal.SIGTERM, interrupt)
+    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+        signal.signal(signal.SIGINT, interrupt)
+
+
+def leave_signals(status: int) -> None:
+    """Settle what signals do while Python itself ends, where no function can answer them.
+
+    Args:
+        status: The exit status. After an interrupt it is to stay: a second one is ignored.
+    """
+    answer = signal.SIG_IGN if status == INTERRUPTED else signal.SIG_DFL
+    signal.signal(signal.SIGTERM, answer)
+    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+        signal.signal(signal.SIGINT, answer)
+
 
 def main() -> int:
     """Run the command line, and return its exit status."""
-    try:
+    status = INTERRUPTED
+    with suppress(KeyboardInterrupt):  # loading takes a second or two
+        answer_signals()
         from surefoot.cli.main import main as command_line
-    except KeyboardInterrupt:  # loading takes a second or two
-        return 130
-    return command_line()
+
+        status = command_line()
+    leave_signals(status)
+    return status
 
 
 if __name__ == "__main__":

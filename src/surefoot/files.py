@@ -68,8 +68,7 @@ def writing(path: Path | str) -> Iterator[None]:
         yield
     except OSError as error:
         raise WriteError(
-            f"{path} cannot be written ({error}). Nothing that was complete is lost: free some "
-            "space or fix the folder's permissions, then resume (train: with --resume)"
+            f"{path} cannot be written ({error}): free some space, or fix the folder's permissions"
         ) from error
 
 
@@ -107,7 +106,8 @@ def check_output(path: Path, *, suffixes: tuple[str, ...] = ()) -> None:
         raise
     except OSError as error:
         raise WriteError(
-            f"{path} cannot be written ({error}); name a file in a folder that you may write to"
+            f"{path} cannot be written ({error.strerror}); name a file in a folder that you may "
+            "write to"
         ) from error
 
 

@@ -65,8 +65,8 @@ def to_heading(vectors: Array, heading: Array) -> Array:
         heading: ``(..., 2)`` cos and sin of the yaw; it broadcasts to ``vectors``.
     """
     # A vector is the number x + iy. Dividing it by cos + i sin is one product.
-    plane = np.ascontiguousarray(vectors).view(np.complex128)
-    inverse = np.ascontiguousarray(heading * (1.0, -1.0)).view(np.complex128)
+    plane = np.ascontiguousarray(vectors, dtype=np.float64).view(np.complex128)
+    inverse = np.ascontiguousarray(heading * (1.0, -1.0), dtype=np.float64).view(np.complex128)
     return (plane * inverse).view(float)
 
 

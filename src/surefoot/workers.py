@@ -12,13 +12,16 @@ import ctypes
 import logging
 import os
 import signal
+import socket
 import sys
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, TypeVar
+from urllib.parse import urlsplit
 
 from tqdm import tqdm
 
@@ -29,6 +32,15 @@ logger = logging.getLogger(__name__)
 
 RETRIES = 2
 """How often a chunk is tried again when its worker dies."""
+
+PROCESSES_PER_CORE = 4
+"""More processes than this only take memory."""
+
+CONNECTION_TIMEOUT = 5.0
+"""[s] in which a cluster's address must take a connection."""
+
+RAY_TIMEOUT = 60.0
+"""[s] in which a cluster must answer once it has taken a connection."""
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of every process: the work is spread over processes, and bits may depend on the
@@ -48,7 +60,8 @@ class Workers:
     """The processes that do the work; results never depend on them.
 
     Attributes:
-        count: Number of processes; 1 works in this process. A Ray cluster uses all its cores.
+        count: Number of processes; 1 works in this process. A Ray cluster uses all its cores, and
+            of a number far above this machine's cores only four for each are started.
         backend: Where the processes run: ``loky`` (on this machine) or ``ray`` (on a cluster).
         ray_address: Address of a running cluster, ``auto`` or host:port; without one, Ray is
             started on this machine.
@@ -57,6 +70,11 @@ class Workers:
     count: int = field(default_factory=default_workers)
     backend: Literal["loky", "ray"] = "loky"
     ray_address: str | None = None
+
+    @property
+    def started(self) -> int:
+        """Number of processes that are started on this machine."""
+        return min(self.count, PROCESSES_PER_CORE * default_workers())
 
 
 def map_chunks(
@@ -99,7 +117,7 @@ def each_chunk(
     elif workers.count == 1 or len(chunks) == 1:
         results = ((number, function(chunk)) for number, chunk in enumerate(chunks))
     else:
-        results = _spread(_Processes(function, workers.count), chunks, title)
+        results = _spread(_Processes(function, workers.started), chunks, title)
     with tqdm(total=len(chunks), desc=title, unit="chunk", leave=False) as bar:
         for number, result in results:
             bar.update()
@@ -266,7 +284,7 @@ class _Cluster:
 
     def __init__(self, function: Callable[[Any], Any], workers: Workers) -> None:
         self.ray = connected(workers)
-        self.count = workers.count
+        self.count = workers.started
         # `_spread` tries again and logs it; Ray itself would do so silently, and try forever where
         # memory is short (its task_oom_retries is -1, and 0 for a task without retries).
         self.task: Any = self.ray.remote(function).options(
@@ -309,27 +327,58 @@ def connected(workers: Workers) -> Any:
         import ray
     except ImportError as error:
         raise ImportError("the backend 'ray' needs Ray: pip install 'surefoot[ray]'") from error
-    if not ray.is_initialized():
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        started_here = workers.ray_address is None
-        terminate = signal.getsignal(signal.SIGTERM)
-        try:
-            # "local", or Ray would join any cluster that it finds.
-            ray.init(
-                address=workers.ray_address or "local",
-                num_cpus=workers.count if started_here else None,
-                include_dashboard=False if started_here else None,
-                log_to_driver=False,
-                logging_level=logging.ERROR,
-            )
-        except ConnectionError as error:
-            raise ValueError(
-                f"there is no Ray cluster at {workers.ray_address!r} ({error}); start one with "
-                "`ray start --head`, or leave --ray-address out"
-            ) from error
-        finally:
-            _answer_sigterm_by(terminate)
+    if ray.is_initialized():
+        return ray
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    terminate = signal.getsignal(signal.SIGTERM)
+
+    def connect(address: str, **options: Any) -> None:
+        ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **options)
+
+    try:
+        address = workers.ray_address or "local"  # without it, Ray would join what it finds
+        if address == "local":
+            connect(address, num_cpus=workers.started, include_dashboard=False)
+        else:
+            _join(address, connect)
+    finally:
+        _answer_sigterm_by(terminate)
     return ray
+
+
+def _join(address: str, connect: Callable[[str], object]) -> None:
+    """Connect to a cluster, or find out soon that there is none.
+
+    Ray tries for minutes, and hears no signal meanwhile. So the address is tried first, and Ray
+    connects in a thread of its own, which is left behind if it does not come back.
+
+    Args:
+        address: Host and port, or a word such as ``auto``.
+        connect: The function that connects to the address.
+
+    Raises:
+        ValueError: There is no cluster. Whatever else connecting raises is raised too.
+    """
+    done: Future[object] = Future()
+
+    def call() -> None:
+        try:
+            done.set_result(connect(address))
+        except BaseException as error:
+            done.set_exception(error)
+
+    try:
+        parts = urlsplit(address if "://" in address else f"//{address}")
+        if parts.hostname and parts.port:
+            socket.create_connection((parts.hostname, parts.port), CONNECTION_TIMEOUT).close()
+        threading.Thread(target=call, daemon=True).start()
+        done.result(RAY_TIMEOUT)
+    except (OSError, ValueError) as error:  # or the port is no number
+        reason = str(error) or f"no answer within {RAY_TIMEOUT:.0f} s"
+        raise ValueError(
+            f"there is no Ray cluster at {address!r} ({reason}); start one with "
+            "`ray start --head`, or leave --ray-address out"
+        ) from error
 
 
 def _answer_sigterm_by(handler: Any) -> None:

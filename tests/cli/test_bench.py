@@ -104,3 +104,15 @@ def test_the_survey_of_the_expert_is_asked_with_the_options(
     assert surefoot("bench", "expert", *args) == 0
     assert asked == [(Config(), "mujoco", 7, Workers(1), file)]
     assert capsys.readouterr().out == "table of cells\n"
+
+
+def test_what_is_measured_is_written_before_the_next_measurement(
+    surefoot, calls, monkeypatch, tmp_path
+):
+    def fail(*args):
+        raise RuntimeError("interrupted")
+
+    monkeypatch.setattr(train, "bench_train", fail)
+    file = tmp_path / "bench.json"
+    assert surefoot("bench", "--json", file) == 2
+    assert list(json.loads(file.read_text())) == ["plan", "engine"]

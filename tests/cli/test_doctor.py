@@ -6,7 +6,16 @@ import sys
 import pytest
 
 import surefoot.cli.doctor as doctor
-from surefoot.cli.doctor import CHECKS, Check, Finding, examine_machine, main, run_check, run_child
+from surefoot.cli.doctor import (
+    CHECKS,
+    Check,
+    Finding,
+    check_cache,
+    examine_machine,
+    main,
+    run_check,
+    run_child,
+)
 
 
 def run_code(code: str) -> Finding:
@@ -91,3 +100,21 @@ def test_the_simulator_that_is_asked_for_is_essential(findings, surefoot):
     findings["bullet"] = Finding(False, "no wheel")
     assert surefoot("doctor") == 0
     assert surefoot("doctor", "--sim", "bullet") == 1
+
+
+def test_without_a_cache_nothing_else_is_blamed(findings, capsys):
+    """All other checks would fail, and advise to reinstall what is in order."""
+    findings["cache"] = Finding(False, "no folder")
+    findings["plan"] = Finding(False, "no locator available")
+    assert not examine_machine()
+    report = capsys.readouterr().out
+    assert "fix: set NUMBA_CACHE_DIR to a folder that you may write to" in report
+    assert "reinstall" not in report and "plan" not in report
+    assert report.endswith("surefoot cannot work here yet: see above\n")
+
+
+def test_the_cache_is_named_or_missing(monkeypatch):
+    assert check_cache().startswith("compiled functions are kept in ")
+    monkeypatch.setattr(doctor, "numba_folder", lambda: None)
+    with pytest.raises(RuntimeError, match="no folder that numba tries can be written to"):
+        check_cache()

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -17,8 +18,12 @@ from surefoot.cli.train import Train, TrainReport
 from surefoot.cli.walk import Walk, WalkReport
 from surefoot.evaluation.gate_warnings import GateWarnings, RunWarnings
 from surefoot.evaluation.report import EvaluationReport
+from surefoot.files import WriteError
 from surefoot.study.records import Comparison, Row
 from surefoot.viz.replay import EpisodeReport
+
+RESUME = "; what is finished is on disk: go on with --resume"
+NO_MEMORY = "surefoot: there is not enough memory (1 PiB)"
 
 
 def test_the_overview_fits_one_screen():
@@ -96,6 +101,21 @@ def test_help_names_every_json_key(command, report):
         (("train",), "needs the name of a method: behavior_cloning, dagger, "),
         (("train", "--resum", "dagger"), "there is no option --resum;"),
         (("walk", "--seconds", "0", "--no-video"), "at least 0.001 s"),
+        (("walk", "--seconds", "1e12", "--no-video"), "--seconds 1e+12: use at least 0.001 s, and"),
+        (("walk", "--seconds", "nan", "--no-video"), "--seconds nan: use at least 0.001 s, and at"),
+        (("play", "nowhere", "--seconds", "1e12"), "at most 3600 s"),
+        (("walk", "--out", "pic.png"), "--out: pic.png must end in .mp4"),
+        (("walk", "--out", "."), "--out: '.' is an empty name, and cannot be written"),
+        (
+            ("walk", "--json", ""),
+            "--json: '.' is an empty name, and cannot be",
+        ),
+        (("walk", "--json", "/"), "--json: '/' is a folder, and cannot be written; name a file"),
+        (("play", "nowhere", "--json", "/"), "--json: '/' is a folder"),
+        (("bench", "plan", "--json", "/"), "--json: '/' is a folder"),
+        (("bench", "expert", "--json", "/"), "--json: '/' is a folder"),
+        (("train", "dagger", "--json", "/"), "--json: '/' is a folder"),
+        (("make-starts", "set.txt"), "OUT: set.txt must end in .npz"),
         (("evaluate", "nowhere"), "no such run folder or policy file"),
         (("evaluate", ".", "--starts", "solo12-trot-v1-wid"), "did you mean 'solo12-trot-v1-wide'"),
         (("compare", "nowhere"), "holds no run"),
@@ -119,20 +139,92 @@ def test_an_unknown_option_names_the_nearest(surefoot, capsys):
 
 
 @pytest.mark.parametrize(
-    ("error", "status", "message"),
+    ("name", "error", "status", "message"),
     [
-        (KeyboardInterrupt(), 130, "resume with --resume"),
-        (RuntimeError("a robot did not stand"), 2, "surefoot: a robot did not stand"),
-        (OSError("disk full"), 2, "surefoot: disk full"),
+        ("walk", KeyboardInterrupt(), 130, "\ninterrupted"),
+        (
+            "train",
+            KeyboardInterrupt(),
+            130,
+            "\ninterrupted" + RESUME,
+        ),
+        ("walk", RuntimeError("a robot did not stand"), 2, "surefoot: a robot did not stand"),
+        ("walk", OSError("disk full"), 2, "surefoot: disk full"),
+        ("walk", WriteError("a is full"), 2, "surefoot: a is full"),
+        (
+            "train",
+            WriteError("a is full"),
+            2,
+            "surefoot: a is full" + RESUME,
+        ),
+        (
+            "walk",
+            MemoryError("1 PiB"),
+            2,
+            NO_MEMORY + "; ask for less with --seconds",
+        ),
+        ("doctor", MemoryError("1 PiB"), 2, NO_MEMORY),
     ],
 )
-def test_an_exception_sets_the_exit_status(surefoot, monkeypatch, capsys, error, status, message):
+def test_an_exception_sets_the_exit_status(
+    surefoot, monkeypatch, capsys, name, error, status, message
+):
+    """And what is said of going on is true of the command."""
+
     def command() -> int:
         raise error
 
     monkeypatch.setattr(main_module, "parse", lambda args: command)
-    assert surefoot("walk") == status
-    assert message in capsys.readouterr().err
+    assert surefoot(name) == status
+    assert capsys.readouterr().err == f"{message}\n"
+
+
+PRINTING = """
+import sys
+import surefoot.cli.main as main
+
+def command():
+    for number in range(2000):
+        print("10 m\\u00b2 a line", number)
+    open(sys.argv[1], "w").write("done")
+    return {status}
+
+main.parse = lambda args: command
+sys.exit(main.main())
+"""
+
+
+def run_printing(folder, status: int = 0, **options) -> tuple[int, bytes]:
+    """Exit status and stderr of a command that prints much and then writes a file."""
+    command = [sys.executable, "-c", PRINTING.format(status=status), str(folder / "file")]
+    child = subprocess.run(command, stderr=subprocess.PIPE, **options)
+    assert (folder / "file").read_text() == "done"
+    return child.returncode, child.stderr
+
+
+@pytest.mark.parametrize("status", [0, 1])
+def test_a_reader_that_leaves_does_not_end_the_work(tmp_path, status):
+    reader, writer = os.pipe()
+    os.close(reader)
+    result = run_printing(tmp_path, status, stdout=writer)
+    os.close(writer)
+    assert result == (status or 141, b"")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_under_the_output_does_not_end_the_work(tmp_path):
+    with open("/dev/full", "wb") as full:
+        status, error = run_printing(tmp_path, stdout=full)
+    assert status == 2
+    assert error.startswith(b"surefoot: what it prints could not be written (")
+    assert len(error.splitlines()) == 1
+
+
+def test_characters_that_the_terminal_lacks_are_escaped(tmp_path):
+    environment = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    with (tmp_path / "printed").open("wb") as printed:
+        assert run_printing(tmp_path, stdout=printed, env=environment) == (0, b"")
+    assert (tmp_path / "printed").read_bytes().startswith(rb"10 m\xb2 a line 0")
 
 
 def test_a_traceback_is_shown_where_it_is_asked_for(surefoot, monkeypatch):

@@ -1,6 +1,7 @@
 """What several commands share: the simulator, workers, films, figures."""
 
 import json
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,7 +9,15 @@ import numpy as np
 import pytest
 
 from surefoot.cli.main import parse
-from surefoot.cli.options import OnSimulator, OnWorkers, film_episode, show_record
+from surefoot.cli.options import (
+    OnSimulator,
+    OnWorkers,
+    check_film,
+    check_option,
+    check_seconds,
+    film_episode,
+    show_record,
+)
 from surefoot.config import Config, SimulationConfig
 from surefoot.robots.solo12 import solo12
 from surefoot.viz.film import Recording
@@ -33,6 +42,39 @@ def test_a_record_is_printed_and_written(capsys, tmp_path):
         'file                   "a"',
     ]
     assert json.loads(file.read_text()) == {"share": None, "pushes": [0.5, 1.0], "file": "a"}
+
+
+def test_a_record_is_written_before_it_is_printed(monkeypatch, tmp_path):
+    class Full:
+        def write(self, text: str) -> int:
+            raise OSError("disk full")
+
+        def flush(self) -> None:
+            pass
+
+    file = tmp_path / "figures.json"
+    monkeypatch.setattr("sys.stdout", Full())
+    with pytest.raises(OSError, match="disk full"):
+        show_record(Report(0.5, (), Path("a")), file)
+    assert json.loads(file.read_text())["share"] == 0.5
+
+
+def test_an_option_that_is_not_given_is_not_checked():
+    check_option("--json", None)
+
+
+def test_a_film_and_the_sheet_beside_it_can_both_be_written(tmp_path):
+    check_film("--out", tmp_path / "film.mp4")
+    (tmp_path / "film.png").mkdir()
+    with pytest.raises(ValueError, match=r"--out: .*film.png' is a folder"):
+        check_film("--out", tmp_path / "film.mp4")
+    check_film("--out", Path("/dev/null"))  # nothing is written beside a device
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, 0.0005, 3601.0, 1e12, np.inf, np.nan])
+def test_a_duration_of_no_tick_or_of_hours_is_refused(seconds):
+    with pytest.raises(ValueError, match=r"--seconds .*: use at least 0.001 s, and at most 3600 s"):
+        check_seconds(seconds)
 
 
 def test_the_workers_are_those_asked_for():
@@ -76,3 +118,15 @@ def test_films_that_cannot_be_made_are_no_error(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr("surefoot.viz.film.film", lambda recording, path, title: path)
     film_episode(recording, out, "title")
     assert capsys.readouterr().out == f"frames: {out.with_suffix('.png')}\nvideo:  {out}\n"
+
+
+def test_nothing_is_written_beside_a_stream(monkeypatch, tmp_path):
+    robot = solo12()
+    recording = Recording(robot, SimulationConfig(), np.tile(robot.nominal, (10, 1)))
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    films = []
+    monkeypatch.setattr("surefoot.viz.film.film", lambda recording, path, title: films.append(path))
+    film_episode(recording, pipe, "title")
+    assert films == [pipe]
+    assert list(tmp_path.iterdir()) == [pipe]

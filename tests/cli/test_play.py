@@ -83,3 +83,15 @@ def test_a_policy_may_walk_in_another_simulator(surefoot, films, run_folder, tmp
 
     assert velocity("mujoco") != velocity("bullet")
     assert [film[0].simulation.backend for film in films] == ["mujoco", "bullet"]
+
+
+def test_a_film_that_could_not_be_written_is_refused_before_any_work(
+    surefoot, monkeypatch, capsys, run_folder, tmp_path
+):
+    def play_out(job):
+        raise AssertionError("played")
+
+    monkeypatch.setattr("surefoot.rollouts.jobs.play_out", play_out)
+    for out in (tmp_path, tmp_path / "film.avi"):
+        assert surefoot("play", run_folder, "--out", out) == 2
+        assert f"{out}" in capsys.readouterr().err

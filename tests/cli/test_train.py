@@ -120,3 +120,14 @@ def test_training_prints_its_progress_and_writes_its_metrics(surefoot, capsys, t
     assert report == {"run": str(folder), "metrics": [json.loads(line) for line in lines]}
     assert report["metrics"][-1]["stage"] == "best"
     assert (folder / "curves.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before_any_work(surefoot, capsys, tmp_path):
+    """Nothing is said of resuming what has not begun."""
+    (tmp_path / "file").touch()
+    assert surefoot("train", "dagger", "--run", tmp_path / "file") == 2
+    error = capsys.readouterr().err
+    assert error.startswith(
+        f"surefoot: --run: {tmp_path}/file/metrics.jsonl cannot be written (Not"
+    )
+    assert "--resume" not in error

@@ -23,9 +23,9 @@ def blank(B: int, T: int, **changes) -> Rollout:
     )
     drove = changes.pop("expert_drove", np.zeros((B, T), bool))
     torque = np.zeros((B, T, 12))
-    starts = Starts(
-        np.zeros((B, 19)), np.zeros((B, 18)), np.zeros(B, int), np.zeros((B, 3)), np.arange(B)
-    )
+    standing = np.zeros((B, 19))
+    standing[:, 6] = 1.0
+    starts = Starts(standing, np.zeros((B, 18)), np.zeros(B, int), np.zeros((B, 3)), np.arange(B))
     rollouts = Rollout(
         **vars(states),
         seen=states,

@@ -8,6 +8,7 @@ from surefoot.learning.checkpoint import load_checkpoint, save_checkpoint
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
 from tests.fakes.learning import SMALL
+from tests.fuzz.tensors import contents, sealed
 
 LOSSES = [(0.1, float("nan")), (1 / 3, 0.2)]
 
@@ -76,3 +77,45 @@ def assert_nothing_changes(path, key):
     before = tensors_of(network, optimizer)
     assert load_checkpoint(path, key, network, optimizer) == []
     assert_same_tensors(tensors_of(network, optimizer), before)
+
+
+def test_losses_in_the_header_of_older_files_come_back_to_the_bit(stored):
+    path, expected = stored
+    tensors, header = contents(path)
+    del tensors["losses"]
+    texts = [[first.hex(), second.hex()] for first, second in LOSSES]
+    path.write_bytes(sealed(tensors, {**header, "losses": texts}))
+    network, optimizer = network_and_optimizer(2)
+    np.testing.assert_array_equal(load_checkpoint(path, "key", network, optimizer), LOSSES)
+    assert_same_tensors(tensors_of(network, optimizer), expected)
+
+
+def test_many_epochs_do_not_make_the_header_too_long(tmp_path):
+    losses = [(1 / 3, 2 / 3)] * 200_000
+    network, optimizer = network_and_optimizer(1, steps=1)
+    save_checkpoint(tmp_path / "fit.safetensors", "key", network, optimizer, losses)
+    assert load_checkpoint(tmp_path / "fit.safetensors", "key", network, optimizer) == losses
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda tensors: tensors.pop("network.mean"),
+        lambda tensors: tensors.update({"network.mean": torch.zeros(46)}),
+        lambda tensors: tensors.update({"other": torch.zeros(1)}),
+        lambda tensors: tensors.pop("optimizer.0.step"),
+        lambda tensors: tensors.update({"optimizer.0.exp_avg": torch.zeros(1)}),
+        lambda tensors: tensors.update({"losses": torch.zeros(3)}),
+        lambda tensors: tensors["network.linear.0.bias"].fill_(torch.nan),
+        lambda tensors: tensors["network.norm.0.running_var"].fill_(-1.0),
+        lambda tensors: tensors["optimizer.0.step"].fill_(-1.0),  # Adam divides by zero
+        lambda tensors: tensors["optimizer.0.step"].fill_(-1e38),
+        lambda tensors: tensors["optimizer.0.exp_avg_sq"].fill_(-1.0),
+    ],
+)
+def test_other_tensors_with_a_valid_hash_change_nothing(stored, change):
+    path, _ = stored
+    tensors, header = contents(path)
+    change(tensors)
+    path.write_bytes(sealed(tensors, header))
+    assert_nothing_changes(path, "key")

@@ -2,7 +2,9 @@
 
 import hashlib
 import json
+import os
 import pickle
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -268,3 +270,58 @@ def test_a_classifier_is_pickled_without_its_session():
     again = pickle.loads(before)
     assert again.quality == classifier.quality
     assert again.probability(ROWS).tobytes() == expected.tobytes()
+
+
+def small_classifier(*sizes):
+    """A classifier of layers of these sizes."""
+    layers = tuple(
+        (np.ones(pair, np.float32), np.ones(pair[1], np.float32)) for pair in pairwise(sizes)
+    )
+    return Classifier(layers, UNJUDGED)
+
+
+def test_another_number_of_inputs_than_asked_for_is_refused(tmp_path):
+    path = tmp_path / "history.safetensors"
+    save_classifier(small_classifier(47, 4, 1), path)
+    load_classifier(path, 47)
+    with pytest.raises(ValueError, match=r"history\.safetensors .*has 47 inputs, expected 470"):
+        load_classifier(path, 470)
+
+
+@pytest.mark.parametrize("sizes", [(5, 4, 2), (5,), (0, 1)])
+def test_layers_that_do_not_make_a_classifier_are_refused(tmp_path, sizes):
+    path = tmp_path / "history.safetensors"
+    save_classifier(small_classifier(*sizes), path)
+    with pytest.raises(ValueError, match="not a whole classifier"):
+        load_classifier(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda layers: layers[1][0].resize((4, 3), refcheck=False), r"weight0 has shape \(5, 3\)"),
+        (lambda layers: layers[0][0].fill(np.nan), "weight0 has numbers that are not finite"),
+    ],
+)
+def test_layers_that_do_not_fit_or_are_not_finite_are_refused(tmp_path, change, message):
+    path = tmp_path / "history.safetensors"
+    classifier = small_classifier(5, 3, 1)
+    change(classifier.layers)
+    save_classifier(classifier, path)
+    with pytest.raises(ValueError, match=rf"not a whole classifier.*{message}"):
+        load_classifier(path)
+
+
+def test_a_pipe_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "history.safetensors")
+    with pytest.raises(ValueError, match="not a regular file"):
+        load_classifier(tmp_path / "history.safetensors")
+
+
+def test_a_classifier_does_not_change_with_its_file(tmp_path):
+    path = tmp_path / "history.safetensors"
+    save_classifier(CLASSIFIER, path)
+    classifier = load_classifier(path)
+    with path.open("r+b") as stream:
+        stream.truncate(0)
+    assert digest(classifier) == digest(CLASSIFIER)

@@ -1,6 +1,8 @@
 """Shards that survive kills, damage and any order of arrival."""
 
+import errno
 import json
+import os
 import warnings
 
 import h5py
@@ -8,7 +10,7 @@ import numpy as np
 import pytest
 
 import surefoot.learning.dataset as module
-from surefoot.files import write_atomic
+from surefoot.files import WriteError, write_atomic
 from surefoot.learning.dataset import Dataset, DatasetError
 from surefoot.learning.frames import PART, concatenate
 from tests.fakes.learning import assert_same_frames, random_frames
@@ -57,12 +59,14 @@ def test_content_alone_decides_hash_and_order(tmp_path):
 
 
 def test_hash_is_independent_of_the_file(tmp_path):
-    """A shard written again, compressed, is the same shard."""
+    """A shard written again, by other means, is the same shard."""
     data = Dataset(tmp_path)
     data.append("a", random_frames([1, 2]))
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        for name, array in vars(random_frames([1, 2])).items():
-            file.create_dataset(name, data=array, compression="gzip")
+    before = (tmp_path / "a.h5").read_bytes()
+    with h5py.File(tmp_path / "a.h5", "w", libver="latest") as file:
+        for name, array in reversed(vars(random_frames([1, 2])).items()):
+            file.create_dataset(name, data=array)
+    assert (tmp_path / "a.h5").read_bytes() != before
     assert_same_frames(data.load(), random_frames([1, 2]))
 
 
@@ -123,12 +127,12 @@ def test_a_shard_half_written_is_as_if_it_had_never_been(tmp_path, monkeypatch):
     data = Dataset(tmp_path)
     data.append("a", random_frames([1]))
 
-    def half(path, frames):
-        path.write_bytes(b"\x89HDF\r\n\x1a\n half a file")
+    def half(path, content):
+        path.write_bytes(content[: len(content) // 2])
         raise Killed
 
     with monkeypatch.context() as patch:
-        patch.setattr(module, "_write", half)
+        patch.setattr("surefoot.files._write_content", half)
         patch.setattr("pathlib.Path.unlink", lambda *_, **__: None)
         with pytest.raises(Killed):
             data.append("b", random_frames([2]))
@@ -301,3 +305,102 @@ def test_a_view_of_some_episodes_is_the_dataset_that_has_never_held_others(tmp_p
     assert data.before(5).only(chosen).hash == view.before(5).hash
     with pytest.raises(DatasetError, match="only read"):
         view.append("new", random_frames([12]))
+
+
+@pytest.fixture
+def stored(tmp_path) -> Dataset:
+    """Two shards."""
+    data = Dataset(tmp_path)
+    data.append("a", random_frames([1, 2]))
+    data.append("b", random_frames([3]))
+    return data
+
+
+def change_manifest(data, change):
+    """Change the JSON values of a manifest; what the function returns as a list replaces them."""
+    path = data.folder / "manifest.json"
+    values = json.loads(path.read_text())
+    result = change(values)
+    path.write_text(json.dumps(result if isinstance(result, list) else values))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda values: [], "the manifest is .., expected an object"),
+        (lambda values: [values], "the manifest is .*, expected an object"),
+        (lambda values: values["shards"]["a"].pop("episodes"), "shards.a lacks episodes"),
+        (lambda values: values["shards"]["a"].pop("frames"), "shards.a lacks frames"),
+        (lambda values: values["shards"]["a"].update(frames="5"), "shards.a.frames is '5'"),
+        (lambda values: values["shards"]["a"].update(frames=-1), "'a' has -1 frames and 2 epis"),
+        (lambda values: values["shards"]["a"].update(frames=1), "'a' has 1 frames and 2 epis"),
+        (lambda values: values["shards"]["a"].update(episodes={}), "'a' has 10 frames and 0 epis"),
+        (lambda values: values["shards"]["a"].update(sha256="0"), "'a' do not match its own"),
+        (lambda values: values["shards"]["a"]["episodes"].update({"1_0": ""}), "'1_0', not a num"),
+        (lambda values: values["shards"]["a"]["episodes"].update({"01": ""}), "'01', not a num"),
+        (lambda values: values["shards"]["a"]["episodes"].update({"x": ""}), "'x', not a number"),
+        (lambda values: values["shards"].update(c=values["shards"]["a"]), "in 'a' and in 'c'"),
+        (lambda values: values["shards"].update({"../a": values["shards"].pop("a")}), "shard name"),
+        (lambda values: values["shards"].update({"x/a": values["shards"].pop("a")}), "shard name"),
+        (lambda values: values.update(shards=[]), "shards is .., expected an object"),
+        (lambda values: values.update(others={}), "no key .*others"),
+    ],
+)
+def test_a_manifest_of_another_shape_is_refused(stored, change, message):
+    change_manifest(stored, change)
+    for read in (stored.load, lambda: stored.hash, lambda: stored.append("d", random_frames([9]))):
+        expected = rf"manifest\.json is not readable \(.*{message}.*restore it"
+        with pytest.raises(DatasetError, match=expected):
+            read()
+
+
+def test_a_key_that_is_there_twice_is_refused(stored):
+    """Otherwise the second would make it an empty dataset."""
+    path = stored.folder / "manifest.json"
+    path.write_text(path.read_text().rstrip()[:-1] + ', "shards": {}}')
+    with pytest.raises(DatasetError, match="'shards' is there twice"):
+        _ = stored.frames
+
+
+def test_a_manifest_that_is_a_pipe_or_nested_without_end_is_refused(stored):
+    path = stored.folder / "manifest.json"
+    path.write_text('{"a": ' * 100_000)
+    with pytest.raises(DatasetError, match="not readable"):
+        stored.load()
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(DatasetError, match="not a regular file"):
+        stored.load()
+
+
+def test_more_frames_than_the_shards_have_room_for_are_refused_before_there_is_memory(
+    stored, monkeypatch
+):
+    change_manifest(stored, lambda values: values["shards"]["b"].update(frames=10**9))
+    monkeypatch.setattr(module, "uninitialized_arrays", None)
+    with pytest.raises(DatasetError, match=r"b\.h5 is .*too few for 1000000000 frames"):
+        stored.load()
+    with pytest.raises(DatasetError, match=r"b\.h5 is .*too few for 1000000000 frames"):
+        stored.load(["b"])
+
+
+def test_a_shard_that_is_a_pipe_is_refused(stored):
+    stored.shard_path("a").unlink()
+    os.mkfifo(stored.shard_path("a"))
+    with pytest.raises(DatasetError, match=r"a\.h5 is .*not a regular file"):
+        stored.load()
+
+
+def test_a_full_disk_is_an_error_and_no_shard(tmp_path, monkeypatch):
+    data = Dataset(tmp_path)
+
+    def full(path, content):
+        path.write_bytes(content[:100])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("surefoot.files._write_content", full)
+        with pytest.raises(WriteError, match=r"a\.h5 cannot be written.*No space left"):
+            data.append("a", random_frames([1]))
+    assert list(tmp_path.iterdir()) == []
+    assert data.shards == ()

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from surefoot.config import PolicyConfig
-from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.network import PolicyNetwork, network_from_tensors, tensor_kinds
 from surefoot.learning.observation import INPUT_SIZE
 from tests.fakes.learning import SMALL, trained_network
 
@@ -69,3 +69,25 @@ def test_folded_layers_compute_what_the_network_computes(config):
     with torch.no_grad():
         expected = network(inputs).double()
     torch.testing.assert_close(values, expected, atol=2e-5, rtol=2e-5)
+
+
+@pytest.mark.parametrize("hidden", [(64, 64), (5,)])
+def test_the_table_of_tensors_is_that_of_a_network(hidden):
+    state = PolicyNetwork(PolicyConfig(hidden=hidden)).state_dict()
+    kinds = {kind.name: (kind.shape, kind.dtype) for kind in tensor_kinds(hidden)}
+    assert kinds == {name: (tuple(t.shape), t.dtype) for name, t in state.items()}
+
+
+def test_a_network_comes_back_from_its_tensors():
+    network = trained_network(SMALL)
+    again = network_from_tensors(SMALL, network.state_dict())
+    assert not again.training
+    inputs = torch.randn(9, INPUT_SIZE)
+    assert torch.equal(again(inputs), network(inputs))
+
+
+def test_folding_leaves_the_network_as_it_is():
+    network = trained_network(SMALL)
+    before = {name: tensor.clone() for name, tensor in network.state_dict().items()}
+    network.folded()
+    assert all(torch.equal(tensor, before[name]) for name, tensor in network.state_dict().items())

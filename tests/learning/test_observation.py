@@ -1,5 +1,7 @@
 """Layout, known values, and blindness to position and yaw."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -143,3 +145,11 @@ def test_a_spec_checks_itself():
         ObservationSpec("circel", 500)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="period_ticks is 0"):
         ObservationSpec("circle", 0)
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_a_state_in_single_precision_is_observed_too(n):
+    state = random_state(n)
+    single = State(*(getattr(state, field.name).astype(np.float32) for field in fields(State)))
+    np.testing.assert_allclose(observe(single), observe(state), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(observe(single[0]), observe(state[0]), rtol=0, atol=1e-5)

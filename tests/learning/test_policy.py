@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import math
+import os
 import pickle
 import struct
 import warnings
@@ -35,6 +37,7 @@ from surefoot.rollouts.jobs import Job, play_out
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import JOINTS, Controller, State
 from tests.fakes.learning import OBSERVATION_SPEC, random_state, spec_of, trained_network
+from tests.fuzz.tensors import contents, sealed
 
 SMALL = PolicyConfig(hidden=(32, 16), kp=2.5, kd=0.07)
 SPEC = spec_of(SMALL)
@@ -370,3 +373,130 @@ def test_a_file_without_a_header_is_refused(tmp_path):
     path.write_bytes(pickle.dumps({"weight": 1}))
     with pytest.raises(PolicyFileError, match="not a whole surefoot policy"):
         load(path)
+
+
+COMPLETE = "is not a complete policy"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"kp": "2"}, f"{COMPLETE}.*kp is '2', expected float"),
+        ({"kp": None}, f"{COMPLETE}.*kp is nan"),
+        ({"kp": [2]}, f"{COMPLETE}.*kp is .2., expected float"),
+        ({"kp": {}}, f"{COMPLETE}.*kp is {{}}, expected float"),
+        ({"kp": 1e300}, f"{COMPLETE}.*kp is 1e.300; use"),
+        ({"kp": 0}, f"{COMPLETE}.*kp is 0"),
+        ({"kd": -1}, f"{COMPLETE}.*kd is -1.*; use"),
+        ({"phase": "square"}, f"{COMPLETE}.*phase 'square'"),
+        ({"period_ticks": None}, f"{COMPLETE}.*period_ticks is None, expected int"),
+        ({"period_ticks": 0}, f"{COMPLETE}.*period_ticks is 0; use"),
+        ({"period_ticks": 2**62}, f"{COMPLETE}.*period_ticks is .*; use"),
+        ({"command_range": [[0, 0, None], [1, 1, 1]]}, f"{COMPLETE}.*command_range is .*nan"),
+        ({"command_range": [[0, 0, 2], [1, 1, 1]]}, f"{COMPLETE}.*command_range is"),
+        ({"command_range": [[0, 0], [1, 1]]}, f"{COMPLETE}.*command_range.*expected 3 values"),
+        ({"hidden": [16, 32]}, f"{COMPLETE}.*linear.0.weight has shape .32, 47..*expected .16, 47"),
+        ({"hidden": 32}, f"{COMPLETE}.*hidden is 32, expected a list"),
+        ({"hidden": [32, 16, 0]}, f"{COMPLETE}.*hidden.2. is 0; use 1"),
+        ({"hidden": [32, True]}, f"{COMPLETE}.*hidden.1. is True"),
+        ({"provenance": 3}, f"{COMPLETE}.*provenance is 3, expected an object"),
+        ({"kq": 3}, f"{COMPLETE}.*no key .*kq'; did you mean"),
+    ],
+    ids=str,
+)
+def test_a_header_with_wrong_values_and_a_valid_hash_is_refused(tmp_path, changes, message):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    tensors, header = contents(path)
+    path.write_bytes(sealed(tensors, {**header, **changes}))
+    with pytest.raises(PolicyFileError, match=rf"policy\.safetensors {message}"):
+        load(path)
+
+
+@pytest.mark.parametrize("header", [[1, 2], 3, None, "x"])
+def test_a_header_that_is_no_object_is_refused(tmp_path, header):
+    path = tmp_path / "policy.safetensors"
+    path.write_bytes(sealed({"weight": torch.zeros(3)}, header))
+    with pytest.raises(PolicyFileError, match=r"its header is .*, expected a JSON object"):
+        load(path)
+
+
+def test_a_key_that_is_there_twice_and_deep_nesting_are_refused(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    for text in ('{"format": 1, "format": 2}', '{"a": ' * 100_000):
+        save_file({"weight": torch.zeros(3)}, path, {"surefoot": text})
+        with pytest.raises(PolicyFileError, match=r"twice|nested|deep"):
+            load(path)
+
+
+@pytest.mark.parametrize("hidden", [[40_000, 40_000], [8] * 20_000], ids=["wide", "deep"])
+def test_layers_that_the_file_does_not_hold_are_refused_before_there_is_a_network(
+    tmp_path, monkeypatch, hidden
+):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    tensors, header = contents(path)
+    path.write_bytes(sealed(tensors, {**header, "hidden": hidden}))
+
+    def never(*_, **__):
+        raise AssertionError("a network was made")
+
+    monkeypatch.setattr(PolicyNetwork, "__init__", never)
+    with pytest.raises(PolicyFileError, match=r"linear\.0\.weight has shape"):
+        load(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("norm.0.running_var", -1.0, r"norm\.0\.running_var has numbers below 0"),
+        ("scale", 0.0, "scale has numbers below 1e-07"),
+        ("scale", 1e-45, "scale has numbers below 1e-07"),
+        ("linear.0.weight", 3e38, "weights that are not finite"),
+        ("linear.0.weight", 1e37, "answers to typical inputs are not finite"),
+        ("mean", math.nan, "mean has numbers that are not finite"),
+        ("linear.2.bias", math.inf, "not finite"),
+    ],
+)
+def test_numbers_that_would_give_no_torque_are_refused(tmp_path, name, value, message):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    tensors, header = contents(path)
+    tensors[name][:2] = value
+    path.write_bytes(sealed(tensors, header))
+    with pytest.raises(PolicyFileError, match=f"{COMPLETE}.*{message}"):
+        load(path)
+
+
+@pytest.mark.parametrize("dtype", [torch.int32, torch.complex64, torch.float16, torch.float64])
+def test_weights_of_another_type_are_refused(tmp_path, dtype):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    tensors, header = contents(path)
+    tensors["linear.1.weight"] = tensors["linear.1.weight"].to(dtype)
+    path.write_bytes(sealed(tensors, header))
+    with pytest.raises(PolicyFileError, match=r"linear\.1\.weight.* type"):
+        load(path)
+
+
+def test_what_is_no_regular_file_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe.safetensors")
+    for path in (tmp_path / "pipe.safetensors", tmp_path):
+        with pytest.raises(PolicyFileError, match="not a regular file"):
+            load(path)
+
+
+def test_a_policy_does_not_change_with_its_file(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    policy = load(path)
+    expected = policy.target(*arguments(9))
+    with path.open("r+b") as stream:
+        stream.truncate(0)
+    np.testing.assert_array_equal(policy.target(*arguments(9)), expected)
+
+
+def test_numbers_of_the_provenance_that_are_not_finite_become_null(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(provenance={"loss": math.nan}), path)
+    assert load(path).provenance == {"loss": None}

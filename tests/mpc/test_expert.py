@@ -1,5 +1,7 @@
 """The expert's timetable, torque law and fall-back, with plans that are plain functions."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -275,3 +277,101 @@ def test_later_changes_to_a_users_arrays_do_not_reach_the_expert():
     before = drive(expert, state, 0)
     torque[:] = 1e6
     np.testing.assert_array_equal(drive(expert, state, 1), before)
+
+
+# --- plans that are not there yet
+
+
+def shuffle(state: State) -> None:
+    state.q[7:] = state.q[7:][::-1]
+
+
+def slow_down(state: State) -> None:
+    state.v *= 0.5
+
+
+def forget_contacts(state: State) -> None:
+    state.contacts[:] = False
+
+
+@pytest.mark.parametrize("change", [shuffle, slow_down, forget_contacts])
+def test_a_plan_that_changes_its_state_is_told_to_copy(change):
+    hold = np.zeros((100, 12))
+
+    def plan(state: State, tick: int, command: Command) -> MotionPlan:
+        change(state)
+        return MotionPlan(hold, hold, hold)
+
+    expert = Expert(plan, KP, KD)
+    expert.reset(2)
+    state = states(2)
+    before = state.q.copy()
+    with pytest.raises(ValueError, match=r"plan function changed.*read-only.*q = state\.q\.copy"):
+        drive(expert, state, 0)
+    np.testing.assert_array_equal(state.q, before)
+    state.q[0, 0] = 7.0  # the engine's own arrays stay writable
+
+
+def test_a_plan_may_change_a_copy_and_its_own_errors_stay():
+    def plan(state: State, tick: int, command: Command) -> MotionPlan:
+        q = state.q.copy()
+        q[7:] = 0.0
+        if tick:
+            raise ValueError("no solution")
+        rows = np.tile(q[7:], (100, 1))
+        return MotionPlan(rows, rows, rows)
+
+    expert = Expert(plan, KP, KD)
+    expert.reset(1)
+    drive(expert, states(1), 0)
+    with pytest.raises(ValueError, match=r"^no solution$"):
+        drive(expert, states(1), 50)
+
+
+ROWS = np.zeros((100, 12))
+
+
+@pytest.mark.parametrize("answer", [None, (ROWS, ROWS, ROWS), 1.0, ROWS, {"torque": ROWS}])
+def test_an_answer_that_is_no_plan_is_named(answer):
+    expert = Expert(lambda *_: answer, KP, KD)  # type: ignore[arg-type, return-value]
+    expert.reset(1)
+    kind = type(answer).__name__
+    with pytest.raises(TypeError, match=rf"plan function returned {kind}, expected a surefoot.Mot"):
+        drive(expert, states(1), 0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (1.0, r"plan's arrays are \[\(\), .*expected \(ticks, 12\) each"),
+        (np.zeros(12), r"plan's arrays are \[\(12,\), .*expected \(ticks, 12\)"),
+        (ROWS[:50], r"plan's arrays are \[\(50, 12\), \(100, 12\)"),
+        (ROWS.T, r"plan's arrays are \[\(12, 100\), "),
+        (ROWS[:0], "with at least one tick"),
+        (None, r"plan's joint_position is object \(\), expected \(ticks, 12\) real numbers"),
+        (ROWS + 1j, "plan's joint_position is complex128"),
+        (ROWS.astype(str), "plan's joint_position is <U"),
+        ([[0.0] * 12, [0.0]], "plan's joint_position is no array"),
+    ],
+)
+def test_an_array_of_a_plan_that_fits_no_robot_is_named(wrong, message):
+    expert = Expert(lambda *_: MotionPlan(wrong, ROWS, ROWS), KP, KD)
+    expert.reset(1)
+    with pytest.raises(ValueError, match=message):
+        drive(expert, states(1), 0)
+
+
+def test_a_plan_is_valid_or_not():
+    expert = Expert(lambda *_: MotionPlan(ROWS, ROWS, ROWS, valid=None), KP, KD)  # type: ignore[arg-type]
+    expert.reset(1)
+    with pytest.raises(TypeError, match="plan's valid is None, expected True or False"):
+        drive(expert, states(1), 0)
+
+
+def test_plans_of_lists_and_of_single_precision_are_plans():
+    kinds: list[Any] = [ROWS.tolist(), ROWS.astype(np.float32), ROWS.astype(int)]
+    for rows in kinds:
+        expert = Expert(lambda *_, rows=rows: MotionPlan(rows, rows, rows), KP, KD)
+        expert.reset(1)
+        assert np.isfinite(drive(expert, states(1), 0)).all()
+        assert not expert.invalid_plans.any()

@@ -344,3 +344,22 @@ def test_a_body_that_stays_on_the_ground_has_fallen_where_the_option_says_so():
     # Falls are tested from the grace on, contact counts from the beginning.
     rollouts = touched_for([[(0, 300)], [(0, 150)]], body_contact=0.1, grace=0.2)
     assert rollouts.length.tolist() == [200, 300]
+
+
+# --- what does not fit
+
+
+def test_a_policy_of_another_robot_is_refused():
+    class Foreign(FakeController):
+        robot = "go2"
+
+    class Own(FakeController):
+        robot = ROBOT.name
+
+    class Any(FakeController):
+        robot = ROBOT  # not a name: it says nothing
+
+    for fits in (Own(), Any()):
+        rollout(FakeSimulator(1), standing_for(0.002), PolicyOnly(), FakeController(), fits)
+    with pytest.raises(ValueError, match="policy of the robot 'go2' for a simulator of 'solo12'"):
+        rollout(FakeSimulator(1), standing_for(0.002), PolicyOnly(), FakeController(), Foreign())

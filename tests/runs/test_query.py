@@ -30,6 +30,7 @@ def played() -> tuple[Job, Rollout]:
     starts = load_starts()["train"][:4]
     rng = np.random.default_rng(0)
     q = rng.normal(size=(4, T, 19))
+    q[..., 3:7] /= np.linalg.norm(q[..., 3:7], axis=-1, keepdims=True)
     rollouts = blank(
         4, T, q=q, v=rng.normal(size=(4, T, 18)), length=LENGTH, outcome=OUTCOME, starts=starts
     )

@@ -100,3 +100,9 @@ def test_the_monitor_asks_its_gate_about_the_state():
         for q in (good, bad, good, good, good)
     ]
     np.testing.assert_array_equal(np.array(drives).T, [[0, 0, 0, 0, 0], [0, 1, 1, 1, 0]])
+
+
+@pytest.mark.parametrize("block", [-1.0, -1e-9, np.nan, np.inf])
+def test_a_time_that_no_block_can_last_is_refused(block):
+    with pytest.raises(ValueError, match=r"block is .* s; use 0 or more"):
+        SafetyMonitor(Bounds(CONFIG), block)

@@ -266,3 +266,30 @@ def test_a_blow_up_is_seen_and_stays_alone(make, cause, tmp_path, monkeypatch):
     simulator.reset(np.tile(STANDING, (5, 1)), np.zeros((5, 18)), simulator.blown_up)
     assert not simulator.blown_up.any()
     assert np.isfinite(simulator.state.q).all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_body_touches_the_ground_once_the_robot_has_collapsed(backend):
+    simulator = make_simulator(ROBOT, 1, SimulationConfig(backend=backend))
+    touched = []
+    for _ in range(600):
+        simulator.step(-0.1 * simulator.state.v[:, 6:])
+        touched.append(bool(simulator.body_contact[0]))
+    first = touched.index(True)
+    assert 20 < first < 400
+    assert all(touched[400:])
+    assert simulator.state.q[0, 2] < 0.1
+    # What the feet do not carry of a robot at rest, the rest of it does.
+    assert simulator.contact_force.sum() < 0.9 * ROBOT.mass * GRAVITY
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_leg_on_the_ground_is_a_body_contact_without_the_base(backend):
+    """A robot kneels: its lower legs are level, with the knees on the ground and the base above."""
+    q = STANDING.copy()
+    q[2] = 0.16 + 0.0185 - 1e-4  # on the round ends of its upper legs
+    q[7:] = [0.0, 0.0, 1.57, 0.0, 0.0, 1.57, 0.0, 0.0, -1.57, 0.0, 0.0, -1.57]
+    simulator = make_simulator(ROBOT, 1, SimulationConfig(backend=backend))
+    simulator.reset(q[None], np.zeros((1, 18)))
+    assert simulator.body_contact.tolist() == [True]
+    assert simulator.state.q[0, 2] > 0.15

@@ -1,5 +1,7 @@
 """Films: what comes out where there is OpenGL, and the errors where something is missing."""
 
+import fcntl
+import os
 import subprocess
 import sys
 
@@ -235,3 +237,29 @@ def test_a_film_that_cannot_be_written_leaves_the_old_one(tmp_path, monkeypatch)
         film(recording_of(walk()), path, size=SIZE)
     broken.unlink()
     assert path.read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 1
+
+
+def test_another_format_than_the_name_says_is_not_written(tmp_path):
+    recording = recording_of(walk(10))
+    for write, name, ending in ((film, "a.png", ".mp4"), (contact_sheet, "a.mp4", ".png")):
+        with pytest.raises(ValueError, match=f"{name} must end in {ending}"):
+            write(recording, tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_links_stay_and_pipes_get_the_film_and_the_sheet(tmp_path):
+    recording = recording_of(walk(40))
+    link = tmp_path / "film.mp4"
+    link.symlink_to(tmp_path / "elsewhere")
+    skip_without_opengl(film, recording, link, size=(64, 48))
+    assert link.is_symlink()
+    content = (tmp_path / "elsewhere").read_bytes()
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for write, start in ((film, content[4:8]), (contact_sheet, b"PNG")):
+        reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+        fcntl.fcntl(reader, fcntl.F_SETPIPE_SZ, 2**20)  # no second process has to read
+        write(recording, pipe)
+        assert start in os.read(reader, 100)
+        os.close(reader)
+        assert pipe.is_fifo()

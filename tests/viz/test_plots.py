@@ -5,7 +5,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from surefoot.runs.metrics import Best, Collected, StageRecord
-from surefoot.viz.plots import learning_curves
+from surefoot.viz.plots import learning_curves, save_figure
 from tests.fakes.runs import collected_record, trained_record, validated_record
 
 
@@ -122,3 +122,18 @@ def test_a_run_without_data_is_an_error(tmp_path):
     with pytest.raises(ValueError, match="nothing to draw"):
         learning_curves([], tmp_path / "curves.png")
     assert not list(tmp_path.iterdir())
+
+
+def test_another_format_than_the_name_says_is_not_written(tmp_path):
+    for name in ("curves.jpg", "curves"):
+        with pytest.raises(ValueError, match=rf"{name} must end in .png or .svg"):
+            save_figure(Figure(), tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_link_stays_and_its_target_gets_the_plot(tmp_path):
+    link = tmp_path / "curves.png"
+    link.symlink_to(tmp_path / "elsewhere")
+    save_figure(Figure(), link)
+    assert link.is_symlink()
+    assert (tmp_path / "elsewhere").read_bytes().startswith(b"\x89PNG")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import tyro
 
-from surefoot.cli.options import OnSimulator, OnWorkers
+from surefoot.cli.options import OnSimulator, OnWorkers, check_option
 from surefoot.config import Config
 from surefoot.files import write_json
 
@@ -62,6 +62,7 @@ class Bench(OnWorkers, OnSimulator):
         """Measure and print."""
         from surefoot.config.presets import preset
 
+        check_option("--json", self.json)
         if self.what == "expert":
             from surefoot.study.expert_survey import survey_expert, survey_table
 
@@ -75,9 +76,9 @@ class Bench(OnWorkers, OnSimulator):
                 if name == "end_to_end":
                     config = preset("loco_safe_dagger", self.preset)
                 records[name] = measure_speed(name, self.simulated(config), self.spread)
+                if self.json:
+                    write_json(self.json, records)
                 print(speed_table(name, records[name]), flush=True)
-        if self.json:
-            write_json(self.json, records)
         return 0
 
 

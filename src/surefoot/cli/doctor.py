@@ -16,6 +16,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
+from surefoot.caches import NUMBA, numba_folder
 from surefoot.cli.options import OnSimulator
 from surefoot.config import Backend, Config, PolicyConfig, SimulationConfig
 from surefoot.errors import unknown
@@ -62,6 +63,14 @@ class Finding:
 
     works: bool
     line: str
+
+
+def check_cache() -> str:
+    """Find the folder that compiled functions are kept in."""
+    folder = numba_folder()
+    if folder is None:
+        raise RuntimeError("no folder that numba tries can be written to")
+    return f"compiled functions are kept in {folder}"
 
 
 def check_plan() -> str:
@@ -127,7 +136,14 @@ def _step_simulator(backend: Backend) -> str:
     return "10 ticks of two robots"
 
 
+CACHE = Check(
+    "cache",
+    check_cache,
+    f"set {NUMBA} to a folder that you may write to; the other checks need it",
+)
+"""What the other checks need: without it they fail, and their remedies would mislead."""
 CHECKS = (
+    CACHE,
     Check(
         "plan",
         check_plan,
@@ -210,6 +226,8 @@ def examine_machine(backend: Backend = "mujoco") -> bool:
         if not finding.works:
             print(f"      fix: {check.remedy}")
             healthy = healthy and not (check.essential or check.name == backend)
+            if check == CACHE:
+                break
     print("surefoot is ready" if healthy else "surefoot cannot work here yet: see above")
     return healthy
 

@@ -112,7 +112,7 @@ def gates_of(run: Run, iteration: int) -> dict[str, Gate]:
 
     config = run.config
     spec = observation_spec(config)
-    network = load_classifier(run.gate_path("history", iteration))
+    network = load_classifier(run.gate_path("history", iteration), History.row_size)
     tight = tightened(config.safety, TIGHTENED, config.gait.com_height)
     gates: dict[str, Gate] = {
         "bounds": Bounds(config.safety),

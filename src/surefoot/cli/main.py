@@ -7,7 +7,6 @@ text, and calling it does the work and returns the exit status. Next: `command_l
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,10 +21,12 @@ from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.make_starts import MakeStarts
 from surefoot.cli.play import Play
 from surefoot.cli.progress import log_shown
+from surefoot.cli.streams import failure_of, lasting_output
 from surefoot.cli.study import Study
 from surefoot.cli.train import Train, parse_train
 from surefoot.cli.walk import Walk
 from surefoot.errors import unknown
+from surefoot.files import WriteError
 
 
 class Subcommand(Protocol):
@@ -43,23 +44,54 @@ class Entry:
     Attributes:
         command: Dataclass of the command.
         summary: What the command does, in at most 64 characters.
+        memory: The options that decide how much memory it takes, in words, if there are any.
+        resume: What is not lost if it ends early, and how to go on; empty if it begins anew.
     """
 
     command: type[Subcommand]
     summary: str
+    memory: str = ""
+    resume: str = ""
 
 
 COMMANDS = {
     "doctor": Entry(Doctor, "Check this machine, and say how to fix what is broken."),
-    "walk": Entry(Walk, "Let the expert walk, and film it."),
-    "train": Entry(Train, "Train a policy with one of the five methods."),
-    "evaluate": Entry(Evaluate, "Measure robustness and tracking of a policy and the expert."),
-    "compare": Entry(Compare, "Compare the policies of several runs, and the expert."),
-    "play": Entry(Play, "Film a policy, or a recorded episode of a run."),
-    "study": Entry(Study, "Run many trainings and measurements, and see how far they are."),
-    "gate-warnings": Entry(MeasureWarnings, "Measure how early the gates of a run warn of falls."),
-    "make-starts": Entry(MakeStarts, "Make a new set of initial states."),
-    "bench": Entry(Bench, "Measure throughput, compared with lower bounds."),
+    "walk": Entry(Walk, "Let the expert walk, and film it.", memory="--seconds"),
+    "train": Entry(
+        Train,
+        "Train a policy with one of the five methods.",
+        memory="--config.chunk, the durations of --config.method, or --workers",
+        resume="what is finished is on disk: go on with --resume",
+    ),
+    "evaluate": Entry(
+        Evaluate,
+        "Measure robustness and tracking of a policy and the expert.",
+        memory="--episodes or --workers",
+    ),
+    "compare": Entry(
+        Compare,
+        "Compare the policies of several runs, and the expert.",
+        memory="--episodes or --workers",
+        resume="with --json FILE the same command goes on where it ended",
+    ),
+    "play": Entry(Play, "Film a policy, or a recorded episode of a run.", memory="--seconds"),
+    "study": Entry(
+        Study,
+        "Run many trainings and measurements, and see how far they are.",
+        resume="the same command goes on with it",
+    ),
+    "gate-warnings": Entry(
+        MeasureWarnings,
+        "Measure how early the gates of a run warn of falls.",
+        memory="--episodes or --workers",
+    ),
+    "make-starts": Entry(MakeStarts, "Make a new set of initial states.", memory="--config"),
+    "bench": Entry(
+        Bench,
+        "Measure throughput, compared with lower bounds.",
+        memory="--config.chunk, --episodes or --workers",
+        resume="`bench expert --json FILE` goes on where it ended",
+    ),
 }
 """All commands, by name."""
 
@@ -106,24 +138,62 @@ def main() -> int:
 
     Returns:
         0 if all is done, 1 if the robot fell or something is broken, 2 after bad input, 130 if the
-        command was interrupted, 141 if the reader of the output closed it.
+        command was interrupted. If all is done, but what it prints could not be written, 141 where
+        the reader has closed it and 2 otherwise; files are written nevertheless.
     """
-    # A cluster's batch system asks to stop with SIGTERM: stop as after Ctrl-C.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with lasting_output() as output:
+        status = run_command(sys.argv[1:])
+        output.flush()
+        failure = failure_of(output)
+        if isinstance(failure, BrokenPipeError):  # such as `head`, which wants no more of it
+            return status or 141
+        if failure is not None:
+            print(f"surefoot: what it prints could not be written ({failure})", file=sys.stderr)
+            return status or 2
+        return status
+
+
+def run_command(args: Sequence[str]) -> int:
+    """Run a command, and show its errors.
+
+    Args:
+        args: Command line, without the name of the program.
+
+    Returns:
+        The exit status.
+    """
+    entry = COMMANDS.get(args[0]) if args else None
     try:
         with log_shown():
-            return parse(sys.argv[1:])()
+            return parse(args)()
+    except SystemExit as stop:  # after help
+        return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except KeyboardInterrupt:
-        print(
-            "\ninterrupted; what is finished is on disk (train: resume with --resume)",
-            file=sys.stderr,
-        )
+        message = "interrupted" + _advice(entry)
+        print(f"\n{message}", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reader of the output, such as `head`, wants no more of it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
+    except WriteError as error:
+        return _failed(f"{error}{_advice(entry)}")
+    except MemoryError as error:
+        options = entry.memory if entry else ""
+        advice = f"; ask for less with {options}" if options else ""
+        return _failed(f"there is not enough memory ({error}){advice}")
     except (ValueError, ArithmeticError, OSError, ImportError, RuntimeError) as error:
-        if os.environ.get("SUREFOOT_TRACEBACK"):
-            raise
-        print(f"surefoot: {error}", file=sys.stderr)
-        return 2
+        return _failed(str(error))
+
+
+def _advice(entry: Entry | None) -> str:
+    """What is not lost of a command that ended early, and how to go on."""
+    return f"; {entry.resume}" if entry and entry.resume else ""
+
+
+def _failed(message: str) -> int:
+    """Print why a command failed, or raise its error where that is asked for.
+
+    Returns:
+        The exit status.
+    """
+    if os.environ.get("SUREFOOT_TRACEBACK"):
+        raise  # what the caller has caught
+    print(f"surefoot: {message}", file=sys.stderr)
+    return 2

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from surefoot.cli.options import OnSimulator
+from surefoot.cli.options import OnSimulator, check_option
 from surefoot.config import Config, PerturbationConfig
 
 
@@ -35,6 +35,7 @@ class MakeStarts(OnSimulator):
 
         # What would fail after minutes fails before any work.
         check_unused(self.out)
+        check_option("OUT", self.out, (".npz",))
         perturbation = scaled(PerturbationConfig(), self.scale)
         config = self.simulated(self.config)
         starts = make_starts(self.out.stem, config, perturbation, self.seed)

@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING, Literal
 
 from surefoot.config import Backend, Config, simulated
 from surefoot.config.json_io import to_json
-from surefoot.files import write_json
+from surefoot.files import WriteError, check_output, is_stream, write_json
+from surefoot.types import TICKS_PER_SECOND
 from surefoot.workers import Workers, default_workers
 
 if TYPE_CHECKING:
     from surefoot.viz.film import Recording
+
+MOST_SECONDS = 3600.0
+"""[s] that are recorded at once; an hour takes some gigabytes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,34 +56,84 @@ class OnWorkers:
         return Workers(self.workers, self.backend, self.ray_address)
 
 
+def check_option(option: str, path: Path | None, suffixes: tuple[str, ...] = ()) -> None:
+    """Check that the file which an option names could be written, before any work.
+
+    Args:
+        option: The option, such as ``--json``.
+        path: Its value; None if it is not given.
+        suffixes: Endings that the file's name may have; any if there are none.
+
+    Raises:
+        ValueError: The file could not be written, or its name has another ending.
+    """
+    if path is None:
+        return
+    try:
+        check_output(path, suffixes=suffixes)
+    except (WriteError, ValueError) as error:
+        raise ValueError(f"{option}: {error}") from error
+
+
+def check_film(option: str, out: Path) -> None:
+    """Check that a film could be written, and the contact sheet beside it, before any work.
+
+    Args:
+        option: The option that names the film.
+        out: The film.
+
+    Raises:
+        ValueError: One of them could not be written, or the film's name has another ending.
+    """
+    from surefoot.viz.film import FILM_SUFFIXES
+
+    check_option(option, out, FILM_SUFFIXES)
+    if not is_stream(out):
+        check_option(option, out.with_suffix(".png"))
+
+
+def check_seconds(seconds: float) -> None:
+    """Check how long a robot is to be recorded, before memory is taken for all of it.
+
+    Raises:
+        ValueError: The duration is less than a tick, or more than an hour.
+    """
+    if not 1 / TICKS_PER_SECOND <= seconds <= MOST_SECONDS:
+        raise ValueError(
+            f"--seconds {seconds:g}: use at least {1 / TICKS_PER_SECOND} s, and at most "
+            f"{MOST_SECONDS:.0f} s"
+        )
+
+
 def film_episode(recording: Recording, out: Path, title: str) -> None:
     """Film a recording; where nothing can be rendered, say so.
 
     Args:
         recording: What the robot did.
-        out: The film; a contact sheet is written beside it, as a PNG.
+        out: The film; a contact sheet is written beside it, as a PNG, unless it is a stream such as
+            ``/dev/stdout``, which has nothing beside it.
         title: Text in the film.
     """
     from surefoot.viz.film import contact_sheet, film
     from surefoot.viz.renderer import RenderingUnavailable
 
-    out.parent.mkdir(parents=True, exist_ok=True)
     try:
-        sheet = contact_sheet(recording, out.with_suffix(".png"))
-        print(f"frames: {sheet}")
+        if not is_stream(out):
+            sheet = contact_sheet(recording, out.with_suffix(".png"))
+            print(f"frames: {sheet}")
         print(f"video:  {film(recording, out, title)}")
     except RenderingUnavailable as error:
         print(f"no video: {error}", file=sys.stderr)
 
 
 def show_record(record: object, path: Path | None) -> None:
-    """Print a record, one line for each field, and write it as JSON if there is a path.
+    """Write a record as JSON if there is a path, then print it, one line for each field.
 
     Args:
         record: Dataclass of results.
         path: JSON file; None to print only.
     """
-    for key, value in to_json(record).items():
-        print(f"{key:<22} {json.dumps(value)}")
     if path:
         write_json(path, record)
+    for key, value in to_json(record).items():
+        print(f"{key:<22} {json.dumps(value)}")

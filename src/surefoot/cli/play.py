@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import tyro
 
-from surefoot.cli.options import OnSimulator, film_episode, show_record
+from surefoot.cli.options import (
+    OnSimulator,
+    check_film,
+    check_option,
+    check_seconds,
+    film_episode,
+    show_record,
+)
 from surefoot.types import Command
 
 if TYPE_CHECKING:
@@ -54,6 +61,8 @@ class Play(OnSimulator):
         from surefoot.viz.film import Recording
         from surefoot.viz.replay import push_ticks, report_episode
 
+        check_seconds(self.seconds)
+        check_option("--json", self.json)
         if self.episode is None:
             job = self.policy_job()
             episode = None
@@ -63,6 +72,7 @@ class Play(OnSimulator):
             job = self.recorded_job(self.episode)
             episode = int(job.episode[0])
             out = self.out or self.target / f"episode_{episode}.mp4"
+        check_film("--out", out)
         job = replace(job, config=self.simulated(job.config))
         rollouts, expert = play_out(job)
         report = report_episode(job, rollouts, expert, episode)

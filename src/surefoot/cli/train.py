@@ -11,7 +11,7 @@ import tyro
 
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
-from surefoot.cli.options import OnSimulator, OnWorkers
+from surefoot.cli.options import OnSimulator, OnWorkers, check_option
 from surefoot.config import METHODS as METHOD_CONFIGS
 from surefoot.config import Config
 from surefoot.config.presets import preset
@@ -65,7 +65,9 @@ class Train(OnWorkers, OnSimulator):
         from surefoot.runs.run import create
         from surefoot.viz.plots import learning_curves
 
+        check_option("--json", self.json)
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
+        check_option("--run", folder / "metrics.jsonl")
         config = self.simulated(self.config)
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))
@@ -78,9 +80,9 @@ class Train(OnWorkers, OnSimulator):
         if run.precision is not None:
             print(run.precision)
         policy = METHODS[self.method].train(run, self.spread, None)
-        curves = learning_curves(run.metrics, folder / "curves.png")
         if self.json:
             write_json(self.json, TrainReport(folder, run.metrics))
+        curves = learning_curves(run.metrics, folder / "curves.png")
         print(f"best policy: {policy}\ncurves:      {curves}")
         return 0
 

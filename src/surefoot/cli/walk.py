@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.cli.options import OnSimulator, film_episode, show_record
+from surefoot.cli.options import (
+    OnSimulator,
+    check_film,
+    check_option,
+    check_seconds,
+    film_episode,
+    show_record,
+)
 from surefoot.config import Config
 from surefoot.types import TICKS_PER_SECOND, Command
 
@@ -84,6 +91,10 @@ class Walk(OnSimulator):
         from surefoot.viz.film import Recording
         from surefoot.viz.replay import standing_start
 
+        check_seconds(self.seconds)
+        check_option("--json", self.json)
+        if self.video:
+            check_film("--out", self.out)
         command = Command(self.vx, self.vy, self.yaw_rate)
         config = self.simulated(self.config)
         job = Job(config, Episodes(standing_start(command), self.seconds), ExpertOnly())

@@ -112,6 +112,23 @@ def read_json(path: Path) -> Any:
         raise ValueError(f"{path} is not JSON ({error})") from error
 
 
+def read_record(path: Path, kind: type[Record]) -> Record:
+    """The record that a file of JSON holds.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is not JSON, or holds no such record; the message names the file and
+            the dotted path of what is wrong.
+    """
+    values = read_json(path)
+    try:
+        return from_json(kind, values)
+    except ValueError as error:
+        raise ValueError(
+            f"{path} is no {kind.__name__} that this version can read: {error}"
+        ) from error
+
+
 def changes(
     record: DataclassInstance, base: DataclassInstance
 ) -> Iterator[tuple[str, Plain, Plain]]:

@@ -2,19 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from surefoot.learning.tensor_file import is_intact, read_tensor_file, write_tensor_file
+from surefoot.config.json_io import from_json
+from surefoot.learning.network import PolicyNetwork, tensor_kinds
+from surefoot.learning.tensor_file import (
+    TensorKind,
+    check_tensors,
+    is_intact,
+    read_tensor_file,
+    write_tensor_file,
+)
 
 Losses = list[tuple[float, float]]
 """Training and validation loss [rad] of every finished epoch."""
 
 
+@dataclass(frozen=True)
+class _Header:
+    """The header of a checkpoint, with its keys.
+
+    Attributes:
+        key: Hash of everything that the result of the fit depends on.
+        sha256: Hash of the file's contents.
+        losses: In older files the losses, as hexadecimal text; now they are a tensor.
+    """
+
+    key: str
+    sha256: str
+    losses: tuple[tuple[str, str], ...] = ()
+
+
 def save_checkpoint(
-    path: Path, key: str, network: torch.nn.Module, optimizer: torch.optim.Optimizer, losses: Losses
+    path: Path, key: str, network: PolicyNetwork, optimizer: torch.optim.Optimizer, losses: Losses
 ) -> None:
     """Write the state of a fit, whole or not at all.
 
@@ -31,13 +56,13 @@ def save_checkpoint(
     tensors = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
     for index, moments in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer.{index}.{name}": tensor for name, tensor in moments.items()}
-    # As text, because JSON has no NaN.
-    exact = [[training.hex(), validation.hex()] for training, validation in losses]
-    write_tensor_file(path, tensors, {"key": key, "losses": exact})
+    # Not in the header: that would be too long to be read after some ten thousand epochs.
+    tensors["losses"] = torch.tensor(losses, dtype=torch.float64).reshape(-1, 2)
+    write_tensor_file(path, tensors, {"key": key})
 
 
 def load_checkpoint(
-    path: Path, key: str, network: torch.nn.Module, optimizer: torch.optim.Optimizer
+    path: Path, key: str, network: PolicyNetwork, optimizer: torch.optim.Optimizer
 ) -> Losses:
     """Bring network and optimizer to the state that a checkpoint holds.
 
@@ -46,13 +71,15 @@ def load_checkpoint(
     Returns:
         The losses of the finished epochs; none if nothing was changed.
     """
-    if not path.is_file():
+    if not path.exists():
         return []
     try:
         tensors, header = read_tensor_file(path)
-    except ValueError:
-        return []
-    if header.get("key") != key or not is_intact(tensors, header):
+        if header.get("key") != key or not is_intact(tensors, header):
+            return []
+        losses = _pop_losses(tensors, from_json(_Header, header))
+        check_tensors(tensors, _expected(network))
+    except (ValueError, OverflowError):
         return []
     weights: dict[str, Tensor] = {}
     state: dict[int, dict[str, Tensor]] = {}
@@ -66,4 +93,31 @@ def load_checkpoint(
     network.load_state_dict(weights)
     groups = optimizer.state_dict()["param_groups"]
     optimizer.load_state_dict({"state": state, "param_groups": groups})
-    return [(float.fromhex(a), float.fromhex(b)) for a, b in header["losses"]]
+    return losses
+
+
+def _expected(network: PolicyNetwork) -> Iterator[TensorKind]:
+    """What a checkpoint of this network and its Adam holds besides the losses."""
+    for kind in tensor_kinds(network.hidden):
+        yield replace(kind, name=f"network.{kind.name}")
+    for index, parameter in enumerate(network.parameters()):
+        shape = tuple(parameter.shape)
+        yield TensorKind(f"optimizer.{index}.step", (), least=0.0)
+        yield TensorKind(f"optimizer.{index}.exp_avg", shape)
+        yield TensorKind(f"optimizer.{index}.exp_avg_sq", shape, least=0.0)
+
+
+def _pop_losses(tensors: dict[str, Tensor], header: _Header) -> Losses:
+    """The losses of a checkpoint; their tensor is taken out.
+
+    Raises:
+        ValueError: They are not pairs of numbers.
+    """
+    stored = tensors.pop("losses", None)
+    if stored is None:
+        return [
+            (float.fromhex(training), float.fromhex(other)) for training, other in header.losses
+        ]
+    if stored.ndim != 2 or stored.shape[1] != 2 or stored.dtype != torch.float64:
+        raise ValueError("losses are not pairs of numbers")
+    return [(training, validation) for training, validation in stored.tolist()]

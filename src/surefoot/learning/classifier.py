@@ -9,20 +9,28 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from surefoot.config import PolicyConfig
 from surefoot.config.json_io import from_json, to_json
 from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork
 from surefoot.learning.observation import Float32Array
 from surefoot.learning.onnx_graph import onnx_graph, runner
-from surefoot.learning.tensor_file import Header, read_tensor_file, write_tensor_file
+from surefoot.learning.tensor_file import (
+    Header,
+    TensorKind,
+    check_tensors,
+    read_tensor_file,
+    write_tensor_file,
+)
 from surefoot.types import BoolArray, IntArray
 
 HIDDEN = (128, 128)
@@ -212,6 +220,21 @@ def judge_classifier(
     )
 
 
+@dataclass(frozen=True)
+class _Header:
+    """The header of a classifier's file, with its keys.
+
+    Attributes:
+        format: Version of the file.
+        figures: What the classifier was trained on, and how well it does.
+        sha256: Hash of its quality and layers.
+    """
+
+    format: int
+    figures: ClassifierQuality
+    sha256: str
+
+
 def save_classifier(classifier: Classifier, path: Path) -> None:
     """Write a classifier to a safetensors file, whole or not at all.
 
@@ -226,33 +249,59 @@ def save_classifier(classifier: Classifier, path: Path) -> None:
     write_tensor_file(path, tensors, header, digest(classifier))
 
 
-def load_classifier(path: Path) -> Classifier:
+def load_classifier(path: Path, inputs: int | None = None) -> Classifier:
     """Read a classifier back, to the bit.
+
+    Args:
+        path: The file.
+        inputs: Number of inputs that it has to have; by default any.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is damaged, or of another version.
+        ValueError: The file is damaged, of another version, or has other inputs.
     """
-    if not path.is_file():
+    if not path.exists():
         raise FileNotFoundError(
             f"there is no classifier {path}; if its run has lost it, `surefoot train ... --resume` "
             "trains it again, bit for bit"
         )
     try:
-        tensors, header = read_tensor_file(path)
-        layers = tuple(
-            (tensors[f"weight{number}"].numpy(), tensors[f"bias{number}"].numpy())
-            for number in range(len(tensors) // 2)
-        )
-        classifier = Classifier(layers, from_json(ClassifierQuality, header["figures"]))
-        if header["format"] != FORMAT or header["sha256"] != digest(classifier):
+        tensors, values = read_tensor_file(path)
+        header = from_json(_Header, values, "its header")
+        classifier = Classifier(_layers(tensors), header.figures)
+        if header.format != FORMAT or header.sha256 != digest(classifier):
             raise ValueError("its contents do not match their hash, or it is of another version")
-    except (KeyError, TypeError, ValueError) as error:
+        if inputs not in (None, len(classifier.layers[0][0])):
+            raise ValueError(f"it has {len(classifier.layers[0][0])} inputs, expected {inputs}")
+    except ValueError as error:
         raise ValueError(
             f"{path} is not a whole classifier ({error}); delete it: `surefoot train ... --resume` "
             "trains it again, bit for bit"
         ) from error
     return classifier
+
+
+def _layers(tensors: Mapping[str, Tensor]) -> tuple[tuple[Float32Array, Float32Array], ...]:
+    """The layers of a classifier's file, which give one number.
+
+    Raises:
+        ValueError: The tensors are not layers that follow one another, or are not finite.
+    """
+    count = len(tensors) // 2
+    weights = [tensors.get(f"weight{number}") for number in range(count)]
+    kinds = []
+    # As many inputs as the first layer has rows, and one output.
+    sizes = [len(weight) if weight is not None and weight.ndim else 0 for weight in weights] + [1]
+    if not weights or 0 in sizes:
+        raise ValueError(f"its layers have {sizes} inputs and outputs")
+    for number, size in enumerate(pairwise(sizes)):
+        kinds.append(TensorKind(f"weight{number}", size))
+        kinds.append(TensorKind(f"bias{number}", size[1:]))
+    check_tensors(tensors, kinds)
+    return tuple(
+        (tensors[f"weight{number}"].numpy(), tensors[f"bias{number}"].numpy())
+        for number in range(count)
+    )
 
 
 def digest(classifier: Classifier) -> str:

@@ -7,21 +7,20 @@ A shard counts once the manifest names it. A kill between the two leaves a file 
 
 from __future__ import annotations
 
-import json
 import re
 import warnings
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from reprlib import repr as short
 
-import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.config.json_io import from_json
+from surefoot.config.json_text import parse_json, read_file
 from surefoot.files import write_atomic, write_json
 from surefoot.learning.frames import (
-    FIELDS,
     Frames,
     combine_digests,
     episode_digests,
@@ -29,10 +28,8 @@ from surefoot.learning.frames import (
     uninitialized_arrays,
     whole_episode,
 )
+from surefoot.learning.shard import FORMAT, check_size, read_shard, shard_content
 from surefoot.types import BoolArray, IntArray
-
-FORMAT = 1
-"""Version of the shards and of the manifest."""
 
 
 class DatasetError(ValueError):
@@ -118,15 +115,14 @@ class Dataset:
         # The manifest would lose the shards that a view leaves out.
         if self._leaves_out or self._skip_damaged:
             raise DatasetError(f"a view of {self.folder} is only read: append to the whole")
-        if not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
-            raise DatasetError(f"shard name {name!r}: use letters, digits, '_', '-' and dots")
+        _check_name(name)
         frames = sorted_by_episode(frames)
         digests = episode_digests(frames)
         shards = self._shards()
         if name in shards:
             if shards[name].episodes == digests:
                 if not self.shard_path(name).exists():  # lost since; nothing else changes
-                    write_atomic(self.shard_path(name), lambda path: _write(path, frames))
+                    write_atomic(self.shard_path(name), shard_content(frames))
                 return
             raise DatasetError(
                 f"{self.shard_path(name)} already holds other frames under the name {name!r}; "
@@ -138,7 +134,7 @@ class Dataset:
                     f"episode {min(shared, key=int)} of {name!r} is already in shard {other!r} of "
                     f"{self.folder}; give every episode of a dataset an id of its own"
                 )
-        write_atomic(self.shard_path(name), lambda path: _write(path, frames))
+        write_atomic(self.shard_path(name), shard_content(frames))
         shards[name] = ShardEntry(len(frames), combine_digests(digests), digests)
         write_json(self._manifest, Manifest(FORMAT, dict(sorted(shards.items()))))
 
@@ -150,14 +146,8 @@ class Dataset:
         Raises:
             DatasetError: There is no such shard, or a file is missing, cut short or changed.
         """
-        entries = self._ordered(shards)
-        arrays = uninitialized_arrays(sum(entry.frames for entry in entries.values()))
-        start = 0
-        for name, entry in entries.items():
-            part = slice(start, start + entry.frames)
-            start = part.stop
-            self._read(name, entry, {key: array[part] for key, array in arrays.items()})
-        return self._kept_frames(sorted_by_episode(Frames(**arrays)))
+        frames = self._read(self._ordered(shards))
+        return self._kept_frames(sorted_by_episode(frames))
 
     def parts(self) -> Iterator[Frames]:
         """The frames shard by shard, one in memory at a time, in the order of first episodes.
@@ -168,9 +158,7 @@ class Dataset:
             DatasetError: A file is missing, cut short or changed.
         """
         for name, entry in self._ordered().items():
-            arrays = uninitialized_arrays(entry.frames)
-            self._read(name, entry, arrays)
-            yield self._kept_frames(Frames(**arrays))
+            yield self._kept_frames(self._read({name: entry}))
 
     @property
     def shards(self) -> tuple[str, ...]:
@@ -224,28 +212,23 @@ class Dataset:
 
     def _read_manifest(self) -> dict[str, ShardEntry]:
         """All entries of the manifest; none if there is no such file."""
-        try:
-            values = json.loads(self._manifest.read_bytes())
-        except FileNotFoundError:
+        if not self._manifest.exists():
             return {}
-        except ValueError as error:
-            raise self._unreadable(error) from error
-        version = values.get("format") if isinstance(values, dict) else None
-        if version != FORMAT:
-            raise DatasetError(
-                f"{self._manifest} has format {version}, this version reads format {FORMAT}; use "
-                "the version of surefoot that wrote it"
-            )
         try:
-            return from_json(Manifest, values).shards
+            values = parse_json(read_file(self._manifest))
+            version = values.get("format") if isinstance(values, dict) else FORMAT
+            if version == FORMAT:
+                manifest = from_json(Manifest, values, "the manifest")
+                _check_entries(manifest.shards)
+                return manifest.shards
         except ValueError as error:
-            raise self._unreadable(error) from error
-
-    def _unreadable(self, error: ValueError) -> DatasetError:
-        """The error of a manifest that cannot be read."""
-        return DatasetError(
-            f"{self._manifest} is not readable ({error}); restore it from a copy, or "
-            "delete it: `surefoot train ... --resume` collects again, to the same bits"
+            raise DatasetError(
+                f"{self._manifest} is not readable ({error}); restore it from a copy, or "
+                "delete it: `surefoot train ... --resume` collects again, to the same bits"
+            ) from error
+        raise DatasetError(
+            f"{self._manifest} has format {short(version)}, this version reads format {FORMAT}; "
+            "use the version of surefoot that wrote it"
         )
 
     def _undamaged(self, shards: dict[str, ShardEntry]) -> dict[str, ShardEntry]:
@@ -253,7 +236,7 @@ class Dataset:
         damaged = []
         for name in shards.keys() - self._is_whole.keys():
             try:
-                self._read(name, shards[name], uninitialized_arrays(shards[name].frames))
+                self._read({name: shards[name]})
             except DatasetError:
                 damaged.append(name)
             self._is_whole[name] = name not in damaged
@@ -304,33 +287,68 @@ class Dataset:
         names.sort(key=lambda name: min(map(int, entries[name].episodes), default=-1))
         return {name: entries[name] for name in names}
 
-    def _read(self, name: str, entry: ShardEntry, arrays: dict[str, NDArray]) -> None:
-        """Fill the arrays from a shard and check them."""
-        path = self.shard_path(name)
+    def _read(self, entries: Mapping[str, ShardEntry]) -> Frames:
+        """The frames of these shards, one after the other, checked.
+
+        Raises:
+            DatasetError: A file is missing, cut short or changed.
+        """
+        for name, entry in entries.items():
+            with self._naming(name):
+                check_size(self.shard_path(name), entry.frames)
+        arrays = uninitialized_arrays(sum(entry.frames for entry in entries.values()))
+        start = 0
+        for name, entry in entries.items():
+            part = slice(start, start + entry.frames)
+            start = part.stop
+            of_shard = {key: array[part] for key, array in arrays.items()}
+            with self._naming(name):
+                read_shard(self.shard_path(name), of_shard)
+                if episode_digests(Frames(**of_shard)) != entry.episodes:
+                    raise OSError("its contents do not match their hash")
+        return Frames(**arrays)
+
+    @contextmanager
+    def _naming(self, name: str) -> Iterator[None]:
+        """A context in which an `OSError` becomes one that names the shard and says what to do."""
         try:
-            with h5py.File(path, "r") as file:
-                for key, array in arrays.items():
-                    stored = file[key]
-                    if not isinstance(stored, h5py.Dataset) or stored.shape != array.shape:
-                        raise OSError(f"{key} has the wrong shape")
-                    if array.size:
-                        stored.read_direct(array)
-            if combine_digests(episode_digests(Frames(**arrays))) != entry.sha256:
-                raise OSError("its contents do not match their hash")
-        except (OSError, KeyError, RuntimeError) as error:
+            yield
+        except OSError as error:
             raise DatasetError(
-                f"shard {path} is missing or damaged ({error}); restore the file from a copy, or "
-                "delete it: `surefoot train ... --resume` collects it again, to the same bits; or "
-                "read what is left with Dataset(folder, skip_damaged=True)"
+                f"shard {self.shard_path(name)} is missing or damaged ({error}); restore the file "
+                "from a copy, or delete it: `surefoot train ... --resume` collects it again, to "
+                "the same bits; or read what is left with Dataset(folder, skip_damaged=True)"
             ) from error
 
 
-def _write(path: Path, frames: Frames) -> None:
-    """Write a shard: one HDF5 dataset per array, uncompressed."""
-    try:
-        with h5py.File(path, "w") as file:
-            file.attrs["format"] = FORMAT
-            for name in FIELDS:
-                file.create_dataset(name, data=getattr(frames, name))
-    except RuntimeError as error:  # from HDF5, if a full disk keeps it from closing the file
-        raise OSError(str(error)) from error
+def _check_entries(shards: Mapping[str, ShardEntry]) -> None:
+    """Check that entries name files of the folder, and do not contradict themselves or each other.
+
+    Raises:
+        ValueError: One does.
+    """
+    home = {}
+    for name, entry in shards.items():
+        _check_name(name)
+        if not len(entry.episodes) <= entry.frames or (entry.frames and not entry.episodes):
+            raise ValueError(
+                f"shard {name!r} has {entry.frames} frames and {len(entry.episodes)} episodes"
+            )
+        for episode in entry.episodes:
+            if not re.fullmatch(r"0|-?[1-9]\d{0,18}", episode, re.ASCII):
+                raise ValueError(f"shard {name!r} has an episode {short(episode)}, not a number")
+            if episode in home:
+                raise ValueError(f"episode {episode} is in {home[episode]!r} and in {name!r}")
+            home[episode] = name
+        if combine_digests(entry.episodes) != entry.sha256:
+            raise ValueError(f"the hashes of the episodes of {name!r} do not match its own")
+
+
+def _check_name(name: str) -> None:
+    """Check that a shard's name stays the name of a file of the dataset's folder.
+
+    Raises:
+        DatasetError: It would not.
+    """
+    if not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
+        raise DatasetError(f"shard name {short(name)}: use letters, digits, '_', '-' and dots")

@@ -1,11 +1,13 @@
 """The network: normalized inputs, hidden layers with BatchNorm and ReLU, linear outputs.
 
 It serves policies and classifiers alike. `folded` turns a trained network into plain weights
-and biases, which is what runs at 1 kHz. Read next: ``train.py``, which trains it.
+and biases, which is what runs at 1 kHz; `network_from_tensors` makes one of what a file holds.
+Read next: ``train.py``, which trains it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -14,11 +16,16 @@ from torch import Tensor, nn
 
 from surefoot.config import PolicyConfig
 from surefoot.learning.observation import INPUT_SIZE
+from surefoot.learning.tensor_file import TensorKind, check_tensors
 from surefoot.types import JOINTS
 
 MINIMUM_ROWS = 8
 """Smaller batches are padded to this many rows: in every BLAS tried, products of fewer rows take
 another path, with other last bits. From here on a row's result did not depend on its batch."""
+
+
+LEAST_SCALE = 1e-7
+"""No input has a smaller scale: `set_normalizers` takes 1 for a deviation of 1e-6 or less."""
 
 
 class PolicyNetwork(nn.Module):
@@ -93,15 +100,60 @@ class PolicyNetwork(nn.Module):
         scale = self.scale.double()
         for index, module in enumerate(self.linear):
             linear: Any = module
-            weight = linear.weight.double()
+            # Changed in place, because that is most of the memory that loading a policy takes.
+            weight = linear.weight.to(torch.float64, copy=True)
             bias = linear.bias.double()
             if index == 0:
-                weight = weight / scale
+                weight /= scale
                 bias = bias - weight @ shift
             if index < len(self.norm):
                 norm: Any = self.norm[index]
                 gain = norm.weight.double() / (norm.running_var.double() + norm.eps).sqrt()
-                weight = weight * gain[:, None]
+                weight *= gain[:, None]
                 bias = (bias - norm.running_mean.double()) * gain + norm.bias.double()
             layers.append((weight.t().float().contiguous().cpu(), bias.float().cpu()))
         return layers
+
+
+def tensor_kinds(hidden: Sequence[int]) -> Iterator[TensorKind]:
+    """What the state of a policy's network consists of, without making one.
+
+    Args:
+        hidden: Units of the hidden layers.
+    """
+    yield TensorKind("mean", (INPUT_SIZE,))
+    yield TensorKind("scale", (INPUT_SIZE,), least=LEAST_SCALE)
+    yield TensorKind("has_normalisers", (), torch.bool)
+    for index, (before, after) in enumerate(pairwise((INPUT_SIZE, *hidden, len(JOINTS)))):
+        yield TensorKind(f"linear.{index}.weight", (after, before))
+        yield TensorKind(f"linear.{index}.bias", (after,))
+    for index, units in enumerate(hidden):
+        for name in ("weight", "bias", "running_mean"):
+            yield TensorKind(f"norm.{index}.{name}", (units,))
+        yield TensorKind(f"norm.{index}.running_var", (units,), least=0.0)
+        yield TensorKind(f"norm.{index}.num_batches_tracked", (), torch.int64)
+
+
+@torch.no_grad()
+def network_from_tensors(config: PolicyConfig, tensors: Mapping[str, Tensor]) -> PolicyNetwork:
+    """The network of a policy, in ``eval()`` mode, from the tensors of a file.
+
+    Args:
+        config: Sizes of the hidden layers.
+        tensors: Its state, by name.
+
+    Raises:
+        ValueError: The tensors are not those of such a network, or the network would answer with
+            numbers that are not finite.
+    """
+    # The network takes the memory that its configuration asks for, hence only once that is checked.
+    check_tensors(tensors, tensor_kinds(config.hidden))
+    network = PolicyNetwork(config)
+    network.load_state_dict(dict(tensors))
+    for layer in network.eval().folded():
+        if not all(array.isfinite().all() for array in layer):
+            raise ValueError("its weights and normalizers give weights that are not finite")
+    typical = network.mean + network.scale * torch.tensor([[-1.0], [0.0], [1.0]])
+    if not network(typical).isfinite().all():
+        raise ValueError("its answers to typical inputs are not finite")
+    return network

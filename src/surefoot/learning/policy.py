@@ -15,13 +15,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from reprlib import repr as short
 
 import numpy as np
 from numpy.typing import ArrayLike
+from torch import Tensor
 
-from surefoot.config import Config, PolicyConfig
-from surefoot.config.json_io import Plain
-from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork
+from surefoot.config import Config, Phase, PolicyConfig
+from surefoot.config.json_io import Plain, from_json, to_json
+from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork, network_from_tensors
 from surefoot.learning.observation import (
     INPUT_SIZE,
     Float32Array,
@@ -30,11 +32,18 @@ from surefoot.learning.observation import (
     observation_spec,
 )
 from surefoot.learning.onnx_graph import onnx_graph, runner
-from surefoot.learning.tensor_file import is_intact, read_tensor_file, write_tensor_file
+from surefoot.learning.tensor_file import (
+    Header,
+    is_intact,
+    read_tensor_file,
+    write_tensor_file,
+)
 from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray, State
 
 FORMAT = 2
 """Version of the policy file."""
+MOST_TICKS = 3_600_000
+"""[ms] The longest gait period that a policy file may have."""
 
 
 @dataclass(frozen=True)
@@ -162,6 +171,46 @@ class PolicyFileError(ValueError):
     """A policy file is damaged, or made for something else than asked for."""
 
 
+_Command = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class _Header:
+    """The header of a policy file, with its keys.
+
+    Attributes:
+        format: Version of the file.
+        robot: Name of the robot.
+        rate: Ticks of the policy in a second [Hz].
+        joints: Names of the joints, in the order of the outputs.
+        observation: Names and sizes of the parts of the observation.
+        goal: Names and sizes of the parts of the goal.
+        hidden: Units of the hidden layers.
+        kp: Proportional gain of the PD [N m/rad].
+        kd: Derivative gain of the PD [N m s/rad].
+        phase: How the network sees the gait clock.
+        period_ticks: Gait period [ms].
+        command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
+        provenance: Anything about the origin of the policy.
+        sha256: Hash of the file's contents.
+    """
+
+    format: int
+    robot: str
+    rate: int
+    joints: tuple[str, ...]
+    observation: tuple[tuple[str, int], ...]
+    goal: tuple[tuple[str, int], ...]
+    hidden: tuple[int, ...]
+    kp: float
+    kd: float
+    phase: Phase
+    period_ticks: int
+    command_range: tuple[_Command, _Command]
+    provenance: Header
+    sha256: str
+
+
 def save(policy: Policy, path: Path | str) -> None:
     """Write the policy to one self-contained safetensors file, whole or not at all.
 
@@ -176,7 +225,7 @@ def save(policy: Policy, path: Path | str) -> None:
         "phase": policy.spec.observation.phase,
         "period_ticks": policy.spec.observation.period_ticks,
         "command_range": policy.command_range.tolist(),
-        "provenance": policy.provenance,
+        "provenance": to_json(policy.provenance),
     }
     write_tensor_file(path, policy.network.state_dict(), header)
 
@@ -193,7 +242,7 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
         PolicyFileError: The file is damaged, or made for another robot, layout or version.
     """
     path = Path(path)
-    if not path.is_file():
+    if not path.exists():
         raise FileNotFoundError(
             f"there is no policy file {path}; if its run has lost it, `surefoot train ... "
             "--resume` trains it again, bit for bit"
@@ -208,24 +257,37 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
     for key, expected in _interface(robot).items():
         if header.get(key) != expected:
             raise PolicyFileError(
-                f"{path} has {key} {header.get(key)!r}, expected {expected!r}; load a policy "
+                f"{path} has {key} {short(header.get(key))}, expected {expected!r}; load a policy "
                 "made for this, or train one"
             )
     try:
         if not is_intact(tensors, header):
             raise ValueError("its contents do not match their hash")
-        observation = ObservationSpec(header["phase"], header["period_ticks"])
-        spec = PolicySpec(observation, header["kp"], header["kd"])
-        network = PolicyNetwork(PolicyConfig(hidden=tuple(header["hidden"])))
-        network.load_state_dict(tensors)
-        if not all(tensor.isfinite().all() for tensor in tensors.values()):
-            raise ValueError("weights that are not finite")
-        return Policy(network, spec, header["command_range"], robot, header["provenance"])
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        return _policy(tensors, from_json(_Header, header, "its header"))
+    except ValueError as error:
         raise PolicyFileError(
             f"{path} is not a complete policy ({error}); copy it again, or delete it in its run's "
             "folder: `surefoot train ... --resume` trains it again, bit for bit"
         ) from error
+
+
+def _policy(tensors: Mapping[str, Tensor], header: _Header) -> Policy:
+    """The policy that a file holds.
+
+    Raises:
+        ValueError: The header is out of range, or does not fit the tensors.
+    """
+    config = PolicyConfig(header.hidden, header.kp, header.kd, header.phase)
+    if config.kp == 0:
+        raise ValueError("kp is 0, so no joint target has an effect; use more than 0 N m/rad")
+    if not 1 <= header.period_ticks <= MOST_TICKS:
+        raise ValueError(f"period_ticks is {header.period_ticks}; use 1 to {MOST_TICKS} ms")
+    low, high = np.array(header.command_range)
+    if not (np.isfinite(low) & np.isfinite(high) & (low <= high)).all():
+        raise ValueError(f"command_range is {low.tolist()} to {high.tolist()}; use a finite range")
+    spec = PolicySpec(ObservationSpec(header.phase, header.period_ticks), header.kp, header.kd)
+    network = network_from_tensors(config, tensors)
+    return Policy(network, spec, header.command_range, header.robot, header.provenance)
 
 
 def _interface(robot: str) -> dict[str, object]:

@@ -2,28 +2,55 @@
 
 Such a file is written whole or not at all, and nothing in it is ever run. Safetensors notices a
 file that was cut short, but not a changed bit; therefore the header holds a SHA-256 of the
-contents. Read next: ``policy.py`` and ``classifier.py`` for what their headers hold.
+contents. A reader takes no more memory than the file's own size accounts for: `read_tensor_file`
+sees to the header, and whoever builds something from the tensors calls `check_tensors` first. Read
+next: ``policy.py`` and ``classifier.py`` for what their headers hold.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from reprlib import repr as short
 from typing import Any
 
+import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
 from torch import Tensor
 
+from surefoot.config.json_text import parse_json
 from surefoot.files import write_atomic
 
 HEADER_KEY = "surefoot"
 """Key of the header, as text, in the metadata of a safetensors file."""
+MOST_HEADER = 3_000_000
+"""[B] A file's table of tensors and its header are at most this long, because an empty tensor takes
+20 times the memory of its entry in the table. The policy of the paper has 3000."""
 
 Header = dict[str, Any]
 """What a file says about its tensors: anything that JSON can hold, by name."""
+
+
+@dataclass(frozen=True)
+class TensorKind:
+    """What a tensor of a file has to be.
+
+    Attributes:
+        name: Its name in the file.
+        shape: Its shape.
+        dtype: The type of its numbers.
+        least: The smallest that a number of it may be.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: torch.dtype = torch.float32
+    least: float = -math.inf
 
 
 def write_tensor_file(
@@ -38,11 +65,17 @@ def write_tensor_file(
         sha256: The hash to store; by default that of all contents, which `is_intact` checks.
 
     Raises:
+        ValueError: The header is too long to be read back, or has a number that is not finite.
         WriteError: The disk is full, or read-only.
     """
     plain = {name: tensor.detach().contiguous().cpu() for name, tensor in tensors.items()}
     header = {**header, "sha256": sha256 or _digest(plain, header)}
-    write_atomic(path, to_bytes(plain, {HEADER_KEY: json.dumps(header)}))
+    try:
+        content = to_bytes(plain, {HEADER_KEY: json.dumps(header, allow_nan=False)})
+    except (ValueError, SafetensorError) as error:  # not a finite number, or 100 MB
+        raise ValueError(f"{path} cannot have such a header ({error})") from error
+    _check_header_size(path, content)
+    write_atomic(path, content)
 
 
 def read_tensor_file(path: Path) -> tuple[dict[str, Tensor], Header]:
@@ -52,14 +85,77 @@ def read_tensor_file(path: Path) -> tuple[dict[str, Tensor], Header]:
         ValueError: The file is cut short, or not of this kind.
     """
     try:
+        if not path.is_file():  # reading a pipe would wait, reading a device would not end
+            raise ValueError("it is not a regular file")
+        with path.open("rb") as stream:
+            _check_header_size(path, stream.read(8))
         with safe_open(path, framework="pt") as file:
-            header = json.loads(file.metadata()[HEADER_KEY])
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
+            header = _parse_header(file.metadata())
+            tensors = {name: _read(file, name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, RuntimeError, OverflowError, TypeError) as error:
         raise ValueError(str(error)) from error
-    if not isinstance(header, dict):
-        raise ValueError("its header is not a JSON object")
     return tensors, header
+
+
+def _check_header_size(path: Path | str, content: bytes) -> None:
+    """Check the length that the first eight bytes of a file give for its table and header."""
+    size = int.from_bytes(content[:8], "little")
+    if size > MOST_HEADER:
+        raise ValueError(f"the header of {path} has {size} bytes, at most {MOST_HEADER} are read")
+
+
+def _parse_header(metadata: Mapping[str, str] | None) -> Header:
+    """The header from a file's metadata.
+
+    Raises:
+        ValueError: There is none, or it is not a JSON object.
+    """
+    if not metadata or HEADER_KEY not in metadata:
+        raise ValueError("it has no header of this package")
+    header = parse_json(metadata[HEADER_KEY].encode())
+    if not isinstance(header, dict):
+        raise ValueError(f"its header is {short(header)}, expected a JSON object")
+    return header
+
+
+def _read(file: Any, name: str) -> Tensor:
+    """One tensor of an open file, if its type is among those that files of this package have."""
+    dtype = file.get_slice(name).get_dtype()
+    if dtype not in ("F32", "F64", "I64", "BOOL"):  # of others, not all become bytes for the hash
+        raise ValueError(f"tensor {short(name)} has the type {dtype}")
+    # What safetensors gives is a window on the file: the weights would change with it, and once it
+    # is cut short, reading them would end the process.
+    return file.get_tensor(name).clone()
+
+
+def check_tensors(tensors: Mapping[str, Tensor], expected: Iterable[TensorKind]) -> None:
+    """Check that a file's tensors are exactly those expected, and that all numbers make sense.
+
+    Args:
+        tensors: The tensors by name.
+        expected: What each has to be; of a generator, no more is taken than is needed.
+
+    Raises:
+        ValueError: A tensor is missing, of another shape or type, unknown, or has a number that is
+            not finite or too small.
+    """
+    known = set()
+    for kind in expected:
+        tensor = tensors.get(kind.name)
+        if tensor is None:
+            raise ValueError(f"it lacks {kind.name}, which its header asks for")
+        if tuple(tensor.shape) != kind.shape or tensor.dtype != kind.dtype:
+            raise ValueError(
+                f"{kind.name} has shape {tuple(tensor.shape)} and type {tensor.dtype}, "
+                f"expected {kind.shape} and {kind.dtype}"
+            )
+        if not tensor.isfinite().all():
+            raise ValueError(f"{kind.name} has numbers that are not finite")
+        if kind.least > -math.inf and (tensor < kind.least).any():
+            raise ValueError(f"{kind.name} has numbers below {kind.least:.3g}")
+        known.add(kind.name)
+    if unknown := tensors.keys() - known:
+        raise ValueError(f"it has tensors that its header does not ask for: {short(unknown)}")
 
 
 def is_intact(tensors: Mapping[str, Tensor], header: Header) -> bool:

@@ -7,12 +7,24 @@ Read `rollouts.engine` next.
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
+from numpy.typing import NDArray
 
 from surefoot.config import Config
 from surefoot.mpc.planner import PLAN_TICKS, Planner
 from surefoot.robots.model import RobotModel
-from surefoot.types import GRID, Array, BoolArray, Command, IntArray, PlanFunction, State
+from surefoot.types import (
+    GRID,
+    Array,
+    BoolArray,
+    Command,
+    IntArray,
+    MotionPlan,
+    PlanFunction,
+    State,
+)
 
 DAMPING = 0.1
 """[N m s/rad] The joint damping of a robot that has no valid plan: the policy's kd."""
@@ -68,7 +80,9 @@ class Expert:
             mask: ``(B,)`` True for the robots that the expert drives now.
 
         Raises:
-            ValueError: B is not what `reset` was told, or a plan's arrays are not (ticks, 12).
+            ValueError: B is not what `reset` was told, a plan's arrays are not (ticks, 12), or the
+                plan function changed the state that it was given.
+            TypeError: The plan function returned something else than a `MotionPlan`.
         """
         if len(tick) != len(self.plans):
             raise ValueError(f"{len(tick)} robots, but reset was told {len(self.plans)}")
@@ -86,22 +100,100 @@ class Expert:
 
     def _replan(self, robot: int, state: State, tick: int, command: Array, takeover: bool) -> None:
         """Ask for a plan for one robot, and keep it if it is valid; else keep the old one."""
-        plan = self._plan(state, tick, Command(*map(float, command)))
-        parts = [plan.joint_position, plan.joint_velocity, plan.torque]
-        ticks = len(plan.joint_position)
-        if not ticks or any(np.shape(part) != (ticks, 12) for part in parts):
-            shapes = [np.shape(part) for part in parts]
-            raise ValueError(f"a plan's arrays are {shapes}, expected (ticks, 12) each")
-        arrays = np.concatenate(parts, axis=1, dtype=np.float64)
+        arrays, valid = ask_for_plan(self._plan, state, tick, Command(*map(float, command)))
         self.plans[robot] += 1
-        if plan.valid and np.isfinite(arrays).all():
-            self._reference[robot] = arrays[np.minimum(np.arange(PLAN_TICKS), ticks - 1)]
+        if valid and np.isfinite(arrays).all():
+            last = len(arrays) - 1
+            self._reference[robot] = arrays[np.minimum(np.arange(PLAN_TICKS), last)]
             self._planned_at[robot] = tick
             self._last_failed[robot] = False
             return
         self.invalid_plans[robot] += 1
         self._diverged[robot] = takeover or self._last_failed[robot]
         self._last_failed[robot] = True
+
+
+def ask_for_plan(
+    plan: PlanFunction, state: State, tick: int, command: Command
+) -> tuple[Array, bool]:
+    """Call a plan function, which may be a user's first one, and check what it returns.
+
+    Args:
+        plan: The plan function. The arrays of the state that it gets are read-only: they are those
+            of the rollout.
+        state: The state of one robot.
+        tick: The gait clock [ms].
+        command: The velocity command in the heading frame.
+
+    Returns:
+        Joint positions, joint velocities and torques side by side ``(ticks, 36)``, and whether the
+        plan is valid.
+
+    Raises:
+        ValueError: An array of the plan is not ``(ticks, 12)`` numbers, or the plan function
+            changed an array of its state.
+        TypeError: The plan function returned something else than a `MotionPlan`.
+    """
+    try:
+        motion: object = plan(read_only(state), tick, command)
+    except ValueError as error:
+        if "read-only" not in str(error):
+            raise
+        raise ValueError(
+            f"the plan function changed an array of its state, or another one that is read-only "
+            f"({error}): the state is the simulation's own; change a copy, for example "
+            "q = state.q.copy()"
+        ) from error
+    if not isinstance(motion, MotionPlan):
+        raise TypeError(
+            f"the plan function returned {type(motion).__name__}, expected a surefoot.MotionPlan: "
+            "joint_position, joint_velocity and torque, (ticks, 12) each, and valid"
+        )
+    if not isinstance(motion.valid, bool | np.bool_):
+        raise TypeError(f"the plan's valid is {motion.valid!r}, expected True or False")
+    parts = [
+        _numbers("joint_position", motion.joint_position),
+        _numbers("joint_velocity", motion.joint_velocity),
+        _numbers("torque", motion.torque),
+    ]
+    ticks = len(parts[0]) if parts[0].ndim else 0
+    if not ticks or any(part.shape != (ticks, 12) for part in parts):
+        shapes = [part.shape for part in parts]
+        raise ValueError(
+            f"a plan's arrays are {shapes}, expected (ticks, 12) each, with at least one tick"
+        )
+    return np.concatenate(parts, axis=1, dtype=np.float64), bool(motion.valid)
+
+
+def read_only(state: State) -> State:
+    """Return a state with the same numbers, in arrays that cannot be written to.
+
+    Args:
+        state: The state of one robot, or of B robots.
+    """
+    views = [getattr(state, field.name).view() for field in fields(State)]
+    for view in views:
+        view.flags.writeable = False
+    return State(*views)
+
+
+def _numbers(name: str, values: object) -> NDArray:
+    """Return an array of a plan as real numbers.
+
+    Raises:
+        ValueError: The values are none.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(
+            f"the plan's {name} is no array ({error}), expected (ticks, 12)"
+        ) from error
+    if array.dtype.kind not in "fiu":
+        raise ValueError(
+            f"the plan's {name} is {array.dtype} {array.shape}, expected (ticks, 12) real numbers"
+        )
+    return array
 
 
 def make_planner(robot: RobotModel, config: Config) -> Planner:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import fields
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,8 +58,8 @@ def rollout(
         What happened, tick by tick, to each robot.
 
     Raises:
-        ValueError: The number of robots is not that of the episodes, or the arbiter asks for a
-            policy and there is none.
+        ValueError: The number of robots is not that of the episodes, the policy is one of another
+            robot, or the arbiter asks for a policy and there is none.
     """
     safety = safety or SafetyConfig()
     disturbance = episodes.disturbance or Disturbance()
@@ -67,6 +68,12 @@ def rollout(
     if simulator.batch != B:
         raise ValueError(
             f"{B} initial states for a simulator of {simulator.batch} robots; give it {B} robots"
+        )
+    name = simulator.robot.name
+    if isinstance(policy, _OfOneRobot) and isinstance(policy.robot, str) and policy.robot != name:
+        raise ValueError(
+            f"a policy of the robot {policy.robot!r} for a simulator of {name!r}; use a policy "
+            "that was trained on this robot"
         )
     T = to_ticks(episodes.duration)
     total = T + to_ticks(episodes.tail)
@@ -118,6 +125,16 @@ def rollout(
     if to_ticks(safety.stepping_from) <= T:
         recorder.mark_stalled(T, simulator.robot.foot_radius)
     return recorder.rollout(episodes, disturbance, T)
+
+
+@runtime_checkable
+class _OfOneRobot(Protocol):
+    """A controller that says for which robot it is, as a trained policy does."""
+
+    @property
+    def robot(self) -> object:
+        """The name of the robot."""
+        ...
 
 
 class _Recorder:

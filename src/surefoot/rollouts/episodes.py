@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from surefoot.learning.frames import Frames
 from surefoot.rollouts.outcome import failed
 from surefoot.scenarios.disturbance import Disturbance, join_disturbances, join_optional
-from surefoot.scenarios.starts import Starts, join_starts
+from surefoot.scenarios.starts import Starts, check_starts, join_starts
 from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
 
 
@@ -36,8 +36,8 @@ class Episodes:
             None has none at all. `Rollout.branch` makes them.
 
     Raises:
-        ValueError: There is nothing to simulate, a command is not finite, or the number of ids, of
-            pushed robots or of late torques is not that of the initial states.
+        ValueError: There is nothing to simulate, an initial state is none (`check_starts`), or the
+            number of ids, of disturbed robots or of late torques is not that of the initial states.
     """
 
     starts: Starts
@@ -49,6 +49,7 @@ class Episodes:
 
     def __post_init__(self) -> None:
         """Check that the episodes can be simulated."""
+        check_starts(self.starts)
         B = len(self.starts)
         lasts = math.isfinite(self.duration) and to_ticks(self.duration) >= 1
         if not lasts or not 0.0 <= self.tail < math.inf:
@@ -56,8 +57,13 @@ class Episodes:
                 f"a rollout of {self.duration} s with a tail of {self.tail} s; use at least "
                 "0.001 s, and a tail of 0 s or more"
             )
-        if self.id is not None and len(self.id) != B:
-            raise ValueError(f"{len(self.id)} ids for {B} initial states; give one for each")
+        if self.id is not None:
+            if np.shape(self.id) != (B,):
+                raise ValueError(
+                    f"ids {np.shape(self.id)} for {B} initial states; give one for each"
+                )
+            if np.asarray(self.id).dtype.kind not in "iu":
+                raise ValueError(f"ids are whole numbers, not {np.asarray(self.id).dtype}")
         disturbed = None if self.disturbance is None else self.disturbance.batch
         if disturbed is not None and disturbed != B:
             raise ValueError(f"a disturbance of {disturbed} robots, but there are {B}")
@@ -68,8 +74,6 @@ class Episodes:
                     f"late torques {self.late.shape} for {B} robots and a delay of {delay} ms; "
                     f"give ({B}, {delay}, 12)"
                 )
-        if not np.isfinite(self.starts.command).all():
-            raise ValueError(f"commands must be finite numbers, not {self.starts.command.tolist()}")
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -223,8 +227,20 @@ class Rollout:
             episode: ``(B,)`` ids, unique in the dataset.
 
         Raises:
-            ValueError: The expert was not asked about a frame to keep.
+            ValueError: The expert was not asked about a frame to keep, the mask does not fit, or
+                two episodes have the same id.
         """
+        if np.shape(episode) != self.length.shape or np.shape(keep) != self.expert_asked.shape:
+            raise ValueError(
+                f"frames: keep is {np.shape(keep)} and episode {np.shape(episode)}, expected "
+                f"{self.expert_asked.shape} and {self.length.shape}"
+            )
+        ids, counts = np.unique(episode, return_counts=True)
+        if (counts > 1).any():
+            raise ValueError(
+                f"frames: {counts.max()} episodes have the id {ids[counts.argmax()]}; give each an "
+                "id of its own, or a dataset takes them for one"
+            )
         keep = keep & self.happened
         if (keep & ~self.expert_asked).any():
             raise ValueError(

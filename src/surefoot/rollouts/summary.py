@@ -253,8 +253,9 @@ def heading_drift(q: Array, command: Command) -> float:
     """Angle between the last heading and the commanded one [deg], positive to the left.
 
     Args:
-        q: ``(T, 19)`` configurations of one robot, tick by tick.
+        q: ``(T, 19)`` configurations of one robot, tick by tick: they span T - 1 ticks.
         command: The command it followed.
     """
     yaw = np.unwrap(roll_pitch_yaw(q[:, 3:7])[:, 2])
-    return float(np.degrees(yaw[-1] - yaw[0] - command.yaw_rate * len(q) / TICKS_PER_SECOND))
+    seconds = (len(q) - 1) / TICKS_PER_SECOND
+    return float(np.degrees(yaw[-1] - yaw[0] - command.yaw_rate * seconds))

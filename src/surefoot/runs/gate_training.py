@@ -83,10 +83,10 @@ def make_gate(
         elif name == "relaxing":
             gates.append(Bounds(tightened(safety, share, run.config.gait.com_height)))
         elif name == "classifier":
-            classifier = load_classifier(run.gate_path("classifier", i - 1))
+            classifier = load_classifier(run.gate_path(name, i - 1), Deviation.row_size)
             gates.append(Deviation(classifier, observation_spec(run.config), alarm))
         elif name == "history" and history_can_be_trained(i - 1):
-            classifier = load_classifier(run.gate_path("history", i - 1))
+            classifier = load_classifier(run.gate_path(name, i - 1), History.row_size)
             gates.append(History(classifier, observation_spec(run.config), alarm))
     if not gates:
         # Before there is anything to learn from, the paper's bounds take the network's place.

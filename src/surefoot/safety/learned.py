@@ -8,6 +8,8 @@ rollouts (``rollouts/traces.py``): what robots measured while a policy drove.
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from surefoot.learning.classifier import Classifier
@@ -33,6 +35,9 @@ class _LearnedGate:
         spec: How states, ticks and commands become those rows.
         alarm: Probability beyond which a state is unsafe.
     """
+
+    row_size: ClassVar[int] = INPUT_SIZE
+    """Numbers in a row, and so the inputs of its classifier."""
 
     def __init__(self, classifier: Classifier, spec: ObservationSpec, alarm: float) -> None:
         self._classifier = classifier
@@ -69,6 +74,8 @@ class History(_LearnedGate):
 
     Its classifier takes the last ten observations and goals, the oldest first ``(470,)``.
     """
+
+    row_size: ClassVar[int] = SAMPLES * INPUT_SIZE
 
     def reset(self, batch: int) -> None:
         """Forget everything; the next observation stands for all before it."""

@@ -6,6 +6,7 @@ policy drives again. Read ``gates.py`` first; ``rollouts/arbiters.py`` uses the 
 
 from __future__ import annotations
 
+import math
 from typing import get_args
 
 import numpy as np
@@ -26,12 +27,14 @@ class SafetyMonitor:
         hand_back: The rule that ends a block.
 
     Raises:
-        ValueError: There is no such rule.
+        ValueError: There is no such rule, or the time is negative or not finite.
     """
 
     def __init__(self, gate: Gate, block: float, hand_back: HandBack = "safe_and_blocked") -> None:
         if hand_back not in get_args(HandBack):
             raise ValueError(unknown("hand-back rule", hand_back, get_args(HandBack)))
+        if not 0.0 <= block < math.inf:
+            raise ValueError(f"block is {block} s; use 0 or more (0 hands back at once)")
         self._gate = gate
         self._block = to_ticks(block)
         self._hand_back = hand_back

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cache, cached_property
 from importlib.resources import files
@@ -24,20 +24,13 @@ from surefoot.config import Split
 from surefoot.config.json_text import read_file
 from surefoot.errors import unknown
 from surefoot.files import parse_npz, write_atomic
+from surefoot.scenarios.starts_check import check_stored_arrays, check_unit_quaternions
 from surefoot.types import Array, IntArray
 
 SPLITS: tuple[Split, ...] = get_args(Split)
 PACKAGED = ("solo12-trot-v1", "solo12-trot-v1-wide")
 """The sets that come with the package: Solo12 trots forward at 0 to 0.3 m/s. The first set is
 perturbed with the paper's standard deviations, the second with 1.5 times those."""
-
-UNIT_TOLERANCE = 1e-6
-"""A quaternion of a stored state may be longer or shorter than 1 by this; those of the packaged
-sets are so by 1e-15."""
-LARGEST = 1e6
-"""No number of a state is larger, in whatever unit."""
-LATEST = int(np.iinfo(np.int16).max)
-"""[ms] The last tick that a stored set can hold."""
 
 
 @dataclass(frozen=True)
@@ -261,7 +254,7 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
     """
     try:
         arrays = parse_npz(content)
-        shapes = _check_arrays(arrays)
+        shapes = check_stored_arrays(arrays, len(SPLITS))
     except ValueError as error:
         raise ValueError(f"{source} is not a set of starts ({error}); write it again") from error
     bounds = np.cumsum([0, *(math.prod(shape) for shape in shapes)])
@@ -281,56 +274,33 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
     return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)))
 
 
-def _check_arrays(arrays: Mapping[str, NDArray]) -> list[tuple[int, int, int]]:
-    """Check the arrays of a stored set.
+def check_starts(starts: Starts) -> None:
+    """Check that robots can begin in these initial states.
 
-    Returns:
-        The numbers of perturbations, phases and velocities of each split.
-
-    Raises:
-        ValueError: One is missing, has another shape or type, or numbers that no state has.
-    """
-    names = ("q", "v", "tick", "command", "shapes")
-    if arrays.keys() != set(names):
-        raise ValueError(f"it has the arrays {sorted(arrays)}, expected {sorted(names)}"[:300])
-    if arrays["shapes"].shape != (len(SPLITS), 3) or arrays["shapes"].dtype.kind not in "iu":
-        raise ValueError(f"shapes must be ({len(SPLITS)}, 3) integers: one row for each split")
-    shapes = [(int(a), int(b), int(c)) for a, b, c in arrays["shapes"]]
-    if min(map(min, shapes)) < 1:
-        raise ValueError(f"shapes {shapes} must be positive")
-    n = sum(math.prod(shape) for shape in shapes)
-    expected = {"q": (n, 19), "v": (n, 18), "tick": (n,), "command": (n, 3)}
-    for name, shape in expected.items():
-        array = arrays[name]
-        if array.shape != shape:
-            raise ValueError(f"{name} has shape {array.shape} instead of {shape}")
-        if name == "tick":
-            continue
-        if array.dtype != np.float64:
-            raise ValueError(f"{name} holds {array.dtype} instead of float64")
-        if not (np.abs(array) <= LARGEST).all():
-            raise ValueError(f"{name} holds numbers that are not finite, or beyond {LARGEST:g}")
-    tick = arrays["tick"]
-    if tick.dtype.kind not in "iu" or tick.min() < 0 or tick.max() > LATEST:
-        raise ValueError(f"tick must be integers from 0 to {LATEST} [ms]")
-    _check_unit(arrays["q"])
-    return shapes
-
-
-def _check_unit(q: Array) -> None:
-    """Check that the quaternions of configurations ``(n, 19)`` have length 1.
+    Args:
+        starts: n initial states.
 
     Raises:
-        ValueError: One has not; simulators and planner would take it for different orientations.
+        ValueError: An array has the wrong shape or type, a number is not finite, or a quaternion
+            is not of length 1.
     """
-    length = np.linalg.norm(q[:, 3:7], axis=1)
-    wrong = np.abs(length - 1.0) > UNIT_TOLERANCE
-    if wrong.any():
-        row = int(wrong.argmax())
-        raise ValueError(
-            f"the quaternion q[{row}, 3:7] has length {length[row]:.6g} instead of 1; divide it by "
-            "its length"
-        )
+    n = len(starts.q)
+    shapes = {"q": (n, 19), "v": (n, 18), "tick": (n,), "command": (n, 3), "id": (n,)}
+    for name, shape in shapes.items():
+        array = np.asarray(getattr(starts, name))
+        kinds = "iu" if name in ("tick", "id") else "fiu"
+        if array.shape != shape or array.dtype.kind not in kinds:
+            expected = "whole" if kinds == "iu" else "real"
+            raise ValueError(
+                f"initial states: {name} is {array.dtype} {array.shape}, expected {shape} "
+                f"{expected} numbers"
+            )
+        if not np.isfinite(array).all():
+            place = [int(index) for index in np.argwhere(~np.isfinite(array))[0]]
+            raise ValueError(
+                f"initial states: {name}{place} is {array[tuple(place)]}; use finite numbers"
+            )
+    check_unit_quaternions(starts.q)
 
 
 def check_unused(path: Path) -> None:
@@ -361,7 +331,7 @@ def save_starts(starts: StartSet, path: Path) -> None:
         "shapes": np.array([starts.shape[split] for split in SPLITS]),
     }
     try:
-        _check_arrays(arrays)
+        check_stored_arrays(arrays, len(SPLITS))
     except ValueError as error:
         raise ValueError(f"{path} is not written: {error}") from error
     buffer = BytesIO()

@@ -10,7 +10,6 @@ read per tick lies in MuJoCo's state rows and sensors; the only layout conversio
 from __future__ import annotations
 
 import logging
-import math
 from functools import cached_property
 
 import mujoco
@@ -22,7 +21,7 @@ from surefoot.config import SimulationConfig
 from surefoot.robots import rigid
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
-from surefoot.sim.mujoco_model import COM, FEET, FORCE, OTHER_PARTS, build_model
+from surefoot.sim.mujoco_model import COM, FEET, FORCE, GROUND, build_model
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
 from surefoot.types import Array, BoolArray, State
 
@@ -87,14 +86,19 @@ def _convert(qpos: Array, qvel: Array, q: Array, v: Array, R: Array) -> None:
 
 
 @njit(cache=True)
-def _carried(sensors: Array, first: int) -> Array:
-    """``(B,)`` sum of the sizes of the forces in the sensors from ``first`` on [N]."""
-    total = np.zeros(len(sensors))
-    for robot in range(len(sensors)):
-        for i in range(first, sensors.shape[1], 3):
-            x, y, z = sensors[robot, i : i + 3]
-            total[robot] += math.sqrt(x * x + y * y + z * z)
-    return total
+def _beside_feet(feet: Array, ground: Array) -> Array:
+    """``(B,)`` what the level ground carries of each robot beside its feet [N]; compiled too.
+
+    Args:
+        feet: ``(B, 4)`` normal force on each foot [N].
+        ground: ``(B, 3)`` force between robot and ground, either way, world frame [N].
+    """
+    rest = np.empty(len(feet))
+    for robot in range(len(feet)):
+        rest[robot] = abs(ground[robot, 2])
+        for leg in range(4):
+            rest[robot] -= feet[robot, leg]
+    return rest
 
 
 class MujocoSimulator:
@@ -234,7 +238,7 @@ class MujocoSimulator:
     @property
     def body_contact(self) -> BoolArray:
         """See ``Simulator``."""
-        return _carried(self._sensors, OTHER_PARTS) > CONTACT_FORCE
+        return _beside_feet(self._sensors[:, FORCE], self._sensors[:, GROUND]) > CONTACT_FORCE
 
     @property
     def blown_up(self) -> BoolArray:

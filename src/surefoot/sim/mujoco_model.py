@@ -24,8 +24,8 @@ FEET = slice(4, 16)
 """The sensors of the foot positions [m]."""
 COM = slice(16, 19)
 """The sensor of the center of mass [m]."""
-OTHER_PARTS = 19
-"""From here on: the contact force on each part that is not a foot, three numbers each [N]."""
+GROUND = slice(19, 22)
+"""The sensor of the sum of all contact forces on the robot, world frame [N]."""
 _CONTACT_FORCE = 1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value
 # One of the ways to reduce contacts (mjSENS_CONTACT): their sum, in the world frame.
 _NET_FORCE = 3
@@ -121,7 +121,7 @@ def _add_shapes(
 
 
 def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
-    """Add normal force and position of each foot, and the force on each other part."""
+    """Add normal force and position of each foot, and all contact forces together."""
     site = mujoco.mjtObj.mjOBJ_SITE
     kind = mujoco.mjtSensor
     for leg in LEGS:
@@ -134,15 +134,10 @@ def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
         spec.add_sensor(type=kind.mjSENS_FRAMEPOS, objtype=site, objname=f"{leg}_FOOT")
     body = mujoco.mjtObj.mjOBJ_BODY
     spec.add_sensor(type=kind.mjSENS_SUBTREECOM, objtype=body, objname="base_link")
-    feet = [f"{leg}_FOOT" for leg in LEGS]
-    for shape in robot.shapes:
-        if shape.link not in feet:
-            spec.add_sensor(
-                type=kind.mjSENS_CONTACT,
-                objtype=mujoco.mjtObj.mjOBJ_GEOM,
-                objname=shape.link,
-                intprm=[_CONTACT_FORCE, _NET_FORCE, 1],
-            )
+    # One sensor of the whole robot costs half of what one for each part does.
+    whole = mujoco.mjtObj.mjOBJ_XBODY
+    parameters = [_CONTACT_FORCE, _NET_FORCE, 1]
+    spec.add_sensor(type=kind.mjSENS_CONTACT, objtype=whole, objname="base_link", intprm=parameters)
 
 
 def _decorate(spec: mujoco.MjSpec) -> None:

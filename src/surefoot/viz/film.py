@@ -20,13 +20,15 @@ from scipy.ndimage import gaussian_filter1d
 from tqdm import tqdm
 
 from surefoot.config import SimulationConfig
-from surefoot.files import write_atomic
+from surefoot.files import check_output, write_atomic
 from surefoot.robots.model import RobotModel
 from surefoot.robots.solo12 import solo12
 from surefoot.rotations import heading, rotation
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray
 from surefoot.viz.renderer import RenderingUnavailable, child_process, pictures
 
+FILM_SUFFIXES = (".mp4",)
+"""Endings of a film's name."""
 AIM = 0.11
 """[m] height the camera looks at: half way from the ground to the robot's top."""
 SMOOTHING = 0.3
@@ -104,7 +106,7 @@ def film(
 
     Args:
         recording: What the robot did.
-        path: The film; its folder must exist.
+        path: The film, with the ending .mp4, or a device or a pipe; its folder is made.
         title: Text in the upper left corner; the time since the start stands on the right.
         rate: Frames per second of the film.
         size: Width and height [pixels].
@@ -115,7 +117,10 @@ def film(
 
     Raises:
         RenderingUnavailable: There is no OpenGL without a screen, or no ffmpeg.
+        ValueError: The path has another ending.
+        WriteError: The path cannot be written.
     """
+    check_output(path, suffixes=FILM_SUFFIXES)
     q = recording.q
     ticks = np.arange(0, len(q), TICKS_PER_SECOND * speed / rate).astype(np.int64)
     camera = _camera(q, ticks, distance=0.85, side=125.0, elevation=-13.0)
@@ -144,7 +149,7 @@ def contact_sheet(recording: Recording, path: Path, frames: int = 12) -> Path:
 
     Args:
         recording: What the robot did.
-        path: The picture; it is there whole or not at all.
+        path: The picture, with the ending .png; it is there whole or not at all.
         frames: Number of frames; a recording that is too short gives fewer.
 
     Returns:
@@ -152,7 +157,10 @@ def contact_sheet(recording: Recording, path: Path, frames: int = 12) -> Path:
 
     Raises:
         RenderingUnavailable: There is no OpenGL without a screen.
+        ValueError: The path has another ending.
+        WriteError: The path cannot be written.
     """
+    check_output(path, suffixes=(".png",))
     q = recording.q
     ticks = np.arange(frames) * TICKS_PER_SECOND // SHEET_RATE
     first = max(len(q) - ticks[-1], 0) // 2

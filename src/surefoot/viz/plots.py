@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from surefoot.files import write_atomic
+from surefoot.files import check_output, write_atomic
 from surefoot.runs.metrics import Best, Collected, StageRecord, Trained, Validated
 
 if TYPE_CHECKING:
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.typing import RcKeyType
 
+PLOT_SUFFIXES = (".png", ".svg")
+"""Endings of a plot's name; they say which format it has."""
 BLUE = "#0072B2"
 RED = "#D55E00"
 GREEN = "#009E73"
@@ -57,14 +59,14 @@ def learning_curves(metrics: Sequence[StageRecord], path: Path) -> Path:
 
     Args:
         metrics: The run's records (`surefoot.runs.run.Run.metrics`).
-        path: File of the plot, a PNG, or an SVG if the name ends so; it is there whole or not at
-            all.
+        path: File of the plot, a PNG or an SVG by the ending of its name; it is there whole or not
+            at all.
 
     Returns:
         The path.
 
     Raises:
-        ValueError: Nothing has been collected yet.
+        ValueError: Nothing has been collected yet, or the file's name has another ending.
     """
     from matplotlib import rc_context
     from matplotlib.figure import Figure  # without pyplot there is no backend to choose
@@ -91,7 +93,13 @@ def learning_curves(metrics: Sequence[StageRecord], path: Path) -> Path:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a plot, whole or not at all."""
+    """Write a plot, whole or not at all.
+
+    Raises:
+        ValueError: The path has another ending than `PLOT_SUFFIXES`.
+        WriteError: The path cannot be written.
+    """
+    check_output(path, suffixes=PLOT_SUFFIXES)
     svg = path.suffix.lower() == ".svg"
     kind = "svg" if svg else "png"
     metadata = {"Date": None} if svg else None  # the same figures give the same file

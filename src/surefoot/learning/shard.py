@@ -1,0 +1,111 @@
+"""A shard: one HDF5 file of frames, which holds each of their arrays as one uncompressed block.
+
+Read next: ``dataset.py``, which names shards and keeps their hashes. HDF5 can do more than is
+wanted here: links into other files, arrays that are computed from others, compression by which a
+small file fills the memory. `read_shard` takes none of that, and reads no more than the file holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.learning.frames import FIELDS, Frames
+
+FORMAT = 1
+"""Version of the shards and of the manifest."""
+BYTES_PER_FRAME = sum(
+    int(np.prod(shape, initial=1)) * np.dtype(dtype).itemsize for shape, dtype in FIELDS.values()
+)
+"""Size of one frame in a file and in memory [B]."""
+
+
+def shard_content(frames: Frames) -> bytes:
+    """The bytes of a shard.
+
+    It is assembled in memory: HDF5 ends the process if it finds the disk full at the wrong moment.
+    """
+    size = len(frames) * BYTES_PER_FRAME + 65_536
+    with h5py.File("shard", "w", driver="core", backing_store=False, block_size=size) as file:
+        file.attrs["format"] = FORMAT
+        for name in FIELDS:
+            file.create_dataset(name, data=getattr(frames, name))
+        file.flush()
+        return file.id.get_file_image()
+
+
+def check_size(path: Path, frames: int) -> None:
+    """Check that a file is large enough for so many frames, before there is memory for them.
+
+    Args:
+        path: The file.
+        frames: Number of frames that it is said to hold.
+
+    Raises:
+        OSError: It is missing, too small, or not a regular file.
+    """
+    if path.exists() and not path.is_file():  # reading a pipe would wait
+        raise OSError("it is not a regular file")
+    size = path.stat().st_size
+    if frames * BYTES_PER_FRAME > size:
+        raise OSError(f"it has {size} bytes, too few for {frames} frames")
+
+
+def read_shard(path: Path, arrays: Mapping[str, NDArray]) -> None:
+    """Fill arrays from a shard.
+
+    Args:
+        path: The file.
+        arrays: Arrays for all frames of the shard, as `uninitialized_arrays` makes them.
+
+    Raises:
+        OSError: The file is missing or damaged, or holds anything but these arrays.
+    """
+    check_size(path, len(arrays["q"]))
+    try:
+        with h5py.File(path, "r") as file:
+            for name, array in arrays.items():
+                stored = _block(file, name, path.stat().st_size)
+                if stored.shape != array.shape or stored.dtype != array.dtype:
+                    raise OSError(
+                        f"{name} has shape {stored.shape} and type {stored.dtype}, "
+                        f"expected {array.shape} and {array.dtype}"
+                    )
+                if array.size:
+                    stored.read_direct(array)
+    except OSError:
+        raise
+    except Exception as error:  # whatever HDF5 makes of a damaged file
+        raise OSError(str(error)) from error
+
+
+def _block(file: h5py.File, name: str, size: int) -> h5py.Dataset:
+    """An HDF5 dataset that is one plain block of bytes of this very file.
+
+    Args:
+        file: The file.
+        name: Name of the dataset.
+        size: Size of the file [B].
+
+    Raises:
+        OSError: There is no such dataset, or it is stored in another way.
+    """
+    if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+        raise OSError(f"{name} is missing, or a link to something else")
+    stored = file[name]
+    if not isinstance(stored, h5py.Dataset):
+        raise OSError(f"{name} is not an array")
+    properties = stored.id.get_create_plist()
+    if properties.get_layout() != h5py.h5d.CONTIGUOUS or properties.get_external_count():
+        raise OSError(
+            f"{name} is compressed, in chunks or in another file; `h5repack -f NONE -l CONTI` "
+            "makes it one block again"
+        )
+    begin = stored.id.get_offset()
+    if stored.size and (begin is None or begin + stored.nbytes > size):
+        raise OSError(f"{name} has no block of its size in the file")
+    return stored

@@ -1,0 +1,84 @@
+"""Checks of initial states as arrays: what a stored set may hold, before anything is made of it.
+
+`starts` reads and writes the sets, and checks with these functions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.types import Array
+
+UNIT_TOLERANCE = 1e-6
+"""A quaternion of a stored state may be longer or shorter than 1 by this; those of the packaged
+sets are so by 1e-15."""
+LARGEST = 1e6
+"""No number of a state is larger, in whatever unit."""
+LATEST = int(np.iinfo(np.int16).max)
+"""[ms] The last tick that a stored set can hold."""
+
+
+def check_stored_arrays(arrays: Mapping[str, NDArray], splits: int) -> list[tuple[int, int, int]]:
+    """Check the arrays of a stored set.
+
+    Args:
+        arrays: The arrays by name, as the file holds them.
+        splits: Number of splits of the set.
+
+    Returns:
+        The numbers of perturbations, phases and velocities of each split.
+
+    Raises:
+        ValueError: One is missing, has another shape or type, or numbers that no state has.
+    """
+    names = ("q", "v", "tick", "command", "shapes")
+    if arrays.keys() != set(names):
+        raise ValueError(f"it has the arrays {sorted(arrays)}, expected {sorted(names)}"[:300])
+    if arrays["shapes"].shape != (splits, 3) or arrays["shapes"].dtype.kind not in "iu":
+        raise ValueError(f"shapes must be ({splits}, 3) integers: one row for each split")
+    shapes = [(int(a), int(b), int(c)) for a, b, c in arrays["shapes"]]
+    if min(map(min, shapes)) < 1:
+        raise ValueError(f"shapes {shapes} must be positive")
+    n = sum(math.prod(shape) for shape in shapes)
+    expected = {"q": (n, 19), "v": (n, 18), "tick": (n,), "command": (n, 3)}
+    for name, shape in expected.items():
+        array = arrays[name]
+        if array.shape != shape:
+            raise ValueError(f"{name} has shape {array.shape} instead of {shape}")
+        if name == "tick":
+            continue
+        if array.dtype != np.float64:
+            raise ValueError(f"{name} holds {array.dtype} instead of float64")
+        if not (np.abs(array) <= LARGEST).all():
+            raise ValueError(f"{name} holds numbers that are not finite, or beyond {LARGEST:g}")
+    tick = arrays["tick"]
+    if tick.dtype.kind not in "iu" or tick.min() < 0 or tick.max() > LATEST:
+        raise ValueError(f"tick must be integers from 0 to {LATEST} [ms]")
+    check_unit_quaternions(arrays["q"])
+    return shapes
+
+
+def check_unit_quaternions(q: Array) -> None:
+    """Check that the quaternions of configurations have length 1.
+
+    MuJoCo divides a quaternion by its length where PyBullet does not: a longer one would begin in
+    two different states.
+
+    Args:
+        q: ``(n, 19)`` configurations.
+
+    Raises:
+        ValueError: One has not.
+    """
+    length = np.linalg.norm(q[:, 3:7], axis=1)
+    wrong = np.abs(length - 1.0) > UNIT_TOLERANCE
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise ValueError(
+            f"initial states: the quaternion of row {row} is {q[row, 3:7].tolist()} of length "
+            f"{length[row]:.9g}; divide it by its length (scalar last: qx, qy, qz, qw)"
+        )
