@@ -76,7 +76,7 @@ def test_shares_that_all_agree_have_the_score_interval_of_all_rollouts():
     [((), None), ((np.nan,), None), ((0.5,), (4, 4)), ((0.5,), (0,)), ((1.5,), (4,))],
 )
 def test_what_is_no_set_of_runs_is_refused(values, rollouts):
-    with pytest.raises(ValueError, match="runs|shares"):
+    with pytest.raises(ValueError, match=r"runs|shares"):
         Runs(values, rollouts)
 
 
@@ -86,6 +86,12 @@ def test_difference_of_values_has_welchs_interval():
     found = difference_of_runs(Runs(a), Runs(b))
     expected = ttest_ind(a, b, equal_var=False).confidence_interval(0.95)
     assert found.difference == pytest.approx(np.mean(a) - np.mean(b))
+    assert interval_of(found) == pytest.approx((expected.low, expected.high))
+
+
+def test_a_set_without_spread_leaves_that_of_the_other():
+    found = difference_of_runs(Runs((2.0, 2.0, 2.0)), Runs((1.0, 1.2, 1.4)))
+    expected = ttest_1samp([1.0, 0.8, 0.6], 0.0).confidence_interval(0.95)
     assert interval_of(found) == pytest.approx((expected.low, expected.high))
 
 
@@ -106,9 +112,7 @@ def test_differences_without_any_spread_have_no_interval():
 def test_a_difference_of_shares_that_agree_has_newcombes_interval():
     # Newcombe 1998, table II, method 10: 0 of 10 against 0 of 10, and 10 of 10 against 0 of 20.
     zero = shares((0, 0), (5, 5))
-    assert interval_of(difference_of_runs(zero, zero)) == pytest.approx(
-        (-0.2775, 0.2775), abs=5e-5
-    )
+    assert interval_of(difference_of_runs(zero, zero)) == pytest.approx((-0.2775, 0.2775), abs=5e-5)
     found = difference_of_runs(shares((5, 5), (5, 5)), shares((0, 0), (10, 10)))
     assert interval_of(found) == pytest.approx((0.6791, 1.0), abs=5e-5)
     assert interval_of(change_in_runs(zero, zero)) == pytest.approx((-0.2775, 0.2775), abs=5e-5)

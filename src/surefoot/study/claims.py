@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from surefoot.evaluation.statistics import Interval, RunMeans
+from surefoot.evaluation.statistics import Interval, RunMeans, score_interval
 from surefoot.study.run_statistics import (
     RunDifference,
     Runs,
@@ -326,12 +326,19 @@ def reason_of(
         "does not hold": f"No part of the interval is {where}.",
         "cannot tell": f"Only a part of the interval is {where}: {count} runs cannot tell.",
     }
-    if all(len(set(arm.runs)) == 1 for arm in arms):
-        return (
-            f"{texts[verdict]} All runs agree, so that the interval is that of all rollouts "
-            "together, as if runs differed no more than rollouts do by chance."
-        )
-    return texts[verdict]
+    if any(len(set(arm.runs)) > 1 for arm in arms):
+        return texts[verdict]
+    agree = (
+        f"{texts[verdict]} All runs agree, so that the interval is that of all rollouts together, "
+        "as if runs differed no more than rollouts do by chance"
+    )
+    if isinstance(estimate, RunDifference):
+        return f"{agree}."
+    low, high = score_interval(estimate.mean, len(estimate.runs))
+    return (
+        f"{agree}; if the rollouts of a run were all alike, it would be {_plain(low, quantity)} to "
+        f"{_plain(high, quantity)} {quantity.unit}."
+    )
 
 
 def _region_text(region: Region, quantity: Quantity) -> str:

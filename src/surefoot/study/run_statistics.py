@@ -16,7 +16,8 @@ from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import permutation_test, ttest_ind
+from scipy.stats import permutation_test
+from scipy.stats import t as student_t
 
 from surefoot.evaluation.statistics import (
     SEED,
@@ -130,12 +131,25 @@ def difference_of_runs(a: Runs, b: Runs) -> RunDifference:
     mean_b = mean_of_runs(b)
     interval = None
     if min(len(a.values), len(b.values)) > 1:
-        if np.ptp(a.values) > 0.0 or np.ptp(b.values) > 0.0:
-            test = ttest_ind(a.values, b.values, equal_var=False)
-            welch = test.confidence_interval(0.95)
-            interval = (float(welch.low), float(welch.high))
+        interval = _welch_interval(np.asarray(a.values), np.asarray(b.values))
         interval = _no_narrower_than_rollouts(interval, a, b)
     return RunDifference(mean_a.mean - mean_b.mean, interval, mean_a, mean_b)
+
+
+def _welch_interval(a: NDArray[np.float64], b: NDArray[np.float64]) -> Interval | None:
+    """Welch's 95 % t interval of a difference of means; None if neither set has any spread.
+
+    SciPy's `ttest_ind` gives the same, but warns where one of the sets has no spread.
+    """
+    if np.ptp(a) == 0.0 and np.ptp(b) == 0.0:
+        return None
+    of_a = a.var(ddof=1) / len(a)
+    of_b = b.var(ddof=1) / len(b)
+    # Degrees of freedom by Welch and Satterthwaite.
+    freedom = (of_a + of_b) ** 2 / (of_a**2 / (len(a) - 1) + of_b**2 / (len(b) - 1))
+    half = float(student_t.ppf(0.975, freedom) * np.sqrt(of_a + of_b))
+    difference = float(a.mean() - b.mean())
+    return difference - half, difference + half
 
 
 def change_in_runs(after: Runs, before: Runs) -> RunDifference:
