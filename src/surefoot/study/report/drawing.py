@@ -1,0 +1,361 @@
+"""Draws the figures of a report with Matplotlib, in the style and the palette of the package's plots.
+
+`draw` makes a figure of its panels. `save_pictures` writes it as PNG and PDF; `inline_svg` makes it
+part of a page: the colors become variables of the page's style, so that the same picture fits a
+light and a dark page. Techniques differ in color, marker and line.
+"""
+
+from __future__ import annotations
+
+import re
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from surefoot.files import write_atomic
+from surefoot.study.report.markup import Markup, escaped
+from surefoot.study.report.panels import Curve, Group, Panel, ReportFigure
+from surefoot.viz.plots import PALETTE, STYLE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.projections.polar import PolarAxes
+    from matplotlib.typing import RcKeyType
+
+INK = "#1B1F24"
+"""Color of texts and axes, and of the expert."""
+GRID = "#E3E3E3"
+"""Color of the grid."""
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+"""Markers of the techniques, in the order of the palette."""
+LINES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)), "-", "--", "-.")
+"""Line styles of the techniques."""
+EXPERT_LINE = ":"
+"""Line style of the expert."""
+DODGE = 0.13
+"""Distance between techniques at the same iteration."""
+LOGARITHMIC = 30.0
+"""An axis is logarithmic where its largest value is so many times its smallest."""
+LOOK: dict[RcKeyType, Any] = {
+    **STYLE,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "grid.color": GRID,
+    "font.size": 10,
+    "axes.titlesize": 10,
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "lines.markersize": 6,
+}
+"""Settings of Matplotlib of all figures of a report."""
+VARIABLES = {INK: "--ink", GRID: "--grid"} | {
+    color: f"--technique-{number}" for number, color in enumerate(PALETTE)
+}
+"""Variables of the page's style for the colors of a figure."""
+AXIS_TITLES = {
+    "iterations": "iteration",
+    "frames": "frames of the dataset [thousands]",
+    "directions": "",
+    "techniques": "",
+}
+"""Titles of the horizontal axes, by the figure's kind."""
+
+
+def draw(figure: ReportFigure) -> Figure:
+    """Draw a figure; what has not been measured is left out.
+
+    The settings of `LOOK` must hold when it is drawn and when it is saved, which the other
+    functions of this module see to.
+    """
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    columns = max(len(row) for row in figure.rows)
+    width = max(4.2 * columns, 6.4)
+    row_height = 4.0 if figure.kind == "directions" else 3.1
+    with rc_context(LOOK):
+        drawn = Figure(figsize=(width, row_height * len(figure.rows) + 0.5), layout="constrained")
+        projection = {"projection": "polar"} if figure.kind == "directions" else {}
+        for row, panels in enumerate(figure.rows):
+            for column, panel in enumerate(panels):
+                position = row * columns + column + 1
+                axes: Any = drawn.add_subplot(len(figure.rows), columns, position, **projection)
+                axes.set_title(panel.title, loc="center" if projection else "left")
+                _draw_panel(axes, figure, panel)
+        if figure.kind != "techniques":
+            handles = [_handle(curve) for curve in figure.curves]
+            drawn.legend(handles=handles, loc="outside upper left", ncols=min(len(handles), 5))
+    return drawn
+
+
+def save_pictures(drawn: Figure, figure: ReportFigure, folder: Path) -> tuple[Path, ...]:
+    """Write a figure as PNG and PDF, each whole or not at all.
+
+    Args:
+        drawn: The figure as it is drawn.
+        figure: What it shows.
+        folder: Folder of the pictures.
+
+    Returns:
+        The files.
+    """
+    from matplotlib import rc_context
+
+    paths = []
+    for kind in ("png", "pdf"):
+        path = folder / f"{figure.name}.{kind}"
+        # Without the date, the same results give the same file.
+        metadata = {"CreationDate": None} if kind == "pdf" else None
+        with rc_context(LOOK):
+            write_atomic(
+                path,
+                lambda target, kind=kind, metadata=metadata: drawn.savefig(
+                    target, dpi=150, format=kind, metadata=metadata
+                ),
+            )
+        paths.append(path)
+    return tuple(paths)
+
+
+def inline_svg(drawn: Figure, figure: ReportFigure) -> Markup:
+    """A figure as a part of a page, with the page's colors and a text for who cannot see it.
+
+    Args:
+        drawn: The figure as it is drawn.
+        figure: What it shows.
+    """
+    from matplotlib import rc_context
+
+    buffer = BytesIO()
+    with rc_context(LOOK):
+        drawn.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
+    text = buffer.getvalue().decode()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    # Several pictures stand in one page, where every id has to be another one.
+    text = re.sub(r'\bid="', f'id="{figure.name}-', text)
+    text = re.sub(r"url\(#", f"url(#{figure.name}-", text)
+    text = re.sub(r'href="#', f'href="#{figure.name}-', text)
+    for color, variable in VARIABLES.items():
+        text = text.replace(color.lower(), f"var({variable})")
+    width, height = drawn.get_size_inches()
+    title_id = f"{figure.name}-title"
+    head = (
+        f'<svg class="figure" role="img" aria-labelledby="{title_id}" '
+        f'viewBox="0 0 {72 * width:g} {72 * height:g}" '
+        'xmlns:xlink="http://www.w3.org/1999/xlink" xmlns="http://www.w3.org/2000/svg">'
+        f'<title id="{title_id}">{escaped(alternative(figure))}</title>'
+    )
+    return Markup(head + text[text.index(">") + 1 :])
+
+
+def alternative(figure: ReportFigure) -> str:
+    """What a figure shows, for who cannot see it; the numbers are in the table beside it."""
+    names = ", ".join(curve.title for curve in figure.curves)
+    return f"{figure.title}. {figure.caption} Shown are: {names}. The table has the same numbers."
+
+
+def _handle(curve: Curve) -> Line2D:
+    """An entry of the legend."""
+    from matplotlib.lines import Line2D
+
+    return Line2D(
+        [],
+        [],
+        color=_color(curve),
+        marker=_marker(curve),
+        linestyle=_line(curve),
+        label=_plain(curve.title),
+    )
+
+
+def _plain(title: str) -> str:
+    """A title that Matplotlib does not take for mathematics."""
+    return title.replace("$", r"\$")
+
+
+def _color(curve: Curve) -> str:
+    """Color of a technique."""
+    return INK if curve.style < 0 else PALETTE[curve.style % len(PALETTE)]
+
+
+def _marker(curve: Curve) -> str:
+    """Marker of a technique; the expert has none."""
+    return "" if curve.style < 0 else MARKERS[curve.style % len(MARKERS)]
+
+
+def _line(curve: Curve) -> Any:
+    """Line style of a technique."""
+    return EXPERT_LINE if curve.style < 0 else LINES[curve.style % len(LINES)]
+
+
+def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
+    """Draw one panel."""
+    if not panel.curves and panel.reference is None:
+        axes.text(0.5, 0.5, "no results yet", transform=axes.transAxes, ha="center", va="center")
+        axes.set_xticks([])
+        axes.set_yticks([])
+        return
+    if figure.kind == "directions":
+        _draw_directions(axes, panel)
+        return
+    quantity = panel.quantity
+    for place, curve in enumerate(panel.curves):
+        if figure.kind == "techniques":
+            _draw_technique(axes, panel, place, curve)
+        else:
+            shift = DODGE * (place - (len(panel.curves) - 1) / 2)
+            _draw_curve(axes, panel, curve, figure.kind, shift)
+    if panel.reference is not None:
+        for group in panel.reference.groups:
+            if group.estimate is not None:
+                value = group.estimate.mean.value / quantity.scale
+                axes.axhline(value, color=INK, linestyle=EXPERT_LINE, linewidth=1.5)
+    if panel.limit is not None:
+        axes.axhline(panel.limit / quantity.scale, color=INK, linestyle="--", linewidth=0.8)
+    unit = f" [{quantity.unit}]" if quantity.unit else ""
+    axes.set_ylabel(_plain(f"{quantity.title}{unit}"))
+    axes.set_xlabel(AXIS_TITLES[figure.kind])
+    _scale(axes, figure, panel)
+    if figure.kind == "iterations":
+        from matplotlib.ticker import MaxNLocator
+
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if figure.kind == "techniques":
+        titles = [_plain(curve.title) for curve in panel.curves]
+        axes.set_xticks(range(len(titles)), titles, rotation=25, ha="right")
+        axes.set_xlim(-0.6, len(titles) - 0.4)
+
+
+def _values(panel: Panel) -> list[float]:
+    """All runs of a panel, and the expert, in the unit that is written."""
+    curves = [*panel.curves, *([] if panel.reference is None else [panel.reference])]
+    return [
+        point.y.value / panel.quantity.scale
+        for curve in curves
+        for group in curve.groups
+        for point in group.runs
+        if point.y.is_known
+    ]
+
+
+def _scale(axes: Axes, figure: ReportFigure, panel: Panel) -> None:
+    """Set the vertical axis by the runs; the intervals of few runs may reach beyond it."""
+    values = _values(panel)
+    if not values:
+        return
+    top = max(values)
+    if panel.limit is not None:
+        top = max(top, 1.5 * panel.limit / panel.quantity.scale)
+    if panel.quantity.is_share:
+        most = 1.0 / panel.quantity.scale
+        axes.set_ylim(-0.02 * most, most * 1.03 if top > 0.5 * most else max(1.25 * top, 5.0))
+        return
+    spread = min(values) > 0.0 and top / min(values) > LOGARITHMIC
+    if figure.kind == "frames" and spread:
+        axes.set_yscale("log")
+        return
+    axes.set_ylim(-0.03 * top if top else -0.03, 1.25 * top if top else 1.0)
+
+
+def _bars(group: Group, scale: float) -> Any:
+    """How far the interval of a mean reaches below and above it."""
+    estimate = group.estimate
+    if estimate is None or estimate.low is None or estimate.high is None:
+        return None
+    below = (estimate.mean.value - estimate.low.value) / scale
+    above = (estimate.high.value - estimate.mean.value) / scale
+    return [[max(below, 0.0)], [max(above, 0.0)]]
+
+
+def _draw_curve(axes: Axes, panel: Panel, curve: Curve, kind: str, shift: float) -> None:
+    """A technique along iterations or sizes: its mean, intervals, and every run."""
+    scale = panel.quantity.scale
+    unit = 1000.0 if kind == "frames" else 1.0
+    move = shift if kind == "iterations" else 0.0
+    color = _color(curve)
+    xs = []
+    ys = []
+    for group in curve.groups:
+        for point in group.runs:
+            axes.plot(
+                [point.x.value / unit + move],
+                [point.y.value / scale],
+                _marker(curve),
+                color=color,
+                markersize=3.5,
+                alpha=0.45,
+                markeredgewidth=0,
+                zorder=2,
+            )
+        if group.estimate is None:
+            continue
+        x = group.x.value / unit + move
+        y = group.estimate.mean.value / scale
+        xs.append(x)
+        ys.append(y)
+        bars = _bars(group, scale)
+        if bars is not None:
+            axes.errorbar([x], [y], yerr=bars, color=color, linewidth=1.0, alpha=0.8, capsize=2)
+    axes.plot(xs, ys, marker=_marker(curve), linestyle=_line(curve), color=color, zorder=3)
+
+
+def _draw_technique(axes: Axes, panel: Panel, place: int, curve: Curve) -> None:
+    """A technique at a place of its own: every run, and the mean with its interval beside them."""
+    scale = panel.quantity.scale
+    color = _color(curve)
+    for group in curve.groups:
+        ys = [point.y.value / scale for point in group.runs]
+        xs = place - 0.12 + np.linspace(-0.12, 0.12, len(ys)) if len(ys) > 1 else [place - 0.12]
+        axes.plot(xs, ys, _marker(curve), color=color, alpha=0.6, markersize=5, clip_on=False)
+        if group.estimate is None:
+            continue
+        mean = group.estimate.mean.value / scale
+        axes.errorbar(
+            [place + 0.2],
+            [mean],
+            yerr=_bars(group, scale),
+            fmt="_",
+            color=color,
+            markersize=14,
+            markeredgewidth=2.2,
+            capsize=4,
+        )
+
+
+def _draw_directions(axes: PolarAxes, panel: Panel) -> None:
+    """Pushes by direction, seen from above: forward is up, left is left."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes.set_theta_zero_location("N")
+    axes.set_thetagrids([0, 90, 180, 270], ["forward", "left", "back", "right"])
+    axes.set_rlabel_position(-22.5)
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
+    axes.grid(visible=True)
+    scale = panel.quantity.scale
+    curves = [*panel.curves, *([] if panel.reference is None else [panel.reference])]
+    for curve in curves:
+        shown = [group for group in curve.groups if group.estimate is not None]
+        angles = [np.radians(group.x.value) for group in shown]
+        means = [group.estimate.mean.value / scale for group in shown if group.estimate]
+        axes.plot(
+            [*angles, *angles[:1]],
+            [*means, *means[:1]],
+            marker=_marker(curve),
+            linestyle=_line(curve),
+            color=_color(curve),
+            markersize=4,
+        )
+        if curve.style >= 0:
+            for group in shown:
+                at = [np.radians(point.x.value) for point in group.runs]
+                ys = [point.y.value / scale for point in group.runs]
+                axes.plot(at, ys, _marker(curve), color=_color(curve), alpha=0.4, markersize=3)
+    axes.set_ylim(0, 1.08 * max([*_values(panel), 0.1]))

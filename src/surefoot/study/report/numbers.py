@@ -1,0 +1,138 @@
+"""Numbers that know where they are stored, and what several runs say together.
+
+Each number on a page names its source: a place in a file of the study, such as
+``loco_safe_dagger/seed-0/metrics.jsonl#/3/falls`` (a file, and a JSON pointer into it), or a formula
+of such places, such as ``div(A;B)`` or ``mean(A;B;C)``. So a reader, and a test, can check the page
+against the files. The run is the unit: the interval of a mean is taken over runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t
+
+from surefoot.evaluation.statistics import Interval, wilson
+
+CONFIDENCE = 0.95
+"""Confidence of all intervals."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of a report.
+
+    Attributes:
+        value: The number, in the unit in which it is stored; NaN where it has not been measured.
+        source: Where it is stored, or how it follows from what is stored.
+        trials: Number of trials, if the number is the share of these that had an outcome; else 0.
+    """
+
+    value: float
+    source: str
+    trials: int = 0
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it has been measured."""
+        return math.isfinite(self.value)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What several runs say together.
+
+    Attributes:
+        mean: Mean over the runs that have a number.
+        low: Lower end of the mean's interval over runs; None where there is no interval.
+        high: Upper end of that interval.
+        runs: Number of runs that have a number.
+    """
+
+    mean: Number
+    low: Number | None
+    high: Number | None
+    runs: int
+
+
+def stored(value: float | None, file: str, *keys: str | int) -> Number:
+    """A number that stands in a file of a study.
+
+    Args:
+        value: The number; None where the file has null.
+        file: The file, relative to the folder of the study.
+        keys: Keys and positions that lead to the number in the file; the first one of a
+            ``.jsonl`` file is the position of the line, from 0 on.
+    """
+    pointer = "".join(f"/{key}" for key in keys)
+    return Number(math.nan if value is None else float(value), f"{file}#{pointer}")
+
+
+def share(part: Number, whole: Number) -> Number:
+    """The share of trials that had an outcome; not known without any trial."""
+    source = f"div({part.source};{whole.source})"
+    if not whole.is_known or whole.value == 0.0:
+        return Number(math.nan, source)
+    return Number(part.value / whole.value, source, int(whole.value))
+
+
+def total(numbers: Sequence[Number]) -> Number:
+    """The sum of some numbers."""
+    source = ";".join(number.source for number in numbers)
+    return Number(math.fsum(number.value for number in numbers), f"add({source})")
+
+
+def difference(a: Number, b: Number) -> Number:
+    """The number a without the number b."""
+    return Number(a.value - b.value, f"sub({a.source};{b.source})")
+
+
+def over_runs(numbers: Sequence[Number]) -> Estimate | None:
+    """The mean over runs, with its interval; None if no run has a number.
+
+    Args:
+        numbers: The number of each run, in the same unit.
+    """
+    known = [number for number in numbers if number.is_known]
+    if not known:
+        return None
+    values = [number.value for number in known]
+    sources = ";".join(number.source for number in known)
+    mean = Number(float(np.mean(values)), f"mean({sources})")
+    interval = interval_over_runs(values, [number.trials for number in known])
+    if interval is None:
+        return Estimate(mean, None, None, len(known))
+    low = Number(interval[0], f"low({sources})")
+    high = Number(interval[1], f"high({sources})")
+    return Estimate(mean, low, high, len(known))
+
+
+def interval_over_runs(values: Sequence[float], trials: Sequence[int]) -> Interval | None:
+    """The 95 % interval of a mean over runs.
+
+    It is the t interval over the runs' values; shares end at 0 and 1. Where all runs agree, they say
+    nothing about their spread: if all of them are 0 or all 1, the interval is Wilson's of all trials
+    together, which is too narrow if the trials of a run depend on each other; else there is none.
+
+    Args:
+        values: The value of each run.
+        trials: Number of trials of each run, of which its value is a share; else 0.
+
+    Returns:
+        Both ends; None for a single run, and where runs agree on anything else than 0 or 1.
+    """
+    n = len(values)
+    is_share = all(count > 0 for count in trials)
+    if n > 1 and float(np.ptp(values)) > 0.0:
+        half = float(t.ppf(0.5 + CONFIDENCE / 2, n - 1) * np.std(values, ddof=1) / math.sqrt(n))
+        mean = float(np.mean(values))
+        if is_share:
+            return max(mean - half, 0.0), min(mean + half, 1.0)
+        return mean - half, mean + half
+    if n > 1 and is_share and values[0] in (0.0, 1.0):
+        pooled = sum(trials)
+        return wilson(round(values[0] * pooled), pooled)
+    return None
