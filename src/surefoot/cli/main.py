@@ -22,6 +22,7 @@ from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.make_starts import MakeStarts
 from surefoot.cli.play import Play
 from surefoot.cli.progress import log_shown
+from surefoot.cli.report import Report
 from surefoot.cli.study import Study
 from surefoot.cli.train import Train, parse_train
 from surefoot.cli.walk import Walk
@@ -57,6 +58,7 @@ COMMANDS = {
     "compare": Entry(Compare, "Compare the policies of several runs, and the expert."),
     "play": Entry(Play, "Film a policy, or a recorded episode of a run."),
     "study": Entry(Study, "Run many trainings and measurements, and see how far they are."),
+    "report": Entry(Report, "Make the page of a study with its figures, or the card of a run."),
     "gate-warnings": Entry(MeasureWarnings, "Measure how early the gates of a run warn of falls."),
     "make-starts": Entry(MakeStarts, "Make a new set of initial states."),
     "bench": Entry(Bench, "Measure throughput, compared with lower bounds."),

@@ -18,10 +18,12 @@ class Report:
     The page, report.html, needs no network and no other file; figures/ beside it has each figure as
     PNG and PDF. A study that is not complete has a report of what is there.
 
-    JSON keys: of a study its name, title, commit, version, missing (cells that lack a result),
-    predictions, verdicts (claims and comparisons) and figures, each with rows of panels, and in
-    these every number with its source; of a run its method, iterations, best iteration, failures
-    (each with the command that replays it) and figures.
+    JSON keys of a study: study, title, commit, version, missing (cells that lack a result),
+    predictions, verdicts (claims and comparisons), figures (rows of panels; each number has its
+    value and its source).
+
+    JSON keys of a run: folder, method, config, versions, best_iteration, metrics, tests, policy,
+    policy_sha256, failures (each with the command that replays it), figures.
     """
 
     target: Annotated[Path, tyro.conf.Positional]
@@ -34,7 +36,8 @@ class Report:
     def __call__(self) -> int:
         """Read the results, write the page, and say where it is."""
         from surefoot.runs.run import CONFIG_FILE
-        from surefoot.study.report.run_card import run_card, write_run_card
+        from surefoot.study.report.run_card import run_card
+        from surefoot.study.report.run_page import write_run_card
         from surefoot.study.report.study_page import study_report, write_study_report
         from surefoot.study.results import STUDY_FILE, read_results
 

@@ -15,7 +15,7 @@ from surefoot.study.report.source import StageSource, collections, grouped, titl
 from surefoot.study.results import CellResult, StudyResults
 
 MONITORED = ("safe_dagger", "loco_safe_dagger")
-"""Methods in which an expert that takes over is to prevent falls: the paper counts divergence only."""
+"""Methods whose gate calls the expert before a fall: the paper counts divergence only."""
 LIMIT = 0.05
 """The share of failed rollouts that the paper's text names (V-A)."""
 SHARE_LIMIT = 0.10
@@ -39,8 +39,8 @@ def collecting_figures(results: StudyResults) -> tuple[ReportFigure, ...]:
             _rows(
                 results,
                 (
-                    (_percent("failed, in the paper's count"), _paper_failures, LIMIT),
-                    (_percent("fell, whoever drove"), _falls, LIMIT),
+                    (_percent("failed, in the paper's count"), paper_failures, LIMIT),
+                    (_percent("fell, whoever drove"), falls, LIMIT),
                 ),
             ),
         ),
@@ -48,8 +48,8 @@ def collecting_figures(results: StudyResults) -> tuple[ReportFigure, ...]:
             "2-expert-share",
             "Share of the MPC while collecting data",
             "Share of the time of each iteration's rollouts in which the MPC drove: over the "
-            "rollout of duration T, as in the paper, and with the tail after it. The dashed line is "
-            "at 10 %, which the paper's text names.",
+            "rollout of duration T, as in the paper, and with the tail after it. The dashed line "
+            "is at 10 %, which the paper's text names.",
             "iterations",
             _rows(
                 results,
@@ -105,20 +105,26 @@ def _by_iteration(cells: Sequence[CellResult], value: ValueOf) -> tuple[Group, .
     return grouped(dict(sorted(places.items(), key=lambda item: item[1][0].x.value)))
 
 
-def _paper_failures(stage: StageSource, method: str) -> Number:
-    """Share of the rollouts that failed, as the paper counts them."""
+def paper_failures(stage: StageSource, method: str) -> Number:
+    """Share of an iteration's rollouts that failed, as the paper counts them.
+
+    Args:
+        stage: The record of the collection.
+        method: Name of the run's method.
+    """
     failed = stage.number("diverged")
     if method not in MONITORED:
-        falls = difference(stage.number("falls"), stage.number("falls_expert_driving"))
-        failed = total((failed, falls))
+        lost = difference(stage.number("falls"), stage.number("falls_expert_driving"))
+        failed = total((failed, lost))
     return share(failed, stage.number("episodes"))
 
 
-def _falls(stage: StageSource, _method: str) -> Number:
-    """Share of the rollouts that fell."""
+def falls(stage: StageSource, method: str = "") -> Number:
+    """Share of an iteration's rollouts that fell, which is the same count for all methods."""
+    del method
     return share(stage.number("falls"), stage.number("episodes"))
 
 
 def _field(name: str) -> ValueOf:
-    """A field of the collection as it is."""
-    return lambda stage, _method: stage.number(name)
+    """A field of the collection that is a share of a time."""
+    return lambda stage, _method: stage.share(name)

@@ -1,4 +1,4 @@
-"""Draws the figures of a report with Matplotlib, in the style and the palette of the package's plots.
+"""Draws the figures of a report with Matplotlib, in the style and palette of the package's plots.
 
 `draw` makes a figure of its panels. `save_pictures` writes it as PNG and PDF; `inline_svg` makes it
 part of a page: the colors become variables of the page's style, so that the same picture fits a
@@ -8,6 +8,7 @@ light and a dark page. Techniques differ in color, marker and line.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,6 +41,8 @@ DODGE = 0.13
 """Distance between techniques at the same iteration."""
 LOGARITHMIC = 30.0
 """An axis is logarithmic where its largest value is so many times its smallest."""
+PIXELS_PER_INCH = 118
+"""Size of a figure in a page that is wide enough."""
 LOOK: dict[RcKeyType, Any] = {
     **STYLE,
     "text.color": INK,
@@ -91,7 +94,13 @@ def draw(figure: ReportFigure) -> Figure:
                 _draw_panel(axes, figure, panel)
         if figure.kind != "techniques":
             handles = [_handle(curve) for curve in figure.curves]
-            drawn.legend(handles=handles, loc="outside upper left", ncols=min(len(handles), 5))
+            # Entries of so many characters fit beside each other.
+            widest = 0.6 + 0.085 * max(len(curve.title) for curve in figure.curves)
+            columns_that_fit = max(1, int(width / widest))
+            drawn.legend(handles=handles, loc="outside upper left", ncols=columns_that_fit)
+        # The layout is the same for all files: once is enough.
+        drawn.draw_without_rendering()
+        drawn.set_layout_engine("none")
     return drawn
 
 
@@ -149,6 +158,7 @@ def inline_svg(drawn: Figure, figure: ReportFigure) -> Markup:
     title_id = f"{figure.name}-title"
     head = (
         f'<svg class="figure" role="img" aria-labelledby="{title_id}" '
+        f'style="max-width: {PIXELS_PER_INCH * width:g}px" '
         f'viewBox="0 0 {72 * width:g} {72 * height:g}" '
         'xmlns:xlink="http://www.w3.org/1999/xlink" xmlns="http://www.w3.org/2000/svg">'
         f'<title id="{title_id}">{escaped(alternative(figure))}</title>'
@@ -198,8 +208,8 @@ def _line(curve: Curve) -> Any:
 
 def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
     """Draw one panel."""
-    if not panel.curves and panel.reference is None:
-        axes.text(0.5, 0.5, "no results yet", transform=axes.transAxes, ha="center", va="center")
+    if not _values(panel):
+        axes.text(0.5, 0.5, "nothing measured", transform=axes.transAxes, ha="center", va="center")
         axes.set_xticks([])
         axes.set_yticks([])
         return
@@ -220,8 +230,8 @@ def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
                 axes.axhline(value, color=INK, linestyle=EXPERT_LINE, linewidth=1.5)
     if panel.limit is not None:
         axes.axhline(panel.limit / quantity.scale, color=INK, linestyle="--", linewidth=0.8)
-    unit = f" [{quantity.unit}]" if quantity.unit else ""
-    axes.set_ylabel(_plain(f"{quantity.title}{unit}"))
+    named = quantity.title in panel.title
+    axes.set_ylabel(_plain(quantity.unit if named else f"{quantity.title} [{quantity.unit}]"))
     axes.set_xlabel(AXIS_TITLES[figure.kind])
     _scale(axes, figure, panel)
     if figure.kind == "iterations":
@@ -255,8 +265,7 @@ def _scale(axes: Axes, figure: ReportFigure, panel: Panel) -> None:
     if panel.limit is not None:
         top = max(top, 1.5 * panel.limit / panel.quantity.scale)
     if panel.quantity.is_share:
-        most = 1.0 / panel.quantity.scale
-        axes.set_ylim(-0.02 * most, most * 1.03 if top > 0.5 * most else max(1.25 * top, 5.0))
+        _scale_share(axes, min(values), top, 1.0 / panel.quantity.scale)
         return
     spread = min(values) > 0.0 and top / min(values) > LOGARITHMIC
     if figure.kind == "frames" and spread:
@@ -265,14 +274,38 @@ def _scale(axes: Axes, figure: ReportFigure, panel: Panel) -> None:
     axes.set_ylim(-0.03 * top if top else -0.03, 1.25 * top if top else 1.0)
 
 
-def _bars(group: Group, scale: float) -> Any:
-    """How far the interval of a mean reaches below and above it."""
-    estimate = group.estimate
-    if estimate is None or estimate.low is None or estimate.high is None:
-        return None
-    below = (estimate.mean.value - estimate.low.value) / scale
-    above = (estimate.high.value - estimate.mean.value) / scale
-    return [[max(below, 0.0)], [max(above, 0.0)]]
+def _scale_share(axes: Axes, lowest: float, top: float, most: float) -> None:
+    """Set the vertical axis of shares: as a whole, or the part of it where all of them are.
+
+    Args:
+        axes: The axes.
+        lowest: The smallest share.
+        top: The largest share.
+        most: The share 1 in the unit that is written.
+    """
+    if top <= 0.5 * most:
+        axes.set_ylim(-0.05 * top, max(1.25 * top, 0.05 * most))
+    elif lowest >= 0.5 * most:
+        bottom = most / 10 * np.floor(10 * lowest / most - 0.3)
+        axes.set_ylim(bottom, most + 0.04 * (most - bottom))
+    else:
+        axes.set_ylim(-0.03 * most, 1.03 * most)
+
+
+def _bars(groups: Sequence[Group], scale: float) -> Any:
+    """How far the intervals of means reach below and above them; NaN where there is none."""
+    below = []
+    above = []
+    for group in groups:
+        estimate = group.estimate
+        if estimate is None or estimate.low is None or estimate.high is None:
+            below.append(np.nan)
+            above.append(np.nan)
+            continue
+        # Rounding may leave the mean just outside.
+        below.append(max((estimate.mean.value - estimate.low.value) / scale, 0.0))
+        above.append(max((estimate.high.value - estimate.mean.value) / scale, 0.0))
+    return [below, above]
 
 
 def _draw_curve(axes: Axes, panel: Panel, curve: Curve, kind: str, shift: float) -> None:
@@ -281,30 +314,24 @@ def _draw_curve(axes: Axes, panel: Panel, curve: Curve, kind: str, shift: float)
     unit = 1000.0 if kind == "frames" else 1.0
     move = shift if kind == "iterations" else 0.0
     color = _color(curve)
-    xs = []
-    ys = []
-    for group in curve.groups:
-        for point in group.runs:
-            axes.plot(
-                [point.x.value / unit + move],
-                [point.y.value / scale],
-                _marker(curve),
-                color=color,
-                markersize=3.5,
-                alpha=0.45,
-                markeredgewidth=0,
-                zorder=2,
-            )
-        if group.estimate is None:
-            continue
-        x = group.x.value / unit + move
-        y = group.estimate.mean.value / scale
-        xs.append(x)
-        ys.append(y)
-        bars = _bars(group, scale)
-        if bars is not None:
-            axes.errorbar([x], [y], yerr=bars, color=color, linewidth=1.0, alpha=0.8, capsize=2)
-    axes.plot(xs, ys, marker=_marker(curve), linestyle=_line(curve), color=color, zorder=3)
+    marker = _marker(curve)
+    points = [point for group in curve.groups for point in group.runs]
+    axes.plot(
+        [point.x.value / unit + move for point in points],
+        [point.y.value / scale for point in points],
+        marker,
+        color=color,
+        markersize=3.5,
+        alpha=0.45,
+        markeredgewidth=0,
+        zorder=2,
+    )
+    groups = [group for group in curve.groups if group.estimate is not None]
+    xs = [group.x.value / unit + move for group in groups]
+    ys = [group.estimate.mean.value / scale for group in groups if group.estimate]
+    bars = _bars(groups, scale)
+    axes.errorbar(xs, ys, yerr=bars, fmt="none", ecolor=color, elinewidth=1.0, capsize=2)
+    axes.plot(xs, ys, marker=marker, linestyle=_line(curve), color=color, zorder=3)
 
 
 def _draw_technique(axes: Axes, panel: Panel, place: int, curve: Curve) -> None:
@@ -321,7 +348,7 @@ def _draw_technique(axes: Axes, panel: Panel, place: int, curve: Curve) -> None:
         axes.errorbar(
             [place + 0.2],
             [mean],
-            yerr=_bars(group, scale),
+            yerr=_bars([group], scale),
             fmt="_",
             color=color,
             markersize=14,

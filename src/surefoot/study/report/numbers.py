@@ -1,16 +1,18 @@
 """Numbers that know where they are stored, and what several runs say together.
 
 Each number on a page names its source: a place in a file of the study, such as
-``loco_safe_dagger/seed-0/metrics.jsonl#/3/falls`` (a file, and a JSON pointer into it), or a formula
-of such places, such as ``div(A;B)`` or ``mean(A;B;C)``. So a reader, and a test, can check the page
-against the files. The run is the unit: the interval of a mean is taken over runs.
+``loco_safe_dagger/seed-0/metrics.jsonl#/3/falls`` (a file, and a JSON pointer into it), or a
+formula of such places, such as ``div(A;B)`` or ``mean(A;B;C)``. Sums go over whole files:
+``add(F#/collect/falls)`` is that over all lines of the stage `collect`, ``add(F#/*/seconds)`` that
+over all lines that have the field, and a file's name may hold ``*`` and ``**``. So a reader, and a
+test, can check the page against the files. The run is the unit: intervals are taken over runs.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import t
@@ -28,12 +30,13 @@ class Number:
     Attributes:
         value: The number, in the unit in which it is stored; NaN where it has not been measured.
         source: Where it is stored, or how it follows from what is stored.
-        trials: Number of trials, if the number is the share of these that had an outcome; else 0.
+        trials: Number of trials, if the number is the share of these that had an outcome; 0 if it
+            is a share of something else, such as of a time; None if it is not a share.
     """
 
     value: float
     source: str
-    trials: int = 0
+    trials: int | None = None
 
     @property
     def is_known(self) -> bool:
@@ -71,6 +74,11 @@ def stored(value: float | None, file: str, *keys: str | int) -> Number:
     return Number(math.nan if value is None else float(value), f"{file}#{pointer}")
 
 
+def stored_share(value: float | None, file: str, *keys: str | int) -> Number:
+    """A share that stands in a file, and is not one of trials; arguments as of `stored`."""
+    return replace(stored(value, file, *keys), trials=0)
+
+
 def share(part: Number, whole: Number) -> Number:
     """The share of trials that had an outcome; not known without any trial."""
     source = f"div({part.source};{whole.source})"
@@ -79,9 +87,14 @@ def share(part: Number, whole: Number) -> Number:
     return Number(part.value / whole.value, source, int(whole.value))
 
 
-def total(numbers: Sequence[Number]) -> Number:
-    """The sum of some numbers."""
-    source = ";".join(number.source for number in numbers)
+def total(numbers: Sequence[Number], source: str = "") -> Number:
+    """The sum of some numbers.
+
+    Args:
+        numbers: The numbers.
+        source: All their places in short; without it, their sources one by one.
+    """
+    source = source or ";".join(number.source for number in numbers)
     return Number(math.fsum(number.value for number in numbers), f"add({source})")
 
 
@@ -110,29 +123,31 @@ def over_runs(numbers: Sequence[Number]) -> Estimate | None:
     return Estimate(mean, low, high, len(known))
 
 
-def interval_over_runs(values: Sequence[float], trials: Sequence[int]) -> Interval | None:
+def interval_over_runs(values: Sequence[float], trials: Sequence[int | None]) -> Interval | None:
     """The 95 % interval of a mean over runs.
 
-    It is the t interval over the runs' values; shares end at 0 and 1. Where all runs agree, they say
-    nothing about their spread: if all of them are 0 or all 1, the interval is Wilson's of all trials
-    together, which is too narrow if the trials of a run depend on each other; else there is none.
+    It is the t interval over the runs' values; shares end at 0 and 1. Where all runs agree, they
+    say nothing about their spread: if all of them are 0 or all 1, the interval is Wilson's of all
+    trials together, which is too narrow if the trials of a run depend on each other; else there is
+    none.
 
     Args:
         values: The value of each run.
-        trials: Number of trials of each run, of which its value is a share; else 0.
+        trials: Number of trials of each run, as in `Number`.
 
     Returns:
         Both ends; None for a single run, and where runs agree on anything else than 0 or 1.
     """
     n = len(values)
-    is_share = all(count > 0 for count in trials)
+    counts = [count for count in trials if count is not None]
+    is_share = len(counts) == n
     if n > 1 and float(np.ptp(values)) > 0.0:
         half = float(t.ppf(0.5 + CONFIDENCE / 2, n - 1) * np.std(values, ddof=1) / math.sqrt(n))
         mean = float(np.mean(values))
         if is_share:
             return max(mean - half, 0.0), min(mean + half, 1.0)
         return mean - half, mean + half
-    if n > 1 and is_share and values[0] in (0.0, 1.0):
-        pooled = sum(trials)
+    if n > 1 and is_share and min(counts) > 0 and values[0] in (0.0, 1.0):
+        pooled = sum(counts)
         return wilson(round(values[0] * pooled), pooled)
     return None

@@ -1,7 +1,7 @@
 """What a figure shows, as records: the same for its picture, its table and the JSON.
 
-A figure has rows of panels; a panel has a curve for each technique, a curve a group of runs for each
-place on the axis, and a group every run as a point with the mean over runs. `collecting` and
+A figure has rows of panels; a panel has a curve for each technique, a curve a group of runs for
+each place on the axis, and a group every run as a point with the mean over runs. `collecting` and
 `performance` make them of results, `drawing` and `tables` show them.
 """
 
@@ -14,8 +14,8 @@ from typing import Literal
 from surefoot.study.report.numbers import Estimate, Number, over_runs
 
 Kind = Literal["iterations", "frames", "directions", "techniques"]
-"""What the horizontal axis counts: iterations, frames of the dataset, directions of a push [deg], or
-nothing, where each technique has a place of its own."""
+"""What the horizontal axis counts: iterations, frames of the dataset, directions of a push [deg],
+or nothing, where each technique has a place of its own."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class ReportFigure:
         caption: What it shows, in whole sentences.
         kind: What its horizontal axis counts.
         rows: Rows of panels; all rows have the same number of panels.
-        runs_named: Whether several runs are shown at each place.
+        over_runs: Whether its values are means over runs; else they are those of one run.
     """
 
     name: str
@@ -123,7 +123,7 @@ class ReportFigure:
     caption: str
     kind: Kind
     rows: tuple[tuple[Panel, ...], ...]
-    runs_named: bool = True
+    over_runs: bool = True
 
     @property
     def panels(self) -> tuple[Panel, ...]:
@@ -155,6 +155,4 @@ def group_of(label: str, runs: Sequence[RunPoint]) -> Group:
 
 def grid(panels: Sequence[Panel], columns: int) -> tuple[tuple[Panel, ...], ...]:
     """Panels in rows of a number of columns; the last row may be shorter."""
-    return tuple(
-        tuple(panels[first : first + columns]) for first in range(0, len(panels), columns)
-    )
+    return tuple(tuple(panels[first : first + columns]) for first in range(0, len(panels), columns))

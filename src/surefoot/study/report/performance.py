@@ -117,8 +117,8 @@ def _error_figure(results: StudyResults, measurement: Measurement) -> ReportFigu
         "Velocity tracking against the size of the dataset",
         f"Mean squared error of vx, vy and yaw rate ({measurement.title}), in thousandths. Above "
         "as in the paper: successful episodes only, the whole of each. Below: all episodes that "
-        "last so long, from 1 s on. A policy without such episodes has no error. The dotted line is "
-        "the expert.",
+        "last so long, from 1 s on. A policy without such episodes has no error. The dotted line "
+        "is the expert.",
         "frames",
         tuple(rows),
     )

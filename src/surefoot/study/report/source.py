@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from surefoot.config.study import EXPERT, Technique
 from surefoot.runs.metrics import Collected, StageRecord
-from surefoot.study.report.numbers import Number, stored
+from surefoot.study.report.numbers import Number, stored, stored_share
 from surefoot.study.report.panels import Curve, Group, RunPoint, group_of
 from surefoot.study.results import CellResult, PolicyTest, StudyResults
 
@@ -40,6 +40,10 @@ class StageSource:
             value = value[key]
         return stored(value, self.file, self.line, field, *keys)
 
+    def share(self, field: str) -> Number:
+        """The number of a field that is a share of a time."""
+        return stored_share(vars(self.record)[field], self.file, self.line, field)
+
 
 @dataclass(frozen=True)
 class TestSource:
@@ -67,7 +71,7 @@ class TestSource:
         return self._of("robustness", self.test.robustness, field, keys)
 
     def pushes(self, field: str, *keys: int) -> Number:
-        """A number of the impulses that it withstands; not known if these have not been measured."""
+        """A number of the impulses that it withstands; not known if not measured."""
         return self._of("pushes", self.test.pushes, field, keys)
 
     def _of(self, part: str, record: object, field: str, keys: tuple[int, ...]) -> Number:

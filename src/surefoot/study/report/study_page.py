@@ -177,9 +177,7 @@ def _head(results: StudyResults, report: StudyReport) -> Markup:
             "a result:"
         )
         parts.append(
-            element(
-                "div", joined([notice, element("ul", joined(names))]), {"class": "notice"}
-            )
+            element("div", joined([notice, element("ul", joined(names))]), {"class": "notice"})
         )
     parts.append(paragraph(ABOUT_INTERVALS, "soft"))
     return element("header", joined(parts))
@@ -278,7 +276,9 @@ def _setup(results: StudyResults) -> list[Markup]:
         )
         for each in study.techniques
     ]
-    settings = [(escaped(each.title), code(each.name), _options(each.options)) for each in study.settings]
+    settings = [
+        (escaped(each.title), code(each.name), _options(each.options)) for each in study.settings
+    ]
     measurements = [
         (
             escaped(each.title),
@@ -291,9 +291,7 @@ def _setup(results: StudyResults) -> list[Markup]:
         for each in study.measurements
     ]
     return [
-        table(
-            "Techniques", ("technique", "name", "method", "preset", "other options"), techniques
-        ),
+        table("Techniques", ("technique", "name", "method", "preset", "other options"), techniques),
         table("Settings", ("setting", "name", "options"), settings),
         table(
             "Measurements",

@@ -1,24 +1,26 @@
-"""The tables of a study's report: beside each figure, costs, what ran where, versions and hashes."""
+"""The tables of a study's report: beside each figure, costs, jobs, versions and hashes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from surefoot.runs.metrics import Collected, StageRecord, Trained, Validated
+from surefoot.runs.metrics import Best, Collected
 from surefoot.study.report.markup import (
     COUNT,
     MISSING,
     Markup,
     code,
+    element,
     escaped,
     interval,
     joined,
     number,
     table,
 )
-from surefoot.study.report.numbers import Number, over_runs, stored, total
+from surefoot.study.report.numbers import Estimate, Number, over_runs, stored, total
 from surefoot.study.report.panels import Curve, Panel, Quantity, ReportFigure
-from surefoot.study.report.source import stages
+from surefoot.study.report.source import METRICS_FILE, stages
 from surefoot.study.results import CellResult, JobRecord, StudyResults
 
 SECONDS = Quantity("", "", 1.0, 1)
@@ -56,17 +58,19 @@ def _panel_table(figure: ReportFigure, panel: Panel) -> Markup:
         "techniques": (),
     }[figure.kind]
     unit = f" [{quantity.unit}]" if quantity.unit else ""
-    head = ("technique", *place, f"mean{unit}", "95 % interval", "runs")
+    numbers = (f"mean{unit}", "95 % interval", "runs")
+    if not figure.over_runs:
+        numbers = (f"value{unit}", "95 % interval")
+    head = ("technique", *place, *numbers)
     return table(panel.title or figure.title, head, rows)
 
 
-def _curve_rows(
-    figure: ReportFigure, quantity: Quantity, curve: Curve
-) -> list[tuple[Markup, ...]]:
+def _curve_rows(figure: ReportFigure, quantity: Quantity, curve: Curve) -> list[tuple[Markup, ...]]:
     """The rows of a technique."""
     rows = []
     for group in curve.groups:
-        runs = joined([number(point.y, quantity, unit=False) for point in group.runs], ", ")
+        points = [number(point.y, quantity, unit=False) for point in group.runs]
+        runs = element("span", joined(points, ", "), {"class": "runs"})
         place: tuple[Markup, ...] = ()
         if figure.kind == "frames":
             place = (escaped(group.label.removeprefix("policy ")), number(group.x))
@@ -75,24 +79,33 @@ def _curve_rows(
         mean = MISSING
         spread = MISSING
         if group.estimate is not None:
-            mean = number(group.estimate.mean, quantity, unit=False)
-            spread = interval(group.estimate, quantity)
-        rows.append((escaped(curve.title), *place, mean, spread, runs))
+            estimate = in_row(group.estimate) if figure.over_runs else group.estimate
+            mean = number(estimate.mean, quantity, unit=False)
+            spread = interval(estimate, quantity)
+        every = (runs,) if figure.over_runs else ()
+        rows.append((escaped(curve.title), *place, mean, spread, *every))
     return rows
+
+
+def in_row(estimate: Estimate) -> Estimate:
+    """An estimate whose sources say that its runs stand in the same row, which is short."""
+    low = None if estimate.low is None else replace(estimate.low, source="low(row)")
+    high = None if estimate.high is None else replace(estimate.high, source="high(row)")
+    return replace(estimate, mean=replace(estimate.mean, source="mean(row)"), low=low, high=high)
 
 
 def cost_of(cell: CellResult) -> tuple[Number, ...]:
     """What a run cost: the columns of `COST_TITLES`. Pre-training, tails and queries count."""
+    file = f"{cell.cell.name}/{METRICS_FILE}"
     records = stages(cell.metrics, cell.cell.name)
     collected = [each for each in records if isinstance(each.record, Collected)]
-    timed = [each for each in records if _is_timed(each.record)]
-    costs = [total([each.number(field) for each in collected]) for field in COSTS]
-    return (*costs, total([each.number("seconds") for each in timed]))
-
-
-def _is_timed(record: StageRecord) -> bool:
-    """Whether a stage has a wall time."""
-    return isinstance(record, Collected | Trained | Validated) or record.stage.startswith("gate_")
+    timed = [each for each in records if not isinstance(each.record, Best)]
+    costs = [
+        total([each.number(field) for each in collected], f"{file}#/collect/{field}")
+        for field in COSTS
+    ]
+    seconds = total([each.number("seconds") for each in timed], f"{file}#/*/seconds")
+    return (*costs, seconds)
 
 
 def cost_tables(results: StudyResults) -> Markup:
@@ -152,13 +165,8 @@ def job_table(results: StudyResults) -> Markup:
 
 def job_seconds(results: StudyResults) -> Number:
     """How long all jobs ran together [s]."""
-    return total(
-        [
-            stored(job.seconds, f"{cell.cell.name}/jobs/{job.job}.json", "seconds")
-            for cell in results.cells
-            for job in cell.jobs
-        ]
-    )
+    seconds = [Number(job.seconds, "") for cell in results.cells for job in cell.jobs]
+    return total(seconds, "**/jobs/*.json#/seconds")
 
 
 def processors(jobs: Sequence[JobRecord]) -> tuple[str, ...]:
