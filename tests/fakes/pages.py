@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 from surefoot.study.report.numbers import interval_over_runs
 
@@ -77,10 +78,11 @@ class Page(HTMLParser):
 
 def check_numbers(page: Page, folder: Path) -> None:
     """Every number is what its source says, and its text is that number."""
+    files = Files(folder)
     for number in page.numbers:
         source = number.attributes["data-source"]
         value = float(number.attributes["value"])
-        found, _ = Files(folder).compute(source, runs_of_row(page, number, folder))
+        found, _ = files.compute(source, runs_of_row(page, number, files))
         assert math.isclose(value, found, rel_tol=1e-12, abs_tol=1e-15), (number, found)
         written = float(number.text.replace(",", ""))
         digits = len(number.text.partition(".")[2])
@@ -88,11 +90,10 @@ def check_numbers(page: Page, folder: Path) -> None:
         assert abs(written - scaled) <= 0.5000001 * 10**-digits, number
 
 
-def runs_of_row(page: Page, number: Shown, folder: Path) -> list[tuple[float, int | None]]:
+def runs_of_row(page: Page, number: Shown, files: "Files") -> list[tuple[float, int | None]]:
     """What the runs that stand in the row of a number have, from the files."""
     if not number.attributes["data-source"].endswith("(row)"):
         return []
-    files = Files(folder)
     return [
         files.compute(each.attributes["data-source"], [])
         for each in page.numbers
@@ -103,10 +104,9 @@ def runs_of_row(page: Page, number: Shown, folder: Path) -> list[tuple[float, in
 class Files:
     """Reads the places that sources name, with nothing of the code that made the page."""
 
-    cache: dict[Path, object] = {}  # noqa: RUF012
-
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.cache: dict[Path, Any] = {}
 
     def compute(self, source: str, row: list) -> tuple[float, int | None]:
         """The value of a source, and the number of trials if it is a share."""
@@ -149,7 +149,7 @@ class Files:
             values.append(content)
         return [float(value) for value in values]
 
-    def content(self, path: Path):
+    def content(self, path: Path) -> Any:
         """The JSON of a file; of a file of lines, all of them."""
         if path not in self.cache:
             text = path.read_text()

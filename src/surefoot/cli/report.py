@@ -30,12 +30,17 @@ class Report:
     """The folder of a study, the name of one under studies/, or the folder of a run."""
     out: Path | None = None
     """The folder for the page and the figures; without it, that of the study or of the run."""
+    films: bool = True
+    """Film the best policy of each technique of a study under the same push, where policies are
+    kept and a picture can be drawn."""
     json: Path | None = None
     """Write what the page shows to this file, as JSON."""
 
     def __call__(self) -> int:
         """Read the results, write the page, and say where it is."""
         from surefoot.runs.run import CONFIG_FILE
+        from surefoot.study.report.films import study_films
+        from surefoot.study.report.markup import NOTHING
         from surefoot.study.report.run_card import run_card
         from surefoot.study.report.run_page import write_run_card
         from surefoot.study.report.study_page import study_report, write_study_report
@@ -46,7 +51,8 @@ class Report:
         if (folder / STUDY_FILE).is_file():
             results = read_results(folder)
             report = study_report(results)
-            page = write_study_report(results, report, out)
+            films = study_films(results) if self.films else NOTHING
+            page = write_study_report(results, report, out, films)
         elif (folder / CONFIG_FILE).is_file():
             report = run_card(folder)
             page = write_run_card(report, out)

@@ -92,7 +92,7 @@ def draw(figure: ReportFigure) -> Figure:
                 axes: Any = drawn.add_subplot(len(figure.rows), columns, position, **projection)
                 axes.set_title(panel.title, loc="center" if projection else "left")
                 _draw_panel(axes, figure, panel)
-        if figure.kind != "techniques":
+        if figure.kind != "techniques" and figure.over_runs:
             handles = [_handle(curve) for curve in figure.curves]
             # Entries of so many characters fit beside each other.
             widest = 0.6 + 0.085 * max(len(curve.title) for curve in figure.curves)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -45,6 +46,8 @@ IMPULSE = Quantity("", "N s", 1.0, 2)
 """An impulse."""
 SIMULATORS = {"mujoco": "MuJoCo", "bullet": "PyBullet"}
 """The simulators as their authors write them."""
+MOST_OPTIONS = 12
+"""A list of more options is folded at first."""
 MOST_FAILURES = 20
 """A list of more failures is folded at first."""
 
@@ -68,8 +71,13 @@ def write_run_card(card: RunCard, folder: Path) -> Path:
         save_pictures(drawn, figure, folder / FIGURES_FOLDER)
         pictures.append(inline_svg(drawn, figure))
     path = folder / PAGE_FILE
-    write_atomic(path, document(f"Model card: {card.folder.name}", run_body(card, pictures)))
+    write_atomic(path, document(_title(card), run_body(card, pictures)))
     return path
+
+
+def _title(card: RunCard) -> str:
+    """Title of the page."""
+    return f"Model card: {card.method}, {card.folder.resolve().name}"
 
 
 def run_body(card: RunCard, pictures: Sequence[Markup]) -> Markup:
@@ -88,7 +96,7 @@ def run_body(card: RunCard, pictures: Sequence[Markup]) -> Markup:
         ("failures", "Known failures", _failures(card)),
         ("provenance", "Versions and hashes", _provenance(card)),
     ]
-    title = element("h1", escaped(f"Model card: {card.folder.name}"))
+    title = element("h1", escaped(_title(card)))
     return joined([title, *(section(*part) for part in parts)])
 
 
@@ -107,7 +115,9 @@ def _what(card: RunCard, policy: Policy | None) -> list[Markup]:
     if card.best_iteration is None:
         state = "not finished: no best policy yet"
     else:
-        state = f"the policy of iteration {card.best_iteration} did best on `select`"
+        state = (
+            f"the policy of iteration {card.best_iteration} did best on the select initial states"
+        )
     pairs.append(("state", escaped(state)))
     if policy is not None:
         low, high = policy.command_range.tolist()
@@ -118,7 +128,7 @@ def _what(card: RunCard, policy: Policy | None) -> list[Markup]:
             )
         )
         pairs.append(("commands trained on", escaped(ranges)))
-        pairs.append(("play it", code(f"surefoot play {card.policy}")))
+        pairs.append(("play it", code(f"surefoot play {shlex.quote(str(card.policy))}")))
     return [facts(pairs)]
 
 
@@ -160,7 +170,11 @@ def _training(card: RunCard) -> list[Markup]:
     return [
         facts(pairs),
         table("Iterations; 0 is the pre-training", head, rows),
-        table("Options that differ from the paper's", ("option", "here", "paper"), options),
+        folded(
+            f"{len(options)} options that differ from the paper's",
+            table("Options that differ from the paper's", ("option", "here", "paper"), options),
+            len(options) <= MOST_OPTIONS,
+        ),
         folded("The whole configuration", element("pre", code(whole))),
     ]
 
@@ -275,10 +289,10 @@ def _interval(low: Number, high: Number, quantity: Quantity = SUCCESS) -> Markup
 def _limits(card: RunCard, policy: Policy | None) -> list[Markup]:
     """What must not be expected of the policy."""
     simulator = SIMULATORS[card.config.simulation.backend]
-    disturbed = list(changes_of_disturbance(card))
+    disturbed = list(_disturbances(card))
     texts = [
-        f"Everything here was collected in {simulator}. Nothing of it has been tried on a robot; "
-        "`surefoot evaluate` measures a policy in the other simulator.",
+        f"Everything here was collected in {simulator}, and nothing of it has been tried on a "
+        "robot. The command surefoot evaluate measures a policy in the other simulator.",
         "The success on the select initial states chose the best policy, and so flatters it; what "
         "is to be reported is measured on the test initial states.",
         "This is one run. Another seed of the data or of the training gives another policy, which "
@@ -294,7 +308,7 @@ def _limits(card: RunCard, policy: Policy | None) -> list[Markup]:
     return [element("ul", joined([element("li", escaped(text)) for text in texts]))]
 
 
-def changes_of_disturbance(card: RunCard) -> list[str]:
+def _disturbances(card: RunCard) -> list[str]:
     """What disturbed the robots while data was collected, as options with their values."""
     prefix = "collection."
     return [

@@ -63,7 +63,7 @@ dd { margin: 0; overflow-wrap: anywhere; }
 .fails { color: var(--bad); }
 .films { display: flex; flex-wrap: wrap; gap: 1rem; }
 .films figure { width: min(100%, 20rem); }
-.films img { width: 100%; height: auto; border: 1px solid var(--line); }
+.films video { width: 100%; height: auto; border: 1px solid var(--line); }
 @media (max-width: 40rem) { dl { grid-template-columns: 1fr; gap: 0; } dd { margin: 0 0 0.5rem; } }
 """)
 PAGE = Template("""<!doctype html>
