@@ -43,6 +43,8 @@ LOGARITHMIC = 30.0
 """An axis is logarithmic where its largest value is so many times its smallest."""
 PIXELS_PER_INCH = 118
 """Size of a figure in a page that is wide enough."""
+LAYOUT_PASSES = 2
+"""Names of directions beside a circle are seen by the second pass of the layout only."""
 LOOK: dict[RcKeyType, Any] = {
     **STYLE,
     "text.color": INK,
@@ -98,8 +100,9 @@ def draw(figure: ReportFigure) -> Figure:
             widest = 0.6 + 0.085 * max(len(curve.title) for curve in figure.curves)
             columns_that_fit = max(1, int(width / widest))
             drawn.legend(handles=handles, loc="outside upper left", ncols=columns_that_fit)
-        # The layout is the same for all files: once is enough.
-        drawn.draw_without_rendering()
+        # The layout settles when it is done again, and is then the same for all files.
+        for _ in range(LAYOUT_PASSES):
+            drawn.draw_without_rendering()
         drawn.set_layout_engine("none")
     return drawn
 
@@ -265,6 +268,18 @@ def _scale(axes: Axes, figure: ReportFigure, panel: Panel) -> None:
     if panel.limit is not None:
         top = max(top, 1.5 * panel.limit / panel.quantity.scale)
     if panel.quantity.is_share:
+        if not figure.over_runs:
+            # The intervals of one run are those of its episodes, and not as wide.
+            ends = [
+                end.value / panel.quantity.scale
+                for curve in panel.curves
+                for group in curve.groups
+                if group.estimate is not None
+                for end in (group.estimate.low, group.estimate.high)
+                if end is not None
+            ]
+            values = [*values, *ends]
+            top = max(top, *ends) if ends else top
         _scale_share(axes, min(values), top, 1.0 / panel.quantity.scale)
         return
     spread = min(values) > 0.0 and top / min(values) > LOGARITHMIC

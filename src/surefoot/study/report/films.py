@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 from base64 import b64encode
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -129,6 +129,8 @@ def film_policy(title: str, config: Config, policy: Path | None, run: str) -> Fi
     pushes = Pushes(impulse, np.array([[push_tick]]), PUSH_TICKS)
     episodes = Episodes(start, DURATION, disturbance=Disturbance(pushes=pushes))
     arbiter = ExpertOnly() if policy is None else PolicyOnly()
+    # What counts as a fall is what does so in the measurement of pushes.
+    config = replace(config, safety=replace(config.safety, fall_angle=config.push.fall_angle))
     rollouts, _ = play_out(Job(config, episodes, arbiter, policy=policy))
     length = max(int(rollouts.length[0]), 1)
     recording = Recording(
@@ -145,7 +147,8 @@ def film_policy(title: str, config: Config, policy: Path | None, run: str) -> Fi
         outcome = f"falls after {length / 1000:.2f} s"
     with TemporaryDirectory() as folder:
         path = film(recording, Path(folder) / "film.mp4", title, rate=RATE, size=SIZE)
-        return Filmed(f"{title} ({run})", outcome, path.read_bytes())
+        name = title if policy is None else f"{title} ({run})"
+        return Filmed(name, outcome, path.read_bytes())
 
 
 def film_section(filmed: Sequence[Filmed]) -> Markup:

@@ -55,9 +55,10 @@ MOST_ROWS = 14
 """Tables of more rows are folded at first."""
 ABOUT_INTERVALS = (
     "The run is the unit: every run is a point, means are over runs, and intervals are 95 % t "
-    "intervals over the means of runs, which are wide with few runs and may reach beyond the axes. "
-    "Where all runs are at 0 or at 100 % the interval is Wilson's of all their episodes together. "
-    "A dash stands for what has not been measured, or has no interval."
+    "intervals over the means of runs, which are wide with few runs and may reach beyond the axes; "
+    "axes of shares may begin above 0. Where all runs are at 0 or at 100 % the interval is "
+    "Wilson's of all their episodes together. A dash stands for what has not been measured, or has "
+    "no interval."
 )
 """How to read figures and tables."""
 
