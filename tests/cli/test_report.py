@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.fakes.studies import paper_like, write_study
+from tests.fakes.study_folders import paper_like, write_study
 
 
 @pytest.fixture

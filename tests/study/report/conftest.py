@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.fakes.studies import paper_like, write_study
+from tests.fakes.study_folders import paper_like, write_study
 
 
 @pytest.fixture(scope="session")

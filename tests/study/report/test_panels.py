@@ -10,7 +10,7 @@ from surefoot.study.report.drawing import draw, inline_svg
 from surefoot.study.report.performance import performance_figures
 from surefoot.study.results import read_results
 from tests.fakes.runs import collected_record
-from tests.fakes.studies import paper_like, write_study
+from tests.fakes.study_folders import paper_like, write_study
 
 
 @pytest.fixture

@@ -72,13 +72,18 @@ def test_the_same_results_give_the_same_page(written, study_folder, tmp_path):
     assert again.read_text() == text
 
 
+def pretend(monkeypatch, module_name, function_name, verdict) -> None:
+    """Let a module of claims have one verdict on any results."""
+    module = ModuleType(f"surefoot.study.{module_name}")
+    vars(module)[function_name] = lambda results: (verdict,)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+
+
 def test_claims_and_comparisons_stand_with_their_verdicts(monkeypatch, study_folder, tmp_path):
-    module = ModuleType("surefoot.study.claims")
     claim = Verdict("Under 5 % fail.", "V-A", "does not hold", "7.5 %", "over <5 %")
     outcome = Verdict("BC withstands less.", "", "cannot tell", "0.1 N s", "p = 0.4")
-    vars(module)["paper_claims"] = lambda results: (claim,)
-    vars(module)["comparison_outcomes"] = lambda results: (outcome,)
-    monkeypatch.setitem(sys.modules, "surefoot.study.claims", module)
+    pretend(monkeypatch, "paper_claims", "paper_claims", claim)
+    pretend(monkeypatch, "comparisons", "comparison_outcomes", outcome)
     results = read_results(study_folder)
     report = study_report(results)
     assert report.verdicts.claims == (claim,) and report.verdicts.comparisons == (outcome,)

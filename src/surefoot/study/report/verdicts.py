@@ -79,7 +79,8 @@ class Verdicts:
 def verdicts_of(results: StudyResults) -> Verdicts:
     """Judge the claims and the planned comparisons of a study."""
     try:
-        from surefoot.study.claims import comparison_outcomes, paper_claims
+        from surefoot.study.comparisons import comparison_outcomes
+        from surefoot.study.paper_claims import paper_claims
     except ImportError:
         return Verdicts((), ())
     claims = paper_claims(results) if results.study.claims == "paper" else ()
