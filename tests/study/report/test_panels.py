@@ -6,8 +6,9 @@ import pytest
 
 from surefoot.config.study import Setting
 from surefoot.study.report.collecting import collecting_figures
-from surefoot.study.report.drawing import draw, inline_svg
+from surefoot.study.report.drawing import draw
 from surefoot.study.report.performance import performance_figures
+from surefoot.study.report.pictures import inline_svg
 from surefoot.study.results import read_results
 from tests.fakes.runs import collected_record
 from tests.fakes.study_folders import paper_like, write_study

@@ -2,5 +2,5 @@
 
 Everything that is shown goes the same way: `numbers` takes a number from a stored file and keeps
 the place where it stands, `panels` puts numbers into figures, `drawing` and `tables` show the same
-panels as pictures and as text, and `study_page` and `run_card` make the page of them.
+panels as pictures and as text, and `study_page` and `run_page` make a page of them.
 """

@@ -12,7 +12,7 @@ from surefoot.files import write_atomic
 from surefoot.learning.policy import Policy, load
 from surefoot.robots.solo12 import solo12
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
-from surefoot.study.report.drawing import draw, inline_svg, save_pictures
+from surefoot.study.report.drawing import draw
 from surefoot.study.report.markup import (
     COUNT,
     MISSING,
@@ -31,6 +31,7 @@ from surefoot.study.report.markup import (
 from surefoot.study.report.numbers import Number, share, total
 from surefoot.study.report.panels import Quantity
 from surefoot.study.report.performance import ERRORS, SUCCESS
+from surefoot.study.report.pictures import inline_svg, save_pictures
 from surefoot.study.report.run_card import RunCard, option_changes
 from surefoot.study.report.source import StageSource, TestSource, stages
 from surefoot.study.report.study_page import FIGURES_FOLDER, PAGE_FILE

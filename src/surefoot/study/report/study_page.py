@@ -15,7 +15,7 @@ from surefoot.config.study import Options
 from surefoot.files import write_atomic
 from surefoot.study.cells import cells_of
 from surefoot.study.report.collecting import collecting_figures
-from surefoot.study.report.drawing import draw, inline_svg, save_pictures
+from surefoot.study.report.drawing import draw
 from surefoot.study.report.markup import (
     NOTHING,
     Markup,
@@ -32,6 +32,7 @@ from surefoot.study.report.markup import (
 )
 from surefoot.study.report.panels import Quantity, ReportFigure
 from surefoot.study.report.performance import performance_figures
+from surefoot.study.report.pictures import inline_svg, save_pictures
 from surefoot.study.report.style import document
 from surefoot.study.report.tables import (
     cost_tables,
