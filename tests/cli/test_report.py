@@ -11,7 +11,7 @@ from tests.fakes.study_folders import paper_like, write_study
 @pytest.fixture
 def study_folder(tmp_path):
     study = paper_like(1)
-    study = replace(study, techniques=study.techniques[:2], comparisons=())
+    study = replace(study, techniques=study.techniques[:2], comparisons=(), claims="none")
     return write_study(tmp_path / "studies" / "mine", study, iterations=1)
 
 
