@@ -21,6 +21,7 @@ from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.make_starts import MakeStarts
 from surefoot.cli.play import Play
 from surefoot.cli.progress import log_shown
+from surefoot.cli.report import Report
 from surefoot.cli.streams import failure_of, lasting_output
 from surefoot.cli.study import Study
 from surefoot.cli.train import Train, parse_train
@@ -80,6 +81,7 @@ COMMANDS = {
         "Run many trainings and measurements, and see how far they are.",
         resume="the same command goes on with it",
     ),
+    "report": Entry(Report, "Make one HTML page of a study, or of a run."),
     "gate-warnings": Entry(
         MeasureWarnings,
         "Measure how early the gates of a run warn of falls.",
