@@ -5,8 +5,9 @@ has Newcombe's score interval for pairs. Other outcomes are drawn anew for a boo
 (`resamples`); several trainings are drawn anew as runs, and then the rollouts of each drawn run. A
 bootstrap of a sample without spread would claim certainty: where there is no spread, there is a
 score interval or none. With the few runs of a study `run_interval` is the one to use: a t interval
-over run means. All draws come from a fixed seed: the same data give the same interval. This module
-knows nothing of robots. Next: `robustness`, `push`.
+over run means. `study.run_statistics` has differences of two sets of runs. All draws come from a
+fixed seed: the same data give the same interval. This module knows nothing of robots. Next:
+`robustness`, `push`.
 """
 
 from __future__ import annotations
