@@ -2,7 +2,7 @@
 
 The folder of a study holds ``study.json`` and a folder for each cell, with the configuration of the
 run, its metrics, what was measured of its policies, a record of each job, and the policy that is
-kept. All of it can be committed; ``runs/``, ``jobs/`` and ``code/`` beside it are only needed while
+kept. All of it can be committed; the folders of runs, logs and code beside it are only needed while
 the study runs. `read_results` refuses results that do not belong together. Read `claims` and
 `report` for what is made of them.
 """
