@@ -132,3 +132,17 @@ def test_a_series_of_dataset_sizes_may_be_empty():
     assert BehaviorCloningConfig(frames=()).frames == ()
     with pytest.raises(ValueError, match=r"method\.frames\[1\] is 0; use 1 to"):
         BehaviorCloningConfig(frames=(5, 0))
+
+
+@pytest.mark.parametrize(
+    ("frames", "text"),
+    [
+        ((), "method.frames is empty, and without method.all_frames there is nothing"),
+        ((5, 9, 7), r"method.frames is \(5, 9, 7\); without method.all_frames the last size"),
+    ],
+)
+def test_a_series_without_all_frames_ends_with_its_largest_size(frames, text):
+    assert BehaviorCloningConfig(frames=frames).sizes == len(frames) + 1
+    with pytest.raises(ValueError, match=text):
+        BehaviorCloningConfig(frames=frames, all_frames=False)
+    assert BehaviorCloningConfig(frames=(5, 7), all_frames=False).sizes == 2

@@ -62,7 +62,31 @@ class BehaviorCloningConfig(Checked):
     frames: Annotated[tuple[int, ...], Within(1, 1_000_000_000_000)] = ()
     """A series of dataset sizes: each gives a policy that is trained on whole episodes with at most
     this many frames, the first ones in a random order that is fixed by the seed and mixes the
-    phases. The last policy is trained on all frames."""
+    phases."""
+    all_frames: bool = True
+    """The last policy is trained on all frames; if not, the series ends with the largest size of
+    `frames`, which has to be its last one."""
+
+    def __post_init__(self) -> None:
+        """Check the fields, and that the series ends with its largest size."""
+        super().__post_init__()
+        if self.all_frames:
+            return
+        if not self.frames:
+            raise ValueError(
+                "method.frames is empty, and without method.all_frames there is nothing to train "
+                "on; name a size"
+            )
+        if max(self.frames) != self.frames[-1]:
+            raise ValueError(
+                f"method.frames is {self.frames}; without method.all_frames the last size, whose "
+                "policy is the run's best, has to be the largest"
+            )
+
+    @property
+    def sizes(self) -> int:
+        """How many policies the series has."""
+        return len(self.frames) + self.all_frames
 
 
 @dataclass(frozen=True)

@@ -130,8 +130,9 @@ def first_work(config: Config) -> Work:
     method = config.method
     if isinstance(method, BehaviorCloningConfig):
         data = expert_work(method.data)
-        sizes = [*method.frames, data.robot_seconds * TICKS_PER_SECOND]
-        frames = sum(min(size, sizes[-1]) for size in sizes)
+        most = data.robot_seconds * TICKS_PER_SECOND
+        sizes = [*method.frames, most] if method.all_frames else method.frames
+        frames = sum(min(size, most) for size in sizes)
         return data + _training_steps(config, frames, method.epochs)
     data = expert_work(method.pretraining)
     frames = data.robot_seconds * TICKS_PER_SECOND
@@ -145,7 +146,7 @@ def training_work(config: Config) -> Work:
     validation = Work(robot_seconds=evaluation.episodes * evaluation.duration)
     work = first_work(config)
     if isinstance(method, BehaviorCloningConfig):
-        return work + validation * (1 + len(method.frames))
+        return work + validation * method.sizes
     frames = expert_work(method.pretraining).robot_seconds * TICKS_PER_SECOND
     rollouts = method.velocities * method.perturbations
     for i in range(1, method.iterations + 1):
@@ -187,7 +188,7 @@ def measuring_work(study: StudyConfig, job: StudyJob, config: Config) -> Work:
     if measurement.policies == "all":
         method = config.method
         is_cloning = isinstance(method, BehaviorCloningConfig)
-        policies += len(method.frames) if is_cloning else method.iterations
+        policies = method.sizes if is_cloning else 1 + method.iterations
     return Work(robot_seconds=seconds * policies)
 
 
