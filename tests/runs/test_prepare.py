@@ -58,6 +58,8 @@ def test_nothing_is_copied_twice(tmp_path, runs):
     [
         ({"seed": 6}, "data"),
         ({"chunk": 5}, "data"),
+        ({"starts": "nominal"}, "data"),
+        ({"pretraining": DisturbanceConfig(pushes=1)}, "data"),
         ({"policy": PolicyConfig(hidden=(8,))}, "policy"),
         ({"training": replace(CONFIG.training, batch=32)}, "policy"),
         ({"method": replace(METHODS["dagger"], pretraining_epochs=3)}, "policy"),

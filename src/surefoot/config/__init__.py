@@ -37,7 +37,13 @@ from surefoot.config.methods import (
 from surefoot.config.mpc import CentroidalConfig, ExpertConfig, FootholdRule, Gait, KinematicConfig
 from surefoot.config.robots import RobotConfig
 from surefoot.config.safety import GateName, HandBack, SafetyConfig
-from surefoot.config.scenarios import DisturbanceConfig, NoiseConfig, PerturbationConfig, Split
+from surefoot.config.scenarios import (
+    DisturbanceConfig,
+    NoiseConfig,
+    PerturbationConfig,
+    Split,
+    TeachingSplit,
+)
 from surefoot.config.sim import Backend, SimulationConfig
 
 __all__ = [
@@ -74,6 +80,7 @@ __all__ = [
     "Schedule",
     "SimulationConfig",
     "Split",
+    "TeachingSplit",
     "TrainingConfig",
     "method_config",
     "method_name",
@@ -99,8 +106,15 @@ class Config(Checked):
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
+    starts: TeachingSplit = "train"
+    """Where all rollouts begin that are learned from, the expert's and those of iterations: in
+    perturbed states (paper), or in the `nominal` ones of a settled gait cycle, ten phases at twenty
+    speeds, as on a robot that nobody throws about. There, each velocity and phase has one state."""
     collection: DisturbanceConfig = field(default_factory=DisturbanceConfig)
-    """Disturbances while data is collected; the pre-training of iterative methods has none."""
+    """Disturbances while data is collected, by behavior cloning or in iterations."""
+    pretraining: DisturbanceConfig = field(default_factory=DisturbanceConfig)
+    """Disturbances in the pre-training of iterative methods, none by default. Its `gentle` and
+    `expert_impulse` have no meaning there: pre-training is one iteration, without tails."""
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     push: PushConfig = field(default_factory=PushConfig)
 

@@ -32,9 +32,9 @@ class ExpertData(Checked):
     """How many equally spaced forward speeds are used."""
     perturbations: CountOrNone
     """How many perturbed initial states there are for each velocity and each of the ten phases of
-    the gait cycle; 0 leaves the nominal rollouts alone."""
+    the gait cycle; at most 1 from `nominal` starts. 0 leaves the rollouts from standing alone."""
     nominal: bool
-    """Add one unperturbed rollout for each velocity, from standing still."""
+    """Add one unperturbed rollout for each velocity, from standing still, whatever `starts` is."""
     duration: Duration
     """[s] how long a rollout lasts."""
 
@@ -109,7 +109,8 @@ class IterativeConfig(Checked):
     """Rollouts of an iteration: velocities x one random phase x perturbations (paper: 10 rollouts
     for LocoDAGGER)."""
     perturbations: Count = 1
-    """How many stored perturbations of each velocity an iteration draws, anew each time."""
+    """How many stored perturbations of each velocity an iteration draws, anew each time; from
+    `nominal` starts, how many of the ten phases."""
     T: Duration = 5.0
     """[s] how long a rollout lasts (paper)."""
     epochs: Epochs = 15

@@ -15,8 +15,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from surefoot.config import DaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.episodes import Episodes, Rollout
@@ -24,7 +22,7 @@ from surefoot.rollouts.jobs import Job
 from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.run import Run
-from surefoot.runs.sampling import disturbance_in, draw_starts, expert_rollouts
+from surefoot.runs.sampling import disturbance_in, draw_starts, pretraining_rollouts
 from surefoot.runs.stages import choose_best_policy, collect_data, train_policy, validate_policy
 from surefoot.types import BoolArray, PlanFunction
 from surefoot.workers import Workers
@@ -64,9 +62,9 @@ def collection(run: Run, k: int, plan: PlanFunction | None = None) -> Job:
     config = run.config
     method = parameters(run, DaggerConfig)
     if k == 0:
-        return expert_rollouts(config, method.pretraining, plan)
+        return pretraining_rollouts(config, method, plan)
     beta = method.p**k
-    starts = draw_starts(method, np.random.default_rng(run.seed("starts", k)))
+    starts = draw_starts(config, method, k)
     return Job(
         config,
         Episodes(starts, method.T, id=rollout_ids(k, len(starts))),

@@ -15,8 +15,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from surefoot.config import LocoDaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.episodes import Episodes
@@ -25,7 +23,7 @@ from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.query import Query
 from surefoot.runs.run import Run
-from surefoot.runs.sampling import disturbance_in, draw_starts, expert_rollouts
+from surefoot.runs.sampling import disturbance_in, draw_starts, pretraining_rollouts
 from surefoot.runs.stages import (
     choose_best_policy,
     collect_data,
@@ -74,9 +72,9 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     config = run.config
     method = parameters(run, LocoDaggerConfig)
     if i == 0:
-        return expert_rollouts(config, method.pretraining, plan)
+        return pretraining_rollouts(config, method, plan)
     p = method.alpha ** (i - 1)
-    starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
+    starts = draw_starts(config, method, i)
     return Job(
         config,
         Episodes(starts, method.T, id=rollout_ids(i, len(starts))),

@@ -15,8 +15,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from surefoot.config import LocoSafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.episodes import Episodes
@@ -29,7 +27,7 @@ from surefoot.runs.sampling import (
     disturbance_in,
     draw_starts,
     expert_frames,
-    expert_rollouts,
+    pretraining_rollouts,
     rising_share,
 )
 from surefoot.runs.stages import (
@@ -83,11 +81,11 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     config = run.config
     method = parameters(run, LocoSafeDaggerConfig)
     if i == 0:
-        return expert_rollouts(config, method.pretraining, plan)
+        return pretraining_rollouts(config, method, plan)
     share = rising_share(method.tightest, i, method.iterations)
     pi_safety = make_gate(run, i, method.gates, method.alarm, share)
     monitor = SafetyMonitor(pi_safety, method.T_block, method.hand_back)
-    starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
+    starts = draw_starts(config, method, i)
     return Job(
         config,
         Episodes(starts, method.T, tail=method.T_end, id=rollout_ids(i, len(starts))),

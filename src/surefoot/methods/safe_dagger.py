@@ -18,8 +18,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from surefoot.config import SafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.episodes import Episodes
@@ -28,7 +26,7 @@ from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.gate_training import make_gate, train_gates
 from surefoot.runs.run import Run
-from surefoot.runs.sampling import disturbance_in, draw_starts, expert_frames, expert_rollouts
+from surefoot.runs.sampling import disturbance_in, draw_starts, expert_frames, pretraining_rollouts
 from surefoot.runs.stages import (
     choose_best_policy,
     collect_data,
@@ -82,10 +80,10 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     config = run.config
     method = parameters(run, SafeDaggerConfig)
     if i == 0:
-        return expert_rollouts(config, method.pretraining, plan)
+        return pretraining_rollouts(config, method, plan)
     # Without blocking: the expert drives in the states called unsafe, and only in those.
     monitor = SafetyMonitor(make_gate(run, i, ["classifier"]), block=0.0)
-    starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
+    starts = draw_starts(config, method, i)
     return Job(
         config,
         Episodes(starts, method.T, id=rollout_ids(i, len(starts))),

@@ -10,8 +10,6 @@ from __future__ import annotations
 import warnings
 from typing import TypeVar
 
-import numpy as np
-
 from surefoot.config import (
     Config,
     ExpertData,
@@ -154,7 +152,10 @@ def _check_stored(config: Config, stored: StartSet) -> None:
             f"evaluation.episodes is {config.evaluation.episodes}; use 1 to {available}"
         )
     if isinstance(config.method, IterativeConfig):
-        draw_starts(config.method, np.random.default_rng())
+        expert_rollouts(config, config.method.pretraining)
+        draw_starts(config, config.method, 1)
+    else:
+        expert_rollouts(config, config.method.data)
 
 
 def _check_held_out(config: Config, pretraining: ExpertData) -> None:

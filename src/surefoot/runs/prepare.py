@@ -19,7 +19,7 @@ from surefoot.runs.run import Run, RunError
 
 Shared = Literal["data", "policy"]
 """What two runs begin with alike: their first data, or also the policy trained on it."""
-DATA_SECTIONS = ("seed", "chunk", "robot", "simulation", "gait", "expert", "safety")
+DATA_SECTIONS = ("seed", "chunk", "robot", "simulation", "gait", "expert", "safety", "starts")
 """Parts of a configuration that fix expert rollouts, beside the method's own."""
 
 
@@ -37,7 +37,7 @@ def first_stage(config: Config, shared: Shared) -> list[Any]:
     method = config.method
     fixed = [values[section] for section in DATA_SECTIONS]
     if isinstance(method, IterativeConfig):
-        fixed.append(to_json(method.pretraining))
+        fixed += [to_json(method.pretraining), values["pretraining"]]
         trained: list[Any] = [method.pretraining_epochs]
     else:
         fixed += [to_json(method.data), values["collection"]]

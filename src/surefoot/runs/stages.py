@@ -30,7 +30,7 @@ from surefoot.runs.episode_ids import end_of_iteration, shard_name
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
 from surefoot.runs.precision import kept_precision
 from surefoot.runs.run import Run, RunError
-from surefoot.runs.sampling import expert_rollouts, series_order
+from surefoot.runs.sampling import pretraining_rollouts, series_order
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers, each_chunk
@@ -49,7 +49,7 @@ def pretrain(
         workers: Processes that run the rollouts.
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
     """
-    collect_data(run, 0, expert_rollouts(run.config, method.pretraining, plan), workers)
+    collect_data(run, 0, pretraining_rollouts(run.config, method, plan), workers)
     train_policy(run, 0, method.pretraining_epochs)
 
 
