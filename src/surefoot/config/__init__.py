@@ -20,6 +20,7 @@ from surefoot.config.learning import (
     PolicyConfig,
     Precision,
     Schedule,
+    Steps,
     TrainingConfig,
 )
 from surefoot.config.methods import (
@@ -80,6 +81,7 @@ __all__ = [
     "Schedule",
     "SimulationConfig",
     "Split",
+    "Steps",
     "TeachingSplit",
     "TrainingConfig",
     "method_config",

@@ -11,11 +11,14 @@ from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
 from surefoot.config.checked import Checked, Duration, Seconds, Share, Within
+from surefoot.config.learning import Steps
 from surefoot.config.safety import HISTORY_HORIZON, GateName, HandBack
 from surefoot.errors import unknown
 
 Epochs = Annotated[int, Within(1, 1_000_000)]
 """Passes over the data."""
+StepCount = Annotated[int, Within(1, 1_000_000_000)]
+"""Steps of the optimizer."""
 Count = Annotated[int, Within(1, 10_000)]
 """How many velocities or perturbations of the stored initial states are used."""
 CountOrNone = Annotated[int, Within(0, 10_000)]
@@ -59,6 +62,9 @@ class BehaviorCloningConfig(Checked):
     """400 rollouts of 3 s (paper, IV-F)."""
     epochs: Epochs = 150
     """Passes over the data (paper, IV-F)."""
+    steps: StepCount | None = None
+    """Steps of the optimizer in each training, instead of `epochs`: as many as another method
+    takes, however much data there is."""
     frames: Annotated[tuple[int, ...], Within(1, 1_000_000_000_000)] = ()
     """A series of dataset sizes: each gives a policy that is trained on whole episodes with at most
     this many frames, the first ones in a random order that is fixed by the seed and mixes the
@@ -82,6 +88,11 @@ class BehaviorCloningConfig(Checked):
                 f"method.frames is {self.frames}; without method.all_frames the last size, whose "
                 "policy is the run's best, has to be the largest"
             )
+
+    @property
+    def training(self) -> int | Steps:
+        """How long each training lasts: a number of passes over the data, or of steps."""
+        return self.epochs if self.steps is None else Steps(self.steps)
 
     @property
     def sizes(self) -> int:
@@ -115,6 +126,22 @@ class IterativeConfig(Checked):
     """[s] how long a rollout lasts (paper)."""
     epochs: Epochs = 15
     """Passes over the data in an iteration (paper)."""
+    pretraining_steps: StepCount | None = None
+    """Steps of the optimizer in the pre-training, instead of `pretraining_epochs`."""
+    steps: StepCount | None = None
+    """Steps of the optimizer in an iteration, instead of `epochs`."""
+
+    @property
+    def first_training(self) -> int | Steps:
+        """How long the pre-training lasts: a number of passes over the data, or of steps."""
+        if self.pretraining_steps is None:
+            return self.pretraining_epochs
+        return Steps(self.pretraining_steps)
+
+    @property
+    def training(self) -> int | Steps:
+        """How long the training of an iteration lasts: passes over the data, or steps."""
+        return self.epochs if self.steps is None else Steps(self.steps)
 
 
 @dataclass(frozen=True)

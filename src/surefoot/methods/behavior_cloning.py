@@ -50,13 +50,13 @@ def behavior_cloning(run: Run, workers: Workers, plan: PlanFunction | None = Non
 
     # Train pi on the first episodes of D in a random order, a policy for each size of the series
     for size, frames in enumerate(method.frames):
-        train_policy(run, size, method.epochs, first_frames(run, frames), fresh=True)
+        train_policy(run, size, method.training, first_frames(run, frames), fresh=True)
         validate_policy(run, size, workers)
 
     # Train pi on D
     last = method.sizes - 1
     if method.all_frames:
-        train_policy(run, last, method.epochs, run.dataset, fresh=True)
+        train_policy(run, last, method.training, run.dataset, fresh=True)
         validate_policy(run, last, workers)
 
     choose_best_policy(run, last, first=last)

@@ -60,7 +60,7 @@ def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
         # Policy rollout, and data collection from its states
         collect_data(run, i, collection(run, i, plan), workers)
         # Train pi_i on D
-        train_policy(run, i, method.epochs)
+        train_policy(run, i, method.training)
         validate_policy(run, i, workers)
 
     choose_best_policy(run, method.iterations)

@@ -38,11 +38,11 @@ def first_stage(config: Config, shared: Shared) -> list[Any]:
     fixed = [values[section] for section in DATA_SECTIONS]
     if isinstance(method, IterativeConfig):
         fixed += [to_json(method.pretraining), values["pretraining"]]
-        trained: list[Any] = [method.pretraining_epochs]
+        trained: list[Any] = [to_json(method.first_training)]
     else:
         fixed += [to_json(method.data), values["collection"]]
         # A series of dataset sizes begins with its smallest.
-        trained = [method.epochs, method.frames]
+        trained = [to_json(method.training), method.frames]
     if shared == "data":
         return fixed
     return [*fixed, *trained, values["policy"], values["training"]]

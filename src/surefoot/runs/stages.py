@@ -14,7 +14,7 @@ from contextlib import closing
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.config import IterativeConfig
+from surefoot.config import IterativeConfig, Steps
 from surefoot.evaluation.robustness import evaluate
 from surefoot.files import load_arrays, save_arrays
 from surefoot.learning.dataset import Dataset
@@ -50,7 +50,7 @@ def pretrain(
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
     """
     collect_data(run, 0, pretraining_rollouts(run.config, method, plan), workers)
-    train_policy(run, 0, method.pretraining_epochs)
+    train_policy(run, 0, method.first_training)
 
 
 def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collected:
@@ -233,14 +233,14 @@ def first_frames(run: Run, frames: int) -> Dataset:
 
 
 def train_policy(
-    run: Run, iteration: int, epochs: int, data: Dataset | None = None, fresh: bool = False
+    run: Run, iteration: int, epochs: int | Steps, data: Dataset | None = None, fresh: bool = False
 ) -> Trained:
     """Train pi_i on D, starting from pi_{i-1}; the first starts from random weights.
 
     Args:
         run: The run.
         iteration: The iteration i.
-        epochs: Number of passes over the data.
+        epochs: Number of passes over the data, or of steps.
         data: Data to train on; None for D of iteration i.
         fresh: Whether to start from the random weights again.
 
@@ -266,7 +266,7 @@ def train_policy(
     record = done or run.append_metrics(
         Trained(
             iteration=iteration,
-            epochs=epochs,
+            epochs=len(result.train_loss),
             steps=result.steps,
             frames=result.frames,
             episodes=data.episodes,
@@ -280,22 +280,23 @@ def train_policy(
     )
     checkpoint.unlink(missing_ok=True)
     logger.info(
-        f"iteration {iteration}: {epochs} epochs on {result.frames} frames, "
+        f"iteration {iteration}: {result.steps} steps on {result.frames} frames, "
         f"L1 {result.train_loss[-1]:.4f} rad, held out {result.validation_loss[-1]:.4f} rad"
     )
     return record
 
 
-def _fit(run: Run, iteration: int, epochs: int, data: Dataset, fresh: bool) -> FitResult:
+def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bool) -> FitResult:
     """Fit a network under a progress bar; it resumes from the checkpoint if there is one."""
     config = run.config
     if iteration == 0 or fresh:
         network = PolicyNetwork(config.policy, run.torch_seed("network", 0))
     else:
         network = load(run.policy_path(iteration - 1)).network
-    with tqdm(total=epochs, desc=f"iteration {iteration}: train", unit="epoch", leave=False) as bar:
+    with tqdm(desc=f"iteration {iteration}: train", unit="epoch", leave=False) as bar:
 
-        def progress(_epoch: int, _epochs: int, train_loss: float, validation_loss: float) -> None:
+        def progress(_epoch: int, epochs: int, train_loss: float, validation_loss: float) -> None:
+            bar.total = epochs
             bar.set_postfix(train=f"{train_loss:.4f}", validation=f"{validation_loss:.4f}")
             bar.update()
 

@@ -23,6 +23,7 @@ from surefoot.config import (
     ExpertData,
     LocoDaggerConfig,
     SafeDaggerConfig,
+    Steps,
 )
 from surefoot.config.json_io import from_json, read_json
 from surefoot.config.study import EXPERT, StudyConfig, measured_config
@@ -133,10 +134,10 @@ def first_work(config: Config) -> Work:
         most = data.robot_seconds * TICKS_PER_SECOND
         sizes = [*method.frames, most] if method.all_frames else method.frames
         frames = sum(min(size, most) for size in sizes)
-        return data + _training_steps(config, frames, method.epochs)
+        return data + _training_steps(config, frames, method.training)
     data = expert_work(method.pretraining)
     frames = data.robot_seconds * TICKS_PER_SECOND
-    return data + _training_steps(config, frames, method.pretraining_epochs)
+    return data + _training_steps(config, frames, method.first_training)
 
 
 def training_work(config: Config) -> Work:
@@ -167,7 +168,7 @@ def training_work(config: Config) -> Work:
             kept = SHARE_OF_EXPERT * seconds + tail
             driven = Work(kept * PLANS_PER_SECOND, seconds + tail)
         frames += kept * TICKS_PER_SECOND
-        work = work + driven + _training_steps(config, frames, method.epochs) + validation
+        work = work + driven + _training_steps(config, frames, method.training) + validation
     return work + validation
 
 
@@ -199,8 +200,10 @@ def expert_work(data: ExpertData) -> Work:
     return Work(seconds * PLANS_PER_SECOND, seconds)
 
 
-def _training_steps(config: Config, frames: float, epochs: int) -> Work:
+def _training_steps(config: Config, frames: float, epochs: int | Steps) -> Work:
     """The steps of a training."""
+    if isinstance(epochs, Steps):
+        return Work(steps=epochs.count)
     kept = frames * (1.0 - config.training.validation)
     return Work(steps=epochs * kept / config.training.batch)
 

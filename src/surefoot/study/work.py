@@ -140,7 +140,7 @@ def make_shared(folder: Path, study: StudyConfig, job: StudyJob, piece: Slice) -
     collect_data(run, 0, method.collection(run, 0, None), ONE_WORKER)
     if job.shared == "policy":
         assert isinstance(run.config.method, IterativeConfig)
-        train_policy(run, 0, run.config.method.pretraining_epochs)
+        train_policy(run, 0, run.config.method.first_training)
 
 
 def train_cell(folder: Path, study: StudyConfig, job: StudyJob, piece: Slice) -> None:
