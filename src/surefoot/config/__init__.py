@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar
 
+from surefoot.config.budget import BudgetConfig
 from surefoot.config.checked import Checked, Within
 from surefoot.config.evaluation import EvaluationConfig, PushConfig
 from surefoot.config.learning import (
@@ -51,6 +52,7 @@ __all__ = [
     "METHODS",
     "Backend",
     "BehaviorCloningConfig",
+    "BudgetConfig",
     "CentroidalConfig",
     "Config",
     "DaggerConfig",
@@ -117,6 +119,7 @@ class Config(Checked):
     pretraining: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     """Disturbances in the pre-training of iterative methods, none by default. Its `gentle` and
     `expert_impulse` have no meaning there: pre-training is one iteration, without tails."""
+    budget: BudgetConfig = field(default_factory=BudgetConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     push: PushConfig = field(default_factory=PushConfig)
 

@@ -19,6 +19,7 @@ from surefoot.config import DaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
+from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.run import Run
@@ -46,14 +47,16 @@ def dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path
     method = parameters(run, DaggerConfig)
     check_config(run.config)
 
-    for k in range(method.iterations + 1):
+    last = 0
+    for k in iterations_within_budget(run, method.iterations, first=0):
         # Sample trajectories, D <- D u {(s, pi*(s))}
         collect_data(run, k, collection(run, k, plan), workers)
         # Train pi_{i+1} on D
         train_policy(run, k, method.training if k > 0 else method.first_training)
         validate_policy(run, k, workers)
+        last = k
 
-    choose_best_policy(run, method.iterations)
+    choose_best_policy(run, last)
     return run.best_policy_path
 
 

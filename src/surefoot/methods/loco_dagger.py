@@ -19,6 +19,7 @@ from surefoot.config import LocoDaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job
+from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.query import Query
@@ -56,14 +57,16 @@ def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
     pretrain(run, method, workers, plan)
     validate_policy(run, 0, workers)
 
-    for i in range(1, method.iterations + 1):
+    last = 0
+    for i in iterations_within_budget(run, method.iterations):
         # Policy rollout, and data collection from its states
         collect_data(run, i, collection(run, i, plan), workers)
         # Train pi_i on D
         train_policy(run, i, method.training)
         validate_policy(run, i, workers)
+        last = i
 
-    choose_best_policy(run, method.iterations)
+    choose_best_policy(run, last)
     return run.best_policy_path
 
 

@@ -22,6 +22,7 @@ from surefoot.config import SafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job
+from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.gate_training import make_gate, train_gates
@@ -63,15 +64,17 @@ def safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
     train_gates(run, 0, ["classifier"], method.unsafe_share)
     validate_policy(run, 0, workers)
 
-    for i in range(1, method.iterations + 1):
+    last = 0
+    for i in iterations_within_budget(run, method.iterations):
         # Roll out pi_i, D <- D u D'
         collect_data(run, i, collection(run, i, plan), workers)
         # Train pi_{i+1} on D, and pi_safe
         train_policy(run, i, method.training)
         train_gates(run, i, ["classifier"], method.unsafe_share)
         validate_policy(run, i, workers)
+        last = i
 
-    choose_best_policy(run, method.iterations)
+    choose_best_policy(run, last)
     return run.best_policy_path
 
 

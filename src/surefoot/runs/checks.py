@@ -26,6 +26,7 @@ from surefoot.learning.step import choose_device
 from surefoot.mpc.identity import ExpertIdentity, difference, identity_of
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.jobs import PLANNER
+from surefoot.runs.budget import SECONDS_PER_SOLVE, first_allowance
 from surefoot.runs.metrics import Collected
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import draw_starts, expert_rollouts
@@ -55,6 +56,7 @@ def check_config(config: Config) -> None:
     """
     stored = load_starts()
     _check_stored(config, stored)
+    _check_budget(config)
     if isinstance(config.method, IterativeConfig) and _learns_deviations(config.method):
         _check_held_out(config, config.method.pretraining)
     choose_device(config.training.device)
@@ -158,6 +160,26 @@ def _check_stored(config: Config, stored: StartSet) -> None:
         expert_rollouts(config, config.method.data)
 
 
+def _check_budget(config: Config) -> None:
+    """Check that the budget pays for a rollout of the expert, without which there is no policy.
+
+    Raises:
+        ValueError: It does not.
+    """
+    allowed = first_allowance(config)
+    method = config.method
+    iterative = isinstance(method, IterativeConfig)
+    data = method.pretraining if iterative else method.data
+    if allowed is None or allowed * SECONDS_PER_SOLVE >= data.duration - 1e-9:
+        return
+    field = "method.pretraining" if iterative else "method.data"
+    share = "times budget.pretraining " if iterative else ""
+    raise ValueError(
+        f"budget.expert_seconds {share}is {allowed * SECONDS_PER_SOLVE:g} s, which does not pay "
+        f"for one rollout of {data.duration} s ({field}.duration): use more, or shorter rollouts"
+    )
+
+
 def _check_held_out(config: Config, pretraining: ExpertData) -> None:
     """Check that tau can be chosen on the frames of the pre-training that are held out.
 
@@ -170,6 +192,9 @@ def _check_held_out(config: Config, pretraining: ExpertData) -> None:
             "training.validation is 0, but tau is chosen on frames held out; use 0.1, for example"
         )
     episode = expert_rollouts(config, pretraining).episode
+    allowed = first_allowance(config)
+    if allowed is not None:
+        episode = episode[: int(allowed * SECONDS_PER_SOLVE / pretraining.duration)]
     if not held_out(episode, share).any():
         raise ValueError(
             f"training.validation is {share}, which holds out none of the {len(episode)} rollouts "

@@ -14,6 +14,7 @@ from surefoot.config import Config, IterativeConfig
 from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
 from surefoot.learning.policy import Policy, load, save
+from surefoot.runs.budget import first_allowance
 from surefoot.runs.episode_ids import iteration_of_shard
 from surefoot.runs.run import Run, RunError
 
@@ -36,6 +37,7 @@ def first_stage(config: Config, shared: Shared) -> list[Any]:
     values = to_json(config)
     method = config.method
     fixed = [values[section] for section in DATA_SECTIONS]
+    fixed.append(first_allowance(config))
     if isinstance(method, IterativeConfig):
         fixed += [to_json(method.pretraining), values["pretraining"]]
         trained: list[Any] = [to_json(method.first_training)]

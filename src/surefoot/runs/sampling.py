@@ -80,6 +80,8 @@ def expert_rollouts(
         first = stored.rows(split)[0, 0, stored.velocities(split, data.velocities)]
         speeds = np.unique(stored[split].command[first], axis=0)
         starts = join_starts([at_rest(standing(solo12(config.robot)), speeds), starts])
+    rng = np.random.default_rng(seed_of(config.seed, "series", 0))
+    starts = _in_order(config, starts, rng)
     return Job(
         config,
         Episodes(starts, data.duration, id=rollout_ids(0, len(starts))),
@@ -156,7 +158,14 @@ def draw_starts(config: Config, method: IterativeConfig, i: int) -> Starts:
         rows = _phases_of_the_cycle(stored, method, rng)
     else:
         rows = _perturbed_states(stored, method, rng)
-    return stored[split][rows]
+    return _in_order(config, stored[split][rows], rng)
+
+
+def _in_order(config: Config, starts: Starts, rng: np.random.Generator) -> Starts:
+    """Initial states in the order of their ids; random if a budget may end their rollouts early."""
+    if config.budget.expert_seconds is None:
+        return starts
+    return starts[series_order(load_starts().phases(starts.id), rng)]
 
 
 def _phases_of_the_cycle(
