@@ -27,6 +27,7 @@ from surefoot.config import (
 )
 from surefoot.config.json_io import from_json, read_json
 from surefoot.config.study import EXPERT, StudyConfig, measured_config
+from surefoot.evaluation import imitation
 from surefoot.files import write_json
 from surefoot.runs.versions import processor
 from surefoot.study.cells import StudyJob, cell_config, jobs_of
@@ -176,6 +177,9 @@ def measuring_work(study: StudyConfig, job: StudyJob, config: Config) -> Work:
     """What it takes to measure the policies of a cell."""
     measurement = study.measurement(job.measurement)
     measured = measured_config(config, measurement)
+    if measurement.measure == "imitation":
+        seconds = imitation.ROLLOUTS * imitation.DURATION
+        return Work(seconds * PLANS_PER_SECOND, seconds)
     if measurement.measure == "impulse":
         push = measured.push
         robots = push.speeds * PHASES

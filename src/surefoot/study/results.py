@@ -17,6 +17,7 @@ from typing import TypeVar
 from surefoot.config import Config
 from surefoot.config.json_io import from_json, read_json
 from surefoot.config.study import StudyConfig
+from surefoot.evaluation.imitation import ImitationError
 from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
@@ -86,6 +87,7 @@ class PolicyTest:
         sha256: SHA-256 of the policy's file; None for the expert.
         robustness: Its robustness, where that is measured.
         pushes: The impulses that it withstands, where these are measured.
+        imitation: Its deviation from the expert's targets, where that is measured.
     """
 
     iteration: int
@@ -93,6 +95,7 @@ class PolicyTest:
     sha256: str | None
     robustness: Robustness | None = None
     pushes: PushResult | None = None
+    imitation: ImitationError | None = None
 
 
 @dataclass(frozen=True)
