@@ -52,7 +52,7 @@ class Entry:
 COMMANDS = {
     "doctor": Entry(Doctor, "Check this machine, and say how to fix what is broken."),
     "walk": Entry(Walk, "Let the expert walk, and film it."),
-    "train": Entry(Train, "Train a policy with one of the five methods."),
+    "train": Entry(Train, "Train a policy with one of the six methods."),
     "evaluate": Entry(Evaluate, "Measure robustness and tracking of a policy and the expert."),
     "compare": Entry(Compare, "Compare the policies of several runs, and the expert."),
     "play": Entry(Play, "Film a policy, or a recorded episode of a run."),

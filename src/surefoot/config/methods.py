@@ -1,6 +1,6 @@
 """The methods' parameters as frozen dataclasses: the paper's numbers, in its symbols.
 
-The four iterative methods share `IterativeConfig`: a pre-training on expert rollouts, then
+The iterative methods share `IterativeConfig`: a pre-training on expert rollouts, then
 iterations that collect and train. The methods themselves are in `surefoot.methods`, one file each.
 """
 
@@ -228,12 +228,29 @@ class LocoSafeDaggerConfig(IterativeConfig):
             )
 
 
+@dataclass(frozen=True)
+class DartConfig(IterativeConfig):
+    """DART (Laskey et al., 2017): the expert drives under noise of the size of the learner's error.
+
+    The paper does not have it; the numbers of the rollouts are those of DAGGER.
+    """
+
+    name: ClassVar[str] = "dart"
+
+    noise_scale: Annotated[float, Within(0.0, 1000.0)] = 1.0
+    """Factor on the covariance of the learner's error in torque, from which the noise is drawn."""
+    noise_hold: Annotated[float, Within(0.001, 60.0)] = 0.05
+    """[s] how long a draw of the noise is held, one period of the MPC: white noise of 1 kHz would
+    average out."""
+
+
 MethodConfig = (
     BehaviorCloningConfig
     | DaggerConfig
     | SafeDaggerConfig
     | LocoDaggerConfig
     | LocoSafeDaggerConfig
+    | DartConfig
 )
 
 METHODS: Mapping[str, type[MethodConfig]] = {
@@ -244,9 +261,10 @@ METHODS: Mapping[str, type[MethodConfig]] = {
         SafeDaggerConfig,
         LocoDaggerConfig,
         LocoSafeDaggerConfig,
+        DartConfig,
     )
 }
-"""Methods and their parameters, in the paper's order."""
+"""Methods and their parameters, in the paper's order; DART is not in the paper."""
 
 
 def method_config(name: str) -> MethodConfig:

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 from surefoot.config import (
     Config,
+    DartConfig,
     ExpertData,
     Gait,
     IterativeConfig,
@@ -57,8 +58,9 @@ def check_config(config: Config) -> None:
     stored = load_starts()
     _check_stored(config, stored)
     _check_budget(config)
-    if isinstance(config.method, IterativeConfig) and _learns_deviations(config.method):
-        _check_held_out(config, config.method.pretraining)
+    purpose = _use_of_held_out(config.method)
+    if isinstance(config.method, IterativeConfig) and purpose:
+        _check_held_out(config, config.method.pretraining, purpose)
     choose_device(config.training.device)
 
 
@@ -180,8 +182,13 @@ def _check_budget(config: Config) -> None:
     )
 
 
-def _check_held_out(config: Config, pretraining: ExpertData) -> None:
-    """Check that tau can be chosen on the frames of the pre-training that are held out.
+def _check_held_out(config: Config, pretraining: ExpertData, purpose: str) -> None:
+    """Check that frames of the pre-training are held out.
+
+    Args:
+        config: Configuration of the run.
+        pretraining: The expert rollouts of the pre-training.
+        purpose: What they are needed for, as the end of a sentence.
 
     Raises:
         ValueError: None of its rollouts is held out.
@@ -189,7 +196,7 @@ def _check_held_out(config: Config, pretraining: ExpertData) -> None:
     share = config.training.validation
     if share == 0.0:
         raise ValueError(
-            "training.validation is 0, but tau is chosen on frames held out; use 0.1, for example"
+            f"training.validation is 0, but {purpose} frames held out; use 0.1, for example"
         )
     episode = expert_rollouts(config, pretraining).episode
     allowed = first_allowance(config)
@@ -198,13 +205,16 @@ def _check_held_out(config: Config, pretraining: ExpertData) -> None:
     if not held_out(episode, share).any():
         raise ValueError(
             f"training.validation is {share}, which holds out none of the {len(episode)} rollouts "
-            "of method.pretraining, but tau is chosen on frames held out; use a larger share, or "
+            f"of method.pretraining, but {purpose} frames held out; use a larger share, or "
             "more velocities or perturbations"
         )
 
 
-def _learns_deviations(method: MethodConfig) -> bool:
-    """Whether a classifier learns where the policy deviates from the expert by more than tau."""
-    if isinstance(method, LocoSafeDaggerConfig):
-        return "classifier" in method.gates
-    return isinstance(method, SafeDaggerConfig)
+def _use_of_held_out(method: MethodConfig) -> str:
+    """What a method does with frames that are held out, besides validation; empty if nothing."""
+    if isinstance(method, DartConfig):
+        return "the noise is fitted to"
+    classifies = isinstance(method, LocoSafeDaggerConfig) and "classifier" in method.gates
+    if classifies or isinstance(method, SafeDaggerConfig):
+        return "tau is chosen on"
+    return ""
