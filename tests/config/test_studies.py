@@ -35,7 +35,8 @@ def test_the_paper_study_runs_the_papers_own_protocol():
     assert methods["loco_dagger-0.8"] == LocoDaggerConfig(alpha=0.8)
     cloning = methods["behavior_cloning"]
     assert isinstance(cloning, BehaviorCloningConfig)
-    assert cloning.frames[:4] == (112_000, 250_000, 400_000, 550_000)
+    assert cloning.frames == (112_000, 250_000, 400_000, 550_000, 736_000)
+    assert not cloning.all_frames
     assert cloning.epochs == 150
     assert len(study.seeds) == 3
 

@@ -58,9 +58,12 @@ def test_nothing_is_copied_twice(tmp_path, runs):
     [
         ({"seed": 6}, "data"),
         ({"chunk": 5}, "data"),
+        ({"starts": "nominal"}, "data"),
+        ({"pretraining": DisturbanceConfig(pushes=1)}, "data"),
         ({"policy": PolicyConfig(hidden=(8,))}, "policy"),
         ({"training": replace(CONFIG.training, batch=32)}, "policy"),
         ({"method": replace(METHODS["dagger"], pretraining_epochs=3)}, "policy"),
+        ({"method": replace(METHODS["dagger"], pretraining_steps=3)}, "policy"),
     ],
 )
 def test_a_run_that_begins_otherwise_is_refused(tmp_path, runs, changes, shared):

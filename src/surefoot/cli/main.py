@@ -60,7 +60,7 @@ COMMANDS = {
     "walk": Entry(Walk, "Let the expert walk, and film it.", memory="--seconds"),
     "train": Entry(
         Train,
-        "Train a policy with one of the five methods.",
+        "Train a policy with one of the six methods.",
         memory="--config.chunk, the durations of --config.method, or --workers",
         resume="what is finished is on disk: go on with --resume",
     ),

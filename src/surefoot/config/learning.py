@@ -21,6 +21,17 @@ Device = Literal["auto", "cpu", "cuda"]
 
 
 @dataclass(frozen=True)
+class Steps:
+    """How long a training lasts, as a number of optimizer steps instead of passes over the data.
+
+    Attributes:
+        count: Number of steps; the last pass ends with the last of them.
+    """
+
+    count: int
+
+
+@dataclass(frozen=True)
 class PolicyConfig(Checked):
     """The network and the low-impedance PD that it drives, at 1 kHz."""
 

@@ -14,12 +14,13 @@ from surefoot.config import Config, IterativeConfig
 from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
 from surefoot.learning.policy import Policy, load, save
+from surefoot.runs.budget import first_allowance
 from surefoot.runs.episode_ids import iteration_of_shard
 from surefoot.runs.run import Run, RunError
 
 Shared = Literal["data", "policy"]
 """What two runs begin with alike: their first data, or also the policy trained on it."""
-DATA_SECTIONS = ("seed", "chunk", "robot", "simulation", "gait", "expert", "safety")
+DATA_SECTIONS = ("seed", "chunk", "robot", "simulation", "gait", "expert", "safety", "starts")
 """Parts of a configuration that fix expert rollouts, beside the method's own."""
 
 
@@ -36,13 +37,14 @@ def first_stage(config: Config, shared: Shared) -> list[Any]:
     values = to_json(config)
     method = config.method
     fixed = [values[section] for section in DATA_SECTIONS]
+    fixed.append(first_allowance(config))
     if isinstance(method, IterativeConfig):
-        fixed.append(to_json(method.pretraining))
-        trained: list[Any] = [method.pretraining_epochs]
+        fixed += [to_json(method.pretraining), values["pretraining"]]
+        trained: list[Any] = [to_json(method.first_training)]
     else:
         fixed += [to_json(method.data), values["collection"]]
         # A series of dataset sizes begins with its smallest.
-        trained = [method.epochs, method.frames]
+        trained = [to_json(method.training), method.frames]
     if shared == "data":
         return fixed
     return [*fixed, *trained, values["policy"], values["training"]]

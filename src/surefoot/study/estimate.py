@@ -23,9 +23,11 @@ from surefoot.config import (
     ExpertData,
     LocoDaggerConfig,
     SafeDaggerConfig,
+    Steps,
 )
 from surefoot.config.json_io import from_json, read_json
 from surefoot.config.study import EXPERT, StudyConfig, measured_config
+from surefoot.evaluation import imitation
 from surefoot.files import write_json
 from surefoot.runs.versions import processor
 from surefoot.study.cells import StudyJob, cell_config, jobs_of
@@ -130,12 +132,13 @@ def first_work(config: Config) -> Work:
     method = config.method
     if isinstance(method, BehaviorCloningConfig):
         data = expert_work(method.data)
-        sizes = [*method.frames, data.robot_seconds * TICKS_PER_SECOND]
-        frames = sum(min(size, sizes[-1]) for size in sizes)
-        return data + _training_steps(config, frames, method.epochs)
+        most = data.robot_seconds * TICKS_PER_SECOND
+        sizes = [*method.frames, most] if method.all_frames else method.frames
+        frames = sum(min(size, most) for size in sizes)
+        return data + _training_steps(config, frames, method.training)
     data = expert_work(method.pretraining)
     frames = data.robot_seconds * TICKS_PER_SECOND
-    return data + _training_steps(config, frames, method.pretraining_epochs)
+    return data + _training_steps(config, frames, method.first_training)
 
 
 def training_work(config: Config) -> Work:
@@ -145,7 +148,7 @@ def training_work(config: Config) -> Work:
     validation = Work(robot_seconds=evaluation.episodes * evaluation.duration)
     work = first_work(config)
     if isinstance(method, BehaviorCloningConfig):
-        return work + validation * (1 + len(method.frames))
+        return work + validation * method.sizes
     frames = expert_work(method.pretraining).robot_seconds * TICKS_PER_SECOND
     rollouts = method.velocities * method.perturbations
     for i in range(1, method.iterations + 1):
@@ -166,7 +169,7 @@ def training_work(config: Config) -> Work:
             kept = SHARE_OF_EXPERT * seconds + tail
             driven = Work(kept * PLANS_PER_SECOND, seconds + tail)
         frames += kept * TICKS_PER_SECOND
-        work = work + driven + _training_steps(config, frames, method.epochs) + validation
+        work = work + driven + _training_steps(config, frames, method.training) + validation
     return work + validation
 
 
@@ -174,6 +177,9 @@ def measuring_work(study: StudyConfig, job: StudyJob, config: Config) -> Work:
     """What it takes to measure the policies of a cell."""
     measurement = study.measurement(job.measurement)
     measured = measured_config(config, measurement)
+    if measurement.measure == "imitation":
+        seconds = imitation.ROLLOUTS * imitation.DURATION
+        return Work(seconds * PLANS_PER_SECOND, seconds)
     if measurement.measure == "impulse":
         push = measured.push
         robots = push.speeds * PHASES
@@ -187,7 +193,7 @@ def measuring_work(study: StudyConfig, job: StudyJob, config: Config) -> Work:
     if measurement.policies == "all":
         method = config.method
         is_cloning = isinstance(method, BehaviorCloningConfig)
-        policies += len(method.frames) if is_cloning else method.iterations
+        policies = method.sizes if is_cloning else 1 + method.iterations
     return Work(robot_seconds=seconds * policies)
 
 
@@ -198,8 +204,10 @@ def expert_work(data: ExpertData) -> Work:
     return Work(seconds * PLANS_PER_SECOND, seconds)
 
 
-def _training_steps(config: Config, frames: float, epochs: int) -> Work:
+def _training_steps(config: Config, frames: float, epochs: int | Steps) -> Work:
     """The steps of a training."""
+    if isinstance(epochs, Steps):
+        return Work(steps=epochs.count)
     kept = frames * (1.0 - config.training.validation)
     return Work(steps=epochs * kept / config.training.batch)
 

@@ -18,6 +18,7 @@ from surefoot.config import Config
 from surefoot.config.json_io import from_json, read_json
 from surefoot.config.learning import NumberFormat
 from surefoot.config.study import StudyConfig
+from surefoot.evaluation.imitation import ImitationError
 from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
@@ -90,6 +91,7 @@ class PolicyTest:
         sha256: SHA-256 of the policy's file; None for the expert.
         robustness: Its robustness, where that is measured.
         pushes: The impulses that it withstands, where these are measured.
+        imitation: Its deviation from the expert's targets, where that is measured.
     """
 
     iteration: int
@@ -97,6 +99,7 @@ class PolicyTest:
     sha256: str | None
     robustness: Robustness | None = None
     pushes: PushResult | None = None
+    imitation: ImitationError | None = None
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from pathlib import Path
 
 from surefoot.config import Config, IterativeConfig
 from surefoot.config.study import EXPERT, Measurement, StudyConfig, measured_config
+from surefoot.evaluation.imitation import imitation_error
 from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.robustness import evaluate
 from surefoot.files import write_atomic
@@ -142,7 +143,7 @@ def make_shared(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) ->
     collect_data(run, 0, method.collection(run, 0, None), ONE_WORKER)
     if job.shared == "policy":
         assert isinstance(run.config.method, IterativeConfig)
-        train_policy(run, 0, run.config.method.pretraining_epochs)
+        train_policy(run, 0, run.config.method.first_training)
 
 
 def train_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> None:
@@ -235,6 +236,9 @@ def _measure(config: Config, policy: MeasuredPolicy, measurement: Measurement) -
         test = replace(test, sha256=sha256(policy.path.read_bytes()).hexdigest())
     if measurement.measure == "impulse":
         return replace(test, pushes=push_recovery(config, policy.path, ONE_WORKER))
+    if measurement.measure == "imitation":
+        assert policy.path is not None  # the expert does not deviate from itself
+        return replace(test, imitation=imitation_error(config, policy.path, ONE_WORKER))
     robustness, _ = evaluate(config, policy.path, measurement.split, ONE_WORKER)
     return replace(test, robustness=robustness)
 
