@@ -17,12 +17,14 @@ held here, for 50 ms.
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from surefoot.config import DartConfig
+from surefoot.learning.frames import concatenate, sorted_by_episode
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import load
 from surefoot.learning.samples import derive, held_out
@@ -52,6 +54,9 @@ from surefoot.types import JOINTS, Array, PlanFunction, to_ticks
 from surefoot.workers import Workers
 
 logger = logging.getLogger(__name__)
+
+ROWS_AT_ONCE = 8192
+"""Rows that a policy answers at a time, to bound the memory."""
 
 
 def dart(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
@@ -123,23 +128,22 @@ def learner_error(run: Run, i: int) -> Array:
         RunError: No frame of D is held out.
     """
     policy = load(run.policy_path(i))
-    total = np.zeros((len(JOINTS), len(JOINTS)))
-    count = 0
-    for frames in dataset_of(run, i).parts():
-        held = frames[held_out(frames.episode, run.config.training.validation)]
-        if not len(held):
-            continue
-        inputs, targets = np.split(derive(held, policy.spec), [INPUT_SIZE], axis=1)
-        # Two PDs of the same gains differ by kp times the difference of their targets.
-        error = policy.spec.kp * (policy.forward(inputs) - targets).astype(np.float64)
-        total += error.T @ error
-        count += len(error)
-    if count == 0:
+    share = run.config.training.validation
+    held = [frames[held_out(frames.episode, share)] for frames in dataset_of(run, i).parts()]
+    # In one order, however D is cut into shards: the last digits of a sum depend on it.
+    frames = sorted_by_episode(concatenate(held))
+    if not len(frames):
         raise RunError(
             f"{run.folder} has no frame held out to fit the noise to; use a larger "
             "training.validation, or more rollouts"
         )
-    covariance = total / count
+    inputs, targets = np.split(derive(frames, policy.spec), [INPUT_SIZE], axis=1)
+    # None of the parts is too small for the policy to be exact.
+    parts = np.array_split(inputs, math.ceil(len(inputs) / ROWS_AT_ONCE))
+    answers = np.concatenate([policy.forward(part) for part in parts])
+    # Two PDs of the same gains differ by kp times the difference of their targets.
+    error = policy.spec.kp * (answers - targets).astype(np.float64)
+    covariance = error.T @ error / len(error)
     deviation = np.sqrt(np.trace(covariance) / len(JOINTS))
     logger.info(f"iteration {i + 1}: the learner's error is {deviation:.3f} N m a joint")
     return covariance

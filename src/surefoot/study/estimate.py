@@ -20,6 +20,7 @@ from surefoot.config import (
     BehaviorCloningConfig,
     Config,
     DaggerConfig,
+    DartConfig,
     ExpertData,
     LocoDaggerConfig,
     SafeDaggerConfig,
@@ -29,6 +30,7 @@ from surefoot.config.json_io import from_json, read_json
 from surefoot.config.study import EXPERT, StudyConfig, measured_config
 from surefoot.evaluation import imitation
 from surefoot.files import write_json
+from surefoot.runs.budget import first_allowance, solves_of
 from surefoot.runs.versions import processor
 from surefoot.study.cells import StudyJob, cell_config, jobs_of
 from surefoot.study.state import JobStatus
@@ -131,12 +133,12 @@ def first_work(config: Config) -> Work:
     """What it takes to make the first data and to train the first policy on it."""
     method = config.method
     if isinstance(method, BehaviorCloningConfig):
-        data = expert_work(method.data)
-        most = data.robot_seconds * TICKS_PER_SECOND
-        sizes = [*method.frames, most] if method.all_frames else method.frames
-        frames = sum(min(size, most) for size in sizes)
-        return data + _training_steps(config, frames, method.training)
-    data = expert_work(method.pretraining)
+        work = _paid_by(first_allowance(config), expert_work(method.data))
+        most = work.robot_seconds * TICKS_PER_SECOND
+        for size in [*method.frames, most] if method.all_frames else method.frames:
+            work = work + _training_steps(config, min(size, most), method.training)
+        return work
+    data = _paid_by(first_allowance(config), expert_work(method.pretraining))
     frames = data.robot_seconds * TICKS_PER_SECOND
     return data + _training_steps(config, frames, method.first_training)
 
@@ -149,11 +151,17 @@ def training_work(config: Config) -> Work:
     work = first_work(config)
     if isinstance(method, BehaviorCloningConfig):
         return work + validation * method.sizes
-    frames = expert_work(method.pretraining).robot_seconds * TICKS_PER_SECOND
+    allowed = first_allowance(config)
+    share = None  # of an iteration in the budget, as if each spent its own
+    if config.budget.expert_seconds is not None and allowed is not None:
+        left = solves_of(config.budget.expert_seconds) - allowed
+        share = left // max(method.iterations, 1)
+    data = _paid_by(allowed, expert_work(method.pretraining))
+    frames = data.robot_seconds * TICKS_PER_SECOND
     rollouts = method.velocities * method.perturbations
     for i in range(1, method.iterations + 1):
         seconds = rollouts * method.T
-        if isinstance(method, DaggerConfig):
+        if isinstance(method, DaggerConfig | DartConfig):
             driven = Work(seconds * PLANS_PER_SECOND, seconds)
             kept = seconds
         elif isinstance(method, SafeDaggerConfig):
@@ -168,9 +176,17 @@ def training_work(config: Config) -> Work:
             tail = rollouts * method.T_end
             kept = SHARE_OF_EXPERT * seconds + tail
             driven = Work(kept * PLANS_PER_SECOND, seconds + tail)
-        frames += kept * TICKS_PER_SECOND
-        work = work + driven + _training_steps(config, frames, method.training) + validation
+        paid = _paid_by(share, driven)
+        frames += kept * TICKS_PER_SECOND * paid.plans / max(driven.plans, 1.0)
+        work = work + paid + _training_steps(config, frames, method.training) + validation
     return work + validation
+
+
+def _paid_by(allowed: int | None, work: Work) -> Work:
+    """The part of some rollouts' work that a number of MPC solves pays for; None pays for all."""
+    if allowed is None or work.plans <= allowed:
+        return work
+    return work * (allowed / work.plans)
 
 
 def measuring_work(study: StudyConfig, job: StudyJob, config: Config) -> Work:
