@@ -104,12 +104,18 @@ def measure_rates(config: Config) -> Rates:
     Args:
         config: The configuration of a cell.
     """
+    speed = bench_train(config, 40)
+    step_ms = {
+        "auto": min(speed.float32_step_ms, speed.bfloat16_step_ms),
+        "float32": speed.float32_step_ms,
+        "bfloat16": speed.bfloat16_step_ms,
+    }
     seconds = 0.5
     times = rollout_times(config, config.chunk, seconds)
     return Rates(
         plan=times_of(cold_plans(config, 40)).median / 1e3,
         robot_second=times.rollout / (config.chunk * seconds),
-        step=bench_train(config, 40).step_ms / 1e3,
+        step=step_ms[config.training.precision] / 1e3,
     )
 
 
