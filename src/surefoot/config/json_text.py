@@ -15,8 +15,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from surefoot.errors import shown
+
 MOST_BYTES = 2**30
-"""[B] No file of the package is larger, but shards of frames, which are not read here."""
+"""[B] No file of the package is larger, except for shards of frames, which are not read here."""
 MOST_LEVELS = 50
 """JSON that is nested more deeply is nothing that the package writes."""
 MEMORY_FACTOR = 9
@@ -75,7 +77,7 @@ def _object(pairs: list[tuple[str, Any]]) -> object:
     if len(values) < len(pairs):
         counts = Counter(key for key, _ in pairs)
         twice = max(counts, key=lambda key: counts[key])
-        raise ValueError(f"the key {twice[:80]!r} is there twice in one object")
+        raise ValueError(f"the key {shown(twice)} is there twice in one object")
     return values
 
 
