@@ -18,7 +18,7 @@ from surefoot.evaluation.push_fit import (
     resampled_impulses,
     robots_needed,
 )
-from surefoot.evaluation.statistics import Interval, percentiles
+from surefoot.evaluation.statistics import Interval, check_paired, percentiles
 from surefoot.files import as_digits
 from surefoot.scenarios.starts import StartSet
 from surefoot.types import Array, BoolArray
@@ -155,7 +155,7 @@ def result_of_search(
     ]
     drawn = resampled_impulses(levels, survived, needed)
     intervals = [percentiles(impulses) for impulses in drawn.T]
-    low, high = percentiles(drawn.mean(axis=1))
+    mean_low, mean_high = percentiles(drawn.mean(axis=1))
     below, above = _widening(intervals, open_limits)
     return PushResult(
         starts=stored.name,
@@ -176,7 +176,7 @@ def result_of_search(
             (min(low, least), max(high, most))
             for (low, high), (least, most) in zip(intervals, open_limits, strict=True)
         ),
-        mean_interval=(low - below, high + above),
+        mean_interval=(mean_low - below, mean_high + above),
         measured=push,
     )
 
@@ -191,18 +191,7 @@ def push_difference(a: PushResult, b: PushResult) -> PushDifference:
     Raises:
         ValueError: The two differ in initial states, directions or share.
     """
-    for name, of_a, of_b in (
-        ("starts_hash", a.starts_hash, b.starts_hash),
-        ("split", a.split, b.split),
-        ("episodes", a.episodes, b.episodes),
-        ("direction_deg", a.direction_deg, b.direction_deg),
-        ("share", a.share, b.share),
-    ):
-        if of_a != of_b:
-            raise ValueError(
-                f"pushes of different {name}, {of_a} and {of_b}: only robots from the same "
-                "starts, pushed the same way, can be compared in pairs"
-            )
+    check_paired(a, b, ("starts_hash", "split", "episodes", "direction_deg", "share"))
     drawn_a, below_a, above_a = _drawn_and_widening(a)
     drawn_b, below_b, above_b = _drawn_and_widening(b)
     low, high = percentiles((drawn_a - drawn_b).mean(axis=1))
