@@ -61,7 +61,7 @@ def parse_json(content: bytes) -> Any:
         values = json.loads(
             content,
             object_pairs_hook=_object,
-            parse_constant=_no_number,
+            parse_constant=_refuse_constant,
             parse_float=_finite,
             parse_int=_integer,
         )
@@ -81,17 +81,15 @@ def _object(pairs: list[tuple[str, Any]]) -> object:
     return values
 
 
-def _no_number(text: str) -> float:
-    """Refuse what Python writes for a number that JSON does not have."""
+def _refuse_constant(text: str) -> float:
+    """Refuse NaN and Infinity: Python's json module reads and writes them, but JSON has neither."""
     raise ValueError(f"{text} is not a finite number")
 
 
 def _finite(text: str) -> float:
     """A number that a float can hold."""
     value = float(text)
-    if not math.isfinite(value):
-        _no_number(text[:40])
-    return value
+    return value if math.isfinite(value) else _refuse_constant(text[:40])
 
 
 def _integer(text: str) -> int:
