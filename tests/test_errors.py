@@ -1,6 +1,8 @@
-"""Messages that name the nearest of the names that exist."""
+"""Messages that name the nearest of the names that exist, and show no more than a part."""
 
-from surefoot.errors import unknown
+import pytest
+
+from surefoot.errors import shown, unknown
 
 
 def test_a_name_unlike_any_other_gets_the_list_alone():
@@ -10,3 +12,17 @@ def test_a_name_unlike_any_other_gets_the_list_alone():
 def test_the_nearest_name_is_suggested():
     message = unknown("cat", "tomm", iter(["tom", "kit"]))
     assert message == "there is no cat 'tomm'; did you mean 'tom'? Known: tom, kit"
+
+
+@pytest.mark.parametrize("value", ["a", 3, 0.5, None, True, [1, 2], {"a": 1}, "x" * 150])
+def test_a_short_value_is_shown_whole(value):
+    assert shown(value) == repr(value)
+
+
+@pytest.mark.parametrize(
+    "value", ["x" * 10_000, [0] * 10_000, {str(n): n for n in range(10_000)}, [[[["x" * 9999]]]]]
+)
+def test_of_a_long_value_a_part_is_shown(value):
+    text = shown(value)
+    assert len(text) < 300
+    assert "..." in text

@@ -23,6 +23,7 @@ from surefoot.files import (
     as_digits,
     check_output,
     from_digits,
+    is_left_over,
     load_arrays,
     parse_npz,
     save_arrays,
@@ -101,7 +102,8 @@ def test_a_kill_in_the_middle_leaves_the_old_file_and_a_hidden_one(tmp_path):
     assert path.read_bytes() == b"old"
     others = [entry.name for entry in tmp_path.iterdir() if entry != path]
     assert len(others) == 1
-    assert others[0].startswith(".file.") and others[0].endswith(".tmp")
+    assert others[0].startswith(".file.")
+    assert is_left_over(tmp_path / others[0]) and not is_left_over(path)
     write_atomic(path, b"new")
     assert path.read_bytes() == b"new"
 

@@ -46,7 +46,10 @@ class Interrupt:
 
 
 def answer_signals() -> None:
-    """Answer Ctrl-C and SIGTERM; what the shell has a process in the background ignore stays so."""
+    """Answer Ctrl-C and SIGTERM; Ctrl-C is not answered where the shell has it ignored.
+
+    A shell that is no terminal has its processes in the background ignore it.
+    """
     interrupt = Interrupt()
     signal.signal(signal.SIGTERM, interrupt)
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:

@@ -4,7 +4,8 @@ numba keeps them beside the source, or below the user's home. In a container, in
 where an administrator has installed the package, a user may be able to write to neither, and numba
 refuses to work. Then a private folder in the temporary directory takes their place. numba reads
 its variable when it is loaded, so that `import surefoot` settles it. Processes started later
-inherit the variables, and find them settled.
+inherit the variables, and find them settled. What only such a user needs is imported where it is
+used: `import surefoot` stays fast for all others.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def can_be_written(folder: str) -> bool:
     """Whether there is such a folder to write to, or it can be made; a relative one does not count.
 
     Args:
-        folder: The path; ``~`` that stands for no home is relative.
+        folder: The path. It is relative where ``~`` could not be expanded, as there is no home.
     """
     if not os.path.isabs(folder):
         return False
@@ -75,7 +76,8 @@ def _below_home(variable: str, folder: str) -> str:
 def _private_folder() -> str | None:
     """A folder in the temporary directory that only this user can read; None if there is none.
 
-    What is loaded from it is run, so a folder that somebody else has prepared is not used.
+    The functions that are loaded from it are run, so a folder that somebody else has prepared is
+    not used.
     """
     import tempfile
     from stat import S_ISDIR

@@ -1,9 +1,23 @@
-"""Messages that name what was given, what is allowed, and the nearest name."""
+"""Messages that name what was given, what is allowed, and the nearest name; all of them short."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from reprlib import Repr
+
+_BRIEF = Repr()
+_BRIEF.maxstring = 200
+_BRIEF.maxother = 200
+
+
+def shown(value: object) -> str:
+    """A value as a message shows it: of a long or a nested one, which a file may hold, a part.
+
+    Args:
+        value: What was given.
+    """
+    return _BRIEF.repr(value)
 
 
 def unknown(what: str, value: str, allowed: Iterable[str]) -> str:

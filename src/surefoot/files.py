@@ -11,6 +11,7 @@ import errno
 import json
 import math
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, fields
@@ -25,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from surefoot.config.json_io import to_json
 from surefoot.config.json_text import MEMORY_BASE, MEMORY_FACTOR, read_file
+from surefoot.errors import shown
 from surefoot.types import IntArray
 
 if TYPE_CHECKING:
@@ -157,6 +159,12 @@ def _temporary(path: Path) -> Path:
     return path.with_name(f".{path.name}.{os.getpid()}.tmp")
 
 
+def is_left_over(path: Path) -> bool:
+    """Whether a file is what a killed `write_atomic` has left behind, by its temporary name."""
+    is_file = path.is_file() and not path.is_symlink()
+    return is_file and re.fullmatch(r"\..+\.\d+\.tmp", path.name) is not None
+
+
 def _write_content(path: Path, content: bytes | Callable[[Path], object]) -> None:
     """Write the content to a file that does not matter yet."""
     if callable(content):
@@ -262,7 +270,7 @@ def _check_arrays(arrays: Mapping[str, NDArray], kind: type[ArrayRecord]) -> Non
     """
     known = {field.name: field for field in fields(kind)}
     if extra := sorted(arrays.keys() - known.keys()):
-        raise ValueError(f"it has {extra[0][:80]!r}, which {kind.__name__} has not")
+        raise ValueError(f"it has {shown(extra[0])}, which {kind.__name__} has not")
     hints = get_type_hints(kind)
     lengths: dict[str, int] = {}
     for name, field in known.items():
@@ -335,7 +343,7 @@ def _check_members(members: list[ZipInfo], size: int) -> None:
     for member in members:
         # Other formats allocate by numbers that stand in the file.
         if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
-            raise ValueError(f"{member.filename[:80]!r} is packed in a way that NumPy never writes")
+            raise ValueError(f"{shown(member.filename)} is packed in a way that NumPy never writes")
 
 
 def _read_array(archive: ZipFile, member: ZipInfo) -> NDArray:
@@ -348,7 +356,7 @@ def _read_array(archive: ZipFile, member: ZipInfo) -> NDArray:
     with archive.open(member) as stream:
         # With the size, so that no more than this is unpacked.
         packed = BytesIO(stream.read(member.file_size))
-    name = repr(member.filename[:80])
+    name = shown(member.filename)
     if np.lib.format.read_magic(packed) != (1, 0):
         raise ValueError(f"{name} has an unknown version")
     shape, _, dtype = np.lib.format.read_array_header_1_0(packed)

@@ -34,7 +34,7 @@ RETRIES = 2
 """How often a chunk is tried again when its worker dies."""
 
 PROCESSES_PER_CORE = 4
-"""More processes than this only take memory."""
+"""At most so many processes are started for each core: more would only take memory."""
 
 CONNECTION_TIMEOUT = 5.0
 """[s] in which a cluster's address must take a connection."""
@@ -60,8 +60,8 @@ class Workers:
     """The processes that do the work; results never depend on them.
 
     Attributes:
-        count: Number of processes; 1 works in this process. A Ray cluster uses all its cores, and
-            of a number far above this machine's cores only four for each are started.
+        count: Number of processes; 1 works in this process. A Ray cluster uses all its cores. On
+            this machine no more than four are started for each of its cores.
         backend: Where the processes run: ``loky`` (on this machine) or ``ray`` (on a cluster).
         ray_address: Address of a running cluster, ``auto`` or host:port; without one, Ray is
             started on this machine.

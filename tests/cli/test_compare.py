@@ -31,10 +31,10 @@ def test_a_page_without_a_place_for_tables_is_refused(surefoot, capsys, run_fold
 @pytest.mark.parametrize(
     ("option", "name", "message"),
     [
-        ("--figure", "methods.xyz", "must end in .png or .svg"),
-        ("--figure", "", "cannot be written"),
-        ("--json", "", "cannot be written"),
-        ("--out", "", "cannot be written"),
+        ("--figure", "methods.xyz", "methods.xyz must end in .png or .svg"),
+        ("--figure", "", "is a folder, and cannot be written"),
+        ("--json", "", "is a folder, and cannot be written"),
+        ("--out", "", "is a folder, and cannot be written"),
     ],
 )
 def test_outputs_are_checked_before_any_work(
@@ -43,7 +43,9 @@ def test_outputs_are_checked_before_any_work(
     monkeypatch.setattr(comparison, "compare", None)  # nothing is measured
     path = tmp_path / name if name else tmp_path
     assert surefoot("compare", run_folder, "--workers", 1, option, path) == 2
-    assert message in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert f"surefoot: {option}: " in error
+    assert message in error
 
 
 def test_options_without_pushes_are_an_error(surefoot, capsys, run_folder):

@@ -64,7 +64,9 @@ def test_outputs_are_checked_before_any_work(surefoot, capsys, monkeypatch, run_
     monkeypatch.setattr(robustness, "evaluate", None)  # nothing is measured
     for path in (tmp_path, "", run_copy / "config.json" / "report.json"):
         assert surefoot("evaluate", run_copy, "--workers", 1, "--json", path) == 2
-        assert "cannot be written" in capsys.readouterr().err
+        error = capsys.readouterr().err
+        assert "surefoot: --json: " in error
+        assert "cannot be written" in error
 
 
 def test_the_report_is_written_where_the_run_may_only_be_read(

@@ -74,7 +74,7 @@ def test_unknown_and_missing_keys_are_named(tmp_path):
     values = to_json(whole_report())
     path.write_text(json.dumps(values | {"fals": 1}))
     with pytest.raises(
-        ValueError, match=r"evaluation-test.json is no evaluation.*fals.*did you mean 'falls'"
+        ValueError, match=r"evaluation-test.json is no EvaluationReport.*fals.*did you mean 'falls'"
     ):
         read_report(path)
     del values["falls"]

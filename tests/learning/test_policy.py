@@ -429,7 +429,7 @@ def test_a_key_that_is_there_twice_and_deep_nesting_are_refused(tmp_path):
             load(path)
 
 
-@pytest.mark.parametrize("hidden", [[8000, 8000], [8] * 30], ids=["wide", "deep"])
+@pytest.mark.parametrize("hidden", [[8192, 8192], [8] * 32], ids=["wide", "deep"])
 def test_layers_that_the_file_does_not_hold_are_refused_before_there_is_a_network(
     tmp_path, monkeypatch, hidden
 ):

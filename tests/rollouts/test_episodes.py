@@ -10,7 +10,6 @@ from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, join_episodes
 from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances
-from surefoot.scenarios.starts import SPLITS, check_starts, load_starts
 from tests.fakes.drivers import FakeController, Script, standing_for, starts_of
 from tests.fakes.simulator import FakeSimulator
 
@@ -74,12 +73,6 @@ def test_rounding_of_a_quaternion_is_no_fault():
         q = starts.q.copy()
         q[:, 3:7] *= length
         assert len(Episodes(replace(starts, q=q), 0.1)) == 1
-
-
-def test_stored_initial_states_are_all_ones_to_begin_in():
-    stored = load_starts()
-    for split in SPLITS:
-        check_starts(stored[split])
 
 
 def test_some_of_the_episodes_keep_their_ids_and_what_disturbs_them():

@@ -15,10 +15,10 @@ import tyro
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.evaluate import own_disturbance
-from surefoot.cli.options import OnSimulator, OnWorkers
+from surefoot.cli.options import OnSimulator, OnWorkers, check_option
 from surefoot.cli.push_options import OnPushes
 from surefoot.config import Backend, DisturbanceConfig, SimulationConfig
-from surefoot.files import check_output, write_atomic
+from surefoot.files import write_atomic
 from surefoot.scenarios.starts import PACKAGED
 
 
@@ -73,15 +73,14 @@ class Compare(OnPushes, OnWorkers, OnSimulator):
         from surefoot.study.comparison import Measurements, compare
         from surefoot.study.plot import comparison_figure
         from surefoot.study.tables import comparison_tables, page_with
+        from surefoot.viz.plots import PLOT_SUFFIXES
 
         # What would fail hours later fails before any work.
-        if self.json is not None:
-            check_output(self.json)
+        check_option("--json", self.json)
+        check_option("--out", self.out)
+        check_option("--figure", self.figure, PLOT_SUFFIXES)
         if self.out is not None:
-            check_output(self.out)
             page_with("", self.out)
-        if self.figure is not None:
-            check_output(self.figure, suffixes=(".png", ".svg"))
         self.check_pushed(self.pushes)
         simulators = get_args(Backend) if self.sim is None else (self.sim,)
         for simulator in simulators:

@@ -15,11 +15,11 @@ import tyro
 
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
-from surefoot.cli.options import OnSimulator, OnWorkers
+from surefoot.cli.options import OnSimulator, OnWorkers, check_option
 from surefoot.cli.push_options import OnPushes
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
-from surefoot.files import WriteError, check_output, write_json
+from surefoot.files import WriteError, write_json
 from surefoot.scenarios.starts import PACKAGED, load_starts
 
 if TYPE_CHECKING:
@@ -79,8 +79,7 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
         from surefoot.runs.run import run_of_policy
 
         # What would fail after minutes fails before any work.
-        if self.json is not None:
-            check_output(self.json)
+        check_option("--json", self.json)
         self.check_pushed(self.pushes)
         load_starts(self.starts)
         policy, trained_on = find_policy(self.target)
@@ -118,7 +117,7 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
             disturbance={name: value for name, value, _ in disturbances(config)},
             pushes=pushes,
         )
-        self.write_own(report)
+        self.write_report(report)
         print_controller("policy", robustness, pushes)
         if not self.expert:
             return report
@@ -130,12 +129,12 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
             expert=ExpertReport(**vars(expert), pushes=expert_pushes),
             success_difference=success_difference(robustness, expert),
         )
-        self.write_own(report)
+        self.write_report(report)
         print_controller("expert", expert, expert_pushes)
         print_differences(report)
         return report
 
-    def write_own(self, report: EvaluationReport) -> None:
+    def write_report(self, report: EvaluationReport) -> None:
         """Write the report to the file that was asked for, if there is one."""
         if self.json is not None:
             write_json(self.json, report)

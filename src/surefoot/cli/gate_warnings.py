@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from surefoot.cli.options import OnSimulator, OnWorkers
+from surefoot.cli.options import OnSimulator, OnWorkers, check_option
 from surefoot.config import Config, DisturbanceConfig, EvaluationConfig
-from surefoot.files import check_output, write_json
+from surefoot.files import write_json
 
 if TYPE_CHECKING:
     from surefoot.evaluation.gate_warnings import RunWarnings
@@ -53,8 +53,7 @@ class MeasureWarnings(OnWorkers, OnSimulator):
         from surefoot.evaluation.gate_warnings import RunWarnings, measure_warnings
         from surefoot.runs.run import open_run
 
-        if self.json is not None:
-            check_output(self.json)  # what would fail after minutes fails before any work
+        check_option("--json", self.json)  # what would fail after minutes fails before any work
         run = open_run(self.run)
         iteration = last_gate(run)
         config = self.as_asked(run.config)

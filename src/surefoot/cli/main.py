@@ -171,31 +171,25 @@ def run_command(args: Sequence[str]) -> int:
     except SystemExit as stop:  # after help
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except KeyboardInterrupt:
-        message = "interrupted" + _advice(entry)
-        print(f"\n{message}", file=sys.stderr)
+        print(f"\ninterrupted{_advice(entry)}", file=sys.stderr)
         return 130
-    except WriteError as error:
-        return _failed(f"{error}{_advice(entry)}")
-    except MemoryError as error:
-        options = entry.memory if entry else ""
-        advice = f"; ask for less with {options}" if options else ""
-        return _failed(f"there is not enough memory ({error}){advice}")
-    except (ValueError, ArithmeticError, OSError, ImportError, RuntimeError) as error:
-        return _failed(str(error))
+    except (ValueError, ArithmeticError, OSError, ImportError, RuntimeError, MemoryError) as error:
+        if os.environ.get("SUREFOOT_TRACEBACK"):
+            raise
+        print(f"surefoot: {_message(error, entry)}", file=sys.stderr)
+        return 2
+
+
+def _message(error: Exception, entry: Entry | None) -> str:
+    """Why a command failed, and what to do about it where the error itself does not say."""
+    if isinstance(error, MemoryError):
+        advice = f"; ask for less with {entry.memory}" if entry and entry.memory else ""
+        return f"there is not enough memory ({error}){advice}"
+    if isinstance(error, WriteError):
+        return f"{error}{_advice(entry)}"
+    return str(error)
 
 
 def _advice(entry: Entry | None) -> str:
     """What is not lost of a command that ended early, and how to go on."""
     return f"; {entry.resume}" if entry and entry.resume else ""
-
-
-def _failed(message: str) -> int:
-    """Print why a command failed, or raise its error where that is asked for.
-
-    Returns:
-        The exit status.
-    """
-    if os.environ.get("SUREFOOT_TRACEBACK"):
-        raise  # what the caller has caught
-    print(f"surefoot: {message}", file=sys.stderr)
-    return 2

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from surefoot.viz.film import Recording
 
 MOST_SECONDS = 3600.0
-"""[s] that are recorded at once; an hour takes some gigabytes."""
+"""[s] No longer time is recorded at once: an hour takes some gigabytes."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,9 +22,8 @@ from surefoot.errors import unknown
 Annotation = Any
 """What stands behind the colon of a field: a type, or something made of types."""
 
-
 MOST_ITEMS = 32
-"""A tuple of any length has at most this many items."""
+"""The number of items that a tuple of any length may have, so that no file asks for much memory."""
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def shortened(
     levels = push.levels
     if resolution is None:
         resolution = push.resolution
-    elif resolution > 0.0:  # a range that is not is refused below
+    elif resolution > 0.0:  # another one is refused below, by the range of the field
         levels = max(round(push.strongest / resolution), 1)
     return replace(
         push,

@@ -11,7 +11,6 @@ number that is not finite, which JSON does not have, becomes null; it is read ba
 from __future__ import annotations
 
 import math
-import reprlib
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
@@ -34,7 +33,7 @@ import numpy as np
 
 from surefoot.config.checked import Checked, check_values
 from surefoot.config.json_text import parse_json, read_file
-from surefoot.errors import unknown
+from surefoot.errors import shown, unknown
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -42,10 +41,6 @@ if TYPE_CHECKING:
 Record = TypeVar("Record")
 Plain = None | bool | int | float | str | list[Any] | dict[str, Any]
 """What the json module reads and writes."""
-_shown = reprlib.Repr()
-"""Shows a value in a message: of a long or nested one, only the beginning."""
-_shown.maxstring = 200
-_shown.maxother = 200
 
 
 def to_json(value: object) -> Any:
@@ -177,7 +172,7 @@ def _renamed(kind: type) -> Mapping[str, str]:
 def _mapping(value: object, path: str) -> Mapping[str, Any]:
     """The value itself, if it has keys."""
     if not isinstance(value, Mapping):
-        raise ValueError(f"{path} is {_shown.repr(value)}, expected an object with keys")
+        raise ValueError(f"{path} is {shown(value)}, expected an object with keys")
     return value
 
 
@@ -214,13 +209,13 @@ def _plain(hint: Any, value: Any, path: str) -> Any:
     if hint is float and type(value) is int and abs(value) <= sys.float_info.max:
         return float(value)
     if type(value) is not hint:
-        raise ValueError(f"{path} is {_shown.repr(value)}, expected {hint.__name__}")
+        raise ValueError(f"{path} is {shown(value)}, expected {hint.__name__}")
     return value
 
 
 def _text(value: Any) -> str:
     """A name as it is; of anything else, what a message shows."""
-    return value if isinstance(value, str) and len(value) <= 200 else _shown.repr(value)
+    return value if isinstance(value, str) and len(value) <= 200 else shown(value)
 
 
 def _one_of(kinds: tuple[Any, ...], value: Any, path: str) -> Any:
@@ -249,10 +244,10 @@ def _one_of(kinds: tuple[Any, ...], value: Any, path: str) -> Any:
 def _tuple(kinds: tuple[Any, ...], value: Any, path: str) -> tuple[Any, ...]:
     """A list as a tuple of the length and types that its field has."""
     if not isinstance(value, list | tuple):
-        raise ValueError(f"{path} is {_shown.repr(value)}, expected a list")
+        raise ValueError(f"{path} is {shown(value)}, expected a list")
     if kinds[-1] is Ellipsis:
         kinds = kinds[:1] * len(value)
     if len(value) != len(kinds):
-        raise ValueError(f"{path} is {_shown.repr(value)}, expected {len(kinds)} values")
+        raise ValueError(f"{path} is {shown(value)}, expected {len(kinds)} values")
     pairs = zip(kinds, value, strict=True)
     return tuple(_value(kind, item, f"{path}[{n}]") for n, (kind, item) in enumerate(pairs))

@@ -15,8 +15,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from surefoot.errors import shown
+
 MOST_BYTES = 2**30
-"""[B] No file of the package is larger, but shards of frames, which are not read here."""
+"""[B] No file of the package is larger, except for shards of frames, which are not read here."""
 MOST_LEVELS = 50
 """JSON that is nested more deeply is nothing that the package writes."""
 MEMORY_FACTOR = 9
@@ -59,7 +61,7 @@ def parse_json(content: bytes) -> Any:
         values = json.loads(
             content,
             object_pairs_hook=_object,
-            parse_constant=_no_number,
+            parse_constant=_refuse_constant,
             parse_float=_finite,
             parse_int=_integer,
         )
@@ -75,21 +77,19 @@ def _object(pairs: list[tuple[str, Any]]) -> object:
     if len(values) < len(pairs):
         counts = Counter(key for key, _ in pairs)
         twice = max(counts, key=lambda key: counts[key])
-        raise ValueError(f"the key {twice[:80]!r} is there twice in one object")
+        raise ValueError(f"the key {shown(twice)} is there twice in one object")
     return values
 
 
-def _no_number(text: str) -> float:
-    """Refuse what Python writes for a number that JSON does not have."""
+def _refuse_constant(text: str) -> float:
+    """Refuse NaN and Infinity: Python's json module reads and writes them, but JSON has neither."""
     raise ValueError(f"{text} is not a finite number")
 
 
 def _finite(text: str) -> float:
     """A number that a float can hold."""
     value = float(text)
-    if not math.isfinite(value):
-        _no_number(text[:40])
-    return value
+    return value if math.isfinite(value) else _refuse_constant(text[:40])
 
 
 def _integer(text: str) -> int:

@@ -49,8 +49,8 @@ def preset(method: str, name: str = "default") -> Config:
 
 def paper(method: str) -> Config:
     """The paper's numbers, its simulator, and its expert's rules."""
-    # The paper says nothing of the precision; float32 is PyTorch's, and does not depend on the
-    # processor.
+    # The paper says nothing of the precision; float32 is PyTorch's default, and the choice does not
+    # depend on the processor.
     config = Config(
         method=method_config(method),
         simulation=SimulationConfig(backend="bullet"),

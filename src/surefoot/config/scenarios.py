@@ -18,6 +18,10 @@ Impulse = Annotated[tuple[float, float], Within(0.0, 1000.0), Rising()]
 """The smallest and the largest impulse [N s]."""
 Factor = Annotated[tuple[float, float], Within(0.001, 1000.0), Rising()]
 """The smallest and the largest factor."""
+LONGEST_PUSH = 60.0
+"""[s] No push lasts longer."""
+LONGEST_DELAY = 1000
+"""[ms] No torque is later."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,7 @@ class DisturbanceConfig(Checked):
     fall_angle: Angle = 0.0
     """[deg] roll or pitch beyond this is a fall, if it is more than `safety.fall_angle`: robots
     that are pushed tilt further and recover (the paper's research code allows 60 after pushes)."""
-    push_duration: Annotated[float, Within(0.001, 60.0)] = 0.01
+    push_duration: Annotated[float, Within(0.001, LONGEST_PUSH)] = 0.01
     """[s] how long the force of a push acts (paper, IV-F)."""
     friction: Factor = (1.0, 1.0)
     """The smallest and the largest factor on `simulation.friction`; the planner does not know of
@@ -90,5 +94,5 @@ class DisturbanceConfig(Checked):
     """The smallest and the largest factor on mass and inertia of the base; the planner does not
     know of it either."""
     noise: NoiseConfig = field(default_factory=NoiseConfig)
-    delay: Annotated[int, Within(0, 1000)] = 0
+    delay: Annotated[int, Within(0, LONGEST_DELAY)] = 0
     """[ms] how long it takes from a torque's command to its action."""

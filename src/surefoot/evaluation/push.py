@@ -4,9 +4,9 @@ A push lasts 10 ms and comes from one of eight directions in the robot's heading
 after a perturbed start; a level is survived if at least 80 % of the robots neither fall nor stop
 stepping (paper, IV-F). Those two seconds are the same for every push: they are simulated once, and
 each push branches off from the states in which they end. The levels tried are bisected; a monotone
-curve is fitted over all of them and read at 80 %. Its interval draws the robots anew,
-and is no narrower than the levels and the robots allow. Next: `push_limits`, the records, and
-`push_fit`, the curve.
+curve is fitted over all of them and read at 80 %. Its interval draws the robots anew, and is no
+narrower than the levels and the robots allow. Next: `push_limits`, the records, and `push_fit`, the
+curve.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from surefoot.evaluation.push_fit import (
     resampled_impulses,
     robots_needed,
 )
-from surefoot.evaluation.statistics import Interval, percentiles
+from surefoot.evaluation.statistics import Interval, check_paired, percentiles
 from surefoot.files import as_digits
 from surefoot.scenarios.starts import StartSet
 from surefoot.types import Array, BoolArray
@@ -149,13 +149,10 @@ def result_of_search(
         fitted_level(levels_tried, counts, needed)
         for levels_tried, counts in zip(levels, successes, strict=True)
     )
-    open_limits = [
-        limit_interval(levels_tried, counts, push.success, n, push.strongest)
-        for levels_tried, counts in zip(levels, successes, strict=True)
-    ]
+    open_limits = _open_limits(levels, successes, push.success, n, push.strongest)
     drawn = resampled_impulses(levels, survived, needed)
     intervals = [percentiles(impulses) for impulses in drawn.T]
-    low, high = percentiles(drawn.mean(axis=1))
+    mean_low, mean_high = percentiles(drawn.mean(axis=1))
     below, above = _widening(intervals, open_limits)
     return PushResult(
         starts=stored.name,
@@ -176,7 +173,7 @@ def result_of_search(
             (min(low, least), max(high, most))
             for (low, high), (least, most) in zip(intervals, open_limits, strict=True)
         ),
-        mean_interval=(low - below, high + above),
+        mean_interval=(mean_low - below, mean_high + above),
         measured=push,
     )
 
@@ -191,18 +188,7 @@ def push_difference(a: PushResult, b: PushResult) -> PushDifference:
     Raises:
         ValueError: The two differ in initial states, directions or share.
     """
-    for name, of_a, of_b in (
-        ("starts_hash", a.starts_hash, b.starts_hash),
-        ("split", a.split, b.split),
-        ("episodes", a.episodes, b.episodes),
-        ("direction_deg", a.direction_deg, b.direction_deg),
-        ("share", a.share, b.share),
-    ):
-        if of_a != of_b:
-            raise ValueError(
-                f"pushes of different {name}, {of_a} and {of_b}: only robots from the same "
-                "starts, pushed the same way, can be compared in pairs"
-            )
+    check_paired(a, b, ("starts_hash", "split", "episodes", "direction_deg", "share"))
     drawn_a, below_a, above_a = _drawn_and_widening(a)
     drawn_b, below_b, above_b = _drawn_and_widening(b)
     low, high = percentiles((drawn_a - drawn_b).mean(axis=1))
@@ -213,21 +199,38 @@ def push_difference(a: PushResult, b: PushResult) -> PushDifference:
 
 
 def _drawn_and_widening(result: PushResult) -> tuple[Array, float, float]:
-    """What the interval of a result's mean is made of, also of one of an earlier version.
+    """What the interval of a result's mean is made of.
+
+    Of a result of an earlier version the strongest level is not known; the strongest one that was
+    tried takes its place.
 
     Returns:
-        ``(RESAMPLES, D)`` fitted impulses of robots drawn anew, and what `_widening` says [N s].
+        ``(RESAMPLES, D)`` fitted impulses of robots drawn anew, and the two numbers of `_widening`
+        [N s].
     """
     tried = max(max(levels) for levels in result.levels)
     strongest = tried if result.measured is None else result.measured.strongest
-    open_limits = [
-        limit_interval(levels, counts, result.share, result.episodes, strongest)
-        for levels, counts in zip(result.levels, result.successes, strict=True)
-    ]
+    open_limits = _open_limits(
+        result.levels, result.successes, result.share, result.episodes, strongest
+    )
     needed = robots_needed(result.share, result.episodes)
     drawn = resampled_impulses(result.levels, result.survived, needed)
     below, above = _widening([percentiles(impulses) for impulses in drawn.T], open_limits)
     return drawn, below, above
+
+
+def _open_limits(
+    levels: Sequence[Sequence[float]],
+    successes: Sequence[Sequence[int]],
+    share: float,
+    n: int,
+    strongest: float,
+) -> list[Interval]:
+    """``(D,)`` what the robots pushed leave open of each direction's limit (`limit_interval`)."""
+    return [
+        limit_interval(levels_tried, counts, share, n, strongest)
+        for levels_tried, counts in zip(levels, successes, strict=True)
+    ]
 
 
 def _widening(
@@ -237,7 +240,7 @@ def _widening(
 
     Args:
         intervals: ``(D,)`` bootstrap intervals [N s].
-        open_limits: ``(D,)`` what `limit_interval` says [N s].
+        open_limits: ``(D,)`` intervals of `limit_interval` [N s].
 
     Returns:
         What to take off the lower end of an interval of the mean over directions, and what to add

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from surefoot.config import Backend
-from surefoot.config.json_io import from_json, read_json
+from surefoot.config.json_io import read_record
 from surefoot.evaluation.push_limits import PushDifference, PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.evaluation.statistics import PairedDifference
@@ -58,7 +58,4 @@ def read_report(path: Path) -> EvaluationReport:
     Raises:
         ValueError: The file is not JSON, or has unknown or missing keys; the message names it.
     """
-    try:
-        return from_json(EvaluationReport, read_json(path))
-    except ValueError as error:
-        raise ValueError(f"{path} is no evaluation that this version can read: {error}") from error
+    return read_record(path, EvaluationReport)

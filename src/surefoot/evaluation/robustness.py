@@ -15,13 +15,20 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.config import Config
-from surefoot.evaluation.statistics import Interval, PairedDifference, paired_difference, wilson
+from surefoot.errors import shown
+from surefoot.evaluation.statistics import (
+    Interval,
+    PairedDifference,
+    check_paired,
+    paired_difference,
+    wilson,
+)
 from surefoot.files import as_digits, from_digits
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import Summary
+from surefoot.rollouts.summary import NOT_RECORDED, Summary
 from surefoot.scenarios.starts import StartSet, load_starts
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, PlanFunction
 from surefoot.workers import Workers
@@ -95,10 +102,11 @@ class Robustness:
     lost_at: tuple[float, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check that each episode has one outcome.
+        """Check that each episode has one outcome, and one initial state if those were kept.
 
         Raises:
-            ValueError: A string of digits has another length, or holds something else.
+            ValueError: A string of digits has another length, or holds something else; or the
+                initial states are not so many.
         """
         kinds = "".join(str(int(outcome)) for outcome in Outcome)
         for name, digits, allowed in (
@@ -111,10 +119,15 @@ class Robustness:
                     f"{name} must be {self.episodes} digits out of {allowed}, one for each "
                     f"episode; there are {len(digits)} characters"
                 )
-        if self.initial_states and len(self.ids) != self.episodes:
+        if not self.initial_states:
+            return
+        # Counted without making them: a few characters may name more than the memory holds.
+        count = sum(len(part) for part in _ranges(self.initial_states))
+        if not count == self.episodes == len(self.outcomes):
             raise ValueError(
-                f"initial_states must name one state for each of {self.episodes} episodes; "
-                f"{self.initial_states!r} names {len(self.ids)}"
+                f"initial_states must name one state for each of {self.episodes} episodes, and "
+                f"outcomes have one digit for each; {shown(self.initial_states)} names {count}, "
+                f"and there are {len(self.outcomes)} digits"
             )
 
     @property
@@ -142,19 +155,10 @@ def success_difference(a: Robustness, b: Robustness) -> PairedDifference | None:
     Raises:
         ValueError: The two differ in their initial states.
     """
-    for name, of_a, of_b in (
-        ("starts_hash", a.starts_hash, b.starts_hash),
-        ("split", a.split, b.split),
-        ("episodes", a.episodes, b.episodes),
-        ("initial_states", a.initial_states, b.initial_states),
-    ):
-        if of_a != of_b:
-            raise ValueError(
-                f"episodes of different {name}, {of_a} and {of_b}: only episodes from the same "
-                "initial states can be compared in pairs"
-            )
+    check_paired(a, b, ("starts_hash", "split", "episodes"))
     if not a.outcomes or not b.outcomes:
         return None
+    check_paired(a, b, ("initial_states",))
     return paired_difference(a.succeeded, b.succeeded)
 
 
@@ -177,14 +181,24 @@ def ids_from_text(text: str) -> IntArray:
     Raises:
         ValueError: The text is no list of ids and of ranges.
     """
-    ids: list[int] = []
+    parts = [np.arange(part.start, part.stop) for part in _ranges(text)]
+    return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
+
+
+def _ranges(text: str) -> list[range]:
+    """The ids and ranges of ids that a text names.
+
+    Raises:
+        ValueError: The text is no list of ids and of ranges.
+    """
+    ranges = []
     for part in text.split(",") if text else ():
-        match = re.fullmatch(r"(-?\d+)(?:-(\d+))?", part)
+        match = re.fullmatch(r"(-?\d{1,18})(?:-(\d{1,18}))?", part, re.ASCII)
         if match is None:
-            raise ValueError(f"{text!r} is no list of ids such as 700-798,850")
+            raise ValueError(f"{shown(text)} is no list of ids such as 700-798,850")
         first, last = match.groups()
-        ids.extend(range(int(first), int(last or first) + 1))
-    return np.array(ids, dtype=np.int64)
+        ranges.append(range(int(first), int(last or first) + 1))
+    return ranges
 
 
 def evaluate(
@@ -246,8 +260,7 @@ def robustness_of(summary: Summary, stored: StartSet, split: str) -> Robustness:
     success = summary.outcome == Outcome.SUCCESS
     successes = int(success.sum())
     lost = summary.failed
-    # Counts of an earlier version are -1: not recorded.
-    recorded = bool((summary.contact_ticks >= 0).all())
+    recorded = bool((summary.contact_ticks != NOT_RECORDED).all())
     touched = summary.contact_ticks > 0
     return Robustness(
         starts=stored.name,

@@ -20,6 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import binomtest, norm, sem
 from scipy.stats import t as student_t
 
+from surefoot.errors import shown
+
 RESAMPLES = 2000
 """Number of draws of a bootstrap."""
 SEED = 0
@@ -182,6 +184,27 @@ def _paired_interval(a: NDArray[np.float64], b: NDArray[np.float64]) -> Interval
 def _are_binary(outcomes: NDArray[np.float64]) -> bool:
     """Whether all outcomes are 0 or 1."""
     return bool(((outcomes == 0.0) | (outcomes == 1.0)).all())
+
+
+def check_paired(a: object, b: object, fields: Sequence[str]) -> None:
+    """Check that two results can be compared in pairs: the same trials, made the same way.
+
+    Args:
+        a: The result of one policy.
+        b: That of the other.
+        fields: Names of the fields that say which trials were made, and how.
+
+    Raises:
+        ValueError: One of these fields differs.
+    """
+    for name in fields:
+        of_a = getattr(a, name)
+        of_b = getattr(b, name)
+        if of_a != of_b:
+            raise ValueError(
+                f"results of different {name}, {shown(of_a)} and {shown(of_b)}: only episodes from "
+                "the same initial states, disturbed the same way, can be compared in pairs"
+            )
 
 
 def run_interval(values_by_run: Sequence[ArrayLike], correlation: float = 0.0) -> RunMeans:

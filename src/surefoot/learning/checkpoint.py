@@ -108,16 +108,14 @@ def _expected(network: PolicyNetwork) -> Iterator[TensorKind]:
 
 
 def _pop_losses(tensors: dict[str, Tensor], header: _Header) -> Losses:
-    """The losses of a checkpoint; their tensor is taken out.
+    """The losses of a checkpoint, whose tensor is taken out of the tensors.
 
     Raises:
         ValueError: They are not pairs of numbers.
     """
     stored = tensors.pop("losses", None)
     if stored is None:
-        return [
-            (float.fromhex(training), float.fromhex(other)) for training, other in header.losses
-        ]
+        return [(float.fromhex(a), float.fromhex(b)) for a, b in header.losses]
     if stored.ndim != 2 or stored.shape[1] != 2 or stored.dtype != torch.float64:
         raise ValueError("losses are not pairs of numbers")
     return [(training, validation) for training, validation in stored.tolist()]

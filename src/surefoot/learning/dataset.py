@@ -13,12 +13,12 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from reprlib import repr as short
 
 import numpy as np
 
 from surefoot.config.json_io import from_json
 from surefoot.config.json_text import parse_json, read_file
+from surefoot.errors import shown
 from surefoot.files import write_atomic, write_json
 from surefoot.learning.frames import (
     Frames,
@@ -227,7 +227,7 @@ class Dataset:
                 "delete it: `surefoot train ... --resume` collects again, to the same bits"
             ) from error
         raise DatasetError(
-            f"{self._manifest} has format {short(version)}, this version reads format {FORMAT}; "
+            f"{self._manifest} has format {shown(version)}, this version reads format {FORMAT}; "
             "use the version of surefoot that wrote it"
         )
 
@@ -322,33 +322,34 @@ class Dataset:
 
 
 def _check_entries(shards: Mapping[str, ShardEntry]) -> None:
-    """Check that entries name files of the folder, and do not contradict themselves or each other.
+    """Check that entries name files of the folder and contradict neither themselves nor others.
 
     Raises:
-        ValueError: One does.
+        ValueError: An entry has a name that is no file's, other numbers than its episodes allow, or
+            an episode that is no number or is in another entry too.
     """
-    home = {}
+    shard_of = {}
     for name, entry in shards.items():
         _check_name(name)
-        if not len(entry.episodes) <= entry.frames or (entry.frames and not entry.episodes):
+        if not min(entry.frames, 1) <= len(entry.episodes) <= entry.frames:
             raise ValueError(
                 f"shard {name!r} has {entry.frames} frames and {len(entry.episodes)} episodes"
             )
         for episode in entry.episodes:
             if not re.fullmatch(r"0|-?[1-9]\d{0,18}", episode, re.ASCII):
-                raise ValueError(f"shard {name!r} has an episode {short(episode)}, not a number")
-            if episode in home:
-                raise ValueError(f"episode {episode} is in {home[episode]!r} and in {name!r}")
-            home[episode] = name
+                raise ValueError(f"shard {name!r} has an episode {shown(episode)}, not a number")
+            if episode in shard_of:
+                raise ValueError(f"episode {episode} is in {shard_of[episode]!r} and in {name!r}")
+            shard_of[episode] = name
         if combine_digests(entry.episodes) != entry.sha256:
             raise ValueError(f"the hashes of the episodes of {name!r} do not match its own")
 
 
 def _check_name(name: str) -> None:
-    """Check that a shard's name stays the name of a file of the dataset's folder.
+    """Check that a shard's name leads to no other folder than the dataset's.
 
     Raises:
-        DatasetError: It would not.
+        DatasetError: It could.
     """
     if not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
-        raise DatasetError(f"shard name {short(name)}: use letters, digits, '_', '-' and dots")
+        raise DatasetError(f"shard name {shown(name)}: use letters, digits, '_', '-' and dots")

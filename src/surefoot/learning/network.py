@@ -22,8 +22,6 @@ from surefoot.types import JOINTS
 MINIMUM_ROWS = 8
 """Smaller batches are padded to this many rows: in every BLAS tried, products of fewer rows take
 another path, with other last bits. From here on a row's result did not depend on its batch."""
-
-
 LEAST_SCALE = 1e-7
 """No input has a smaller scale: `set_normalizers` takes 1 for a deviation of 1e-6 or less."""
 

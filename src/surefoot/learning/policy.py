@@ -15,7 +15,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from reprlib import repr as short
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +22,7 @@ from torch import Tensor
 
 from surefoot.config import Config, Phase, PolicyConfig
 from surefoot.config.json_io import Plain, from_json, to_json
+from surefoot.errors import shown
 from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork, network_from_tensors
 from surefoot.learning.observation import (
     INPUT_SIZE,
@@ -42,7 +42,7 @@ from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray,
 
 FORMAT = 2
 """Version of the policy file."""
-MOST_TICKS = 3_600_000
+LONGEST_PERIOD = 3_600_000
 """[ms] The longest gait period that a policy file may have."""
 
 
@@ -172,6 +172,7 @@ class PolicyFileError(ValueError):
 
 
 _Command = tuple[float, float, float]
+"""vx, vy [m/s], yaw rate [rad/s], as JSON keeps them."""
 
 
 @dataclass(frozen=True)
@@ -257,7 +258,7 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
     for key, expected in _interface(robot).items():
         if header.get(key) != expected:
             raise PolicyFileError(
-                f"{path} has {key} {short(header.get(key))}, expected {expected!r}; load a policy "
+                f"{path} has {key} {shown(header.get(key))}, expected {expected!r}; load a policy "
                 "made for this, or train one"
             )
     try:
@@ -280,8 +281,8 @@ def _policy(tensors: Mapping[str, Tensor], header: _Header) -> Policy:
     config = PolicyConfig(header.hidden, header.kp, header.kd, header.phase)
     if config.kp == 0:
         raise ValueError("kp is 0, so no joint target has an effect; use more than 0 N m/rad")
-    if not 1 <= header.period_ticks <= MOST_TICKS:
-        raise ValueError(f"period_ticks is {header.period_ticks}; use 1 to {MOST_TICKS} ms")
+    if not 1 <= header.period_ticks <= LONGEST_PERIOD:
+        raise ValueError(f"period_ticks is {header.period_ticks}; use 1 to {LONGEST_PERIOD} ms")
     low, high = np.array(header.command_range)
     if not (np.isfinite(low) & np.isfinite(high) & (low <= high)).all():
         raise ValueError(f"command_range is {low.tolist()} to {high.tolist()}; use a finite range")

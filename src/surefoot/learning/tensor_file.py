@@ -15,7 +15,6 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from reprlib import repr as short
 from typing import Any
 
 import torch
@@ -24,6 +23,7 @@ from safetensors.torch import save as to_bytes
 from torch import Tensor
 
 from surefoot.config.json_text import parse_json
+from surefoot.errors import shown
 from surefoot.files import write_atomic
 
 HEADER_KEY = "surefoot"
@@ -114,7 +114,7 @@ def _parse_header(metadata: Mapping[str, str] | None) -> Header:
         raise ValueError("it has no header of this package")
     header = parse_json(metadata[HEADER_KEY].encode())
     if not isinstance(header, dict):
-        raise ValueError(f"its header is {short(header)}, expected a JSON object")
+        raise ValueError(f"its header is {shown(header)}, expected a JSON object")
     return header
 
 
@@ -122,7 +122,7 @@ def _read(file: Any, name: str) -> Tensor:
     """One tensor of an open file, if its type is among those that files of this package have."""
     dtype = file.get_slice(name).get_dtype()
     if dtype not in ("F32", "F64", "I64", "BOOL"):  # of others, not all become bytes for the hash
-        raise ValueError(f"tensor {short(name)} has the type {dtype}")
+        raise ValueError(f"tensor {shown(name)} has the type {dtype}")
     # What safetensors gives is a window on the file: the weights would change with it, and once it
     # is cut short, reading them would end the process.
     return file.get_tensor(name).clone()
@@ -155,7 +155,7 @@ def check_tensors(tensors: Mapping[str, Tensor], expected: Iterable[TensorKind])
             raise ValueError(f"{kind.name} has numbers below {kind.least:.3g}")
         known.add(kind.name)
     if unknown := tensors.keys() - known:
-        raise ValueError(f"it has tensors that its header does not ask for: {short(unknown)}")
+        raise ValueError(f"it has tensors that its header does not ask for: {shown(unknown)}")
 
 
 def is_intact(tensors: Mapping[str, Tensor], header: Header) -> bool:

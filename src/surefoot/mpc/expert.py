@@ -178,10 +178,10 @@ def read_only(state: State) -> State:
 
 
 def _numbers(name: str, values: object) -> NDArray:
-    """Return an array of a plan as real numbers.
+    """Return an array of a plan, which has to be one of real numbers.
 
     Raises:
-        ValueError: The values are none.
+        ValueError: The values are no real numbers, or are no array.
     """
     try:
         array = np.asarray(values)

@@ -15,10 +15,11 @@ from functools import partial
 
 import numpy as np
 
+from surefoot.mpc.expert import ask_for_plan
 from surefoot.robots.geometry import state_of
 from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import integrate
-from surefoot.types import Array, Command, MotionPlan, PlanFunction, State
+from surefoot.types import Array, Command, PlanFunction, State
 
 TOLERANCE = 1e-6
 """[rad, rad/s, N m] Plans this far apart are the same: another processor rounds differently."""
@@ -42,7 +43,8 @@ class FixedPlan:
         joint_velocity: ``(ticks, 12)`` reference joint rates [rad/s].
         torque: ``(ticks, 12)`` feed-forward joint torques [N m].
         valid: Whether the plan may be executed.
-        failure: What the function did instead of planning; empty if it gave a plan.
+        failure: What the function did instead of giving a plan that an expert accepts; empty if it
+            gave one.
     """
 
     joint_position: Rows = ()
@@ -94,8 +96,8 @@ def plan_names(plan: PlanFunction) -> tuple[str, str]:
 def identity_of(plan: PlanFunction, robot: RobotModel) -> ExpertIdentity:
     """Return the identity of a plan function; this asks it for three plans.
 
-    A function that raises, or returns something else than a plan, has an identity too: what it
-    did is kept as the failure.
+    A function that raises, or gives no plan that an expert accepts, has an identity too: the kind
+    of its error is kept as the failure.
 
     Args:
         plan: The plan function.
@@ -104,7 +106,7 @@ def identity_of(plan: PlanFunction, robot: RobotModel) -> ExpertIdentity:
     module, name = plan_names(plan)
     states = _fixed_states(robot)
     plans = tuple(_ask(plan, *state) for state in states)
-    again = _ask(plan, *_fixed_states(robot)[0])  # after the others, which must leave no trace
+    again = _ask(plan, *states[0])  # after the others, which must leave no trace
     repeatable = not _plan_difference(plans[0], again, REPEATABLE)
     return ExpertIdentity(module, name, repeatable, plans)
 
@@ -134,7 +136,7 @@ def difference(before: ExpertIdentity, now: ExpertIdentity) -> str:
 
 
 def _fixed_states(robot: RobotModel) -> list[tuple[State, int, Command]]:
-    """Return the arguments for which plans are kept, in arrays that nobody else holds.
+    """Return the arguments for which plans are kept.
 
     The first robot stands still; the second moves in every degree of freedom, between two ticks of
     the planning grid, so that feedback on a position or a velocity shows.
@@ -153,28 +155,15 @@ def _fixed_states(robot: RobotModel) -> list[tuple[State, int, Command]]:
 def _ask(plan: PlanFunction, state: State, tick: int, command: Command) -> FixedPlan:
     """Return the plan of a function, or how it failed."""
     try:
-        motion = plan(state, tick, command)
-    except Exception as error:  # whatever a user's code raises
-        return FixedPlan(failure=f"raised {type(error).__name__}")
-    if not isinstance(motion, MotionPlan):
-        return FixedPlan(failure=f"returned {type(motion).__name__}, no MotionPlan")
-    try:
-        rows = [_rows(motion.joint_position), _rows(motion.joint_velocity), _rows(motion.torque)]
-    except (TypeError, ValueError):
-        return FixedPlan(failure="gave arrays that are not (ticks, 12) numbers each")
-    return FixedPlan(*rows, valid=bool(motion.valid))
+        arrays, valid = ask_for_plan(plan, state, tick, command)
+    except Exception as error:  # whatever a user's code raises, or an expert refuses
+        return FixedPlan(failure=f"gave no plan ({type(error).__name__})")
+    position, velocity, torque = np.split(arrays, 3, axis=1)
+    return FixedPlan(_rows(position), _rows(velocity), _rows(torque), valid)
 
 
-def _rows(values: Array) -> Rows:
-    """Return an array of a plan as tuples; what is not finite becomes NaN, as in JSON.
-
-    Raises:
-        TypeError: They are no numbers.
-        ValueError: They are no numbers, or their shape is another one.
-    """
-    array = np.asarray(values, np.float64)
-    if array.ndim != 2 or array.shape[1] != 12:
-        raise ValueError(f"{array.shape}, expected (ticks, 12)")
+def _rows(array: Array) -> Rows:
+    """Return an array of a plan as tuples; what is not finite becomes NaN, as in JSON."""
     array = np.where(np.isfinite(array), np.round(array, DECIMALS), np.nan)
     return tuple(map(tuple, array.tolist()))
 

@@ -117,7 +117,7 @@ def rollout(
         choice = arbiter.choose(state, tick, starts.command) if elapsed < T else everyone
         torque = drivers.torque(state, tick, choice, elapsed, recorder)
         if elapsed == 0:
-            line.extend(_under_way(episodes, disturbance.delay, torque))
+            line.extend(_before_the_first(episodes, disturbance.delay, torque))
         line.append(torque)
         if disturbance.pushes is not None:
             _push(simulator, disturbance.pushes, elapsed, recorder.active)
@@ -264,7 +264,7 @@ class _Drivers:
         return torque
 
 
-def _under_way(episodes: Episodes, delay: int, first: Array) -> list[Array]:
+def _before_the_first(episodes: Episodes, delay: int, first: Array) -> list[Array]:
     """The torques ``(B, 12)`` that act before the first one that is commanded, in their order."""
     if episodes.late is None:
         return [first] * delay

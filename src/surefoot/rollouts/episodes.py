@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from surefoot.learning.frames import Frames
 from surefoot.rollouts.outcome import failed
 from surefoot.scenarios.disturbance import Disturbance, join_disturbances, join_optional
-from surefoot.scenarios.starts import Starts, check_starts, join_starts
+from surefoot.scenarios.starts import Starts, join_starts
+from surefoot.scenarios.starts_check import check_starts
 from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
 
 
@@ -36,8 +37,9 @@ class Episodes:
             None has none at all. `Rollout.branch` makes them.
 
     Raises:
-        ValueError: There is nothing to simulate, an initial state is none (`check_starts`), or the
-            number of ids, of disturbed robots or of late torques is not that of the initial states.
+        ValueError: There is nothing to simulate, no robot can begin in an initial state
+            (`check_starts`), or the number of ids, of disturbed robots or of late torques is not
+            that of the initial states.
     """
 
     starts: Starts

@@ -56,8 +56,8 @@ class Job:
             there is one, takes the place of the drawn one.
         arbiter: Decides at every tick who drives.
         policy: The policy or its file, where the arbiter needs one.
-        plan: The expert's MPC: a function, or any other object that is called as one. None is the
-            BiConMP-style planner.
+        plan: The expert's MPC: a function, or any other object that can be called like one. None
+            is the BiConMP-style planner.
         disturbance: What disturbs the robots, drawn from the root seed and the ids, and how far the
             robots may tilt under it.
         ask_always: Whether the expert is asked at every tick, see `rollout`.

@@ -68,9 +68,9 @@ class Summary:
         mse: ``(n, 3)`` mean squared velocity error over the whole episode.
         settled_mse: ``(n, 3)`` mean squared velocity error from 1 s on; NaN for shorter episodes.
         max_torque: ``(n,)`` largest joint torque commanded [N m].
-        shapes: Shapes of the arrays that are not ``(n,)``.
         contact_ticks: ``(n,)`` number of ticks, tail included, in which something other than a foot
             touched the ground [ms]; -1 where that was not recorded.
+        shapes: Shapes of the arrays that are not ``(n,)``.
     """
 
     shapes: ClassVar[Mapping[str, Shape]] = {
@@ -110,8 +110,8 @@ class Summary:
     def __post_init__(self) -> None:
         """Mark contacts that were not recorded."""
         if len(self.contact_ticks) == 0:
-            unknown = np.full(len(self.episode), NOT_RECORDED)
-            object.__setattr__(self, "contact_ticks", unknown)
+            missing = np.full(len(self.episode), NOT_RECORDED)
+            object.__setattr__(self, "contact_ticks", missing)
 
     @property
     def failed(self) -> BoolArray:

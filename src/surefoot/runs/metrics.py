@@ -18,7 +18,7 @@ from typing import Literal
 from surefoot.config import NumberFormat
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.json_text import parse_json
-from surefoot.errors import unknown
+from surefoot.errors import shown, unknown
 from surefoot.evaluation.robustness import Robustness
 from surefoot.learning.classifier import ClassifierQuality
 from surefoot.runs.accounting import CollectionCost
@@ -184,7 +184,7 @@ def parse_line(line: bytes) -> StageRecord:
     except ValueError as error:
         raise ValueError(f"is not JSON ({error})") from error
     if not isinstance(values, dict):
-        raise ValueError(f"is no record: {str(values)[:80]} is not an object with keys")
+        raise ValueError(f"is no record: {shown(values)} is not an object with keys")
     stage = str(values.get("stage"))[:80]
     if stage.startswith("guard_"):
         stage = "gate_" + stage.removeprefix("guard_")

@@ -37,8 +37,9 @@ def kept_precision(training: TrainingConfig, choice: PrecisionChoice | None) -> 
     """
     if choice is not None:
         return replace(training, precision=choice.chosen)
-    short = training.precision != "float32" and has_bfloat16(choose_device(training.device))
-    return replace(training, precision="bfloat16" if short else "float32")
+    if training.precision != "float32" and has_bfloat16(choose_device(training.device)):
+        return replace(training, precision="bfloat16")
+    return replace(training, precision="float32")
 
 
 def with_precision_of(config: Config, before: Config) -> Config:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -22,7 +21,7 @@ import numpy as np
 from surefoot.config import Config, method_name
 from surefoot.config.json_io import from_json, read_json, to_json
 from surefoot.config.json_text import read_file
-from surefoot.files import write_atomic, write_json, writing
+from surefoot.files import is_left_over, write_atomic, write_json, writing
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.precision import PrecisionChoice
 from surefoot.runs.metrics import (
@@ -286,7 +285,7 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
     run = Run(folder, config)
     run.claim()  # first: of two that begin together, only one may read and write what follows
     for part in [*folder.glob(".*"), *folder.glob("*/.*")]:
-        if _is_left_over(part):
+        if is_left_over(part):
             part.unlink()
     if path.exists():
         before = open_run(folder)
@@ -369,7 +368,7 @@ def _check_folder(folder: Path, resume: bool) -> None:
     path = folder / CONFIG_FILE
     if folder.exists() and not path.exists():
         # A kill in the very first moment leaves an empty folder, or a lock or temporary file in it.
-        foreign = [p for p in folder.iterdir() if not _is_left_over(p) and p.name != ".lock"]
+        foreign = [p for p in folder.iterdir() if not is_left_over(p) and p.name != ".lock"]
         if foreign:
             raise RunError(
                 f"{folder} is not empty and holds no run (no {path.name}); choose another folder "
@@ -380,9 +379,3 @@ def _check_folder(folder: Path, resume: bool) -> None:
             f"{folder} already holds a run. Continue it with --resume, or choose another "
             "folder with --run"
         )
-
-
-def _is_left_over(path: Path) -> bool:
-    """Whether a file is what a killed process was writing, by the name that `write_atomic` uses."""
-    is_file = path.is_file() and not path.is_symlink()
-    return is_file and re.fullmatch(r"\..+\.\d+\.tmp", path.name) is not None

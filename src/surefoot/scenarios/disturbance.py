@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import DisturbanceConfig, NoiseConfig
+from surefoot.config.scenarios import LONGEST_DELAY, LONGEST_PUSH
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import center_of_mass, feet, integrate, legs_of, masses_of
 from surefoot.scenarios.torque_noise import TorqueNoise, join_torque_noises
@@ -24,10 +25,6 @@ from surefoot.types import Array, IntArray, State, to_ticks
 
 EARLY = 0.2
 """The push of a tail begins within this time of it, so that the rest shows the recovery [s]."""
-MOST_PUSH_TICKS = 60_000
-"""The longest push [ms], as in `DisturbanceConfig.push_duration`."""
-MOST_DELAY = 1000
-"""The longest delay [ms], as in `DisturbanceConfig.delay`."""
 _BLOCK = 500
 """The number of ticks for which noise is drawn at a time."""
 
@@ -67,10 +64,12 @@ class Pushes:
             raise ValueError("pushes: an impulse is not finite")
         if not np.issubdtype(self.tick.dtype, np.integer):
             raise ValueError(f"pushes: ticks of type {self.tick.dtype}; use whole numbers [ms]")
-        if not isinstance(self.duration, Integral) or not 1 <= self.duration <= MOST_PUSH_TICKS:
+        if not isinstance(self.duration, Integral) or not 1 <= self.duration <= to_ticks(
+            LONGEST_PUSH
+        ):
             raise ValueError(
                 f"pushes: a duration of {self.duration} ms; use whole numbers from 1 to "
-                f"{MOST_PUSH_TICKS}"
+                f"{to_ticks(LONGEST_PUSH)}"
             )
 
     def __getitem__(self, rows: slice | NDArray) -> Pushes:
@@ -130,9 +129,10 @@ class Disturbance:
         for name, values in (("friction", self.friction), ("mass", self.mass)):
             if values is not None:
                 object.__setattr__(self, name, _positive(name, values))
-        if not isinstance(self.delay, Integral) or not 0 <= self.delay <= MOST_DELAY:
+        if not isinstance(self.delay, Integral) or not 0 <= self.delay <= LONGEST_DELAY:
             raise ValueError(
-                f"disturbance: a delay of {self.delay} ms; use whole numbers from 0 to {MOST_DELAY}"
+                f"disturbance: a delay of {self.delay} ms; use whole numbers from 0 to "
+                f"{LONGEST_DELAY}"
             )
         if self.measured is not None:
             measured = np.asarray(self.measured)
@@ -237,10 +237,10 @@ def join_optional(parts: Sequence[NDArray | None]) -> NDArray | None:
 
 
 def _positive(name: str, values: Array) -> Array:
-    """``(B,)`` values of a field, if each is a positive number.
+    """``(B,)`` values of a field, each of which has to be a positive number.
 
     Raises:
-        ValueError: They are not.
+        ValueError: A value is not, or there is not one value for each robot.
     """
     array = np.asarray(values, dtype=float)
     if array.ndim != 1:

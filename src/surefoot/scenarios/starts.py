@@ -24,7 +24,7 @@ from surefoot.config import Split
 from surefoot.config.json_text import read_file
 from surefoot.errors import unknown
 from surefoot.files import parse_npz, write_atomic
-from surefoot.scenarios.starts_check import check_stored_arrays, check_unit_quaternions
+from surefoot.scenarios.starts_check import check_stored_arrays
 from surefoot.types import Array, IntArray
 
 SPLITS: tuple[Split, ...] = get_args(Split)
@@ -272,35 +272,6 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
         for split, start, stop in zip(SPLITS, bounds[:-1], bounds[1:], strict=True)
     }
     return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)))
-
-
-def check_starts(starts: Starts) -> None:
-    """Check that robots can begin in these initial states.
-
-    Args:
-        starts: n initial states.
-
-    Raises:
-        ValueError: An array has the wrong shape or type, a number is not finite, or a quaternion
-            is not of length 1.
-    """
-    n = len(starts.q)
-    shapes = {"q": (n, 19), "v": (n, 18), "tick": (n,), "command": (n, 3), "id": (n,)}
-    for name, shape in shapes.items():
-        array = np.asarray(getattr(starts, name))
-        kinds = "iu" if name in ("tick", "id") else "fiu"
-        if array.shape != shape or array.dtype.kind not in kinds:
-            expected = "whole" if kinds == "iu" else "real"
-            raise ValueError(
-                f"initial states: {name} is {array.dtype} {array.shape}, expected {shape} "
-                f"{expected} numbers"
-            )
-        if not np.isfinite(array).all():
-            place = [int(index) for index in np.argwhere(~np.isfinite(array))[0]]
-            raise ValueError(
-                f"initial states: {name}{place} is {array[tuple(place)]}; use finite numbers"
-            )
-    check_unit_quaternions(starts.q)
 
 
 def check_unused(path: Path) -> None:

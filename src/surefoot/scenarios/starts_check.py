@@ -1,17 +1,21 @@
-"""Checks of initial states as arrays: what a stored set may hold, before anything is made of it.
+"""Checks of initial states: those of a stored set, and those that robots are about to begin in.
 
-`starts` reads and writes the sets, and checks with these functions.
+`starts` reads and writes the sets, and `rollouts.episodes` begins in them; both check first.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.types import Array
+
+if TYPE_CHECKING:
+    from surefoot.scenarios.starts import Starts
 
 UNIT_TOLERANCE = 1e-6
 """A quaternion of a stored state may be longer or shorter than 1 by this; those of the packaged
@@ -62,6 +66,35 @@ def check_stored_arrays(arrays: Mapping[str, NDArray], splits: int) -> list[tupl
     return shapes
 
 
+def check_starts(starts: Starts) -> None:
+    """Check that robots can begin in these initial states.
+
+    Args:
+        starts: n initial states.
+
+    Raises:
+        ValueError: An array has the wrong shape or type, a number is not finite, or a quaternion
+            is not of length 1.
+    """
+    n = len(starts)
+    shapes = {"q": (n, 19), "v": (n, 18), "tick": (n,), "command": (n, 3), "id": (n,)}
+    for name, shape in shapes.items():
+        array = np.asarray(getattr(starts, name))
+        kinds = "iu" if name in ("tick", "id") else "fiu"
+        if array.shape != shape or array.dtype.kind not in kinds:
+            expected = "whole" if kinds == "iu" else "real"
+            raise ValueError(
+                f"initial states: {name} is {array.dtype} {array.shape}, expected {shape} "
+                f"{expected} numbers"
+            )
+        if not np.isfinite(array).all():
+            place = [int(index) for index in np.argwhere(~np.isfinite(array))[0]]
+            raise ValueError(
+                f"initial states: {name}{place} is {array[tuple(place)]}; use finite numbers"
+            )
+    check_unit_quaternions(starts.q)
+
+
 def check_unit_quaternions(q: Array) -> None:
     """Check that the quaternions of configurations have length 1.
 
@@ -72,7 +105,7 @@ def check_unit_quaternions(q: Array) -> None:
         q: ``(n, 19)`` configurations.
 
     Raises:
-        ValueError: One has not.
+        ValueError: A quaternion has another length.
     """
     length = np.linalg.norm(q[:, 3:7], axis=1)
     wrong = np.abs(length - 1.0) > UNIT_TOLERANCE

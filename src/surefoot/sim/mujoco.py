@@ -86,8 +86,8 @@ def _convert(qpos: Array, qvel: Array, q: Array, v: Array, R: Array) -> None:
 
 
 @njit(cache=True)
-def _beside_feet(feet: Array, ground: Array) -> Array:
-    """``(B,)`` what the level ground carries of each robot beside its feet [N]; compiled too.
+def _force_on_the_rest(feet: Array, ground: Array) -> Array:
+    """``(B,)`` vertical force on all parts of each robot but its feet, on level ground [N].
 
     Args:
         feet: ``(B, 4)`` normal force on each foot [N].
@@ -238,7 +238,8 @@ class MujocoSimulator:
     @property
     def body_contact(self) -> BoolArray:
         """See ``Simulator``."""
-        return _beside_feet(self._sensors[:, FORCE], self._sensors[:, GROUND]) > CONTACT_FORCE
+        force = _force_on_the_rest(self._sensors[:, FORCE], self._sensors[:, GROUND])
+        return force > CONTACT_FORCE
 
     @property
     def blown_up(self) -> BoolArray:

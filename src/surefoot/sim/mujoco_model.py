@@ -26,8 +26,9 @@ COM = slice(16, 19)
 """The sensor of the center of mass [m]."""
 GROUND = slice(19, 22)
 """The sensor of the sum of all contact forces on the robot, world frame [N]."""
-_CONTACT_FORCE = 1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value
-# One of the ways to reduce contacts (mjSENS_CONTACT): their sum, in the world frame.
+# What a contact sensor (mjSENS_CONTACT) reads, as a bit; and how it reduces the contacts to one: as
+# their sum, in the world frame.
+_FORCE_BIT = 1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value
 _NET_FORCE = 3
 
 
@@ -121,7 +122,7 @@ def _add_shapes(
 
 
 def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
-    """Add normal force and position of each foot, and all contact forces together."""
+    """Add the sensors that the slices above name, in their order."""
     site = mujoco.mjtObj.mjOBJ_SITE
     kind = mujoco.mjtSensor
     for leg in LEGS:
@@ -136,7 +137,7 @@ def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
     spec.add_sensor(type=kind.mjSENS_SUBTREECOM, objtype=body, objname="base_link")
     # One sensor of the whole robot costs half of what one for each part does.
     whole = mujoco.mjtObj.mjOBJ_XBODY
-    parameters = [_CONTACT_FORCE, _NET_FORCE, 1]
+    parameters = [_FORCE_BIT, _NET_FORCE, 1]
     spec.add_sensor(type=kind.mjSENS_CONTACT, objtype=whole, objname="base_link", intprm=parameters)
 
 
