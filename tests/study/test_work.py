@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import pytest
 
+import surefoot.study.results as results
 import surefoot.study.work as work
 from surefoot.config import Config
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.study import Measurement
 from surefoot.evaluation.imitation import ImitationError
-from surefoot.study.results import PolicyTest, Tests
+from surefoot.study.results import PolicyTest
 
 ERROR = ImitationError("starts", "28d8", 60, 4800, 61.5, 210.0)
 
@@ -30,8 +31,8 @@ def test_the_imitation_error_of_a_policy_is_kept_beside_its_hash(tmp_path, monke
     assert test.imitation == ERROR
     assert (test.iteration, test.frames, test.robustness, test.pushes) == (7, 12_000, None, None)
     assert test.sha256 is not None and len(test.sha256) == 64
-    tests = Tests("imitation", (test, replace(test, iteration=8)), True)
-    assert from_json(Tests, to_json(tests)) == tests
+    tests = results.Tests("imitation", (test, replace(test, iteration=8)), True)
+    assert from_json(results.Tests, to_json(tests)) == tests
 
 
 def test_results_from_before_the_imitation_error_are_read():
