@@ -67,7 +67,7 @@ def study_results(
             for measurement in study.measurements
         }
         cells.append(CellResult(cell, cell_config(study, cell), metrics, tests, (), None))
-    setup = StudySetup(study, "0123456789abcdef", "1.0")
+    setup = StudySetup(study, "0123456789abcdef", "1.0", "float32")
     return StudyResults(setup, Path("study"), tuple(cells), tuple(missing))
 
 

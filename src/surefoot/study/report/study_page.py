@@ -1,7 +1,7 @@
 """The report of a study: its page, its pictures, and the same as records.
 
 `study_report` makes the records, `write_study_report` the files: ``report.html``, which needs no
-network and no other file, and ``figures/`` with each figure as PNG and PDF. An unfinished study has
+network and no other file, and a folder of figures with each as PNG and PDF. An unfinished study has
 a report of what is there, and a list of what is missing.
 """
 
@@ -116,7 +116,7 @@ def write_study_report(
     Args:
         results: The results.
         report: What the report shows of them.
-        folder: Folder of the page; the pictures lie in ``figures/`` in it.
+        folder: Folder of the page; the pictures lie in the folder of figures in it.
         films: Films for the page, as markup that holds them whole.
 
     Returns:
