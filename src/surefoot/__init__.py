@@ -46,6 +46,7 @@ _HOME = {
     "methods.safe_dagger": ("safe_dagger",),
     "methods.loco_dagger": ("loco_dagger",),
     "methods.loco_safe_dagger": ("loco_safe_dagger",),
+    "methods.dart": ("dart",),
     "evaluation.robustness": ("evaluate", "Robustness"),
     "evaluation.push": ("push_recovery",),
     "evaluation.push_limits": ("push_difference", "PushResult"),

@@ -27,6 +27,7 @@ from surefoot.learning.policy import save as save
 from surefoot.learning.train import fit as fit
 from surefoot.methods.behavior_cloning import behavior_cloning as behavior_cloning
 from surefoot.methods.dagger import dagger as dagger
+from surefoot.methods.dart import dart as dart
 from surefoot.methods.loco_dagger import loco_dagger as loco_dagger
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger as loco_safe_dagger
 from surefoot.methods.safe_dagger import safe_dagger as safe_dagger

@@ -8,7 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
-PURPOSES = ("starts", "network", "order", "disturbance", "coin", "query", "gate", "series")
+PURPOSES = (
+    "starts",
+    "network",
+    "order",
+    "disturbance",
+    "coin",
+    "query",
+    "gate",
+    "series",
+    "torque",
+)
 """What is random. The index in this list is the first number of a seed's spawn key, so a new
 purpose goes to the end."""
 

@@ -232,7 +232,7 @@ class _Processes:
                 self.count,
                 env=ONE_THREAD,
                 timeout=300,
-                initializer=_end_with_the_parent,
+                initializer=end_with_the_parent,
                 initargs=(os.getpid(),),
             )
             try:
@@ -271,7 +271,7 @@ def _ctrl_c_held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _end_with_the_parent(parent: int) -> None:
+def end_with_the_parent(parent: int) -> None:
     """Make this worker end when its parent does, however that ends."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -283,7 +283,7 @@ class _Cluster:
     """Tasks on a Ray cluster."""
 
     def __init__(self, function: Callable[[Any], Any], workers: Workers) -> None:
-        self.ray = _connected(workers)
+        self.ray = connected(workers)
         self.count = workers.started
         # `_spread` tries again and logs it; Ray itself would do so silently, and try forever where
         # memory is short (its task_oom_retries is -1, and 0 for a task without retries).
@@ -321,7 +321,7 @@ class _Cluster:
             self.ray.cancel(task, force=True)
 
 
-def _connected(workers: Workers) -> Any:
+def connected(workers: Workers) -> Any:
     """Ray, connected to its cluster, or to one started here for this process."""
     try:
         import ray

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hin
 
 from hypothesis import strategies as st
 
-from surefoot.config import Config, ExpertData, PerturbationConfig
+from surefoot.config import BehaviorCloningConfig, Config, ExpertData, PerturbationConfig
 from surefoot.config.checked import Checked, Rising, Within
 
 
@@ -58,6 +58,8 @@ def values_of(hint, limits=None) -> st.SearchStrategy:
             return st.lists(values_of(kinds[0], limits), min_size=1, max_size=4).map(tuple)
         items = st.tuples(*(values_of(kind, limits) for kind in kinds))
         return items.map(lambda pair: tuple(sorted(pair))) if rises else items
+    if bare is type(None):
+        return st.none()
     if bare is bool:
         return st.booleans()
     if is_config(bare):
@@ -78,4 +80,6 @@ def configs(kind) -> st.SearchStrategy:
         values["centroidal"] = values["centroidal"].map(lambda config: replace(config, nodes=200))
     if kind is ExpertData:
         values["nominal"] = st.just(True)  # without perturbations, nothing else is left
+    if kind is BehaviorCloningConfig:
+        values["all_frames"] = st.just(True)  # or the series would have to end with its largest
     return st.builds(kind, **values)

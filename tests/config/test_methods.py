@@ -14,6 +14,7 @@ from surefoot.config import (
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
     SafeDaggerConfig,
+    Steps,
     method_config,
 )
 
@@ -41,6 +42,8 @@ def test_all_methods_but_behavior_cloning_are_iterative():
         "perturbations",
         "T",
         "epochs",
+        "pretraining_steps",
+        "steps",
     ]
     for name, kind in METHODS.items():
         assert issubclass(kind, IterativeConfig) == (name != "behavior_cloning")
@@ -67,6 +70,9 @@ def test_methods_differ_in_how_many_rollouts_they_make():
         (IterativeConfig, {"perturbations": 0}, "method.perturbations is 0; use 1 to"),
         (IterativeConfig, {"T": 0.0}, "method.T is 0.0; use 0.001 to"),
         (IterativeConfig, {"epochs": 0}, "method.epochs is 0; use 1 to"),
+        (IterativeConfig, {"steps": 0}, "method.steps is 0; use 1 to"),
+        (IterativeConfig, {"pretraining_steps": -1}, "method.pretraining_steps is -1; use 1 to"),
+        (BehaviorCloningConfig, {"steps": 0}, "method.steps is 0; use 1 to"),
         (DaggerConfig, {"p": 1.5}, "method.p is 1.5; use 0.0 to 1.0"),
         (SafeDaggerConfig, {"velocities": 0}, "method.velocities is 0; use 1 to"),
         (SafeDaggerConfig, {"perturbations": 0}, "method.perturbations is 0; use 1 to"),
@@ -132,3 +138,26 @@ def test_a_series_of_dataset_sizes_may_be_empty():
     assert BehaviorCloningConfig(frames=()).frames == ()
     with pytest.raises(ValueError, match=r"method\.frames\[1\] is 0; use 1 to"):
         BehaviorCloningConfig(frames=(5, 0))
+
+
+@pytest.mark.parametrize(
+    ("frames", "text"),
+    [
+        ((), "method.frames is empty, and without method.all_frames there is nothing"),
+        ((5, 9, 7), r"method.frames is \(5, 9, 7\); without method.all_frames the last size"),
+    ],
+)
+def test_a_series_without_all_frames_ends_with_its_largest_size(frames, text):
+    assert BehaviorCloningConfig(frames=frames).sizes == len(frames) + 1
+    with pytest.raises(ValueError, match=text):
+        BehaviorCloningConfig(frames=frames, all_frames=False)
+    assert BehaviorCloningConfig(frames=(5, 7), all_frames=False).sizes == 2
+
+
+def test_steps_take_the_place_of_epochs():
+    dagger = DaggerConfig(epochs=3, pretraining_epochs=4)
+    assert (dagger.first_training, dagger.training) == (4, 3)
+    stepped = replace(dagger, pretraining_steps=70, steps=50)
+    assert (stepped.first_training, stepped.training) == (Steps(70), Steps(50))
+    assert BehaviorCloningConfig(epochs=5).training == 5
+    assert BehaviorCloningConfig(epochs=5, steps=9).training == Steps(9)

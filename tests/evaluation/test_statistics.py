@@ -4,18 +4,22 @@ import json
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest, bootstrap, norm
+from scipy.stats import binomtest, bootstrap, norm, ttest_1samp
 
 from surefoot.config.json_io import from_json, to_json
 from surefoot.evaluation.statistics import (
     RESAMPLES,
     PairedDifference,
     RunMeans,
+    effective_rollouts,
+    mean_interval,
     paired_difference,
     percentiles,
     resamples,
     run_bootstrap,
     run_interval,
+    score_interval,
+    unpaired_difference,
     wilson,
 )
 
@@ -276,3 +280,42 @@ def test_the_same_data_give_the_same_records_also_through_json():
     assert from_json(RunMeans, json.loads(text)[1]) == means
     assert json.loads(text)[0].keys() == {"difference", "interval", "pairs"}
     assert json.loads(text)[1].keys() == {"mean", "interval", "runs"}
+
+
+def test_t_interval_of_a_mean_is_that_of_scipy():
+    values = [0.3, 0.9, 0.4, 0.8]
+    expected = ttest_1samp(values, 0.0).confidence_interval(0.95)
+    assert mean_interval(values) == pytest.approx((expected.low, expected.high))
+    assert mean_interval([0.3]) is None
+    assert mean_interval([0.3, 0.3, 0.3]) is None
+
+
+def test_effective_rollouts_are_all_of_them_or_one_for_each_run():
+    assert effective_rollouts([40, 40, 40]) == pytest.approx(120)
+    assert effective_rollouts([40, 40, 40], correlation=1.0) == pytest.approx(3)
+    assert 3 < effective_rollouts([40, 40, 40], correlation=0.2) < 120
+    # Runs have the same weight, so that a short one costs more than its rollouts.
+    assert effective_rollouts([10, 70]) < 80
+
+
+def test_score_interval_takes_fractions_of_trials():
+    assert score_interval(0.25, 40.0) == pytest.approx(wilson(10, 40))
+    low, high = score_interval(0.25, 39.5)
+    assert low < wilson(10, 40)[0]
+    assert high > wilson(10, 40)[1]
+
+
+@pytest.mark.parametrize(
+    ("a", "n_a", "b", "n_b", "low", "high"),
+    [
+        # Newcombe 1998, table II, method 10.
+        (56 / 70, 70, 48 / 80, 80, 0.0524, 0.3339),
+        (9 / 10, 10, 3 / 10, 10, 0.1705, 0.8090),
+        (10 / 10, 10, 0 / 20, 20, 0.6791, 1.0),
+        (0 / 10, 10, 0 / 10, 10, -0.2775, 0.2775),
+    ],
+)
+def test_unpaired_difference_as_published(a, n_a, b, n_b, low, high):
+    assert unpaired_difference(a, n_a, b, n_b) == pytest.approx((low, high), abs=5e-5)
+    mirrored = unpaired_difference(b, n_b, a, n_a)
+    assert mirrored == pytest.approx((-high, -low), abs=5e-5)

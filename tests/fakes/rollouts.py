@@ -46,6 +46,8 @@ def summary_of(outcome, **figures) -> Summary:
     """Episodes with these outcomes, and zeros for all figures that are not given."""
     n = len(outcome)
     zeros = {
+        "query": np.zeros(n, bool),
+        "expert": np.full(n, "surefoot.mpc.planner"),
         "expert_drove_last": np.zeros(n, bool),
         "expert_drove_before": np.zeros(n, bool),
         "tilted_far": np.zeros((n, 2), bool),

@@ -15,6 +15,7 @@ from surefoot.config import (
     BehaviorCloningConfig,
     Config,
     DaggerConfig,
+    DartConfig,
     DisturbanceConfig,
     EvaluationConfig,
     ExpertData,
@@ -64,6 +65,7 @@ METHODS = {
     "loco_safe_dagger": LocoSafeDaggerConfig(
         **COMMON, T_block=0.15, T_end=0.1, gates=("relaxing", "classifier"), alarm=ALARM
     ),
+    "dart": DartConfig(**COMMON),
 }
 CONFIG = replace(
     Config(),
@@ -82,6 +84,7 @@ SMALL_METHODS = {
     "safe_dagger": SafeDaggerConfig(**SMALL),
     "loco_dagger": LocoDaggerConfig(**SMALL, N_query=2, T_query=0.1),
     "loco_safe_dagger": LocoSafeDaggerConfig(**SMALL, T_block=0.1, T_end=0.1),
+    "dart": DartConfig(**SMALL),
 }
 
 

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 import surefoot.learning.train as train_module
-from surefoot.config import TrainingConfig
+from surefoot.config import Steps, TrainingConfig
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames
 from surefoot.learning.network import PolicyNetwork
@@ -27,7 +27,12 @@ FRAMES = toy_frames(range(20))
 
 
 def run(
-    frames: Frames | Dataset = FRAMES, epochs=2, seed=0, config=TRAINING, network=None, **kwargs
+    frames: Frames | Dataset = FRAMES,
+    epochs: int | Steps = 2,
+    seed=0,
+    config=TRAINING,
+    network=None,
+    **kwargs,
 ):
     network = network or PolicyNetwork(SMALL, seed=0)
     return fit(network, frames, config, SPEC, epochs, seed, **kwargs)
@@ -101,6 +106,57 @@ def test_the_incomplete_batch_of_an_epoch_is_dropped():
     training = int((~held_out(FRAMES.episode, 0.1)).sum())
     assert training % 64 != 0
     assert run(epochs=3).steps == 3 * (training // 64)
+
+
+def test_steps_that_fill_whole_epochs_give_the_bits_of_epochs():
+    config = replace(TRAINING, schedule="cosine")
+    whole = run(epochs=3, config=config)
+    stepped = run(epochs=Steps(whole.steps), config=config)
+    assert torch.equal(weights(whole.network), weights(stepped.network))
+    assert stepped.train_loss == whole.train_loss
+
+
+def test_a_number_of_steps_may_end_within_an_epoch(monkeypatch):
+    batches = run(epochs=1).steps
+    rates = []
+    step = torch.optim.Adam.step
+
+    def recorded(self, *args):
+        rates.append(float(self.param_groups[0]["lr"]))
+        return step(self, *args)
+
+    monkeypatch.setattr(torch.optim.Adam, "step", recorded)
+    steps = 2 * batches + 5
+    seen = []
+    config = replace(TRAINING, schedule="cosine")
+    result = run(epochs=Steps(steps), config=config, progress=lambda *each: seen.append(each[:2]))
+    expected = 1e-3 * (1 + np.cos(np.pi * np.arange(steps) / steps))
+    np.testing.assert_allclose(rates, expected, atol=1e-9)
+    assert result.steps == steps
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+    assert len(result.train_loss) == 3
+    few = run(epochs=Steps(3))
+    assert (few.steps, len(few.train_loss)) == (3, 1)
+    assert few.train_loss[0] > result.train_loss[0]  # a mean over the steps that were taken
+
+
+def test_a_fit_of_steps_killed_in_any_epoch_ends_with_the_same_bits(tmp_path):
+    steps = Steps(2 * run(epochs=1).steps + 5)
+    checkpoint = tmp_path / "checkpoint"
+
+    def die(*_):
+        raise Killed
+
+    for _ in range(2):
+        with pytest.raises(Killed):
+            run(epochs=steps, checkpoint=checkpoint, progress=die)
+    resumed = run(epochs=steps, checkpoint=checkpoint)
+    assert torch.equal(weights(resumed.network), weights(run(epochs=steps).network))
+
+
+def test_no_steps_are_refused():
+    with pytest.raises(ValueError, match="0 steps: at least 1 is needed"):
+        run(epochs=Steps(0))
 
 
 def test_network_threads_and_generator_of_the_caller_are_left_alone():
@@ -361,7 +417,7 @@ for name in robotics.split():
 import surefoot as sf
 from tests.fakes.learning import SMALL, SPEC, toy_frames
 frames = toy_frames(range(5))
-from surefoot.config import TrainingConfig
+from surefoot.config import Steps, TrainingConfig
 data = sf.Dataset(sys.argv[1])
 data.append("all", frames)
 config = TrainingConfig(batch=64, precision="float32")

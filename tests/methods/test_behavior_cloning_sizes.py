@@ -58,6 +58,17 @@ def test_cloning_at_each_size_is_from_scratch_on_whole_episodes_in_random_order(
         assert torch.equal(tensor, policy.network.state_dict()[key]), key
 
 
+def test_a_series_may_end_with_its_largest_size(tmp_path, runs):
+    method = BehaviorCloningConfig(data=FIRST, epochs=2, frames=(700, 2600), all_frames=False)
+    run = run_method(tmp_path, replace(CONFIG, method=method))
+    whole = runs("behavior_cloning")
+    assert run.trained(2) is None
+    assert run.best_policy_path == run.policy_path(1)
+    assert run.dataset.hash == whole.dataset.hash
+    for size in (0, 1):
+        assert run.policy_path(size).read_bytes() == whole.policy_path(size).read_bytes()
+
+
 def test_episodes_that_failed_do_not_count_in_the_series(tmp_path, monkeypatch):
     """One of the first four of the order is lost: 600 frames are three others."""
     method = BehaviorCloningConfig(data=FIRST, epochs=2, frames=(600, 799, 800))

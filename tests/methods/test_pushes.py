@@ -54,6 +54,24 @@ def test_pushes_of_an_episode_depend_on_seed_and_id_alone(runs):
     assert len(np.unique(pushes.impulse[:, 0, 0])) == 6
 
 
+def test_pushes_in_a_pretraining_are_its_own(runs, tmp_path):
+    """Found again in the motion of the expert's robots; without them not a bit has changed."""
+    pushed = DisturbanceConfig(pushes=1, impulse=(0.1, 0.2))
+    method = SMALL_METHODS["loco_safe_dagger"]
+    run = run_method(tmp_path, replace(CONFIG, method=method, pretraining=pushed))
+    ((job, rollouts),) = replayed(run, 0)
+    pushes = draw_disturbances(pushed, CONFIG.seed, job.episode, 0.06, 0.5).pushes
+    assert pushes is not None
+    for b in range(20):
+        expected = expected_kicks(pushes, rollouts, b)
+        np.testing.assert_allclose(kicks(rollouts, b), expected, rtol=0, atol=1e-9)
+        assert np.abs(expected).max() > 1e-4
+    frames = run.dataset.load()
+    np.testing.assert_array_equal(frames[frames.episode == 0].q, rollouts.q[0])
+    ((_, others),) = replayed(runs("loco_safe_dagger"), 0)
+    assert not kicks(others, 5).round(9).any()
+
+
 def test_pushes_grow_from_gentle_to_full_size_over_the_iterations(runs):
     """The first of two iterations has half of what its episodes would draw."""
     ((job, rollouts),) = replayed(runs("dagger"), 1)

@@ -1,19 +1,31 @@
 """What rollouts begin from, and which of their frames are kept."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig
+from surefoot.config import (
+    BehaviorCloningConfig,
+    Config,
+    DaggerConfig,
+    DisturbanceConfig,
+    ExpertData,
+    LocoSafeDaggerConfig,
+)
 from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.outcome import Outcome
+from surefoot.runs.checks import check_config
 from surefoot.runs.sampling import (
     draw_starts,
     expert_frames,
     expert_rollouts,
     keep_unless_failed,
+    pretraining_rollouts,
     series_order,
 )
 from surefoot.scenarios.starts import load_starts
+from surefoot.seeds import seed_of
 from tests.fakes.rollouts import blank
 
 
@@ -47,14 +59,14 @@ def test_without_perturbed_pretraining_all_perturbations_are_left_to_the_iterati
     method = LocoSafeDaggerConfig(
         pretraining=ExpertData(2, 0, True, 0.12), velocities=2, perturbations=8
     )
-    assert len(draw_starts(method, np.random.default_rng(0))) == 16
+    assert len(draw_starts(Config(), method, 1)) == 16
 
 
 def test_draw_starts_takes_each_velocity_at_one_phase_with_new_perturbations():
     method = LocoSafeDaggerConfig(
         pretraining=ExpertData(2, 1, True, 0.12), velocities=5, perturbations=3
     )
-    starts = draw_starts(method, np.random.default_rng(0))
+    starts = draw_starts(Config(), method, 1)
     stored = load_starts()
     assert len(starts) == 15
     assert len(np.unique(starts.id)) == 15
@@ -65,15 +77,74 @@ def test_draw_starts_takes_each_velocity_at_one_phase_with_new_perturbations():
     # One phase for each velocity, not always the same one.
     ticks = starts.tick.reshape(5, 3)
     assert (ticks == ticks[:, :1]).all()
-    drawn = [draw_starts(method, np.random.default_rng(seed)) for seed in range(30)]
+    drawn = [draw_starts(Config(), method, i) for i in range(1, 31)]
     assert len(np.unique([d.tick for d in drawn])) == 10
     # Never a start of the pre-training, and over time all the others.
     first = set(stored["train"].id[stored.rows("train")[0].ravel()])
     seen = set(np.concatenate([d.id for d in drawn]).tolist())
     assert not first & seen
     assert seen <= set(stored["train"].id)
-    again = draw_starts(method, np.random.default_rng(0))
+    again = draw_starts(Config(), method, 1)
     np.testing.assert_array_equal(again.id, starts.id)
+    rng = np.random.default_rng(seed_of(7, "starts", 4))  # as it has always been
+    first_phase = rng.integers(10)
+    other = draw_starts(Config(seed=7), method, 4)
+    assert (other.tick[:3] == 50 * first_phase).all()
+
+
+def test_all_data_may_begin_in_the_settled_gait_cycle():
+    """Each state of the cycle once for cloning, and random phases of each velocity later."""
+    config = Config(starts="nominal")
+    stored = load_starts()
+    cycle = set(stored["nominal"].id.tolist())
+    cloned = expert_rollouts(config, ExpertData(20, 1, False, 1.0)).starts
+    assert set(cloned.id.tolist()) == cycle
+    some = expert_rollouts(config, ExpertData(4, 1, True, 1.0)).starts
+    assert len(some) == 44
+    assert (some.id[:4] == -1).all()
+    assert (some.command[0, 0], some.command[3, 0]) == (0.0, 0.3)
+    method = LocoSafeDaggerConfig(velocities=20, perturbations=2)
+    drawn = [draw_starts(config, method, i) for i in range(1, 20)]
+    for starts in drawn:
+        assert len(starts) == 40
+        assert len(np.unique(starts.id)) == 40
+        assert set(starts.id.tolist()) <= cycle
+        assert (starts.command[::2] == starts.command[1::2]).all()
+    assert len(set(np.concatenate([starts.id for starts in drawn]).tolist())) > 180
+    assert len(draw_starts(config, replace(method, perturbations=10), 1)) == 200
+
+
+@pytest.mark.parametrize(
+    ("starts", "perturbations", "text"),
+    [
+        ("nominal", 2, r"2 perturbations asked for, .* hold 1 .* in 'nominal'; use 0 to 1, and lo"),
+        ("train", 9, r"9 perturbations asked for, .* hold 8 .* in 'train'; use 0 to 8, and longer"),
+    ],
+)
+def test_more_expert_rollouts_than_states_are_refused(starts, perturbations, text):
+    config = Config(starts=starts, method=BehaviorCloningConfig())
+    data = ExpertData(2, perturbations, False, 1.0)
+    with pytest.raises(ValueError, match=text):
+        expert_rollouts(config, data)
+    for method in (BehaviorCloningConfig(data), LocoSafeDaggerConfig(pretraining=data)):
+        with pytest.raises(ValueError, match=text):
+            check_config(replace(config, method=method))
+
+
+def test_more_rollouts_of_an_iteration_than_phases_are_refused():
+    method = LocoSafeDaggerConfig(perturbations=11, T=1.0)
+    config = Config(starts="nominal", method=method)
+    text = r"11 perturbations asked for, but the split 'nominal' .* of 10 phases .* use 1 to 10"
+    with pytest.raises(ValueError, match=text):
+        check_config(config)
+
+
+def test_pretraining_has_a_disturbance_of_its_own():
+    pushed = DisturbanceConfig(pushes=3, fall_angle=60.0)
+    config = Config(pretraining=pushed, collection=DisturbanceConfig(pushes=1))
+    method = DaggerConfig()
+    assert pretraining_rollouts(config, method).disturbance == pushed
+    assert pretraining_rollouts(Config(), method).disturbance == DisturbanceConfig()
 
 
 @pytest.mark.parametrize("sizes", [(40, 40, 40), (100, 10, 1), (7,)])

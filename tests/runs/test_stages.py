@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import surefoot.runs.collecting
 import surefoot.runs.stages
-from surefoot.config import ExpertData
+from surefoot.config import BudgetConfig, ExpertData
 from surefoot.learning.dataset import Dataset, DatasetError
 from surefoot.methods.behavior_cloning import behavior_cloning, collection
 from surefoot.runs.run import Run, RunError, create, open_run
@@ -48,7 +49,7 @@ def test_a_run_killed_inside_a_stage_ends_with_the_same_bits(
 def test_chunks_that_are_done_are_not_run_again(finished, tmp_path, monkeypatch):
     """Killed when the second of four chunks is stored, in the middle of a collection."""
     ran = []
-    run_chunk = surefoot.runs.stages.run_chunk
+    run_chunk = surefoot.runs.collecting.run_chunk
     append = Dataset.append
 
     def counted(job):
@@ -64,12 +65,23 @@ def test_chunks_that_are_done_are_not_run_again(finished, tmp_path, monkeypatch)
         patch.setattr(Dataset, "append", store_and_die)
         with pytest.raises(Killed):
             behavior_cloning(create(tmp_path / "run", CLONING), workers=Workers(1))
-    monkeypatch.setattr(surefoot.runs.stages, "run_chunk", counted)
+    monkeypatch.setattr(surefoot.runs.collecting, "run_chunk", counted)
     run = open_run(tmp_path / "run")
     assert run.dataset.episodes == 12 and run.metrics == []
     behavior_cloning(run, workers=Workers(1))
     assert ran == [12, 18]
     assert fingerprint(run) == fingerprint(finished)
+
+
+def test_a_budget_ends_at_the_same_rollout_for_any_number_of_processes(tmp_path):
+    """Seven rollouts of two solves each, of 0.75 s; the first chunk has six."""
+    records = []
+    for count in (1, 2):
+        run = create(tmp_path / str(count), replace(CLONING, budget=BudgetConfig(0.75)))
+        record = collect_data(run, 0, collection(run, 0), Workers(count))
+        assert (record.episodes, record.plans, len(run.dataset.shards)) == (7, 14, 2)
+        records.append(replace(record, seconds=0.0))
+    assert records[0] == records[1]
 
 
 def stiff(state, tick, command):

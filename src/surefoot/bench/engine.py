@@ -79,7 +79,7 @@ def bench_engine(config: Config, batch: int = 20, seconds: float = 2.0) -> Engin
         batch: Number of robots that are simulated together.
         seconds: Duration of a rollout [s].
     """
-    times = _rollout_times(config, batch, seconds)
+    times = rollout_times(config, batch, seconds)
     robot_ms = batch * seconds * TICKS_PER_SECOND
     two_processes = _two_processes(config, batch)
     plan_share, floor_plan_share = _plan_shares(config, batch, times.steps / seconds)
@@ -102,11 +102,11 @@ def bare_rate(config: Config, batch: int = 20, seconds: float = 2.0) -> float:
         batch: Number of robots that are simulated together.
         seconds: Duration of a rollout [s].
     """
-    times = _rollout_times(config, batch, seconds)
+    times = rollout_times(config, batch, seconds)
     return batch * seconds * TICKS_PER_SECOND / times.lower_bound
 
 
-def _rollout_times(config: Config, batch: int, seconds: float) -> RolloutTimes:
+def rollout_times(config: Config, batch: int, seconds: float) -> RolloutTimes:
     """Median wall times of a rollout and of its parts.
 
     The policy holds the nominal pose, whatever its hidden layers compute, so that the robots stand.

@@ -21,7 +21,9 @@ from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.make_starts import MakeStarts
 from surefoot.cli.play import Play
 from surefoot.cli.progress import log_shown
+from surefoot.cli.report import Report
 from surefoot.cli.streams import failure_of, lasting_output
+from surefoot.cli.study import Study
 from surefoot.cli.train import Train, parse_train
 from surefoot.cli.walk import Walk
 from surefoot.errors import unknown
@@ -58,7 +60,7 @@ COMMANDS = {
     "walk": Entry(Walk, "Let the expert walk, and film it.", memory="--seconds"),
     "train": Entry(
         Train,
-        "Train a policy with one of the five methods.",
+        "Train a policy with one of the six methods.",
         memory="--config.chunk, the durations of --config.method, or --workers",
         resume="what is finished is on disk: go on with --resume",
     ),
@@ -74,6 +76,12 @@ COMMANDS = {
         resume="with --json FILE the same command goes on where it ended",
     ),
     "play": Entry(Play, "Film a policy, or a recorded episode of a run.", memory="--seconds"),
+    "study": Entry(
+        Study,
+        "Run many trainings and measurements, and see how far they are.",
+        resume="the same command goes on with it",
+    ),
+    "report": Entry(Report, "Make one HTML page of a study, or of a run."),
     "gate-warnings": Entry(
         MeasureWarnings,
         "Measure how early the gates of a run warn of falls.",

@@ -43,7 +43,7 @@ class Train(OnWorkers, OnSimulator):
     """
 
     method: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="METHOD")]
-    """The method: behavior_cloning, dagger, safe_dagger, loco_dagger or loco_safe_dagger."""
+    """The method: behavior_cloning, dagger, safe_dagger, loco_dagger, loco_safe_dagger or dart."""
     preset: str = "default"
     """The preset of the method: `default` takes about ten minutes, `quick` a few minutes, and
     `paper`, with the paper's numbers and simulator, about an hour."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar
 
+from surefoot.config.budget import BudgetConfig
 from surefoot.config.checked import Checked, Within
 from surefoot.config.evaluation import EvaluationConfig, PushConfig
 from surefoot.config.learning import (
@@ -20,12 +21,14 @@ from surefoot.config.learning import (
     PolicyConfig,
     Precision,
     Schedule,
+    Steps,
     TrainingConfig,
 )
 from surefoot.config.methods import (
     METHODS,
     BehaviorCloningConfig,
     DaggerConfig,
+    DartConfig,
     ExpertData,
     IterativeConfig,
     LocoDaggerConfig,
@@ -37,16 +40,24 @@ from surefoot.config.methods import (
 from surefoot.config.mpc import CentroidalConfig, ExpertConfig, FootholdRule, Gait, KinematicConfig
 from surefoot.config.robots import RobotConfig
 from surefoot.config.safety import GateName, HandBack, SafetyConfig
-from surefoot.config.scenarios import DisturbanceConfig, NoiseConfig, PerturbationConfig, Split
+from surefoot.config.scenarios import (
+    DisturbanceConfig,
+    NoiseConfig,
+    PerturbationConfig,
+    Split,
+    TeachingSplit,
+)
 from surefoot.config.sim import Backend, SimulationConfig
 
 __all__ = [
     "METHODS",
     "Backend",
     "BehaviorCloningConfig",
+    "BudgetConfig",
     "CentroidalConfig",
     "Config",
     "DaggerConfig",
+    "DartConfig",
     "Device",
     "DisturbanceConfig",
     "EvaluationConfig",
@@ -74,6 +85,8 @@ __all__ = [
     "Schedule",
     "SimulationConfig",
     "Split",
+    "Steps",
+    "TeachingSplit",
     "TrainingConfig",
     "method_config",
     "method_name",
@@ -99,8 +112,16 @@ class Config(Checked):
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
+    starts: TeachingSplit = "train"
+    """Where all rollouts begin that are learned from, the expert's and those of iterations: in
+    perturbed states (paper), or in the `nominal` ones of a settled gait cycle, ten phases at twenty
+    speeds, as on a robot that nobody throws about. There, each velocity and phase has one state."""
     collection: DisturbanceConfig = field(default_factory=DisturbanceConfig)
-    """Disturbances while data is collected; the pre-training of iterative methods has none."""
+    """Disturbances while data is collected, by behavior cloning or in iterations."""
+    pretraining: DisturbanceConfig = field(default_factory=DisturbanceConfig)
+    """Disturbances in the pre-training of iterative methods, none by default. Its `gentle` and
+    `expert_impulse` have no meaning there: pre-training is one iteration, without tails."""
+    budget: BudgetConfig = field(default_factory=BudgetConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     push: PushConfig = field(default_factory=PushConfig)
 

@@ -105,14 +105,14 @@ def _check(value: Any, hint: Annotation, path: str, limits: Within | None = None
         _check_annotated(value, hint, path, limits)
     elif origin is tuple:
         _check_tuple(value, get_args(hint), path, limits)
+    elif origin is Mapping:
+        _check_mapping(value, get_args(hint)[1], path)
     elif origin is Literal:
         names = get_args(hint)
         if value not in names:
             raise ValueError(unknown(path, str(value), map(str, names)))
     elif origin in (Union, UnionType):
-        if not isinstance(value, get_args(hint)):
-            names = ", ".join(kind.__name__ for kind in get_args(hint))
-            raise ValueError(f"{path} is {value!r}, expected one of {names}")
+        _check_union(value, get_args(hint), path, limits)
     elif hint is int or hint is float:
         _check_number(value, hint, path, limits)
     elif not isinstance(value, hint):
@@ -146,6 +146,30 @@ def _check_tuple(
         raise ValueError(f"{path} is {value!r}, expected {len(kinds)} values")
     for number, (kind, item) in enumerate(zip(kinds, value, strict=True)):
         _check(item, kind, f"{path}[{number}]", limits)
+
+
+def _check_union(
+    value: Any, kinds: tuple[Annotation, ...], path: str, limits: Within | None
+) -> None:
+    """Check a value that may have one of several types, or be None."""
+    if value is None and type(None) in kinds:
+        return
+    others = [kind for kind in kinds if kind is not type(None)]
+    if len(others) == 1:
+        _check(value, others[0], path, limits)
+    elif not isinstance(value, tuple(get_origin(kind) or kind for kind in others)):
+        names = ", ".join(kind.__name__ for kind in kinds)
+        raise ValueError(f"{path} is {value!r}, expected one of {names}")
+
+
+def _check_mapping(value: Any, kind: Annotation, path: str) -> None:
+    """Check a mapping with strings as keys, and each of its values."""
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{path} is {value!r}, expected names with values")
+    for key, item in value.items():
+        if not isinstance(key, str):
+            raise ValueError(f"{path} has the key {key!r}, expected a string")
+        _check(item, kind, f"{path}.{key}")
 
 
 def _is_number(value: object, kind: type) -> bool:

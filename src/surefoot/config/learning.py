@@ -21,6 +21,17 @@ Device = Literal["auto", "cpu", "cuda"]
 
 
 @dataclass(frozen=True)
+class Steps:
+    """How long a training lasts, as a number of optimizer steps instead of passes over the data.
+
+    Attributes:
+        count: Number of steps; the last pass ends with the last of them.
+    """
+
+    count: int
+
+
+@dataclass(frozen=True)
 class PolicyConfig(Checked):
     """The network and the low-impedance PD that it drives, at 1 kHz."""
 
@@ -61,6 +72,9 @@ class TrainingConfig(Checked):
     machine."""
     device: Device = "auto"
     """`auto` takes a GPU if there is one."""
+    seed: Annotated[int, Within(0, 2**63 - 1)] | None = None
+    """Root of the first weights and of the order of the samples; without it the run's own seed. So
+    the same data can be trained on several times."""
     memory: Annotated[int, Within(1, 1_000_000_000)] = 1024
     """[MB] how much memory the training samples take at most; beyond it they go through a temporary
     file. 1024 MB hold 4.5 million frames. While a shard is read, its frames are added, usually

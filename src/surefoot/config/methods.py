@@ -1,6 +1,6 @@
 """The methods' parameters as frozen dataclasses: the paper's numbers, in its symbols.
 
-The four iterative methods share `IterativeConfig`: a pre-training on expert rollouts, then
+The iterative methods share `IterativeConfig`: a pre-training on expert rollouts, then
 iterations that collect and train. The methods themselves are in `surefoot.methods`, one file each.
 """
 
@@ -11,11 +11,14 @@ from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
 from surefoot.config.checked import Checked, Duration, Seconds, Share, Within
+from surefoot.config.learning import Steps
 from surefoot.config.safety import HISTORY_HORIZON, GateName, HandBack
 from surefoot.errors import unknown
 
 Epochs = Annotated[int, Within(1, 1_000_000)]
 """Passes over the data."""
+StepCount = Annotated[int, Within(1, 1_000_000_000)]
+"""Steps of the optimizer."""
 Count = Annotated[int, Within(1, 10_000)]
 """How many velocities or perturbations of the stored initial states are used."""
 CountOrNone = Annotated[int, Within(0, 10_000)]
@@ -32,9 +35,9 @@ class ExpertData(Checked):
     """How many equally spaced forward speeds are used."""
     perturbations: CountOrNone
     """How many perturbed initial states there are for each velocity and each of the ten phases of
-    the gait cycle; 0 leaves the nominal rollouts alone."""
+    the gait cycle; at most 1 from `nominal` starts. 0 leaves the rollouts from standing alone."""
     nominal: bool
-    """Add one unperturbed rollout for each velocity, from standing still."""
+    """Add one unperturbed rollout for each velocity, from standing still, whatever `starts` is."""
     duration: Duration
     """[s] how long a rollout lasts."""
 
@@ -59,10 +62,42 @@ class BehaviorCloningConfig(Checked):
     """400 rollouts of 3 s (paper, IV-F)."""
     epochs: Epochs = 150
     """Passes over the data (paper, IV-F)."""
+    steps: StepCount | None = None
+    """Steps of the optimizer in each training, instead of `epochs`: as many as another method
+    takes, however much data there is."""
     frames: Annotated[tuple[int, ...], Within(1, 1_000_000_000_000)] = ()
     """A series of dataset sizes: each gives a policy that is trained on whole episodes with at most
     this many frames, the first ones in a random order that is fixed by the seed and mixes the
-    phases. The last policy is trained on all frames."""
+    phases."""
+    all_frames: bool = True
+    """The last policy is trained on all frames; if not, the series ends with the largest size of
+    `frames`, which has to be its last one."""
+
+    def __post_init__(self) -> None:
+        """Check the fields, and that the series ends with its largest size."""
+        super().__post_init__()
+        if self.all_frames:
+            return
+        if not self.frames:
+            raise ValueError(
+                "method.frames is empty, and without method.all_frames there is nothing to train "
+                "on; name a size"
+            )
+        if max(self.frames) != self.frames[-1]:
+            raise ValueError(
+                f"method.frames is {self.frames}; without method.all_frames the last size, whose "
+                "policy is the run's best, has to be the largest"
+            )
+
+    @property
+    def training(self) -> int | Steps:
+        """How long each training lasts: a number of passes over the data, or of steps."""
+        return self.epochs if self.steps is None else Steps(self.steps)
+
+    @property
+    def sizes(self) -> int:
+        """How many policies the series has."""
+        return len(self.frames) + self.all_frames
 
 
 @dataclass(frozen=True)
@@ -85,11 +120,28 @@ class IterativeConfig(Checked):
     """Rollouts of an iteration: velocities x one random phase x perturbations (paper: 10 rollouts
     for LocoDAGGER)."""
     perturbations: Count = 1
-    """How many stored perturbations of each velocity an iteration draws, anew each time."""
+    """How many stored perturbations of each velocity an iteration draws, anew each time; from
+    `nominal` starts, how many of the ten phases."""
     T: Duration = 5.0
     """[s] how long a rollout lasts (paper)."""
     epochs: Epochs = 15
     """Passes over the data in an iteration (paper)."""
+    pretraining_steps: StepCount | None = None
+    """Steps of the optimizer in the pre-training, instead of `pretraining_epochs`."""
+    steps: StepCount | None = None
+    """Steps of the optimizer in an iteration, instead of `epochs`."""
+
+    @property
+    def first_training(self) -> int | Steps:
+        """How long the pre-training lasts: a number of passes over the data, or of steps."""
+        if self.pretraining_steps is None:
+            return self.pretraining_epochs
+        return Steps(self.pretraining_steps)
+
+    @property
+    def training(self) -> int | Steps:
+        """How long the training of an iteration lasts: passes over the data, or steps."""
+        return self.epochs if self.steps is None else Steps(self.steps)
 
 
 @dataclass(frozen=True)
@@ -176,12 +228,29 @@ class LocoSafeDaggerConfig(IterativeConfig):
             )
 
 
+@dataclass(frozen=True)
+class DartConfig(IterativeConfig):
+    """DART (Laskey et al., 2017): the expert drives under noise of the size of the learner's error.
+
+    The paper does not have it; the numbers of the rollouts are those of DAGGER.
+    """
+
+    name: ClassVar[str] = "dart"
+
+    noise_scale: Annotated[float, Within(0.0, 1000.0)] = 1.0
+    """Factor on the covariance of the learner's error in torque, from which the noise is drawn."""
+    noise_hold: Annotated[float, Within(0.001, 60.0)] = 0.05
+    """[s] how long a draw of the noise is held, one period of the MPC: white noise of 1 kHz would
+    average out."""
+
+
 MethodConfig = (
     BehaviorCloningConfig
     | DaggerConfig
     | SafeDaggerConfig
     | LocoDaggerConfig
     | LocoSafeDaggerConfig
+    | DartConfig
 )
 
 METHODS: Mapping[str, type[MethodConfig]] = {
@@ -192,9 +261,10 @@ METHODS: Mapping[str, type[MethodConfig]] = {
         SafeDaggerConfig,
         LocoDaggerConfig,
         LocoSafeDaggerConfig,
+        DartConfig,
     )
 }
-"""Methods and their parameters, in the paper's order."""
+"""Methods and their parameters, in the paper's order; DART is not in the paper."""
 
 
 def method_config(name: str) -> MethodConfig:

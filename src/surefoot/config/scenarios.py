@@ -10,6 +10,8 @@ from surefoot.config.checked import Angle, Checked, Rising, Share, Within
 Split = Literal["nominal", "train", "select", "test"]
 """Splits of the stored initial states: a settled gait cycle, and perturbed states to train on, to
 select a policy on, and to test it on once."""
+TeachingSplit = Literal["train", "nominal"]
+"""Splits where rollouts may begin that are learned from."""
 Sigma = Annotated[float, Within(0.0, 1000.0)]
 """A standard deviation."""
 Impulse = Annotated[tuple[float, float], Within(0.0, 1000.0), Rising()]

@@ -5,8 +5,9 @@ has Newcombe's score interval for pairs. Other outcomes are drawn anew for a boo
 (`resamples`); several trainings are drawn anew as runs, and then the rollouts of each drawn run. A
 bootstrap of a sample without spread would claim certainty: where there is no spread, there is a
 score interval or none. With the few runs of a study `run_interval` is the one to use: a t interval
-over run means. All draws come from a fixed seed: the same data give the same interval. This module
-knows nothing of robots. Next: `robustness`, `push`.
+over run means. `study.run_statistics` has differences of two sets of runs. All draws come from a
+fixed seed: the same data give the same interval. This module knows nothing of robots. Next:
+`robustness`, `push`.
 """
 
 from __future__ import annotations
@@ -245,24 +246,78 @@ def _t_interval(
     runs: Sequence[NDArray[np.float64]], means: NDArray[np.float64], correlation: float
 ) -> Interval | None:
     """The interval of `run_interval`; None for one run, or where nothing shows the spread."""
-    R = len(runs)
-    if R == 1:
+    if len(runs) == 1:
         return None
-    mean = float(means.mean())
-    half = float(student_t.ppf(0.975, R - 1) * sem(means))
+    of_means = mean_interval(means)
     if not all(_are_binary(run) for run in runs):
-        return (mean - half, mean + half) if half > 0.0 else None
-    counts = np.array([len(run) for run in runs])
-    n_eff = R**2 / float(((1 + (counts - 1) * correlation) / counts).sum())
-    low, high = _score_interval(mean, n_eff)
-    return max(min(mean - half, low), 0.0), min(max(mean + half, high), 1.0)
+        return of_means
+    mean = float(means.mean())
+    n_eff = effective_rollouts([len(run) for run in runs], correlation)
+    low, high = score_interval(mean, n_eff)
+    if of_means is not None:
+        low = min(low, of_means[0])
+        high = max(high, of_means[1])
+    return max(low, 0.0), min(high, 1.0)
 
 
-def _score_interval(share: float, n: float) -> Interval:
-    """Wilson's interval of a share in an effective number of trials, which may be a fraction."""
+def mean_interval(values: ArrayLike) -> Interval | None:
+    """The t interval of a mean of independent values, such as one of each run.
+
+    Args:
+        values: ``(R,)`` the values.
+
+    Returns:
+        mean +- t sd / sqrt(R), with the 97.5 % quantile t of R - 1 degrees of freedom; None for a
+        single value, and where all are equal, because then nothing shows the spread.
+    """
+    values = np.asarray(values, float)
+    if len(values) < 2 or np.ptp(values) == 0.0:
+        return None
+    mean = float(values.mean())
+    half = float(student_t.ppf(0.975, len(values) - 1) * sem(values))
+    return mean - half, mean + half
+
+
+def effective_rollouts(rollouts: Sequence[int], correlation: float = 0.0) -> float:
+    """How many independent rollouts those of several runs are worth, as `run_interval` counts.
+
+    Args:
+        rollouts: Number of rollouts of each run, all at least 1.
+        correlation: The correlation between the outcomes of two rollouts of one run.
+    """
+    counts = np.asarray(rollouts, float)
+    return len(counts) ** 2 / float(((1 + (counts - 1) * correlation) / counts).sum())
+
+
+def score_interval(share: float, n: float) -> Interval:
+    """Wilson's interval of a share in an effective number of trials, which may be a fraction.
+
+    Args:
+        share: The share, from 0 to 1.
+        n: The effective number of trials, more than 0.
+    """
     center = (share + Z**2 / (2 * n)) / (1 + Z**2 / n)
     half = Z / (1 + Z**2 / n) * np.sqrt(share * (1 - share) / n + Z**2 / (4 * n**2))
-    return float(center - half), float(center + half)
+    return max(float(center - half), 0.0), min(float(center + half), 1.0)
+
+
+def unpaired_difference(a: float, n_a: float, b: float, n_b: float) -> Interval:
+    """Newcombe's 95 % score interval of a difference of shares, for independent outcomes.
+
+    The square-and-add interval from Wilson's two intervals (Newcombe, Statistics in Medicine 17,
+    1998, method 10 for unpaired shares).
+
+    Args:
+        a: Share of one arm, from 0 to 1.
+        n_a: Its effective number of trials.
+        b: Share of the other arm, which is subtracted.
+        n_b: Its effective number of trials.
+    """
+    low_a, high_a = score_interval(a, n_a)
+    low_b, high_b = score_interval(b, n_b)
+    below = _square_and_add(a - low_a, high_b - b, 0.0)
+    above = _square_and_add(high_a - a, b - low_b, 0.0)
+    return a - b - below, a - b + above
 
 
 def run_bootstrap(values_by_run: Sequence[ArrayLike]) -> RunMeans:

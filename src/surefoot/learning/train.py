@@ -15,13 +15,14 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from surefoot.config import NumberFormat, TrainingConfig
+from surefoot.config import NumberFormat, Steps, TrainingConfig
 from surefoot.config.json_io import to_json
 from surefoot.learning.checkpoint import Losses, load_checkpoint, save_checkpoint
 from surefoot.learning.dataset import Dataset
@@ -93,7 +94,7 @@ def fit(
     data: Frames | Dataset,
     config: TrainingConfig,
     spec: PolicySpec,
-    epochs: int,
+    epochs: int | Steps,
     seed: int,
     progress: Progress | None = None,
     checkpoint: Path | None = None,
@@ -109,7 +110,8 @@ def fit(
         data: Whole episodes, in memory or on disk.
         config: Optimizer, batch, schedule, threads, precision, device, memory, held-out share.
         spec: How inputs and targets follow from frames.
-        epochs: Passes over the frames that are not held out.
+        epochs: Passes over the frames that are not held out, or the number of steps, which may end
+            in the middle of a pass.
         seed: Seed for the order of the frames.
         progress: Function that is called after each epoch.
         checkpoint: File that each epoch leaves; a fit of the same data, network and arguments, on
@@ -122,11 +124,15 @@ def fit(
         DatasetError: A shard is damaged.
         WriteError: The disk is full.
     """
-    if epochs < 1:
-        raise ValueError(f"{epochs} epochs: at least 1 is needed")
+    amount = epochs.count if isinstance(epochs, Steps) else epochs
+    if amount < 1:
+        unit = "steps" if isinstance(epochs, Steps) else "epochs"
+        raise ValueError(f"{amount} {unit}: at least 1 is needed")
     device = choose_device(config.device)
     samples = split_samples(data, config, spec)
     batches = _count_batches(samples, config)
+    steps = epochs.count if isinstance(epochs, Steps) else epochs * batches
+    passes = math.ceil(steps / batches)
     precision = choose_precision(network, config).chosen
     config = replace(config, precision=precision)
     key = ""
@@ -143,9 +149,9 @@ def fit(
         if checkpoint is not None:
             losses = load_checkpoint(checkpoint, key, network, optimizer)
         step = TrainingStep(network, optimizer, config.batch, precision, device)
-        for epoch in range(len(losses), epochs):
+        for epoch in range(len(losses), passes):
             network.train()
-            train_loss = _train_epoch(step, samples.training, config, seed, epoch, epochs)
+            train_loss = _train_epoch(step, samples.training, config, seed, epoch, steps)
             losses.append((train_loss, _validate(network, samples.validation, device)))
             if not np.isfinite(train_loss):
                 raise FloatingPointError(
@@ -155,12 +161,12 @@ def fit(
             if checkpoint is not None:
                 save_checkpoint(checkpoint, key, network, optimizer, losses)
             if progress is not None:
-                progress(epoch + 1, epochs, *losses[-1])
+                progress(epoch + 1, passes, *losses[-1])
     return FitResult(
         network=network.eval().cpu(),
         train_loss=tuple(training for training, _ in losses),
         validation_loss=tuple(validation for _, validation in losses),
-        steps=epochs * batches,
+        steps=steps,
         frames=len(samples),
         command_range=samples.command_range,
         device=device_name(device),
@@ -228,9 +234,9 @@ def _train_epoch(
     config: TrainingConfig,
     seed: int,
     epoch: int,
-    epochs: int,
+    steps: int,
 ) -> float:
-    """Take all steps of an epoch, and return its mean loss [rad].
+    """Take all steps of an epoch, or those that are left, and return their mean loss [rad].
 
     Args:
         step: The step; its network is in training mode.
@@ -238,16 +244,18 @@ def _train_epoch(
         config: Batch, learning rate and schedule.
         seed: Seed of the whole fit.
         epoch: Number of the epoch, from 0.
-        epochs: Number of epochs of the fit, which the cosine needs.
+        steps: Number of steps of the whole fit.
     """
     batches = samples.batches(config.batch)
+    first = epoch * batches
+    count = min(batches, steps - first)
     minibatches = _minibatches(samples, config.batch, _generator(seed, epoch), step.device)
-    for number, rows in enumerate(minibatches, epoch * batches):
+    for number, rows in enumerate(islice(minibatches, count), first):
         if config.schedule == "cosine":
-            share = 0.5 * (1 + math.cos(math.pi * number / (epochs * batches)))
+            share = 0.5 * (1 + math.cos(math.pi * number / steps))
             step.set_learning_rate(config.learning_rate * share)
         step(rows)
-    return step.take_loss() / batches
+    return step.take_loss() / count
 
 
 def _minibatches(

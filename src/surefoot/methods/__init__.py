@@ -6,7 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from surefoot.methods import behavior_cloning, dagger, loco_dagger, loco_safe_dagger, safe_dagger
+from surefoot.methods import (
+    behavior_cloning,
+    dagger,
+    dart,
+    loco_dagger,
+    loco_safe_dagger,
+    safe_dagger,
+)
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.run import Run
 from surefoot.types import PlanFunction
@@ -40,5 +47,6 @@ METHODS = {
     "loco_safe_dagger": Method(
         loco_safe_dagger.loco_safe_dagger, loco_safe_dagger.collection, "LocoSafeDAGGER"
     ),
+    "dart": Method(dart.dart, dart.collection, "DART"),
 }
-"""The methods by name, in the paper's order; their parameters are in `config.methods`."""
+"""The methods by name, DART after the paper's; their parameters are in `config.methods`."""

@@ -36,7 +36,7 @@ def behavior_cloning(run: Run, workers: Workers, plan: PlanFunction | None = Non
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
     Returns:
-        File of the policy that was trained on all frames.
+        File of the policy that was trained on all frames, or on the largest size of the series.
 
     Raises:
         TypeError: The run was configured for another method.
@@ -50,13 +50,14 @@ def behavior_cloning(run: Run, workers: Workers, plan: PlanFunction | None = Non
 
     # Train pi on the first episodes of D in a random order, a policy for each size of the series
     for size, frames in enumerate(method.frames):
-        train_policy(run, size, method.epochs, first_frames(run, frames), fresh=True)
+        train_policy(run, size, method.training, first_frames(run, frames), fresh=True)
         validate_policy(run, size, workers)
 
     # Train pi on D
-    last = len(method.frames)
-    train_policy(run, last, method.epochs, run.dataset, fresh=True)
-    validate_policy(run, last, workers)
+    last = method.sizes - 1
+    if method.all_frames:
+        train_policy(run, last, method.training, run.dataset, fresh=True)
+        validate_policy(run, last, workers)
 
     choose_best_policy(run, last, first=last)
     return run.best_policy_path

@@ -15,16 +15,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from surefoot.config import DaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
+from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.run import Run
-from surefoot.runs.sampling import disturbance_in, draw_starts, expert_rollouts
+from surefoot.runs.sampling import disturbance_in, draw_starts, pretraining_rollouts
 from surefoot.runs.stages import choose_best_policy, collect_data, train_policy, validate_policy
 from surefoot.types import BoolArray, PlanFunction
 from surefoot.workers import Workers
@@ -48,14 +47,16 @@ def dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path
     method = parameters(run, DaggerConfig)
     check_config(run.config)
 
-    for k in range(method.iterations + 1):
+    last = 0
+    for k in iterations_within_budget(run, method.iterations, first=0):
         # Sample trajectories, D <- D u {(s, pi*(s))}
         collect_data(run, k, collection(run, k, plan), workers)
         # Train pi_{i+1} on D
-        train_policy(run, k, method.epochs if k > 0 else method.pretraining_epochs)
+        train_policy(run, k, method.training if k > 0 else method.first_training)
         validate_policy(run, k, workers)
+        last = k
 
-    choose_best_policy(run, method.iterations)
+    choose_best_policy(run, last)
     return run.best_policy_path
 
 
@@ -64,9 +65,9 @@ def collection(run: Run, k: int, plan: PlanFunction | None = None) -> Job:
     config = run.config
     method = parameters(run, DaggerConfig)
     if k == 0:
-        return expert_rollouts(config, method.pretraining, plan)
+        return pretraining_rollouts(config, method, plan)
     beta = method.p**k
-    starts = draw_starts(method, np.random.default_rng(run.seed("starts", k)))
+    starts = draw_starts(config, method, k)
     return Job(
         config,
         Episodes(starts, method.T, id=rollout_ids(k, len(starts))),

@@ -15,17 +15,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from surefoot.config import LocoDaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job
+from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.query import Query
 from surefoot.runs.run import Run
-from surefoot.runs.sampling import disturbance_in, draw_starts, expert_rollouts
+from surefoot.runs.sampling import disturbance_in, draw_starts, pretraining_rollouts
 from surefoot.runs.stages import (
     choose_best_policy,
     collect_data,
@@ -58,14 +57,16 @@ def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
     pretrain(run, method, workers, plan)
     validate_policy(run, 0, workers)
 
-    for i in range(1, method.iterations + 1):
+    last = 0
+    for i in iterations_within_budget(run, method.iterations):
         # Policy rollout, and data collection from its states
         collect_data(run, i, collection(run, i, plan), workers)
         # Train pi_i on D
-        train_policy(run, i, method.epochs)
+        train_policy(run, i, method.training)
         validate_policy(run, i, workers)
+        last = i
 
-    choose_best_policy(run, method.iterations)
+    choose_best_policy(run, last)
     return run.best_policy_path
 
 
@@ -74,9 +75,9 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     config = run.config
     method = parameters(run, LocoDaggerConfig)
     if i == 0:
-        return expert_rollouts(config, method.pretraining, plan)
+        return pretraining_rollouts(config, method, plan)
     p = method.alpha ** (i - 1)
-    starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
+    starts = draw_starts(config, method, i)
     return Job(
         config,
         Episodes(starts, method.T, id=rollout_ids(i, len(starts))),

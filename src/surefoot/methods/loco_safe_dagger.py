@@ -15,12 +15,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from surefoot.config import LocoSafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job
+from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.gate_training import make_gate, train_gates
@@ -29,7 +28,7 @@ from surefoot.runs.sampling import (
     disturbance_in,
     draw_starts,
     expert_frames,
-    expert_rollouts,
+    pretraining_rollouts,
     rising_share,
 )
 from surefoot.runs.stages import (
@@ -66,15 +65,17 @@ def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = Non
     train_gates(run, 0, method.gates, alarm=method.alarm)
     validate_policy(run, 0, workers)
 
-    for i in range(1, method.iterations + 1):
+    last = 0
+    for i in iterations_within_budget(run, method.iterations):
         # Policy rollout + data collection, and the extra data collection of T_end
         collect_data(run, i, collection(run, i, plan), workers)
         # Train pi_i on D
-        train_policy(run, i, method.epochs)
+        train_policy(run, i, method.training)
         train_gates(run, i, method.gates, alarm=method.alarm)
         validate_policy(run, i, workers)
+        last = i
 
-    choose_best_policy(run, method.iterations)
+    choose_best_policy(run, last)
     return run.best_policy_path
 
 
@@ -83,11 +84,11 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     config = run.config
     method = parameters(run, LocoSafeDaggerConfig)
     if i == 0:
-        return expert_rollouts(config, method.pretraining, plan)
+        return pretraining_rollouts(config, method, plan)
     share = rising_share(method.tightest, i, method.iterations)
     pi_safety = make_gate(run, i, method.gates, method.alarm, share)
     monitor = SafetyMonitor(pi_safety, method.T_block, method.hand_back)
-    starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
+    starts = draw_starts(config, method, i)
     return Job(
         config,
         Episodes(starts, method.T, tail=method.T_end, id=rollout_ids(i, len(starts))),

@@ -18,17 +18,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from surefoot.config import SafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job
+from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config, parameters
 from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.gate_training import make_gate, train_gates
 from surefoot.runs.run import Run
-from surefoot.runs.sampling import disturbance_in, draw_starts, expert_frames, expert_rollouts
+from surefoot.runs.sampling import disturbance_in, draw_starts, expert_frames, pretraining_rollouts
 from surefoot.runs.stages import (
     choose_best_policy,
     collect_data,
@@ -65,15 +64,17 @@ def safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
     train_gates(run, 0, ["classifier"], method.unsafe_share)
     validate_policy(run, 0, workers)
 
-    for i in range(1, method.iterations + 1):
+    last = 0
+    for i in iterations_within_budget(run, method.iterations):
         # Roll out pi_i, D <- D u D'
         collect_data(run, i, collection(run, i, plan), workers)
         # Train pi_{i+1} on D, and pi_safe
-        train_policy(run, i, method.epochs)
+        train_policy(run, i, method.training)
         train_gates(run, i, ["classifier"], method.unsafe_share)
         validate_policy(run, i, workers)
+        last = i
 
-    choose_best_policy(run, method.iterations)
+    choose_best_policy(run, last)
     return run.best_policy_path
 
 
@@ -82,10 +83,10 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     config = run.config
     method = parameters(run, SafeDaggerConfig)
     if i == 0:
-        return expert_rollouts(config, method.pretraining, plan)
+        return pretraining_rollouts(config, method, plan)
     # Without blocking: the expert drives in the states called unsafe, and only in those.
     monitor = SafetyMonitor(make_gate(run, i, ["classifier"]), block=0.0)
-    starts = draw_starts(method, np.random.default_rng(run.seed("starts", i)))
+    starts = draw_starts(config, method, i)
     return Job(
         config,
         Episodes(starts, method.T, id=rollout_ids(i, len(starts))),

@@ -23,6 +23,7 @@ from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.outcome import Outcome, fallen, stepping
 from surefoot.rotations import from_heading
 from surefoot.scenarios.disturbance import Disturbance, Pushes, make_sensors
+from surefoot.scenarios.torque_noise import HeldNoise
 from surefoot.sim.protocol import Simulator
 from surefoot.types import Array, BoolArray, Controller, IntArray, State, to_ticks
 
@@ -93,6 +94,7 @@ def rollout(
     lying = np.zeros(B, dtype=np.int64) if safety.body_contact > 0.0 else None
     # The torque applied is the one commanded `delay` ticks ago.
     line = deque[Array](maxlen=disturbance.delay + 1)
+    noise = HeldNoise(disturbance.torque_noise) if disturbance.torque_noise else None
     for elapsed in range(total + 1):
         state = simulator.state
         # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
@@ -119,7 +121,10 @@ def rollout(
         line.append(torque)
         if disturbance.pushes is not None:
             _push(simulator, disturbance.pushes, elapsed, recorder.active)
-        simulator.step(line[0], recorder.active)
+        acting = line[0]
+        if noise is not None:
+            acting = clip_torque(acting + noise.at(elapsed), simulator.robot.torque_limit)
+        simulator.step(acting, recorder.active)
         if progress is not None and (elapsed + 1) % PROGRESS_TICKS == 0:
             progress(PROGRESS_TICKS)
     if to_ticks(safety.stepping_from) <= T:

@@ -156,8 +156,14 @@ class RunCost:
     seconds: StageSeconds
 
 
-def collection_cost(summary: Summary) -> CollectionCost:
-    """The cost of an iteration's rollouts and queries, from the summary of its episodes."""
+def collection_cost(summary: Summary | None) -> CollectionCost:
+    """The cost of an iteration's rollouts and queries, from the summary of its episodes.
+
+    Args:
+        summary: The summary; None if the budget affords no rollout, which costs nothing.
+    """
+    if summary is None:
+        return _NOTHING
     queries = summary[summary.query]
     rollouts = summary[~summary.query]
     fell = rollouts.outcome == Outcome.FELL
@@ -193,6 +199,35 @@ def collection_cost(summary: Summary) -> CollectionCost:
     )
 
 
+_NOTHING = CollectionCost(
+    episodes=0,
+    falls=0,
+    falls_in_tail=0,
+    falls_expert_driving=0,
+    falls_expert_driving_before=0,
+    near_falls=0,
+    near_falls_in_tail=0,
+    diverged=0,
+    stalls=0,
+    falls_per_robot_minute=0.0,
+    takeovers=0,
+    expert_share=0.0,
+    expert_share_with_tail=0.0,
+    failed_episodes=(),
+    queries=0,
+    queries_failed=0,
+    expert_seconds=0.0,
+    robot_seconds=0.0,
+    plans=0,
+    invalid_plans=0,
+    frames_kept=0,
+    recoveries_tilted=0,
+    recoveries_near_bounds=0,
+    rollout_seconds=0.0,
+    rollout_seconds_with_tail=0.0,
+)
+
+
 def run_cost(metrics: Sequence[StageRecord], T: float) -> RunCost:
     """Add up what a whole run cost; iteration 0 is the pre-training.
 
@@ -203,7 +238,8 @@ def run_cost(metrics: Sequence[StageRecord], T: float) -> RunCost:
     """
     collected = [record for record in metrics if record.stage == "collect"]
     first = [record for record in collected if record.iteration == 0]
-    later = [record for record in collected if record.iteration > 0]
+    # An iteration whose share of a budget affords no rollout has collected nothing.
+    later = [record for record in collected if record.iteration > 0 and record.episodes > 0]
     minutes = sum(_seconds_with_tail(record, T) for record in later) / 60
     seconds = [_seconds_before_tail(record, T) for record in later]
     shares = [record.expert_share for record in later]

@@ -10,10 +10,9 @@ from __future__ import annotations
 import warnings
 from typing import TypeVar
 
-import numpy as np
-
 from surefoot.config import (
     Config,
+    DartConfig,
     ExpertData,
     Gait,
     IterativeConfig,
@@ -28,6 +27,7 @@ from surefoot.learning.step import choose_device
 from surefoot.mpc.identity import ExpertIdentity, difference, identity_of
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.jobs import PLANNER
+from surefoot.runs.budget import SECONDS_PER_SOLVE, first_allowance
 from surefoot.runs.metrics import Collected
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import draw_starts, expert_rollouts
@@ -57,8 +57,10 @@ def check_config(config: Config) -> None:
     """
     stored = load_starts()
     _check_stored(config, stored)
-    if isinstance(config.method, IterativeConfig) and _learns_deviations(config.method):
-        _check_held_out(config, config.method.pretraining)
+    _check_budget(config)
+    purpose = _use_of_held_out(config.method)
+    if isinstance(config.method, IterativeConfig) and purpose:
+        _check_held_out(config, config.method.pretraining, purpose)
     choose_device(config.training.device)
 
 
@@ -154,11 +156,39 @@ def _check_stored(config: Config, stored: StartSet) -> None:
             f"evaluation.episodes is {config.evaluation.episodes}; use 1 to {available}"
         )
     if isinstance(config.method, IterativeConfig):
-        draw_starts(config.method, np.random.default_rng())
+        expert_rollouts(config, config.method.pretraining)
+        draw_starts(config, config.method, 1)
+    else:
+        expert_rollouts(config, config.method.data)
 
 
-def _check_held_out(config: Config, pretraining: ExpertData) -> None:
-    """Check that tau can be chosen on the frames of the pre-training that are held out.
+def _check_budget(config: Config) -> None:
+    """Check that the budget pays for a rollout of the expert, without which there is no policy.
+
+    Raises:
+        ValueError: It does not.
+    """
+    allowed = first_allowance(config)
+    method = config.method
+    iterative = isinstance(method, IterativeConfig)
+    data = method.pretraining if iterative else method.data
+    if allowed is None or allowed * SECONDS_PER_SOLVE >= data.duration - 1e-9:
+        return
+    field = "method.pretraining" if iterative else "method.data"
+    share = "times budget.pretraining " if iterative else ""
+    raise ValueError(
+        f"budget.expert_seconds {share}is {allowed * SECONDS_PER_SOLVE:g} s, which does not pay "
+        f"for one rollout of {data.duration} s ({field}.duration): use more, or shorter rollouts"
+    )
+
+
+def _check_held_out(config: Config, pretraining: ExpertData, purpose: str) -> None:
+    """Check that frames of the pre-training are held out.
+
+    Args:
+        config: Configuration of the run.
+        pretraining: The expert rollouts of the pre-training.
+        purpose: What they are needed for, as the end of a sentence.
 
     Raises:
         ValueError: None of its rollouts is held out.
@@ -166,19 +196,25 @@ def _check_held_out(config: Config, pretraining: ExpertData) -> None:
     share = config.training.validation
     if share == 0.0:
         raise ValueError(
-            "training.validation is 0, but tau is chosen on frames held out; use 0.1, for example"
+            f"training.validation is 0, but {purpose} frames held out; use 0.1, for example"
         )
     episode = expert_rollouts(config, pretraining).episode
+    allowed = first_allowance(config)
+    if allowed is not None:
+        episode = episode[: int(allowed * SECONDS_PER_SOLVE / pretraining.duration)]
     if not held_out(episode, share).any():
         raise ValueError(
             f"training.validation is {share}, which holds out none of the {len(episode)} rollouts "
-            "of method.pretraining, but tau is chosen on frames held out; use a larger share, or "
+            f"of method.pretraining, but {purpose} frames held out; use a larger share, or "
             "more velocities or perturbations"
         )
 
 
-def _learns_deviations(method: MethodConfig) -> bool:
-    """Whether a classifier learns where the policy deviates from the expert by more than tau."""
-    if isinstance(method, LocoSafeDaggerConfig):
-        return "classifier" in method.gates
-    return isinstance(method, SafeDaggerConfig)
+def _use_of_held_out(method: MethodConfig) -> str:
+    """What a method does with frames that are held out, besides validation; empty if nothing."""
+    if isinstance(method, DartConfig):
+        return "the noise is fitted to"
+    classifies = isinstance(method, LocoSafeDaggerConfig) and "classifier" in method.gates
+    if classifies or isinstance(method, SafeDaggerConfig):
+        return "tau is chosen on"
+    return ""

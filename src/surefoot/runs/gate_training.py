@@ -85,7 +85,7 @@ def make_gate(
         elif name == "classifier":
             classifier = load_classifier(run.gate_path(name, i - 1), Deviation.row_size)
             gates.append(Deviation(classifier, observation_spec(run.config), alarm))
-        elif name == "history" and history_can_be_trained(i - 1):
+        elif name == "history" and history_can_be_trained(run, i - 1):
             classifier = load_classifier(run.gate_path(name, i - 1), History.row_size)
             gates.append(History(classifier, observation_spec(run.config), alarm))
     if not gates:
@@ -94,9 +94,9 @@ def make_gate(
     return gates[0] if len(gates) == 1 else AnyOf(gates)
 
 
-def history_can_be_trained(i: int) -> bool:
+def history_can_be_trained(run: Run, i: int) -> bool:
     """Whether a policy has driven by the end of iteration i: that is what a history gate needs."""
-    return i >= 1
+    return any(1 <= iteration_of_shard(name) <= i for name in run.dataset.shards)
 
 
 def train_gates(
@@ -118,7 +118,7 @@ def train_gates(
     if "classifier" in names and not _is_trained(run, "classifier", i):
         began = time.perf_counter()
         _train_gate(run, "classifier", i, deviation_samples(run, i, unsafe_share), alarm, began)
-    if "history" in names and history_can_be_trained(i) and not _is_trained(run, "history", i):
+    if "history" in names and history_can_be_trained(run, i) and not _is_trained(run, "history", i):
         began = time.perf_counter()
         _train_gate(run, "history", i, history_samples(run, i), alarm, began)
 

@@ -39,6 +39,9 @@ class Collected(CollectionCost):
         dataset_frames: Number of frames in D.
         dataset_hash: SHA-256 of D.
         seconds: Wall time of the stage [s].
+        allowed_seconds: Expert-seconds that it may spend (`config.budget`), MPC solves x 0.05 s
+            [s]; None without a budget.
+        spent_seconds: Expert-seconds that it has spent [s]; None without a budget.
     """
 
     stage: Literal["collect"] = "collect"
@@ -48,6 +51,8 @@ class Collected(CollectionCost):
     dataset_frames: int
     dataset_hash: str
     seconds: float
+    allowed_seconds: float | None = None
+    spent_seconds: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +62,7 @@ class Trained:
     Attributes:
         stage: Name of the stage in the file.
         iteration: The iteration i; 0 is the pre-training.
-        epochs: Number of passes over the data.
+        epochs: Number of passes over the data, the last of which may end early.
         steps: Number of optimizer steps.
         frames: Number of frames in D, held out or not.
         device: Device that computed it, as PyTorch names it.

@@ -174,8 +174,10 @@ class Run:
         return seed_of(self.config.seed, purpose, iteration)
 
     def torch_seed(self, purpose: str, iteration: int) -> int:
-        """The seed of an iteration's draws for a purpose as one number, for PyTorch."""
-        return int(self.seed(purpose, iteration).generate_state(1)[0])
+        """The seed of an iteration's training for a purpose as one number, for PyTorch."""
+        seed = self.config.training.seed
+        root = self.config.seed if seed is None else seed
+        return int(seed_of(root, purpose, iteration).generate_state(1)[0])
 
     @property
     def metrics(self) -> list[StageRecord]:

@@ -1,9 +1,9 @@
 """What a method's rollouts begin from and leave behind: initial states, disturbance, kept frames.
 
-`expert_rollouts` is behavior cloning's data (paper, II-A), with which the iterative methods
-pre-train; `draw_starts` are the initial states of their later iterations (IV-E). `expert_frames`
-and `keep_unless_failed` are the rules by which frames enter D. Read `runs.episode_ids` for the ids
-and `rollouts.jobs` for what becomes of a job.
+`expert_rollouts` is behavior cloning's data (paper, II-A), `pretraining_rollouts` that with which
+the iterative methods begin; `draw_starts` are the initial states of their later iterations (IV-E).
+`expert_frames` and `keep_unless_failed` are the rules by which frames enter D. Read
+`runs.episode_ids` for the ids and `rollouts.jobs` for what becomes of a job.
 """
 
 from __future__ import annotations
@@ -12,7 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from surefoot.config import Config, DisturbanceConfig, ExpertData, IterativeConfig
+from surefoot.config import (
+    Config,
+    DisturbanceConfig,
+    ExpertData,
+    IterativeConfig,
+    TeachingSplit,
+)
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
@@ -20,6 +26,7 @@ from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.episode_ids import rollout_ids
 from surefoot.scenarios.starts import Starts, StartSet, at_rest, join_starts, load_starts
+from surefoot.seeds import seed_of
 from surefoot.types import BoolArray, IntArray, PlanFunction
 
 
@@ -54,7 +61,7 @@ def expert_rollouts(
     plan: PlanFunction | None = None,
     disturbance: DisturbanceConfig | None = None,
 ) -> Job:
-    """Expert rollouts to clone, from the `train` starts; failed rollouts are dropped whole.
+    """Expert rollouts to clone, from the configured starts; failed rollouts are dropped whole.
 
     Args:
         config: Configuration of the run.
@@ -66,12 +73,15 @@ def expert_rollouts(
         ValueError: The stored set has fewer initial states than are asked for.
     """
     stored = load_starts()
-    starts = stored["train"][expert_rows(stored, data)]
+    split = config.starts
+    starts = stored[split][expert_rows(stored, split, data)]
     if data.nominal:
         # From standing still, as a robot is switched on: no other initial state teaches that.
-        first = stored.rows("train")[0, 0, stored.velocities("train", data.velocities)]
-        speeds = np.unique(stored["train"].command[first], axis=0)
+        first = stored.rows(split)[0, 0, stored.velocities(split, data.velocities)]
+        speeds = np.unique(stored[split].command[first], axis=0)
         starts = join_starts([at_rest(standing(solo12(config.robot)), speeds), starts])
+    rng = np.random.default_rng(seed_of(config.seed, "series", 0))
+    starts = _in_order(config, starts, rng)
     return Job(
         config,
         Episodes(starts, data.duration, id=rollout_ids(0, len(starts))),
@@ -82,19 +92,32 @@ def expert_rollouts(
     )
 
 
-def expert_rows(stored: StartSet, data: ExpertData) -> IntArray:
-    """Rows of the `train` split to clone from: velocities x ten phases x perturbations, or none.
+def pretraining_rollouts(
+    config: Config, method: IterativeConfig, plan: PlanFunction | None = None
+) -> Job:
+    """The expert rollouts with which an iterative method begins; the arguments as above."""
+    return expert_rollouts(config, method.pretraining, plan, config.pretraining)
+
+
+def expert_rows(stored: StartSet, split: TeachingSplit, data: ExpertData) -> IntArray:
+    """Rows of a split to clone from: velocities x ten phases x perturbations, or none.
+
+    Args:
+        stored: The set of initial states.
+        split: The split.
+        data: How many of them there are to be.
 
     Raises:
         ValueError: The stored set has fewer initial states than are asked for.
     """
-    grid = stored.rows("train")
+    grid = stored.rows(split)
     if data.perturbations > grid.shape[0]:
         raise ValueError(
             f"{data.perturbations} perturbations asked for, the starts {stored.name!r} hold "
-            f"{grid.shape[0]} of each velocity and phase"
+            f"{grid.shape[0]} of each velocity and phase in {split!r}; use 0 to {grid.shape[0]}, "
+            "and longer rollouts where that is too little data"
         )
-    velocities = stored.velocities("train", data.velocities)
+    velocities = stored.velocities(split, data.velocities)
     return grid[: data.perturbations, :, velocities].ravel()
 
 
@@ -112,19 +135,70 @@ def series_order(stratum: IntArray, rng: np.random.Generator) -> IntArray:
     return np.argsort(position)
 
 
-def draw_starts(method: IterativeConfig, rng: np.random.Generator) -> Starts:
-    """Draw one iteration's initial states: each velocity, one random phase, random perturbations.
+def draw_starts(config: Config, method: IterativeConfig, i: int) -> Starts:
+    """The initial states of an iteration, drawn from a seed of its own.
 
-    The first perturbations of the stored ones belong to the pre-training.
+    Of the perturbed ones, those of each velocity are at one random phase, and random perturbations
+    of those that the pre-training has left. A settled gait cycle has but one state at each phase:
+    there, random phases of each velocity are drawn, of all that there are. Driven by another
+    policy, under other disturbances, they are other rollouts than those of the pre-training.
 
     Args:
-        method: Parameters of the method.
-        rng: Random generator of the iteration.
+        config: Configuration of the run: its seed, and the split.
+        method: Parameters of its method.
+        i: The iteration, from 1 on.
 
     Raises:
         ValueError: The stored set has fewer initial states than are asked for.
     """
+    rng = np.random.default_rng(seed_of(config.seed, "starts", i))
     stored = load_starts()
+    split = config.starts
+    if split == "nominal":
+        rows = _phases_of_the_cycle(stored, method, rng)
+    else:
+        rows = _perturbed_states(stored, method, rng)
+    return _in_order(config, stored[split][rows], rng)
+
+
+def _in_order(config: Config, starts: Starts, rng: np.random.Generator) -> Starts:
+    """Initial states in the order of their ids; random if a budget may end their rollouts early."""
+    if config.budget.expert_seconds is None:
+        return starts
+    return starts[series_order(load_starts().phases(starts.id), rng)]
+
+
+def _phases_of_the_cycle(
+    stored: StartSet, method: IterativeConfig, rng: np.random.Generator
+) -> IntArray:
+    """Rows of the `nominal` split: random phases of each velocity.
+
+    Raises:
+        ValueError: More are asked for than there are.
+    """
+    grid = stored.rows("nominal")
+    phases = grid.shape[1]
+    if method.perturbations > phases:
+        raise ValueError(
+            f"{method.perturbations} perturbations asked for, but the split 'nominal' of the "
+            f"starts {stored.name!r} is one gait cycle of {phases} phases at each velocity; use 1 "
+            f"to {phases}, and a longer T where that is too little"
+        )
+    rows = []
+    for velocity in stored.velocities("nominal", method.velocities):
+        drawn = rng.choice(phases, method.perturbations, replace=False)
+        rows.extend(grid[0, drawn, velocity])
+    return np.array(rows)
+
+
+def _perturbed_states(
+    stored: StartSet, method: IterativeConfig, rng: np.random.Generator
+) -> IntArray:
+    """Rows of the `train` split: of each velocity one random phase, random perturbations.
+
+    Raises:
+        ValueError: More are asked for than the pre-training leaves.
+    """
     grid = stored.rows("train")[method.pretraining.perturbations :]
     perturbations, phases, _ = grid.shape
     if method.perturbations > perturbations:
@@ -137,7 +211,7 @@ def draw_starts(method: IterativeConfig, rng: np.random.Generator) -> Starts:
         phase = rng.integers(phases)
         drawn = rng.choice(perturbations, method.perturbations, replace=False)
         rows.extend(grid[drawn, phase, velocity])
-    return stored["train"][np.array(rows)]
+    return np.array(rows)
 
 
 def keep_unless_failed(rollouts: Rollout) -> BoolArray:

@@ -9,31 +9,31 @@ from __future__ import annotations
 
 import logging
 import time
-from contextlib import closing
 
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.config import IterativeConfig
+from surefoot.config import IterativeConfig, Steps
 from surefoot.evaluation.robustness import evaluate
-from surefoot.files import load_arrays, save_arrays
+from surefoot.files import load_arrays
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, policy_spec, save
 from surefoot.learning.train import FitResult, fit
-from surefoot.rollouts.jobs import ChunkResult, Job, chunks_of, expert_name, run_chunk
-from surefoot.rollouts.outcome import Outcome
+from surefoot.rollouts.jobs import Job, expert_name
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_cost
+from surefoot.runs.budget import SECONDS_PER_SOLVE, allowance
 from surefoot.runs.checks import check_expert, remember_expert
-from surefoot.runs.episode_ids import end_of_iteration, shard_name
+from surefoot.runs.collecting import Limit, run_and_store
+from surefoot.runs.episode_ids import end_of_iteration
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
 from surefoot.runs.precision import kept_precision
 from surefoot.runs.run import Run, RunError
-from surefoot.runs.sampling import expert_rollouts, series_order
+from surefoot.runs.sampling import pretraining_rollouts, series_order
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import PlanFunction
-from surefoot.workers import Workers, each_chunk
+from surefoot.workers import Workers
 
 logger = logging.getLogger(__name__)
 
@@ -49,12 +49,14 @@ def pretrain(
         workers: Processes that run the rollouts.
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
     """
-    collect_data(run, 0, expert_rollouts(run.config, method.pretraining, plan), workers)
-    train_policy(run, 0, method.pretraining_epochs)
+    collect_data(run, 0, pretraining_rollouts(run.config, method, plan), workers)
+    train_policy(run, 0, method.first_training)
 
 
 def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collected:
     """D <- D u D': run the episodes of a job and append the frames that its rule keeps.
+
+    A budget (`config.budget`) ends it before the rollout that would exceed it.
 
     Args:
         run: The run.
@@ -72,16 +74,19 @@ def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collec
     else:
         remember_expert(run, job.plan)
     done = run.collected(iteration)
+    allowed = allowance(run, iteration)
     if done is not None:
         if done.expert != expert_name(job):
             raise ValueError(
                 f"{run.folder} was begun with the expert {done.expert}, not with "
                 f"{expert_name(job)}; resume it with the same one, or begin another run"
             )
-        run_and_store(run, iteration, job, workers)  # only what has been lost since then
+        known = None if allowed is None else Limit(allowed, done.episodes)
+        run_and_store(run, iteration, job, workers, known)  # only what has been lost since then
         return done
     began = time.perf_counter()
-    cost = collection_cost(run_and_store(run, iteration, job, workers))
+    limit = None if allowed is None else Limit(allowed)
+    cost = collection_cost(run_and_store(run, iteration, job, workers, limit))
     data = dataset_of(run, iteration)
     record = Collected(
         iteration=iteration,
@@ -91,6 +96,8 @@ def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collec
         dataset_frames=data.frames,
         dataset_hash=data.hash,
         seconds=time.perf_counter() - began,
+        allowed_seconds=None if allowed is None else allowed * SECONDS_PER_SOLVE,
+        spent_seconds=None if allowed is None else cost.plans * SECONDS_PER_SOLVE,
     )
     record = run.append_metrics(record)
     logger.info(
@@ -98,6 +105,7 @@ def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collec
         f"{cost.diverged} diverged, expert share {100 * cost.expert_share:.1f} % "
         f"(with tail {100 * cost.expert_share_with_tail:.1f} %), "
         f"{cost.frames_kept} frames kept, {data.frames} in all"
+        + ("" if allowed is None else f", {record.spent_seconds:.2f} s of the budget spent")
     )
     return record
 
@@ -105,103 +113,6 @@ def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collec
 def dataset_of(run: Run, iteration: int) -> Dataset:
     """D of iteration i. Later shards are there if an earlier stage has to be done again."""
     return run.dataset.before(end_of_iteration(iteration))
-
-
-def run_and_store(run: Run, iteration: int, job: Job, workers: Workers) -> Summary:
-    """Run the chunks of a job that are not stored yet, and store each as soon as it is done.
-
-    Args:
-        run: The run.
-        iteration: The iteration i.
-        job: The iteration's rollouts.
-        workers: Processes that run the rollouts.
-
-    Returns:
-        The summary of all episodes of the job, those that were stored before too.
-
-    Raises:
-        ValueError: The run's folder holds chunks of another job.
-        RunError: The expert has failed in all rollouts; nothing of them is stored.
-    """
-    chunks = chunks_of(job)
-    names = [shard_name(iteration, number) for number in range(len(chunks))]
-    stored = _stored_shards(run, job)
-    missing = [number for number, name in enumerate(names) if name not in stored]
-    for chunk, name in zip(chunks, names, strict=True):
-        if name in stored and not _is_of(load_arrays(run.summary_path(name), Summary), chunk):
-            raise ValueError(
-                f"{run.folder} holds rollouts of iteration {iteration} from other starts or by "
-                f"another expert than {expert_name(job)}; resume it as it was begun, or begin "
-                "another run"
-            )
-    title = f"iteration {iteration}: collect"
-    results = each_chunk(run_chunk, [chunks[number] for number in missing], workers, title)
-    # What an expert that does not work leaves behind is kept until one of its chunks teaches
-    # something: one that has been mended must not find those chunks done.
-    held_back: list[tuple[str, ChunkResult]] = []
-    teaches = iteration > 0 or run.dataset.frames > 0
-    with closing(results):  # whatever goes wrong here, the workers end with it
-        for done, result in results:
-            name = names[missing[done]]
-            teaches = teaches or len(result.frames) > 0
-            if teaches and result.summary.ticks.any():
-                _store(run, name, result)
-            else:
-                held_back.append((name, result))
-    if not teaches or len(held_back) == len(chunks):
-        old = [load_arrays(run.summary_path(name), Summary) for name in names if name in stored]
-        text = _failure_text(job, [*old, *(result.summary for _, result in held_back)])
-        advice = "fix the plan, or the options that it depends on, and "
-        advice += f"begin another run: {run.folder} holds these" if old else "try again"
-        raise RunError(f"{text}; {advice}")
-    for name, result in held_back:
-        _store(run, name, result)
-    return join_summaries([load_arrays(run.summary_path(name), Summary) for name in names])
-
-
-def _failure_text(job: Job, summaries: list[Summary]) -> str:
-    """What to say of rollouts from which nothing can be learned."""
-    count = len(job.episodes)
-    name = expert_name(job)
-    if not any(summary.ticks.any() for summary in summaries):
-        return (
-            f"the expert {name} gave up on all {count} rollouts in their first tick: its plans are "
-            "not valid, or not finite"
-        )
-    outcome = np.concatenate([summary.outcome for summary in summaries])
-    return (
-        f"no frame is left of {count} rollouts of the expert {name}: it gave up on "
-        f"{(outcome == Outcome.DIVERGED).sum()}, and {(outcome == Outcome.FELL).sum()} fell"
-    )
-
-
-def _store(run: Run, name: str, result: ChunkResult) -> None:
-    """Write what is left of a chunk; the shard last: one that the dataset knows is done."""
-    if result.trace is not None:
-        save_arrays(run.trace_path(name), result.trace)
-    save_arrays(run.summary_path(name), result.summary)
-    run.dataset.append(name, result.frames)
-
-
-def _stored_shards(run: Run, job: Job) -> set[str]:
-    """Names of the shards of which everything that the job leaves behind is there."""
-    return {
-        name
-        for name in run.dataset.shards
-        if run.summary_path(name).exists()
-        and run.dataset.shard_path(name).exists()
-        and (run.trace_path(name).exists() or not job.trace)
-    }
-
-
-def _is_of(summary: Summary, chunk: Job) -> bool:
-    """Whether a summary is of the episodes of a chunk, by its expert."""
-    rollouts = summary[~summary.query]
-    return (
-        np.array_equal(rollouts.episode, chunk.episode)
-        and np.array_equal(rollouts.start, chunk.starts.id)
-        and bool((rollouts.expert == expert_name(chunk)).all())
-    )
 
 
 def first_frames(run: Run, frames: int) -> Dataset:
@@ -233,14 +144,14 @@ def first_frames(run: Run, frames: int) -> Dataset:
 
 
 def train_policy(
-    run: Run, iteration: int, epochs: int, data: Dataset | None = None, fresh: bool = False
+    run: Run, iteration: int, epochs: int | Steps, data: Dataset | None = None, fresh: bool = False
 ) -> Trained:
     """Train pi_i on D, starting from pi_{i-1}; the first starts from random weights.
 
     Args:
         run: The run.
         iteration: The iteration i.
-        epochs: Number of passes over the data.
+        epochs: Number of passes over the data, or of steps.
         data: Data to train on; None for D of iteration i.
         fresh: Whether to start from the random weights again.
 
@@ -266,7 +177,7 @@ def train_policy(
     record = done or run.append_metrics(
         Trained(
             iteration=iteration,
-            epochs=epochs,
+            epochs=len(result.train_loss),
             steps=result.steps,
             frames=result.frames,
             episodes=data.episodes,
@@ -280,22 +191,23 @@ def train_policy(
     )
     checkpoint.unlink(missing_ok=True)
     logger.info(
-        f"iteration {iteration}: {epochs} epochs on {result.frames} frames, "
+        f"iteration {iteration}: {result.steps} steps on {result.frames} frames, "
         f"L1 {result.train_loss[-1]:.4f} rad, held out {result.validation_loss[-1]:.4f} rad"
     )
     return record
 
 
-def _fit(run: Run, iteration: int, epochs: int, data: Dataset, fresh: bool) -> FitResult:
+def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bool) -> FitResult:
     """Fit a network under a progress bar; it resumes from the checkpoint if there is one."""
     config = run.config
     if iteration == 0 or fresh:
         network = PolicyNetwork(config.policy, run.torch_seed("network", 0))
     else:
         network = load(run.policy_path(iteration - 1)).network
-    with tqdm(total=epochs, desc=f"iteration {iteration}: train", unit="epoch", leave=False) as bar:
+    with tqdm(desc=f"iteration {iteration}: train", unit="epoch", leave=False) as bar:
 
-        def progress(_epoch: int, _epochs: int, train_loss: float, validation_loss: float) -> None:
+        def progress(_epoch: int, epochs: int, train_loss: float, validation_loss: float) -> None:
+            bar.total = epochs
             bar.set_postfix(train=f"{train_loss:.4f}", validation=f"{validation_loss:.4f}")
             bar.update()
 

@@ -19,6 +19,7 @@ from surefoot.config import DisturbanceConfig, NoiseConfig
 from surefoot.config.scenarios import LONGEST_DELAY, LONGEST_PUSH
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import center_of_mass, feet, integrate, legs_of, masses_of
+from surefoot.scenarios.torque_noise import TorqueNoise, join_torque_noises
 from surefoot.seeds import seed_of
 from surefoot.types import Array, IntArray, State, to_ticks
 
@@ -105,6 +106,7 @@ class Disturbance:
         noise: Standard deviations of the noise on what is measured.
         delay: The time from a torque's command to its action [ms].
         seeds: The roots of the noise of the B robots' sensors.
+        torque_noise: Noise on the torques that act; None without any.
         measured: ``(B,)`` how many ticks of each robot's noise lie before the episode [ms]; None
             begins with the first.
 
@@ -120,6 +122,7 @@ class Disturbance:
     delay: int = 0
     seeds: tuple[np.random.SeedSequence, ...] = ()
     measured: IntArray | None = None
+    torque_noise: TorqueNoise | None = None
 
     def __post_init__(self) -> None:
         """Check all fields, and bring friction and mass to arrays."""
@@ -156,6 +159,7 @@ class Disturbance:
             "mass": self.mass,
             "seeds": self.seeds or None,
             "measured": self.measured,
+            "torque noise": self.torque_noise,
         }
         return {name: len(values) for name, values in fields.items() if values is not None}
 
@@ -174,6 +178,7 @@ class Disturbance:
             mass=None if self.mass is None else self.mass[rows],
             seeds=tuple(self.seeds[row] for row in chosen),
             measured=None if self.measured is None else self.measured[rows],
+            torque_noise=None if self.torque_noise is None else self.torque_noise[rows],
         )
 
     def after(self, ticks: IntArray) -> Disturbance:
@@ -187,8 +192,9 @@ class Disturbance:
         pushes = self.pushes
         if pushes is not None:
             pushes = replace(pushes, tick=pushes.tick - ticks[:, None])
+        noise = None if self.torque_noise is None else self.torque_noise.after(ticks)
         before = np.zeros_like(ticks) if self.measured is None else self.measured
-        return replace(self, pushes=pushes, measured=before + ticks)
+        return replace(self, pushes=pushes, measured=before + ticks, torque_noise=noise)
 
 
 def join_disturbances(parts: Sequence[Disturbance]) -> Disturbance:
@@ -214,6 +220,7 @@ def join_disturbances(parts: Sequence[Disturbance]) -> Disturbance:
         mass=join_optional([part.mass for part in parts]),
         seeds=tuple(seed for part in parts for seed in part.seeds),
         measured=join_optional([part.measured for part in parts]),
+        torque_noise=join_torque_noises([p.torque_noise for p in parts if p.torque_noise]),
     )
 
 

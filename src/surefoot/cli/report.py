@@ -1,0 +1,67 @@
+"""The command report: one page of a study with its figures, or the model card of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from surefoot.files import write_json
+
+
+@dataclass(frozen=True)
+class Report:
+    """Make one HTML page of a study with its figures, or the model card of a run.
+
+    The page, report.html, needs no network and no other file; figures/ beside it has each figure as
+    PNG and PDF. A study that is not complete has a report of what is there.
+
+    JSON keys of a study: study, title, commit, version, missing (cells that lack a result),
+    predictions, verdicts (claims and comparisons), figures (rows of panels; each number has its
+    value and its source).
+
+    JSON keys of a run: folder, method, config, versions, best_iteration, metrics, tests, policy,
+    policy_sha256, failures (each with the command that replays it), figures.
+    """
+
+    target: Annotated[Path, tyro.conf.Positional]
+    """The folder of a study, the name of one under studies/, or the folder of a run."""
+    out: Path | None = None
+    """The folder for the page and the figures; without it, that of the study or of the run."""
+    films: bool = True
+    """Film the best policy of each technique of a study under the same push, where policies are
+    kept and a picture can be drawn."""
+    json: Path | None = None
+    """Write what the page shows to this file, as JSON."""
+
+    def __call__(self) -> int:
+        """Read the results, write the page, and say where it is."""
+        from surefoot.runs.run import CONFIG_FILE
+        from surefoot.study.report.films import study_films
+        from surefoot.study.report.markup import NOTHING
+        from surefoot.study.report.run_card import run_card
+        from surefoot.study.report.run_page import write_run_card
+        from surefoot.study.report.study_page import study_report, write_study_report
+        from surefoot.study.results import STUDY_FILE, read_results
+
+        folder = self.target if self.target.exists() else Path("studies") / self.target
+        out = self.out or folder
+        if (folder / STUDY_FILE).is_file():
+            results = read_results(folder)
+            report = study_report(results)
+            films = study_films(results) if self.films else NOTHING
+            page = write_study_report(results, report, out, films)
+        elif (folder / CONFIG_FILE).is_file():
+            report = run_card(folder)
+            page = write_run_card(report, out)
+        else:
+            raise ValueError(
+                f"{self.target} holds neither a study ({STUDY_FILE}) nor a run ({CONFIG_FILE}); "
+                "`surefoot study` makes the one, `surefoot train` the other"
+            )
+        if self.json is not None:
+            write_json(self.json, report)
+        print(f"report: {page}")
+        return 0

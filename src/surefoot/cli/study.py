@@ -1,0 +1,208 @@
+"""The command study: many runs and their measurements, from one file.
+
+The first word says what to do with a study: run it (no word), show its ``status``, ``pause`` or
+``resume`` it. Everything is kept in the study's folder (`surefoot.study.state`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from surefoot.cli.options import OnWorkers
+from surefoot.errors import unknown
+from surefoot.files import write_json
+
+if TYPE_CHECKING:
+    from surefoot.config.study import StudyConfig
+    from surefoot.study.estimate import Estimate
+    from surefoot.study.state import JobStatus
+
+ACTIONS = ("status", "pause", "resume")
+"""First words that do something else than running the study."""
+
+
+@dataclass(frozen=True)
+class JobReport:
+    """How far a job is, for machines.
+
+    Attributes:
+        name: Name of the job.
+        state: `done`, `running`, `ready`, `waiting` or `failed`.
+        seconds: How long it has worked so far [s].
+    """
+
+    name: str
+    state: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """How far a study is, for machines.
+
+    Attributes:
+        folder: Folder of the study.
+        paused: Whether it is paused.
+        jobs: How far each of its jobs is.
+    """
+
+    folder: Path
+    paused: bool
+    jobs: Sequence[JobReport]
+
+
+@dataclass(frozen=True)
+class Study(OnWorkers):
+    """Run a study: techniques x seeds x settings, and what is measured of them.
+
+    For example `surefoot study smoke`, or with a JSON file of your own. The same command again
+    goes on with a study that was interrupted. `surefoot study status NAME` shows how far it is,
+    `surefoot study pause NAME` holds all its processes, and `surefoot study resume NAME` lets them
+    go on.
+
+    JSON keys: folder, paused, jobs [list; of each job its name, state (done, running, ready,
+    waiting, failed) and seconds].
+    """
+
+    words: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="STUDY")]
+    """The study: paper, regimes, smoke, a JSON file, or the folder of one that has begun; before it
+    status, pause or resume."""
+    folder: Path | None = None
+    """The folder of the study; without it, studies/NAME."""
+    job: str | None = None
+    """Run this job only, with those that it needs; for example one that failed."""
+    estimate: bool = False
+    """Only say how many jobs there are and how long they will take here, and run nothing."""
+    json: Path | None = None
+    """Write how far the jobs are to this file, as JSON."""
+
+    def __call__(self) -> int:
+        """Do what the first word says."""
+        from surefoot.study.state import pause_study, resume_study
+
+        action, name = self._words()
+        folder = self._folder(name)
+        if action == "pause":
+            pause_study(folder)
+            print(f"paused; go on with `surefoot study resume {folder}`")
+        elif action == "resume":
+            resume_study(folder)
+            print("its processes go on; if nobody runs it, start it again with `surefoot study`")
+        elif action == "run":
+            return self._run(name, folder)
+        self._show(folder)
+        return 0
+
+    def _words(self) -> tuple[str, str]:
+        """The action and the study."""
+        words = list(self.words)
+        action = words.pop(0) if words and words[0] in ACTIONS else "run"
+        if len(words) != 1:
+            raise ValueError(
+                f"study needs the name of one study, and got {' '.join(words) or 'none'}; for "
+                "example: surefoot study smoke"
+            )
+        return action, words[0]
+
+    def _folder(self, name: str) -> Path:
+        """The folder of the study."""
+        from surefoot.study.results import STUDY_FILE
+
+        if self.folder is not None:
+            return self.folder
+        if (Path(name) / STUDY_FILE).is_file():
+            return Path(name)
+        return Path("studies") / Path(name).stem
+
+    def _run(self, name: str, folder: Path) -> int:
+        """Run the study, after saying what there is to do."""
+        from surefoot.study.estimate import estimate_study
+        from surefoot.study.runner import open_study, run_study
+
+        study = study_named(name, folder)
+        if self.estimate:
+            print(describe_work(estimate_study(study), self.workers))
+            return 0
+        open_study(folder, study)
+        estimate = estimate_study(study, folder)
+        print(f"{study.title}, in {folder}: {describe_work(estimate, self.workers)}")
+        outcome = run_study(folder, self.spread, self.job)
+        self._show(folder)
+        return 1 if outcome.failed else 0
+
+    def _show(self, folder: Path) -> None:
+        """Write how far the jobs are where asked, and print it."""
+        from surefoot.study.estimate import read_estimate
+        from surefoot.study.state import LOG_FILE, is_paused, job_folder, job_statuses
+
+        statuses = job_statuses(folder)
+        paused = is_paused(folder)
+        if self.json is not None:
+            jobs = [JobReport(s.job.name, s.state, s.seconds) for s in statuses]
+            write_json(self.json, StudyReport(folder, paused, jobs))
+        print(describe_state(statuses, read_estimate(folder), self.workers))
+        if paused:
+            print(f"paused: `surefoot study resume {folder}` lets it go on")
+        for status in statuses:
+            if status.state == "failed":
+                name = status.job.name
+                log = job_folder(folder, name) / LOG_FILE
+                print(f"{name} failed, see {log}; again: surefoot study {folder} --job {name}")
+
+
+def study_named(name: str, folder: Path) -> StudyConfig:
+    """The study that a word of the command line means.
+
+    Args:
+        name: Name of a study of the package, a JSON file, or the folder of a study.
+        folder: Folder of the study, if it has begun.
+
+    Raises:
+        ValueError: There is no such study, or its file cannot be read.
+    """
+    from surefoot.config.json_io import from_json, read_json
+    from surefoot.config.studies import STUDIES, named_study
+    from surefoot.config.study import StudyConfig
+    from surefoot.study.results import STUDY_FILE, read_study
+
+    if name in STUDIES:
+        return named_study(name)
+    path = Path(name)
+    if (path / STUDY_FILE).is_file():
+        return read_study(path).study
+    if not path.is_file():
+        raise ValueError(f"{unknown('study', name, STUDIES)}; there is no such file either")
+    try:
+        return from_json(StudyConfig, read_json(path))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def describe_work(estimate: Estimate, workers: int) -> str:
+    """How much there is to do, in a sentence."""
+    hours = sum(estimate.seconds.values()) / 3600.0
+    return (
+        f"{len(estimate.seconds)} jobs, about {hours:.1f} core-hours on this machine, "
+        f"{hours / workers:.1f} hours with {workers} at a time"
+    )
+
+
+def describe_state(statuses: Sequence[JobStatus], estimate: Estimate | None, workers: int) -> str:
+    """How far a study is: counts, what is running, and how long it still takes."""
+    count = Counter(status.state for status in statuses)
+    order = ("done", "running", "ready", "waiting", "failed")
+    parts = [f"{count[state]} {state}" for state in order if count[state]]
+    lines = [f"{len(statuses)} jobs: {', '.join(parts)}"]
+    lines += [f"  running: {s.job.name}" for s in statuses if s.state == "running"]
+    if estimate is not None and count["done"] < len(statuses):
+        left = estimate.left(statuses, workers)
+        end = datetime.now() + timedelta(seconds=left)
+        lines.append(f"about {left / 3600:.1f} hours left, until {end:%Y-%m-%d %H:%M}")
+    return "\n".join(lines)

@@ -1,0 +1,138 @@
+"""How far a policy deviates from the expert, in states that a pushed expert visits.
+
+The expert drives from states of the split `select`, from which nothing is ever learned, and each
+robot is pushed once. The error is the mean of |pi(s) - a| over these states and the joints, where a
+is the target with which the policy's PD gives the expert's torque. Success of a small training is
+mostly luck of its weights; this error is steady to a few percent. It says nothing about states that
+only the policy visits. Next: `robustness`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.config import Config, DisturbanceConfig
+from surefoot.learning.frames import Frames, concatenate
+from surefoot.learning.observation import INPUT_SIZE
+from surefoot.learning.policy import load
+from surefoot.learning.samples import derive
+from surefoot.rollouts.arbiters import ExpertOnly
+from surefoot.rollouts.episodes import Episodes, Rollout
+from surefoot.rollouts.jobs import Job, chunks_of, run_chunk
+from surefoot.scenarios.starts import load_starts
+from surefoot.types import BoolArray
+from surefoot.workers import Workers, map_chunks
+
+ROLLOUTS = 60
+"""Number of the expert's rollouts."""
+DURATION = 1.6
+"""[s] how long each of them lasts."""
+EVERY = 20
+"""[ms] between two states of a rollout: neighbors tell the same."""
+IMPULSE = (0.5, 2.0)
+"""[N s] the smallest and the largest push, one in each rollout: the expert withstands them."""
+FALL_ANGLE = 60.0
+"""[deg] roll or pitch beyond this is a fall, as in the measurement of pushes."""
+MRAD = 1000.0
+"""Milliradians in a radian."""
+
+
+@dataclass(frozen=True)
+class ImitationError:
+    """How far a policy deviates from the expert's targets in n states that the expert visits.
+
+    Attributes:
+        starts: Name of the set of initial states.
+        starts_hash: SHA-256 of that set.
+        rollouts: Number of the expert's rollouts that neither fell nor diverged.
+        states: Number n of their states.
+        mean_mrad: Mean absolute deviation over states and joints [mrad].
+        worst_mrad: The deviation, as a mean over the joints, that one state of a hundred exceeds
+            [mrad].
+    """
+
+    starts: str
+    starts_hash: str
+    rollouts: int
+    states: int
+    mean_mrad: float
+    worst_mrad: float
+
+
+def imitation_error(config: Config, policy: Path, workers: Workers) -> ImitationError:
+    """The deviation of a policy from the expert's targets; the same for any number of workers.
+
+    The expert's states are kept in this process: those of further policies take no simulation.
+
+    Args:
+        config: Robot, simulator, gait and expert.
+        policy: File of the policy.
+        workers: Processes that run the expert.
+
+    Raises:
+        FileNotFoundError: There is no such policy.
+        ValueError: The expert has lost all robots.
+    """
+    imitator = load(policy)
+    frames = expert_states(config, workers)
+    if not len(frames):
+        raise ValueError(
+            f"the expert has lost all {ROLLOUTS} robots, each pushed once by {IMPULSE[0]} to "
+            f"{IMPULSE[1]} N s: there is nothing to compare a policy with"
+        )
+    inputs, targets = np.split(derive(frames, imitator.spec), [INPUT_SIZE], axis=1)
+    deviation = np.abs(imitator.forward(inputs) - targets).mean(axis=1, dtype=np.float64)
+    stored = load_starts()
+    return ImitationError(
+        starts=stored.name,
+        starts_hash=stored.hash,
+        rollouts=len(np.unique(frames.episode)),
+        states=len(frames),
+        mean_mrad=MRAD * float(deviation.mean()),
+        worst_mrad=MRAD * float(np.quantile(deviation, 0.99)),
+    )
+
+
+def expert_states(config: Config, workers: Workers) -> Frames:
+    """The states that a pushed expert visits, with its torques.
+
+    Args:
+        config: Robot, simulator, gait and expert; methods and seeds do not matter.
+        workers: Processes that run the expert.
+    """
+    same_for_all_methods = Config(
+        seed=load_starts().seed,
+        chunk=config.chunk,
+        robot=config.robot,
+        simulation=config.simulation,
+        gait=config.gait,
+        expert=config.expert,
+        safety=config.safety,
+    )
+    return _expert_states(same_for_all_methods, workers)
+
+
+@lru_cache(maxsize=4)
+def _expert_states(config: Config, workers: Workers) -> Frames:
+    """The same of a configuration in which all else is the default."""
+    starts = load_starts().first("select", ROLLOUTS)
+    job = Job(
+        config,
+        Episodes(starts, DURATION, id=starts.id),
+        ExpertOnly(),
+        keep=_some_states,
+        disturbance=DisturbanceConfig(pushes=1, impulse=IMPULSE, fall_angle=FALL_ANGLE),
+    )
+    title = f"{config.simulation.backend}, expert: pushed select starts"
+    results = map_chunks(run_chunk, chunks_of(job), workers, title)
+    return concatenate([result.frames for result in results])
+
+
+def _some_states(rollouts: Rollout) -> BoolArray:
+    """``(B, T)`` True for every 20th tick of rollouts that neither fell nor diverged."""
+    some = np.arange(rollouts.q.shape[1]) % EVERY == 0
+    return rollouts.happened & ~rollouts.failed[:, None] & some

@@ -1,0 +1,149 @@
+"""DART (Laskey et al., 2017): noise on the expert's torques, as large as the learner's error.
+
+Pre-training: D <- expert rollouts; train pi_0 on D
+for i = 1 .. N:
+    Sigma <- covariance of pi_{i-1}(s) - pi*(s) over held-out (s, pi*(s)) of D, times a scale
+    the expert drives for T under torque noise from N(0, Sigma); D <- D u {(s, pi*(s))}
+    train pi_i on D
+return the best pi_i on validation
+
+The expert is shown what errors of the learner's size lead to, without the learner ever driving. The
+labels are what the expert commanded, without the noise. Sigma is the maximum-likelihood estimate
+(their equation 5); `noise_scale` stands for their scaling by a guess of the final error. Their
+noise is drawn at every step of a slow controller; at 1 kHz that averages out, so that a draw is
+held here, for 50 ms.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.config import DartConfig
+from surefoot.learning.frames import concatenate, sorted_by_episode
+from surefoot.learning.observation import INPUT_SIZE
+from surefoot.learning.policy import load
+from surefoot.learning.samples import derive, held_out
+from surefoot.rollouts.arbiters import ExpertOnly
+from surefoot.rollouts.episodes import Episodes
+from surefoot.rollouts.jobs import Job, disturbance_of
+from surefoot.runs.budget import iterations_within_budget
+from surefoot.runs.checks import check_config, parameters
+from surefoot.runs.episode_ids import rollout_ids
+from surefoot.runs.run import Run, RunError
+from surefoot.runs.sampling import (
+    disturbance_in,
+    draw_starts,
+    keep_unless_failed,
+    pretraining_rollouts,
+)
+from surefoot.runs.stages import (
+    choose_best_policy,
+    collect_data,
+    dataset_of,
+    pretrain,
+    train_policy,
+    validate_policy,
+)
+from surefoot.scenarios.torque_noise import make_torque_noise
+from surefoot.types import JOINTS, Array, PlanFunction, to_ticks
+from surefoot.workers import Workers
+
+logger = logging.getLogger(__name__)
+
+ROWS_AT_ONCE = 8192
+"""Rows that a policy answers at a time, to bound the memory."""
+
+
+def dart(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
+    """Train a policy with DART; the run's folder gets data, policies and metrics.
+
+    Args:
+        run: An open run, new or to be resumed.
+        workers: Processes that run the rollouts; the result does not depend on them.
+        plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
+
+    Returns:
+        File of the policy that did best on the `select` initial states.
+
+    Raises:
+        TypeError: The run was configured for another method.
+        ValueError: A parameter is out of range.
+    """
+    method = parameters(run, DartConfig)
+    check_config(run.config)
+
+    pretrain(run, method, workers, plan)
+    validate_policy(run, 0, workers)
+
+    last = 0
+    for i in iterations_within_budget(run, method.iterations):
+        # Fit the noise, and collect under it
+        collect_data(run, i, collection(run, i, plan), workers)
+        # Train pi_i on D
+        train_policy(run, i, method.training)
+        validate_policy(run, i, workers)
+        last = i
+
+    choose_best_policy(run, last)
+    return run.best_policy_path
+
+
+def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
+    """The rollouts of iteration i; fixed by the run's seed and the policy before it."""
+    config = run.config
+    method = parameters(run, DartConfig)
+    if i == 0:
+        return pretraining_rollouts(config, method, plan)
+    starts = draw_starts(config, method, i)
+    job = Job(
+        config,
+        Episodes(starts, method.T, id=rollout_ids(i, len(starts))),
+        ExpertOnly(),
+        keep=keep_unless_failed,
+        plan=plan,
+        disturbance=disturbance_in(config, i, method.iterations),
+    )
+    covariance = method.noise_scale * learner_error(run, i - 1)
+    hold = max(to_ticks(method.noise_hold), 1)
+    noise = make_torque_noise(covariance, hold, config.seed, job.episode)
+    noisy = replace(disturbance_of(job), torque_noise=noise)
+    return replace(job, episodes=replace(job.episodes, disturbance=noisy))
+
+
+def learner_error(run: Run, i: int) -> Array:
+    """``(12, 12)`` second moments of pi_i(s) - pi*(s) as torques over held-out frames [N^2 m^2].
+
+    The error counts about zero, not about its mean: a learner that is always wrong alike is wrong.
+
+    Args:
+        run: The run, with the policy pi_i.
+        i: The iteration.
+
+    Raises:
+        RunError: No frame of D is held out.
+    """
+    policy = load(run.policy_path(i))
+    share = run.config.training.validation
+    held = [frames[held_out(frames.episode, share)] for frames in dataset_of(run, i).parts()]
+    # In one order, however D is cut into shards: the last digits of a sum depend on it.
+    frames = sorted_by_episode(concatenate(held))
+    if not len(frames):
+        raise RunError(
+            f"{run.folder} has no frame held out to fit the noise to; use a larger "
+            "training.validation, or more rollouts"
+        )
+    inputs, targets = np.split(derive(frames, policy.spec), [INPUT_SIZE], axis=1)
+    # None of the parts is too small for the policy to be exact.
+    parts = np.array_split(inputs, math.ceil(len(inputs) / ROWS_AT_ONCE))
+    answers = np.concatenate([policy.forward(part) for part in parts])
+    # Two PDs of the same gains differ by kp times the difference of their targets.
+    error = policy.spec.kp * (answers - targets).astype(np.float64)
+    covariance = error.T @ error / len(error)
+    deviation = np.sqrt(np.trace(covariance) / len(JOINTS))
+    logger.info(f"iteration {i + 1}: the learner's error is {deviation:.3f} N m a joint")
+    return covariance

@@ -1,0 +1,124 @@
+"""A run's budget of expert-seconds: what a collection may spend, and which rollouts fit.
+
+The unit is an MPC solve, which counts as 50 ms of the expert. What is spent stands in the run's
+metrics, and what an iteration may spend follows from them, so that a resumed run spends the same.
+Within a collection the rollouts count in the order of their ids, whatever process ran them. Read
+`collecting` next, which ends a collection by it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from surefoot.config import Config, IterativeConfig
+from surefoot.learning.frames import whole_episode
+from surefoot.rollouts.jobs import ChunkResult
+from surefoot.rollouts.summary import Summary
+from surefoot.runs.run import Run
+from surefoot.types import GRID, TICKS_PER_SECOND, IntArray
+
+SECONDS_PER_SOLVE = GRID / TICKS_PER_SECOND
+"""[s] how much of the expert an MPC solve counts as."""
+_ROUNDING = 1e-9
+"""A number of seconds is that of whole solves if it is as close to it as this."""
+
+
+def solves_of(seconds: float) -> int:
+    """How many MPC solves a time of the expert pays for.
+
+    Args:
+        seconds: The time [s].
+    """
+    return math.floor(seconds / SECONDS_PER_SOLVE + _ROUNDING)
+
+
+def first_allowance(config: Config) -> int | None:
+    """MPC solves that the first collection may spend; None without a budget.
+
+    It is behavior cloning's only one, and the pre-training of the iterative methods.
+    """
+    budget = config.budget
+    if budget.expert_seconds is None:
+        return None
+    if isinstance(config.method, IterativeConfig):
+        return solves_of(budget.pretraining * budget.expert_seconds)
+    return solves_of(budget.expert_seconds)
+
+
+def allowance(run: Run, i: int) -> int | None:
+    """MPC solves that the collection of iteration i may spend; None without a budget.
+
+    It is an equal share of what is left for all iterations from this one on.
+
+    Args:
+        run: The run, which has done all collections before.
+        i: The iteration; 0 is the first collection.
+    """
+    method = run.config.method
+    if i == 0 or not isinstance(method, IterativeConfig):
+        return first_allowance(run.config)
+    left = solves_left(run, i)
+    return None if left is None else left // (method.iterations - i + 1)
+
+
+def solves_left(run: Run, i: int) -> int | None:
+    """MPC solves that are left when iteration i begins; None without a budget."""
+    seconds = run.config.budget.expert_seconds
+    if seconds is None:
+        return None
+    collected = [run.collected(before) for before in range(i)]
+    spent = sum(record.plans for record in collected if record is not None)
+    return max(solves_of(seconds) - spent, 0)
+
+
+def iterations_within_budget(run: Run, iterations: int, first: int = 1) -> Iterator[int]:
+    """The iterations of a method, in order, as long as there is anything left to spend.
+
+    Args:
+        run: The run; each iteration has done its collection before the next is asked for.
+        iterations: Number N of iterations.
+        first: Number of the first one.
+    """
+    for i in range(first, iterations + 1):
+        if solves_left(run, i) == 0:
+            return
+        yield i
+
+
+def rollout_costs(summary: Summary) -> tuple[IntArray, IntArray]:
+    """Ids ``(n,)`` of rollouts in ascending order, and MPC solves ``(n,)``, queries included."""
+    ids, which = np.unique(whole_episode(summary.episode), return_inverse=True)
+    costs = np.zeros(len(ids), dtype=np.int64)
+    np.add.at(costs, which, summary.plans)
+    return ids, costs
+
+
+def affordable_part(result: ChunkResult, left: int) -> ChunkResult:
+    """The first rollouts of a chunk, in the order of their ids, that cost no more than is left.
+
+    Args:
+        result: What is kept of the chunk.
+        left: Number of MPC solves that may be spent.
+    """
+    ids, costs = rollout_costs(result.summary)
+    fits = np.cumsum(costs) <= left
+    if fits.all():
+        return result
+    chosen = ids[fits]
+    trace = result.trace
+    if trace is not None:
+        rows = np.isin(trace.episode, chosen)
+        trace = replace(
+            trace, episode=trace.episode[rows], inputs=trace.inputs[rows], label=trace.label[rows]
+        )
+    summary = result.summary
+    frames = result.frames
+    return ChunkResult(
+        summary[np.isin(whole_episode(summary.episode), chosen)],
+        frames[np.isin(whole_episode(frames.episode), chosen)],
+        trace,
+    )

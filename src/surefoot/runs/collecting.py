@@ -1,0 +1,228 @@
+"""A collection's rollouts: run chunk by chunk, and stored as soon as they are done.
+
+What a chunk leaves behind is written whole or not at all, the shard of D last, so that a collection
+that was killed does only what is missing. A budget ends it, at the same rollout however the chunks
+are spread. Read `stages` next, whose `collect_data` makes a stage of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+
+from surefoot.files import load_arrays, save_arrays
+from surefoot.rollouts.jobs import ChunkResult, Job, chunks_of, expert_name, run_chunk
+from surefoot.rollouts.outcome import Outcome
+from surefoot.rollouts.summary import Summary, join_summaries
+from surefoot.runs.budget import affordable_part
+from surefoot.runs.episode_ids import shard_name
+from surefoot.runs.run import Run, RunError
+from surefoot.workers import Workers, each_chunk
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What ends a collection before its job does.
+
+    Attributes:
+        solves: Number of MPC solves that it may spend.
+        rollouts: Number of its rollouts, where it is known because it is done.
+    """
+
+    solves: int
+    rollouts: int | None = None
+
+
+@dataclass(frozen=True)
+class _Chunks:
+    """The chunks of a collection, and which of them are stored.
+
+    Attributes:
+        run: The run.
+        jobs: The chunks, in the order of their episodes.
+        names: Names of their shards.
+        stored: Names of those shards of which everything is there.
+        title: Text of the progress bar.
+    """
+
+    run: Run
+    jobs: list[Job]
+    names: list[str]
+    stored: set[str]
+    title: str
+
+    def run_missing(
+        self, first: int, end: int, workers: Workers
+    ) -> Generator[tuple[int, ChunkResult]]:
+        """Run those of the chunks from first to end that are not stored; yield each when done."""
+        missing = [n for n in range(first, end) if self.names[n] not in self.stored]
+        jobs = [self.jobs[number] for number in missing]
+        with closing(each_chunk(run_chunk, jobs, workers, self.title)) as results:
+            for done, result in results:
+                yield missing[done], result
+
+    def summary(self, number: int) -> Summary:
+        """The stored summary of a chunk."""
+        return load_arrays(self.run.summary_path(self.names[number]), Summary)
+
+
+def run_and_store(
+    run: Run, iteration: int, job: Job, workers: Workers, limit: Limit | None = None
+) -> Summary | None:
+    """Run the chunks of a job that are not stored yet, and store each as soon as it is done.
+
+    Args:
+        run: The run.
+        iteration: The iteration i.
+        job: The iteration's rollouts.
+        workers: Processes that run the rollouts.
+        limit: What ends the collection before the job does; None without a budget.
+
+    Returns:
+        The summary of all episodes that count, those that were stored before too; None if there
+        are none, because the budget affords none.
+
+    Raises:
+        ValueError: The run's folder holds chunks of another job.
+        RunError: The expert has failed in all rollouts, or the budget affords none of the first
+            ones; nothing of them is stored.
+    """
+    jobs = chunks_of(job)
+    names = [shard_name(iteration, number) for number in range(len(jobs))]
+    title = f"iteration {iteration}: collect"
+    chunks = _Chunks(run, jobs, names, _stored_shards(run, job) & set(names), title)
+    _check_stored(chunks, iteration, whole=limit is None)
+    if limit is None:
+        results = chunks.run_missing(0, len(jobs), workers)
+    else:
+        results = _affordable_results(chunks, workers, limit)
+    # What an expert that does not work leaves behind is kept until one of its chunks teaches
+    # something: one that has been mended must not find those chunks done.
+    held_back: list[tuple[str, ChunkResult]] = []
+    done = set(chunks.stored)
+    teaches = iteration > 0 or run.dataset.frames > 0
+    with closing(results):  # whatever goes wrong here, the workers end with it
+        for number, result in results:
+            done.add(names[number])
+            teaches = teaches or len(result.frames) > 0
+            if teaches and result.summary.ticks.any():
+                _store(run, names[number], result)
+            else:
+                held_back.append((names[number], result))
+    if not done and iteration == 0:
+        raise RunError(
+            f"{run.folder}: budget.expert_seconds does not pay for the first rollout; use more of "
+            "it, or shorter rollouts"
+        )
+    if not teaches or 0 < len(held_back) == len(done):
+        old = [
+            load_arrays(run.summary_path(name), Summary) for name in names if name in chunks.stored
+        ]
+        text = _failure_text(job, [*old, *(result.summary for _, result in held_back)])
+        advice = "fix the plan, or the options that it depends on, and "
+        advice += f"begin another run: {run.folder} holds these" if old else "try again"
+        raise RunError(f"{text}; {advice}")
+    for name, result in held_back:
+        _store(run, name, result)
+    summaries = [load_arrays(run.summary_path(name), Summary) for name in names if name in done]
+    return join_summaries(summaries) if summaries else None
+
+
+def _check_stored(chunks: _Chunks, iteration: int, whole: bool) -> None:
+    """Check that the stored chunks are of this job.
+
+    Args:
+        chunks: The chunks.
+        iteration: The iteration i.
+        whole: Whether each has to be whole; a budget cuts one short.
+
+    Raises:
+        ValueError: One is of another.
+    """
+    for number, (chunk, name) in enumerate(zip(chunks.jobs, chunks.names, strict=True)):
+        if name in chunks.stored and not _is_of(chunks.summary(number), chunk, whole):
+            raise ValueError(
+                f"{chunks.run.folder} holds rollouts of iteration {iteration} from other starts or "
+                f"by another expert than {expert_name(chunk)}; resume it as it was begun, or begin "
+                "another run"
+            )
+
+
+def _affordable_results(
+    chunks: _Chunks, workers: Workers, limit: Limit
+) -> Generator[tuple[int, ChunkResult]]:
+    """Run chunks in their order, as many at a time as there are workers, until one is cut short.
+
+    What the last of them ran in vain is dropped, so that the results are the same for any number of
+    workers.
+    """
+    left = limit.solves
+    rollouts = 0
+    together = max(workers.count, 1)
+    for first in range(0, len(chunks.jobs), together):
+        if rollouts == limit.rollouts:
+            return
+        end = min(first + together, len(chunks.jobs))
+        new = dict(chunks.run_missing(first, end, workers))
+        for number in range(first, end):
+            if number in new:
+                part = affordable_part(new[number], left)
+                summary = part.summary
+                if len(summary.episode):
+                    yield number, part
+            else:
+                summary = chunks.summary(number)
+            left -= int(summary.plans.sum())
+            counted = int((~summary.query).sum())
+            rollouts += counted
+            if counted < len(chunks.jobs[number].episodes):
+                return
+
+
+def _failure_text(job: Job, summaries: list[Summary]) -> str:
+    """What to say of rollouts from which nothing can be learned."""
+    count = sum(int((~summary.query).sum()) for summary in summaries)
+    name = expert_name(job)
+    if not any(summary.ticks.any() for summary in summaries):
+        return (
+            f"the expert {name} gave up on all {count} rollouts in their first tick: its plans are "
+            "not valid, or not finite"
+        )
+    outcome = np.concatenate([summary.outcome for summary in summaries])
+    return (
+        f"no frame is left of {count} rollouts of the expert {name}: it gave up on "
+        f"{(outcome == Outcome.DIVERGED).sum()}, and {(outcome == Outcome.FELL).sum()} fell"
+    )
+
+
+def _store(run: Run, name: str, result: ChunkResult) -> None:
+    """Write what is left of a chunk; the shard last: one that the dataset knows is done."""
+    if result.trace is not None:
+        save_arrays(run.trace_path(name), result.trace)
+    save_arrays(run.summary_path(name), result.summary)
+    run.dataset.append(name, result.frames)
+
+
+def _stored_shards(run: Run, job: Job) -> set[str]:
+    """Names of the shards of which everything that the job leaves behind is there."""
+    return {
+        name
+        for name in run.dataset.shards
+        if run.summary_path(name).exists()
+        and run.dataset.shard_path(name).exists()
+        and (run.trace_path(name).exists() or not job.trace)
+    }
+
+
+def _is_of(summary: Summary, chunk: Job, whole: bool) -> bool:
+    """Whether a summary is of the episodes of a chunk, all or the first ones, by its expert."""
+    rollouts = summary[~summary.query]
+    count = len(chunk.episodes) if whole else len(rollouts.episode)
+    return (
+        np.array_equal(rollouts.episode, chunk.episode[:count])
+        and np.array_equal(rollouts.start, chunk.starts.id[:count])
+        and bool((rollouts.expert == expert_name(chunk)).all())
+    )

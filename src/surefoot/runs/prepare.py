@@ -1,0 +1,99 @@
+"""A run that begins with what another one has made: the first data, or also the first policy.
+
+Methods that pre-train on the same expert rollouts begin alike, and so do several trainings on the
+same data. What fixes that beginning is a part of the configuration, `first_stage`; where it is the
+same, `copy_first_stage` gives a new run the files and records that it would have made itself, bit
+for bit.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from surefoot.config import Config, IterativeConfig
+from surefoot.config.json_io import to_json
+from surefoot.files import write_atomic
+from surefoot.learning.policy import Policy, load, save
+from surefoot.runs.budget import first_allowance
+from surefoot.runs.episode_ids import iteration_of_shard
+from surefoot.runs.run import Run, RunError
+
+Shared = Literal["data", "policy"]
+"""What two runs begin with alike: their first data, or also the policy trained on it."""
+DATA_SECTIONS = ("seed", "chunk", "robot", "simulation", "gait", "expert", "safety", "starts")
+"""Parts of a configuration that fix expert rollouts, beside the method's own."""
+
+
+def first_stage(config: Config, shared: Shared) -> list[Any]:
+    """Everything in a configuration that fixes its first data, or also its first policy.
+
+    Args:
+        config: Configuration of a run.
+        shared: Whether only the data counts, or the policy too.
+
+    Returns:
+        JSON values, which are equal for two runs that begin with the same bits.
+    """
+    values = to_json(config)
+    method = config.method
+    fixed = [values[section] for section in DATA_SECTIONS]
+    fixed.append(first_allowance(config))
+    if isinstance(method, IterativeConfig):
+        fixed += [to_json(method.pretraining), values["pretraining"]]
+        trained: list[Any] = [to_json(method.first_training)]
+    else:
+        fixed += [to_json(method.data), values["collection"]]
+        # A series of dataset sizes begins with its smallest.
+        trained = [to_json(method.training), method.frames]
+    if shared == "data":
+        return fixed
+    return [*fixed, *trained, values["policy"], values["training"]]
+
+
+def copy_first_stage(source: Run, target: Run, shared: Shared) -> None:
+    """Give a new run the first data of another one, or also its first policy.
+
+    Nothing is copied twice: where a kill came in between, the rest is copied.
+
+    Args:
+        source: The run that has made them.
+        target: The run that begins with them.
+        shared: What is copied.
+
+    Raises:
+        RunError: The two runs do not begin alike, or the source has not come so far.
+    """
+    if first_stage(source.config, shared) != first_stage(target.config, shared):
+        raise RunError(
+            f"{target.folder} cannot begin with the {shared} of {source.folder}: their "
+            "configurations differ in what fixes it"
+        )
+    collected = source.collected(0)
+    trained = source.trained(0)
+    if collected is None or (shared == "policy" and trained is None):
+        raise RunError(f"{source.folder} has not made its first {shared} yet; train it first")
+    if target.collected(0) is None:
+        _copy_data(source, target)
+        target.append_metrics(collected)
+    if shared == "policy" and trained is not None and target.trained(0) is None:
+        _copy_policy(source, target)
+        target.append_metrics(trained)
+
+
+def _copy_data(source: Run, target: Run) -> None:
+    """Copy the shards of iteration 0, with all that is stored beside them."""
+    for name in source.dataset.shards:
+        if iteration_of_shard(name) != 0:
+            continue
+        if source.trace_path(name).exists():
+            write_atomic(target.trace_path(name), source.trace_path(name).read_bytes())
+        write_atomic(target.summary_path(name), source.summary_path(name).read_bytes())
+        target.dataset.append(name, source.dataset.load([name]))
+
+
+def _copy_policy(source: Run, target: Run) -> None:
+    """Copy the policy of iteration 0; its file says that it belongs to the target."""
+    policy = load(source.policy_path(0))
+    provenance = policy.provenance | {"run": target.folder.name, "method": target.method}
+    copied = Policy(policy.network, policy.spec, policy.command_range, policy.robot, provenance)
+    save(copied, target.policy_path(0))

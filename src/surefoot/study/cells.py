@@ -1,0 +1,174 @@
+"""The cells and the jobs of a study: what there is to do, and what has to be done before it.
+
+A cell is one run: a technique under a setting, with a seed. Its jobs are to train it, and to
+measure its policies; cells whose first data, or whose first policy, are the same share a job that
+makes them once. Everything here follows from the study's configuration alone. Read `work` next for
+what a job does, and `runner` for who runs it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from surefoot.config import Config
+from surefoot.config.study import EXPERT, StudyConfig, Technique, config_of
+from surefoot.errors import unknown
+from surefoot.runs.prepare import Shared, first_stage
+
+JobKind = Literal["share", "train", "measure"]
+"""What a job does: it makes what several cells begin with, trains a cell's run, or measures it."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One run of a study.
+
+    Attributes:
+        technique: Name of the technique.
+        setting: Name of the setting.
+        seed: Seed of the run.
+        training: Number of the training among those of this seed, from 0 on.
+        name: Folder of the cell, relative to those of all runs and of all results.
+    """
+
+    technique: str
+    setting: str
+    seed: int
+    training: int
+    name: str
+
+
+@dataclass(frozen=True)
+class StudyJob:
+    """A piece of a study's work, which one process does.
+
+    Attributes:
+        name: Name of the job and of its folder.
+        kind: What it does.
+        cell: The cell; of a shared job the first of those that share it.
+        measurement: Name of the measurement; empty where there is none.
+        shared: What a shared job makes; None for other jobs.
+        needs: Names of the jobs that have to be done before.
+    """
+
+    name: str
+    kind: JobKind
+    cell: Cell
+    measurement: str = ""
+    shared: Shared | None = None
+    needs: tuple[str, ...] = ()
+
+
+def cells_of(study: StudyConfig) -> tuple[Cell, ...]:
+    """All cells of a study: seed by seed, so that an unfinished study has whole seeds.
+
+    The expert has one cell in each setting, because its measurements do not depend on a seed.
+    """
+    cells = []
+    for seed in study.seeds:
+        for setting in study.settings:
+            for technique in study.techniques:
+                if technique.method == EXPERT and seed != study.seeds[0]:
+                    continue
+                for training in range(technique.trainings):
+                    name = _cell_name(study, technique, setting.name, seed, training)
+                    cells.append(Cell(technique.name, setting.name, seed, training, name))
+    return tuple(cells)
+
+
+def _cell_name(
+    study: StudyConfig, technique: Technique, setting: str, seed: int, training: int
+) -> str:
+    """Folder of a cell; where there is but one setting, or one training, it is left out."""
+    parts = [setting] if len(study.settings) > 1 else []
+    parts.append(technique.name)
+    if technique.method != EXPERT:
+        parts.append(f"seed-{seed}" + (f"-training-{training}" if training > 0 else ""))
+    return "/".join(parts)
+
+
+def cell_config(study: StudyConfig, cell: Cell) -> Config:
+    """The configuration of a cell's run."""
+    technique = study.technique(cell.technique)
+    config = config_of(technique, study.setting(cell.setting), cell.seed)
+    if cell.training == 0:
+        return config
+    # Seeds of a study are below this, so that no training repeats that of another seed.
+    training_seed = cell.seed + cell.training * 2**31
+    return replace(config, training=replace(config.training, seed=training_seed))
+
+
+def jobs_of(study: StudyConfig) -> tuple[StudyJob, ...]:
+    """All jobs of a study, each after those that it needs."""
+    shared_jobs = _shared_jobs(study)
+    jobs: dict[str, StudyJob] = {}
+    for cell in cells_of(study):
+        needs: tuple[str, ...] = ()
+        if study.technique(cell.technique).method != EXPERT:
+            before: tuple[str, ...] = ()
+            if cell.name in shared_jobs:
+                shared = shared_jobs[cell.name]
+                jobs[shared.name] = shared
+                before = (shared.name,)
+            train = StudyJob(_job_name("train", cell), "train", cell, needs=before)
+            jobs[train.name] = train
+            needs = (train.name,)
+        for measurement in measurements_of(study, cell):
+            name = _job_name(measurement, cell)
+            jobs[name] = StudyJob(name, "measure", cell, measurement, needs=needs)
+    return tuple(jobs.values())
+
+
+def measurements_of(study: StudyConfig, cell: Cell) -> tuple[str, ...]:
+    """Names of what is measured of a cell: an expert does not deviate from itself."""
+    is_expert = study.technique(cell.technique).method == EXPERT
+    return tuple(
+        measurement.name
+        for measurement in study.measurements
+        if not (is_expert and measurement.measure == "imitation")
+    )
+
+
+def _job_name(what: str, cell: Cell) -> str:
+    """Name of a job, which is a folder's name too."""
+    return f"{what}--{cell.name.replace('/', '--')}"
+
+
+def find_job(study: StudyConfig, name: str) -> StudyJob:
+    """The job of this name.
+
+    Raises:
+        ValueError: There is none.
+    """
+    known = {job.name: job for job in jobs_of(study)}
+    if name not in known:
+        raise ValueError(unknown("job", name, known))
+    return known[name]
+
+
+def _shared_jobs(study: StudyConfig) -> dict[str, StudyJob]:
+    """The shared job of each cell that has one, by the cell's name.
+
+    Cells whose first policies are the same share them; others may still share their data.
+    """
+    jobs: dict[str, StudyJob] = {}
+    cells = [cell for cell in cells_of(study) if study.technique(cell.technique).method != EXPERT]
+    for shared in ("policy", "data"):
+        groups: dict[str, list[Cell]] = {}
+        for cell in cells:
+            if cell.name not in jobs:
+                digest = _digest(first_stage(cell_config(study, cell), shared))
+                groups.setdefault(digest, []).append(cell)
+        for digest, group in groups.items():
+            if len(group) > 1:
+                job = StudyJob(f"{shared}--{digest}", "share", group[0], shared=shared)
+                jobs |= {cell.name: job for cell in group}
+    return jobs
+
+
+def _digest(values: object) -> str:
+    """A short digest of JSON values."""
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]

@@ -1,0 +1,369 @@
+"""Claims and their verdicts: a number with an interval over runs, and one rule.
+
+A claim says that a number lies in a region, for example below 5 %. It holds if the whole 95 %
+interval over runs lies inside of the region, it does not hold if no part of the interval does, and
+otherwise the runs cannot tell. A claim that is not measured yet cannot be told either. "X is the
+largest" is judged by the difference to the closest rival. Read `run_statistics` for the intervals,
+`paper_claims` for the paper's sentences, `comparisons` for those that a study plans itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from surefoot.evaluation.statistics import Interval, RunMeans, score_interval
+from surefoot.study.run_statistics import (
+    RunDifference,
+    Runs,
+    change_in_runs,
+    difference_of_runs,
+    mean_of_runs,
+)
+from surefoot.study.tables import markdown
+
+Verdict = Literal["holds", "does not hold", "cannot tell"]
+"""What the runs say of a claim."""
+UNMEASURED = "not measured yet"
+"""The number of a claim whose runs are missing."""
+COLUMNS = ("claim", "section", "verdict", "measured", "why")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A sentence with its verdict.
+
+    Attributes:
+        name: Short name of the claim.
+        text: The sentence.
+        section: Section of the paper where it stands.
+        verdict: What the runs say of it.
+        number: What was measured, with its interval and every run, as text.
+        interval: The 95 % interval over runs, in the unit of the number; None if there is none.
+        reason: Why the verdict is what it is, in sentences.
+        figure: Number of the paper's figure that shows it, from 1 to 5.
+    """
+
+    name: str
+    text: str
+    section: str
+    verdict: Verdict
+    number: str
+    interval: Interval | None
+    reason: str
+    figure: int
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where a number lies if a claim holds; the unit is that of the values of runs.
+
+    Attributes:
+        low: The number is above this.
+        high: The number is below this.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+
+
+ABOVE_ZERO = Region(low=0.0)
+"""A difference that is positive."""
+BELOW_ZERO = Region(high=0.0)
+"""A difference that is negative."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """How numbers are written.
+
+    Attributes:
+        unit: The unit, as text.
+        scale: What a value is multiplied with for this unit.
+        digits: Number of digits after the point.
+    """
+
+    unit: str
+    scale: float = 1.0
+    digits: int = 2
+
+
+PERCENT = Quantity("%", 100.0, 1)
+"""A share."""
+POINTS = Quantity("points", 100.0, 1)
+"""A difference of shares, in percentage points."""
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A claim before it is judged; the fields are those of `Claim`.
+
+    Attributes:
+        section: Section of the paper where it stands.
+        figure: Number of the paper's figure that shows it.
+        name: Short name of the claim.
+        text: The sentence.
+        quantity: How its number is written.
+        region: Where the number lies if the claim holds.
+    """
+
+    section: str
+    figure: int
+    name: str
+    text: str
+    quantity: Quantity
+    region: Region
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The runs of one technique.
+
+    Attributes:
+        title: How texts call the technique.
+        runs: What was measured of each run; None if nothing yet.
+        planned: Number of runs that the study plans.
+    """
+
+    title: str
+    runs: Runs | None
+    planned: int
+
+
+def verdict_of(interval: Interval | None, region: Region) -> Verdict:
+    """The rule: the whole interval inside of the region, no part of it, or neither.
+
+    Args:
+        interval: A 95 % interval over runs; None if nothing shows how much runs differ.
+        region: Where the number lies if the claim holds.
+    """
+    if interval is None:
+        return "cannot tell"
+    low, high = interval
+    if region.low < low and high < region.high:
+        return "holds"
+    if high <= region.low or region.high <= low:
+        return "does not hold"
+    return "cannot tell"
+
+
+def judge_mean(statement: Statement, sample: Sample, beside: str = "") -> Claim:
+    """Judge a mean over the runs of a technique.
+
+    Args:
+        statement: The claim.
+        sample: The runs.
+        beside: A sentence with other numbers that belong beside it.
+    """
+    if sample.runs is None:
+        return _unmeasured(statement, [sample])
+    return _judged(statement, mean_of_runs(sample.runs), [sample], beside)
+
+
+def judge_difference(statement: Statement, a: Sample, b: Sample, beside: str = "") -> Claim:
+    """Judge the mean of one technique minus that of another.
+
+    Args:
+        statement: The claim.
+        a: The runs of one technique.
+        b: Those of the other, which is subtracted.
+        beside: A sentence with other numbers that belong beside it.
+    """
+    if a.runs is None or b.runs is None:
+        return _unmeasured(statement, [a, b])
+    return _judged(statement, difference_of_runs(a.runs, b.runs), [a, b], beside)
+
+
+def judge_change(statement: Statement, after: Sample, before: Sample, beside: str = "") -> Claim:
+    """Judge how much the runs of a technique change, from one measurement to another.
+
+    Args:
+        statement: The claim.
+        after: The later measurement.
+        before: The earlier one of the same runs in the same order, which is subtracted.
+        beside: A sentence with other numbers that belong beside it.
+    """
+    if after.runs is None or before.runs is None:
+        return _unmeasured(statement, [after])
+    return _judged(statement, change_in_runs(after.runs, before.runs), [after], beside)
+
+
+def judge_extreme(
+    statement: Statement, sample: Sample, rivals: Sequence[Sample], beside: str = ""
+) -> Claim:
+    """Judge whether a technique is above all rivals, or below all of them, as the region says.
+
+    The number is the difference to the closest rival: above it, the technique is above all.
+
+    Args:
+        statement: The claim; its region is `ABOVE_ZERO` or `BELOW_ZERO`.
+        sample: The runs of the technique.
+        rivals: Those of the others.
+        beside: A sentence with other numbers that belong beside it.
+    """
+    measured = [(mean_of_runs(rival.runs).mean, rival) for rival in rivals if rival.runs]
+    if sample.runs is None or len(measured) < len(rivals):
+        return _unmeasured(statement, [sample, *rivals])
+    pick = max if statement.region == ABOVE_ZERO else min
+    _, closest = pick(measured, key=lambda pair: pair[0])
+    others = f"The closest rival is {closest.title}."
+    return judge_difference(statement, sample, closest, f"{others} {beside}".strip())
+
+
+def judge_equal(
+    statement: Statement, a: Sample, b: Sample, margin: float, beside: str = ""
+) -> Claim:
+    """Judge whether the means of two techniques are equal, but for a margin.
+
+    Args:
+        statement: The claim, whose region is replaced.
+        a: The runs of one technique.
+        b: Those of the other.
+        margin: Largest difference that counts as equal, as a share of the mean of b.
+        beside: A sentence with other numbers that belong beside it.
+    """
+    if b.runs is None:
+        return _unmeasured(statement, [a, b])
+    width = margin * abs(mean_of_runs(b.runs).mean)
+    within = f"Up to {100 * margin:.0f} % of the value of {b.title} count as equal."
+    return judge_difference(
+        replace(statement, region=Region(-width, width)), a, b, f"{within} {beside}".strip()
+    )
+
+
+def _unmeasured(statement: Statement, samples: Sequence[Sample]) -> Claim:
+    """The claim while runs are missing."""
+    missing = dict.fromkeys(sample.title for sample in samples if sample.runs is None)
+    reason = f"No finished run of {', '.join(missing)} has this number."
+    return _claim(statement, "cannot tell", UNMEASURED, None, reason)
+
+
+def _judged(
+    statement: Statement,
+    estimate: RunMeans | RunDifference,
+    samples: Sequence[Sample],
+    beside: str,
+) -> Claim:
+    """The claim with the verdict on an estimate."""
+    verdict = verdict_of(estimate.interval, statement.region)
+    reasons = [
+        reason_of(verdict, estimate, statement.region, statement.quantity),
+        *(missing_runs(sample) for sample in samples),
+        beside,
+    ]
+    interval = None
+    if estimate.interval is not None:
+        low, high = estimate.interval
+        interval = (low * statement.quantity.scale, high * statement.quantity.scale)
+    return _claim(
+        statement,
+        verdict,
+        number_text(estimate, statement.quantity),
+        interval,
+        " ".join(reason for reason in reasons if reason),
+    )
+
+
+def _claim(
+    statement: Statement, verdict: Verdict, number: str, interval: Interval | None, reason: str
+) -> Claim:
+    """The claim of a statement."""
+    return Claim(
+        name=statement.name,
+        text=statement.text,
+        section=statement.section,
+        verdict=verdict,
+        number=number,
+        interval=interval,
+        reason=reason,
+        figure=statement.figure,
+    )
+
+
+def number_text(estimate: RunMeans | RunDifference, quantity: Quantity) -> str:
+    """An estimate with its unit, its interval and every run, as text."""
+    if isinstance(estimate, RunMeans):
+        value = _plain(estimate.mean, quantity)
+        runs = _listed(estimate, quantity)
+    else:
+        value = _plain(estimate.difference, quantity, "+")
+        runs = f"{_listed(estimate.a, quantity)} against {_listed(estimate.b, quantity)}"
+    text = f"{value} {quantity.unit}"
+    if estimate.interval is not None:
+        sign = "" if isinstance(estimate, RunMeans) else "+"
+        low, high = (_plain(end, quantity, sign) for end in estimate.interval)
+        text += f" ({low} to {high})"
+    return f"{text}; runs {runs}"
+
+
+def _listed(means: RunMeans, quantity: Quantity) -> str:
+    """The values of runs, as text."""
+    return ", ".join(_plain(value, quantity) for value in means.runs)
+
+
+def _plain(value: float, quantity: Quantity, sign: str = "") -> str:
+    """A value in the unit of a quantity, without the unit; nothing is written as -0."""
+    rounded = round(value * quantity.scale, quantity.digits) + 0.0
+    return f"{rounded:{sign}.{quantity.digits}f}"
+
+
+def reason_of(
+    verdict: Verdict, estimate: RunMeans | RunDifference, region: Region, quantity: Quantity
+) -> str:
+    """Why a verdict is what it is, in sentences."""
+    arms = [estimate] if isinstance(estimate, RunMeans) else [estimate.a, estimate.b]
+    fewest = min(len(arm.runs) for arm in arms)
+    if estimate.interval is None and fewest == 1:
+        return "There is a single run, and nothing shows how much runs differ."
+    if estimate.interval is None:
+        return "All runs agree exactly, and nothing shows how much they differ by chance."
+    where = _region_text(region, quantity)
+    count = " against ".join(str(len(arm.runs)) for arm in arms)
+    texts: dict[Verdict, str] = {
+        "holds": f"The whole interval is {where}.",
+        "does not hold": f"No part of the interval is {where}.",
+        "cannot tell": f"Only a part of the interval is {where}: {count} runs cannot tell.",
+    }
+    if any(len(set(arm.runs)) > 1 for arm in arms):
+        return texts[verdict]
+    agree = (
+        f"{texts[verdict]} All runs agree, so that the interval is that of all rollouts together, "
+        "as if runs differed no more than rollouts do by chance"
+    )
+    if isinstance(estimate, RunDifference):
+        return f"{agree}."
+    low, high = score_interval(estimate.mean, len(estimate.runs))
+    return (
+        f"{agree}; if the rollouts of a run were all alike, it would be {_plain(low, quantity)} to "
+        f"{_plain(high, quantity)} {quantity.unit}."
+    )
+
+
+def _region_text(region: Region, quantity: Quantity) -> str:
+    """A region as text, such as `below 5.0 %`."""
+    low = _plain(region.low, quantity) if math.isfinite(region.low) else ""
+    high = _plain(region.high, quantity) if math.isfinite(region.high) else ""
+    if low and high:
+        return f"between {low} and {high} {quantity.unit}"
+    return f"above {low} {quantity.unit}" if low else f"below {high} {quantity.unit}"
+
+
+def missing_runs(sample: Sample) -> str:
+    """A sentence that says how many runs of a technique are missing; empty if none is."""
+    count = 0 if sample.runs is None else len(sample.runs.values)
+    if count >= sample.planned:
+        return ""
+    return f"Of {sample.title}, {count} of {sample.planned} runs are measured."
+
+
+def claims_table(claims: Sequence[Claim]) -> str:
+    """The claims with their verdicts, as a Markdown table."""
+    return markdown(
+        COLUMNS,
+        [
+            (claim.text, claim.section, f"**{claim.verdict}**", claim.number, claim.reason)
+            for claim in claims
+        ],
+    )

@@ -1,0 +1,304 @@
+"""How long a study will take: the work of each job by its configuration, times measured rates.
+
+The work is counted in MPC solves, in simulated robot-seconds and in training steps, as if no robot
+fell. What each of them takes is measured on this machine in less than a minute, before the study
+begins; once jobs have ended, what they took corrects the estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.bench.engine import rollout_times
+from surefoot.bench.plan import cold_plans, times_of
+from surefoot.bench.train import bench_train
+from surefoot.config import (
+    BehaviorCloningConfig,
+    Config,
+    DaggerConfig,
+    DartConfig,
+    ExpertData,
+    LocoDaggerConfig,
+    SafeDaggerConfig,
+    Steps,
+)
+from surefoot.config.json_io import from_json, read_json
+from surefoot.config.study import EXPERT, StudyConfig, measured_config
+from surefoot.evaluation import imitation
+from surefoot.files import write_json
+from surefoot.runs.budget import first_allowance, solves_of
+from surefoot.runs.versions import processor
+from surefoot.study.cells import StudyJob, cell_config, jobs_of
+from surefoot.study.state import JobStatus
+from surefoot.types import GRID, TICKS_PER_SECOND
+
+ESTIMATE_FILE = "estimate.json"
+"""File in the folder of a study that keeps its estimate."""
+PLANS_PER_SECOND = TICKS_PER_SECOND / GRID
+"""MPC solves for each second that the expert drives or is asked."""
+PHASES = 10
+"""Number of phases of the gait at which stored initial states begin."""
+STARTING = 8.0
+"""What a process takes to start: to import, and to load compiled code [s]."""
+SHARE_OF_EXPERT = 0.1
+"""Share of the time for which the expert is taken to drive under a monitor (paper, V-A)."""
+TRIED_LEVELS = 1.2
+"""How many levels of a push are tried in each direction, as a multiple of log2 of their number."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """What there is to compute.
+
+    Attributes:
+        plans: Number of MPC solves.
+        robot_seconds: Simulated time of all robots together [s].
+        steps: Number of training steps.
+    """
+
+    plans: float = 0.0
+    robot_seconds: float = 0.0
+    steps: float = 0.0
+
+    def __add__(self, other: Work) -> Work:
+        """Both together."""
+        return Work(
+            self.plans + other.plans,
+            self.robot_seconds + other.robot_seconds,
+            self.steps + other.steps,
+        )
+
+    def __mul__(self, times: float) -> Work:
+        """The same work so many times."""
+        return Work(times * self.plans, times * self.robot_seconds, times * self.steps)
+
+
+@dataclass(frozen=True)
+class Rates:
+    """What the parts of the work take on one core of this machine.
+
+    Attributes:
+        plan: Time of an MPC solve [s].
+        robot_second: Time of one simulated second of one robot that a policy drives [s].
+        step: Time of a training step [s].
+    """
+
+    plan: float
+    robot_second: float
+    step: float
+
+    def seconds(self, work: Work) -> float:
+        """How long work takes on one core [s]."""
+        return (
+            work.plans * self.plan + work.robot_seconds * self.robot_second + work.steps * self.step
+        )
+
+
+def measure_rates(config: Config) -> Rates:
+    """Measure what the parts of the work take, in half a minute, on one core of this machine.
+
+    Args:
+        config: The configuration of a cell.
+    """
+    speed = bench_train(config, 40)
+    step_ms = {
+        "auto": min(speed.float32_step_ms, speed.bfloat16_step_ms),
+        "float32": speed.float32_step_ms,
+        "bfloat16": speed.bfloat16_step_ms,
+    }
+    seconds = 0.5
+    times = rollout_times(config, config.chunk, seconds)
+    return Rates(
+        plan=times_of(cold_plans(config, 40)).median / 1e3,
+        robot_second=times.rollout / (config.chunk * seconds),
+        step=step_ms[config.training.precision] / 1e3,
+    )
+
+
+def work_of(study: StudyConfig, job: StudyJob) -> Work:
+    """What a job has to compute, as if no robot fell."""
+    config = cell_config(study, job.cell)
+    if job.kind == "measure":
+        return measuring_work(study, job, config)
+    work = training_work(config)
+    first = first_work(config)
+    if job.kind == "train":
+        shares_policy = any(need.startswith("policy--") for need in job.needs)
+        shares_data = any(need.startswith("data--") for need in job.needs)
+        if shares_policy:
+            return work + first * -1.0
+        return work + Work(first.plans, first.robot_seconds) * -1.0 if shares_data else work
+    return first if job.shared == "policy" else Work(first.plans, first.robot_seconds)
+
+
+def first_work(config: Config) -> Work:
+    """What it takes to make the first data and to train the first policy on it."""
+    method = config.method
+    if isinstance(method, BehaviorCloningConfig):
+        work = _paid_by(first_allowance(config), expert_work(method.data))
+        most = work.robot_seconds * TICKS_PER_SECOND
+        for size in [*method.frames, most] if method.all_frames else method.frames:
+            work = work + _training_steps(config, min(size, most), method.training)
+        return work
+    data = _paid_by(first_allowance(config), expert_work(method.pretraining))
+    frames = data.robot_seconds * TICKS_PER_SECOND
+    return data + _training_steps(config, frames, method.first_training)
+
+
+def training_work(config: Config) -> Work:
+    """What a whole run takes, with the choice of the best policy."""
+    method = config.method
+    evaluation = config.evaluation
+    validation = Work(robot_seconds=evaluation.episodes * evaluation.duration)
+    work = first_work(config)
+    if isinstance(method, BehaviorCloningConfig):
+        return work + validation * method.sizes
+    allowed = first_allowance(config)
+    share = None  # of an iteration in the budget, as if each spent its own
+    if config.budget.expert_seconds is not None and allowed is not None:
+        left = solves_of(config.budget.expert_seconds) - allowed
+        share = left // max(method.iterations, 1)
+    data = _paid_by(allowed, expert_work(method.pretraining))
+    frames = data.robot_seconds * TICKS_PER_SECOND
+    rollouts = method.velocities * method.perturbations
+    for i in range(1, method.iterations + 1):
+        seconds = rollouts * method.T
+        if isinstance(method, DaggerConfig | DartConfig):
+            driven = Work(seconds * PLANS_PER_SECOND, seconds)
+            kept = seconds
+        elif isinstance(method, SafeDaggerConfig):
+            driven = Work(method.unsafe_share * seconds * PLANS_PER_SECOND, seconds)
+            kept = method.unsafe_share * seconds
+        elif isinstance(method, LocoDaggerConfig):
+            queried = rollouts * method.N_query * method.T_query
+            expert = method.alpha ** (i - 1) * seconds + queried
+            driven = Work(expert * PLANS_PER_SECOND, seconds + queried)
+            kept = queried
+        else:
+            tail = rollouts * method.T_end
+            kept = SHARE_OF_EXPERT * seconds + tail
+            driven = Work(kept * PLANS_PER_SECOND, seconds + tail)
+        paid = _paid_by(share, driven)
+        frames += kept * TICKS_PER_SECOND * paid.plans / max(driven.plans, 1.0)
+        work = work + paid + _training_steps(config, frames, method.training) + validation
+    return work + validation
+
+
+def _paid_by(allowed: int | None, work: Work) -> Work:
+    """The part of some rollouts' work that a number of MPC solves pays for; None pays for all."""
+    if allowed is None or work.plans <= allowed:
+        return work
+    return work * (allowed / work.plans)
+
+
+def measuring_work(study: StudyConfig, job: StudyJob, config: Config) -> Work:
+    """What it takes to measure the policies of a cell."""
+    measurement = study.measurement(job.measurement)
+    measured = measured_config(config, measurement)
+    if measurement.measure == "imitation":
+        seconds = imitation.ROLLOUTS * imitation.DURATION
+        return Work(seconds * PLANS_PER_SECOND, seconds)
+    if measurement.measure == "impulse":
+        push = measured.push
+        robots = push.speeds * PHASES
+        levels = TRIED_LEVELS * np.log2(push.levels)
+        seconds = robots * (push.before + push.after * (1 + push.directions * levels))
+    else:
+        seconds = measured.evaluation.episodes * measured.evaluation.duration
+    if study.technique(job.cell.technique).method == EXPERT:
+        return Work(seconds * PLANS_PER_SECOND, seconds)
+    policies = 1
+    if measurement.policies == "all":
+        method = config.method
+        is_cloning = isinstance(method, BehaviorCloningConfig)
+        policies = method.sizes if is_cloning else 1 + method.iterations
+    return Work(robot_seconds=seconds * policies)
+
+
+def expert_work(data: ExpertData) -> Work:
+    """What expert rollouts take."""
+    rollouts = data.velocities * (PHASES * data.perturbations + int(data.nominal))
+    seconds = rollouts * data.duration
+    return Work(seconds * PLANS_PER_SECOND, seconds)
+
+
+def _training_steps(config: Config, frames: float, epochs: int | Steps) -> Work:
+    """The steps of a training."""
+    if isinstance(epochs, Steps):
+        return Work(steps=epochs.count)
+    kept = frames * (1.0 - config.training.validation)
+    return Work(steps=epochs * kept / config.training.batch)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """How long the jobs of a study take on one core of this machine.
+
+    Attributes:
+        seconds: Job -> how long it takes in all [s].
+        processor: Model of the processor.
+    """
+
+    seconds: dict[str, float]
+    processor: str
+
+    def left(self, statuses: Sequence[JobStatus], workers: int) -> float:
+        """How long a study still takes, as far as its jobs can run beside each other [s].
+
+        What jobs that are done took, instead of what was estimated for them, corrects the rest.
+
+        Args:
+            statuses: How far the jobs are.
+            workers: Number of jobs that run at a time.
+        """
+        done = [status for status in statuses if status.state == "done"]
+        estimated = sum(self.seconds[status.job.name] for status in done)
+        taken = sum(status.seconds for status in done)
+        pace = taken / estimated if estimated > 0.0 else 1.0
+        left = 0.0
+        for status in statuses:
+            if status.state != "done":
+                left += max(pace * self.seconds[status.job.name] - status.seconds, 0.0)
+        return left / workers
+
+
+def estimate_study(study: StudyConfig, folder: Path | None = None) -> Estimate:
+    """Estimate how long each job of a study takes here, by a short calibration.
+
+    Args:
+        study: The study.
+        folder: Folder where the estimate is kept, and taken from where it is there already; None
+            keeps it nowhere.
+    """
+    before = None if folder is None else read_estimate(folder)
+    if before is not None:
+        return before
+    rates: dict[str, Rates] = {}
+    seconds = {}
+    for job in jobs_of(study):
+        config = cell_config(study, job.cell)
+        # What the parts take depends on these parts of the configuration alone.
+        key = repr((config.simulation, config.expert, config.policy, config.training.precision))
+        if key not in rates:
+            rates[key] = measure_rates(config)
+        seconds[job.name] = STARTING + rates[key].seconds(work_of(study, job))
+    estimate = Estimate(seconds, processor())
+    if folder is not None:
+        write_json(folder / ESTIMATE_FILE, estimate)
+    return estimate
+
+
+def read_estimate(folder: Path) -> Estimate | None:
+    """The estimate that is kept in the folder of a study, if it was made on such a machine."""
+    path = folder / ESTIMATE_FILE
+    if not path.exists():
+        return None
+    try:
+        estimate = from_json(Estimate, read_json(path))
+    except ValueError:
+        return None  # it is only an estimate: a new one is made
+    return estimate if estimate.processor == processor() else None

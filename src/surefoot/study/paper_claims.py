@@ -1,0 +1,67 @@
+"""The claims of the paper's sections V-A to V-C, each judged by the runs of a study.
+
+`paper_claims` gives every claim, also those that cannot be judged yet, and `page` puts them into
+`docs/reproduction.md`. Where our own choices matter, a claim stands there twice, once in the
+paper's way and once in ours. The margins that the paper's words leave open (about, just below,
+equal) are constants of `paper_collection` and `paper_policies`, which hold the claims.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from surefoot.study.claims import Claim, claims_table
+from surefoot.study.paper_collection import (
+    cost_claims,
+    failure_claims,
+    safest_claims,
+    share_claims,
+)
+from surefoot.study.paper_policies import push_claims, robustness_claims, tracking_claims
+from surefoot.study.paper_runs import PaperRuns
+from surefoot.study.results import StudyResults
+from surefoot.study.run_values import is_trained
+from surefoot.study.tables import page_with
+
+
+def paper_claims(results: StudyResults) -> tuple[Claim, ...]:
+    """Every claim of the paper's sections V-A to V-C, with its verdict.
+
+    Args:
+        results: Results of a study with the techniques of `paper`, finished or not; of several
+            settings the first one is judged.
+
+    Raises:
+        ValueError: The study lacks one of the techniques.
+    """
+    measurements = results.study.measurements
+    tests = [m.name for m in measurements if m.measure == "robustness" and m.policies == "all"]
+    pushes = [m.name for m in measurements if m.measure == "impulse"]
+    paper = PaperRuns(results, next(iter(tests), ""), next(iter(pushes), ""))
+    return (
+        *failure_claims(paper),
+        *safest_claims(paper),
+        *share_claims(paper),
+        *cost_claims(paper),
+        *robustness_claims(paper),
+        *tracking_claims(paper),
+        *push_claims(paper),
+    )
+
+
+def page(results: StudyResults, path: Path) -> str:
+    """The content of a page with the claims in its generated part; the prose stays.
+
+    Args:
+        results: Results of the study.
+        path: The page, such as `docs/reproduction.md`.
+
+    Raises:
+        ValueError: The page has no such part, or the study lacks one of the techniques.
+    """
+    trained = sum(is_trained(cell) for cell in results.cells)
+    seeds = ", ".join(str(seed) for seed in results.study.seeds)
+    commit = results.setup.commit
+    made_by = f" of commit {commit[:12]}" if commit else ""
+    about = f"{trained} finished runs{made_by}, seeds {seeds}; 95 % intervals over runs."
+    return page_with(f"{about}\n\n{claims_table(paper_claims(results))}", path)

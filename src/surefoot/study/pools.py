@@ -1,0 +1,125 @@
+"""Where the jobs of a study run: beside each other on this machine, or on a Ray cluster.
+
+Each job is a process of its own either way (`supervise`). On a cluster all machines have to see the
+folder of the study under the same path. The results do not depend on where a job runs, as long as
+the processors are of one model.
+"""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from typing import Any, Protocol
+
+from surefoot.study.supervise import Ended, Task, supervise
+from surefoot.workers import Workers, connected
+
+PATIENCE = 1.0
+"""How long a pool waits for a job to end before it answers that none has [s]."""
+
+
+class JobPool(Protocol):
+    """Runs jobs."""
+
+    @property
+    def has_room(self) -> bool:
+        """Whether another job may be started now."""
+        ...
+
+    def start(self, task: Task) -> None:
+        """Start a job."""
+        ...
+
+    def ended(self) -> list[Ended]:
+        """Wait for a moment, and return how those jobs ended that did."""
+        ...
+
+    def stop(self) -> None:
+        """End all jobs that are in progress; what they have finished is on the disk."""
+        ...
+
+
+def make_pool(workers: Workers) -> JobPool:
+    """The pool that runs as many jobs at a time as there are workers.
+
+    Raises:
+        ImportError: Ray is asked for and missing.
+        ValueError: There is no such cluster.
+    """
+    return RayPool(workers) if workers.backend == "ray" else LocalPool(workers.count)
+
+
+class LocalPool:
+    """Runs jobs beside each other on this machine, each supervised by a thread.
+
+    Args:
+        count: Number of jobs at a time.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._stop = threading.Event()
+        # A job's process ends with the thread that started it: the threads live as long as this.
+        self._threads = ThreadPoolExecutor(count)
+        self._running: set[Future[Ended]] = set()
+
+    @property
+    def has_room(self) -> bool:
+        """Whether another job may be started now."""
+        return len(self._running) < self._count
+
+    def start(self, task: Task) -> None:
+        """Start a job."""
+        self._running.add(self._threads.submit(supervise, task, self._stop))
+
+    def ended(self) -> list[Ended]:
+        """Wait for a moment, and return how those jobs ended that did."""
+        done, self._running = wait(self._running, PATIENCE, FIRST_COMPLETED)
+        return [future.result() for future in done]
+
+    def stop(self) -> None:
+        """End all jobs that are in progress; what they have finished is on the disk."""
+        self._stop.set()
+        self._threads.shutdown()
+
+
+class RayPool:
+    """Runs jobs on a Ray cluster, each supervised by a task that takes one core.
+
+    Args:
+        workers: The cluster, and how many jobs run at a time at least.
+    """
+
+    def __init__(self, workers: Workers) -> None:
+        self._ray: Any = connected(workers)
+        self._count = max(workers.count, int(self._ray.cluster_resources().get("CPU", 1)))
+        self._supervise: Any = self._ray.remote(supervise).options(num_cpus=1, max_retries=0)
+        self._running: dict[Any, str] = {}
+
+    @property
+    def has_room(self) -> bool:
+        """Whether another job may be started now."""
+        return len(self._running) < self._count
+
+    def start(self, task: Task) -> None:
+        """Start a job."""
+        self._running[self._supervise.remote(task)] = task.job
+
+    def ended(self) -> list[Ended]:
+        """Wait for a moment, and return how those jobs ended that did."""
+        done, _ = self._ray.wait(list(self._running), timeout=PATIENCE)
+        return [self._end_of(reference, self._running.pop(reference)) for reference in done]
+
+    def stop(self) -> None:
+        """End all jobs that are in progress; what they have finished is on the disk."""
+        for reference in self._running:
+            self._ray.cancel(reference, force=True)
+
+    def _end_of(self, reference: Any, job: str) -> Ended:
+        """How a job ended; one whose machine was lost is to be started again."""
+        try:
+            return self._ray.get(reference)
+        except self._ray.exceptions.RayTaskError as error:
+            raise error.cause from error
+        except self._ray.exceptions.RayError as error:
+            return Ended(job, "unfinished", f"Ray lost it: {error}")

@@ -1,0 +1,322 @@
+"""Draws the figures of a report with Matplotlib, in the style and palette of the package's plots.
+
+`draw` makes a figure of its panels. Techniques differ in color, marker and line. Next: `pictures`,
+which makes files of a figure and puts it into a page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from surefoot.study.report.panels import Curve, Group, Panel, ReportFigure
+from surefoot.viz.plots import PALETTE, STYLE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.projections.polar import PolarAxes
+    from matplotlib.typing import RcKeyType
+
+INK = "#1B1F24"
+"""Color of texts and axes, and of the expert."""
+GRID = "#E3E3E3"
+"""Color of the grid."""
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+"""Markers of the techniques, in the order of the palette."""
+LINES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)), "-", "--", "-.")
+"""Line styles of the techniques."""
+EXPERT_LINE = ":"
+"""Line style of the expert."""
+DODGE = 0.13
+"""Distance between techniques at the same iteration."""
+LOGARITHMIC = 30.0
+"""An axis is logarithmic where its largest value is so many times its smallest."""
+LAYOUT_PASSES = 2
+"""Names of directions beside a circle are seen by the second pass of the layout only."""
+LOOK: dict[RcKeyType, Any] = {
+    **STYLE,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "grid.color": GRID,
+    "font.size": 10,
+    "axes.titlesize": 10,
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "lines.markersize": 6,
+}
+"""Settings of Matplotlib of all figures of a report."""
+AXIS_TITLES = {
+    "iterations": "iteration",
+    "frames": "frames of the dataset [thousands]",
+    "directions": "",
+    "techniques": "",
+}
+"""Titles of the horizontal axes, by the figure's kind."""
+
+
+def draw(figure: ReportFigure) -> Figure:
+    """Draw a figure; what has not been measured is left out.
+
+    The settings of `LOOK` must hold when it is saved, too, as they do in `pictures`.
+    """
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    columns = max(len(row) for row in figure.rows)
+    width = max(4.2 * columns, 6.4)
+    row_height = 4.0 if figure.kind == "directions" else 3.1
+    with rc_context(LOOK):
+        drawn = Figure(figsize=(width, row_height * len(figure.rows) + 0.5), layout="constrained")
+        projection = {"projection": "polar"} if figure.kind == "directions" else {}
+        for row, panels in enumerate(figure.rows):
+            for column, panel in enumerate(panels):
+                position = row * columns + column + 1
+                axes: Any = drawn.add_subplot(len(figure.rows), columns, position, **projection)
+                axes.set_title(panel.title, loc="center" if projection else "left")
+                _draw_panel(axes, figure, panel)
+        if figure.kind != "techniques" and figure.over_runs:
+            handles = [_handle(curve) for curve in figure.curves]
+            # Entries of so many characters fit beside each other.
+            widest = 0.6 + 0.085 * max(len(curve.title) for curve in figure.curves)
+            columns_that_fit = max(1, int(width / widest))
+            drawn.legend(handles=handles, loc="outside upper left", ncols=columns_that_fit)
+        # The layout settles when it is done again, and is then the same for all files.
+        for _ in range(LAYOUT_PASSES):
+            drawn.draw_without_rendering()
+        drawn.set_layout_engine("none")
+    return drawn
+
+
+def _handle(curve: Curve) -> Line2D:
+    """An entry of the legend."""
+    from matplotlib.lines import Line2D
+
+    return Line2D(
+        [],
+        [],
+        color=_color(curve),
+        marker=_marker(curve),
+        linestyle=_line(curve),
+        label=_plain(curve.title),
+    )
+
+
+def _plain(title: str) -> str:
+    """A title that Matplotlib does not take for mathematics."""
+    return title.replace("$", r"\$")
+
+
+def _color(curve: Curve) -> str:
+    """Color of a technique."""
+    return INK if curve.style < 0 else PALETTE[curve.style % len(PALETTE)]
+
+
+def _marker(curve: Curve) -> str:
+    """Marker of a technique; the expert has none."""
+    return "" if curve.style < 0 else MARKERS[curve.style % len(MARKERS)]
+
+
+def _line(curve: Curve) -> Any:
+    """Line style of a technique."""
+    return EXPERT_LINE if curve.style < 0 else LINES[curve.style % len(LINES)]
+
+
+def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
+    """Draw one panel."""
+    if not _values(panel):
+        axes.text(0.5, 0.5, "nothing measured", transform=axes.transAxes, ha="center", va="center")
+        axes.set_xticks([])
+        axes.set_yticks([])
+        return
+    if figure.kind == "directions":
+        _draw_directions(axes, panel)
+        return
+    quantity = panel.quantity
+    for place, curve in enumerate(panel.curves):
+        if figure.kind == "techniques":
+            _draw_technique(axes, panel, place, curve)
+        else:
+            shift = DODGE * (place - (len(panel.curves) - 1) / 2)
+            _draw_curve(axes, panel, curve, figure.kind, shift)
+    if panel.reference is not None:
+        for group in panel.reference.groups:
+            if group.estimate is not None:
+                value = group.estimate.mean.value / quantity.scale
+                axes.axhline(value, color=INK, linestyle=EXPERT_LINE, linewidth=1.5)
+    if panel.limit is not None:
+        axes.axhline(panel.limit / quantity.scale, color=INK, linestyle="--", linewidth=0.8)
+    named = quantity.title in panel.title
+    axes.set_ylabel(_plain(quantity.unit if named else f"{quantity.title} [{quantity.unit}]"))
+    axes.set_xlabel(AXIS_TITLES[figure.kind])
+    _scale(axes, figure, panel)
+    if figure.kind == "iterations":
+        from matplotlib.ticker import MaxNLocator
+
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if figure.kind == "techniques":
+        titles = [_plain(curve.title) for curve in panel.curves]
+        axes.set_xticks(range(len(titles)), titles, rotation=25, ha="right")
+        axes.set_xlim(-0.6, len(titles) - 0.4)
+
+
+def _values(panel: Panel) -> list[float]:
+    """All runs of a panel, and the expert, in the unit that is written."""
+    curves = [*panel.curves, *([] if panel.reference is None else [panel.reference])]
+    return [
+        point.y.value / panel.quantity.scale
+        for curve in curves
+        for group in curve.groups
+        for point in group.runs
+        if point.y.is_known
+    ]
+
+
+def _scale(axes: Axes, figure: ReportFigure, panel: Panel) -> None:
+    """Set the vertical axis by the runs; the intervals of few runs may reach beyond it."""
+    values = _values(panel)
+    if not values:
+        return
+    top = max(values)
+    if panel.limit is not None:
+        top = max(top, 1.5 * panel.limit / panel.quantity.scale)
+    if panel.quantity.is_share:
+        if not figure.over_runs:
+            # The intervals of one run are those of its episodes, and not as wide.
+            ends = [
+                end.value / panel.quantity.scale
+                for curve in panel.curves
+                for group in curve.groups
+                if group.estimate is not None
+                for end in (group.estimate.low, group.estimate.high)
+                if end is not None
+            ]
+            values = [*values, *ends]
+            top = max(top, *ends) if ends else top
+        _scale_share(axes, min(values), top, 1.0 / panel.quantity.scale)
+        return
+    spread = min(values) > 0.0 and top / min(values) > LOGARITHMIC
+    if figure.kind == "frames" and spread:
+        axes.set_yscale("log")
+        return
+    axes.set_ylim(-0.03 * top if top else -0.03, 1.25 * top if top else 1.0)
+
+
+def _scale_share(axes: Axes, lowest: float, top: float, most: float) -> None:
+    """Set the vertical axis of shares: as a whole, or the part of it where all of them are.
+
+    Args:
+        axes: The axes.
+        lowest: The smallest share.
+        top: The largest share.
+        most: The share 1 in the unit that is written.
+    """
+    if top <= 0.5 * most:
+        axes.set_ylim(-0.05 * top, max(1.25 * top, 0.05 * most))
+    elif lowest >= 0.5 * most:
+        bottom = most / 10 * np.floor(10 * lowest / most - 0.3)
+        axes.set_ylim(bottom, most + 0.04 * (most - bottom))
+    else:
+        axes.set_ylim(-0.03 * most, 1.03 * most)
+
+
+def _bars(groups: Sequence[Group], scale: float) -> Any:
+    """How far the intervals of means reach below and above them; NaN where there is none."""
+    below = []
+    above = []
+    for group in groups:
+        estimate = group.estimate
+        if estimate is None or estimate.low is None or estimate.high is None:
+            below.append(np.nan)
+            above.append(np.nan)
+            continue
+        # Rounding may leave the mean just outside.
+        below.append(max((estimate.mean.value - estimate.low.value) / scale, 0.0))
+        above.append(max((estimate.high.value - estimate.mean.value) / scale, 0.0))
+    return [below, above]
+
+
+def _draw_curve(axes: Axes, panel: Panel, curve: Curve, kind: str, shift: float) -> None:
+    """A technique along iterations or sizes: its mean, intervals, and every run."""
+    scale = panel.quantity.scale
+    unit = 1000.0 if kind == "frames" else 1.0
+    move = shift if kind == "iterations" else 0.0
+    color = _color(curve)
+    marker = _marker(curve)
+    points = [point for group in curve.groups for point in group.runs]
+    axes.plot(
+        [point.x.value / unit + move for point in points],
+        [point.y.value / scale for point in points],
+        marker,
+        color=color,
+        markersize=3.5,
+        alpha=0.45,
+        markeredgewidth=0,
+        zorder=2,
+    )
+    groups = [group for group in curve.groups if group.estimate is not None]
+    xs = [group.x.value / unit + move for group in groups]
+    ys = [group.estimate.mean.value / scale for group in groups if group.estimate]
+    bars = _bars(groups, scale)
+    axes.errorbar(xs, ys, yerr=bars, fmt="none", ecolor=color, elinewidth=1.0, capsize=2)
+    axes.plot(xs, ys, marker=marker, linestyle=_line(curve), color=color, zorder=3)
+
+
+def _draw_technique(axes: Axes, panel: Panel, place: int, curve: Curve) -> None:
+    """A technique at a place of its own: every run, and the mean with its interval beside them."""
+    scale = panel.quantity.scale
+    color = _color(curve)
+    for group in curve.groups:
+        ys = [point.y.value / scale for point in group.runs]
+        xs = place - 0.12 + np.linspace(-0.12, 0.12, len(ys)) if len(ys) > 1 else [place - 0.12]
+        axes.plot(xs, ys, _marker(curve), color=color, alpha=0.6, markersize=5, clip_on=False)
+        if group.estimate is None:
+            continue
+        mean = group.estimate.mean.value / scale
+        axes.errorbar(
+            [place + 0.2],
+            [mean],
+            yerr=_bars([group], scale),
+            fmt="_",
+            color=color,
+            markersize=14,
+            markeredgewidth=2.2,
+            capsize=4,
+        )
+
+
+def _draw_directions(axes: PolarAxes, panel: Panel) -> None:
+    """Pushes by direction, seen from above: forward is up, left is left."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes.set_theta_zero_location("N")
+    axes.set_thetagrids([0, 90, 180, 270], ["forward", "left", "back", "right"])
+    axes.set_rlabel_position(-22.5)
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
+    axes.grid(visible=True)
+    scale = panel.quantity.scale
+    curves = [*panel.curves, *([] if panel.reference is None else [panel.reference])]
+    for curve in curves:
+        shown = [group for group in curve.groups if group.estimate is not None]
+        angles = [np.radians(group.x.value) for group in shown]
+        means = [group.estimate.mean.value / scale for group in shown if group.estimate]
+        axes.plot(
+            [*angles, *angles[:1]],
+            [*means, *means[:1]],
+            marker=_marker(curve),
+            linestyle=_line(curve),
+            color=_color(curve),
+            markersize=4,
+        )
+        if curve.style >= 0:
+            for group in shown:
+                at = [np.radians(point.x.value) for point in group.runs]
+                ys = [point.y.value / scale for point in group.runs]
+                axes.plot(at, ys, _marker(curve), color=_color(curve), alpha=0.4, markersize=3)
+    axes.set_ylim(0, 1.08 * max([*_values(panel), 0.1]))

@@ -1,0 +1,180 @@
+"""Short films for the page of a study: every technique's best policy, and the expert, pushed alike.
+
+A policy is that of the technique's run that succeeds most often on the first measurement of
+robustness, under the study's first setting. The robot trots from standing; the same push comes from
+the side. Each film is a part of the page, so that the page stays one file.
+"""
+
+from __future__ import annotations
+
+import logging
+from base64 import b64encode
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from surefoot.config import Config
+from surefoot.config.study import EXPERT, Technique
+from surefoot.robots.solo12 import solo12
+from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
+from surefoot.rollouts.episodes import Episodes
+from surefoot.rollouts.jobs import Job, play_out
+from surefoot.rollouts.outcome import Outcome
+from surefoot.scenarios.disturbance import Disturbance, Pushes
+from surefoot.study.report.markup import NOTHING, Markup, element, escaped, joined, paragraph
+from surefoot.study.results import CellResult, StudyResults
+from surefoot.types import Command
+from surefoot.viz.film import Recording, film
+from surefoot.viz.renderer import RenderingUnavailable
+from surefoot.viz.replay import standing_start
+
+logger = logging.getLogger(__name__)
+
+SPEED = 0.2
+"""[m/s] commanded forward speed."""
+DURATION = 4.0
+"""[s] length of a film."""
+PUSH_AT = 2.0
+"""[s] when the push begins, as in the paper's test."""
+IMPULSE = 1.5
+"""[N s] impulse of the push, to the left."""
+PUSH_TICKS = 10
+"""[ms] how long the push lasts."""
+RATE = 25.0
+"""Frames per second."""
+SIZE = (480, 270)
+"""Width and height of a film [pixels]."""
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """A film of one controller.
+
+    Attributes:
+        title: The technique, and the run whose policy it is.
+        outcome: How the episode ended, in words.
+        content: The film, an MP4.
+    """
+
+    title: str
+    outcome: str
+    content: bytes
+
+
+def study_films(results: StudyResults) -> Markup:
+    """The films of a study; nothing where there is no policy, or nothing can be drawn."""
+    chosen = best_cells(results)
+    if chosen:
+        chosen += expert_cells(results)
+    try:
+        filmed = [
+            film_policy(technique.title, cell.config, cell.policy, cell.cell.name)
+            for technique, cell in chosen
+        ]
+    except RenderingUnavailable as error:
+        logger.warning(f"the report has no films: {error}")
+        return NOTHING
+    return film_section(filmed)
+
+
+def best_cells(results: StudyResults) -> list[tuple[Technique, CellResult]]:
+    """Each technique's run with a policy that succeeds most often, the first among equals."""
+    setting = results.study.settings[0].name
+    measurement = next(
+        (each.name for each in results.study.measurements if each.measure == "robustness"), ""
+    )
+
+    def successes(cell: CellResult) -> int:
+        test = cell.best_test(measurement)
+        return -1 if test is None or test.robustness is None else test.robustness.successes
+
+    best = []
+    for technique in results.study.techniques:
+        cells = [cell for cell in results.of(technique.name, setting) if cell.policy is not None]
+        if cells:
+            best.append((technique, max(cells, key=successes)))
+    return best
+
+
+def expert_cells(results: StudyResults) -> list[tuple[Technique, CellResult]]:
+    """The expert under the study's first setting, if it has been measured."""
+    setting = results.study.settings[0].name
+    return [
+        (technique, cell)
+        for technique in results.study.techniques
+        if technique.method == EXPERT
+        for cell in results.of(technique.name, setting)
+    ]
+
+
+def film_policy(title: str, config: Config, policy: Path | None, run: str) -> Filmed:
+    """Let a policy, or the expert, trot from standing, push it, and film that.
+
+    Args:
+        title: How figures call the technique.
+        config: Configuration of the run, which fixes the simulator.
+        policy: File of the policy; None films the expert.
+        run: Name of the run.
+
+    Raises:
+        RenderingUnavailable: There is no OpenGL without a screen, or no ffmpeg.
+        PolicyFileError: The policy's file is damaged.
+    """
+    start = standing_start(Command(SPEED, 0.0, 0.0))
+    impulse = np.array([[[0.0, IMPULSE, 0.0]]])
+    push_tick = round(1000 * PUSH_AT)
+    pushes = Pushes(impulse, np.array([[push_tick]]), PUSH_TICKS)
+    episodes = Episodes(start, DURATION, disturbance=Disturbance(pushes=pushes))
+    arbiter = ExpertOnly() if policy is None else PolicyOnly()
+    # What counts as a fall is what does so in the measurement of pushes.
+    config = replace(config, safety=replace(config.safety, fall_angle=config.push.fall_angle))
+    rollouts, _ = play_out(Job(config, episodes, arbiter, policy=policy))
+    length = max(int(rollouts.length[0]), 1)
+    recording = Recording(
+        robot=solo12(config.robot),
+        simulation=config.simulation,
+        q=rollouts.q[0, :length],
+        pushes=pushes.begun(0, length),
+    )
+    if not rollouts.failed[0]:
+        outcome = "stays up"
+    elif rollouts.outcome[0] == Outcome.DIVERGED:
+        outcome = "the MPC diverges"
+    else:
+        outcome = f"falls after {length / 1000:.2f} s"
+    with TemporaryDirectory() as folder:
+        path = film(recording, Path(folder) / "film.mp4", title, rate=RATE, size=SIZE)
+        name = title if policy is None else f"{title} ({run})"
+        return Filmed(name, outcome, path.read_bytes())
+
+
+def film_section(filmed: Sequence[Filmed]) -> Markup:
+    """Films beside each other, with what happens in them; nothing without any."""
+    if not filmed:
+        return NOTHING
+    figures = []
+    for each in filmed:
+        words = f"{each.title}: {each.outcome}"
+        data = f"data:video/mp4;base64,{b64encode(each.content).decode()}"
+        video = element(
+            "video",
+            escaped(words),
+            {
+                "controls": "",
+                "muted": "",
+                "loop": "",
+                "playsinline": "",
+                "preload": "metadata",
+                "src": data,
+                "aria-label": words,
+            },
+        )
+        figures.append(element("figure", joined([video, element("figcaption", escaped(words))])))
+    about = paragraph(
+        f"From standing to {SPEED:g} m/s; after {PUSH_AT:g} s a push of {IMPULSE:g} N s to the "
+        f"left for {PUSH_TICKS} ms. One episode says little: the figures count."
+    )
+    return joined([about, element("div", joined(figures), {"class": "films"})])

@@ -1,0 +1,158 @@
+"""What a figure shows, as records: the same for its picture, its table and the JSON.
+
+A figure has rows of panels; a panel has a curve for each technique, a curve a group of runs for
+each place on the axis, and a group every run as a point with the mean over runs. `collecting` and
+`performance` make them of results, `drawing` and `tables` show them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from surefoot.study.report.numbers import Estimate, Number, over_runs
+
+Kind = Literal["iterations", "frames", "directions", "techniques"]
+"""What the horizontal axis counts: iterations, frames of the dataset, directions of a push [deg],
+or nothing, where each technique has a place of its own."""
+
+
+@dataclass(frozen=True)
+class RunPoint:
+    """What one run has at one place.
+
+    Attributes:
+        run: Name of the run, which is its folder among the results.
+        x: Its place on the horizontal axis.
+        y: What was measured.
+    """
+
+    run: str
+    x: Number
+    y: Number
+
+
+@dataclass(frozen=True)
+class Group:
+    """What all runs of a technique have at one place.
+
+    Attributes:
+        label: Name of the place.
+        x: Mean of the runs' places on the horizontal axis.
+        runs: Every run.
+        estimate: The mean over runs; None if no run has a number.
+    """
+
+    label: str
+    x: Number
+    runs: tuple[RunPoint, ...]
+    estimate: Estimate | None
+
+
+@dataclass(frozen=True)
+class Curve:
+    """What a technique has at all places.
+
+    Attributes:
+        technique: Name of the technique.
+        title: How figures and tables call it.
+        style: Number of the technique's color and marker; -1 for the expert.
+        groups: The places, in their order.
+    """
+
+    technique: str
+    title: str
+    style: int
+    groups: tuple[Group, ...]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a panel shows, and how its numbers are written.
+
+    Attributes:
+        title: What it is.
+        unit: The unit in which it is written.
+        scale: What one such unit is in the unit that is stored.
+        digits: Number of digits after the point.
+        is_share: Whether it lies between 0 and 1.
+    """
+
+    title: str
+    unit: str
+    scale: float = 1.0
+    digits: int = 1
+    is_share: bool = False
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A pair of axes.
+
+    Attributes:
+        title: Title of the panel; empty where the figure's is enough.
+        quantity: What its vertical axis shows.
+        curves: The techniques that have something to show, in the study's order.
+        reference: The expert; None where it has not been measured, or is not comparable.
+        limit: A value that the paper's text names, drawn as a line; None without one.
+    """
+
+    title: str
+    quantity: Quantity
+    curves: tuple[Curve, ...]
+    reference: Curve | None = None
+    limit: float | None = None
+
+
+@dataclass(frozen=True)
+class ReportFigure:
+    """A figure.
+
+    Attributes:
+        name: Name of its files.
+        title: Its title.
+        caption: What it shows, in whole sentences.
+        kind: What its horizontal axis counts.
+        rows: Rows of panels; all rows have the same number of panels.
+        over_runs: Whether its values are means over runs; else they are those of one run.
+    """
+
+    name: str
+    title: str
+    caption: str
+    kind: Kind
+    rows: tuple[tuple[Panel, ...], ...]
+    over_runs: bool = True
+
+    @property
+    def panels(self) -> tuple[Panel, ...]:
+        """All panels, row by row."""
+        return tuple(panel for row in self.rows for panel in row)
+
+    @property
+    def curves(self) -> tuple[Curve, ...]:
+        """The first curve of each technique, for a legend; the expert first."""
+        found: dict[str, Curve] = {}
+        for panel in self.panels:
+            for curve in (panel.reference, *panel.curves):
+                if curve is not None:
+                    found.setdefault(curve.technique, curve)
+        return tuple(sorted(found.values(), key=lambda curve: curve.style))
+
+
+def group_of(label: str, runs: Sequence[RunPoint]) -> Group:
+    """All runs at one place, with their mean.
+
+    Args:
+        label: Name of the place.
+        runs: The runs, at least one.
+    """
+    sources = ";".join(run.x.source for run in runs)
+    x = Number(sum(run.x.value for run in runs) / len(runs), f"mean({sources})")
+    return Group(label, x, tuple(runs), over_runs([run.y for run in runs]))
+
+
+def grid(panels: Sequence[Panel], columns: int) -> tuple[tuple[Panel, ...], ...]:
+    """Panels in rows of a number of columns; the last row may be shorter."""
+    return tuple(tuple(panels[first : first + columns]) for first in range(0, len(panels), columns))

@@ -1,0 +1,203 @@
+"""The model card of a run: what its policy is, how it was trained, what it can do, where it fails.
+
+`run_card` reads the run's folder, or the folder of a run among a study's results. An unfinished run
+has a card of what is there. Next: `run_page`, which shows the card.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+
+from surefoot.config import METHODS, Config
+from surefoot.config.json_io import changes, from_json, read_json
+from surefoot.runs.episode_ids import EpisodeId
+from surefoot.runs.metrics import Best, Collected, StageRecord, Validated
+from surefoot.runs.run import open_run, read_setup
+from surefoot.study.report.collecting import LIMIT, falls, paper_failures
+from surefoot.study.report.numbers import Estimate, Number, share
+from surefoot.study.report.panels import (
+    Curve,
+    Group,
+    Panel,
+    Quantity,
+    ReportFigure,
+    RunPoint,
+    group_of,
+)
+from surefoot.study.report.source import StageSource, stages
+from surefoot.study.results import POLICY_FILE, Tests
+
+FALLS = Quantity("fell, whoever drove", "%", 0.01, 1, is_share=True)
+"""Physical falls, as a share of an iteration's rollouts."""
+FAILED = Quantity("failed, in the paper's count", "%", 0.01, 1, is_share=True)
+"""The paper's failures, as a share of an iteration's rollouts."""
+SHARE = Quantity("MPC drove, over T", "%", 0.01, 1, is_share=True)
+"""The share of the time of the rollouts that the expert drove."""
+SUCCESS = Quantity("success on the select initial states", "%", 0.01, 1, is_share=True)
+"""The share of the `select` initial states from which a policy succeeds."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An episode that fell, or that the expert gave up on, while data was collected.
+
+    Attributes:
+        iteration: The iteration that collected it.
+        episode: Its index in the iteration.
+        command: The command that replays it.
+    """
+
+    iteration: int
+    episode: int
+    command: str
+
+
+@dataclass(frozen=True)
+class RunCard:
+    """What is known of a run.
+
+    Attributes:
+        folder: Folder of the run.
+        method: Name of its method.
+        config: Its configuration.
+        versions: Versions with which it was begun, by name.
+        best_iteration: Iteration of the best policy; None if the run is not finished.
+        metrics: Its metrics, in the order of the file.
+        tests: What was measured of its policies, where it lies among the results of a study.
+        policy: File of the best policy; None if there is none.
+        policy_sha256: SHA-256 of that file; empty without one.
+        failures: Episodes that failed while data was collected.
+        figures: Its figures.
+    """
+
+    folder: Path
+    method: str
+    config: Config
+    versions: dict[str, str]
+    best_iteration: int | None
+    metrics: tuple[StageRecord, ...]
+    tests: tuple[Tests, ...]
+    policy: Path | None
+    policy_sha256: str
+    failures: tuple[Failure, ...]
+    figures: tuple[ReportFigure, ...]
+
+
+def run_card(folder: Path) -> RunCard:
+    """What is known of a run.
+
+    Args:
+        folder: Folder of the run, or of a run among the results of a study.
+
+    Raises:
+        RunError: There is no run, or a file of it cannot be read.
+        ValueError: A measurement cannot be read.
+    """
+    run = open_run(folder)
+    metrics = tuple(run.metrics)
+    best = next((r.best_iteration for r in metrics if isinstance(r, Best)), None)
+    policy = _policy_of(folder, best)
+    tests = tuple(from_json(Tests, read_json(path)) for path in sorted(folder.glob("tests/*.json")))
+    return RunCard(
+        folder=folder,
+        method=run.method,
+        config=run.config,
+        versions=read_setup(folder).versions,
+        best_iteration=best,
+        metrics=metrics,
+        tests=tests,
+        policy=policy,
+        policy_sha256="" if policy is None else sha256(policy.read_bytes()).hexdigest(),
+        failures=tuple(_failures(folder, metrics)),
+        figures=_figures(run.method, stages(metrics)),
+    )
+
+
+def option_changes(config: Config) -> list[tuple[str, object, object]]:
+    """The options of a run that differ from the paper's, with both values."""
+    paper = Config(method=METHODS[config.method.name](), seed=config.seed)
+    return list(changes(config, paper))
+
+
+def _policy_of(folder: Path, best: int | None) -> Path | None:
+    """File of the best policy, in a run's folder or among the results of a study."""
+    kept = folder / POLICY_FILE
+    if kept.is_file():
+        return kept
+    if best is not None:
+        path = open_run(folder).policy_path(best)
+        return path if path.is_file() else None
+    return None
+
+
+def _failures(folder: Path, metrics: Sequence[StageRecord]) -> list[Failure]:
+    """The episodes that failed while data was collected."""
+    failures = []
+    for record in metrics:
+        if not isinstance(record, Collected):
+            continue
+        for episode in record.failed_episodes:
+            index = EpisodeId.from_number(episode).index
+            where = shlex.quote(str(folder))
+            command = f"surefoot play {where} --iteration {record.iteration} --episode {index}"
+            failures.append(Failure(record.iteration, index, command))
+    return failures
+
+
+def _figures(method: str, records: Sequence[StageSource]) -> tuple[ReportFigure, ...]:
+    """The figure of a run: failures, share of the expert, and success along its iterations."""
+    collected = [
+        each for each in records if isinstance(each.record, Collected) and each.record.iteration > 0
+    ]
+    validated = [each for each in records if isinstance(each.record, Validated)]
+    panels = []
+    if collected:
+        failed = [_group(each, paper_failures(each, method)) for each in collected]
+        fell = [_group(each, falls(each)) for each in collected]
+        drove = [_group(each, each.share("expert_share")) for each in collected]
+        panels = [
+            Panel(FAILED.title, FAILED, _curve("failed", failed), limit=LIMIT),
+            Panel(FALLS.title, FALLS, _curve("fell", fell), limit=LIMIT),
+            Panel(SHARE.title, SHARE, _curve("MPC", drove)),
+        ]
+    if validated:
+        success = [_success(each) for each in validated]
+        panels.append(Panel(SUCCESS.title, SUCCESS, _curve("success", success)))
+    if not panels:
+        return ()
+    rows = tuple(tuple(panels[first : first + 2]) for first in range(0, len(panels), 2))
+    figure = ReportFigure(
+        "iterations",
+        "Along the iterations",
+        "Failed rollouts in the paper's count and physical falls while collecting data, the share "
+        "of the time that the MPC drove, and the success of each iteration's policy on the select "
+        "initial states, by which the best one is chosen (with Wilson's 95 % interval). Iteration "
+        "0 is the pre-training.",
+        "iterations",
+        rows,
+        over_runs=False,
+    )
+    return (figure,)
+
+
+def _curve(title: str, groups: Sequence[Group]) -> tuple[Curve, ...]:
+    """The only curve of a panel."""
+    return (Curve(title, title, 0, tuple(groups)),)
+
+
+def _group(stage: StageSource, value: Number) -> Group:
+    """What a stage has measured, at its iteration."""
+    label = f"iteration {stage.record.iteration}"
+    return group_of(label, [RunPoint("", stage.number("iteration"), value)])
+
+
+def _success(stage: StageSource) -> Group:
+    """The success of a policy with its interval, at its iteration."""
+    value = share(stage.number("successes"), stage.number("episodes"))
+    low = stage.number("success_interval", 0)
+    high = stage.number("success_interval", 1)
+    return replace(_group(stage, value), estimate=Estimate(value, low, high, 1))

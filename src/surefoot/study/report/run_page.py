@@ -1,0 +1,356 @@
+"""The page of a run's model card: its sections, from what the policy is to its hashes."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from surefoot.config.json_io import to_json
+from surefoot.files import write_atomic
+from surefoot.learning.policy import Policy, load
+from surefoot.robots.solo12 import solo12
+from surefoot.runs.metrics import Best, Collected, Trained, Validated
+from surefoot.study.report.drawing import draw
+from surefoot.study.report.markup import (
+    COUNT,
+    MISSING,
+    Markup,
+    code,
+    element,
+    escaped,
+    facts,
+    folded,
+    joined,
+    number,
+    paragraph,
+    section,
+    table,
+)
+from surefoot.study.report.numbers import Number, share, total
+from surefoot.study.report.panels import Quantity
+from surefoot.study.report.performance import ERRORS, SUCCESS
+from surefoot.study.report.pictures import inline_svg, save_pictures
+from surefoot.study.report.run_card import RunCard, option_changes
+from surefoot.study.report.source import StageSource, TestSource, stages
+from surefoot.study.report.study_page import FIGURES_FOLDER, PAGE_FILE
+from surefoot.study.report.style import document
+from surefoot.study.report.tables import MINUTES
+from surefoot.study.results import Tests
+
+LOSS = Quantity("", "", 1.0, 4)
+"""A loss [rad]."""
+PERCENT = Quantity("", "%", 0.01, 1)
+"""A share in percent."""
+IMPULSE = Quantity("", "N s", 1.0, 2)
+"""An impulse."""
+SIMULATORS = {"mujoco": "MuJoCo", "bullet": "PyBullet"}
+"""The simulators as their authors write them."""
+MOST_OPTIONS = 12
+"""A list of more options is folded at first."""
+MOST_FAILURES = 20
+"""A list of more failures is folded at first."""
+
+
+def write_run_card(card: RunCard, folder: Path) -> Path:
+    """Write the page of a run, and its figures.
+
+    Args:
+        card: What is known of the run.
+        folder: Folder of the page.
+
+    Returns:
+        The page.
+
+    Raises:
+        WriteError: The folder cannot be written to.
+    """
+    pictures = []
+    for figure in card.figures:
+        drawn = draw(figure)
+        save_pictures(drawn, figure, folder / FIGURES_FOLDER)
+        pictures.append(inline_svg(drawn, figure))
+    path = folder / PAGE_FILE
+    write_atomic(path, document(_title(card), run_body(card, pictures)))
+    return path
+
+
+def _title(card: RunCard) -> str:
+    """Title of the page."""
+    return f"Model card: {card.method}, {card.folder.resolve().name}"
+
+
+def run_body(card: RunCard, pictures: Sequence[Markup]) -> Markup:
+    """Everything that the model card shows.
+
+    Args:
+        card: What is known of the run.
+        pictures: Its figures, as parts of the page.
+    """
+    policy = None if card.policy is None else load(card.policy, solo12(card.config.robot).name)
+    parts = [
+        ("what", "What it is", _what(card, policy)),
+        ("training", "How it was trained", _training(card)),
+        ("results", "What it can do", _results(card, pictures)),
+        ("limits", "Limits", _limits(card, policy)),
+        ("failures", "Known failures", _failures(card)),
+        ("provenance", "Versions and hashes", _provenance(card)),
+    ]
+    title = element("h1", escaped(_title(card)))
+    return joined([title, *(section(*part) for part in parts)])
+
+
+def _what(card: RunCard, policy: Policy | None) -> list[Markup]:
+    """The policy and how to use it."""
+    config = card.config
+    hidden = " x ".join(str(width) for width in config.policy.hidden)
+    pairs = [
+        ("method", code(card.method)),
+        ("robot", escaped(solo12(config.robot).name)),
+        ("network", escaped(f"47 inputs, {hidden} units with ReLU, 12 joint targets, at 1 kHz")),
+        ("gains", escaped(f"kp {config.policy.kp} N m/rad, kd {config.policy.kd} N m s/rad")),
+        ("gait period", escaped(f"{config.gait.period} s")),
+        ("seed", escaped(str(config.seed))),
+    ]
+    if card.best_iteration is None:
+        state = "not finished: no best policy yet"
+    else:
+        state = (
+            f"the policy of iteration {card.best_iteration} did best on the select initial states"
+        )
+    pairs.append(("state", escaped(state)))
+    if policy is not None:
+        low, high = policy.command_range.tolist()
+        ranges = ", ".join(
+            f"{name} {least:.2f} to {most:.2f} {unit}"
+            for name, unit, least, most in zip(
+                ("vx", "vy", "yaw rate"), ("m/s", "m/s", "rad/s"), low, high, strict=True
+            )
+        )
+        pairs.append(("commands trained on", escaped(ranges)))
+        pairs.append(("play it", code(f"surefoot play {shlex.quote(str(card.policy))}")))
+    return [facts(pairs)]
+
+
+def _training(card: RunCard) -> list[Markup]:
+    """Data, stages, and options."""
+    rows = []
+    by_iteration: dict[int, dict[str, StageSource]] = {}
+    for each in stages(card.metrics):
+        by_iteration.setdefault(each.record.iteration, {})[each.record.stage] = each
+    for iteration, found in sorted(by_iteration.items()):
+        collected = found.get("collect")
+        trained = found.get("train")
+        rows.append(
+            (
+                escaped(str(iteration)),
+                *_columns(collected, ("episodes", "falls", "diverged", "takeovers")),
+                MISSING if collected is None else number(collected.share("expert_share"), PERCENT),
+                *_columns(collected, ("plans",)),
+                *_columns(trained, ("frames", "epochs")),
+                *_columns(trained, ("train_loss", "validation_loss"), LOSS),
+                _minutes(found),
+            )
+        )
+    head = (
+        *("iteration", "rollouts", "falls", "MPC diverged", "takeovers", "MPC drove, over T"),
+        *("MPC solves", "frames trained on", "epochs", "L1 [rad]", "L1, held out [rad]"),
+        "minutes",
+    )
+    first = next((record for record in card.metrics if isinstance(record, Collected)), None)
+    pairs = [("simulator", escaped(SIMULATORS[card.config.simulation.backend]))]
+    if first is not None:
+        pairs.append(("expert", code(first.expert)))
+        pairs.append(("initial states, SHA-256", code(first.starts_hash)))
+    options = [
+        (code(name), code(_plain(value)), code(_plain(paper)))
+        for name, value, paper in option_changes(card.config)
+    ]
+    whole = json.dumps(to_json(card.config), indent=1)
+    return [
+        facts(pairs),
+        table("Iterations; 0 is the pre-training", head, rows),
+        folded(
+            f"{len(options)} options that differ from the paper's",
+            table("Options that differ from the paper's", ("option", "here", "paper"), options),
+            len(options) <= MOST_OPTIONS,
+        ),
+        folded("The whole configuration", element("pre", code(whole))),
+    ]
+
+
+def _columns(
+    stage: StageSource | None, fields: Sequence[str], quantity: Quantity = COUNT
+) -> list[Markup]:
+    """Fields of a stage as cells; dashes if it is not done."""
+    if stage is None:
+        return [MISSING] * len(fields)
+    return [number(stage.number(field), quantity) for field in fields]
+
+
+def _minutes(found: dict[str, StageSource]) -> Markup:
+    """Wall time of the stages of an iteration."""
+    timed = [each for each in found.values() if not isinstance(each.record, Best)]
+    return number(total([each.number("seconds") for each in timed]), MINUTES)
+
+
+def _plain(value: object) -> str:
+    """A value of an option as JSON."""
+    return json.dumps(value)
+
+
+def _results(card: RunCard, pictures: Sequence[Markup]) -> list[Markup]:
+    """Validation, what a study measured, and the figures."""
+    parts: list[Markup] = []
+    rows = [row for tests in card.tests for row in _test_rows(card, tests)]
+    if rows:
+        head = (
+            *("measurement", "success [%]", "95 % interval", "fell", "stalled"),
+            *(f"MSE {quantity.title} [{quantity.unit}]" for quantity in ERRORS),
+            "impulse, mean of directions [N s]",
+        )
+        parts.append(table("Best policy, as measured by its study", head, rows))
+    validated = [each for each in stages(card.metrics) if isinstance(each.record, Validated)]
+    rows = [_validation_row(each) for each in validated]
+    head = (
+        *("iteration", "success on select [%]", "95 % interval", "fell", "stalled"),
+        *(f"MSE {quantity.title} [{quantity.unit}]" for quantity in ERRORS),
+    )
+    parts.append(table("Policies of all iterations, on the select initial states", head, rows))
+    for figure, picture in zip(card.figures, pictures, strict=True):
+        caption = element("figcaption", escaped(figure.caption))
+        scrolling = element("div", picture, {"class": "scroll"})
+        parts.append(element("figure", joined([scrolling, caption])))
+    return parts
+
+
+def _test_rows(card: RunCard, tests: Tests) -> list[tuple[Markup, ...]]:
+    """What a measurement says of the best policy."""
+    rows = []
+    for position, test in enumerate(tests.policies):
+        if test.iteration != card.best_iteration:
+            continue
+        source = TestSource(f"tests/{tests.measurement}.json", position, test)
+        name = escaped(tests.measurement)
+        if test.robustness is not None:
+            rows.append(
+                (
+                    name,
+                    _rate(source.robustness("successes"), source.robustness("episodes")),
+                    _interval(
+                        source.robustness("success_interval", 0),
+                        source.robustness("success_interval", 1),
+                    ),
+                    number(source.robustness("falls")),
+                    number(source.robustness("stalls")),
+                    *(
+                        number(source.robustness("mse", component), quantity, unit=False)
+                        for component, quantity in enumerate(ERRORS)
+                    ),
+                    MISSING,
+                )
+            )
+        if test.pushes is not None:
+            impulse = number(source.pushes("mean_fitted_impulse"), IMPULSE, unit=False)
+            low = source.pushes("mean_interval", 0)
+            high = source.pushes("mean_interval", 1)
+            spread = _interval(low, high, IMPULSE)
+            both = joined([impulse, Markup(f"({spread})")], " ")
+            rows.append((name, *[MISSING] * (4 + len(ERRORS)), both))
+    return rows
+
+
+def _validation_row(stage: StageSource) -> tuple[Markup, ...]:
+    """What a validation says of a policy."""
+    return (
+        escaped(str(stage.record.iteration)),
+        _rate(stage.number("successes"), stage.number("episodes")),
+        _interval(stage.number("success_interval", 0), stage.number("success_interval", 1)),
+        number(stage.number("falls")),
+        number(stage.number("stalls")),
+        *(
+            number(stage.number("mse", component), quantity, unit=False)
+            for component, quantity in enumerate(ERRORS)
+        ),
+    )
+
+
+def _rate(successes: Number, episodes: Number) -> Markup:
+    """A rate of success, and of how many episodes."""
+    rate = number(share(successes, episodes), SUCCESS, unit=False)
+    return Markup(f"{rate} ({number(successes)} of {number(episodes)})")
+
+
+def _interval(low: Number, high: Number, quantity: Quantity = SUCCESS) -> Markup:
+    """Both ends of an interval."""
+    return Markup(f"{number(low, quantity, unit=False)} to {number(high, quantity, unit=False)}")
+
+
+def _limits(card: RunCard, policy: Policy | None) -> list[Markup]:
+    """What must not be expected of the policy."""
+    simulator = SIMULATORS[card.config.simulation.backend]
+    disturbed = list(_disturbances(card))
+    texts = [
+        f"Everything here was collected in {simulator}, and nothing of it has been tried on a "
+        "robot. The command surefoot evaluate measures a policy in the other simulator.",
+        "The success on the select initial states chose the best policy, and so flatters it; what "
+        "is to be reported is measured on the test initial states.",
+        "This is one run. Another seed of the data or of the training gives another policy, which "
+        "may differ more than the intervals above say: these are over initial states only.",
+        "The ground was flat, and the network sees the true state of the simulator.",
+    ]
+    if policy is not None:
+        texts.append("Commands outside of the range above were never trained on.")
+    if disturbed:
+        texts.append(f"While data was collected, robots were disturbed: {', '.join(disturbed)}.")
+    else:
+        texts.append("No robot was pushed or otherwise disturbed while data was collected.")
+    return [element("ul", joined([element("li", escaped(text)) for text in texts]))]
+
+
+def _disturbances(card: RunCard) -> list[str]:
+    """What disturbed the robots while data was collected, as options with their values."""
+    prefix = "collection."
+    return [
+        f"{name.removeprefix(prefix)} {_plain(value)}"
+        for name, value, _ in option_changes(card.config)
+        if name.startswith(prefix)
+    ]
+
+
+def _failures(card: RunCard) -> list[Markup]:
+    """The episodes that failed, each with the command that replays it."""
+    if not card.failures:
+        return [paragraph("No rollout fell, and none was given up, while data was collected.")]
+    rows = [
+        (escaped(str(each.iteration)), escaped(str(each.episode)), code(each.command))
+        for each in card.failures
+    ]
+    listed = table(
+        "Rollouts that fell or that the expert gave up on",
+        ("iteration", "episode", "replay it, bit for bit"),
+        rows,
+        heads=2,
+    )
+    return [
+        paragraph(
+            "These failed while data was collected. The replay needs the run's own folder, with "
+            "its policies."
+        ),
+        folded(f"{len(rows)} failed rollouts", listed, len(rows) <= MOST_FAILURES),
+    ]
+
+
+def _provenance(card: RunCard) -> list[Markup]:
+    """Versions and hashes."""
+    collected = [record for record in card.metrics if isinstance(record, Collected)]
+    trained = [record for record in card.metrics if isinstance(record, Trained)]
+    pairs = [
+        ("policy", escaped("–") if card.policy is None else code(card.policy.name)),
+        ("policy, SHA-256", code(card.policy_sha256) if card.policy_sha256 else MISSING),
+        ("dataset, SHA-256", code(collected[-1].dataset_hash) if collected else MISSING),
+        ("trained on", escaped(", ".join(dict.fromkeys(r.device for r in trained)) or "–")),
+    ]
+    rows = [(escaped(name), escaped(version)) for name, version in card.versions.items()]
+    return [facts(pairs), table("Versions", ("package", "version"), rows)]

@@ -1,0 +1,221 @@
+"""The tables of a study's report: beside each figure, costs, jobs, versions and hashes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from surefoot.runs.metrics import Best, Collected
+from surefoot.study.report.markup import (
+    COUNT,
+    MISSING,
+    Markup,
+    code,
+    element,
+    escaped,
+    interval,
+    joined,
+    number,
+    table,
+)
+from surefoot.study.report.numbers import Estimate, Number, over_runs, stored, total
+from surefoot.study.report.panels import Curve, Panel, Quantity, ReportFigure
+from surefoot.study.report.source import METRICS_FILE, stages
+from surefoot.study.results import CellResult, JobRecord, StudyResults
+
+SECONDS = Quantity("", "", 1.0, 1)
+"""A time in seconds."""
+MINUTES = Quantity("", "", 60.0, 1)
+"""A time in minutes."""
+COSTS = ("expert_seconds", "robot_seconds", "plans", "falls", "diverged", "frames_kept")
+"""Fields of a collection that add up to the cost of a run."""
+COST_TITLES = (
+    "expert drove [s]",
+    "simulated [s]",
+    "MPC solves",
+    "falls",
+    "MPC diverged",
+    "frames kept",
+    "work [min]",
+)
+"""What the columns of the costs are called."""
+
+
+def figure_tables(figure: ReportFigure) -> Markup:
+    """The numbers of a figure: a table for each panel."""
+    return joined([_panel_table(figure, panel) for panel in figure.panels])
+
+
+def _panel_table(figure: ReportFigure, panel: Panel) -> Markup:
+    """The numbers of a panel: a row for each technique at each place, with every run."""
+    quantity = panel.quantity
+    curves = [*panel.curves, *([] if panel.reference is None else [panel.reference])]
+    rows = [row for curve in curves for row in _curve_rows(figure, quantity, curve)]
+    place = {
+        "iterations": ("iteration",),
+        "frames": ("policy", "frames, mean"),
+        "directions": ("direction [deg]",),
+        "techniques": (),
+    }[figure.kind]
+    unit = f" [{quantity.unit}]" if quantity.unit else ""
+    numbers = (f"mean{unit}", "95 % interval", "runs")
+    if not figure.over_runs:
+        numbers = (f"value{unit}", "95 % interval")
+    head = ("technique", *place, *numbers)
+    return table(panel.title or figure.title, head, rows)
+
+
+def _curve_rows(figure: ReportFigure, quantity: Quantity, curve: Curve) -> list[tuple[Markup, ...]]:
+    """The rows of a technique."""
+    rows = []
+    for group in curve.groups:
+        points = [number(point.y, quantity, unit=False) for point in group.runs]
+        runs = element("span", joined(points, ", "), {"class": "runs"})
+        place: tuple[Markup, ...] = ()
+        if figure.kind == "frames":
+            place = (escaped(group.label.removeprefix("policy ")), number(group.x))
+        elif figure.kind != "techniques":
+            place = (number(group.x),)
+        mean = MISSING
+        spread = MISSING
+        if group.estimate is not None:
+            estimate = in_row(group.estimate) if figure.over_runs else group.estimate
+            mean = number(estimate.mean, quantity, unit=False)
+            spread = interval(estimate, quantity)
+        every = (runs,) if figure.over_runs else ()
+        rows.append((escaped(curve.title), *place, mean, spread, *every))
+    return rows
+
+
+def in_row(estimate: Estimate) -> Estimate:
+    """An estimate whose sources say that its runs stand in the same row, which is short."""
+    low = None if estimate.low is None else replace(estimate.low, source="low(row)")
+    high = None if estimate.high is None else replace(estimate.high, source="high(row)")
+    return replace(estimate, mean=replace(estimate.mean, source="mean(row)"), low=low, high=high)
+
+
+def cost_of(cell: CellResult) -> tuple[Number, ...]:
+    """What a run cost: the columns of `COST_TITLES`. Pre-training, tails and queries count."""
+    file = f"{cell.cell.name}/{METRICS_FILE}"
+    records = stages(cell.metrics, cell.cell.name)
+    collected = [each for each in records if isinstance(each.record, Collected)]
+    timed = [each for each in records if not isinstance(each.record, Best)]
+    costs = [
+        total([each.number(field) for each in collected], f"{file}#/collect/{field}")
+        for field in COSTS
+    ]
+    seconds = total([each.number("seconds") for each in timed], f"{file}#/*/seconds")
+    return (*costs, seconds)
+
+
+def cost_tables(results: StudyResults) -> Markup:
+    """What the techniques cost: the mean over runs, and every run."""
+    means = []
+    runs = []
+    for setting in results.study.settings:
+        for technique in results.study.techniques:
+            cells = [cell for cell in results.of(technique.name, setting.name) if cell.metrics]
+            if not cells:
+                continue
+            costs = [cost_of(cell) for cell in cells]
+            estimates = [over_runs(column) for column in zip(*costs, strict=True)]
+            cells_of_row = [
+                MISSING if estimate is None else _cost_cell(place, estimate.mean)
+                for place, estimate in enumerate(estimates)
+            ]
+            name = [escaped(technique.title), escaped(setting.title)]
+            means.append((*name, *cells_of_row))
+            for cell, cost in zip(cells, costs, strict=True):
+                line = [_cost_cell(place, each) for place, each in enumerate(cost)]
+                runs.append((code(cell.cell.name), *line))
+    return joined(
+        [
+            table("Mean cost of a run", ("technique", "setting", *COST_TITLES), means),
+            table("Cost of every run", ("run", *COST_TITLES), runs),
+        ]
+    )
+
+
+def _cost_cell(place: int, each: Number) -> Markup:
+    """A number of the costs, as its column is written."""
+    last = len(COST_TITLES) - 1
+    quantity = MINUTES if place == last else SECONDS if place < 2 else COUNT
+    return number(each, quantity)
+
+
+def job_table(results: StudyResults) -> Markup:
+    """What ran where, and for how long."""
+    rows = []
+    for cell in results.cells:
+        for job in cell.jobs:
+            file = f"{cell.cell.name}/jobs/{job.job}.json"
+            rows.append(
+                (
+                    code(job.job),
+                    escaped(job.started),
+                    number(stored(job.seconds, file, "seconds"), MINUTES),
+                    escaped("; ".join(job.processors)),
+                    escaped(job.precision or "–"),
+                    escaped("done" if job.finished else "goes on"),
+                )
+            )
+    head = ("job", "started (UTC)", "minutes", "processor", "precision of training", "state")
+    return table("Jobs", head, rows)
+
+
+def job_seconds(results: StudyResults) -> Number:
+    """How long all jobs ran together [s]."""
+    seconds = [Number(job.seconds, "") for cell in results.cells for job in cell.jobs]
+    return total(seconds, "**/jobs/*.json#/seconds")
+
+
+def processors(jobs: Sequence[JobRecord]) -> tuple[str, ...]:
+    """The models of processors that jobs ran on."""
+    return tuple(dict.fromkeys(name for job in jobs for name in job.processors))
+
+
+def versions_table(jobs: Sequence[JobRecord]) -> Markup:
+    """Versions of Python and packages; several where jobs differ."""
+    found: dict[str, dict[str, None]] = {}
+    for job in jobs:
+        for name, version in job.versions.items():
+            if name != "processor":
+                found.setdefault(name, {})[version] = None
+    rows = [(escaped(name), escaped(", ".join(versions))) for name, versions in found.items()]
+    return table("Versions", ("package", "version"), rows)
+
+
+def hash_table(results: StudyResults) -> Markup:
+    """Hashes of the data and of the best policy of every run, and of the initial states."""
+    rows = []
+    for cell in results.cells:
+        collected = [record for record in cell.metrics if isinstance(record, Collected)]
+        data = collected[-1].dataset_hash if collected else ""
+        policy = next(
+            (
+                test.sha256
+                for name in cell.tests
+                for test in [cell.best_test(name)]
+                if test is not None and test.sha256 is not None
+            ),
+            "",
+        )
+        rows.append((code(cell.cell.name), _hash(data), _hash(policy), _hash(_starts(cell))))
+    head = ("run", "dataset", "best policy", "initial states")
+    return table("SHA-256", head, rows)
+
+
+def _hash(text: str) -> Markup:
+    """A hash; a dash where there is none."""
+    return code(text) if text else MISSING
+
+
+def _starts(cell: CellResult) -> str:
+    """Hash of the initial states of a cell's measurements."""
+    for tests in cell.tests.values():
+        for test in tests.policies:
+            if test.robustness is not None:
+                return test.robustness.starts_hash
+            if test.pushes is not None:
+                return test.pushes.starts_hash
+    return ""

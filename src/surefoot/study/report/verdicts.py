@@ -1,0 +1,122 @@
+"""The claims and the planned comparisons of a study with their verdicts, as tables of its page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from surefoot.study.comparisons import comparison_outcomes
+from surefoot.study.paper_claims import paper_claims
+from surefoot.study.report.markup import Markup, element, escaped, table
+from surefoot.study.results import StudyResults
+
+SIGNS = {"holds": "✓", "does not hold": "✗", "cannot tell": "?"}
+"""A sign beside each verdict, which does not depend on its color."""
+CLASSES = {"holds": "holds", "does not hold": "fails"}
+"""Classes of the verdicts in the page's style."""
+
+
+class Judgement(Protocol):
+    """A sentence, and whether the results bear it out."""
+
+    @property
+    def text(self) -> str:
+        """The sentence."""
+        ...
+
+    @property
+    def section(self) -> str:
+        """Where it stands in the paper, or which prediction it is."""
+        ...
+
+    @property
+    def verdict(self) -> str:
+        """Whether it holds, does not hold, or cannot be told."""
+        ...
+
+    @property
+    def number(self) -> str:
+        """What was measured."""
+        ...
+
+    @property
+    def reason(self) -> str:
+        """Why the verdict is what it is."""
+        ...
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A judgement, as the report's JSON has it.
+
+    Attributes:
+        text: The sentence.
+        section: Where it stands in the paper; empty for a comparison.
+        verdict: `holds`, `does not hold` or `cannot tell`.
+        number: What was measured.
+        reason: Why the verdict is what it is.
+    """
+
+    text: str
+    section: str
+    verdict: str
+    number: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Verdicts:
+    """All verdicts of a study.
+
+    Attributes:
+        claims: The paper's claims, if the study judges them.
+        comparisons: The comparisons that were planned before it ran.
+    """
+
+    claims: tuple[Verdict, ...]
+    comparisons: tuple[Verdict, ...]
+
+
+def verdicts_of(results: StudyResults) -> Verdicts:
+    """Judge the claims and the planned comparisons of a study."""
+    claims = paper_claims(results) if results.study.claims == "paper" else ()
+    return Verdicts(_plain(claims), _plain(comparison_outcomes(results)))
+
+
+def _plain(judgements: Sequence[Judgement]) -> tuple[Verdict, ...]:
+    """Judgements as records of the report."""
+    return tuple(
+        Verdict(each.text, each.section, each.verdict, each.number, each.reason)
+        for each in judgements
+    )
+
+
+def verdict_table(caption: str, verdicts: Sequence[Verdict], where: str) -> Markup:
+    """A table of verdicts.
+
+    Args:
+        caption: What the table shows.
+        verdicts: The verdicts.
+        where: Title of the column that says where a sentence stands; empty without that column.
+    """
+    rows = []
+    for each in verdicts:
+        place = [escaped(each.section)] if where else []
+        rows.append(
+            (
+                escaped(each.text),
+                *place,
+                _sign(each.verdict),
+                escaped(each.number),
+                escaped(each.reason),
+            )
+        )
+    head = ("claim", *([where] if where else []), "verdict", "measured", "why")
+    return table(caption, head, rows)
+
+
+def _sign(verdict: str) -> Markup:
+    """A verdict with its sign."""
+    text = escaped(f"{SIGNS.get(verdict, '')} {verdict}".strip())
+    return element("span", text, {"class": f"verdict {CLASSES.get(verdict, '')}".strip()})

@@ -1,0 +1,235 @@
+"""What each run of a study shows, as one value: failures, expert share, success, errors, impulses.
+
+Each function takes a cell and gives its value, or None where that is not measured yet; `runs_of`
+and `shares_of` collect the values of the runs of a technique. Several trainings on the data of one
+seed are no independent runs: they count as one, with their mean. Read `run_statistics` for what is
+made of the values, and `claims` for who asks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Literal
+
+import numpy as np
+
+from surefoot.config.study import Measure
+from surefoot.evaluation.robustness import Robustness
+from surefoot.runs.metrics import Best, Collected
+from surefoot.study.results import CellResult, PolicyTest
+from surefoot.study.run_statistics import Runs, shares
+
+Counted = tuple[int, int]
+"""How many rollouts are counted, and the number of all of them."""
+Axis = Literal[0, 1, 2]
+"""Component of a velocity error: vx, vy, yaw rate."""
+
+
+def runs_of(
+    cells: Iterable[CellResult], value_of: Callable[[CellResult], float | None]
+) -> Runs | None:
+    """A value of each seed that has one, the mean over its trainings; None if no seed has one.
+
+    Args:
+        cells: The cells of a technique under a setting.
+        value_of: The value of a cell; None where it is not measured yet.
+    """
+    by_seed: dict[int, list[float]] = {}
+    for cell in cells:
+        value = value_of(cell)
+        if value is not None:
+            by_seed.setdefault(cell.cell.seed, []).append(value)
+    values = tuple(float(np.mean(trainings)) for trainings in by_seed.values())
+    return Runs(values) if values else None
+
+
+def shares_of(
+    cells: Iterable[CellResult], counted: Callable[[CellResult], Counted | None]
+) -> Runs | None:
+    """A share of rollouts of each seed that has one; None if no seed has one.
+
+    Args:
+        cells: The cells of a technique under a setting.
+        counted: What is counted of a cell; None where it is not measured yet.
+    """
+    events: dict[int, int] = {}
+    rollouts: dict[int, int] = {}
+    for cell in cells:
+        count = counted(cell)
+        if count is not None and count[1] > 0:
+            seed = cell.cell.seed
+            events[seed] = events.get(seed, 0) + count[0]
+            rollouts[seed] = rollouts.get(seed, 0) + count[1]
+    return shares(list(events.values()), list(rollouts.values())) if events else None
+
+
+def is_trained(cell: CellResult) -> bool:
+    """Whether the cell's run is finished."""
+    return any(isinstance(record, Best) for record in cell.metrics)
+
+
+def collections(cell: CellResult) -> list[Collected]:
+    """What the iterations after the pre-training have collected, in their order.
+
+    Returns:
+        The records; none unless the run is finished.
+    """
+    if not is_trained(cell):
+        return []
+    found = [record for record in cell.metrics if isinstance(record, Collected)]
+    return sorted(
+        (record for record in found if record.iteration > 0), key=lambda record: record.iteration
+    )
+
+
+def paper_failures(record: Collected, method: str) -> int:
+    """Failed rollouts of an iteration in the paper's count (IV-F), as far as it can be repeated.
+
+    With LocoSafeDAGGER a rollout fails if the MPC diverges. With LocoDAGGER it fails if the MPC
+    diverges while it drives, or if the robot falls while the policy drives: here, while it drives
+    in the tick of the fall. Our rollouts end with a fall, those of the paper's research code go on;
+    an MPC that would have diverged on a fallen robot is no failure here.
+
+    Args:
+        record: What an iteration has collected.
+        method: Name of the method.
+    """
+    if method == "loco_safe_dagger":
+        return record.diverged
+    return record.diverged + record.falls - record.falls_expert_driving
+
+
+def failed(records: Sequence[Collected], method: str) -> Counted:
+    """The paper's failures of some iterations, of all their rollouts."""
+    failures = sum(paper_failures(record, method) for record in records)
+    return failures, sum(record.episodes for record in records)
+
+
+def fell(records: Sequence[Collected]) -> Counted:
+    """The rollouts of some iterations that ended in a fall, whoever drove, of all."""
+    return sum(record.falls for record in records), sum(record.episodes for record in records)
+
+
+def falls_per_minute(cell: CellResult) -> float | None:
+    """Falls per minute of rollouts after the pre-training, tails included [1/min]."""
+    records = collections(cell)
+    minutes = [record.rollout_seconds_with_tail for record in records]
+    known = [seconds / 60 for seconds in minutes if seconds is not None]
+    if not records or len(known) < len(records):
+        return None
+    return sum(record.falls for record in records) / sum(known)
+
+
+def expert_share(records: Sequence[Collected]) -> float | None:
+    """Mean over some iterations of the share of the time before the tails that the expert drove."""
+    return float(np.mean([record.expert_share for record in records])) if records else None
+
+
+def share_with_tail(cell: CellResult) -> float | None:
+    """Mean over the iterations of the expert's share of the whole time, tails included."""
+    found = [record.expert_share_with_tail for record in collections(cell)]
+    return float(np.mean(found)) if found else None
+
+
+def largest_rise(cell: CellResult) -> float | None:
+    """Largest rise of the expert's share from one iteration to the next; negative if none rises."""
+    found = [record.expert_share for record in collections(cell)]
+    return float(np.diff(found).max()) if len(found) > 1 else None
+
+
+def solves(cell: CellResult) -> float | None:
+    """Number of MPC solves of all iterations after the pre-training."""
+    records = collections(cell)
+    return float(sum(record.plans for record in records)) if records else None
+
+
+def solves_per_second(cell: CellResult) -> float | None:
+    """MPC solves of these iterations for each second of their rollouts before the tails [1/s]."""
+    records = collections(cell)
+    known = [record.rollout_seconds for record in records if record.rollout_seconds is not None]
+    if not records or len(known) < len(records):
+        return None
+    return sum(record.plans for record in records) / sum(known)
+
+
+def rollouts(cell: CellResult) -> float | None:
+    """Number of rollouts after the pre-training."""
+    records = collections(cell)
+    return float(sum(record.episodes for record in records)) if records else None
+
+
+def dataset_frames(cell: CellResult) -> float | None:
+    """Number of frames in the dataset at the end."""
+    records = collections(cell)
+    return float(records[-1].dataset_frames) if records else None
+
+
+def policy_tests(cell: CellResult, measurement: str) -> tuple[PolicyTest, ...]:
+    """What a measurement says of a cell's policies, in their order; none unless it is finished."""
+    tests = cell.tests.get(measurement)
+    return tests.policies if tests is not None and tests.finished else ()
+
+
+def robustness_of(cell: CellResult, measurement: str, which: Literal[0, -1]) -> Robustness | None:
+    """The robustness of the first or the last policy of a cell; None if not measured yet."""
+    tests = policy_tests(cell, measurement)
+    return tests[which].robustness if tests else None
+
+
+def successes(robustness: Robustness | None) -> Counted | None:
+    """The episodes that succeeded, of all."""
+    return None if robustness is None else (robustness.successes, robustness.episodes)
+
+
+def tracking_error(robustness: Robustness | None, axis: Axis) -> float | None:
+    """The paper's mean squared velocity error, over successful episodes; None without any."""
+    return None if robustness is None else robustness.mse[axis]
+
+
+def early_error(cell: CellResult, measurement: str, axis: Axis) -> float | None:
+    """Mean tracking error of the policies of the first half of the iterations."""
+    tests = [test for test in policy_tests(cell, measurement) if test.iteration > 0]
+    errors = [tracking_error(test.robustness, axis) for test in tests[: len(tests) // 2]]
+    known = [error for error in errors if error is not None]
+    return float(np.mean(known)) if known else None
+
+
+def mean_impulse(cell: CellResult, measurement: str) -> float | None:
+    """Impulse that the best policy withstands, mean of all directions [N s]."""
+    test = cell.best_test(measurement)
+    if test is None or test.pushes is None:
+        return None
+    return test.pushes.mean_fitted_impulse
+
+
+def direction_impulses(cells: Iterable[CellResult], measurement: str) -> tuple[float, ...]:
+    """Impulse from each direction [N s], mean over runs of their best policies; empty if none."""
+    best = [cell.best_test(measurement) for cell in cells]
+    found = [test.pushes.fitted_impulse for test in best if test is not None and test.pushes]
+    if not found:
+        return ()
+    return tuple(np.mean(found, axis=0).tolist())
+
+
+def best_value(cells: Sequence[CellResult], measurement: str, measure: Measure) -> Runs | None:
+    """What a measurement says of the best policy of each run.
+
+    Args:
+        cells: The cells of a technique under a setting.
+        measurement: Name of the measurement.
+        measure: What it measures.
+
+    Returns:
+        Success as a share, or the mean impulse [N s]; None if not measured yet.
+    """
+    if measure == "robustness":
+        return shares_of(cells, lambda cell: successes(_best_robustness(cell, measurement)))
+    if measure == "impulse":
+        return runs_of(cells, lambda cell: mean_impulse(cell, measurement))
+    return None
+
+
+def _best_robustness(cell: CellResult, measurement: str) -> Robustness | None:
+    """The robustness of a cell's best policy; None if not measured yet."""
+    test = cell.best_test(measurement)
+    return None if test is None else test.robustness

@@ -1,0 +1,195 @@
+"""Runs a study: its jobs in an order that respects what they need, several at a time.
+
+A study in progress is its folder; this only starts what is ready, and waits. Killed, it is started
+again with the same command and goes on. A failed job stops only those that need it. Read `cells`
+for the jobs, `state` for how far they are, `supervise` for how one is run.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+from surefoot.config.json_io import changes
+from surefoot.config.learning import NumberFormat
+from surefoot.config.study import StudyConfig
+from surefoot.runs.precision import choose_for_run
+from surefoot.runs.versions import versions
+from surefoot.study.cells import StudyJob, cell_config, cells_of, find_job, jobs_of
+from surefoot.study.checkout import check_out, checkout_root, clean_commit
+from surefoot.study.pools import make_pool
+from surefoot.study.results import (
+    STUDY_FILE,
+    StudyError,
+    StudySetup,
+    read_study,
+    save_setup,
+)
+from surefoot.study.state import claim_study, finished_jobs
+from surefoot.study.supervise import Ended, Task
+from surefoot.workers import Workers
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class StudyOutcome:
+    """How far a study has come.
+
+    Attributes:
+        jobs: Number of its jobs.
+        done: Number of jobs that are done.
+        failed: The jobs that failed, with the end of their logs.
+    """
+
+    jobs: int
+    done: int
+    failed: tuple[Ended, ...]
+
+
+def open_study(folder: Path, study: StudyConfig) -> StudySetup:
+    """Begin a study in a folder, or go on with the one that is there.
+
+    Args:
+        folder: Folder of the study, new or with the same study.
+        study: The study.
+
+    Raises:
+        StudyError: The folder holds another study, or the code has changes that are in no commit.
+        WriteError: The folder cannot be written to.
+    """
+    if (folder / STUDY_FILE).exists():
+        setup = read_study(folder)
+        if setup.study != study:
+            names = sorted({name.split(".")[0] for name, _, _ in changes(study, setup.study)})
+            raise StudyError(
+                f"{folder} holds a study with other {', '.join(names)}. A study is not changed "
+                "after it has begun: run the changed one in another folder (--folder), or go on "
+                f"with this one by `surefoot study {folder}`"
+            )
+        return setup
+    root = checkout_root()
+    commit = None if root is None else clean_commit(root)
+    precision = measured_precision(study)
+    setup = StudySetup(study, commit, versions()["surefoot"], precision)
+    save_setup(folder, setup)
+    return setup
+
+
+def measured_precision(study: StudyConfig) -> NumberFormat:
+    """The faster precision for the networks of a study, by those of the first cell that asks."""
+    for cell in cells_of(study):
+        config = cell_config(study, cell)
+        if config.training.precision == "auto":
+            return choose_for_run(config).chosen
+    return "float32"
+
+
+def run_study(folder: Path, workers: Workers, only: str | None = None) -> StudyOutcome:
+    """Run all jobs of a study that are not done yet.
+
+    Args:
+        folder: Folder of the study.
+        workers: How many jobs run at a time, and where.
+        only: Name of the only job to run, with those that it needs; None runs all.
+
+    Raises:
+        StudyError: There is no study, another process runs it, or its code is not there.
+        ValueError: There is no such job.
+    """
+    folder = folder.resolve()
+    setup = read_study(folder)
+    claim_study(folder)
+    jobs = jobs_of(setup.study) if only is None else needed_jobs(setup.study, only)
+    queue = JobQueue(jobs, finished_jobs(folder, jobs))
+    code = code_of(folder, setup)
+    pool = make_pool(workers)
+    logger.info("%d of %d jobs are done", len(queue.done), len(jobs))
+    try:
+        while True:
+            while pool.has_room and (job := queue.take()) is not None:
+                pool.start(Task(folder, job.name, code))
+                logger.info("%s: started", job.name)
+            if not queue.running:
+                break
+            for ended in pool.ended():
+                queue.give_back(ended)
+                logger.info(
+                    "%s: %s; %d of %d jobs are done",
+                    ended.job,
+                    ended.status,
+                    len(queue.done),
+                    len(jobs),
+                )
+                if ended.message:
+                    logger.warning("%s", ended.message)
+    finally:
+        pool.stop()
+    return StudyOutcome(len(jobs), len(queue.done), tuple(queue.failed))
+
+
+def code_of(folder: Path, setup: StudySetup) -> Path | None:
+    """The folder from which a study's jobs import the package; None for the installed package.
+
+    Raises:
+        StudyError: The study was begun in a checkout, and this package lies in none.
+    """
+    if setup.commit is None:
+        return None
+    root = checkout_root()
+    if root is None:
+        raise StudyError(
+            f"{folder} runs the commit {setup.commit}: go on with it from a git checkout of "
+            "surefoot that has this commit"
+        )
+    return check_out(root, setup.commit, folder)
+
+
+def needed_jobs(study: StudyConfig, name: str) -> tuple[StudyJob, ...]:
+    """A job, after all those that it needs.
+
+    Raises:
+        ValueError: There is no such job.
+    """
+    job = find_job(study, name)
+    before = [needed for need in job.needs for needed in needed_jobs(study, need)]
+    return (*before, job)
+
+
+class JobQueue:
+    """The jobs that are left of a study, in its order.
+
+    Args:
+        jobs: The jobs, each after those that it needs.
+        done: Names of those that are done.
+
+    Attributes:
+        done: Names of the jobs that are done.
+        running: The jobs that are in progress, by name.
+        failed: How jobs ended that failed.
+    """
+
+    def __init__(self, jobs: tuple[StudyJob, ...], done: set[str]) -> None:
+        self.done = set(done)
+        self.running: dict[str, StudyJob] = {}
+        self.failed: list[Ended] = []
+        self._waiting = [job for job in jobs if job.name not in done]
+
+    def take(self) -> StudyJob | None:
+        """The next job that can be done now, which is in progress then; None if there is none."""
+        for number, job in enumerate(self._waiting):
+            if self.done.issuperset(job.needs):
+                self.running[job.name] = self._waiting.pop(number)
+                return job
+        return None
+
+    def give_back(self, ended: Ended) -> None:
+        """Take note of how a job ended: one that is not finished is the next to be taken."""
+        job = self.running.pop(ended.job)
+        if ended.status == "finished":
+            self.done.add(job.name)
+        elif ended.status == "failed":
+            self.failed.append(ended)
+        else:
+            self._waiting.insert(0, job)

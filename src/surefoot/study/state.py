@@ -1,0 +1,175 @@
+"""The folder of a study while it runs: who runs it, what is done, whether it is paused.
+
+All of it is files, so that another terminal, or another machine of a cluster, sees the same: a lock
+that only a living process holds, the records of the jobs, a file that says that the study is
+paused, and a log for each job. Read `runner` next.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from surefoot.files import write_atomic, writing
+from surefoot.study.cells import StudyJob, jobs_of
+from surefoot.study.results import StudyError, read_job, read_study, run_folder, shared_folder
+
+JobState = Literal["done", "running", "ready", "waiting", "failed"]
+"""How far a job is: it waits until what it needs is done, then it is ready."""
+LOG_FILE = "log.txt"
+"""What the process of a job printed."""
+FAILED_FILE = "failed.txt"
+"""There if the job failed the last time: the end of what it printed."""
+PAUSED_FILE = "paused"
+"""There while the study is paused."""
+_locks: list[int] = []
+"""Descriptors of locked files, never closed: closing any descriptor of a file releases its lock."""
+
+
+@dataclass(frozen=True)
+class JobStatus:
+    """How far a job is.
+
+    Attributes:
+        job: The job.
+        state: How far it is.
+        seconds: How long it has worked, in all its slices that have ended [s].
+    """
+
+    job: StudyJob
+    state: JobState
+    seconds: float
+
+
+def claim_study(folder: Path) -> None:
+    """Keep other processes from running a study, until this one ends, however it ends.
+
+    Raises:
+        StudyError: Another process runs it.
+        WriteError: The folder cannot be written to.
+    """
+    if not _lock(folder / ".lock"):
+        raise StudyError(
+            f"another process runs the study in {folder}; `surefoot study status` shows how far "
+            "it is"
+        )
+
+
+def claim_job(folder: Path, job: str) -> None:
+    """Say that this process does a job, until it ends.
+
+    Raises:
+        StudyError: Another process does it.
+        WriteError: The folder cannot be written to.
+    """
+    if not _lock(job_folder(folder, job) / ".lock"):
+        raise StudyError(f"another process does the job {job} of {folder}; wait for it")
+
+
+def _lock(path: Path) -> bool:
+    """Lock a file for the rest of this process; False if another process has locked it."""
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_CREAT | os.O_RDWR)
+    _locks.append(descriptor)
+    try:
+        fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        return False
+    return True
+
+
+def is_locked(path: Path) -> bool:
+    """Whether another process has locked a file."""
+    if not path.exists():
+        return False
+    with path.open("rb+") as file:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except (BlockingIOError, PermissionError):
+            return True
+    return False
+
+
+def job_folder(folder: Path, job: str) -> Path:
+    """Folder of what a job prints."""
+    return folder / "jobs" / job
+
+
+def pause_study(folder: Path) -> None:
+    """Hold a study: its processes stop within a second, and keep what they have in memory.
+
+    Raises:
+        StudyError: There is no study.
+        WriteError: The folder cannot be written to.
+    """
+    read_study(folder)
+    write_atomic(folder / PAUSED_FILE, b"")
+
+
+def resume_study(folder: Path) -> None:
+    """Let a paused study go on.
+
+    Raises:
+        StudyError: There is no study.
+    """
+    read_study(folder)
+    (folder / PAUSED_FILE).unlink(missing_ok=True)
+
+
+def is_paused(folder: Path) -> bool:
+    """Whether a study is paused."""
+    return (folder / PAUSED_FILE).exists()
+
+
+def job_statuses(folder: Path) -> tuple[JobStatus, ...]:
+    """How far each job of a study is, in the study's order.
+
+    Raises:
+        StudyError: There is no study, or a record cannot be read.
+    """
+    jobs = jobs_of(read_study(folder).study)
+    done = finished_jobs(folder, jobs)
+    statuses = []
+    for job in jobs:
+        record = read_job(folder, job.cell, job.name)
+        seconds = 0.0 if record is None else record.seconds
+        statuses.append(JobStatus(job, _state_of(folder, job, done), seconds))
+    return tuple(statuses)
+
+
+def _state_of(folder: Path, job: StudyJob, done: set[str]) -> JobState:
+    """How far a job is, given the names of those that are done."""
+    if job.name in done:
+        return "done"
+    if is_locked(job_folder(folder, job.name) / ".lock"):
+        return "running"
+    if (job_folder(folder, job.name) / FAILED_FILE).exists():
+        return "failed"
+    return "ready" if done.issuperset(job.needs) else "waiting"
+
+
+def finished_jobs(folder: Path, jobs: tuple[StudyJob, ...]) -> set[str]:
+    """Names of the jobs that are done and whose files are there, as far as they are needed.
+
+    On a new machine only the committed results are there: a run that is lost is made again if it
+    has not been measured yet.
+    """
+    finished: set[str] = set()
+    for job in jobs:
+        record = read_job(folder, job.cell, job.name)
+        if record is not None and record.finished:
+            finished.add(job.name)
+    for job in reversed(jobs):
+        needed = any(job.name in other.needs and other.name not in finished for other in jobs)
+        if needed and not _made(folder, job).is_dir():
+            finished.discard(job.name)
+    return finished
+
+
+def _made(folder: Path, job: StudyJob) -> Path:
+    """The folder that a job makes for those that need it."""
+    return shared_folder(folder, job) if job.kind == "share" else run_folder(folder, job.cell)

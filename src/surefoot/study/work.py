@@ -1,0 +1,295 @@
+"""What a job of a study does, in the process that does it: ``python -m surefoot.study.work``.
+
+A job works in one thread and one process. It stops by itself after a while, at the end of a stage
+or of a policy's measurement, and says that it is not finished; started again, it goes on there.
+Killed, it loses what `surefoot train` loses. Read `runner` for who starts it.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from hashlib import sha256
+from pathlib import Path
+
+from surefoot.config import Config, IterativeConfig
+from surefoot.config.study import EXPERT, Measurement, StudyConfig, measured_config
+from surefoot.evaluation.imitation import imitation_error
+from surefoot.evaluation.push import push_recovery
+from surefoot.evaluation.robustness import evaluate
+from surefoot.files import write_atomic
+from surefoot.methods import METHODS
+from surefoot.runs.metrics import StageRecord, Trained
+from surefoot.runs.prepare import copy_first_stage
+from surefoot.runs.run import create, open_run
+from surefoot.runs.stages import collect_data, train_policy
+from surefoot.runs.versions import versions
+from surefoot.study.cells import Cell, StudyJob, find_job
+from surefoot.study.results import (
+    POLICY_FILE,
+    JobRecord,
+    PolicyTest,
+    StudySetup,
+    Tests,
+    read_job,
+    read_study,
+    read_tests,
+    results_folder,
+    run_config,
+    run_folder,
+    save_job,
+    save_run,
+    save_tests,
+    shared_folder,
+)
+from surefoot.study.state import claim_job
+from surefoot.workers import Workers, end_with_the_parent
+
+logger = logging.getLogger(__name__)
+
+SLICE = 2400.0
+"""How long a job works before it stops at the next opportunity [s]. The longest stage, a training
+on all frames of the paper's data, takes an hour, so that no job is longer than 100 minutes."""
+UNFINISHED = 75
+"""Exit status of a job that is to be started again."""
+PARENT = "SUREFOOT_PARENT"
+"""Variable of the environment that holds the process id of the supervisor."""
+ONE_WORKER = Workers(1)
+"""Jobs run beside each other, so that each of them needs one process only."""
+
+
+class SliceOver(Exception):  # noqa: N818  # not an error: the job goes on later
+    """The time of a job's slice is over."""
+
+
+@dataclass
+class Slice:
+    """The time that a job works until it stops.
+
+    Attributes:
+        seconds: How long [s].
+        began: When it began, by the monotonic clock [s].
+    """
+
+    seconds: float
+    began: float = field(default_factory=time.monotonic)
+
+    @property
+    def spent(self) -> float:
+        """How long the job has worked [s]."""
+        return time.monotonic() - self.began
+
+    def stop_if_over(self, _record: StageRecord | None = None) -> None:
+        """End the job if its time is over; what it did is on the disk.
+
+        Raises:
+            SliceOver: The time is over.
+        """
+        if self.spent >= self.seconds:
+            raise SliceOver
+
+
+def do_job(folder: Path, name: str, seconds: float = SLICE) -> bool:
+    """Do a job of a study, or a slice of it.
+
+    Args:
+        folder: Folder of the study.
+        name: Name of the job.
+        seconds: How long it works before it stops at the next opportunity [s].
+
+    Returns:
+        Whether it is finished.
+
+    Raises:
+        StudyError: There is no study, or another process does the job.
+        ValueError: There is no such job.
+    """
+    setup = read_study(folder)
+    job = find_job(setup.study, name)
+    claim_job(folder, name)
+    piece = Slice(seconds)
+    finished = True
+    try:
+        if job.kind == "share":
+            make_shared(folder, setup, job, piece)
+        elif job.kind == "train":
+            train_cell(folder, setup, job, piece)
+        else:
+            measure_cell(folder, setup, job, piece)
+    except SliceOver:
+        finished = False
+    save_job(folder, job.cell, job_record(folder, job, piece, finished))
+    return finished
+
+
+def make_shared(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> None:
+    """Make what several cells begin with: the first data, or also the first policy.
+
+    Args:
+        folder: Folder of the study.
+        setup: The study.
+        job: The job.
+        piece: The time that it has.
+    """
+    run = create(shared_folder(folder, job), run_config(setup, job.cell), resume=True)
+    run.listeners.append(piece.stop_if_over)
+    method = METHODS[run.method]
+    collect_data(run, 0, method.collection(run, 0, None), ONE_WORKER)
+    if job.shared == "policy":
+        assert isinstance(run.config.method, IterativeConfig)
+        train_policy(run, 0, run.config.method.first_training)
+
+
+def train_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> None:
+    """Train the run of a cell, and keep its metrics and its best policy.
+
+    Args:
+        folder: Folder of the study.
+        setup: The study.
+        job: The job.
+        piece: The time that it has.
+    """
+    cell = job.cell
+    run = create(run_folder(folder, cell), run_config(setup, cell), resume=True)
+    for name in job.needs:
+        shared = find_job(setup.study, name)
+        assert shared.shared is not None
+        copy_first_stage(open_run(shared_folder(folder, shared)), run, shared.shared)
+    run.listeners.append(piece.stop_if_over)
+    try:
+        METHODS[run.method].train(run, ONE_WORKER, None)
+    finally:
+        save_run(folder, cell, run)
+    write_atomic(results_folder(folder, cell) / POLICY_FILE, run.best_policy_path.read_bytes())
+
+
+def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> None:
+    """Measure the policies of a cell, or the expert; each is kept as soon as it is measured.
+
+    Args:
+        folder: Folder of the study.
+        setup: The study.
+        job: The job.
+        piece: The time that it has.
+    """
+    cell = job.cell
+    measurement = setup.study.measurement(job.measurement)
+    config = measured_config(run_config(setup, cell), measurement)
+    before = read_tests(folder, cell, measurement.name)
+    done = () if before is None else before.policies
+    wanted = _policies_of(folder, setup.study, cell, measurement)
+    for number, policy in enumerate(wanted):
+        if number < len(done):
+            continue
+        done = (*done, _measure(config, policy, measurement))
+        finished = len(done) == len(wanted)
+        save_tests(folder, cell, Tests(measurement.name, done, finished))
+        if not finished:
+            piece.stop_if_over()
+
+
+@dataclass(frozen=True)
+class MeasuredPolicy:
+    """A policy to measure.
+
+    Attributes:
+        iteration: Iteration that trained it; 0 for the expert.
+        frames: Number of frames that it was trained on; None for the expert.
+        path: Its file; None for the expert.
+    """
+
+    iteration: int = 0
+    frames: int | None = None
+    path: Path | None = None
+
+
+def _policies_of(
+    folder: Path, study: StudyConfig, cell: Cell, measurement: Measurement
+) -> list[MeasuredPolicy]:
+    """The policies of a cell that a measurement is about, in the order of their iterations.
+
+    Raises:
+        RunError: The cell's run is lost, or not finished.
+    """
+    if study.technique(cell.technique).method == EXPERT:
+        return [MeasuredPolicy()]
+    run = open_run(run_folder(folder, cell))
+    policies = []
+    for record in run.metrics:
+        if isinstance(record, Trained):
+            path = run.policy_path(record.iteration)
+            if measurement.policies == "all" or path == run.best_policy_path:
+                policies.append(MeasuredPolicy(record.iteration, record.frames, path))
+    return policies
+
+
+def _measure(config: Config, policy: MeasuredPolicy, measurement: Measurement) -> PolicyTest:
+    """Measure one policy, or the expert."""
+    test = PolicyTest(policy.iteration, policy.frames, None)
+    if policy.path is not None:
+        test = replace(test, sha256=sha256(policy.path.read_bytes()).hexdigest())
+    if measurement.measure == "impulse":
+        return replace(test, pushes=push_recovery(config, policy.path, ONE_WORKER))
+    if measurement.measure == "imitation":
+        assert policy.path is not None  # the expert does not deviate from itself
+        return replace(test, imitation=imitation_error(config, policy.path, ONE_WORKER))
+    robustness, _ = evaluate(config, policy.path, measurement.split, ONE_WORKER)
+    return replace(test, robustness=robustness)
+
+
+def job_record(folder: Path, job: StudyJob, piece: Slice, finished: bool) -> JobRecord:
+    """The record of a job after a slice of it, with what earlier slices spent.
+
+    Args:
+        folder: Folder of the study.
+        job: The job.
+        piece: The time that the slice took.
+        finished: Whether the job is done.
+    """
+    setup = read_study(folder)
+    config = run_config(setup, job.cell)
+    now = versions(config.simulation.backend)
+    before = read_job(folder, job.cell, job.name)
+    began = datetime.now(UTC) - timedelta(seconds=piece.spent)
+    record = JobRecord(
+        job=job.name,
+        commit=setup.commit,
+        processors=(now["processor"],),
+        versions=now,
+        precision="" if job.kind == "measure" else config.training.precision,
+        started=began.isoformat(timespec="seconds"),
+        seconds=piece.spent,
+        finished=finished,
+    )
+    if before is None:
+        return record
+    return replace(
+        record,
+        processors=tuple(dict.fromkeys((*before.processors, *record.processors))),
+        started=before.started,
+        seconds=before.seconds + record.seconds,
+    )
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Do a job that the command line names, by the folder of its study and its own name.
+
+    Returns:
+        0 if it is finished, 75 if it is to be started again.
+    """
+    folder, name = arguments
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if PARENT in os.environ:
+        end_with_the_parent(int(os.environ[PARENT]))
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", stream=sys.stdout)
+    return 0 if do_job(Path(folder), name) else UNFINISHED
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,44 @@
+"""The command report: a study, a run, and errors that say what is missing."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from tests.fakes.study_folders import paper_like, write_study
+
+
+@pytest.fixture
+def study_folder(tmp_path):
+    study = paper_like(1)
+    study = replace(study, techniques=study.techniques[:2], comparisons=(), claims="none")
+    return write_study(tmp_path / "studies" / "mine", study, iterations=1)
+
+
+def test_a_study_has_a_page_and_figures_in_its_folder(
+    surefoot, capsys, monkeypatch, tmp_path, study_folder
+):
+    monkeypatch.chdir(tmp_path)
+    assert surefoot("report", "mine", "--no-films", "--json", "r.json") == 0
+    assert "studies/mine/report.html" in capsys.readouterr().out
+    assert (study_folder / "figures/3-success-test.pdf").is_file()
+    assert json.loads((tmp_path / "r.json").read_text())["study"] == "paper"
+
+
+def test_a_run_has_a_model_card_where_it_was_asked_for(surefoot, capsys, run_folder, tmp_path):
+    out = tmp_path / "card"
+    assert surefoot("report", run_folder, "--out", out, "--json", tmp_path / "r.json") == 0
+    assert "Model card" in (out / "report.html").read_text()
+    assert json.loads((tmp_path / "r.json").read_text())["method"] == "loco_safe_dagger"
+
+
+def test_a_folder_without_either_is_an_error(surefoot, capsys, tmp_path):
+    assert surefoot("report", tmp_path) == 2
+    assert "neither a study (study.json) nor a run (config.json)" in capsys.readouterr().err
+
+
+def test_results_of_several_commits_are_refused(surefoot, capsys, study_folder):
+    [job] = (study_folder / "behavior_cloning/seed-0/jobs").glob("push*.json")
+    job.write_text(job.read_text().replace("c0ffee", "decaf0"))
+    assert surefoot("report", study_folder) == 2
+    assert "several commits (c0ffee, decaf0)" in capsys.readouterr().err

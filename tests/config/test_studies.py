@@ -1,0 +1,55 @@
+"""The studies that come with the package."""
+
+import pytest
+
+from surefoot.config import BehaviorCloningConfig, LocoDaggerConfig, LocoSafeDaggerConfig
+from surefoot.config.json_io import from_json, to_json
+from surefoot.config.presets import preset
+from surefoot.config.studies import STUDIES, named_study
+from surefoot.config.study import StudyConfig, config_of
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_packaged_study_has_its_name_and_is_the_same_after_it_was_written_and_read(name):
+    study = named_study(name)
+    assert study.name == name
+    assert from_json(StudyConfig, to_json(study)) == study
+
+
+def test_an_unknown_study_is_refused():
+    with pytest.raises(ValueError, match="did you mean 'paper'"):
+        named_study("papers")
+
+
+def test_the_paper_study_runs_the_papers_own_protocol():
+    study = named_study("paper")
+    [setting] = study.settings
+    methods = {}
+    for technique in study.techniques:
+        config = config_of(technique, setting, 0)
+        assert config.simulation.backend == "bullet"
+        assert config.expert.foothold_rule == "published"
+        methods[technique.name] = config.method
+    assert methods["loco_safe_dagger"] == LocoSafeDaggerConfig()
+    assert methods["loco_dagger-0.5"] == LocoDaggerConfig(alpha=0.5)
+    assert methods["loco_dagger-0.8"] == LocoDaggerConfig(alpha=0.8)
+    cloning = methods["behavior_cloning"]
+    assert isinstance(cloning, BehaviorCloningConfig)
+    assert cloning.frames == (112_000, 250_000, 400_000, 550_000, 736_000)
+    assert not cloning.all_frames
+    assert cloning.epochs == 150
+    assert len(study.seeds) == 3
+
+
+def test_iterative_techniques_of_the_paper_study_share_their_pretraining():
+    study = named_study("paper")
+    configs = [
+        config_of(technique, study.settings[0], 0)
+        for technique in study.techniques
+        if "dagger" in technique.method
+    ]
+    expected = preset("loco_dagger", "paper").method
+    for config in configs:
+        assert config.method.pretraining == expected.pretraining  # type: ignore[union-attr]
+        assert config.training == configs[0].training
+        assert config.policy == configs[0].policy

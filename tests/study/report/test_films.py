@@ -1,0 +1,64 @@
+"""Films of a study: whose policy is filmed, and what the page says of it."""
+
+import re
+from base64 import b64decode
+from dataclasses import replace
+
+import pytest
+
+from surefoot.study.report import films
+from surefoot.study.report.films import Filmed, best_cells, film_section, study_films
+from surefoot.study.results import read_results
+from surefoot.viz.renderer import RenderingUnavailable
+
+
+@pytest.fixture
+def results(study_folder):
+    return read_results(study_folder)
+
+
+def successes_of(cell) -> int:
+    test = cell.best_test("test")
+    return test.robustness.successes
+
+
+def test_the_run_that_succeeds_most_often_is_filmed(results):
+    for technique, cell in best_cells(results):
+        others = results.of(technique.name, "all")
+        assert successes_of(cell) == max(successes_of(other) for other in others)
+
+
+def test_every_technique_and_the_expert_are_pushed_alike(monkeypatch, results):
+    filmed = []
+
+    def film_policy(title, config, policy, run):
+        filmed.append((title, policy is None))
+        return Filmed(title, "stays up", b"film")
+
+    monkeypatch.setattr(films, "film_policy", film_policy)
+    text = study_films(results)
+    assert filmed == [
+        ("BC", False),
+        ("LocoDAGGER 0.5", False),
+        ("LocoDAGGER 0.8", False),
+        ('<b>"Safe" & sound</b> $x$', False),
+        ("expert", True),
+    ]
+    assert "<b>" not in text
+    contents = re.findall(r"base64,([^\"]*)", text)
+    assert [b64decode(content) for content in contents] == [b"film"] * 5
+
+
+def test_without_a_policy_there_are_no_films(results):
+    cells = tuple(replace(cell, policy=None) for cell in results.cells)
+    assert study_films(replace(results, cells=cells)) == ""
+    assert film_section([]) == ""
+
+
+def test_where_nothing_can_be_drawn_the_report_has_no_films(monkeypatch, results, caplog):
+    def film_policy(*arguments):
+        raise RenderingUnavailable("no OpenGL")
+
+    monkeypatch.setattr(films, "film_policy", film_policy)
+    assert study_films(results) == ""
+    assert "no OpenGL" in caplog.text

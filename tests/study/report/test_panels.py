@@ -1,0 +1,96 @@
+"""The figures of a study: what the paper counts, the best policies, and what is missing."""
+
+from dataclasses import replace
+
+import pytest
+
+from surefoot.config.study import Setting
+from surefoot.study.report.collecting import collecting_figures
+from surefoot.study.report.drawing import draw
+from surefoot.study.report.performance import performance_figures
+from surefoot.study.report.pictures import inline_svg
+from surefoot.study.results import read_results
+from tests.fakes.runs import collected_record
+from tests.fakes.study_folders import paper_like, write_study
+
+
+@pytest.fixture
+def results(study_folder):
+    return read_results(study_folder)
+
+
+def with_collections(results, technique, records):
+    """The results with one run of a technique that has these records."""
+    cells = [
+        replace(cell, metrics=records)
+        for cell in results.of(technique, "all")
+        if cell.cell.seed == 0
+    ]
+    return replace(results, cells=tuple(cells))
+
+
+@pytest.mark.parametrize(
+    ("technique", "failed"), [("loco_dagger-0.5", 0.5), ("loco_safe_dagger", 0.25)]
+)
+def test_falls_of_the_expert_are_no_failures_in_the_papers_count(results, technique, failed):
+    record = collected_record(1, episodes=8, falls=5, falls_expert_driving=3, diverged=2)
+    [figure, _] = collecting_figures(with_collections(results, technique, (record,)))
+    [[paper, physical]] = figure.rows
+    assert [curve.groups[0].runs[0].y.value for curve in paper.curves] == [failed]
+    assert [curve.groups[0].runs[0].y.value for curve in physical.curves] == [5 / 8]
+
+
+def test_pretraining_is_no_iteration_of_the_figures(results):
+    for figure in collecting_figures(results):
+        for panel in figure.panels:
+            assert [curve.technique for curve in panel.curves] == [
+                "loco_dagger-0.5",
+                "loco_dagger-0.8",
+                "loco_safe_dagger",
+            ]
+            for curve in panel.curves:
+                assert [group.label for group in curve.groups] == ["iteration 1", "iteration 2"]
+
+
+def test_the_papers_figures_and_the_best_policies_are_there(results):
+    names = [figure.name for figure in performance_figures(results)]
+    assert names == [
+        *("3-success-test", "4-tracking-test", "5-pushes-push", "6-mean-push-push", "7-best")
+    ]
+
+
+def test_every_run_is_a_point_and_a_missing_one_is_left_out(results):
+    success, *_ = performance_figures(results)
+    [[panel]] = success.rows
+    points = {curve.technique: len(curve.groups[-1].runs) for curve in panel.curves}
+    assert points == {
+        "behavior_cloning": 2,
+        "loco_dagger-0.5": 2,
+        "loco_dagger-0.8": 1,
+        "loco_safe_dagger": 2,
+    }
+    assert panel.reference is not None
+    assert panel.reference.groups[0].runs[0].y.value == 1.0
+
+
+def test_settings_are_small_multiples(tmp_path):
+    study = paper_like(1)
+    settings = (Setting("low", "low"), Setting("high", "high", {"seed": 7}))
+    techniques = study.techniques[:2]
+    study = replace(study, techniques=techniques, settings=settings, comparisons=(), seeds=(0,))
+    results = read_results(write_study(tmp_path / "two", study, iterations=1))
+    success, tracking, *_, best = performance_figures(results)
+    assert [panel.title for panel in success.panels] == ["low", "high"]
+    assert len(tracking.rows) == 4
+    assert [row[1].title for row in best.rows] == [
+        "low: 100 initial states, 5 s, in MuJoCo",
+        "high: 100 initial states, 5 s, in MuJoCo",
+    ]
+
+
+def test_a_picture_has_the_colors_of_the_page_and_a_text(results):
+    _, figure = collecting_figures(results)
+    picture = inline_svg(draw(figure), figure)
+    assert "var(--ink)" in picture and "var(--technique-3)" in picture
+    assert "#0072b2" not in picture
+    assert 'role="img"' in picture and "Share of the MPC while collecting data" in picture

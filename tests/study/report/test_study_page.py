@@ -1,0 +1,91 @@
+"""The page of a study: every number is the stored one; names cannot break it; verdicts."""
+
+from dataclasses import replace
+
+import pytest
+
+from surefoot.config.json_io import to_json
+from surefoot.study.report import verdicts
+from surefoot.study.report.study_page import study_report, write_study_report
+from surefoot.study.report.verdicts import Verdict
+from surefoot.study.results import read_results
+from tests.fakes.pages import Page, check_numbers
+
+
+@pytest.fixture(scope="module")
+def written(study_folder, tmp_path_factory):
+    """The folder of a report, and its page."""
+    out = tmp_path_factory.mktemp("report")
+    results = read_results(study_folder)
+    path = write_study_report(results, study_report(results), out)
+    return out, Page(path.read_text()), path.read_text()
+
+
+def test_every_number_on_the_page_is_the_stored_one(written, study_folder):
+    _, page, _ = written
+    assert len(page.numbers) > 500
+    check_numbers(page, study_folder)
+
+
+def test_a_changed_result_is_noticed(written, own_study):
+    _, page, _ = written
+    file = own_study / "loco_safe_dagger/seed-0/tests/test.json"
+    file.write_text(file.read_text().replace('"successes": 8', '"successes": 7'))
+    with pytest.raises(AssertionError):
+        check_numbers(page, own_study)
+
+
+def test_names_cannot_break_the_page(written):
+    _, page, text = written
+    assert "<b>" not in text and "<of" not in text
+    assert '<b>"Safe" & sound</b> $x$' in page.text
+    assert "a processor <of 2 & more cores>" in page.text
+
+
+def test_the_page_needs_nothing_else(written):
+    _, page, text = written
+    assert page.external == []
+    assert "default-src 'none'" in text
+    assert len(page.ids) == len(set(page.ids))
+    assert page.tables > 10 and page.headers > 3 * page.tables
+
+
+def test_what_is_missing_is_listed(written):
+    _, page, _ = written
+    assert "loco_dagger-0.8/seed-1" in page.text
+    assert "8 of 9 complete" in page.text
+
+
+def test_figures_are_files_too(written):
+    out, _, _ = written
+    names = {path.name for path in (out / "figures").iterdir()}
+    for name in ("1-failures", "2-expert-share", "3-success-test", "5-pushes-push"):
+        assert {f"{name}.png", f"{name}.pdf"} <= names
+    assert (out / "figures/1-failures.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_same_results_give_the_same_page(written, study_folder, tmp_path):
+    _, _, text = written
+    results = read_results(study_folder)
+    again = write_study_report(results, study_report(results), tmp_path)
+    assert again.read_text() == text
+
+
+def test_claims_and_comparisons_stand_with_their_verdicts(monkeypatch, study_folder, tmp_path):
+    claim = Verdict("Under 5 % fail.", "V-A", "does not hold", "7.5 %", "over <5 %")
+    outcome = Verdict("BC withstands less.", "", "cannot tell", "0.1 N s", "p = 0.4")
+    monkeypatch.setattr(verdicts, "paper_claims", lambda results: (claim,))
+    monkeypatch.setattr(verdicts, "comparison_outcomes", lambda results: (outcome,))
+    results = read_results(study_folder)
+    report = study_report(results)
+    assert report.verdicts.claims == (claim,) and report.verdicts.comparisons == (outcome,)
+    without_figures = replace(report, figures=())
+    page = Page(write_study_report(results, without_figures, tmp_path).read_text())
+    for text in ("Under 5 % fail.", "V-A", "✗ does not hold", "? cannot tell", "over <5 %"):
+        assert text in page.text
+
+
+def test_the_records_are_json(study_folder):
+    values = to_json(study_report(read_results(study_folder)))
+    number = values["figures"][0]["rows"][0][0]["curves"][0]["groups"][0]["estimate"]["mean"]
+    assert set(number) == {"value", "source", "trials"}

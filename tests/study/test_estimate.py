@@ -1,0 +1,33 @@
+"""The work of runs with a budget, and of trainings of a number of steps."""
+
+from dataclasses import replace
+
+import pytest
+
+from surefoot.config import METHODS, BudgetConfig
+from surefoot.config.presets import preset
+from surefoot.study.estimate import first_work, training_work
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_budget_limits_the_solves_of_a_run(name):
+    config = preset(name)
+    limited = replace(config, budget=BudgetConfig(20.0))
+    assert training_work(config).plans > 5000
+    assert training_work(limited).plans == pytest.approx(400)
+    first = 400 if name == "behavior_cloning" else 200
+    assert first_work(limited).plans == pytest.approx(first)
+    assert training_work(limited).robot_seconds < training_work(config).robot_seconds
+    roomy = replace(config, budget=BudgetConfig(1e6))
+    assert training_work(roomy) == training_work(config)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_steps_are_those_of_all_trainings(name):
+    config = preset(name)
+    method = replace(config.method, steps=100)
+    if name == "behavior_cloning":
+        assert training_work(replace(config, method=method)).steps == 300
+    else:
+        method = replace(method, pretraining_steps=50)
+        assert training_work(replace(config, method=method)).steps == 1050

@@ -1,0 +1,186 @@
+"""Running a study: order, failures, resuming. Jobs that only sleep stand in for real ones."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from surefoot.config.study import Measurement, StudyConfig, Technique
+from surefoot.study import runner
+from surefoot.study.cells import cells_of, find_job, jobs_of
+from surefoot.study.results import (
+    JobRecord,
+    StudyError,
+    StudySetup,
+    read_study,
+    run_folder,
+    save_job,
+    save_setup,
+    shared_folder,
+)
+from surefoot.study.runner import JobQueue, needed_jobs, open_study, run_study
+from surefoot.study.state import FAILED_FILE, LOG_FILE, job_folder, job_statuses
+from surefoot.study.supervise import Ended, Task
+from surefoot.workers import Workers
+
+STUDY = StudyConfig(
+    name="mine",
+    title="My study",
+    techniques=(
+        Technique("safe", "LocoSafeDAGGER", "loco_safe_dagger"),
+        Technique("loco", "LocoDAGGER", "loco_dagger"),
+    ),
+    measurements=(Measurement("test", "test"),),
+    seeds=(0,),
+)
+SHARED, SAFE, TEST_SAFE, LOCO, TEST_LOCO = (job.name for job in jobs_of(STUDY))
+
+
+class FakePool:
+    """Ends each job at once, in the way that the test says; two run at a time."""
+
+    def __init__(self, folder: Path, ends: dict[str, list[str]]) -> None:
+        self.folder = folder
+        self.ends = ends
+        self.running: list[str] = []
+        self.started: list[str] = []
+        self.stopped = False
+
+    @property
+    def has_room(self) -> bool:
+        return len(self.running) < 2
+
+    def start(self, task: Task) -> None:
+        self.running.append(task.job)
+        self.started.append(task.job)
+
+    def ended(self) -> list[Ended]:
+        name = self.running.pop(0)
+        status = self.ends.get(name, ["finished"]).pop(0)
+        if status == "finished":
+            finish(self.folder, name)
+        return [Ended(name, status)]  # type: ignore[arg-type]
+
+    def stop(self) -> None:
+        self.stopped = True
+
+
+def finish(folder: Path, name: str) -> None:
+    """Leave what a finished job leaves."""
+    job = find_job(STUDY, name)
+    made = shared_folder(folder, job) if job.kind == "share" else run_folder(folder, job.cell)
+    made.mkdir(parents=True, exist_ok=True)
+    record = JobRecord(name, "c0ffee", ("a processor",), {}, "float32", "2026", 1.0, True)
+    save_job(folder, job.cell, record)
+
+
+@pytest.fixture
+def study_folder(tmp_path, monkeypatch):
+    save_setup(tmp_path, StudySetup(STUDY, None, "0", "float32"))
+    monkeypatch.setattr(runner, "claim_study", lambda folder: None)
+    return tmp_path
+
+
+def run(folder, monkeypatch, ends=None, only=None):
+    pool = FakePool(folder, ends or {})
+    monkeypatch.setattr(runner, "make_pool", lambda workers: pool)
+    outcome = run_study(folder, Workers(2), only)
+    return pool, outcome
+
+
+def test_jobs_run_once_each_and_after_those_that_they_need(study_folder, monkeypatch):
+    pool, outcome = run(study_folder, monkeypatch)
+    assert sorted(pool.started) == sorted([SHARED, SAFE, TEST_SAFE, LOCO, TEST_LOCO])
+    assert pool.started[0] == SHARED
+    assert pool.started.index(TEST_SAFE) > pool.started.index(SAFE)
+    assert (outcome.jobs, outcome.done, outcome.failed) == (5, 5, ())
+    assert pool.stopped
+
+
+def test_a_study_that_was_interrupted_goes_on_with_what_is_left(study_folder, monkeypatch):
+    finish(study_folder, SHARED)
+    finish(study_folder, SAFE)
+    pool, outcome = run(study_folder, monkeypatch)
+    assert sorted(pool.started) == sorted([TEST_SAFE, LOCO, TEST_LOCO])
+    assert outcome.done == 5
+
+
+def test_a_failed_job_stops_only_those_that_need_it(study_folder, monkeypatch):
+    pool, outcome = run(study_folder, monkeypatch, {SAFE: ["failed"]})
+    assert TEST_SAFE not in pool.started
+    assert TEST_LOCO in pool.started
+    assert [ended.job for ended in outcome.failed] == [SAFE]
+    assert outcome.done == 3
+
+
+def test_a_job_whose_slice_is_over_is_started_again(study_folder, monkeypatch):
+    ends = {LOCO: ["unfinished", "unfinished", "finished"]}
+    pool, outcome = run(study_folder, monkeypatch, ends)
+    assert pool.started.count(LOCO) == 3
+    assert outcome.done == 5
+
+
+def test_one_job_can_be_run_alone_with_what_it_needs(study_folder, monkeypatch):
+    pool, outcome = run(study_folder, monkeypatch, only=TEST_LOCO)
+    assert (outcome.jobs, outcome.done) == (3, 3)
+    assert pool.started == [SHARED, LOCO, TEST_LOCO]
+    assert [job.name for job in needed_jobs(STUDY, LOCO)] == [SHARED, LOCO]
+
+
+def test_a_run_that_is_lost_is_made_again_only_if_it_was_not_measured(study_folder, monkeypatch):
+    """On a new machine there are the committed results, and no runs."""
+    for name in (SHARED, SAFE, TEST_SAFE, LOCO):
+        finish(study_folder, name)
+    for cell in cells_of(STUDY):
+        run_folder(study_folder, cell).rmdir()
+    shared_folder(study_folder, find_job(STUDY, SHARED)).rmdir()
+    pool, _ = run(study_folder, monkeypatch)
+    assert pool.started == [SHARED, LOCO, TEST_LOCO]
+
+
+def test_workers_are_stopped_when_a_study_is_interrupted(study_folder, monkeypatch):
+    pool = FakePool(study_folder, {})
+    monkeypatch.setattr(pool, "ended", lambda: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr(runner, "make_pool", lambda workers: pool)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(study_folder, Workers(2))
+    assert pool.stopped
+
+
+def test_the_state_of_every_job_is_shown(study_folder):
+    finish(study_folder, SHARED)
+    failed = job_folder(study_folder, SAFE)
+    failed.mkdir(parents=True)
+    (failed / LOG_FILE).write_text("no such thing")
+    (failed / FAILED_FILE).write_text("no such thing")
+    states = {status.job.name: status.state for status in job_statuses(study_folder)}
+    assert states == {
+        SHARED: "done",
+        SAFE: "failed",
+        TEST_SAFE: "waiting",
+        LOCO: "ready",
+        TEST_LOCO: "waiting",
+    }
+
+
+def test_a_queue_gives_a_stopped_job_out_again():
+    queue = JobQueue(jobs_of(STUDY), {SHARED})
+    first = queue.take()
+    assert first is not None and first.name == SAFE
+    queue.give_back(Ended(SAFE, "stopped"))
+    again = queue.take()
+    assert again is not None and again.name == SAFE
+
+
+def test_a_study_that_was_changed_after_it_began_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "checkout_root", lambda: None)
+    open_study(tmp_path, STUDY)
+    open_study(tmp_path, STUDY)
+    with pytest.raises(StudyError, match="other seeds, title"):
+        open_study(tmp_path, replace(STUDY, seeds=(0, 1), title="Another"))
+    assert read_study(tmp_path).study == STUDY
+
+
+def test_a_folder_without_a_study_is_refused(tmp_path):
+    with pytest.raises(StudyError, match="holds no study"):
+        run_study(tmp_path, Workers(1))

@@ -1,0 +1,108 @@
+"""A job in a process of its own: how it ends, is held, and is ended. A tiny program is the job."""
+
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from surefoot.config.study import Measurement, StudyConfig, Technique
+from surefoot.study.results import StudySetup, save_setup
+from surefoot.study.state import (
+    FAILED_FILE,
+    LOG_FILE,
+    is_locked,
+    job_folder,
+    pause_study,
+    resume_study,
+)
+from surefoot.study.supervise import Task, supervise
+
+PROGRAM = """
+import os, sys, time
+folder, job = sys.argv[1:]
+print("working on", job, os.environ["OMP_NUM_THREADS"], flush=True)
+if job == "fails":
+    raise ValueError("no such thing")
+if job == "later":
+    sys.exit(75)
+if job == "long":
+    open(os.path.join(folder, "pid"), "w").write(str(os.getpid()))
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Folder of a study whose code is the tiny program."""
+    study = StudyConfig(
+        "mine", "My study", (Technique("a", "A", "dagger"),), (Measurement("t", "t"),)
+    )
+    save_setup(tmp_path, StudySetup(study, None, "0", "float32"))
+    package = tmp_path / "code" / "surefoot" / "study"
+    package.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    (package.parent / "__init__.py").touch()
+    (package / "work.py").write_text(PROGRAM)
+    return tmp_path
+
+
+def task(folder, job):
+    return Task(folder, job, folder / "code")
+
+
+def wait_for(condition):
+    until = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize(("job", "status"), [("ends", "finished"), ("later", "unfinished")])
+def test_the_exit_status_says_how_a_job_ended_and_its_log_stays(folder, job, status):
+    ended = supervise(task(folder, job))
+    assert (ended.job, ended.status) == (job, status)
+    assert (job_folder(folder, job) / LOG_FILE).read_text() == f"working on {job} 1\n"
+
+
+def test_a_failed_job_leaves_the_end_of_its_log_until_it_is_tried_again(folder):
+    ended = supervise(task(folder, "fails"))
+    failed = job_folder(folder, "fails") / FAILED_FILE
+    assert ended.status == "failed"
+    assert "ValueError: no such thing" in ended.message
+    assert "exit status 1" in ended.message
+    assert failed.read_text() == ended.message
+    (folder / "code" / "surefoot" / "study" / "work.py").write_text("print('fixed')")
+    assert supervise(task(folder, "fails")).status == "finished"
+    assert not failed.exists()
+
+
+def state_of(pid):
+    """The state of a process: S sleeps, T is stopped."""
+    return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+
+
+def test_a_job_is_held_while_the_study_is_paused_and_ends_when_it_is_stopped(folder):
+    stop = threading.Event()
+    results = []
+    thread = threading.Thread(target=lambda: results.append(supervise(task(folder, "long"), stop)))
+    thread.start()
+    pid_file = folder / "pid"
+    wait_for(lambda: pid_file.exists() and pid_file.read_text())
+    pid = pid_file.read_text()
+    pause_study(folder)
+    wait_for(lambda: state_of(pid) == "T")
+    resume_study(folder)
+    wait_for(lambda: state_of(pid) == "S")
+    pause_study(folder)
+    wait_for(lambda: state_of(pid) == "T")
+    stop.set()  # a job that is held can be ended too
+    thread.join(20.0)
+    assert [ended.status for ended in results] == ["stopped"]
+    assert not Path(f"/proc/{pid}").exists()
+
+
+def test_a_lock_is_free_where_nobody_holds_it(folder):
+    assert not is_locked(folder / "no-such-file")
+    (folder / "free").write_bytes(b"")
+    assert not is_locked(folder / "free")
