@@ -3,15 +3,17 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 RUN ?= runs/demo
+# After how many seconds the smoke study is interrupted.
+INTERRUPT ?= 60
 # One BLAS thread per process: the work is spread over processes, and bits depend on threads.
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: help venv demo test test-slow check format bench peers system clean
+.PHONY: help venv demo test test-slow check format bench peers reproduce reproduce-smoke system clean
 
 help:  ## list the targets
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
 venv: $(VENV)/.complete  ## .venv with everything that demo, test and check need
 
@@ -49,6 +51,16 @@ format: venv  ## format, and fix what ruff can fix
 
 bench: venv  ## speed of plan, engine, training, evaluation and a quick run, with lower bounds
 	$(BIN)/surefoot bench
+
+reproduce: venv  ## the paper's experiment, with its report (a day on two cores; goes on where it stopped)
+	$(BIN)/surefoot study paper --folder studies/paper
+	$(BIN)/surefoot report studies/paper
+
+reproduce-smoke: venv  ## the same path in minutes: a tiny study, interrupted and resumed, with its report
+	rm -rf studies/smoke
+	timeout --signal=INT $(INTERRUPT) $(BIN)/surefoot study smoke --folder studies/smoke || test $$? = 124
+	$(BIN)/surefoot study smoke --folder studies/smoke
+	$(BIN)/surefoot report studies/smoke
 
 peers: .venv-peers/.complete  ## collection speed, compared with imitation and Stable-Baselines3 (three minutes)
 	.venv-peers/bin/python benchmarks/peers/compare.py $(if $(JSON),--json-file $(JSON))
