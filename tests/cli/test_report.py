@@ -19,7 +19,7 @@ def test_a_study_has_a_page_and_figures_in_its_folder(
     surefoot, capsys, monkeypatch, tmp_path, study_folder
 ):
     monkeypatch.chdir(tmp_path)
-    assert surefoot("report", "mine", "--no-films", "--json", "r.json") == 0
+    assert surefoot("report", "mine", "--no-film-policies", "--json", "r.json") == 0
     assert "studies/mine/report.html" in capsys.readouterr().out
     assert (study_folder / "figures/3-success-test.pdf").is_file()
     assert json.loads((tmp_path / "r.json").read_text())["study"] == "paper"

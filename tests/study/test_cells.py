@@ -6,7 +6,7 @@ import pytest
 
 from surefoot.config.studies import named_study
 from surefoot.config.study import Measurement, Setting, StudyConfig, Technique
-from surefoot.study.cells import cell_config, cells_of, find_job, jobs_of
+from surefoot.study.cells import cell_config, cells_of, find_job, jobs_of, measurements_of
 
 CLONING = Technique("clone", "BC", "behavior_cloning", trainings=2)
 STUDY = StudyConfig(
@@ -86,18 +86,18 @@ def test_a_job_comes_after_those_that_it_needs_and_measurements_after_the_traini
         assert before.issuperset(job.needs)
         assert job.name not in before
         before.add(job.name)
-    assert find_job(STUDY, "test--clone--seed-3").needs == ("train--clone--seed-3",)
+    assert find_job(STUDY, "measure--clone--seed-3").needs == ("train--clone--seed-3",)
 
 
 def test_the_expert_is_measured_but_not_trained_nor_compared_with_itself():
-    assert [job.name for job in jobs_of(STUDY) if job.cell.technique == "expert"] == [
-        "test--expert"
-    ]
+    jobs = [job for job in jobs_of(STUDY) if job.cell.technique == "expert"]
+    assert [job.name for job in jobs] == ["measure--expert"]
+    assert measurements_of(STUDY, jobs[0].cell) == ("test",)
 
 
 def test_an_unknown_job_is_named_with_the_nearest():
-    with pytest.raises(ValueError, match="did you mean 'test--clone--seed-3'"):
-        find_job(STUDY, "test--clone--seed-33")
+    with pytest.raises(ValueError, match="did you mean 'measure--clone--seed-3'"):
+        find_job(STUDY, "measure--clone--seed-33")
 
 
 def test_the_paper_study_pretrains_once_for_each_seed():

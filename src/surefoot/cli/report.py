@@ -30,7 +30,7 @@ class Report:
     """The folder of a study, the name of one under studies/, or the folder of a run."""
     out: Path | None = None
     """The folder for the page and the figures; without it, that of the study or of the run."""
-    films: bool = True
+    film_policies: bool = True
     """Film the best policy of each technique of a study under the same push, where policies are
     kept and a picture can be drawn."""
     json: Path | None = None
@@ -51,7 +51,7 @@ class Report:
         if (folder / STUDY_FILE).is_file():
             results = read_results(folder)
             report = study_report(results)
-            films = study_films(results) if self.films else NOTHING
+            films = study_films(results) if self.film_policies else NOTHING
             page = write_study_report(results, report, out, films)
         elif (folder / CONFIG_FILE).is_file():
             report = run_card(folder)

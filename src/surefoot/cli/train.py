@@ -62,6 +62,7 @@ class Train(OnWorkers, OnSimulator):
     def __call__(self) -> int:
         """Train, then draw the learning curves into the run's folder."""
         from surefoot.methods import METHODS
+        from surefoot.runs.metrics import line_values
         from surefoot.runs.run import create
         from surefoot.viz.plots import learning_curves
 
@@ -81,7 +82,9 @@ class Train(OnWorkers, OnSimulator):
             print(run.precision)
         policy = METHODS[self.method].train(run, self.spread, None)
         if self.json:
-            write_json(self.json, TrainReport(folder, run.metrics))
+            write_json(
+                self.json, TrainReport(folder, [line_values(record) for record in run.metrics])
+            )
         curves = learning_curves(run.metrics, folder / "curves.png")
         print(f"best policy: {policy}\ncurves:      {curves}")
         return 0

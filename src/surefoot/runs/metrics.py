@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Literal
 
 from surefoot.config import NumberFormat
-from surefoot.config.json_io import from_json, to_json
+from surefoot.config.json_io import Plain, from_json, to_json
 from surefoot.config.json_text import parse_json
 from surefoot.errors import shown, unknown
 from surefoot.evaluation.robustness import Robustness
@@ -162,14 +162,19 @@ _KINDS: dict[str, type[StageRecord]] = {
 }
 
 
-def format_line(record: StageRecord) -> bytes:
-    """A record as a line of JSON, without the line's end."""
+def line_values(record: StageRecord) -> dict[str, Plain]:
+    """The JSON values of a record's line; what is None by default is left out."""
     values = {"stage": record.stage, "iteration": record.iteration} | to_json(record)
     optional = [field.name for field in fields(record) if field.default is None]
     for name in optional:
         if values[name] is None:
             del values[name]
-    return json.dumps(values, allow_nan=False).encode()
+    return values
+
+
+def format_line(record: StageRecord) -> bytes:
+    """A record as a line of JSON, without the line's end."""
+    return json.dumps(line_values(record), allow_nan=False).encode()
 
 
 def parse_line(line: bytes) -> StageRecord:

@@ -49,7 +49,6 @@ class StudyJob:
         name: Name of the job and of its folder.
         kind: What it does.
         cell: The cell; of a shared job the first of those that share it.
-        measurement: Name of the measurement; empty where there is none.
         shared: What a shared job makes; None for other jobs.
         needs: Names of the jobs that have to be done before.
     """
@@ -57,7 +56,6 @@ class StudyJob:
     name: str
     kind: JobKind
     cell: Cell
-    measurement: str = ""
     shared: Shared | None = None
     needs: tuple[str, ...] = ()
 
@@ -116,9 +114,8 @@ def jobs_of(study: StudyConfig) -> tuple[StudyJob, ...]:
             train = StudyJob(_job_name("train", cell), "train", cell, needs=before)
             jobs[train.name] = train
             needs = (train.name,)
-        for measurement in measurements_of(study, cell):
-            name = _job_name(measurement, cell)
-            jobs[name] = StudyJob(name, "measure", cell, measurement, needs=needs)
+        measure = StudyJob(_job_name("measure", cell), "measure", cell, needs=needs)
+        jobs[measure.name] = measure
     return tuple(jobs.values())
 
 

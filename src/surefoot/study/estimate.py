@@ -27,12 +27,12 @@ from surefoot.config import (
     Steps,
 )
 from surefoot.config.json_io import from_json, read_json
-from surefoot.config.study import EXPERT, StudyConfig, measured_config
+from surefoot.config.study import EXPERT, Measurement, StudyConfig, measured_config
 from surefoot.evaluation import imitation
 from surefoot.files import write_json
 from surefoot.runs.budget import first_allowance, solves_of
 from surefoot.runs.versions import processor
-from surefoot.study.cells import StudyJob, cell_config, jobs_of
+from surefoot.study.cells import StudyJob, cell_config, jobs_of, measurements_of
 from surefoot.study.state import JobStatus
 from surefoot.types import GRID, TICKS_PER_SECOND
 
@@ -197,7 +197,15 @@ def _paid_by(allowed: int | None, work: Work) -> Work:
 
 def measuring_work(study: StudyConfig, job: StudyJob, config: Config) -> Work:
     """What it takes to measure the policies of a cell."""
-    measurement = study.measurement(job.measurement)
+    work = Work()
+    for name in measurements_of(study, job.cell):
+        is_expert = study.technique(job.cell.technique).method == EXPERT
+        work = work + _measurement_work(study.measurement(name), config, is_expert)
+    return work
+
+
+def _measurement_work(measurement: Measurement, config: Config, is_expert: bool) -> Work:
+    """What one measurement of a cell takes."""
     measured = measured_config(config, measurement)
     if measurement.measure == "imitation":
         seconds = imitation.ROLLOUTS * imitation.DURATION
@@ -209,7 +217,7 @@ def measuring_work(study: StudyConfig, job: StudyJob, config: Config) -> Work:
         seconds = robots * (push.before + push.after * (1 + push.directions * levels))
     else:
         seconds = measured.evaluation.episodes * measured.evaluation.duration
-    if study.technique(job.cell.technique).method == EXPERT:
+    if is_expert:
         return Work(seconds * PLANS_PER_SECOND, seconds)
     policies = 1
     if measurement.policies == "all":

@@ -30,7 +30,7 @@ from surefoot.runs.prepare import copy_first_stage
 from surefoot.runs.run import create, open_run
 from surefoot.runs.stages import collect_data, train_policy
 from surefoot.runs.versions import versions
-from surefoot.study.cells import Cell, StudyJob, find_job
+from surefoot.study.cells import Cell, StudyJob, find_job, measurements_of
 from surefoot.study.results import (
     POLICY_FILE,
     JobRecord,
@@ -179,19 +179,16 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
         piece: The time that it has.
     """
     cell = job.cell
-    measurement = setup.study.measurement(job.measurement)
-    config = measured_config(run_config(setup, cell), measurement)
-    before = read_tests(folder, cell, measurement.name)
-    done = () if before is None else before.policies
-    wanted = _policies_of(folder, setup.study, cell, measurement)
-    for number, policy in enumerate(wanted):
-        if number < len(done):
-            continue
-        done = (*done, _measure(config, policy, measurement))
-        finished = len(done) == len(wanted)
-        save_tests(folder, cell, Tests(measurement.name, done, finished))
-        if not finished:
+    for name in measurements_of(setup.study, cell):
+        measurement = setup.study.measurement(name)
+        config = measured_config(run_config(setup, cell), measurement)
+        before = read_tests(folder, cell, name)
+        done = () if before is None else before.policies
+        wanted = _policies_of(folder, setup.study, cell, measurement)
+        for policy in wanted[len(done) :]:
             piece.stop_if_over()
+            done = (*done, _measure(config, policy, measurement))
+            save_tests(folder, cell, Tests(name, done, len(done) == len(wanted)))
 
 
 @dataclass(frozen=True)
