@@ -131,7 +131,7 @@ def test_a_node_that_is_lost_costs_time_only(fresh, tmp_path, monkeypatch, caplo
                 time.sleep(0.0 if killed else 0.01)
             yield done
 
-    monkeypatch.setattr("surefoot.runs.stages.each_chunk", then_kill)
+    monkeypatch.setattr("surefoot.runs.collecting.each_chunk", then_kill)
     disturbed = create(tmp_path / "disturbed", config)
     try:
         collect_data(disturbed, 0, collection(disturbed, 0), workers)

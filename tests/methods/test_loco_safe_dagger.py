@@ -157,7 +157,7 @@ def test_a_run_killed_at_every_stage_ends_with_the_same_bits(
 def test_a_finished_run_is_not_touched_again(finished, monkeypatch):
     before = fingerprint(finished)
     times = {path: path.stat().st_mtime_ns for path in finished.folder.rglob("*")}
-    monkeypatch.setattr("surefoot.runs.stages.run_chunk", None)
+    monkeypatch.setattr("surefoot.runs.collecting.run_chunk", None)
     monkeypatch.setattr("surefoot.runs.stages.fit", None)
     assert (
         loco_safe_dagger(open_run(finished.folder), workers=Workers(1)) == finished.best_policy_path
@@ -252,7 +252,7 @@ def test_a_run_of_another_method_is_refused(tmp_path):
 def test_a_parameter_out_of_range_is_an_error_before_any_work(
     tmp_path, monkeypatch, change, message
 ):
-    monkeypatch.setattr("surefoot.runs.stages.run_chunk", None)
+    monkeypatch.setattr("surefoot.runs.collecting.run_chunk", None)
     run = create(tmp_path / "run", replace(RESCUING, method=replace(RESCUING.method, **change)))
     with pytest.raises(ValueError, match=message):
         loco_safe_dagger(run, workers=Workers(1))

@@ -125,7 +125,7 @@ def interrupt(folder: Path, options: list[str]) -> None:
     os.killpg(process.pid, signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "resume with --resume" in errors
+    assert "go on with --resume" in errors
     assert "Traceback" not in errors
     print(f"Ctrl-C: {stage(folder)}")
 
@@ -194,5 +194,5 @@ def test_a_second_training_in_the_same_folder_is_refused(tmp_path):
         _, errors = first.communicate(timeout=30)
     # Batch systems ask first: the answer is that of Ctrl-C.
     assert first.returncode == 130
-    assert "resume with --resume" in errors
+    assert "go on with --resume" in errors
     assert json.loads((folder / "config.json").read_text())["config"]["chunk"] == 4
