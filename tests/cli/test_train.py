@@ -131,3 +131,11 @@ def test_a_folder_that_cannot_be_made_is_refused_before_any_work(surefoot, capsy
         f"surefoot: --run: {tmp_path}/file/metrics.jsonl cannot be written (Not"
     )
     assert "--resume" not in error
+
+
+@pytest.mark.parametrize("name", ["config.json", "curves.png"])
+def test_the_metrics_replace_no_file_of_the_run(surefoot, capsys, tmp_path, name):
+    folder = tmp_path / "run"
+    assert surefoot("train", "dagger", "--run", folder, "--json", folder / name) == 2
+    assert "is one of the run's own files in" in capsys.readouterr().err
+    assert not folder.exists()

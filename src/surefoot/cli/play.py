@@ -11,10 +11,11 @@ import tyro
 
 from surefoot.cli.options import (
     OnSimulator,
-    check_film,
-    check_option,
+    Output,
+    check_outputs,
     check_seconds,
     film_episode,
+    film_outputs,
     show_record,
 )
 from surefoot.types import Command
@@ -62,7 +63,8 @@ class Play(OnSimulator):
         from surefoot.viz.replay import push_ticks, report_episode
 
         check_seconds(self.seconds)
-        check_option("--json", self.json)
+        report_file = Output("--json", self.json)
+        check_outputs([report_file], reads=[self.target])
         if self.episode is None:
             job = self.policy_job()
             episode = None
@@ -72,7 +74,7 @@ class Play(OnSimulator):
             job = self.recorded_job(self.episode)
             episode = int(job.episode[0])
             out = self.out or self.target / f"episode_{episode}.mp4"
-        check_film("--out", out)
+        check_outputs([report_file, *film_outputs("--out", out)], reads=[self.target])
         job = replace(job, config=self.simulated(job.config))
         rollouts, expert = play_out(job)
         report = report_episode(job, rollouts, expert, episode)

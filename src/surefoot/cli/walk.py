@@ -11,10 +11,11 @@ from tqdm import tqdm
 
 from surefoot.cli.options import (
     OnSimulator,
-    check_film,
-    check_option,
+    Output,
+    check_outputs,
     check_seconds,
     film_episode,
+    film_outputs,
     show_record,
 )
 from surefoot.config import Config
@@ -92,9 +93,8 @@ class Walk(OnSimulator):
         from surefoot.viz.replay import standing_start
 
         check_seconds(self.seconds)
-        check_option("--json", self.json)
-        if self.video:
-            check_film("--out", self.out)
+        film = film_outputs("--out", self.out) if self.video else ()
+        check_outputs([Output("--json", self.json), *film])
         command = Command(self.vx, self.vy, self.yaw_rate)
         config = self.simulated(self.config)
         job = Job(config, Episodes(standing_start(command), self.seconds), ExpertOnly())
