@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 from collections.abc import Sequence
@@ -14,10 +15,11 @@ from surefoot.config import Backend, Config, simulated
 from surefoot.config.json_io import to_json
 from surefoot.files import WriteError, check_output, is_stream, write_json
 from surefoot.runs.layout import run_that_owns
-from surefoot.types import TICKS_PER_SECOND
+from surefoot.types import TICKS_PER_SECOND, Command
 from surefoot.workers import Workers, default_workers
 
 if TYPE_CHECKING:
+    from surefoot.rollouts.episodes import Rollout
     from surefoot.viz.film import Recording
 
 MOST_SECONDS = 3600.0
@@ -153,6 +155,33 @@ def check_seconds(seconds: float) -> None:
         raise ValueError(
             f"--seconds {seconds:g}: use at least {1 / TICKS_PER_SECOND} s, and at most "
             f"{MOST_SECONDS:.0f} s"
+        )
+
+
+def check_velocity(command: Command) -> None:
+    """Check the velocity that a robot is to follow, given by --vx, --vy and --yaw-rate.
+
+    Raises:
+        ValueError: A component is not finite.
+    """
+    for name, value in command._asdict().items():
+        if not math.isfinite(value):
+            raise ValueError(f"--{name.replace('_', '-')} is {value}; use a finite number")
+
+
+def warn_of_divergence(rollouts: Rollout) -> None:
+    """Say why a rollout of one robot ended, if the expert gave up on it.
+
+    Args:
+        rollouts: The rollout.
+    """
+    from surefoot.rollouts.outcome import Outcome
+
+    if rollouts.outcome[0] == Outcome.DIVERGED:
+        seconds = rollouts.length[0] / TICKS_PER_SECOND
+        print(
+            f"the expert gave up after {seconds:.2f} s: its plan is not valid or not finite",
+            file=sys.stderr,
         )
 
 

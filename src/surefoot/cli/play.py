@@ -14,9 +14,11 @@ from surefoot.cli.options import (
     Output,
     check_outputs,
     check_seconds,
+    check_velocity,
     film_episode,
     film_outputs,
     show_record,
+    warn_of_divergence,
 )
 from surefoot.types import Command
 
@@ -56,7 +58,7 @@ class Play(OnSimulator):
     """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
-        """Play, print, film; 1 if the robot fell."""
+        """Play, print, film; 1 if the robot fell, or the expert gave up."""
         from surefoot.robots.solo12 import solo12
         from surefoot.rollouts.jobs import play_out
         from surefoot.viz.film import Recording
@@ -79,6 +81,7 @@ class Play(OnSimulator):
         rollouts, expert = play_out(job)
         report = report_episode(job, rollouts, expert, episode)
         show_record(report, self.json)
+        warn_of_divergence(rollouts)
         length = max(int(rollouts.length[0]), 1)  # one frame if the expert gave up at once
         recording = Recording(
             robot=solo12(job.config.robot),
@@ -110,6 +113,7 @@ class Play(OnSimulator):
             )
         policy, config = find_policy(self.target)
         command = Command(self.vx, self.vy, self.yaw_rate)
+        check_velocity(command)
         check_command(load(policy), np.array(command))
         start = standing_start(command)
         return Job(config, Episodes(start, self.seconds), PolicyOnly(), policy=policy)
