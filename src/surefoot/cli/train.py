@@ -63,6 +63,7 @@ class Train(OnWorkers, OnSimulator):
     def __call__(self) -> int:
         """Train, then draw the learning curves into the run's folder."""
         from surefoot.methods import METHODS
+        from surefoot.runs.checks import check_config
         from surefoot.runs.run import create
         from surefoot.viz.plots import learning_curves
 
@@ -73,6 +74,7 @@ class Train(OnWorkers, OnSimulator):
         config = self.simulated(self.config)
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))
+        check_config(config)
         run = create(folder, config, self.resume)
         if self.tensorboard:
             from surefoot.runs.tensorboard import log_to_tensorboard

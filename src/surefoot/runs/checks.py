@@ -10,8 +10,6 @@ from __future__ import annotations
 import warnings
 from typing import TypeVar
 
-import numpy as np
-
 from surefoot.config import (
     Config,
     ExpertData,
@@ -30,7 +28,7 @@ from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.jobs import PLANNER
 from surefoot.runs.metrics import Collected
 from surefoot.runs.run import Run, RunError
-from surefoot.runs.sampling import draw_starts, expert_rollouts
+from surefoot.runs.sampling import expert_rollouts
 from surefoot.scenarios.starts import StartSet, load_starts
 from surefoot.types import PlanFunction
 
@@ -153,8 +151,45 @@ def _check_stored(config: Config, stored: StartSet) -> None:
         raise ValueError(
             f"evaluation.episodes is {config.evaluation.episodes}; use 1 to {available}"
         )
-    if isinstance(config.method, IterativeConfig):
-        draw_starts(config.method, np.random.default_rng())
+    method = config.method
+    perturbations, _, velocities = stored.shape["train"]
+    if not isinstance(method, IterativeConfig):
+        _check_expert_data("method.data", method.data, stored)
+        return
+    _check_expert_data("method.pretraining", method.pretraining, stored)
+    _check_count("method.velocities", method.velocities, velocities, stored)
+    # The first perturbations belong to the pre-training.
+    left = perturbations - method.pretraining.perturbations
+    _check_count("method.perturbations", method.perturbations, left, stored)
+
+
+def _check_expert_data(option: str, data: ExpertData, stored: StartSet) -> None:
+    """Check that there are initial states for all expert rollouts.
+
+    Args:
+        option: Dotted path of the data in the configuration.
+        data: Number of the rollouts.
+        stored: The stored initial states.
+
+    Raises:
+        ValueError: There are too few of them.
+    """
+    perturbations, _, velocities = stored.shape["train"]
+    _check_count(f"{option}.velocities", data.velocities, velocities, stored)
+    _check_count(f"{option}.perturbations", data.perturbations, perturbations, stored)
+
+
+def _check_count(option: str, count: int, available: int, stored: StartSet) -> None:
+    """Check that no more are asked for than the `train` split of the stored states has left.
+
+    Raises:
+        ValueError: More are asked for; the message names the option and how many there are.
+    """
+    if count > available:
+        raise ValueError(
+            f"{option} is {count}; use at most {available}, which is what the initial states "
+            f"{stored.name!r} have left for it in 'train'"
+        )
 
 
 def _check_held_out(config: Config, pretraining: ExpertData) -> None:
