@@ -186,7 +186,7 @@ def test_workers_have_one_thread_each():
 
 def test_no_workers_is_an_error():
     with pytest.raises(ValueError, match="0 workers; use at least 1"):
-        map_chunks(square, [1], Workers(0), "none")
+        Workers(0)
 
 
 def test_the_default_is_one_worker_for_each_core_that_may_be_used():

@@ -65,11 +65,19 @@ class Workers:
         backend: Where the processes run: ``loky`` (on this machine) or ``ray`` (on a cluster).
         ray_address: Address of a running cluster, ``auto`` or host:port; without one, Ray is
             started on this machine.
+
+    Raises:
+        ValueError: The number of processes is not positive.
     """
 
     count: int = field(default_factory=default_workers)
     backend: Literal["loky", "ray"] = "loky"
     ray_address: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check the number of processes."""
+        if self.count < 1:
+            raise ValueError(f"{self.count} workers; use at least 1")
 
     @property
     def started(self) -> int:
@@ -106,10 +114,8 @@ def each_chunk(
         RuntimeError: A chunk's worker died again and again (usually because memory ran out), or
             what the function returns or raises cannot be pickled.
         ImportError: Ray is asked for and missing.
-        ValueError: There is no such cluster, or the number of workers is not positive.
+        ValueError: There is no such cluster.
     """
-    if workers.count < 1:
-        raise ValueError(f"{workers.count} workers; use at least 1")
     if not chunks:  # as in many stages of a resumed run, for which no process is to start
         return
     if workers.backend == "ray":

@@ -69,6 +69,14 @@ def test_outputs_are_checked_before_any_work(surefoot, capsys, monkeypatch, run_
         assert "cannot be written" in error
 
 
+@pytest.mark.parametrize("name", ["config.json", "metrics.jsonl", "policies/001.safetensors"])
+def test_the_report_replaces_no_file_of_the_run(surefoot, capsys, run_copy, name):
+    before = (run_copy / name).read_bytes()
+    assert surefoot("evaluate", run_copy, "--workers", 1, "--json", run_copy / name) == 2
+    assert "is one of the run's own files in" in capsys.readouterr().err
+    assert (run_copy / name).read_bytes() == before
+
+
 def test_the_report_is_written_where_the_run_may_only_be_read(
     surefoot, capsys, monkeypatch, run_copy, tmp_path
 ):

@@ -82,7 +82,10 @@ def test_a_wrong_option_does_not_occupy_the_folder(surefoot, capsys, tmp_path):
     folder = tmp_path / "run"
     args = ("train", "loco_safe_dagger", "--run", folder, "--config.training.precision", "float32")
     assert surefoot(*args, "--config.method.velocities", 50) == 2
-    assert "50 velocities asked for" in capsys.readouterr().err
+    assert "method.velocities is 50; use at most 20" in capsys.readouterr().err
+    assert surefoot(*args, "--workers", 0) == 2
+    assert "0 workers; use at least 1" in capsys.readouterr().err
+    assert not folder.exists()
     other = Config(training=FLOAT32)
     assert create(folder, other).config == other  # nothing was collected, nothing is lost
 
@@ -131,3 +134,11 @@ def test_a_folder_that_cannot_be_made_is_refused_before_any_work(surefoot, capsy
         f"surefoot: --run: {tmp_path}/file/metrics.jsonl cannot be written (Not"
     )
     assert "--resume" not in error
+
+
+@pytest.mark.parametrize("name", ["config.json", "curves.png"])
+def test_the_metrics_replace_no_file_of_the_run(surefoot, capsys, tmp_path, name):
+    folder = tmp_path / "run"
+    assert surefoot("train", "dagger", "--run", folder, "--json", folder / name) == 2
+    assert "is one of the run's own files in" in capsys.readouterr().err
+    assert not folder.exists()

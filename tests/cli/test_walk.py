@@ -54,11 +54,29 @@ def test_sim_overrides_the_configuration(surefoot, tmp_path):
     assert reports[0]["base_height"] != reports[2]["base_height"]
 
 
-def test_an_expert_that_gives_up_at_once_has_diverged_after_no_time(surefoot, tmp_path):
+@pytest.mark.parametrize("option", ["--vx", "--vy", "--yaw-rate"])
+@pytest.mark.parametrize("value", ["nan", "inf"])
+def test_a_velocity_that_is_not_finite_is_refused(surefoot, capsys, option, value):
+    assert surefoot("walk", option, value, "--no-video") == 2
+    assert f"{option} is {value}; use a finite number" in capsys.readouterr().err
+
+
+def test_the_report_and_the_sheet_of_the_film_are_two_files(surefoot, capsys, tmp_path):
+    args = ("--out", tmp_path / "a.mp4", "--json", tmp_path / "a.png")
+    assert surefoot("walk", *args) == 2
+    assert "a.png is the file of --json too" in capsys.readouterr().err
+
+
+def test_an_expert_that_gives_up_at_once_has_diverged_after_no_time(surefoot, capsys, tmp_path):
     """No residual is small enough, so no plan is valid."""
     file = tmp_path / "walk.json"
     options = ("--no-video", "--seconds", 0.3, "--config.expert.max-residual", 1e-300)
     assert surefoot("walk", *options, "--json", file) == 1
     report = json.loads(file.read_text())
     assert (report["outcome"], report["seconds"]) == ("DIVERGED", 0.0)
+    assert report["fell"] is False
+    assert (
+        "the expert gave up after 0.00 s: its plan is not valid or not finite"
+        in capsys.readouterr().err
+    )
     assert report["plans"] == report["invalid_plans"] == 1

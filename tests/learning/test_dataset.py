@@ -96,6 +96,12 @@ def test_shard_names_that_are_no_file_names_are_refused(tmp_path, name):
         Dataset(tmp_path).append(name, random_frames([1]))
 
 
+def test_a_shard_has_not_the_name_of_the_manifest(tmp_path):
+    with pytest.raises(DatasetError, match=r"'manifest': the manifest has it; use another one"):
+        Dataset(tmp_path).append("manifest", random_frames([1]))
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("writes", [0, 1], ids=["before the shard", "shard, then no manifest"])
 def test_an_append_that_is_killed_leaves_the_dataset_as_it_was(tmp_path, monkeypatch, writes):
     data = Dataset(tmp_path)

@@ -204,6 +204,14 @@ def test_the_spec_of_a_configuration():
     assert policy_spec(config) == PolicySpec(OBSERVATION_SPEC, 3.0, 0.2)
 
 
+@pytest.mark.parametrize("kp", [0.0, 1e-300, -1.0, math.nan, math.inf])
+def test_a_gain_that_training_cannot_divide_by_is_refused(kp):
+    with pytest.raises(ValueError, match=r"policy\.kp is .*; use 0.01 to 10000.0"):
+        PolicySpec(OBSERVATION_SPEC, kp, 0.1)
+    with pytest.raises(ValueError, match=r"policy\.kp is .*; use 0.01 to 10000.0"):
+        PolicyConfig(kp=kp)
+
+
 def test_commands_outside_the_trained_range_warn():
     policy = make_policy()
     with warnings.catch_warnings():
@@ -386,9 +394,9 @@ COMPLETE = "is not a complete policy"
         ({"kp": [2]}, f"{COMPLETE}.*kp is .2., expected float"),
         ({"kp": {}}, f"{COMPLETE}.*kp is {{}}, expected float"),
         ({"kp": 1e300}, f"{COMPLETE}.*kp is 1e.300; use"),
-        ({"kp": 0}, f"{COMPLETE}.*kp is 0"),
+        ({"kp": 0}, f"{COMPLETE}.*kp is 0.0; use 0.01 to 10000"),
         ({"kd": -1}, f"{COMPLETE}.*kd is -1.*; use"),
-        ({"phase": "square"}, f"{COMPLETE}.*phase 'square'"),
+        ({"phase": "square"}, f"{COMPLETE} .there is no header.phase 'square'"),
         ({"period_ticks": None}, f"{COMPLETE}.*period_ticks is None, expected int"),
         ({"period_ticks": 0}, f"{COMPLETE}.*period_ticks is 0; use"),
         ({"period_ticks": 2**62}, f"{COMPLETE}.*period_ticks is .*; use"),
@@ -400,7 +408,7 @@ COMPLETE = "is not a complete policy"
         ({"hidden": [32, 16, 0]}, f"{COMPLETE}.*hidden.2. is 0; use 1"),
         ({"hidden": [32, True]}, f"{COMPLETE}.*hidden.1. is True"),
         ({"provenance": 3}, f"{COMPLETE}.*provenance is 3, expected an object"),
-        ({"kq": 3}, f"{COMPLETE}.*no key .*kq'; did you mean"),
+        ({"kq": 3}, f"{COMPLETE} .there is no key 'header.kq'; did you mean"),
     ],
     ids=str,
 )

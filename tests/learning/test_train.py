@@ -224,9 +224,9 @@ def test_progress_is_called_after_each_epoch():
 
 
 def test_too_few_frames_are_an_error():
-    with pytest.raises(ValueError, match=r"50 frames.*less than one batch of 64: collect more"):
+    with pytest.raises(ValueError, match=r"training\.batch is 64, but there are only 50 frames"):
         run(FRAMES[:50])
-    with pytest.raises(ValueError, match="less than one batch"):
+    with pytest.raises(ValueError, match=r"training\.batch is 64, .* only 0 frames"):
         run(FRAMES[:0])
 
 
@@ -238,6 +238,11 @@ def test_a_batch_that_does_not_fit_in_memory_is_an_error():
 def test_no_epochs_are_an_error():
     with pytest.raises(ValueError, match="0 epochs"):
         run(epochs=0)
+
+
+def test_a_negative_seed_is_an_error():
+    with pytest.raises(ValueError, match="the seed is -1; use 0 or more"):
+        run(seed=-1)
 
 
 def test_a_loss_that_explodes_is_an_error():

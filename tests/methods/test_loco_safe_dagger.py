@@ -240,13 +240,13 @@ def test_a_run_of_another_method_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"velocities": 21}, "21 velocities asked for, .* hold 20 in .train."),
-        ({"perturbations": 8}, "8 perturbations asked for.*hold 7"),
+        ({"velocities": 21}, r"method\.velocities is 21; use at most 20"),
+        ({"perturbations": 8}, r"method\.perturbations is 8; use at most 7"),
         (
             {"pretraining": ExpertData(2, 8, True, 0.1)},
-            "asked for.*hold 0.*beyond those of the pre",
+            r"method\.perturbations is .*; use at most 0",
         ),
-        ({"pretraining": ExpertData(21, 1, True, 0.1)}, "21 velocities asked for"),
+        ({"pretraining": ExpertData(21, 1, True, 0.1)}, r"method\.pretraining\.velocities is 21"),
     ],
 )
 def test_a_parameter_out_of_range_is_an_error_before_any_work(

@@ -312,6 +312,28 @@ def test_a_plan_that_changes_its_state_is_told_to_copy(change):
     state.q[0, 0] = 7.0  # the engine's own arrays stay writable
 
 
+def test_a_plan_that_makes_its_state_writable_on_purpose_changes_a_copy():
+    hold = np.zeros((100, 12))
+
+    def plan(state: State, tick: int, command: Command) -> MotionPlan:
+        state.q.flags.writeable = True
+        state.q[...] = 7.0
+        return MotionPlan(hold, hold, hold)
+
+    expert = Expert(plan, KP, KD)
+    expert.reset(2)
+    state = states(2)
+    before = state.q.copy()
+    drive(expert, state, 0)
+    np.testing.assert_array_equal(state.q, before)
+
+
+@pytest.mark.parametrize(("kp", "kd", "name"), [(np.nan, 0.1, "kp"), (3.0, -1.0, "kd")])
+def test_gains_out_of_range_are_refused(kp, kd, name):
+    with pytest.raises(ValueError, match=rf"expert\.{name} is .*; use 0.0 to"):
+        Expert(Recorder(), kp, kd)
+
+
 def test_a_plan_may_change_a_copy_and_its_own_errors_stay():
     def plan(state: State, tick: int, command: Command) -> MotionPlan:
         q = state.q.copy()

@@ -52,9 +52,24 @@ def test_every_preset_can_be_run(method, name):
         ),
         (
             Config(method=DaggerConfig(velocities=21)),
-            r"21 velocities asked for, .* hold 20 in .train.",
+            r"method\.velocities is 21; use at most 20, .* 'solo12-trot-v1' .* in 'train'",
         ),
-        (Config(method=LocoDaggerConfig(perturbations=8)), "8 perturbations asked for.*hold 7"),
+        (
+            Config(method=LocoDaggerConfig(perturbations=8)),
+            r"method\.perturbations is 8; use at most 7",
+        ),
+        (
+            Config(method=BehaviorCloningConfig(data=ExpertData(999, 1, False, 1.0))),
+            r"method\.data\.velocities is 999; use at most 20",
+        ),
+        (
+            Config(method=BehaviorCloningConfig(data=ExpertData(2, 999, False, 1.0))),
+            r"method\.data\.perturbations is 999; use at most 8",
+        ),
+        (
+            Config(method=DaggerConfig(pretraining=ExpertData(21, 1, True, 1.0))),
+            r"method\.pretraining\.velocities is 21; use at most 20",
+        ),
         (
             Config(method=SafeDaggerConfig(), training=UNVALIDATED),
             r"training\.validation is 0, but tau",

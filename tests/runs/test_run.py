@@ -68,6 +68,12 @@ def test_a_run_is_resumed_with_its_own_configuration_only(tmp_path):
             create(tmp_path / "run", other, resume=True)
 
 
+def test_a_folder_may_be_given_as_text(tmp_path):
+    folder = tmp_path / "run"
+    assert create(str(folder), CONFIG).folder == folder
+    assert open_run(str(folder)).folder == folder
+
+
 def test_resuming_what_is_not_there_begins_it(tmp_path):
     assert create(tmp_path / "run", CONFIG, resume=True).metrics == []
     assert open_run(tmp_path / "run").config == CONFIG

@@ -252,6 +252,15 @@ def test_states_at_rest_belong_to_no_set():
     assert starts.id.tolist() == [-1, -1]
 
 
+def test_states_at_rest_of_other_shapes_are_refused():
+    q = STORED["test"].q[4]
+    for commands in (np.zeros((4, 2)), np.zeros(3)):
+        with pytest.raises(ValueError, match=r"commands have shape .*, expected \(n, 3\)"):
+            at_rest(q, commands)
+    with pytest.raises(ValueError, match=r"q has shape \(1, 19\), expected \(19,\)"):
+        at_rest(q[None], np.zeros((4, 3)))
+
+
 @pytest.mark.parametrize("n", [0, 201])
 def test_more_states_or_velocities_than_there_are_is_an_error(n):
     with pytest.raises(ValueError, match=f"{n} episodes asked for.* hold 200 in 'select'"):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import tyro
 
-from surefoot.cli.options import OnSimulator, OnWorkers, check_option
+from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
 from surefoot.config import Config
 from surefoot.files import write_json
 
@@ -62,7 +62,7 @@ class Bench(OnWorkers, OnSimulator):
         """Measure and print."""
         from surefoot.config.presets import preset
 
-        check_option("--json", self.json)
+        check_outputs([Output("--json", self.json)])
         if self.what == "expert":
             from surefoot.study.expert_survey import survey_expert, survey_table
 

@@ -15,7 +15,7 @@ import tyro
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.evaluate import own_disturbance
-from surefoot.cli.options import OnSimulator, OnWorkers, check_option
+from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
 from surefoot.cli.push_options import OnPushes
 from surefoot.config import Backend, DisturbanceConfig, SimulationConfig
 from surefoot.files import write_atomic
@@ -76,9 +76,12 @@ class Compare(OnPushes, OnWorkers, OnSimulator):
         from surefoot.viz.plots import PLOT_SUFFIXES
 
         # What would fail hours later fails before any work.
-        check_option("--json", self.json)
-        check_option("--out", self.out)
-        check_option("--figure", self.figure, PLOT_SUFFIXES)
+        outputs = [
+            Output("--json", self.json),
+            Output("--out", self.out),
+            Output("--figure", self.figure, PLOT_SUFFIXES),
+        ]
+        check_outputs(outputs, reads=[*self.runs, Path(self.starts)])
         if self.out is not None:
             page_with("", self.out)
         self.check_pushed(self.pushes)

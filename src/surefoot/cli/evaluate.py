@@ -15,7 +15,7 @@ import tyro
 
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
-from surefoot.cli.options import OnSimulator, OnWorkers, check_option
+from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
 from surefoot.cli.push_options import OnPushes
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
@@ -79,7 +79,7 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
         from surefoot.runs.run import run_of_policy
 
         # What would fail after minutes fails before any work.
-        check_option("--json", self.json)
+        check_outputs([Output("--json", self.json)], reads=[self.target, Path(self.starts)])
         self.check_pushed(self.pushes)
         load_starts(self.starts)
         policy, trained_on = find_policy(self.target)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from surefoot.cli.options import OnSimulator, OnWorkers, check_option
+from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
 from surefoot.config import Config, DisturbanceConfig, EvaluationConfig
 from surefoot.files import write_json
 
@@ -53,7 +53,8 @@ class MeasureWarnings(OnWorkers, OnSimulator):
         from surefoot.evaluation.gate_warnings import RunWarnings, measure_warnings
         from surefoot.runs.run import open_run
 
-        check_option("--json", self.json)  # what would fail after minutes fails before any work
+        # What would fail after minutes fails before any work.
+        check_outputs([Output("--json", self.json)], reads=[self.run])
         run = open_run(self.run)
         iteration = last_gate(run)
         config = self.as_asked(run.config)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from surefoot.cli.options import OnSimulator, check_option
+from surefoot.cli.options import OnSimulator, Output, check_outputs
 from surefoot.config import Config, PerturbationConfig
 
 
@@ -35,7 +35,7 @@ class MakeStarts(OnSimulator):
 
         # What would fail after minutes fails before any work.
         check_unused(self.out)
-        check_option("OUT", self.out, (".npz",))
+        check_outputs([Output("OUT", self.out, (".npz",))])
         perturbation = scaled(PerturbationConfig(), self.scale)
         config = self.simulated(self.config)
         starts = make_starts(self.out.stem, config, perturbation, self.seed)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
+import os
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -11,10 +14,12 @@ from typing import TYPE_CHECKING, Literal
 from surefoot.config import Backend, Config, simulated
 from surefoot.config.json_io import to_json
 from surefoot.files import WriteError, check_output, is_stream, write_json
-from surefoot.types import TICKS_PER_SECOND
+from surefoot.runs.layout import run_that_owns
+from surefoot.types import TICKS_PER_SECOND, Command
 from surefoot.workers import Workers, default_workers
 
 if TYPE_CHECKING:
+    from surefoot.rollouts.episodes import Rollout
     from surefoot.viz.film import Recording
 
 MOST_SECONDS = 3600.0
@@ -75,21 +80,69 @@ def check_option(option: str, path: Path | None, suffixes: tuple[str, ...] = ())
         raise ValueError(f"{option}: {error}") from error
 
 
-def check_film(option: str, out: Path) -> None:
-    """Check that a film could be written, and the contact sheet beside it, before any work.
+@dataclass(frozen=True)
+class Output:
+    """A file that a command is to write.
+
+    Attributes:
+        name: The option that names it, such as ``--json``, or words for it.
+        path: The file; None if it was not asked for.
+        suffixes: Endings that its name may have; any if there are none.
+    """
+
+    name: str
+    path: Path | None
+    suffixes: tuple[str, ...] = ()
+
+
+def film_outputs(option: str, out: Path) -> tuple[Output, ...]:
+    """A film, and the contact sheet that is written beside it.
 
     Args:
         option: The option that names the film.
-        out: The film.
-
-    Raises:
-        ValueError: One of them could not be written, or the film's name has another ending.
+        out: The film; beside a stream such as ``/dev/stdout`` there is nothing.
     """
     from surefoot.viz.film import FILM_SUFFIXES
 
-    check_option(option, out, FILM_SUFFIXES)
-    if not is_stream(out):
-        check_option(option, out.with_suffix(".png"))
+    film = Output(option, out, FILM_SUFFIXES)
+    if is_stream(out):
+        return (film,)
+    return film, Output(f"{option} (its contact sheet)", out.with_suffix(".png"))
+
+
+def check_outputs(
+    outputs: Sequence[Output], reads: Sequence[Path] = (), new_run: Path | None = None
+) -> None:
+    """Check that a command can write all of its files and loses nothing by it, before any work.
+
+    Args:
+        outputs: All files that the command is to write.
+        reads: Files that it reads; folders among them are those of runs.
+        new_run: The folder in which it is to begin a run.
+
+    Raises:
+        ValueError: A file could not be written, its name has another ending, it would replace one
+            of a run's own or one that the command reads, or two of them are the same file.
+    """
+    # What is read may be named through a link.
+    names = {os.path.realpath(path): "what the command reads" for path in reads}
+    for output in outputs:
+        check_option(output.name, output.path, output.suffixes)
+        if output.path is None or is_stream(output.path):
+            continue
+        run = run_that_owns(output.path, new_run)
+        if run is not None:
+            raise ValueError(
+                f"{output.name}: {output.path} is one of the run's own files in {run}, and would "
+                "be lost; name another file"
+            )
+        file = os.path.realpath(output.path)
+        if file in names:
+            raise ValueError(
+                f"{output.name}: {output.path} is {names[file]} too, and one would replace the "
+                "other; name another file"
+            )
+        names[file] = f"the file of {output.name}"
 
 
 def check_seconds(seconds: float) -> None:
@@ -102,6 +155,33 @@ def check_seconds(seconds: float) -> None:
         raise ValueError(
             f"--seconds {seconds:g}: use at least {1 / TICKS_PER_SECOND} s, and at most "
             f"{MOST_SECONDS:.0f} s"
+        )
+
+
+def check_velocity(command: Command) -> None:
+    """Check the velocity that a robot is to follow, given by --vx, --vy and --yaw-rate.
+
+    Raises:
+        ValueError: A component is not finite.
+    """
+    for name, value in command._asdict().items():
+        if not math.isfinite(value):
+            raise ValueError(f"--{name.replace('_', '-')} is {value}; use a finite number")
+
+
+def warn_of_divergence(rollouts: Rollout) -> None:
+    """Say why a rollout of one robot ended, if the expert gave up on it.
+
+    Args:
+        rollouts: The rollout.
+    """
+    from surefoot.rollouts.outcome import Outcome
+
+    if rollouts.outcome[0] == Outcome.DIVERGED:
+        seconds = rollouts.length[0] / TICKS_PER_SECOND
+        print(
+            f"the expert gave up after {seconds:.2f} s: its plan is not valid or not finite",
+            file=sys.stderr,
         )
 
 

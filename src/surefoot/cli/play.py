@@ -11,11 +11,14 @@ import tyro
 
 from surefoot.cli.options import (
     OnSimulator,
-    check_film,
-    check_option,
+    Output,
+    check_outputs,
     check_seconds,
+    check_velocity,
     film_episode,
+    film_outputs,
     show_record,
+    warn_of_divergence,
 )
 from surefoot.types import Command
 
@@ -55,14 +58,15 @@ class Play(OnSimulator):
     """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
-        """Play, print, film; 1 if the robot fell."""
+        """Play, print, film; 1 if the robot fell, or the expert gave up."""
         from surefoot.robots.solo12 import solo12
         from surefoot.rollouts.jobs import play_out
         from surefoot.viz.film import Recording
         from surefoot.viz.replay import push_ticks, report_episode
 
         check_seconds(self.seconds)
-        check_option("--json", self.json)
+        report_file = Output("--json", self.json)
+        check_outputs([report_file], reads=[self.target])
         if self.episode is None:
             job = self.policy_job()
             episode = None
@@ -72,11 +76,12 @@ class Play(OnSimulator):
             job = self.recorded_job(self.episode)
             episode = int(job.episode[0])
             out = self.out or self.target / f"episode_{episode}.mp4"
-        check_film("--out", out)
+        check_outputs([report_file, *film_outputs("--out", out)], reads=[self.target])
         job = replace(job, config=self.simulated(job.config))
         rollouts, expert = play_out(job)
         report = report_episode(job, rollouts, expert, episode)
         show_record(report, self.json)
+        warn_of_divergence(rollouts)
         length = max(int(rollouts.length[0]), 1)  # one frame if the expert gave up at once
         recording = Recording(
             robot=solo12(job.config.robot),
@@ -108,6 +113,7 @@ class Play(OnSimulator):
             )
         policy, config = find_policy(self.target)
         command = Command(self.vx, self.vy, self.yaw_rate)
+        check_velocity(command)
         check_command(load(policy), np.array(command))
         start = standing_start(command)
         return Job(config, Episodes(start, self.seconds), PolicyOnly(), policy=policy)

@@ -11,11 +11,12 @@ import tyro
 
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
-from surefoot.cli.options import OnSimulator, OnWorkers, check_option
+from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_option, check_outputs
 from surefoot.config import METHODS as METHOD_CONFIGS
 from surefoot.config import Config
 from surefoot.config.presets import preset
 from surefoot.files import write_json
+from surefoot.runs.layout import CURVES_FILE, METRICS_FILE
 
 
 @dataclass(frozen=True)
@@ -62,16 +63,19 @@ class Train(OnWorkers, OnSimulator):
     def __call__(self) -> int:
         """Train, then draw the learning curves into the run's folder."""
         from surefoot.methods import METHODS
+        from surefoot.runs.checks import check_config
         from surefoot.runs.metrics import line_values
         from surefoot.runs.run import create
         from surefoot.viz.plots import learning_curves
 
-        check_option("--json", self.json)
+        workers = self.spread
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
-        check_option("--run", folder / "metrics.jsonl")
+        check_option("--run", folder / METRICS_FILE)
+        check_outputs([Output("--json", self.json)], new_run=folder)
         config = self.simulated(self.config)
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))
+        check_config(config)
         run = create(folder, config, self.resume)
         if self.tensorboard:
             from surefoot.runs.tensorboard import log_to_tensorboard
@@ -80,12 +84,11 @@ class Train(OnWorkers, OnSimulator):
         print(f"{self.method}, preset {self.preset}, seed {run.config.seed}, in {folder}")
         if run.precision is not None:
             print(run.precision)
-        policy = METHODS[self.method].train(run, self.spread, None)
+        policy = METHODS[self.method].train(run, workers, None)
         if self.json:
-            write_json(
-                self.json, TrainReport(folder, [line_values(record) for record in run.metrics])
-            )
-        curves = learning_curves(run.metrics, folder / "curves.png")
+            lines = [line_values(record) for record in run.metrics]
+            write_json(self.json, TrainReport(folder, lines))
+        curves = learning_curves(run.metrics, folder / CURVES_FILE)
         print(f"best policy: {policy}\ncurves:      {curves}")
         return 0
 

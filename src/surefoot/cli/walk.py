@@ -11,11 +11,14 @@ from tqdm import tqdm
 
 from surefoot.cli.options import (
     OnSimulator,
-    check_film,
-    check_option,
+    Output,
+    check_outputs,
     check_seconds,
+    check_velocity,
     film_episode,
+    film_outputs,
     show_record,
+    warn_of_divergence,
 )
 from surefoot.config import Config
 from surefoot.types import TICKS_PER_SECOND, Command
@@ -30,7 +33,7 @@ class WalkReport:
     """How the expert walked.
 
     Attributes:
-        fell: True if the robot fell, or the expert gave up.
+        fell: True if the robot fell.
         outcome: Name of the `Outcome`.
         command: vx, vy [m/s] and yaw rate [rad/s] that were asked for.
         mean_velocity: vx, vy [m/s] and yaw rate [rad/s] in the heading frame, from 1 s on.
@@ -83,7 +86,7 @@ class Walk(OnSimulator):
     config: Config = field(default_factory=Config)
 
     def __call__(self) -> int:
-        """Walk, print, film; 1 if the robot fell."""
+        """Walk, print, film; 1 if the robot fell, or the expert gave up."""
         from surefoot.robots.solo12 import solo12
         from surefoot.rollouts.arbiters import ExpertOnly
         from surefoot.rollouts.episodes import Episodes
@@ -92,21 +95,22 @@ class Walk(OnSimulator):
         from surefoot.viz.replay import standing_start
 
         check_seconds(self.seconds)
-        check_option("--json", self.json)
-        if self.video:
-            check_film("--out", self.out)
+        film = film_outputs("--out", self.out) if self.video else ()
+        check_outputs([Output("--json", self.json), *film])
         command = Command(self.vx, self.vy, self.yaw_rate)
+        check_velocity(command)
         config = self.simulated(self.config)
         job = Job(config, Episodes(standing_start(command), self.seconds), ExpertOnly())
         with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
             rollouts, expert = play_out(job, progress=bar.update)
         report = walk_report(rollouts, expert, command)
         show_record(report, self.json)
+        warn_of_divergence(rollouts)
         if self.video:
             q = rollouts.q[0, : max(int(rollouts.length[0]), 1)]
             recording = Recording(solo12(config.robot), config.simulation, q)
             film_episode(recording, self.out, f"expert, vx {self.vx:.2f} m/s")
-        return int(report.fell)
+        return int(rollouts.failed[0])
 
 
 def walk_report(rollouts: Rollout, expert: Expert, command: Command) -> WalkReport:
@@ -120,14 +124,15 @@ def walk_report(rollouts: Rollout, expert: Expert, command: Command) -> WalkRepo
     from surefoot.rollouts.outcome import Outcome
     from surefoot.rollouts.summary import heading_drift, settled_part, velocities
 
+    outcome = Outcome(int(rollouts.outcome[0]))
     length = int(rollouts.length[0])
     shown = max(length, 1)  # where the expert gives up at once, the initial state
     settled = settled_part(shown)
     height = rollouts.q[0, settled, 2]
     vx, vy, yaw_rate = velocities(rollouts)[0, settled].mean(axis=0).tolist()
     return WalkReport(
-        fell=bool(rollouts.failed[0]),
-        outcome=Outcome(int(rollouts.outcome[0])).name,
+        fell=outcome == Outcome.FELL,
+        outcome=outcome.name,
         command=(command.vx, command.vy, command.yaw_rate),
         mean_velocity=(vx, vy, yaw_rate),
         heading_drift=heading_drift(rollouts.q[0, :shown], command),

@@ -39,7 +39,7 @@ class PolicyConfig(Checked):
 
     hidden: Annotated[tuple[int, ...], Within(1, 8192)] = (512, 512, 512)
     """Units of the hidden layers (paper, IV-A)."""
-    kp: Annotated[float, Within(0.0, 10_000.0)] = 2.0
+    kp: Annotated[float, Within(0.01, 10_000.0)] = 2.0
     """[N m/rad] stiffness of the PD (the paper's research code)."""
     kd: Annotated[float, Within(0.0, 1000.0)] = 0.1
     """[N m s/rad] damping of the PD (the paper's research code)."""

@@ -104,18 +104,20 @@ class Dataset:
         """Add frames as a shard, whole or not at all; the same frames again change nothing.
 
         Args:
-            name: Name of the shard: letters, digits, ``_``, ``-`` and dots.
+            name: Name of the shard: letters, digits, ``_``, ``-`` and dots; not ``manifest``.
             frames: Whole episodes, none of which lies in another shard; may be empty.
 
         Raises:
-            DatasetError: The name is taken by other frames, or an episode by another shard, or
-                this is a view.
+            DatasetError: The name is taken by other frames or is that of the manifest, or an
+                episode is in another shard, or this is a view.
             WriteError: The disk is full, or read-only.
         """
         # The manifest would lose the shards that a view leaves out.
         if self._leaves_out or self._skip_damaged:
             raise DatasetError(f"a view of {self.folder} is only read: append to the whole")
         _check_name(name)
+        if name == self._manifest.stem:
+            raise DatasetError(f"shard name {name!r}: the manifest has it; use another one")
         frames = sorted_by_episode(frames)
         digests = episode_digests(frames)
         shards = self._shards()

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from surefoot.config import Config, Phase, PolicyConfig
+from surefoot.config.checked import check_values
 from surefoot.config.json_io import Plain, from_json, to_json
 from surefoot.errors import shown
 from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork, network_from_tensors
@@ -54,11 +55,18 @@ class PolicySpec:
         observation: How states, ticks and commands become the network's input.
         kp: Proportional gain of the PD [N m/rad].
         kd: Derivative gain of the PD [N m s/rad].
+
+    Raises:
+        ValueError: A gain is not a number, or outside the range that `PolicyConfig` allows.
     """
 
     observation: ObservationSpec
     kp: float
     kd: float
+
+    def __post_init__(self) -> None:
+        """Check the gains: training divides by kp, and files hold only such gains."""
+        check_values(PolicyConfig, [("kp", self.kp), ("kd", self.kd)], PolicyConfig.section)
 
 
 def policy_spec(config: Config) -> PolicySpec:
@@ -264,7 +272,7 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
     try:
         if not is_intact(tensors, header):
             raise ValueError("its contents do not match their hash")
-        return _policy(tensors, from_json(_Header, header, "its header"))
+        return _policy(tensors, from_json(_Header, header, "header"))
     except ValueError as error:
         raise PolicyFileError(
             f"{path} is not a complete policy ({error}); copy it again, or delete it in its run's "
@@ -279,8 +287,6 @@ def _policy(tensors: Mapping[str, Tensor], header: _Header) -> Policy:
         ValueError: The header is out of range, or does not fit the tensors.
     """
     config = PolicyConfig(header.hidden, header.kp, header.kd, header.phase)
-    if config.kp == 0:
-        raise ValueError("kp is 0, so no joint target has an effect; use more than 0 N m/rad")
     if not 1 <= header.period_ticks <= LONGEST_PERIOD:
         raise ValueError(f"period_ticks is {header.period_ticks}; use 1 to {LONGEST_PERIOD} ms")
     low, high = np.array(header.command_range)

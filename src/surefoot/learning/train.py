@@ -112,14 +112,14 @@ def fit(
         spec: How inputs and targets follow from frames.
         epochs: Passes over the frames that are not held out, or the number of steps, which may end
             in the middle of a pass.
-        seed: Seed for the order of the frames.
+        seed: Seed for the order of the frames, at least 0.
         progress: Function that is called after each epoch.
         checkpoint: File that each epoch leaves; a fit of the same data, network and arguments, on
             the same kind of device, resumes from it.
 
     Raises:
-        ValueError: There are too few frames, a number is not finite, or there is no such device,
-            or the device cannot multiply in the precision.
+        ValueError: There are too few frames, no epochs, a negative seed, a number that is not
+            finite, no such device, or the device cannot multiply in the precision.
         FloatingPointError: The loss is not finite.
         DatasetError: A shard is damaged.
         WriteError: The disk is full.
@@ -128,6 +128,8 @@ def fit(
     if amount < 1:
         unit = "steps" if isinstance(epochs, Steps) else "epochs"
         raise ValueError(f"{amount} {unit}: at least 1 is needed")
+    if seed < 0:
+        raise ValueError(f"the seed is {seed}; use 0 or more")
     device = choose_device(config.device)
     samples = split_samples(data, config, spec)
     batches = _count_batches(samples, config)
@@ -222,8 +224,9 @@ def _count_batches(samples: SplitSamples, config: TrainingConfig) -> int:
         )
     if batches == 0:
         raise ValueError(
-            f"{len(samples)} frames, {len(samples.training)} of them for training, are less than "
-            f"one batch of {config.batch}: collect more episodes or use a smaller batch"
+            f"training.batch is {config.batch}, but there are only {len(samples)} frames, "
+            f"{len(samples.training)} of them for training: collect more episodes or use a smaller "
+            "batch; if most of the rollouts were lost, find out why first"
         )
     return batches
 

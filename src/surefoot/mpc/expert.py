@@ -12,7 +12,8 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import Config
+from surefoot.config import Config, ExpertConfig
+from surefoot.config.checked import check_values
 from surefoot.mpc.planner import PLAN_TICKS, Planner
 from surefoot.robots.model import RobotModel
 from surefoot.types import (
@@ -47,9 +48,13 @@ class Expert:
     Attributes:
         plans: ``(B,)`` number of plans asked for since the reset.
         invalid_plans: ``(B,)`` number of those that were not valid.
+
+    Raises:
+        ValueError: A gain is outside the range that `ExpertConfig` allows.
     """
 
     def __init__(self, plan: PlanFunction, kp: float, kd: float) -> None:
+        check_values(ExpertConfig, [("kp", kp), ("kd", kd)], ExpertConfig.section)
         self._plan = plan
         self._kp = kp
         self._kd = kd
@@ -119,8 +124,7 @@ def ask_for_plan(
     """Call a plan function, which may be a user's first one, and check what it returns.
 
     Args:
-        plan: The plan function. The arrays of the state that it gets are read-only: they are those
-            of the rollout.
+        plan: The plan function. The arrays of the state that it gets are read-only copies.
         state: The state of one robot.
         tick: The gait clock [ms].
         command: The velocity command in the heading frame.
@@ -166,15 +170,17 @@ def ask_for_plan(
 
 
 def read_only(state: State) -> State:
-    """Return a state with the same numbers, in arrays that cannot be written to.
+    """Return a copy of a state, in arrays that cannot be written to.
+
+    Whoever makes them writeable again on purpose changes nothing but the copy.
 
     Args:
         state: The state of one robot, or of B robots.
     """
-    views = [getattr(state, field.name).view() for field in fields(State)]
-    for view in views:
-        view.flags.writeable = False
-    return State(*views)
+    copies = [getattr(state, field.name).copy() for field in fields(State)]
+    for copy in copies:
+        copy.flags.writeable = False
+    return State(*copies)
 
 
 def _numbers(name: str, values: object) -> NDArray:

@@ -155,11 +155,60 @@ def _check_stored(config: Config, stored: StartSet) -> None:
         raise ValueError(
             f"evaluation.episodes is {config.evaluation.episodes}; use 1 to {available}"
         )
-    if isinstance(config.method, IterativeConfig):
-        expert_rollouts(config, config.method.pretraining)
-        draw_starts(config, config.method, 1)
+    method = config.method
+    if config.starts == "train":
+        _check_counts(method, stored)
+    if isinstance(method, IterativeConfig):
+        expert_rollouts(config, method.pretraining)
+        draw_starts(config, method, 1)
     else:
-        expert_rollouts(config, config.method.data)
+        expert_rollouts(config, method.data)
+
+
+def _check_counts(method: MethodConfig, stored: StartSet) -> None:
+    """Check that there are perturbed initial states enough for all that a method draws.
+
+    Raises:
+        ValueError: There are too few; the message names the option.
+    """
+    perturbations, _, velocities = stored.shape["train"]
+    if not isinstance(method, IterativeConfig):
+        _check_expert_data("method.data", method.data, stored)
+        return
+    _check_expert_data("method.pretraining", method.pretraining, stored)
+    _check_count("method.velocities", method.velocities, velocities, stored)
+    # The first perturbations belong to the pre-training.
+    left = perturbations - method.pretraining.perturbations
+    _check_count("method.perturbations", method.perturbations, left, stored)
+
+
+def _check_expert_data(option: str, data: ExpertData, stored: StartSet) -> None:
+    """Check that there are initial states for all expert rollouts.
+
+    Args:
+        option: Dotted path of the data in the configuration.
+        data: Number of the rollouts.
+        stored: The stored initial states.
+
+    Raises:
+        ValueError: There are too few of them.
+    """
+    perturbations, _, velocities = stored.shape["train"]
+    _check_count(f"{option}.velocities", data.velocities, velocities, stored)
+    _check_count(f"{option}.perturbations", data.perturbations, perturbations, stored)
+
+
+def _check_count(option: str, count: int, available: int, stored: StartSet) -> None:
+    """Check that no more are asked for than the `train` split of the stored states has left.
+
+    Raises:
+        ValueError: More are asked for; the message names the option and how many there are.
+    """
+    if count > available:
+        raise ValueError(
+            f"{option} is {count}; use at most {available}, which is what the initial states "
+            f"{stored.name!r} have left for it in 'train'"
+        )
 
 
 def _check_budget(config: Config) -> None:

@@ -24,6 +24,7 @@ from surefoot.config.json_text import read_file
 from surefoot.files import is_left_over, write_atomic, write_json, writing
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.precision import PrecisionChoice
+from surefoot.runs.layout import CONFIG_FILE, EXPERT_FILE, LOCK_FILE, METRICS_FILE
 from surefoot.runs.metrics import (
     Best,
     Collected,
@@ -42,8 +43,6 @@ from surefoot.seeds import seed_of
 
 Record = TypeVar("Record", bound=StageRecord)
 
-CONFIG_FILE = "config.json"
-"""File in a run's folder that makes the folder a run."""
 _claims: list[int] = []
 """Descriptors of locked files, never closed: closing any descriptor of a file releases its lock."""
 
@@ -102,7 +101,7 @@ class Run:
             RunError: Another process is training in the folder.
             WriteError: The folder cannot be written to.
         """
-        path = self.folder / ".lock"
+        path = self.folder / LOCK_FILE
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             _claims.append(os.open(path, os.O_CREAT | os.O_RDWR))
@@ -137,7 +136,7 @@ class Run:
     @property
     def expert_path(self) -> Path:
         """File of the identity of a user's own MPC (`surefoot.mpc.identity`)."""
-        return self.folder / "expert.json"
+        return self.folder / EXPERT_FILE
 
     @property
     def has_begun(self) -> bool:
@@ -147,7 +146,7 @@ class Run:
     @property
     def metrics_path(self) -> Path:
         """File of the metrics: one line for each stage that is done."""
-        return self.folder / "metrics.jsonl"
+        return self.folder / METRICS_FILE
 
     @property
     def best_policy_path(self) -> Path:
@@ -264,7 +263,7 @@ class Run:
         return None
 
 
-def create(folder: Path, config: Config, resume: bool = False) -> Run:
+def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
     """Create a run in a folder, or resume the one that is there; it belongs to this process.
 
     A new run whose precision is `auto` first measures, for less than a second, which one is faster.
@@ -280,6 +279,7 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
             something else.
         ValueError: The configured device is not there, or lacks the configured precision.
     """
+    folder = Path(folder)
     path = folder / CONFIG_FILE
     _check_folder(folder, resume)
     run = Run(folder, config)
@@ -304,12 +304,13 @@ def create(folder: Path, config: Config, resume: bool = False) -> Run:
     return run
 
 
-def open_run(folder: Path) -> Run:
+def open_run(folder: Path | str) -> Run:
     """Open an existing run.
 
     Raises:
         RunError: There is no run, or its config cannot be read.
     """
+    folder = Path(folder)
     setup = read_setup(folder)
     return Run(folder, setup.config, setup.precision)
 
@@ -368,13 +369,13 @@ def _check_folder(folder: Path, resume: bool) -> None:
     path = folder / CONFIG_FILE
     if folder.exists() and not path.exists():
         # A kill in the very first moment leaves an empty folder, or a lock or temporary file in it.
-        foreign = [p for p in folder.iterdir() if not is_left_over(p) and p.name != ".lock"]
+        foreign = [p for p in folder.iterdir() if not is_left_over(p) and p.name != LOCK_FILE]
         if foreign:
             raise RunError(
                 f"{folder} is not empty and holds no run (no {path.name}); choose another folder "
                 f"with --run, or restore {path.name} from a copy if it has been lost"
             )
-    if not resume and (folder / "metrics.jsonl").exists():
+    if not resume and (folder / METRICS_FILE).exists():
         raise RunError(
             f"{folder} already holds a run. Continue it with --resume, or choose another "
             "folder with --run"

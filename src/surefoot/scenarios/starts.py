@@ -80,7 +80,14 @@ def at_rest(q: Array, commands: Array) -> Starts:
     Args:
         q: ``(19,)`` configuration [m, unit quaternion, rad].
         commands: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s].
+
+    Raises:
+        ValueError: The arrays have other shapes.
     """
+    if np.shape(q) != (19,):
+        raise ValueError(f"q has shape {np.shape(q)}, expected (19,)")
+    if np.ndim(commands) != 2 or np.shape(commands)[1] != 3:
+        raise ValueError(f"commands have shape {np.shape(commands)}, expected (n, 3)")
     n = len(commands)
     return Starts(
         np.tile(q, (n, 1)),

@@ -1,0 +1,59 @@
+"""The files of a run's own in its folder, which nothing but the run may write.
+
+What lies beside them, such as films and reports of evaluations, anything may write. `runs.run`
+makes the files and says what each is for.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+CONFIG_FILE = "config.json"
+"""File in a run's folder that makes the folder a run."""
+METRICS_FILE = "metrics.jsonl"
+"""File of the metrics: one line for each stage that is done."""
+EXPERT_FILE = "expert.json"
+"""File of the identity of a user's own MPC."""
+LOCK_FILE = ".lock"
+"""File that the process which trains in the folder has locked."""
+CURVES_FILE = "curves.png"
+"""The learning curves, which `surefoot train` draws."""
+OWN = {
+    CONFIG_FILE,
+    METRICS_FILE,
+    EXPERT_FILE,
+    LOCK_FILE,
+    CURVES_FILE,
+    "data",
+    "policies",
+    "checkpoints",
+    "episodes",
+    "traces",
+    "gates",
+}
+"""Names of a run's own files and folders, in its folder."""
+
+
+def run_that_owns(path: Path, new_run: Path | None = None) -> Path | None:
+    """The folder of the run that a file belongs to, or None if it belongs to none.
+
+    A link is followed: it belongs to a run if it lies there, or if what it points to does.
+
+    Args:
+        path: The file; it need not exist.
+        new_run: A folder that is to become a run.
+    """
+    named = Path(os.path.realpath(path.parent)) / path.name
+    for file in (named, Path(os.path.realpath(path))):
+        for folder in file.parents:
+            is_new = new_run is not None and folder == Path(os.path.realpath(new_run))
+            if (is_new or _is_run(folder)) and file.relative_to(folder).parts[0] in OWN:
+                return folder
+    return None
+
+
+def _is_run(folder: Path) -> bool:
+    """Whether a folder holds a run: other programs have a ``config.json`` too."""
+    has_begun = any((folder / name).exists() for name in (LOCK_FILE, METRICS_FILE))
+    return has_begun and (folder / CONFIG_FILE).exists()
