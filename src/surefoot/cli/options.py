@@ -105,7 +105,7 @@ def film_outputs(option: str, out: Path) -> tuple[Output, ...]:
     from surefoot.viz.film import FILM_SUFFIXES
 
     film = Output(option, out, FILM_SUFFIXES)
-    if is_stream(out):
+    if is_stream(out) or not out.name:  # an empty name is refused for the film
         return (film,)
     return film, Output(f"{option} (its contact sheet)", out.with_suffix(".png"))
 

@@ -1,0 +1,67 @@
+"""The command study: its words, and what it says of a study that nobody runs."""
+
+import json
+
+import pytest
+
+from surefoot.config.json_io import to_json
+from surefoot.config.studies import named_study
+from surefoot.study.cells import jobs_of
+from surefoot.study.results import StudySetup, save_setup
+from surefoot.study.state import FAILED_FILE, is_paused, job_folder
+
+SMOKE = named_study("smoke")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    save_setup(tmp_path / "mine", StudySetup(SMOKE, None, "0", "float32"))
+    return tmp_path / "mine"
+
+
+def test_the_status_of_a_study_is_shown_and_written(surefoot, capsys, folder, tmp_path):
+    file = tmp_path / "status.json"
+    assert surefoot("study", "status", folder, "--json", file) == 0
+    jobs = jobs_of(SMOKE)
+    assert f"{len(jobs)} jobs: " in capsys.readouterr().out
+    report = json.loads(file.read_text())
+    assert [job["name"] for job in report["jobs"]] == [job.name for job in jobs]
+    assert {job["state"] for job in report["jobs"]} == {"ready", "waiting"}
+    assert report["paused"] is False
+
+
+def test_a_study_is_paused_and_resumed(surefoot, capsys, folder):
+    assert surefoot("study", "pause", folder) == 0
+    assert is_paused(folder)
+    assert "paused: `surefoot study resume" in capsys.readouterr().out
+    assert surefoot("study", "resume", folder) == 0
+    assert not is_paused(folder)
+
+
+def test_a_failed_job_is_named_with_its_log_and_how_to_run_it_again(surefoot, capsys, folder):
+    name = jobs_of(SMOKE)[0].name
+    failed = job_folder(folder, name)
+    failed.mkdir(parents=True)
+    (failed / FAILED_FILE).write_text("no such thing")
+    assert surefoot("study", "status", folder) == 0
+    text = capsys.readouterr().out
+    assert f"{name} failed, see " in text
+    assert f"--job {name}" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((), "study needs the name of one study, and got none"),
+        (("status",), "study needs the name of one study, and got none"),
+        (("smok",), "did you mean 'smoke'"),
+        (("status", "nowhere"), "holds no study"),
+        (("pause", "nowhere"), "holds no study"),
+        (("broken.json",), "broken.json: there is no key 'sedes'; did you mean 'seeds'"),
+    ],
+)
+def test_bad_words_are_one_clear_line(surefoot, capsys, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "broken.json").write_text(json.dumps(to_json(SMOKE) | {"sedes": [1]}))
+    assert surefoot("study", *words) == 2
+    assert message in capsys.readouterr().err
