@@ -18,6 +18,7 @@ from surefoot.config import METHODS, Config
 from surefoot.config.checked import Checked, Within
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.presets import PRESETS, preset
+from surefoot.config.scenarios import Split
 from surefoot.errors import unknown
 
 Scalar = bool | int | float | str
@@ -102,8 +103,8 @@ class Measurement(Checked):
     policies: Literal["best", "all"] = "best"
     """The best policy of a run, as chosen on the `select` initial states, or that of every
     iteration (behavior cloning: of every size of the data)."""
-    split: str = "test"
-    """Split of the initial states where the episodes begin."""
+    split: Split = "test"
+    """Split of the initial states where the episodes begin; `imitation` has states of its own."""
     options: Options = field(default_factory=dict)
     """Options that differ from those of the cell, for example of `evaluation` and `push`."""
 
@@ -158,9 +159,8 @@ class StudyConfig(Checked):
     claims: Literal["none", "paper"] = "none"
     """Which claims the report judges beside the comparisons: those of the paper, which need the
     names of the techniques of the study `paper`."""
-    keep_policies: Literal["best_of_run", "best_of_technique", "none"] = "best_of_run"
-    """Which policies stay beside the results: the best one of each run, that of the run of each
-    technique and setting that does best on `select`, or none."""
+    keep_policies: Literal["best_of_run", "none"] = "best_of_run"
+    """Which policies stay beside the results: the best one of each run, or none."""
 
     def __post_init__(self) -> None:
         """Check that names are unique, that those referred to exist, and all options.

@@ -166,7 +166,9 @@ def train_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> 
         METHODS[run.method].train(run, ONE_WORKER, None)
     finally:
         save_run(folder, cell, run)
-    write_atomic(results_folder(folder, cell) / POLICY_FILE, run.best_policy_path.read_bytes())
+    if setup.study.keep_policies == "best_of_run":
+        kept = results_folder(folder, cell) / POLICY_FILE
+        write_atomic(kept, run.best_policy_path.read_bytes())
 
 
 def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> None:
@@ -232,6 +234,7 @@ def _measure(config: Config, policy: MeasuredPolicy, measurement: Measurement) -
     if policy.path is not None:
         test = replace(test, sha256=sha256(policy.path.read_bytes()).hexdigest())
     if measurement.measure == "impulse":
+        config = replace(config, push=replace(config.push, split=measurement.split))
         return replace(test, pushes=push_recovery(config, policy.path, ONE_WORKER))
     if measurement.measure == "imitation":
         assert policy.path is not None  # the expert does not deviate from itself
