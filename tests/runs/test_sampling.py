@@ -24,8 +24,8 @@ from surefoot.runs.sampling import (
     pretraining_rollouts,
     series_order,
 )
+from surefoot.scenarios.seeds import seed_of
 from surefoot.scenarios.starts import load_starts
-from surefoot.seeds import seed_of
 from tests.fakes.rollouts import blank
 
 

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from surefoot.safety.monitor import SafetyMonitor
-from surefoot.seeds import seed_of
+from surefoot.scenarios.seeds import seed_of
 from surefoot.types import Array, BoolArray, IntArray, State
 
 

@@ -19,7 +19,7 @@ from surefoot.rollouts.jobs import Job, disturbance_of
 from surefoot.runs.episode_ids import EpisodeId
 from surefoot.runs.sampling import keep_unless_failed
 from surefoot.scenarios.disturbance import Disturbance
-from surefoot.seeds import seed_of
+from surefoot.scenarios.seeds import seed_of
 from surefoot.types import GRID, IntArray, to_ticks
 
 

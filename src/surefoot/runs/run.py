@@ -39,7 +39,7 @@ from surefoot.runs.metrics import (
 )
 from surefoot.runs.precision import choose_for_run, with_precision_of
 from surefoot.runs.versions import versions
-from surefoot.seeds import seed_of
+from surefoot.scenarios.seeds import seed_of
 
 Record = TypeVar("Record", bound=StageRecord)
 

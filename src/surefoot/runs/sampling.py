@@ -25,8 +25,8 @@ from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.episode_ids import rollout_ids
+from surefoot.scenarios.seeds import seed_of
 from surefoot.scenarios.starts import Starts, StartSet, at_rest, join_starts, load_starts
-from surefoot.seeds import seed_of
 from surefoot.types import BoolArray, IntArray, PlanFunction
 
 

@@ -19,8 +19,8 @@ from surefoot.config import DisturbanceConfig, NoiseConfig
 from surefoot.config.scenarios import LONGEST_DELAY, LONGEST_PUSH
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import center_of_mass, feet, integrate, legs_of, masses_of
+from surefoot.scenarios.seeds import seed_of
 from surefoot.scenarios.torque_noise import TorqueNoise, join_torque_noises
-from surefoot.seeds import seed_of
 from surefoot.types import Array, IntArray, State, to_ticks
 
 EARLY = 0.2

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.seeds import seed_of
+from surefoot.scenarios.seeds import seed_of
 from surefoot.types import JOINTS, Array, IntArray
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from surefoot.seeds import PURPOSES, seed_of
+from surefoot.scenarios.seeds import PURPOSES, seed_of
 
 
 def first_draw(seed):
