@@ -25,6 +25,7 @@ from surefoot.files import (
     from_digits,
     is_left_over,
     load_arrays,
+    lock_file,
     parse_npz,
     save_arrays,
     write_atomic,
@@ -382,3 +383,24 @@ def test_an_array_that_is_there_twice_is_refused():
         archive.writestr("values.npy", b"")
     with pytest.raises(ValueError, match="an array is there twice"):
         parse_npz(buffer.getvalue())
+
+
+def test_a_lock_holds_for_other_processes_until_its_own_ends(tmp_path):
+    path = tmp_path / "made" / ".lock"
+    program = (
+        "import sys, time\n"
+        "from pathlib import Path\n"
+        "from surefoot.files import lock_file\n"
+        "print(lock_file(Path(sys.argv[1])), flush=True)\n"
+        "sys.stdin.readline()\n"
+    )
+    command = [sys.executable, "-c", program, str(path)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "True\n"
+        assert not lock_file(path)
+        process.kill()
+        process.wait()
+    assert lock_file(path)

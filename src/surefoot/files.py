@@ -8,6 +8,7 @@ how a record becomes JSON.
 from __future__ import annotations
 
 import errno
+import fcntl
 import json
 import math
 import os
@@ -50,6 +51,8 @@ class ArrayRecord(Protocol):
 
 
 Record = TypeVar("Record", bound=ArrayRecord)
+_locks: list[int] = []
+"""Descriptors of locked files, never closed: closing any descriptor of a file releases its lock."""
 
 
 class WriteError(OSError):
@@ -196,6 +199,29 @@ def _flush(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def lock_file(path: Path) -> bool:
+    """Lock a file for the rest of this process; it is made if it does not exist.
+
+    Args:
+        path: The file.
+
+    Returns:
+        False if another process has locked it, which no longer holds once that has ended.
+
+    Raises:
+        WriteError: The file cannot be made.
+    """
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_CREAT | os.O_RDWR)
+    _locks.append(descriptor)
+    try:
+        fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):  # POSIX allows either
+        return False
+    return True
 
 
 def write_json(path: Path, record: object) -> None:

@@ -8,8 +8,6 @@ first stage that is not done, and ends with the same bits. `Run` knows where eac
 
 from __future__ import annotations
 
-import fcntl
-import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,7 +19,7 @@ import numpy as np
 from surefoot.config import Config, method_name
 from surefoot.config.json_io import from_json, read_json, to_json
 from surefoot.config.json_text import read_file
-from surefoot.files import is_left_over, write_atomic, write_json, writing
+from surefoot.files import is_left_over, lock_file, write_atomic, write_json
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.precision import PrecisionChoice
 from surefoot.runs.layout import CONFIG_FILE, EXPERT_FILE, LOCK_FILE, METRICS_FILE
@@ -42,9 +40,6 @@ from surefoot.runs.versions import versions
 from surefoot.scenarios.seeds import seed_of
 
 Record = TypeVar("Record", bound=StageRecord)
-
-_claims: list[int] = []
-"""Descriptors of locked files, never closed: closing any descriptor of a file releases its lock."""
 
 
 class RunError(ValueError):
@@ -101,17 +96,11 @@ class Run:
             RunError: Another process is training in the folder.
             WriteError: The folder cannot be written to.
         """
-        path = self.folder / LOCK_FILE
-        with writing(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            _claims.append(os.open(path, os.O_CREAT | os.O_RDWR))
-        try:
-            fcntl.lockf(_claims[-1], fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
+        if not lock_file(self.folder / LOCK_FILE):
             raise RunError(
                 f"another process trains in {self.folder}; wait for it, or choose another folder "
                 "with --run"
-            ) from error
+            )
 
     def policy_path(self, iteration: int) -> Path:
         """File of the policy that an iteration trained; iteration 0 is the pre-training."""

@@ -8,12 +8,11 @@ paused, and a log for each job. Read `runner` next.
 from __future__ import annotations
 
 import fcntl
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from surefoot.files import write_atomic, writing
+from surefoot.files import lock_file, write_atomic
 from surefoot.study.cells import StudyJob, jobs_of
 from surefoot.study.results import StudyError, read_job, read_study, run_folder, shared_folder
 
@@ -25,8 +24,6 @@ FAILED_FILE = "failed.txt"
 """There if the job failed the last time: the end of what it printed."""
 PAUSED_FILE = "paused"
 """There while the study is paused."""
-_locks: list[int] = []
-"""Descriptors of locked files, never closed: closing any descriptor of a file releases its lock."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,7 @@ def claim_study(folder: Path) -> None:
         StudyError: Another process runs it.
         WriteError: The folder cannot be written to.
     """
-    if not _lock(folder / ".lock"):
+    if not lock_file(folder / ".lock"):
         raise StudyError(
             f"another process runs the study in {folder}; `surefoot study status` shows how far "
             "it is"
@@ -65,21 +62,8 @@ def claim_job(folder: Path, job: str) -> None:
         StudyError: Another process does it.
         WriteError: The folder cannot be written to.
     """
-    if not _lock(job_folder(folder, job) / ".lock"):
+    if not lock_file(job_folder(folder, job) / ".lock"):
         raise StudyError(f"another process does the job {job} of {folder}; wait for it")
-
-
-def _lock(path: Path) -> bool:
-    """Lock a file for the rest of this process; False if another process has locked it."""
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_CREAT | os.O_RDWR)
-    _locks.append(descriptor)
-    try:
-        fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):
-        return False
-    return True
 
 
 def is_locked(path: Path) -> bool:
