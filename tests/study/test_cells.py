@@ -6,7 +6,14 @@ import pytest
 
 from surefoot.config.studies import named_study
 from surefoot.config.study import Measurement, Setting, StudyConfig, Technique
-from surefoot.study.cells import cell_config, cells_of, find_job, jobs_of, measurements_of
+from surefoot.study.cells import (
+    cell_config,
+    cells_of,
+    find_job,
+    jobs_of,
+    measurements_of,
+    trained_configs,
+)
 
 CLONING = Technique("clone", "BC", "behavior_cloning", trainings=2)
 STUDY = StudyConfig(
@@ -55,14 +62,22 @@ def test_trainings_of_a_seed_have_its_data_and_weights_of_their_own():
     assert replace(b, training=a.training) == a
 
 
+def test_all_configurations_together_are_those_of_each_cell():
+    configs = trained_configs(STUDY)
+    assert [cell.name for cell in configs] == [
+        c.name for c in cells_of(STUDY) if c.name != "expert"
+    ]
+    assert all(config == cell_config(STUDY, cell) for cell, config in configs.items())
+
+
 def test_methods_share_their_pretraining_and_trainings_their_data():
     needs = {job.name: job.needs for job in jobs_of(STUDY)}
     [policy] = needs["train--safe--seed-3"]
-    assert policy.startswith("policy--")
+    assert policy == "policy--safe--seed-3"
     assert needs["train--loco--seed-3"] == (policy,)
     assert needs["train--safe--seed-4"] != (policy,)
     [data] = needs["train--clone--seed-3"]
-    assert data.startswith("data--")
+    assert data == "data--clone--seed-3"
     assert needs["train--clone--seed-3-training-1"] == (data,)
 
 

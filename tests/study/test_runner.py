@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from surefoot.config.studies import STUDIES, named_study
 from surefoot.config.study import Measurement, StudyConfig, Technique
 from surefoot.study import runner
 from surefoot.study.cells import cells_of, find_job, jobs_of
@@ -179,6 +180,19 @@ def test_a_study_that_was_changed_after_it_began_is_refused(tmp_path, monkeypatc
     with pytest.raises(StudyError, match="other seeds, title"):
         open_study(tmp_path, replace(STUDY, seeds=(0, 1), title="Another"))
     assert read_study(tmp_path).study == STUDY
+
+
+def test_a_cell_that_could_not_be_run_is_refused_before_any_work(tmp_path):
+    greedy = replace(STUDY.techniques[0], options={"method.velocities": 999})
+    study = replace(STUDY, techniques=(greedy, STUDY.techniques[1]))
+    with pytest.raises(StudyError, match=r"safe in the setting all: method\.velocities is 999"):
+        open_study(tmp_path / "new", study)
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_cell_of_a_packaged_study_can_be_run(name):
+    runner.check_cells(named_study(name))
 
 
 def test_a_folder_without_a_study_is_refused(tmp_path):

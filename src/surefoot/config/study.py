@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, TypeVar
 
 from surefoot.config import METHODS, Config
 from surefoot.config.checked import Checked, Within
@@ -21,6 +21,7 @@ from surefoot.config.presets import PRESETS, preset
 from surefoot.config.scenarios import Split
 from surefoot.errors import unknown
 
+Part = TypeVar("Part")
 Scalar = bool | int | float | str
 """A single value of an option."""
 Options = Mapping[str, Scalar | tuple[Scalar, ...] | None]
@@ -191,10 +192,7 @@ class StudyConfig(Checked):
         Raises:
             ValueError: There is none.
         """
-        known = {technique.name: technique for technique in self.techniques}
-        if name not in known:
-            raise ValueError(unknown("technique", name, known))
-        return known[name]
+        return _part("technique", name, {part.name: part for part in self.techniques})
 
     def setting(self, name: str) -> Setting:
         """The setting of this name.
@@ -202,10 +200,7 @@ class StudyConfig(Checked):
         Raises:
             ValueError: There is none.
         """
-        known = {setting.name: setting for setting in self.settings}
-        if name not in known:
-            raise ValueError(unknown("setting", name, known))
-        return known[name]
+        return _part("setting", name, {part.name: part for part in self.settings})
 
     def measurement(self, name: str) -> Measurement:
         """The measurement of this name.
@@ -213,10 +208,7 @@ class StudyConfig(Checked):
         Raises:
             ValueError: There is none.
         """
-        known = {measurement.name: measurement for measurement in self.measurements}
-        if name not in known:
-            raise ValueError(unknown("measurement", name, known))
-        return known[name]
+        return _part("measurement", name, {part.name: part for part in self.measurements})
 
 
 def config_of(technique: Technique, setting: Setting, seed: int) -> Config:
@@ -281,6 +273,17 @@ def with_options(config: Config, options: Options, where: str) -> Config:
         return from_json(Config, values)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
+
+
+def _part(kind: str, name: str, parts: Mapping[str, Part]) -> Part:
+    """The part of a study that has this name.
+
+    Raises:
+        ValueError: There is none.
+    """
+    if name not in parts:
+        raise ValueError(unknown(kind, name, parts))
+    return parts[name]
 
 
 def _check_name(field_name: str, name: str) -> None:

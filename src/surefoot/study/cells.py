@@ -8,7 +8,6 @@ what a job does, and `runner` for who runs it.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -91,12 +90,32 @@ def _cell_name(
 def cell_config(study: StudyConfig, cell: Cell) -> Config:
     """The configuration of a cell's run."""
     technique = study.technique(cell.technique)
-    config = config_of(technique, study.setting(cell.setting), cell.seed)
+    return _seeded(config_of(technique, study.setting(cell.setting), cell.seed), cell)
+
+
+def _seeded(config: Config, cell: Cell) -> Config:
+    """A configuration with the seeds of a cell."""
+    config = replace(config, seed=cell.seed)
     if cell.training == 0:
         return config
     # Seeds of a study are below this, so that no training repeats that of another seed.
     training_seed = cell.seed + cell.training * 2**31
     return replace(config, training=replace(config.training, seed=training_seed))
+
+
+def trained_configs(study: StudyConfig) -> dict[Cell, Config]:
+    """The configuration of every cell that is trained; reading options takes long, so only once."""
+    configs: dict[Cell, Config] = {}
+    common: dict[tuple[str, str], Config] = {}
+    for cell in cells_of(study):
+        technique = study.technique(cell.technique)
+        if technique.method == EXPERT:
+            continue
+        key = (cell.technique, cell.setting)
+        if key not in common:
+            common[key] = config_of(technique, study.setting(cell.setting), cell.seed)
+        configs[cell] = _seeded(common[key], cell)
+    return configs
 
 
 def jobs_of(study: StudyConfig) -> tuple[StudyJob, ...]:
@@ -152,20 +171,17 @@ def _shared_jobs(study: StudyConfig) -> dict[str, StudyJob]:
     Cells whose first policies are the same share them; others may still share their data.
     """
     jobs: dict[str, StudyJob] = {}
-    cells = [cell for cell in cells_of(study) if study.technique(cell.technique).method != EXPERT]
+    configs = trained_configs(study)
     for shared in ("policy", "data"):
         groups: dict[str, list[Cell]] = {}
-        for cell in cells:
+        for cell, config in configs.items():
             if cell.name not in jobs:
-                digest = _digest(first_stage(cell_config(study, cell), shared))
-                groups.setdefault(digest, []).append(cell)
-        for digest, group in groups.items():
+                beginning = json.dumps(first_stage(config, shared), sort_keys=True)
+                groups.setdefault(beginning, []).append(cell)
+        for group in groups.values():
             if len(group) > 1:
-                job = StudyJob(f"{shared}--{digest}", "share", group[0], shared=shared)
+                # Named by its first cell, and not by the configuration: an option that a later
+                # version adds must not rename the jobs of a study in progress.
+                job = StudyJob(_job_name(shared, group[0]), "share", group[0], shared=shared)
                 jobs |= {cell.name: job for cell in group}
     return jobs
-
-
-def _digest(values: object) -> str:
-    """A short digest of JSON values."""
-    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]

@@ -14,9 +14,10 @@ from pathlib import Path
 from surefoot.config.json_io import changes
 from surefoot.config.learning import NumberFormat
 from surefoot.config.study import StudyConfig
+from surefoot.runs.checks import check_config
 from surefoot.runs.precision import choose_for_run
 from surefoot.runs.versions import versions
-from surefoot.study.cells import StudyJob, cell_config, cells_of, find_job, jobs_of
+from surefoot.study.cells import StudyJob, find_job, jobs_of, trained_configs
 from surefoot.study.checkout import check_out, checkout_root, clean_commit
 from surefoot.study.pools import make_pool
 from surefoot.study.results import (
@@ -56,7 +57,8 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
         study: The study.
 
     Raises:
-        StudyError: The folder holds another study, or the code has changes that are in no commit.
+        StudyError: The folder holds another study, the code has changes that are in no commit, or a
+            cell could not be run here.
         WriteError: The folder cannot be written to.
     """
     if (folder / STUDY_FILE).exists():
@@ -69,6 +71,7 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
                 f"with this one by `surefoot study {folder}`"
             )
         return setup
+    check_cells(study)
     root = checkout_root()
     commit = None if root is None else clean_commit(root)
     precision = measured_precision(study)
@@ -77,10 +80,24 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
     return setup
 
 
+def check_cells(study: StudyConfig) -> None:
+    """Check that every technique can be trained under every setting, before days of work.
+
+    Raises:
+        StudyError: One cannot; the message names it, the option, and what the option may be.
+    """
+    for cell, config in trained_configs(study).items():
+        if cell.seed != study.seeds[0] or cell.training > 0:
+            continue
+        try:
+            check_config(config)
+        except ValueError as error:
+            raise StudyError(f"{cell.technique} in the setting {cell.setting}: {error}") from error
+
+
 def measured_precision(study: StudyConfig) -> NumberFormat:
     """The faster precision for the networks of a study, by those of the first cell that asks."""
-    for cell in cells_of(study):
-        config = cell_config(study, cell)
+    for config in trained_configs(study).values():
         if config.training.precision == "auto":
             return choose_for_run(config).chosen
     return "float32"
