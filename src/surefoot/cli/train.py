@@ -47,7 +47,7 @@ class Train(OnWorkers, OnSimulator):
     """The method: behavior_cloning, dagger, safe_dagger, loco_dagger, loco_safe_dagger or dart."""
     preset: str = "default"
     """The preset of the method: `default` takes about ten minutes, `quick` a few minutes, and
-    `paper`, with the paper's numbers and simulator, about an hour."""
+    `paper`, with the paper's numbers and simulator, takes hours."""
     run: Path | None = None
     """The folder of the run; without it, runs/METHOD-PRESET."""
     device: Literal["auto", "cpu", "cuda"] | None = None

@@ -8,12 +8,13 @@ colors become variables of the page's style, so that one picture fits a light an
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from surefoot.files import write_atomic
-from surefoot.study.report.drawing import GRID, INK, LOOK
+from surefoot.study.report.drawing import GRID, INK, LOOK, draw
 from surefoot.study.report.markup import Markup, escaped
 from surefoot.study.report.panels import ReportFigure
 from surefoot.viz.plots import PALETTE
@@ -27,6 +28,27 @@ VARIABLES = {INK: "--ink", GRID: "--grid"} | {
     color: f"--technique-{number}" for number, color in enumerate(PALETTE)
 }
 """Variables of the page's style for the colors of a figure."""
+
+
+def draw_all(figures: Sequence[ReportFigure], folder: Path) -> list[Markup]:
+    """Draw figures, and save each as PNG and PDF.
+
+    Args:
+        figures: The figures.
+        folder: Folder of the files.
+
+    Returns:
+        Each figure as SVG for the page.
+
+    Raises:
+        WriteError: The folder cannot be written to.
+    """
+    pictures = []
+    for figure in figures:
+        drawn = draw(figure)
+        save_pictures(drawn, figure, folder)
+        pictures.append(inline_svg(drawn, figure))
+    return pictures
 
 
 def save_pictures(drawn: Figure, figure: ReportFigure, folder: Path) -> tuple[Path, ...]:

@@ -12,7 +12,6 @@ from surefoot.files import write_atomic
 from surefoot.learning.policy import Policy, load
 from surefoot.robots.solo12 import solo12
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
-from surefoot.study.report.drawing import draw
 from surefoot.study.report.markup import (
     COUNT,
     MISSING,
@@ -31,7 +30,7 @@ from surefoot.study.report.markup import (
 from surefoot.study.report.numbers import Number, share, total
 from surefoot.study.report.panels import Quantity
 from surefoot.study.report.performance import ERRORS, SUCCESS
-from surefoot.study.report.pictures import inline_svg, save_pictures
+from surefoot.study.report.pictures import draw_all
 from surefoot.study.report.run_card import RunCard, option_changes
 from surefoot.study.report.source import StageSource, TestSource, stages
 from surefoot.study.report.study_page import FIGURES_FOLDER, PAGE_FILE
@@ -66,11 +65,7 @@ def write_run_card(card: RunCard, folder: Path) -> Path:
     Raises:
         WriteError: The folder cannot be written to.
     """
-    pictures = []
-    for figure in card.figures:
-        drawn = draw(figure)
-        save_pictures(drawn, figure, folder / FIGURES_FOLDER)
-        pictures.append(inline_svg(drawn, figure))
+    pictures = draw_all(card.figures, folder / FIGURES_FOLDER)
     path = folder / PAGE_FILE
     write_atomic(path, document(_title(card), run_body(card, pictures)))
     return path

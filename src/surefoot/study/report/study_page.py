@@ -15,7 +15,6 @@ from surefoot.config.study import Options
 from surefoot.files import write_atomic
 from surefoot.study.cells import cells_of
 from surefoot.study.report.collecting import collecting_figures
-from surefoot.study.report.drawing import draw
 from surefoot.study.report.markup import (
     NOTHING,
     Markup,
@@ -32,7 +31,7 @@ from surefoot.study.report.markup import (
 )
 from surefoot.study.report.panels import Quantity, ReportFigure
 from surefoot.study.report.performance import performance_figures
-from surefoot.study.report.pictures import inline_svg, save_pictures
+from surefoot.study.report.pictures import draw_all
 from surefoot.study.report.style import document
 from surefoot.study.report.tables import (
     cost_tables,
@@ -125,11 +124,7 @@ def write_study_report(
     Raises:
         WriteError: The folder cannot be written to.
     """
-    pictures = []
-    for figure in report.figures:
-        drawn = draw(figure)
-        save_pictures(drawn, figure, folder / FIGURES_FOLDER)
-        pictures.append(inline_svg(drawn, figure))
+    pictures = draw_all(report.figures, folder / FIGURES_FOLDER)
     path = folder / PAGE_FILE
     write_atomic(path, document(report.title, _body(results, report, pictures, films)))
     return path
