@@ -69,7 +69,7 @@ class FakePool:
 def finish(folder: Path, name: str) -> None:
     """Leave what a finished job leaves."""
     job = find_job(STUDY, name)
-    made = shared_folder(folder, job) if job.kind == "share" else run_folder(folder, job.cell)
+    made = shared_folder(folder, name) if job.kind == "share" else run_folder(folder, job.cell)
     made.mkdir(parents=True, exist_ok=True)
     record = JobRecord(name, "c0ffee", ("a processor",), {}, "float32", "2026", 1.0, True)
     save_job(folder, job.cell, record)
@@ -134,7 +134,7 @@ def test_a_run_that_is_lost_is_made_again_only_if_it_was_not_measured(study_fold
         finish(study_folder, name)
     for cell in cells_of(STUDY):
         run_folder(study_folder, cell).rmdir()
-    shared_folder(study_folder, find_job(STUDY, SHARED)).rmdir()
+    shared_folder(study_folder, SHARED).rmdir()
     pool, _ = run(study_folder, monkeypatch)
     assert pool.started == [SHARED, LOCO, TEST_LOCO]
 

@@ -48,7 +48,7 @@ class StudyJob:
         name: Name of the job and of its folder.
         kind: What it does.
         cell: The cell; of a shared job the first of those that share it.
-        shared: What a shared job makes; None for other jobs.
+        shared: What a shared job makes, or the run of a cell begins with; None if nothing.
         needs: Names of the jobs that have to be done before.
     """
 
@@ -125,12 +125,11 @@ def jobs_of(study: StudyConfig) -> tuple[StudyJob, ...]:
     for cell in cells_of(study):
         needs: tuple[str, ...] = ()
         if study.technique(cell.technique).method != EXPERT:
-            before: tuple[str, ...] = ()
+            train = StudyJob(_job_name("train", cell), "train", cell)
             if cell.name in shared_jobs:
                 shared = shared_jobs[cell.name]
                 jobs[shared.name] = shared
-                before = (shared.name,)
-            train = StudyJob(_job_name("train", cell), "train", cell, needs=before)
+                train = replace(train, shared=shared.shared, needs=(shared.name,))
             jobs[train.name] = train
             needs = (train.name,)
         measure = StudyJob(_job_name("measure", cell), "measure", cell, needs=needs)

@@ -124,15 +124,13 @@ def work_of(study: StudyConfig, job: StudyJob) -> Work:
     config = cell_config(study, job.cell)
     if job.kind == "measure":
         return measuring_work(study, job, config)
-    work = training_work(config)
     first = first_work(config)
-    if job.kind == "train":
-        shares_policy = any(need.startswith("policy--") for need in job.needs)
-        shares_data = any(need.startswith("data--") for need in job.needs)
-        if shares_policy:
-            return work + first * -1.0
-        return work + Work(first.plans, first.robot_seconds) * -1.0 if shares_data else work
-    return first if job.shared == "policy" else Work(first.plans, first.robot_seconds)
+    shared = {
+        None: Work(),
+        "data": Work(first.plans, first.robot_seconds),
+        "policy": first,
+    }[job.shared]
+    return shared if job.kind == "share" else training_work(config) + shared * -1.0
 
 
 def first_work(config: Config) -> Work:

@@ -24,7 +24,7 @@ from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
 from surefoot.runs.metrics import Best, StageRecord
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, read_setup
-from surefoot.study.cells import Cell, StudyJob, cell_config, cells_of, measurements_of
+from surefoot.study.cells import Cell, cell_config, cells_of, measurements_of
 
 Record = TypeVar("Record")
 STUDY_FILE = "study.json"
@@ -231,9 +231,9 @@ def run_folder(folder: Path, cell: Cell) -> Path:
     return folder / "runs" / cell.name
 
 
-def shared_folder(folder: Path, job: StudyJob) -> Path:
+def shared_folder(folder: Path, job: str) -> Path:
     """Folder of the run that makes what several cells begin with."""
-    return folder / "runs" / "shared" / job.name
+    return folder / "runs" / "shared" / job
 
 
 def save_run(folder: Path, cell: Cell, run: Run) -> None:

@@ -156,4 +156,4 @@ def finished_jobs(folder: Path, jobs: tuple[StudyJob, ...]) -> set[str]:
 
 def _made(folder: Path, job: StudyJob) -> Path:
     """The folder that a job makes for those that need it."""
-    return shared_folder(folder, job) if job.kind == "share" else run_folder(folder, job.cell)
+    return shared_folder(folder, job.name) if job.kind == "share" else run_folder(folder, job.cell)

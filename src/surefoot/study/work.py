@@ -137,7 +137,7 @@ def make_shared(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) ->
         job: The job.
         piece: The time that it has.
     """
-    run = create(shared_folder(folder, job), run_config(setup, job.cell), resume=True)
+    run = create(shared_folder(folder, job.name), run_config(setup, job.cell), resume=True)
     run.listeners.append(piece.stop_if_over)
     method = METHODS[run.method]
     collect_data(run, 0, method.collection(run, 0, None), ONE_WORKER)
@@ -158,9 +158,8 @@ def train_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> 
     cell = job.cell
     run = create(run_folder(folder, cell), run_config(setup, cell), resume=True)
     for name in job.needs:
-        shared = find_job(setup.study, name)
-        assert shared.shared is not None
-        copy_first_stage(open_run(shared_folder(folder, shared)), run, shared.shared)
+        assert job.shared is not None
+        copy_first_stage(open_run(shared_folder(folder, name)), run, job.shared)
     run.listeners.append(piece.stop_if_over)
     try:
         METHODS[run.method].train(run, ONE_WORKER, None)
