@@ -25,6 +25,26 @@ def test_a_study_has_a_page_and_figures_in_its_folder(
     assert json.loads((tmp_path / "r.json").read_text())["study"] == "paper"
 
 
+def test_claims_stand_in_the_page_that_was_asked_for(surefoot, tmp_path):
+    folder = write_study(tmp_path / "paper", paper_like(1), iterations=1)
+    page = tmp_path / "claims.md"
+    assert surefoot("report", folder, "--no-film-policies", "--claims", page) == 0
+    text = page.read_text()
+    assert "LocoSafeDAGGER fails in less than 5 %" in text
+    assert "finished runs" in text
+
+
+@pytest.mark.parametrize("option", ["--json", "--claims"])
+def test_an_output_never_replaces_what_the_report_is_of(
+    surefoot, capsys, study_folder, run_folder, option
+):
+    for file in (study_folder / "study.json", run_folder / "config.json"):
+        before = file.read_bytes()
+        assert surefoot("report", file.parent, option, file) == 2
+        assert f"{option}: " in capsys.readouterr().err
+        assert file.read_bytes() == before
+
+
 def test_a_run_has_a_model_card_where_it_was_asked_for(surefoot, capsys, run_folder, tmp_path):
     out = tmp_path / "card"
     assert surefoot("report", run_folder, "--out", out, "--json", tmp_path / "r.json") == 0

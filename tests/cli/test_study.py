@@ -49,6 +49,13 @@ def test_a_failed_job_is_named_with_its_log_and_how_to_run_it_again(surefoot, ca
     assert f"--job {name}" in text
 
 
+def test_an_output_never_replaces_the_study(surefoot, capsys, folder):
+    before = (folder / "study.json").read_bytes()
+    assert surefoot("study", "status", folder, "--json", folder / "study.json") == 2
+    assert "--json: " in capsys.readouterr().err
+    assert (folder / "study.json").read_bytes() == before
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

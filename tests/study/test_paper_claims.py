@@ -8,7 +8,7 @@ import pytest
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.studies import paper_study, smoke_study
 from surefoot.study.claims import UNMEASURED, Claim
-from surefoot.study.paper_claims import page, paper_claims
+from surefoot.study.paper_claims import page_of_claims, paper_claims
 from tests.fakes.studies import FakeRun, study_results
 
 PAGE = Path(__file__).parents[2] / "docs" / "reproduction.md"
@@ -184,7 +184,7 @@ def test_the_page_has_all_claims_between_its_lines(tmp_path):
     path = tmp_path / "page.md"
     path.write_text("before\n<!-- table --><!-- end of table -->\nafter\n")
     results = study_results(study_as_published())
-    text = page(results, path)
+    text = page_of_claims(results, path)
     assert text.startswith("before\n<!-- table -->\n12 finished runs of commit 0123456789ab, seeds")
     assert text.endswith("<!-- end of table -->\nafter\n")
     for claim in paper_claims(results):

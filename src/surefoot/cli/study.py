@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from surefoot.cli.options import OnWorkers
+from surefoot.cli.options import OnWorkers, Output, check_outputs
 from surefoot.errors import unknown
 from surefoot.files import write_json
 
@@ -85,10 +85,12 @@ class Study(OnWorkers):
 
     def __call__(self) -> int:
         """Do what the first word says."""
+        from surefoot.study.results import STUDY_FILE
         from surefoot.study.state import pause_study, resume_study
 
         action, name = self._words()
         folder = self._folder(name)
+        check_outputs([Output("--json", self.json)], [folder / STUDY_FILE])
         if action == "pause":
             pause_study(folder)
             print(f"paused; go on with `surefoot study resume {folder}`")

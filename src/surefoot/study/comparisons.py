@@ -9,7 +9,6 @@ of each run counts. Read `run_statistics` for the tests, `claims` for the rule o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from surefoot.config.study import Measure, PlannedComparison
@@ -38,7 +37,6 @@ from surefoot.study.run_statistics import (
     smallest_p,
 )
 from surefoot.study.run_values import best_value
-from surefoot.study.tables import markdown
 
 SIGNIFICANT = 0.05
 """Largest adjusted p-value of a difference that counts."""
@@ -60,7 +58,6 @@ SENTENCES = {
     "none": "{} differs from {}: {}.",
 }
 """What each prediction says of the technique, the reference, and the measurement."""
-COLUMNS = ("prediction", "verdict", "measured", "p", "p by Holm", "why")
 
 
 @dataclass(frozen=True)
@@ -251,26 +248,3 @@ def predicted_region(
         return ABOVE_ZERO if measured.difference > 0.0 else BELOW_ZERO
     margin = MARGINS.get(measure, RELATIVE_MARGIN * abs(measured.b.mean))
     return Region(-margin, margin)
-
-
-def comparisons_table(outcomes: Sequence[ComparisonOutcome]) -> str:
-    """The comparisons with what came out, as a Markdown table."""
-    return markdown(
-        COLUMNS,
-        [
-            (
-                outcome.text,
-                f"**{outcome.verdict}**",
-                outcome.number,
-                _p_text(outcome.p),
-                _p_text(outcome.adjusted_p),
-                outcome.reason,
-            )
-            for outcome in outcomes
-        ],
-    )
-
-
-def _p_text(p: float | None) -> str:
-    """A p-value as text; a dash where there is none."""
-    return "-" if p is None else f"{p:.3f}"

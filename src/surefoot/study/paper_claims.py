@@ -1,7 +1,7 @@
 """The claims of the paper's sections V-A to V-C, each judged by the runs of a study.
 
-`paper_claims` gives every claim, also those that cannot be judged yet, and `page` puts them into
-`docs/reproduction.md`. Where our own choices matter, a claim stands there twice, once in the
+`paper_claims` gives every claim, also those that cannot be judged yet, and `page_of_claims` puts
+them into `docs/reproduction.md`. Where our own choices matter, a claim stands there twice, once in the
 paper's way and once in ours. The margins that the paper's words leave open (about, just below,
 equal) are constants of `paper_collection` and `paper_policies`, which hold the claims.
 """
@@ -49,7 +49,7 @@ def paper_claims(results: StudyResults) -> tuple[Claim, ...]:
     )
 
 
-def page(results: StudyResults, path: Path) -> str:
+def page_of_claims(results: StudyResults, path: Path) -> str:
     """The content of a page with the claims in its generated part; the prose stays.
 
     Args:
