@@ -1,8 +1,8 @@
 """The claims of the paper's sections V-A to V-C, each judged by the runs of a study.
 
 `paper_claims` gives every claim, also those that cannot be judged yet, and `page_of_claims` puts
-them into `docs/reproduction.md`. Where our own choices matter, a claim stands there twice, once in the
-paper's way and once in ours. The margins that the paper's words leave open (about, just below,
+them into `docs/reproduction.md`. Where our own choices matter, a claim stands there twice, once in
+the paper's way and once in ours. The margins that the paper's words leave open (about, just below,
 equal) are constants of `paper_collection` and `paper_policies`, which hold the claims.
 """
 
