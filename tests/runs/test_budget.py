@@ -110,6 +110,7 @@ def test_a_budget_ends_at_the_same_rollout_for_any_workers_and_chunks(
     limited, tmp_path, monkeypatch, name, workers, chunk
 ):
     """In this process, but as many chunks at a time as there would be workers, done backwards."""
+    other = fingerprint(limited(name))
 
     def backwards(function, chunks, _workers, _title):
         for number in reversed(range(len(chunks))):
@@ -121,7 +122,6 @@ def test_a_budget_ends_at_the_same_rollout_for_any_workers_and_chunks(
     run = create(tmp_path / "run", config)
     TRAINED[run.method].train(run, Workers(workers), plan)
     one = fingerprint(run)
-    other = fingerprint(limited(name))
     if name == "loco_dagger-0.5" and chunk != 4:  # rows of a chunk come in another order
         assert one["data"] == other["data"]
     else:
@@ -167,12 +167,13 @@ def test_a_run_with_a_budget_killed_after_each_chunk_and_record_ends_with_the_sa
 
 
 def test_a_finished_collection_simulates_nothing_again(limited, monkeypatch):
+    finished = [limited(name) for name in NAMES]
+
     def never(_job):
         raise AssertionError("simulated again")
 
     monkeypatch.setattr(surefoot.runs.collecting, "run_chunk", never)
-    for name in NAMES:
-        run = limited(name)
+    for run in finished:
         for i in iterations_of(run):
             collect_data(run, i, collection(run, i), Workers(1))
 

@@ -12,7 +12,6 @@ import pytest
 
 import surefoot.cli.main as cli
 import surefoot.files
-import surefoot.runs.run as run_module
 import surefoot.runs.stages
 from surefoot.config import Config
 from surefoot.files import WriteError
@@ -115,8 +114,8 @@ def test_a_real_disk_that_is_full_and_one_that_is_read_only(
     assert "cannot be written" in error and "--resume" in error and "Traceback" not in error
     stored = open_run(small_disk / "run").dataset.episodes
     assert stored > 0
-    while run_module._claims:  # as if that process had ended
-        os.close(run_module._claims.pop())
+    while surefoot.files._locks:  # as if that process had ended
+        os.close(surefoot.files._locks.pop())
     remount(small_disk, "size=50m")
     remount(small_disk, "ro")
     assert train() == 2

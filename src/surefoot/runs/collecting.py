@@ -100,7 +100,7 @@ def run_and_store(
     else:
         results = _affordable_results(chunks, workers, limit)
     # What an expert that does not work leaves behind is kept until one of its chunks teaches
-    # something: one that has been mended must not find those chunks done.
+    # something: one that has been fixed must not find those chunks done.
     held_back: list[tuple[str, ChunkResult]] = []
     done = set(chunks.stored)
     teaches = iteration > 0 or run.dataset.frames > 0
