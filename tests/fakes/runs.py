@@ -15,10 +15,6 @@ from surefoot.runs.metrics import (
 from surefoot.runs.run import Run
 
 
-class Killed(BaseException):
-    """Nothing in the package may catch this."""
-
-
 def stages_of(run: Run) -> list[tuple[str, int]]:
     """Name and iteration of each stage that is done."""
     return [(record.stage, record.iteration) for record in run.metrics]

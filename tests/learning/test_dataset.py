@@ -13,8 +13,8 @@ import surefoot.learning.dataset as module
 from surefoot.files import WriteError, write_atomic
 from surefoot.learning.dataset import Dataset, DatasetError
 from surefoot.learning.frames import PART, concatenate
+from tests.fakes.killed import Killed
 from tests.fakes.learning import assert_same_frames, random_frames
-from tests.fakes.runs import Killed
 
 
 def test_frames_come_back_from_shards(tmp_path):

@@ -19,8 +19,8 @@ from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import Policy
 from surefoot.learning.samples import WIDTH, derive, held_out
 from surefoot.learning.train import fit, split_samples
+from tests.fakes.killed import Killed
 from tests.fakes.learning import SMALL, SPEC, toy_frames
-from tests.fakes.runs import Killed
 
 TRAINING = TrainingConfig(batch=64, precision="float32")
 FRAMES = toy_frames(range(20))
@@ -389,27 +389,6 @@ def test_bfloat16_products_learn_as_well():
     assert all(tensor.dtype != torch.bfloat16 for tensor in short.network.state_dict().values())
     same = torch.equal(weights(short.network), weights(full.network))
     assert not same
-
-
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU on this machine")
-def test_a_gpu_learns_as_well_and_resumes(tmp_path):
-    frames = toy_frames(range(100))
-    config = TrainingConfig(batch=64, schedule="cosine", device="cpu", precision="float32")
-    cpu = run(frames, 10, config=config)
-    path = tmp_path / "fit.safetensors"
-
-    def die(done, *_):
-        if done == 5:
-            raise Killed
-
-    gpu = replace(config, device="cuda")
-    with pytest.raises(Killed):
-        run(frames, 10, config=gpu, checkpoint=path, progress=die)
-    result = run(frames, 10, config=gpu, checkpoint=path)
-    assert result.device != "cpu"
-    assert result.network.mean.device.type == "cpu"
-    assert result.train_loss[0] == pytest.approx(cpu.train_loss[0], rel=0.02)
-    assert result.validation_loss[-1] < 1.1 * cpu.validation_loss[-1]
 
 
 def test_learning_runs_where_there_is_no_robotics_stack():

@@ -19,7 +19,8 @@ from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.run import Run, open_run
 from surefoot.scenarios.starts import load_starts
 from tests.fakes import toy
-from tests.fakes.runs import Killed, collected, fingerprint, stages_of
+from tests.fakes.killed import Killed
+from tests.fakes.runs import collected, fingerprint, stages_of
 from tests.fakes.toy import Worlds, plan
 from tests.fakes.toy_runs import (
     CONFIG,

@@ -20,8 +20,9 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.run import Run, create, open_run
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
+from tests.fakes.killed import Killed
 from tests.fakes.learning import spec_of
-from tests.fakes.runs import Killed, collected, fingerprint, stages_of, trained
+from tests.fakes.runs import collected, fingerprint, stages_of, trained
 from tests.fakes.small_runs import RESCUING, RESCUING_STAGES
 
 

@@ -20,7 +20,8 @@ from surefoot.runs.run import Run, RunError, create, open_run
 from surefoot.runs.sampling import draw_starts, expert_rollouts
 from surefoot.runs.stages import collect_data
 from surefoot.workers import Workers
-from tests.fakes.runs import Killed, collected, fingerprint, trained
+from tests.fakes.killed import Killed
+from tests.fakes.runs import collected, fingerprint, trained
 from tests.fakes.small_runs import CLONING
 from tests.fakes.toy import plan
 from tests.fakes.toy_runs import CONFIG, METHODS, collection, kept_in, run_method

@@ -14,7 +14,8 @@ from surefoot.runs.run import Run, RunError, create, open_run
 from surefoot.runs.stages import choose_best_policy, collect_data
 from surefoot.types import MotionPlan
 from surefoot.workers import Workers
-from tests.fakes.runs import Killed, fingerprint, validated_record
+from tests.fakes.killed import Killed
+from tests.fakes.runs import fingerprint, validated_record
 from tests.fakes.small_runs import CLONING, CLONING_STAGES
 
 

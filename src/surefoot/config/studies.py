@@ -126,7 +126,9 @@ def regimes_study() -> StudyConfig:
         settings=settings,
         seeds=(0, 1, 2, 3, 4),
         measurements=(
-            Measurement("test", "100 perturbed initial states, 5 s"),
+            Measurement(
+                "test", "100 perturbed initial states, 5 s", options={"evaluation.episodes": 100}
+            ),
             Measurement("unpushed", "settled gait, 5 s", split="nominal"),
             *(_pushed_once(impulse) for impulse in (1.0, 2.0, 3.0)),
             Measurement("imitation", "deviation from a pushed expert", "imitation"),
@@ -165,6 +167,7 @@ def _pushed_once(impulse: float) -> Measurement:
         f"one push of {impulse:.0f} N s",
         split="nominal",
         options={
+            "evaluation.episodes": 60,
             "evaluation.disturbance.pushes": 1,
             "evaluation.disturbance.impulse": (impulse, impulse),
             "evaluation.disturbance.fall_angle": 60.0,
@@ -175,6 +178,8 @@ def _pushed_once(impulse: float) -> Measurement:
 def _regime_techniques() -> tuple[Technique, ...]:
     """The arms of the regimes."""
     common: Options = {
+        # A run's own luck is 25 points: 40 initial states choose among its policies well enough.
+        "evaluation.episodes": 40,
         "training.validation": 0.15,
         "collection.pushes": 0,
         "collection.expert_impulse": (0.0, 0.0),
