@@ -140,6 +140,8 @@ def regimes_study() -> StudyConfig:
             "From perturbed states no method is clearly better than behavior cloning.",
             "DART lies between behavior cloning and cloning of a pushed expert.",
             "LocoSafeDAGGER with pushes in its pre-training withstands most.",
+            "Pushes that grow from the second iteration on make LocoSafeDAGGER better from the"
+            " settled gait, at the price of falls.",
         ),
         comparisons=(
             PlannedComparison(
@@ -221,6 +223,15 @@ def _regime_techniques() -> tuple[Technique, ...]:
         "safety.hip_flexion": (-10_000.0, 10_000.0),
         "safety.knee": (-10_000.0, 10_000.0),
     }
+    # The first iteration is not pushed and closely guarded; then pushes grow, and tails are short.
+    ramped: Options = {
+        "collection.pushes": 5,
+        "collection.impulse": (0.5, 2.0),
+        "collection.gentle": 0.0,
+        "method.gates": ("relaxing",),
+        "method.tightest": 0.4,
+        "method.T_end": 0.2,
+    }
     queries: Options = {"method.T": 1.0, "method.N_query": 2, "method.T_query": 0.5}
     return (
         Technique(EXPERT, "expert", EXPERT),
@@ -252,6 +263,13 @@ def _regime_techniques() -> tuple[Technique, ...]:
             "LocoSafeDAGGER, pushed",
             "loco_safe_dagger",
             options=gated | pushed_first,
+            trainings=2,
+        ),
+        Technique(
+            "loco_safe_dagger-ramped",
+            "LocoSafeDAGGER, growing pushes",
+            "loco_safe_dagger",
+            options=gated | ramped,
             trainings=2,
         ),
     )
