@@ -8,11 +8,11 @@ import numpy as np
 from surefoot.config.studies import named_study
 from surefoot.config.study import StudyConfig
 from surefoot.files import as_digits, write_atomic, write_json
+from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import Best, StageRecord, format_line
 from surefoot.runs.run import CONFIG_FILE, Setup
 from surefoot.study.cells import Cell, cells_of
 from surefoot.study.results import (
-    POLICY_FILE,
     JobRecord,
     PolicyTest,
     StudySetup,
@@ -69,7 +69,7 @@ def write_cell(folder: Path, study: StudyConfig, cell: Cell, iterations: int) ->
         write_json(results / CONFIG_FILE, Setup(config, {"python": "3.11"}))
         lines = [*(format_line(record) for record in records), b""]
         write_atomic(results / "metrics.jsonl", b"\n".join(lines))
-        write_atomic(results / POLICY_FILE, b"not a policy")
+        write_atomic(results / KEPT_POLICY_FILE, b"not a policy")
     for measurement in study.measurements:
         every = range(iterations + 1) if measurement.policies == "all" else [iterations]
         tests = [

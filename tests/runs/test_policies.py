@@ -50,6 +50,13 @@ def test_what_is_not_there_or_not_finished_is_an_error(tmp_path):
         find_policy(create(tmp_path / "run", CLONING).folder)
 
 
+def test_of_a_run_a_study_keeps_the_best_policy_alone(copy):
+    kept = copy.folder / "policy.safetensors"
+    kept.write_bytes(copy.best_policy_path.read_bytes())
+    shutil.rmtree(copy.folder / "policies")
+    assert find_policy(copy.folder) == (kept, CLONING)
+
+
 def rewrite(run: Run, **changes) -> None:
     path = run.folder / "config.json"
     values = json.loads(path.read_text())

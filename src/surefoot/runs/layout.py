@@ -19,12 +19,15 @@ LOCK_FILE = ".lock"
 """File that the process which trains in the folder has locked."""
 CURVES_FILE = "curves.png"
 """The learning curves, which `surefoot train` draws."""
+KEPT_POLICY_FILE = "policy.safetensors"
+"""The best policy, where a study keeps no other file of the policies."""
 OWN = {
     CONFIG_FILE,
     METRICS_FILE,
     EXPERT_FILE,
     LOCK_FILE,
     CURVES_FILE,
+    KEPT_POLICY_FILE,
     "data",
     "policies",
     "checkpoints",

@@ -13,6 +13,7 @@ from pathlib import Path
 from surefoot.config import Config, PolicyConfig
 from surefoot.learning.policy import Policy, load, policy_spec
 from surefoot.robots.solo12 import solo12
+from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
 
 logger = logging.getLogger(__name__)
@@ -25,7 +26,7 @@ def find_policy(target: Path) -> tuple[Path, Config]:
     default one with the policy's own gains and phase.
 
     Args:
-        target: Folder of a run, or a policy file.
+        target: Folder of a run, what a study keeps of it, or a policy file.
 
     Returns:
         File of the policy, and the configuration.
@@ -38,7 +39,8 @@ def find_policy(target: Path) -> tuple[Path, Config]:
     """
     if target.is_dir():
         run: Run | None = open_run(target)
-        path = run.best_policy_path
+        kept = target / KEPT_POLICY_FILE
+        path = kept if kept.exists() else run.best_policy_path
     elif target.exists():
         path = target.resolve()
         run = run_of_policy(path)

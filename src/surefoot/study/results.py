@@ -22,6 +22,7 @@ from surefoot.evaluation.imitation import ImitationError
 from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
+from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import Best, StageRecord
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, read_setup
 from surefoot.study.cells import Cell, cell_config, cells_of, measurements_of
@@ -29,8 +30,6 @@ from surefoot.study.cells import Cell, cell_config, cells_of, measurements_of
 Record = TypeVar("Record")
 STUDY_FILE = "study.json"
 """File in a study's folder that makes the folder a study."""
-POLICY_FILE = "policy.safetensors"
-"""The policy that is kept of a cell."""
 
 
 class StudyError(ValueError):
@@ -324,7 +323,7 @@ def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
         if measured is not None:
             tests[measurement.name] = measured
     jobs = [_read(JobRecord, path) for path in sorted(results.glob("jobs/*.json"))]
-    policy = results / POLICY_FILE
+    policy = results / KEPT_POLICY_FILE
     return CellResult(
         cell, config, metrics, tests, tuple(jobs), policy if policy.exists() else None
     )

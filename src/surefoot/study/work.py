@@ -25,6 +25,7 @@ from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.robustness import evaluate
 from surefoot.files import write_atomic
 from surefoot.methods import METHODS
+from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import StageRecord, Trained
 from surefoot.runs.prepare import copy_first_stage
 from surefoot.runs.run import create, open_run
@@ -32,7 +33,6 @@ from surefoot.runs.stages import collect_data, train_policy
 from surefoot.runs.versions import versions
 from surefoot.study.cells import Cell, StudyJob, find_job, measurements_of
 from surefoot.study.results import (
-    POLICY_FILE,
     JobRecord,
     PolicyTest,
     StudySetup,
@@ -166,7 +166,7 @@ def train_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> 
     finally:
         save_run(folder, cell, run)
     if setup.study.keep_policies == "best_of_run":
-        kept = results_folder(folder, cell) / POLICY_FILE
+        kept = results_folder(folder, cell) / KEPT_POLICY_FILE
         write_atomic(kept, run.best_policy_path.read_bytes())
 
 

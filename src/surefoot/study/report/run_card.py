@@ -15,6 +15,7 @@ from pathlib import Path
 from surefoot.config import METHODS, Config
 from surefoot.config.json_io import changes, from_json, read_json
 from surefoot.runs.episode_ids import EpisodeId
+from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import Best, Collected, StageRecord, Validated
 from surefoot.runs.run import open_run, read_setup
 from surefoot.study.report.collecting import LIMIT, falls, paper_failures
@@ -29,7 +30,7 @@ from surefoot.study.report.panels import (
     group_of,
 )
 from surefoot.study.report.source import StageSource, stages
-from surefoot.study.results import POLICY_FILE, Tests
+from surefoot.study.results import Tests
 
 FALLS = Quantity("fell, whoever drove", "%", 0.01, 1, is_share=True)
 """Physical falls, as a share of an iteration's rollouts."""
@@ -125,7 +126,7 @@ def option_changes(config: Config) -> list[tuple[str, object, object]]:
 
 def _policy_of(folder: Path, best: int | None) -> Path | None:
     """File of the best policy, in a run's folder or among the results of a study."""
-    kept = folder / POLICY_FILE
+    kept = folder / KEPT_POLICY_FILE
     if kept.is_file():
         return kept
     if best is not None:
