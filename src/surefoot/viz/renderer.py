@@ -118,7 +118,7 @@ def draw_pictures() -> None:
     model, qpos, camera, (width, height) = pickle.load(sys.stdin.buffer)
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a graphics driver prints is not a picture
-    # Without a GPU a picture takes 0.05 to 0.13 s of a core; smooth edges alone would double that.
+    # Without a GPU a picture of a film takes 0.05 s of a core; smooth edges alone double that.
     model.vis.quality.offsamples = 0
     model.vis.quality.shadowsize = 1024
     model.mat_reflectance[:] = 0.0
