@@ -57,7 +57,7 @@ def decoded(path, count: int, width: int, height: int):
 
 def test_a_film_shows_the_robot_moving(tmp_path):
     path = tmp_path / "walk.mp4"
-    assert skip_without_opengl(film, recording_of(walk()), path, "walk", size=SIZE) == path
+    assert skip_without_opengl(film, recording_of(walk(400)), path, "walk", size=SIZE) == path
     frames = decoded(path, 10, *SIZE)
     middle = frames[:, 20:70, 40:120]
     assert middle.std() > 15  # a robot with its shadow, not an empty floor
@@ -67,10 +67,20 @@ def test_a_film_shows_the_robot_moving(tmp_path):
     from imageio_ffmpeg import get_ffmpeg_exe
 
     printed = subprocess.run([get_ffmpeg_exe(), "-i", path], capture_output=True).stderr
-    assert b"h264" in printed and b"yuv420p" in printed and b"50 fps" in printed
+    assert b"h264" in printed and b"yuv420p" in printed and b"25 fps" in printed
     # Slow motion shows the same moments for longer, and odd sizes are padded.
-    film(recording_of(walk(20)), path, rate=25, size=(81, 45), speed=0.25)
+    film(recording_of(walk(20)), path, size=(81, 45), speed=0.25)
     assert len(decoded(path, 2, 82, 46)) == 2
+
+
+def test_a_film_is_the_same_to_the_byte_for_any_number_of_workers(tmp_path):
+    recording = recording_of(walk(800), np.arange(800) > 300, (100,))
+    films = []
+    for workers in (1, 2):
+        path = tmp_path / f"{workers}.mp4"
+        skip_without_opengl(film, recording, path, "walk", size=SIZE, workers=workers)
+        films.append(path.read_bytes())
+    assert films[0] == films[1]
 
 
 def test_the_camera_follows_the_base_and_starts_beside_the_robot():
@@ -151,9 +161,9 @@ def test_a_push_is_marked_on_the_timeline_and_named_for_150_ms():
 def test_a_film_names_the_driver_only_if_it_is_known(tmp_path, monkeypatch):
     pytest.importorskip("imageio_ffmpeg", reason="the viz extra is not installed")
     monkeypatch.setattr(film_module, "pictures", blank(10))
-    path = film(recording_of(walk()), tmp_path / "film.mp4", size=SIZE)
+    path = film(recording_of(walk()), tmp_path / "film.mp4", rate=50, size=SIZE)
     assert (decoded(path, 10, *SIZE)[:, 20:] > 250).all()
-    film(recording_of(walk(), DROVE, (60,)), path, size=SIZE)
+    film(recording_of(walk(), DROVE, (60,)), path, rate=50, size=SIZE)
     frames = decoded(path, 10, *SIZE)
     assert is_color(frames[-1, -1, 4:76], POLICY_COLOR).all()
     assert is_color(frames[0, -1, 84:156], EXPERT_COLOR).all()
@@ -202,7 +212,7 @@ def test_without_opengl_the_error_says_what_to_install(tmp_path, monkeypatch):
     pytest.importorskip("imageio_ffmpeg", reason="the viz extra is not installed")
     monkeypatch.setenv("MUJOCO_GL", "disable")
     with pytest.raises(RenderingUnavailable, match=r"MUJOCO_GL=disable.*apt-get install libegl1"):
-        film(recording_of(walk()), tmp_path / "film.mp4", size=SIZE)
+        film(recording_of(walk(600)), tmp_path / "film.mp4", size=SIZE, workers=2)
     assert not list(tmp_path.iterdir())
 
 

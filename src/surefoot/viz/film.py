@@ -1,7 +1,7 @@
 """Films and contact sheets of a recorded robot, without a screen.
 
 A `Recording` is what the robot did, who drove and when it was pushed; `film` makes an MP4 of it and
-`contact_sheet` a PNG. The robot is drawn by `renderer`, in a process of its own; captions and the
+`contact_sheet` a PNG. The robot is drawn by `renderer`, in processes of their own; captions and the
 timeline are drawn here, and ffmpeg encodes the film. Next: `renderer`.
 """
 
@@ -95,9 +95,10 @@ def film(
     recording: Recording,
     path: Path,
     title: str | None = None,
-    rate: float = 50.0,
+    rate: float = 25.0,
     size: tuple[int, int] = (960, 540),
     speed: float = 1.0,
+    workers: int | None = None,
 ) -> Path:
     """Film a robot from its front right, as an MP4 (H.264, yuv420p); whole or not at all.
 
@@ -111,13 +112,15 @@ def film(
         rate: Frames per second of the film.
         size: Width and height [pixels].
         speed: Speed of the film; 0.25 is slow motion, four times slower than the robot.
+        workers: Number of processes that draw, which does not change the film; None for one per
+            core that may be used.
 
     Returns:
         The path.
 
     Raises:
         RenderingUnavailable: There is no OpenGL without a screen, or no ffmpeg.
-        ValueError: The path has another ending.
+        ValueError: The path has another ending, or the number of processes is not positive.
         WriteError: The path cannot be written.
     """
     check_output(path, suffixes=FILM_SUFFIXES)
@@ -132,7 +135,7 @@ def film(
             _draw_timeline(picture, recording, tick)
         return picture
 
-    drawing = pictures(recording.robot, recording.simulation, q[ticks], camera, size)
+    drawing = pictures(recording.robot, recording.simulation, q[ticks], camera, size, workers)
     with closing(drawing):
         bar = tqdm(zip(ticks, drawing, strict=True), "film", len(ticks), leave=False, unit="frame")
         frames = (finished(picture, int(tick)) for tick, picture in bar)
@@ -188,7 +191,7 @@ def check_rendering() -> None:
         RenderingUnavailable: There is no OpenGL without a screen, or no ffmpeg.
     """
     robot = solo12()
-    recording = Recording(robot, SimulationConfig(), np.tile(robot.nominal, (40, 1)))
+    recording = Recording(robot, SimulationConfig(), np.tile(robot.nominal, (80, 1)))
     with TemporaryDirectory() as folder:
         film(recording, Path(folder) / "check.mp4", size=(64, 48))
 

@@ -1,8 +1,10 @@
-"""Pictures of a robot without a screen, drawn by MuJoCo in a process of its own.
+"""Pictures of a robot without a screen, drawn by MuJoCo in processes of their own.
 
 Which OpenGL MuJoCo uses is settled when it is first imported, and a graphics driver that crashes in
-the drawing process takes nothing with it. `pictures` starts that process, which is this module run
-as a program; the pictures come back through a pipe. Next: `film`, which makes films of them.
+a drawing process takes nothing with it. `pictures` starts those processes, which are this module
+run as a program. Of n processes, each draws every n-th picture and hands it over through a pipe: so
+they come in order, and none waits in memory but the one that a process has just drawn. Next:
+`film`, which makes films of them.
 """
 
 from __future__ import annotations
@@ -11,23 +13,26 @@ import os
 import pickle
 import sys
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from subprocess import PIPE, Popen
 from tempfile import TemporaryFile
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 from PIL import Image
 
-from surefoot.config import SimulationConfig
-from surefoot.robots.model import RobotModel
-from surefoot.sim.mujoco import to_mujoco
-from surefoot.sim.mujoco_model import build_model
-from surefoot.types import Array
+from surefoot.workers import Workers, default_workers
+
+if TYPE_CHECKING:
+    from surefoot.config import SimulationConfig
+    from surefoot.robots.model import RobotModel
+    from surefoot.types import Array
 
 TILE = 0.1
 """[m] edge of a floor square; at 0.3 m/s a step of the trot is 0.15 m long."""
+LEAST_SHARE = 6
+"""Pictures of a process: to start one takes as long as to draw them."""
 FIX = "on Debian or Ubuntu: `make system`, or `apt-get install libegl1 libgl1-mesa-dri`"
 
 
@@ -41,8 +46,9 @@ def pictures(
     q: Array,
     camera: Array,
     size: tuple[int, int],
+    workers: int | None = None,
 ) -> Generator[Image.Image, None, None]:
-    """Draw configurations one after the other.
+    """Draw configurations, and yield their pictures in order: the same for any number of processes.
 
     Args:
         robot: The robot.
@@ -50,25 +56,61 @@ def pictures(
         q: ``(n, 19)`` configurations [m, unit quaternion, rad].
         camera: ``(n, 6)`` point to look at [m], distance [m], azimuth and elevation [deg].
         size: Width and height of a picture [pixels].
+        workers: Number of processes that draw at most; None for one per core that may be used. A
+            process that would draw less than six pictures is not started.
+
+    Raises:
+        RenderingUnavailable: There is no OpenGL without a screen.
+        ValueError: The number of processes is not positive.
+    """
+    # The processes that draw import this module too, and need none of this.
+    from surefoot.sim.mujoco import to_mujoco
+    from surefoot.sim.mujoco_model import build_model
+
+    cores = default_workers()
+    most = cores if workers is None else Workers(workers).started
+    count = max(min(most, len(q) // LEAST_SHARE), 1)
+    model = build_model(robot, simulation, visual=True)
+    qpos, _ = to_mujoco(q, np.zeros((len(q), model.nv)))
+    with ExitStack() as stack:
+        drawings = []
+        for first in range(count):
+            share = (model, qpos[first::count], camera[first::count], size)
+            drawing = stack.enter_context(closing(_drawn_elsewhere(share, cores // count)))
+            next(drawing)  # starts its process, so that all of them start at once
+            drawings.append(drawing)
+        for number in range(len(q)):
+            yield Image.frombytes("RGB", size, next(drawings[number % count]))
+
+
+def _drawn_elsewhere(share: tuple[Any, ...], cores: int) -> Generator[bytes, None, None]:
+    """Draw in one other process; yield nothing once it has started, then raw pictures.
+
+    Args:
+        share: What `draw_pictures` reads: model, configurations, cameras, size.
+        cores: Number of cores that the process may use.
 
     Raises:
         RenderingUnavailable: There is no OpenGL without a screen.
     """
-    model = build_model(robot, simulation, visual=True)
-    qpos, _ = to_mujoco(q, np.zeros((len(q), model.nv)))
+    _, qpos, _, (width, height) = share
     system = os.environ.get("MUJOCO_GL") or ("egl" if sys.platform == "linux" else "")
     failure = f"MuJoCo cannot draw without a screen (MUJOCO_GL={system}); {FIX}"
-    environment = {**os.environ, "MUJOCO_GL": system}
+    # Mesa, which draws where there is no GPU, starts a thread for every core of the machine. Of 0
+    # threads it starts none, and draws in the one that there is.
+    threads = str(cores if cores > 1 else 0)
+    environment = {"LP_NUM_THREADS": threads, **os.environ, "MUJOCO_GL": system}
     command = [sys.executable, "-m", __name__]
-    count = 3 * size[0] * size[1]
-    with child_process(command, failure, stdin=PIPE, stdout=PIPE, env=environment) as child:
-        pickle.dump((model, qpos, camera, size), child.stdin)
-        child.stdin.flush()
-        for _ in q:
-            pixels = child.stdout.read(count)
-            if len(pixels) < count:
-                raise BrokenPipeError
-            yield Image.frombytes("RGB", size, pixels)
+    with TemporaryFile() as file:
+        pickle.dump(share, file)
+        file.seek(0)
+        with child_process(command, failure, stdin=file, stdout=PIPE, env=environment) as child:
+            yield b""
+            for _ in qpos:
+                pixels = child.stdout.read(3 * width * height)
+                if len(pixels) < 3 * width * height:
+                    raise BrokenPipeError
+                yield pixels
 
 
 def draw_pictures() -> None:
@@ -76,7 +118,7 @@ def draw_pictures() -> None:
     model, qpos, camera, (width, height) = pickle.load(sys.stdin.buffer)
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a graphics driver prints is not a picture
-    # Without a GPU a picture takes 0.13 s; with smooth edges, finer shadows and a mirror 0.45 s.
+    # Without a GPU a picture of a film takes 0.05 s of a core; smooth edges alone double that.
     model.vis.quality.offsamples = 0
     model.vis.quality.shadowsize = 1024
     model.mat_reflectance[:] = 0.0
@@ -95,6 +137,9 @@ def draw_pictures() -> None:
             view.elevation = row[5]
             model.light_pos[0] = row[:3] - model.light_dir[0]  # shadows are drawn near the lamp
             mujoco.mj_forward(model, data)
+            # MuJoCo centers an endless floor at the camera of the update before. After two updates
+            # a picture does not depend on the one that its process drew before.
+            renderer.update_scene(data, view)
             renderer.update_scene(data, view)
             output.write(renderer.render().tobytes())
         output.flush()
