@@ -8,6 +8,7 @@ Algorithm 4.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -89,7 +90,7 @@ def unsafe(state: State, config: SafetyConfig) -> BoolArray:
         config: The table.
     """
     low, high = _bounds(config)
-    return outside(state.com[:, 2], state.roll_pitch, state.q[:, 7:], low, high)
+    return outside(state.com[:, 2], state.rotation, state.q[:, 7:], low, high)
 
 
 def margin(state: State, config: SafetyConfig, angle: float, height: float) -> Array:
@@ -124,15 +125,16 @@ def tightened(config: SafetyConfig, share: float, height: float) -> SafetyConfig
     return replace(config, com_height=(low, high), roll_pitch=share * config.roll_pitch)
 
 
-@njit(cache=True)
-def outside(height: Array, roll_pitch: Array, joints: Array, low: Array, high: Array) -> BoolArray:
+@njit(cache=True, error_model="numpy")
+def outside(height: Array, rotation: Array, joints: Array, low: Array, high: Array) -> BoolArray:
     """``(B,)`` True where a number is outside its bounds or is not a number.
 
-    Compiled, because it is asked every tick.
+    Compiled, because it is asked every tick. Roll and pitch are those of `State.roll_pitch` but for
+    the rounding of arctan and arcsin: a robot within 1e-15 rad of a bound may be judged otherwise.
 
     Args:
         height: ``(B,)`` heights [m].
-        roll_pitch: ``(B, 2)`` roll and pitch [rad].
+        rotation: ``(B, 3, 3)`` matrices from the base frame to the world frame.
         joints: ``(B, n)`` joint angles [rad].
         low: ``(3 + n,)`` lower bounds of height, roll, pitch and joints.
         high: ``(3 + n,)`` upper bounds.
@@ -140,8 +142,12 @@ def outside(height: Array, roll_pitch: Array, joints: Array, low: Array, high: A
     result = np.empty(len(height), np.bool_)
     for robot in range(len(height)):
         inside = low[0] <= height[robot] <= high[0]
-        for i in range(2):
-            inside &= low[1 + i] <= roll_pitch[robot, i] <= high[1 + i]
+        roll = math.atan2(rotation[robot, 2, 1], rotation[robot, 2, 2])
+        sine = -rotation[robot, 2, 0]
+        if abs(sine) > 1.0:  # by rounding; what is not a number stays so
+            sine = math.copysign(1.0, sine)
+        inside &= low[1] <= roll <= high[1]
+        inside &= low[2] <= math.asin(sine) <= high[2]
         for i in range(joints.shape[1]):
             inside &= low[3 + i] <= joints[robot, i] <= high[3 + i]
         result[robot] = not inside

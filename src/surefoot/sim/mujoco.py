@@ -21,6 +21,7 @@ from surefoot.config import SimulationConfig
 from surefoot.robots import rigid
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
+from surefoot.sim.derived import complete
 from surefoot.sim.mujoco_model import COM, FEET, FORCE, GROUND, build_model
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
 from surefoot.types import Array, BoolArray, State
@@ -63,26 +64,22 @@ def from_mujoco(qpos: Array, qvel: Array, com: Array, feet: Array, contacts: Boo
     """
     q = np.empty_like(qpos)
     v = np.empty_like(qvel)
-    R = np.empty((len(qpos), 3, 3))
-    _convert(qpos, qvel, q, v, R)
-    # The conversion needs the rotation, so that the state need not compute it again.
-    return State.with_rotation(q, v, com, feet, contacts, R)
+    _convert(qpos, qvel, q, v)
+    return complete(q, v, com, feet, contacts)
 
 
 @njit(cache=True, error_model="numpy")
-def _convert(qpos: Array, qvel: Array, q: Array, v: Array, R: Array) -> None:
-    """Fill q, v and the rotation; compiled, because it is done at every tick."""
+def _convert(qpos: Array, qvel: Array, q: Array, v: Array) -> None:
+    """Fill q and v; compiled, because it is done at every tick."""
     for robot in range(len(q)):
         q[robot] = qpos[robot]
         v[robot] = qvel[robot]
         q[robot, 3:6] = qpos[robot, 4:7]
         q[robot, 6] = qpos[robot, 3]
-        rows = rigid.rotation(q[robot])
-        for i in range(3):
-            R[robot, i, 0], R[robot, i, 1], R[robot, i, 2] = rows[i]
+        X, Y, Z = rigid.rotation(q[robot])
         world = rigid.vector(qvel[robot])
         for j in range(3):
-            v[robot, j] = rows[0][j] * world[0] + rows[1][j] * world[1] + rows[2][j] * world[2]
+            v[robot, j] = X[j] * world[0] + Y[j] * world[1] + Z[j] * world[2]
 
 
 @njit(cache=True)
@@ -195,7 +192,7 @@ class MujocoSimulator:
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""
         rows = mask
-        if self._blown_up.any():
+        if np.count_nonzero(self._blown_up):
             rows = ~self._blown_up if mask is None else mask & ~self._blown_up
         self._applied[:, 6:] = torque
         try:
@@ -204,7 +201,7 @@ class MujocoSimulator:
             # MuJoCo refused these robots (for lack of memory, say) and stepped all the others.
             self._blown_up[error.ids] = True
         # Every way into numbers that are not finite passes one of these warnings.
-        if self._bad_numbers.any():
+        if np.count_nonzero(self._bad_numbers):
             self._blown_up |= self._bad_numbers.any(axis=1)
         if self._pushed:
             self._applied[slice(None) if rows is None else rows, :3] = 0.0
