@@ -52,8 +52,8 @@ class Command(NamedTuple):
 class State:
     """The measured state of one robot, or of B robots in lockstep.
 
-    What follows from it (rotation, heading, feet around the center of mass, roll and pitch) is
-    computed once, when it is first needed. Where that is every tick, `sim.derived` does it faster.
+    What follows from it (rotation, heading, roll and pitch) is computed once, when it is first
+    needed.
 
     Attributes:
         q: ``(..., 19)`` configuration [m, unit quaternion, rad].
@@ -69,23 +69,6 @@ class State:
     feet: Array
     contacts: BoolArray
 
-    @classmethod
-    def complete(
-        cls,
-        q: Array,
-        v: Array,
-        com: Array,
-        feet: Array,
-        contacts: BoolArray,
-        rotation: Array,
-        heading: Array,
-        feet_around: Array,
-    ) -> State:
-        """Make a state of which all this is known, so that it need not be computed."""
-        state = cls(q, v, com, feet, contacts)
-        vars(state).update(rotation=rotation, heading=heading, feet_around=feet_around)
-        return state
-
     def __getitem__(self, index: int | slice | NDArray | tuple[Any, ...]) -> State:
         """The state of one robot of a batch, or of a part of the batch or of its ticks."""
         return State(*(getattr(self, field.name)[index] for field in fields(self)))
@@ -99,12 +82,6 @@ class State:
     def heading(self) -> Array:
         """``(..., 2)`` cos and sin of the yaw."""
         return rotations.heading(self.rotation)
-
-    @cached_property
-    def feet_around(self) -> Array:
-        """``(..., 4, 2)`` x, y of the feet from the center of mass, in the heading frame [m]."""
-        around = self.feet[..., :2] - self.com[..., None, :2]
-        return rotations.to_heading(around, self.heading[..., None, :])
 
     @cached_property
     def roll_pitch(self) -> Array:

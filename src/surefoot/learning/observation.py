@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from surefoot.config import Config, Phase
 from surefoot.errors import unknown
+from surefoot.rotations import to_heading
 from surefoot.types import Array, IntArray, State, to_ticks
 
 Float32Array = NDArray[np.float32]
@@ -110,13 +111,15 @@ def observe(state: State, out: Float32Array | None = None) -> Float32Array:
     v = state.v
     if out is None:
         out = np.empty((*q.shape[:-1], OBSERVATION_SIZE), np.float32)
+    feet = state.feet[..., :2] - state.com[..., None, :2]
+    feet = to_heading(feet, state.heading[..., None, :])
     parts = {
         "base_height": q[..., 2:3],
         "gravity": -state.rotation[..., 2, :],
         "base_velocity": v[..., :6],
         "joint_position": q[..., 7:],
         "joint_velocity": v[..., 6:],
-        "feet": state.feet_around.reshape(*q.shape[:-1], 8),
+        "feet": feet.reshape(*q.shape[:-1], 8),
     }
     return np.concatenate([parts[name] for name in OBSERVATION], axis=-1, out=out)
 

@@ -83,8 +83,7 @@ def pd(target: Array | Float32Array, q: Array, v: Array, spec: PolicySpec) -> Ar
         v: ``(..., 18)`` velocity.
         spec: The gains kp and kd.
     """
-    wide = np.asarray(target, dtype=np.float64)  # three times as fast as mixed types
-    return spec.kp * (wide - q[..., 7:]) - spec.kd * v[..., 6:]
+    return spec.kp * (target - q[..., 7:]) - spec.kd * v[..., 6:]
 
 
 def target_of(torque: Array, q: Array, v: Array, spec: PolicySpec) -> Array:
@@ -151,7 +150,7 @@ class Policy:
 
     def torque(self, state: State, tick: IntArray, command: Array, mask: BoolArray) -> Array:
         """Torques ``(B, 12)`` [N m], before any clipping; rows outside the mask are arbitrary."""
-        if not np.count_nonzero(mask):  # a fifth of the time of any()
+        if not mask.any():
             return np.zeros((len(mask), len(JOINTS)))
         return pd(self.target(state, tick, command), state.q, state.v, self.spec)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from surefoot.config import SafetyConfig
 from surefoot.rollouts.arbiters import Arbiter
-from surefoot.rollouts.clipping import clip_torque
+from surefoot.rollouts.compiled import clip_torque, driver
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.outcome import Outcome, fallen, stepping
 from surefoot.rotations import from_heading
@@ -83,6 +83,7 @@ def rollout(
     simulator.reset(starts.q, starts.v)
     expert.reset(B)
     if policy is not None:
+        policy = driver(policy)
         policy.reset(B)
     arbiter.reset(episodes.ids)
 

@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 
 from surefoot.config import SafetyConfig
+from surefoot.robots import rigid
 from surefoot.types import Array, BoolArray, IntArray, State
 
 LEFT_RIGHT = np.array([1.0, -1.0, 1.0, -1.0])
@@ -90,7 +91,7 @@ def unsafe(state: State, config: SafetyConfig) -> BoolArray:
         config: The table.
     """
     low, high = _bounds(config)
-    return outside(state.com[:, 2], state.rotation, state.q[:, 7:], low, high)
+    return outside(state.com[:, 2], state.q, low, high)
 
 
 def margin(state: State, config: SafetyConfig, angle: float, height: float) -> Array:
@@ -126,7 +127,7 @@ def tightened(config: SafetyConfig, share: float, height: float) -> SafetyConfig
 
 
 @njit(cache=True, error_model="numpy")
-def outside(height: Array, rotation: Array, joints: Array, low: Array, high: Array) -> BoolArray:
+def outside(height: Array, q: Array, low: Array, high: Array) -> BoolArray:
     """``(B,)`` True where a number is outside its bounds or is not a number.
 
     Compiled, because it is asked every tick. Roll and pitch are those of `State.roll_pitch` but for
@@ -134,24 +135,29 @@ def outside(height: Array, rotation: Array, joints: Array, low: Array, high: Arr
 
     Args:
         height: ``(B,)`` heights [m].
-        rotation: ``(B, 3, 3)`` matrices from the base frame to the world frame.
-        joints: ``(B, n)`` joint angles [rad].
-        low: ``(3 + n,)`` lower bounds of height, roll, pitch and joints.
+        q: ``(B, 19)`` configurations, for the angles.
+        low: ``(3 + n,)`` lower bounds of height, roll, pitch and the first n joints.
         high: ``(3 + n,)`` upper bounds.
     """
     result = np.empty(len(height), np.bool_)
     for robot in range(len(height)):
+        roll, pitch = _roll_pitch(rigid.rotation(q[robot])[2])
         inside = low[0] <= height[robot] <= high[0]
-        roll = math.atan2(rotation[robot, 2, 1], rotation[robot, 2, 2])
-        sine = -rotation[robot, 2, 0]
-        if abs(sine) > 1.0:  # by rounding; what is not a number stays so
-            sine = math.copysign(1.0, sine)
         inside &= low[1] <= roll <= high[1]
-        inside &= low[2] <= math.asin(sine) <= high[2]
-        for i in range(joints.shape[1]):
-            inside &= low[3 + i] <= joints[robot, i] <= high[3 + i]
+        inside &= low[2] <= pitch <= high[2]
+        for i in range(len(low) - 3):
+            inside &= low[3 + i] <= q[robot, 7 + i] <= high[3 + i]
         result[robot] = not inside
     return result
+
+
+@njit(cache=True, error_model="numpy")
+def _roll_pitch(up: rigid.Vector) -> tuple[float, float]:
+    """Roll and pitch [rad] of a base that sees the vertical as ``up``."""
+    sine = -up[0]
+    if abs(sine) > 1.0:  # by rounding; what is not a number stays so
+        sine = math.copysign(1.0, sine)
+    return math.atan2(up[1], up[2]), math.asin(sine)
 
 
 @lru_cache

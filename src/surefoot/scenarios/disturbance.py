@@ -21,7 +21,6 @@ from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import center_of_mass, feet, integrate, legs_of, masses_of
 from surefoot.scenarios.seeds import seed_of
 from surefoot.scenarios.torque_noise import TorqueNoise, join_torque_noises
-from surefoot.sim.derived import complete
 from surefoot.types import Array, IntArray, State, to_ticks
 
 EARLY = 0.2
@@ -389,7 +388,7 @@ class _Sensors:
         q[:, 2] += height
         position, _ = feet(q, self._legs)
         com = center_of_mass(q, self._legs, self._masses)
-        return complete(q, state.v + error[:, 18:], com, position, state.contacts)
+        return State(q, state.v + error[:, 18:], com, position, state.contacts)
 
     def _error(self) -> Array:
         """``(B, 36)`` errors of the next tick."""

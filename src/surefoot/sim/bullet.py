@@ -22,7 +22,6 @@ from surefoot.config import SimulationConfig
 from surefoot.robots.model import RobotModel, Shape, standing
 from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import rotation
-from surefoot.sim.derived import complete
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
 
@@ -375,7 +374,7 @@ class BulletSimulator:
                 q, v = from_bullet(self._q, self._v)
                 foot, _ = feet(q, self._legs)
                 com = center_of_mass(q, self._legs, self._masses)
-            self._state = complete(q, v, com, foot, self._force > CONTACT_FORCE)
+            self._state = State(q, v, com, foot, self._force > CONTACT_FORCE)
         return self._state
 
     @property

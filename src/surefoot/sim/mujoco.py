@@ -21,7 +21,6 @@ from surefoot.config import SimulationConfig
 from surefoot.robots import rigid
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
-from surefoot.sim.derived import complete
 from surefoot.sim.mujoco_model import COM, FEET, FORCE, GROUND, build_model
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
 from surefoot.types import Array, BoolArray, State
@@ -52,25 +51,16 @@ def to_mujoco(q: Array, v: Array) -> tuple[Array, Array]:
     return qpos, qvel
 
 
-def from_mujoco(qpos: Array, qvel: Array, com: Array, feet: Array, contacts: BoolArray) -> State:
-    """Return the state with q and v copied to Pinocchio's order; undoes `to_mujoco`.
+@njit(cache=True, error_model="numpy")
+def from_mujoco(qpos: Array, qvel: Array) -> tuple[Array, Array]:
+    """Convert MuJoCo's qpos and qvel to Pinocchio's q and v, in new arrays; undoes `to_mujoco`.
 
     Args:
         qpos: ``(B, 19)`` MuJoCo's positions.
         qvel: ``(B, 18)`` MuJoCo's velocities.
-        com: ``(B, 3)`` center of mass, world frame [m].
-        feet: ``(B, 4, 3)`` foot positions, world frame [m].
-        contacts: ``(B, 4)`` True where a foot is in contact.
     """
-    q = np.empty_like(qpos)
-    v = np.empty_like(qvel)
-    _convert(qpos, qvel, q, v)
-    return complete(q, v, com, feet, contacts)
-
-
-@njit(cache=True, error_model="numpy")
-def _convert(qpos: Array, qvel: Array, q: Array, v: Array) -> None:
-    """Fill q and v; compiled, because it is done at every tick."""
+    q = np.empty(qpos.shape)
+    v = np.empty(qvel.shape)
     for robot in range(len(q)):
         q[robot] = qpos[robot]
         v[robot] = qvel[robot]
@@ -80,22 +70,40 @@ def _convert(qpos: Array, qvel: Array, q: Array, v: Array) -> None:
         world = rigid.vector(qvel[robot])
         for j in range(3):
             v[robot, j] = X[j] * world[0] + Y[j] * world[1] + Z[j] * world[2]
+    return q, v
 
 
 @njit(cache=True)
-def _force_on_the_rest(feet: Array, ground: Array) -> Array:
-    """``(B,)`` vertical force on all parts of each robot but its feet, on level ground [N].
+def _measure(
+    force: Array, feet: Array, com: Array, ground: Array, threshold: float
+) -> tuple[Array, Array, BoolArray, BoolArray]:
+    """Copy what the sensors of B robots read, and say what touches the ground.
 
     Args:
-        feet: ``(B, 4)`` normal force on each foot [N].
+        force: ``(B, 4)`` normal force on each foot [N].
+        feet: ``(B, 12)`` foot positions, world frame [m].
+        com: ``(B, 3)`` center of mass, world frame [m].
         ground: ``(B, 3)`` force between robot and ground, either way, world frame [N].
+        threshold: What carries more than this is in contact [N].
+
+    Returns:
+        The center of mass ``(B, 3)``, the feet ``(B, 4, 3)``, ``(B, 4)`` True where a foot is in
+        contact, and ``(B,)`` True where all other parts together are. The vertical force on those
+        is what the feet leave of the force on level ground.
     """
-    rest = np.empty(len(feet))
-    for robot in range(len(feet)):
-        rest[robot] = abs(ground[robot, 2])
+    B = len(force)
+    feet_position = np.empty((B, 4, 3))
+    contacts = np.empty((B, 4), np.bool_)
+    body_contact = np.empty(B, np.bool_)
+    for robot in range(B):
+        rest = abs(ground[robot, 2])
         for leg in range(4):
-            rest[robot] -= feet[robot, leg]
-    return rest
+            rest -= force[robot, leg]
+            contacts[robot, leg] = force[robot, leg] > threshold
+            for i in range(3):
+                feet_position[robot, leg, i] = feet[robot, 3 * leg + i]
+        body_contact[robot] = rest > threshold
+    return com.copy(), feet_position, contacts, body_contact
 
 
 class MujocoSimulator:
@@ -144,7 +152,7 @@ class MujocoSimulator:
         self._pushed = False
         self._variation: tuple[Array, Array] | None = None
         self._loaded = np.zeros(0, dtype=int)  # rows whose mass is not the nominal one
-        self._state: State | None = None
+        self._reading: tuple[State, BoolArray] | None = None
         self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, self.model.nv)))
 
     def reset(self, q: Array, v: Array, mask: BoolArray | None = None) -> None:
@@ -157,7 +165,7 @@ class MujocoSimulator:
         self.simulations.forward(rows)
         finite = np.isfinite(self._qpos).all(axis=1) & np.isfinite(self._qvel).all(axis=1)
         self._blown_up = np.where(rows, ~finite, self._blown_up)
-        self._state = None
+        self._reading = None
 
     def vary(self, friction: Array | None, mass: Array | None) -> None:
         """See ``Simulator``."""
@@ -206,7 +214,7 @@ class MujocoSimulator:
         if self._pushed:
             self._applied[slice(None) if rows is None else rows, :3] = 0.0
             self._pushed = bool(self._applied[:, :3].any())
-        self._state = None
+        self._reading = None
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``. MuJoCo's first three generalized forces act at the base's origin."""
@@ -217,15 +225,18 @@ class MujocoSimulator:
     @property
     def state(self) -> State:
         """See ``Simulator``; computed once a tick."""
-        if self._state is None:
-            sensors = self._sensors.copy()
-            feet = sensors[:, FEET].reshape(self.batch, 4, 3)
-            contacts = sensors[:, FORCE] > CONTACT_FORCE
-            self._state = from_mujoco(self._qpos, self._qvel, sensors[:, COM], feet, contacts)
+        return self._read()[0]
+
+    def _read(self) -> tuple[State, BoolArray]:
+        """Return the state and ``(B,)`` True where a body is on the ground, read once a tick."""
+        if self._reading is None:
+            q, v = from_mujoco(self._qpos, self._qvel)
+            sensors = [self._sensors[:, part] for part in (FORCE, FEET, COM, GROUND)]
+            com, feet, contacts, body_contact = _measure(*sensors, CONTACT_FORCE)
             if self._loaded.size:
-                q = self._state.q[self._loaded]
-                self._state.com[self._loaded] = rigid.center_of_mass(q, *self._nominal)
-        return self._state
+                com[self._loaded] = rigid.center_of_mass(q[self._loaded], *self._nominal)
+            self._reading = (State(q, v, com, feet, contacts), body_contact)
+        return self._reading
 
     @property
     def contact_force(self) -> Array:
@@ -235,8 +246,7 @@ class MujocoSimulator:
     @property
     def body_contact(self) -> BoolArray:
         """See ``Simulator``."""
-        force = _force_on_the_rest(self._sensors[:, FORCE], self._sensors[:, GROUND])
-        return force > CONTACT_FORCE
+        return self._read()[1]
 
     @property
     def blown_up(self) -> BoolArray:
