@@ -5,11 +5,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from surefoot import rotations
 from surefoot.learning.network import MINIMUM_ROWS
 from surefoot.learning.observation import network_input
 from surefoot.learning.policy import Policy
 from surefoot.robots import model
-from surefoot.rollouts.compiled import CompiledPolicy, clip_torque, driver
+from surefoot.rollouts.compiled import (
+    CompiledPolicy,
+    clip_torque,
+    driver,
+    heading,
+    to_heading,
+)
 from surefoot.types import State
 from tests.fakes.drivers import FakeController
 from tests.fakes.learning import SMALL, spec_of, trained_network
@@ -81,6 +88,20 @@ def test_only_a_trained_policy_is_compiled():
     assert driver(controller) is controller
 
 
+@settings(deadline=None)
+@given(SEEDS)
+def test_heading_and_feet_have_the_bits_of_the_array_functions(seed):
+    rng = np.random.default_rng(seed)
+    R = rotations.rotation(random_moment(seed, 20)[0].q[:, 3:7])
+    expected = rotations.heading(R)
+    headings = [heading(x, y) for x, y in R[:, :2, 0]]
+    np.testing.assert_array_equal(headings, expected)
+    vectors = rng.normal(size=(20, 2))
+    turned = [to_heading(*v, *h) for v, h in zip(vectors, expected, strict=True)]
+    np.testing.assert_array_equal(turned, rotations.to_heading(vectors, expected))
+
+
+@settings(deadline=None)
 @given(SEEDS)
 def test_clipping_is_that_of_the_robot_to_the_bit(seed):
     rng = np.random.default_rng(seed)

@@ -60,16 +60,6 @@ class CompiledPolicy:
         return self._policy.diverged
 
 
-def clip_torque(torque: Array, limit: float) -> Array:
-    """Clip joint torques ``(B, 12)`` [N m] to the motor limit, in a new array.
-
-    Args:
-        torque: ``(B, 12)`` joint torques [N m]; what is not a number becomes zero.
-        limit: The torque limit, the same for all joints [N m].
-    """
-    return _clip(np.asarray(torque, dtype=np.float64), limit)
-
-
 @intrinsic
 def _multiply_add(typingctx: Any, a: Any, b: Any, c: Any) -> Any:
     """Return a * b + c, rounded once, as numpy does it in a product of complex numbers."""
@@ -78,6 +68,21 @@ def _multiply_add(typingctx: Any, a: Any, b: Any, c: Any) -> Any:
         return builder.fma(*args)
 
     return types.float64(types.float64, types.float64, types.float64), build
+
+
+@njit(cache=True, error_model="numpy")
+def heading(x: float, y: float) -> tuple[float, float]:
+    """Return the heading of a base whose x axis has these horizontal parts; yaw 0 without any."""
+    length = np.hypot(x, y)
+    if length <= 1e-9:
+        return 1.0, 0.0
+    return x / length, y / length
+
+
+@njit(cache=True, error_model="numpy")
+def to_heading(x: float, y: float, cos: float, sin: float) -> tuple[float, float]:
+    """Return a horizontal world vector in the frame of a heading."""
+    return _multiply_add(x, cos, y * sin), _multiply_add(x, -sin, y * cos)
 
 
 @njit(cache=True, error_model="numpy")
@@ -114,18 +119,11 @@ def _fill_inputs(
         for i in range(12):
             row[10 + i] = q[robot, 7 + i]
             row[22 + i] = v[robot, 6 + i]
-        # The heading: the base's x axis on the ground, or yaw 0 where that axis is vertical.
-        length = np.hypot(X[0], Y[0])
-        cos = 1.0
-        sin = 0.0
-        if not length <= 1e-9:
-            cos = X[0] / length
-            sin = Y[0] / length
+        cos, sin = heading(X[0], Y[0])
         for leg in range(4):
             dx = feet[robot, leg, 0] - com[robot, 0]
             dy = feet[robot, leg, 1] - com[robot, 1]
-            row[34 + 2 * leg] = _multiply_add(dx, cos, dy * sin)
-            row[35 + 2 * leg] = _multiply_add(dx, -sin, dy * cos)
+            row[34 + 2 * leg], row[35 + 2 * leg] = to_heading(dx, dy, cos, sin)
         phase = tick[robot] % len(phases)
         row[42] = phases[phase, 0]
         row[43] = phases[phase, 1]
@@ -145,11 +143,16 @@ def _pd(target: Float32Array, q: Array, v: Array, kp: float, kd: float) -> Array
 
 
 @njit(cache=True)
-def _clip(torque: Array, limit: float) -> Array:
-    """Return the torques ``(B, 12)``, clipped."""
+def clip_torque(torque: Array, limit: float) -> Array:
+    """Clip joint torques ``(B, 12)`` [N m] to the motor limit, in a new array.
+
+    Args:
+        torque: ``(B, 12)`` joint torques [N m]; what is not a number becomes zero.
+        limit: The torque limit, the same for all joints [N m].
+    """
     clipped = np.empty(torque.shape)
-    for robot in range(len(torque)):
-        for i in range(12):
+    for robot in range(torque.shape[0]):
+        for i in range(torque.shape[1]):
             value = torque[robot, i]
             if np.isnan(value):
                 value = 0.0

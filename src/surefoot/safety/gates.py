@@ -54,13 +54,14 @@ class Bounds:
 
     def __init__(self, config: SafetyConfig) -> None:
         self._config = config
+        self._low, self._high = _bounds(config)
 
     def reset(self, batch: int) -> None:
         """Do nothing: this gate has no memory."""
 
     def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
         """``(B,)`` True where a robot is outside the table."""
-        return unsafe(state, self._config)
+        return outside(state.com[:, 2], state.q, self._low, self._high)
 
 
 class AnyOf:

@@ -74,12 +74,20 @@ def from_mujoco(qpos: Array, qvel: Array) -> tuple[Array, Array]:
 
 
 @njit(cache=True)
-def _measure(
-    force: Array, feet: Array, com: Array, ground: Array, threshold: float
-) -> tuple[Array, Array, BoolArray, BoolArray]:
-    """Copy what the sensors of B robots read, and say what touches the ground.
+def _read(
+    qpos: Array,
+    qvel: Array,
+    force: Array,
+    feet: Array,
+    com: Array,
+    ground: Array,
+    threshold: float,
+) -> tuple[Array, Array, Array, Array, BoolArray, BoolArray]:
+    """Copy the state of B robots from MuJoCo's arrays; one call, because it is made every tick.
 
     Args:
+        qpos: ``(B, 19)`` MuJoCo's positions.
+        qvel: ``(B, 18)`` MuJoCo's velocities.
         force: ``(B, 4)`` normal force on each foot [N].
         feet: ``(B, 12)`` foot positions, world frame [m].
         com: ``(B, 3)`` center of mass, world frame [m].
@@ -87,11 +95,11 @@ def _measure(
         threshold: What carries more than this is in contact [N].
 
     Returns:
-        The center of mass ``(B, 3)``, the feet ``(B, 4, 3)``, ``(B, 4)`` True where a foot is in
-        contact, and ``(B,)`` True where all other parts together are. The vertical force on those
-        is what the feet leave of the force on level ground.
+        The fields of a ``State``, and ``(B,)`` True where all parts but the feet together are in
+        contact: on level ground they carry what the feet leave of the vertical force.
     """
-    B = len(force)
+    B = len(qpos)
+    q, v = from_mujoco(qpos, qvel)
     feet_position = np.empty((B, 4, 3))
     contacts = np.empty((B, 4), np.bool_)
     body_contact = np.empty(B, np.bool_)
@@ -103,7 +111,7 @@ def _measure(
             for i in range(3):
                 feet_position[robot, leg, i] = feet[robot, 3 * leg + i]
         body_contact[robot] = rest > threshold
-    return com.copy(), feet_position, contacts, body_contact
+    return q, v, com.copy(), feet_position, contacts, body_contact
 
 
 class MujocoSimulator:
@@ -152,7 +160,7 @@ class MujocoSimulator:
         self._pushed = False
         self._variation: tuple[Array, Array] | None = None
         self._loaded = np.zeros(0, dtype=int)  # rows whose mass is not the nominal one
-        self._reading: tuple[State, BoolArray] | None = None
+        self._measured: tuple[State, BoolArray] | None = None
         self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, self.model.nv)))
 
     def reset(self, q: Array, v: Array, mask: BoolArray | None = None) -> None:
@@ -165,7 +173,7 @@ class MujocoSimulator:
         self.simulations.forward(rows)
         finite = np.isfinite(self._qpos).all(axis=1) & np.isfinite(self._qvel).all(axis=1)
         self._blown_up = np.where(rows, ~finite, self._blown_up)
-        self._reading = None
+        self._measured = None
 
     def vary(self, friction: Array | None, mass: Array | None) -> None:
         """See ``Simulator``."""
@@ -202,6 +210,8 @@ class MujocoSimulator:
         rows = mask
         if np.count_nonzero(self._blown_up):
             rows = ~self._blown_up if mask is None else mask & ~self._blown_up
+        elif mask is not None and np.count_nonzero(mask) == self.batch:
+            rows = None
         self._applied[:, 6:] = torque
         try:
             self.simulations.step(rows, stage=_STAGE_VELOCITY)
@@ -214,7 +224,7 @@ class MujocoSimulator:
         if self._pushed:
             self._applied[slice(None) if rows is None else rows, :3] = 0.0
             self._pushed = bool(self._applied[:, :3].any())
-        self._reading = None
+        self._measured = None
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``. MuJoCo's first three generalized forces act at the base's origin."""
@@ -225,18 +235,19 @@ class MujocoSimulator:
     @property
     def state(self) -> State:
         """See ``Simulator``; computed once a tick."""
-        return self._read()[0]
+        return self._measure()[0]
 
-    def _read(self) -> tuple[State, BoolArray]:
-        """Return the state and ``(B,)`` True where a body is on the ground, read once a tick."""
-        if self._reading is None:
-            q, v = from_mujoco(self._qpos, self._qvel)
+    def _measure(self) -> tuple[State, BoolArray]:
+        """Return the state, and ``(B,)`` True where a body is on the ground; read once a tick."""
+        if self._measured is None:
             sensors = [self._sensors[:, part] for part in (FORCE, FEET, COM, GROUND)]
-            com, feet, contacts, body_contact = _measure(*sensors, CONTACT_FORCE)
+            *fields, body_contact = _read(self._qpos, self._qvel, *sensors, CONTACT_FORCE)
+            state = State(*fields)
             if self._loaded.size:
-                com[self._loaded] = rigid.center_of_mass(q[self._loaded], *self._nominal)
-            self._reading = (State(q, v, com, feet, contacts), body_contact)
-        return self._reading
+                q = state.q[self._loaded]
+                state.com[self._loaded] = rigid.center_of_mass(q, *self._nominal)
+            self._measured = (state, body_contact)
+        return self._measured
 
     @property
     def contact_force(self) -> Array:
@@ -246,7 +257,7 @@ class MujocoSimulator:
     @property
     def body_contact(self) -> BoolArray:
         """See ``Simulator``."""
-        return self._read()[1]
+        return self._measure()[1]
 
     @property
     def blown_up(self) -> BoolArray:
