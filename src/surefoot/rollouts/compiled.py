@@ -60,14 +60,17 @@ class CompiledPolicy:
         return self._policy.diverged
 
 
-@intrinsic
-def _multiply_add(typingctx: Any, a: Any, b: Any, c: Any) -> Any:
-    """Return a * b + c, rounded once, as numpy does it in a product of complex numbers."""
+def _build_multiply_add(typingctx: Any, a: Any, b: Any, c: Any) -> Any:
+    """Return the type of a * b + c, rounded once, and what writes its machine instruction."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.fma(*args)
 
     return types.float64(types.float64, types.float64, types.float64), build
+
+
+# numpy rounds once where it multiplies complex numbers, as `rotations.to_heading` does.
+_multiply_add: Any = intrinsic(_build_multiply_add)
 
 
 @njit(cache=True, error_model="numpy")

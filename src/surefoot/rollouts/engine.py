@@ -261,6 +261,11 @@ class _Drivers:
             torque = np.where(by_expert[:, None], answer, torque)
             if self._ask_always:
                 recorder.expert_torque[elapsed] = clip_torque(answer, self._torque_limit)
+        if torque.shape != self._no_torque.shape:
+            raise ValueError(
+                f"a controller gave torques {torque.shape} for {len(choice)} robots; give "
+                f"{self._no_torque.shape}"
+            )
         torque = clip_torque(torque, self._torque_limit)
         recorder.torque[elapsed] = torque
         recorder.drove[elapsed] = choice

@@ -240,8 +240,16 @@ class MujocoSimulator:
     def _measure(self) -> tuple[State, BoolArray]:
         """Return the state, and ``(B,)`` True where a body is on the ground; read once a tick."""
         if self._measured is None:
-            sensors = [self._sensors[:, part] for part in (FORCE, FEET, COM, GROUND)]
-            *fields, body_contact = _read(self._qpos, self._qvel, *sensors, CONTACT_FORCE)
+            sensors = self._sensors
+            *fields, body_contact = _read(
+                self._qpos,
+                self._qvel,
+                sensors[:, FORCE],
+                sensors[:, FEET],
+                sensors[:, COM],
+                sensors[:, GROUND],
+                CONTACT_FORCE,
+            )
             state = State(*fields)
             if self._loaded.size:
                 q = state.q[self._loaded]
