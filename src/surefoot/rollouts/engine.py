@@ -60,7 +60,7 @@ def rollout(
 
     Raises:
         ValueError: The number of robots is not that of the episodes, the policy is one of another
-            robot, or the arbiter asks for a policy and there is none.
+            robot, torques are not ``(B, 12)``, or the arbiter asks for a policy and there is none.
     """
     safety = safety or SafetyConfig()
     disturbance = episodes.disturbance or Disturbance()

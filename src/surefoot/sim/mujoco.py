@@ -241,7 +241,7 @@ class MujocoSimulator:
         """Return the state, and ``(B,)`` True where a body is on the ground; read once a tick."""
         if self._measured is None:
             sensors = self._sensors
-            *fields, body_contact = _read(
+            q, v, com, feet, contacts, body_contact = _read(
                 self._qpos,
                 self._qvel,
                 sensors[:, FORCE],
@@ -250,11 +250,9 @@ class MujocoSimulator:
                 sensors[:, GROUND],
                 CONTACT_FORCE,
             )
-            state = State(*fields)
             if self._loaded.size:
-                q = state.q[self._loaded]
-                state.com[self._loaded] = rigid.center_of_mass(q, *self._nominal)
-            self._measured = (state, body_contact)
+                com[self._loaded] = rigid.center_of_mass(q[self._loaded], *self._nominal)
+            self._measured = (State(q, v, com, feet, contacts), body_contact)
         return self._measured
 
     @property
