@@ -21,7 +21,7 @@ from surefoot.learning.observation import INPUT_SIZE, Float32Array, goal, networ
 from surefoot.learning.policy import policy_spec
 from surefoot.sim.mujoco import from_mujoco
 from surefoot.sim.protocol import CONTACT_FORCE
-from surefoot.types import Array, to_ticks
+from surefoot.types import Array, State, to_ticks
 
 _FORCE = slice(0, 4)
 """Place of the foot forces among the sensors that ``build_model`` makes."""
@@ -161,5 +161,6 @@ class UsualSolo12Env(Solo12Env):
         contacts = sensors[None, _FORCE] > CONTACT_FORCE
         feet = sensors[_FEET].reshape(1, 4, 3)
         com = sensors[None, _COM]
-        state = from_mujoco(self._qpos[None], self._qvel[None], com, feet, contacts)
+        q, v = from_mujoco(self._qpos[None], self._qvel[None])
+        state = State(q, v, com, feet, contacts)
         return network_input(state, self._tick, np.zeros(3), self._spec)[0]

@@ -69,15 +69,6 @@ class State:
     feet: Array
     contacts: BoolArray
 
-    @classmethod
-    def with_rotation(
-        cls, q: Array, v: Array, com: Array, feet: Array, contacts: BoolArray, rotation: Array
-    ) -> State:
-        """Make a state whose `rotation` is known already, so that it is not computed again."""
-        state = cls(q, v, com, feet, contacts)
-        object.__setattr__(state, "rotation", rotation)
-        return state
-
     def __getitem__(self, index: int | slice | NDArray | tuple[Any, ...]) -> State:
         """The state of one robot of a batch, or of a part of the batch or of its ticks."""
         return State(*(getattr(self, field.name)[index] for field in fields(self)))

@@ -74,6 +74,15 @@ def test_each_controller_is_asked_for_its_robots_only_and_with_the_gait_clock():
         np.testing.assert_array_equal(command, starts.command)
 
 
+def test_torques_of_a_wrong_shape_are_an_error_that_names_the_right_one():
+    class Short(FakeController):
+        def torque(self, state, tick, command, mask):
+            return super().torque(state, tick, command, mask)[:, :11]
+
+    with pytest.raises(ValueError, match=r"torques \(2, 11\) for 2 robots; give \(2, 12\)"):
+        rollout(FakeSimulator(2), standing_for(0.004, batch=2), PolicyOnly(), Short(), Short())
+
+
 def test_an_expert_that_is_always_asked_answers_where_it_does_not_drive_too():
     expert = FakeController(1.0)
     policy = FakeController(-1.0)

@@ -79,14 +79,33 @@ def test_a_state_that_is_not_a_number_is_unsafe():
 
 
 def test_outside_tells_which_number_leaves_its_bounds():
-    values = np.zeros((5, 4))
-    values[[1, 2, 3, 4], [0, 1, 2, 3]] = [1.1, -1.1, np.nan, 1.1]
+    q = np.array([turned_robot(), turned_robot(), turned_robot(roll=70), turned_robot(pitch=-70)])
+    q = np.concatenate([q, q[:1], q[:1], q[:1]])
+    q[:, 7] = 0.0
+    height = np.zeros(7)
+    height[1] = 1.1
+    height[4] = np.nan
+    q[5, 7] = -1.1
+    q[6, 7] = np.nan
     low = np.full(4, -1.0)
     high = np.full(4, 1.0)
-    result = outside(values[:, 0], values[:, 1:3], values[:, 3:], low, high)
-    np.testing.assert_array_equal(result, [False, True, True, True, True])
-    on_the_bound = np.ones((1, 2))
-    assert not outside(on_the_bound[:, 0], on_the_bound, on_the_bound[:, 1:], low, high)[0]
+    result = outside(height, q, low, high)
+    np.testing.assert_array_equal(result, [False, True, True, True, True, True, True])
+    q[0, 7] = 1.0
+    assert not outside(np.ones(1), q[:1], low, high)[0]  # on the bound
+
+
+def test_outside_judges_as_the_angles_of_the_state_do():
+    rng = np.random.default_rng(0)
+    q = np.tile(STANDING, (20_000, 1))
+    q[:, 3:7] = rng.normal(size=(20_000, 4))
+    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+    q[0, 3:7] = np.sqrt(0.5) * np.array([0.0, 1.0, 0.0, 1.0])  # straight up
+    state = state_of(q)
+    for bound in (0.3, 1.0, 1.5):
+        limit = np.full(3, bound)
+        expected = (np.abs(state.roll_pitch) > bound).any(axis=1)
+        np.testing.assert_array_equal(outside(np.zeros(20_000), q, -limit, limit), expected)
 
 
 def test_margin_is_the_distance_to_the_nearest_bound_in_its_unit():

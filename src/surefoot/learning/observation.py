@@ -8,6 +8,7 @@ The network's input is the observation followed by the goal. Read next: ``policy
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, get_args
 
 import numpy as np
@@ -60,6 +61,17 @@ class ObservationSpec:
         if self.period_ticks < 1:
             raise ValueError(f"period_ticks is {self.period_ticks}, expected at least 1 [ms]")
 
+    @cached_property
+    def phases(self) -> Float32Array:
+        """``(period_ticks, 2)`` what the network sees of the gait clock at each tick of a cycle."""
+        within = np.arange(self.period_ticks)
+        if self.phase == "circle":
+            angle = within * (2.0 * np.pi / self.period_ticks)
+            columns = (np.sin(angle), np.cos(angle))
+        else:
+            columns = (within / self.period_ticks, np.zeros(self.period_ticks))
+        return np.stack(columns, axis=-1).astype(np.float32)
+
 
 def observation_spec(config: Config) -> ObservationSpec:
     """What a configuration says about the network's input."""
@@ -101,14 +113,15 @@ def observe(state: State, out: Float32Array | None = None) -> Float32Array:
         out = np.empty((*q.shape[:-1], OBSERVATION_SIZE), np.float32)
     feet = state.feet[..., :2] - state.com[..., None, :2]
     feet = to_heading(feet, state.heading[..., None, :])
-    out[..., OBSERVATION["base_height"]] = q[..., 2:3]
-    out[..., OBSERVATION["gravity"]] = -state.rotation[..., 2, :]
-    out[..., OBSERVATION["base_velocity"]] = v[..., :6]
-    out[..., OBSERVATION["joint_position"]] = q[..., 7:]
-    out[..., OBSERVATION["joint_velocity"]] = v[..., 6:]
-    sizes = ObservationSpec.observation_sizes
-    out[..., OBSERVATION["feet"]] = feet.reshape(*q.shape[:-1], sizes["feet"])
-    return out
+    parts = {
+        "base_height": q[..., 2:3],
+        "gravity": -state.rotation[..., 2, :],
+        "base_velocity": v[..., :6],
+        "joint_position": q[..., 7:],
+        "joint_velocity": v[..., 6:],
+        "feet": feet.reshape(*q.shape[:-1], 8),
+    }
+    return np.concatenate([parts[name] for name in OBSERVATION], axis=-1, out=out)
 
 
 def goal(
@@ -132,16 +145,7 @@ def goal(
     if out is None:
         shape = np.broadcast_shapes(np.shape(tick), command.shape[:-1])
         out = np.empty((*shape, GOAL_SIZE), np.float32)
-    first = GOAL["phase"].start
-    second = first + 1
-    within = np.asarray(tick) % spec.period_ticks
-    if spec.phase == "circle":
-        angle = within * (2.0 * np.pi / spec.period_ticks)
-        out[..., first] = np.sin(angle)
-        out[..., second] = np.cos(angle)
-    else:
-        out[..., first] = within / spec.period_ticks
-        out[..., second] = 0.0
+    out[..., GOAL["phase"]] = spec.phases[np.asarray(tick) % spec.period_ticks]
     out[..., GOAL["command"]] = command
     return out
 

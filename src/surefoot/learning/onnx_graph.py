@@ -17,6 +17,10 @@ OPSET = 17
 IR_VERSION = 8
 """Version of the file format, old enough for every runtime in use."""
 
+LARGEST_BOUND = 256
+"""[rows] Up to here the runtime reads and writes arrays that are kept for it: each of its calls
+then takes 20 us less beside a simulation."""
+
 
 def onnx_graph(layers: Sequence[tuple[Float32Array, Float32Array]]) -> bytes:
     """A serialized model ``input (n, inputs) -> target (n, outputs)``, ReLU between the layers.
@@ -67,8 +71,26 @@ def runner(model: bytes) -> Callable[[Float32Array], Float32Array]:
     options.inter_op_num_threads = 1
     options.log_severity_level = 3  # errors only
     session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    width = session.get_inputs()[0].shape[1]
+    outputs = session.get_outputs()[0].shape[1]
+    bound = np.empty((0, width), np.float32)
+    target = np.empty((0, outputs), np.float32)
+    binding = session.io_binding()
 
     def run(inputs: Float32Array) -> Float32Array:
-        return np.asarray(session.run(None, {"input": inputs})[0])
+        nonlocal bound, target
+        if len(inputs) > LARGEST_BOUND:
+            return np.asarray(session.run(None, {"input": inputs})[0])
+        if inputs.shape != bound.shape:
+            bound = np.empty((len(inputs), width), np.float32)
+            target = np.empty((len(inputs), outputs), np.float32)
+            for bind, name, array in (
+                (binding.bind_input, "input", bound),
+                (binding.bind_output, "target", target),
+            ):
+                bind(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+        bound[:] = inputs
+        session.run_with_iobinding(binding)
+        return target.copy()
 
     return run

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import SafetyConfig
-from surefoot.robots.model import clip_torque
 from surefoot.rollouts.arbiters import Arbiter
+from surefoot.rollouts.compiled import clip_torque, driver
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.outcome import Outcome, fallen, stepping
 from surefoot.rotations import from_heading
@@ -60,7 +60,7 @@ def rollout(
 
     Raises:
         ValueError: The number of robots is not that of the episodes, the policy is one of another
-            robot, or the arbiter asks for a policy and there is none.
+            robot, torques are not ``(B, 12)``, or the arbiter asks for a policy and there is none.
     """
     safety = safety or SafetyConfig()
     disturbance = episodes.disturbance or Disturbance()
@@ -83,6 +83,7 @@ def rollout(
     simulator.reset(starts.q, starts.v)
     expert.reset(B)
     if policy is not None:
+        policy = driver(policy)
         policy.reset(B)
     arbiter.reset(episodes.ids)
 
@@ -97,16 +98,17 @@ def rollout(
     noise = HeldNoise(disturbance.torque_noise) if disturbance.torque_noise else None
     for elapsed in range(total + 1):
         state = simulator.state
-        # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
-        recorder.end(simulator.blown_up, Outcome.FELL, elapsed)
         touching = simulator.body_contact
+        # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
+        lost = simulator.blown_up
         if lying is not None:
             lying = np.where(touching, lying + 1, 0)
         if elapsed >= grace:
-            recorder.end(fallen(state, safety), Outcome.FELL, elapsed)
+            lost = lost | fallen(state, safety)
             if lying is not None:
-                recorder.end(lying >= to_ticks(safety.body_contact), Outcome.FELL, elapsed)
-        if elapsed == total or not recorder.active.any():
+                lost = lost | (lying >= to_ticks(safety.body_contact))
+        recorder.end(lost, Outcome.FELL, elapsed)
+        if elapsed == total or not np.count_nonzero(recorder.active):
             break
         _store(recorder.truth, elapsed, state)
         recorder.body_contact[elapsed] = touching
@@ -173,10 +175,11 @@ class _Recorder:
 
     def end(self, which: BoolArray, outcome: Outcome, elapsed: int) -> None:
         """End the episodes of the robots in ``which`` ``(B,)``, where they are still active."""
-        if not which.any():
+        # For a few robots, count_nonzero takes a third of the time of any().
+        if not np.count_nonzero(which):
             return
         ending = which & self.active
-        if ending.any():
+        if np.count_nonzero(ending):
             self.outcome[ending] = outcome
             self.length[ending] = elapsed
             self.active[ending] = False
@@ -244,13 +247,13 @@ class _Drivers:
         """
         torque = self._no_torque
         by_policy = ~choice & recorder.active
-        if by_policy.any():
+        if np.count_nonzero(by_policy):
             if self._policy is None:
                 raise ValueError("the arbiter asks for a policy, but none was given")
             torque = self._policy.torque(state, tick, self._command, by_policy)
         by_expert = choice & recorder.active
         asked = recorder.active.copy() if self._ask_always else by_expert
-        if asked.any():
+        if np.count_nonzero(asked):
             answer = self._expert.torque(state, tick, self._command, asked)
             diverged = self._expert.diverged
             recorder.asked[elapsed] = asked & ~diverged
@@ -258,6 +261,11 @@ class _Drivers:
             torque = np.where(by_expert[:, None], answer, torque)
             if self._ask_always:
                 recorder.expert_torque[elapsed] = clip_torque(answer, self._torque_limit)
+        if torque.shape != self._no_torque.shape:
+            raise ValueError(
+                f"a controller gave torques {torque.shape} for {len(choice)} robots; give "
+                f"{self._no_torque.shape}"
+            )
         torque = clip_torque(torque, self._torque_limit)
         recorder.torque[elapsed] = torque
         recorder.drove[elapsed] = choice

@@ -40,8 +40,7 @@ def failed(outcome: IntArray) -> BoolArray:
 
 def fallen(state: State, config: SafetyConfig) -> BoolArray:
     """``(B,)`` True where base height, roll or pitch is that of a robot that has fallen."""
-    no_joints = state.q[:, 7:7]
-    return outside(state.q[:, 2], state.roll_pitch, no_joints, *_fall_bounds(config))
+    return outside(state.q[:, 2], state.q, *_fall_bounds(config))
 
 
 @lru_cache

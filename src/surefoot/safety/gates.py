@@ -8,6 +8,7 @@ Algorithm 4.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -17,6 +18,7 @@ import numpy as np
 from numba import njit
 
 from surefoot.config import SafetyConfig
+from surefoot.robots import rigid
 from surefoot.types import Array, BoolArray, IntArray, State
 
 LEFT_RIGHT = np.array([1.0, -1.0, 1.0, -1.0])
@@ -52,13 +54,14 @@ class Bounds:
 
     def __init__(self, config: SafetyConfig) -> None:
         self._config = config
+        self._low, self._high = _bounds(config)
 
     def reset(self, batch: int) -> None:
         """Do nothing: this gate has no memory."""
 
     def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
         """``(B,)`` True where a robot is outside the table."""
-        return unsafe(state, self._config)
+        return outside(state.com[:, 2], state.q, self._low, self._high)
 
 
 class AnyOf:
@@ -89,7 +92,7 @@ def unsafe(state: State, config: SafetyConfig) -> BoolArray:
         config: The table.
     """
     low, high = _bounds(config)
-    return outside(state.com[:, 2], state.roll_pitch, state.q[:, 7:], low, high)
+    return outside(state.com[:, 2], state.q, low, high)
 
 
 def margin(state: State, config: SafetyConfig, angle: float, height: float) -> Array:
@@ -124,28 +127,38 @@ def tightened(config: SafetyConfig, share: float, height: float) -> SafetyConfig
     return replace(config, com_height=(low, high), roll_pitch=share * config.roll_pitch)
 
 
-@njit(cache=True)
-def outside(height: Array, roll_pitch: Array, joints: Array, low: Array, high: Array) -> BoolArray:
+@njit(cache=True, error_model="numpy")
+def outside(height: Array, q: Array, low: Array, high: Array) -> BoolArray:
     """``(B,)`` True where a number is outside its bounds or is not a number.
 
-    Compiled, because it is asked every tick.
+    Compiled, because it is asked every tick. Roll and pitch are those of `State.roll_pitch` but for
+    the rounding of arctan and arcsin: a robot within 1e-15 rad of a bound may be judged otherwise.
 
     Args:
         height: ``(B,)`` heights [m].
-        roll_pitch: ``(B, 2)`` roll and pitch [rad].
-        joints: ``(B, n)`` joint angles [rad].
-        low: ``(3 + n,)`` lower bounds of height, roll, pitch and joints.
+        q: ``(B, 19)`` configurations, for the angles.
+        low: ``(3 + n,)`` lower bounds of height, roll, pitch and the first n joints.
         high: ``(3 + n,)`` upper bounds.
     """
     result = np.empty(len(height), np.bool_)
     for robot in range(len(height)):
+        roll, pitch = _roll_pitch(rigid.rotation(q[robot])[2])
         inside = low[0] <= height[robot] <= high[0]
-        for i in range(2):
-            inside &= low[1 + i] <= roll_pitch[robot, i] <= high[1 + i]
-        for i in range(joints.shape[1]):
-            inside &= low[3 + i] <= joints[robot, i] <= high[3 + i]
+        inside &= low[1] <= roll <= high[1]
+        inside &= low[2] <= pitch <= high[2]
+        for i in range(len(low) - 3):
+            inside &= low[3 + i] <= q[robot, 7 + i] <= high[3 + i]
         result[robot] = not inside
     return result
+
+
+@njit(cache=True, error_model="numpy")
+def _roll_pitch(up: rigid.Vector) -> tuple[float, float]:
+    """Roll and pitch [rad] of a base that sees the vertical as ``up``."""
+    sine = -up[0]
+    if abs(sine) > 1.0:  # by rounding; what is not a number stays so
+        sine = math.copysign(1.0, sine)
+    return math.atan2(up[1], up[2]), math.asin(sine)
 
 
 @lru_cache

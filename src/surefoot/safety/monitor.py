@@ -52,7 +52,7 @@ class SafetyMonitor:
         The arguments are those of `Gate.unsafe`.
         """
         violation = self._gate.unsafe(state, tick, command)
-        if not self._any_blocked and not violation.any():
+        if not self._any_blocked and not np.count_nonzero(violation):
             return violation
         clock = np.where(self._blocked_for >= 0, self._blocked_for + 1, -1)
         if self._hand_back == "every_violation_restarts":

@@ -3,7 +3,8 @@
 What PyBullet measures of a robot is read after each tick, in PyBullet's own convention, and turned
 into a ``State`` for the whole batch at once: ``to_bullet`` and ``from_bullet`` are the only layout
 conversions. A walking robot's tick costs about four times MuJoCo's, two thirds of it inside
-``stepSimulation``; a client takes 28 MB and a reset 7 ms. Read ``sim.protocol`` first.
+``stepSimulation``; a client takes 28 MB and a reset 7 ms. Read ``sim.protocol`` first,
+and ``bullet_model`` for the model.
 """
 
 from __future__ import annotations
@@ -14,14 +15,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from xml.etree import ElementTree
 
 import numpy as np
+from numba import njit
 
 from surefoot.config import SimulationConfig
-from surefoot.robots.model import RobotModel, Shape, standing
+from surefoot.robots import rigid
+from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import rotation
+from surefoot.sim.bullet_model import build_urdf
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
 
@@ -70,6 +73,7 @@ def to_bullet(q: Array, v: Array) -> tuple[Array, Array]:
     return q.copy(), world
 
 
+@njit(cache=True, error_model="numpy")
 def from_bullet(q: Array, v: Array) -> tuple[Array, Array]:
     """Convert PyBullet's numbers to Pinocchio's q and v, in new arrays; undoes `to_bullet`.
 
@@ -78,70 +82,23 @@ def from_bullet(q: Array, v: Array) -> tuple[Array, Array]:
         v: ``(B, 18)`` velocities, base part in the world frame.
     """
     base = v.copy()
-    R = rotation(q[:, 3:7])
-    for part in (slice(0, 3), slice(3, 6)):
-        base[:, part] = (R * v[:, part, None]).sum(axis=1)
+    for robot in range(len(q)):
+        X, Y, Z = rigid.rotation(q[robot])
+        for part in (0, 3):
+            x, y, z = rigid.vector(v[robot, part:])
+            for j in range(3):
+                base[robot, part + j] = X[j] * x + Y[j] * y + Z[j] * z
     return q.copy(), base
 
 
-def build_urdf(robot: RobotModel) -> str:
-    """Return the robot's URDF with the shapes of `RobotModel.shapes` for its collision meshes.
-
-    Joints turn without limits, which would only hide a broken controller, and without damping.
-
-    Args:
-        robot: The robot.
-    """
-    root = ElementTree.fromstring(robot.urdf.read_text())
-    shapes: dict[str, Shape] = {shape.link: shape for shape in robot.shapes}
-    for link in root.iter("link"):
-        for tag in ("visual", "collision", "contact"):
-            for element in link.findall(tag):
-                link.remove(element)
-        shape = shapes.get(link.get("name", ""))
-        if shape is None:
-            continue
-        # Of the friction of two bodies PyBullet takes the product; the floor has the pair's.
-        contact = ElementTree.SubElement(link, "contact")
-        coefficients = {"lateral_friction": 1.0}
-        for name in ("lateral_friction", "rolling_friction", "spinning_friction", "restitution"):
-            value = str(coefficients.get(name, 0.0))
-            ElementTree.SubElement(contact, name, {"value": value})
-        link.append(_collision(shape))
-    for joint in root.iter("joint"):
-        if joint.get("type") == "revolute":
-            joint.set("type", "continuous")
-        for tag in ("limit", "dynamics"):
-            for element in joint.findall(tag):
-                joint.remove(element)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _collision(shape: Shape) -> ElementTree.Element:
-    """Return a shape as a URDF element; capsules lie along z, so they are turned into place."""
-    start = np.array(shape.start)
-    end = np.array(shape.end)
-    axis = end - start
-    length = float(np.linalg.norm(end - start))
-    roll = pitch = 0.0
-    if len(shape.size) == 3:
-        kind = "box"
-        size = {"size": " ".join(repr(2 * half) for half in shape.size)}
-    elif length == 0.0:
-        kind = "sphere"
-        size = {"radius": repr(shape.size[0])}
-    else:
-        kind = "capsule"
-        size = {"radius": repr(shape.size[0]), "length": repr(length)}
-        # Ry(pitch) Rx(roll) takes z to this axis.
-        roll = -np.arcsin(axis[1] / length)
-        pitch = np.arctan2(axis[0], axis[2])
-    collision = ElementTree.Element("collision")
-    middle = " ".join(repr(float(x)) for x in (start + end) / 2)
-    origin = {"xyz": middle, "rpy": f"{float(roll)!r} {float(pitch)!r} 0"}
-    ElementTree.SubElement(collision, "origin", origin)
-    ElementTree.SubElement(ElementTree.SubElement(collision, "geometry"), kind, size)
-    return collision
+@njit(cache=True)
+def _within(numbers: Array, limit: float) -> BoolArray:
+    """``(B,)`` False where one of the numbers ``(B, n)`` is NaN or beyond a limit, either way."""
+    within = np.ones(len(numbers), np.bool_)
+    for robot in range(len(numbers)):
+        for i in range(numbers.shape[1]):
+            within[robot] &= abs(numbers[robot, i]) <= limit
+    return within
 
 
 class BulletSimulator:
@@ -357,7 +314,7 @@ class BulletSimulator:
 
     def _sane(self) -> BoolArray:
         """Return ``(B,)`` False where a number is NaN or has run away."""
-        return np.all(np.abs(np.hstack([self._q, self._v])) <= RUN_AWAY, axis=1)
+        return _within(self._q, RUN_AWAY) & _within(self._v, RUN_AWAY)
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""
@@ -370,10 +327,9 @@ class BulletSimulator:
         """See ``Simulator``; computed once a tick."""
         if self._state is None:
             # A robot that blew up may hold infinities, which only make its own rows NaN.
-            with np.errstate(invalid="ignore", over="ignore"):
-                q, v = from_bullet(self._q, self._v)
-                foot, _ = feet(q, self._legs)
-                com = center_of_mass(q, self._legs, self._masses)
+            q, v = from_bullet(self._q, self._v)
+            foot, _ = feet(q, self._legs)
+            com = center_of_mass(q, self._legs, self._masses)
             self._state = State(q, v, com, foot, self._force > CONTACT_FORCE)
         return self._state
 

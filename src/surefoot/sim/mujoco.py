@@ -51,54 +51,67 @@ def to_mujoco(q: Array, v: Array) -> tuple[Array, Array]:
     return qpos, qvel
 
 
-def from_mujoco(qpos: Array, qvel: Array, com: Array, feet: Array, contacts: BoolArray) -> State:
-    """Return the state with q and v copied to Pinocchio's order; undoes `to_mujoco`.
+@njit(cache=True, error_model="numpy")
+def from_mujoco(qpos: Array, qvel: Array) -> tuple[Array, Array]:
+    """Convert MuJoCo's qpos and qvel to Pinocchio's q and v, in new arrays; undoes `to_mujoco`.
 
     Args:
         qpos: ``(B, 19)`` MuJoCo's positions.
         qvel: ``(B, 18)`` MuJoCo's velocities.
-        com: ``(B, 3)`` center of mass, world frame [m].
-        feet: ``(B, 4, 3)`` foot positions, world frame [m].
-        contacts: ``(B, 4)`` True where a foot is in contact.
     """
-    q = np.empty_like(qpos)
-    v = np.empty_like(qvel)
-    R = np.empty((len(qpos), 3, 3))
-    _convert(qpos, qvel, q, v, R)
-    # The conversion needs the rotation, so that the state need not compute it again.
-    return State.with_rotation(q, v, com, feet, contacts, R)
-
-
-@njit(cache=True, error_model="numpy")
-def _convert(qpos: Array, qvel: Array, q: Array, v: Array, R: Array) -> None:
-    """Fill q, v and the rotation; compiled, because it is done at every tick."""
+    q = np.empty(qpos.shape)
+    v = np.empty(qvel.shape)
     for robot in range(len(q)):
         q[robot] = qpos[robot]
         v[robot] = qvel[robot]
         q[robot, 3:6] = qpos[robot, 4:7]
         q[robot, 6] = qpos[robot, 3]
-        rows = rigid.rotation(q[robot])
-        for i in range(3):
-            R[robot, i, 0], R[robot, i, 1], R[robot, i, 2] = rows[i]
+        X, Y, Z = rigid.rotation(q[robot])
         world = rigid.vector(qvel[robot])
         for j in range(3):
-            v[robot, j] = rows[0][j] * world[0] + rows[1][j] * world[1] + rows[2][j] * world[2]
+            v[robot, j] = X[j] * world[0] + Y[j] * world[1] + Z[j] * world[2]
+    return q, v
 
 
 @njit(cache=True)
-def _force_on_the_rest(feet: Array, ground: Array) -> Array:
-    """``(B,)`` vertical force on all parts of each robot but its feet, on level ground [N].
+def _read(
+    qpos: Array,
+    qvel: Array,
+    force: Array,
+    feet: Array,
+    com: Array,
+    ground: Array,
+    threshold: float,
+) -> tuple[Array, Array, Array, Array, BoolArray, BoolArray]:
+    """Copy the state of B robots from MuJoCo's arrays; one call, because it is made every tick.
 
     Args:
-        feet: ``(B, 4)`` normal force on each foot [N].
+        qpos: ``(B, 19)`` MuJoCo's positions.
+        qvel: ``(B, 18)`` MuJoCo's velocities.
+        force: ``(B, 4)`` normal force on each foot [N].
+        feet: ``(B, 12)`` foot positions, world frame [m].
+        com: ``(B, 3)`` center of mass, world frame [m].
         ground: ``(B, 3)`` force between robot and ground, either way, world frame [N].
+        threshold: What carries more than this is in contact [N].
+
+    Returns:
+        The fields of a ``State``, and ``(B,)`` True where all parts but the feet together are in
+        contact: on level ground they carry what the feet leave of the vertical force.
     """
-    rest = np.empty(len(feet))
-    for robot in range(len(feet)):
-        rest[robot] = abs(ground[robot, 2])
+    B = len(qpos)
+    q, v = from_mujoco(qpos, qvel)
+    feet_position = np.empty((B, 4, 3))
+    contacts = np.empty((B, 4), np.bool_)
+    body_contact = np.empty(B, np.bool_)
+    for robot in range(B):
+        rest = abs(ground[robot, 2])
         for leg in range(4):
-            rest[robot] -= feet[robot, leg]
-    return rest
+            rest -= force[robot, leg]
+            contacts[robot, leg] = force[robot, leg] > threshold
+            for i in range(3):
+                feet_position[robot, leg, i] = feet[robot, 3 * leg + i]
+        body_contact[robot] = rest > threshold
+    return q, v, com.copy(), feet_position, contacts, body_contact
 
 
 class MujocoSimulator:
@@ -147,7 +160,7 @@ class MujocoSimulator:
         self._pushed = False
         self._variation: tuple[Array, Array] | None = None
         self._loaded = np.zeros(0, dtype=int)  # rows whose mass is not the nominal one
-        self._state: State | None = None
+        self._measured: tuple[State, BoolArray] | None = None
         self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, self.model.nv)))
 
     def reset(self, q: Array, v: Array, mask: BoolArray | None = None) -> None:
@@ -160,7 +173,7 @@ class MujocoSimulator:
         self.simulations.forward(rows)
         finite = np.isfinite(self._qpos).all(axis=1) & np.isfinite(self._qvel).all(axis=1)
         self._blown_up = np.where(rows, ~finite, self._blown_up)
-        self._state = None
+        self._measured = None
 
     def vary(self, friction: Array | None, mass: Array | None) -> None:
         """See ``Simulator``."""
@@ -195,8 +208,10 @@ class MujocoSimulator:
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""
         rows = mask
-        if self._blown_up.any():
+        if np.count_nonzero(self._blown_up):
             rows = ~self._blown_up if mask is None else mask & ~self._blown_up
+        elif mask is not None and np.count_nonzero(mask) == self.batch:
+            rows = None
         self._applied[:, 6:] = torque
         try:
             self.simulations.step(rows, stage=_STAGE_VELOCITY)
@@ -204,12 +219,12 @@ class MujocoSimulator:
             # MuJoCo refused these robots (for lack of memory, say) and stepped all the others.
             self._blown_up[error.ids] = True
         # Every way into numbers that are not finite passes one of these warnings.
-        if self._bad_numbers.any():
+        if np.count_nonzero(self._bad_numbers):
             self._blown_up |= self._bad_numbers.any(axis=1)
         if self._pushed:
             self._applied[slice(None) if rows is None else rows, :3] = 0.0
             self._pushed = bool(self._applied[:, :3].any())
-        self._state = None
+        self._measured = None
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``. MuJoCo's first three generalized forces act at the base's origin."""
@@ -220,15 +235,25 @@ class MujocoSimulator:
     @property
     def state(self) -> State:
         """See ``Simulator``; computed once a tick."""
-        if self._state is None:
-            sensors = self._sensors.copy()
-            feet = sensors[:, FEET].reshape(self.batch, 4, 3)
-            contacts = sensors[:, FORCE] > CONTACT_FORCE
-            self._state = from_mujoco(self._qpos, self._qvel, sensors[:, COM], feet, contacts)
+        return self._measure()[0]
+
+    def _measure(self) -> tuple[State, BoolArray]:
+        """Return the state, and ``(B,)`` True where a body is on the ground; read once a tick."""
+        if self._measured is None:
+            sensors = self._sensors
+            q, v, com, feet, contacts, body_contact = _read(
+                self._qpos,
+                self._qvel,
+                sensors[:, FORCE],
+                sensors[:, FEET],
+                sensors[:, COM],
+                sensors[:, GROUND],
+                CONTACT_FORCE,
+            )
             if self._loaded.size:
-                q = self._state.q[self._loaded]
-                self._state.com[self._loaded] = rigid.center_of_mass(q, *self._nominal)
-        return self._state
+                com[self._loaded] = rigid.center_of_mass(q[self._loaded], *self._nominal)
+            self._measured = (State(q, v, com, feet, contacts), body_contact)
+        return self._measured
 
     @property
     def contact_force(self) -> Array:
@@ -238,8 +263,7 @@ class MujocoSimulator:
     @property
     def body_contact(self) -> BoolArray:
         """See ``Simulator``."""
-        force = _force_on_the_rest(self._sensors[:, FORCE], self._sensors[:, GROUND])
-        return force > CONTACT_FORCE
+        return self._measure()[1]
 
     @property
     def blown_up(self) -> BoolArray:

@@ -1,0 +1,114 @@
+"""The compiled forms of what a tick computes, compared with numpy's, bit for bit."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from surefoot import rotations
+from surefoot.learning.network import MINIMUM_ROWS
+from surefoot.learning.observation import network_input
+from surefoot.learning.policy import Policy
+from surefoot.robots import model
+from surefoot.rollouts.compiled import (
+    CompiledPolicy,
+    clip_torque,
+    driver,
+    heading,
+    to_heading,
+)
+from surefoot.types import State
+from tests.fakes.drivers import FakeController
+from tests.fakes.learning import SMALL, spec_of, trained_network
+
+SEEDS = st.integers(0, 2**32 - 1)
+POLICY = Policy(trained_network(), spec_of(SMALL), np.zeros((2, 3)))
+
+
+def random_moment(seed, batch):
+    """Any states, clocks and commands: turned in all ways, and as fast as a robot that blows up."""
+    rng = np.random.default_rng(seed)
+    scale = 10.0 ** rng.uniform(-3, 6)
+    q = scale * rng.normal(size=(batch, 19))
+    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+    v = scale * rng.normal(size=(batch, 18))
+    com = q[:, :3] + rng.normal(size=(batch, 3))
+    feet = com[:, None] + rng.normal(size=(batch, 4, 3))
+    state = State(q, v, com, feet, rng.random((batch, 4)) < 0.5)
+    return state, rng.integers(0, 10**6, batch), rng.normal(size=(batch, 3))
+
+
+@settings(max_examples=200, deadline=None)
+@given(SEEDS, st.integers(1, 3 * MINIMUM_ROWS))
+def test_a_compiled_policy_gives_the_same_torques_to_the_bit(seed, batch):
+    state, tick, command = random_moment(seed, batch)
+    compiled = driver(POLICY)
+    assert isinstance(compiled, CompiledPolicy)
+    compiled.reset(batch)
+    everyone = np.ones(batch, bool)
+    expected = POLICY.torque(state, tick, command, everyone)
+    np.testing.assert_array_equal(compiled.torque(state, tick, command, everyone), expected)
+    inputs = network_input(state, tick, command, POLICY.spec.observation)
+    np.testing.assert_array_equal(compiled._inputs[:batch], inputs)
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf, 1e200])
+def test_a_robot_that_has_blown_up_gets_the_same_torques_and_disturbs_no_other(number):
+    state, tick, command = random_moment(0, 4)
+    state.q[1, 3:] = number
+    state.v[2] = number
+    state.feet[3] = number
+    compiled = driver(POLICY)
+    compiled.reset(4)
+    everyone = np.ones(4, bool)
+    with np.errstate(all="ignore"):
+        expected = POLICY.torque(state, tick, command, everyone)
+    np.testing.assert_array_equal(compiled.torque(state, tick, command, everyone), expected)
+    assert np.isfinite(expected[0]).all()
+
+
+def test_a_base_whose_axis_is_vertical_has_yaw_0_in_both_forms():
+    state, tick, command = random_moment(0, 2)
+    state.q[:, 3:7] = np.sqrt(0.5) * np.array([0.0, 1.0, 0.0, 1.0])
+    state.q[0, 3:7] = [0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)]
+    compiled = driver(POLICY)
+    compiled.reset(2)
+    everyone = np.ones(2, bool)
+    expected = POLICY.torque(state, tick, command, everyone)
+    np.testing.assert_array_equal(compiled.torque(state, tick, command, everyone), expected)
+
+
+def test_only_a_trained_policy_is_compiled():
+    class Own(Policy):
+        """A user's own policy, with another torque."""
+
+    own = Own(POLICY.network, POLICY.spec, POLICY.command_range)
+    controller = FakeController(1.0)
+    assert driver(own) is own
+    assert driver(controller) is controller
+
+
+@settings(deadline=None)
+@given(SEEDS)
+def test_heading_and_feet_have_the_bits_of_the_array_functions(seed):
+    rng = np.random.default_rng(seed)
+    R = rotations.rotation(random_moment(seed, 20)[0].q[:, 3:7])
+    expected = rotations.heading(R)
+    headings = [heading(x, y) for x, y in R[:, :2, 0]]
+    np.testing.assert_array_equal(headings, expected)
+    vectors = rng.normal(size=(20, 2))
+    turned = [to_heading(*v, *h) for v, h in zip(vectors, expected, strict=True)]
+    np.testing.assert_array_equal(turned, rotations.to_heading(vectors, expected))
+
+
+@settings(deadline=None)
+@given(SEEDS)
+def test_clipping_is_that_of_the_robot_to_the_bit(seed):
+    rng = np.random.default_rng(seed)
+    torque = 3.0 * rng.normal(size=(5, 12))
+    special = [np.nan, np.inf, -np.inf, 2.5, -2.5, 0.0, -0.0]
+    torque.flat[rng.choice(60, len(special), replace=False)] = special
+    clipped = clip_torque(torque, 2.5)
+    np.testing.assert_array_equal(clipped, model.clip_torque(torque, 2.5))
+    np.testing.assert_array_equal(np.signbit(clipped), np.signbit(model.clip_torque(torque, 2.5)))
+    assert clipped is not torque
