@@ -67,28 +67,37 @@ class Residuals(NamedTuple):
         foot: ``(N, 4, 3)`` errors of the feet [m]; zero where a foot is not tracked.
         foot_jacobian: ``(N+1, 4, 3, 9)`` Jacobians of the feet with respect to base and own leg.
         momentum: ``(N+1, 6)`` errors of the centroidal momentum [kg m/s, kg m^2/s].
+        momentum_jacobian: ``(N+1, 6, 36)`` Jacobians of the momentum with respect to q and v.
         state: ``(N+1, 36)`` differences of configuration and velocity from the regularized ones.
     """
 
     foot: Array
     foot_jacobian: Array
     momentum: Array
+    momentum_jacobian: Array
     state: Array
 
 
 @njit(cache=True, error_model="numpy")
 def objective(
-    p: ProblemArrays, motion: Motion, momentum: Array, foot: Array, foot_jacobian: Array
+    p: ProblemArrays,
+    motion: Motion,
+    momentum: Array,
+    momentum_jacobian: Array,
+    foot: Array,
+    foot_jacobian: Array,
 ) -> tuple[float, Residuals]:
     """Return the objective of a trajectory, and its residuals.
+
+    The Jacobians become a part of the residuals as they are.
 
     Args:
         p: The problem.
         motion: The trajectory.
         momentum: ``(N+1, 6)`` centroidal momenta of the trajectory.
+        momentum_jacobian: ``(N+1, 6, 36)`` Jacobians of the momenta.
         foot: ``(N+1, 4, 3)`` foot positions of the trajectory [m].
-        foot_jacobian: ``(N+1, 4, 3, 9)`` Jacobians of the feet, which become a part of the
-            residuals.
+        foot_jacobian: ``(N+1, 4, 3, 9)`` Jacobians of the feet.
     """
     q, v, u = motion
     N = len(p.dt)
@@ -109,13 +118,11 @@ def objective(
                 error[t, leg] = foot[t, leg] - p.position[t, leg]
         stage += p.foot_weight * np.sum(error[t] ** 2) + np.sum(p.control_weight * u[t] ** 2)
         cost += 0.5 * p.dt[t] * stage
-    return cost, Residuals(error, foot_jacobian, momentum, state)
+    return cost, Residuals(error, foot_jacobian, momentum, momentum_jacobian, state)
 
 
 @njit(cache=True, error_model="numpy")
-def gauss_newton_model(
-    p: ProblemArrays, motion: Motion, r: Residuals, momentum_jacobian: Array
-) -> QuadraticModel:
+def gauss_newton_model(p: ProblemArrays, motion: Motion, r: Residuals) -> QuadraticModel:
     """Return the quadratic model of the state costs, and the dynamics' base blocks.
 
     The state's Jacobian is the identity except for the base; a foot depends on base and own leg.
@@ -124,7 +131,6 @@ def gauss_newton_model(
         p: The problem.
         motion: The trajectory around which the model is made.
         r: The residuals of the trajectory, from `objective`.
-        momentum_jacobian: ``(N+1, 6, 36)`` Jacobians of the momentum with respect to q and v.
     """
     v = motion.v
     N = len(p.dt)
@@ -134,7 +140,7 @@ def gauss_newton_model(
     E = np.empty((N, 6, 6))
     own = np.arange(9)  # columns of a foot's Jacobian among the 36
     for t in range(N + 1):
-        J = momentum_jacobian[t]
+        J = r.momentum_jacobian[t]
         H[t] = p.momentum_weight * (J.T @ J)
         g[t] = p.momentum_weight * (J.T @ r.momentum[t])
         D = difference_jacobian(r.state[t, :6])

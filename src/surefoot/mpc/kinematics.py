@@ -9,8 +9,8 @@ Over nodes t with state x = (q, v) and generalized acceleration u as control,
     v_{t+1} = v_t + dt u_t,   q_{t+1} = q_t (+) dt v_{t+1}
 
 The next velocity serves as the decision of the sweep (u follows from it), so 18 x 18 blocks are
-all there is to solve. The compiled costs are in `kinematic_costs`; momentum and its derivatives are
-Pinocchio's. Read `planner` next.
+all there is to solve. The compiled costs are in `kinematic_costs`, momentum and its derivatives in
+`robots.dynamics`. Read `planner` next.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numba import njit
 
 from surefoot.config import KinematicConfig
@@ -31,9 +30,10 @@ from surefoot.mpc.kinematic_costs import (
     gauss_newton_model,
     objective,
 )
-from surefoot.mpc.riccati import NV, QuadraticModel, riccati
+from surefoot.mpc.riccati import NV, riccati
+from surefoot.robots.dynamics import centroidal_momentum
 from surefoot.robots.model import RobotModel
-from surefoot.robots.rigid import difference, feet, integrate, legs_of
+from surefoot.robots.rigid import difference, feet, integrate, legs_of, masses_of
 from surefoot.types import Array
 
 STEPS = (1.0, 0.5, 0.25, 0.125, 0.03125)
@@ -101,10 +101,9 @@ class KinematicSolver:
     """
 
     def __init__(self, robot: RobotModel, config: KinematicConfig) -> None:
-        self._model = robot.model
         self._config = config
-        self._data = robot.model.createData()
         self._legs = legs_of(robot)
+        self._masses = masses_of(robot)
         self._state_weight = config.state_weight * np.concatenate(
             [
                 config.base_position,
@@ -162,7 +161,7 @@ class KinematicSolver:
 
     def _line_search(self, p: ProblemArrays, iterate: _Iterate, damping: float) -> _Iterate | None:
         """Return a better iterate along the Gauss-Newton step; None if no step length helps."""
-        model = self._linearize(p, iterate.motion, iterate.residuals)
+        model = gauss_newton_model(p, iterate.motion, iterate.residuals)
         k, K, decrease = riccati(model, damping)
         for step in STEPS:
             trial = self._evaluate(p, _roll(iterate.motion, k, K, p.dt, step))
@@ -191,7 +190,7 @@ class KinematicSolver:
         p = self._prepare(problem)
         q, v = simulate(np.array(problem.q0), np.array(problem.v0), u, p.dt)
         motion = Motion(q, v, u)
-        model = self._linearize(p, motion, self._evaluate(p, motion).residuals)
+        model = gauss_newton_model(p, motion, self._evaluate(p, motion).residuals)
         gx = model.gradient
         gradient = np.empty_like(u)
         to_q = gx[-1, :NV]
@@ -223,29 +222,14 @@ class KinematicSolver:
 
     def _evaluate(self, p: ProblemArrays, motion: Motion) -> _Iterate:
         """Return a trajectory with its objective and residuals."""
-        model = self._model
-        data = self._data
-        momentum = np.empty((len(motion.q), 6))
-        for t in range(len(motion.q)):
-            pin.computeCentroidalMomentum(model, data, motion.q[t], motion.v[t])
-            momentum[t] = data.hg.vector
+        momentum, momentum_jacobian = centroidal_momentum(
+            motion.q, motion.v, self._legs, self._masses
+        )
         foot, foot_jacobian = feet(motion.q, self._legs)
-        cost, residuals = objective(p, motion, momentum, foot, foot_jacobian)
+        cost, residuals = objective(
+            p, motion, momentum, momentum_jacobian, foot, foot_jacobian
+        )
         return _Iterate(motion, cost, residuals)
-
-    def _linearize(self, p: ProblemArrays, motion: Motion, residuals: Residuals) -> QuadraticModel:
-        """Return the costs to second order and the dynamics to first order."""
-        model = self._model
-        data = self._data
-        momentum_jacobian = np.empty((len(motion.q), 6, 2 * NV))
-        zero = np.zeros(NV)
-        for t in range(len(motion.q)):
-            dh_dq, _, _, dh_dv = pin.computeCentroidalDynamicsDerivatives(
-                model, data, motion.q[t], motion.v[t], zero
-            )
-            momentum_jacobian[t, :, :NV] = dh_dq
-            momentum_jacobian[t, :, NV:] = dh_dv
-        return gauss_newton_model(p, motion, residuals, momentum_jacobian)
 
 
 @njit(cache=True, error_model="numpy")

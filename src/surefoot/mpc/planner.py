@@ -14,7 +14,6 @@ from time import perf_counter
 
 import numpy as np
 import pinocchio as pin
-from numba import njit
 
 from surefoot.config import ExpertConfig, Gait
 from surefoot.mpc.centroidal import CentroidalPlan, CentroidalProblem, solve_centroidal
@@ -29,8 +28,9 @@ from surefoot.mpc.footholds import (
 )
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
 from surefoot.mpc.schedule import node_ticks
+from surefoot.robots.dynamics import inverse_dynamics
 from surefoot.robots.model import RobotModel
-from surefoot.robots.rigid import feet, legs_of
+from surefoot.robots.rigid import feet, legs_of, masses_of
 from surefoot.types import GRID, TICKS_PER_SECOND, Array, Command, MotionPlan, State
 
 PLAN_TICKS = 2 * GRID
@@ -107,6 +107,7 @@ class Planner:
         hips = hip_offsets(robot, config.hip_outward)
         self._foothold_rule = FootholdRule(gait, config, hips, robot.foot_radius)
         self._legs = legs_of(robot)
+        self._masses = masses_of(robot)
         self._yaw_inertia = self._inertia_about_the_vertical()
         self._kinematics = KinematicSolver(robot, config.kinematic)
 
@@ -338,13 +339,7 @@ class Planner:
             a: ``(T, 18)`` generalized accelerations.
             force: ``(T, 4, 3)`` forces on the feet, world axes [N].
         """
-        model = self._robot.model
-        data = self._data
-        tau = np.empty((len(q), 18))
-        for t in range(len(q)):
-            tau[t] = pin.rnea(model, data, q[t], v[t], a[t])
-        subtract_contacts(tau, feet(np.ascontiguousarray(q), self._legs)[1], force)
-        return tau
+        return inverse_dynamics(np.ascontiguousarray(q), v, a, force, self._legs, self._masses)
 
     def _inertia_about_the_vertical(self) -> float:
         """Return the composite inertia in the nominal pose [kg m^2]."""
@@ -352,25 +347,6 @@ class Planner:
         data = self._data
         pin.ccrba(model, data, self._robot.nominal, np.zeros(18))
         return float(data.Ig.inertia[2, 2])
-
-
-@njit(cache=True, error_model="numpy")
-def subtract_contacts(tau: Array, J: Array, force: Array) -> None:
-    """Subtract sum_j J_j^T f_j from ``tau (T, 18)``; a foot acts on the base and its own leg.
-
-    Args:
-        tau: ``(T, 18)`` generalized forces, which are changed in place.
-        J: ``(T, 4, 3, 9)`` foot Jacobians, from `feet`.
-        force: ``(T, 4, 3)`` forces on the feet, world axes [N].
-    """
-    for t in range(len(tau)):
-        for leg in range(4):
-            for axis in range(3):
-                f = force[t, leg, axis]
-                for i in range(6):
-                    tau[t, i] -= J[t, leg, axis, i] * f
-                for i in range(3):
-                    tau[t, 6 + 3 * leg + i] -= J[t, leg, axis, 6 + i] * f
 
 
 def to_heading_frame(q: Array) -> Array:
