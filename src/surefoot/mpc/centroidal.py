@@ -22,6 +22,7 @@ from numba import njit
 
 from surefoot.config import CentroidalConfig
 from surefoot.mpc.footholds import ContactPlan
+from surefoot.robots.rigid import cross, skew, vector
 from surefoot.types import GRAVITY, Array, BoolArray
 
 PENALTY = (1e4, 0.2, 2.0)
@@ -32,6 +33,8 @@ RELAXATION = 1.6
 """The ADMM over-relaxation: 1 is none, 1.5 to 1.8 is usual (Boyd et al. 2011, section 3.4.3)."""
 FORCE_ITERATIONS = 500
 """The largest number of gradient steps in one force step."""
+BAND = 12
+"""The width of the band of the state step: the diagonal and 11 entries beside it."""
 FORCE_TOLERANCE = 1e-9
 """[N/kg] The gradient steps end at a smaller change."""
 
@@ -201,24 +204,26 @@ def _dual_step(P: Array, X: Array, wrench: Array, step: float, problem: _Problem
     The last row is that of the start. ``wrench (N, 6)`` is the sum s of the forces and m of their
     moments about the origin, per mass; the moment about the center of mass is then m + s x c.
     """
-    R = X[0] - problem.x0
+    nodes = len(problem.dt)
     total = 0.0
-    for t in range(len(P) - 1, -1, -1):
-        if t < len(P) - 1:
-            h = problem.dt[t]
-            c = X[t]
-            s = wrench[t]
-            R = X[t + 1] - X[t]
-            for i in range(3):
-                j = (i + 1) % 3
-                k = (i + 2) % 3
-                R[i] -= h * X[t + 1, 3 + i]
-                R[3 + i] -= h * s[i]
-                R[6 + i] -= h * (s[3 + i] + s[j] * c[k] - s[k] * c[j])
-            R[5] += h * GRAVITY
-        for i in range(9):
-            P[t, i] += step * R[i]
-            total += R[i] * R[i]
+    for i in range(9):
+        r = X[0, i] - problem.x0[i]
+        P[nodes, i] += step * r
+        total += r * r
+    for t in range(nodes):
+        h = problem.dt[t]
+        for i in range(3):
+            j = (i + 1) % 3
+            k = (i + 2) % 3
+            moment = wrench[t, 3 + i] + wrench[t, j] * X[t, k] - wrench[t, k] * X[t, j]
+            weight = GRAVITY if i == 2 else 0.0
+            position = X[t + 1, i] - X[t, i] - h * X[t + 1, 3 + i]
+            velocity = X[t + 1, 3 + i] - X[t, 3 + i] - h * (wrench[t, i] - weight)
+            momentum = X[t + 1, 6 + i] - X[t, 6 + i] - h * moment
+            P[t, i] += step * position
+            P[t, 3 + i] += step * velocity
+            P[t, 6 + i] += step * momentum
+            total += position * position + velocity * velocity + momentum * momentum
     return np.sqrt(total)
 
 
@@ -226,66 +231,116 @@ def _dual_step(P: Array, X: Array, wrench: Array, step: float, problem: _Problem
 def _force_step(F: Array, wrench: Array, X: Array, P: Array, problem: _Problem) -> None:
     """Write the forces that minimize |f|^2_W + |violation + P|^2_rho inside the cones.
 
-    The nodes separate. With n stance feet, A ``(6, 3n)`` maps their forces to the change of (v, k)
-    over the node and b is the wanted change; then z minimizes z^T H z - 2 g^T z.
+    The nodes separate. A ``(6, 3n)`` maps the forces f of n stance feet to the change of (v, k)
+    over the node, and b is the wanted change. Without cones the optimum is f = W^-1 A^T y with
+    (rho^-1 + A W^-1 A^T) y = b, a system of 6 for any number of feet. It is the answer where it
+    lies inside all cones, as it mostly does; else `_solve_forces` finds it.
     """
-    A = np.zeros((6, 12))
+    arm = np.empty((4, 3))
+    b = np.empty(6)
     for t in range(len(problem.dt)):
         h = problem.dt[t]
-        feet = np.flatnonzero(problem.active[t])
-        size = 3 * len(feet)
-        H = np.zeros((size, size))
-        g = np.zeros(size)
-        for m in range(size):
-            i = m % 3
-            r = problem.position[t, feet[m // 3]]
-            j = (i + 1) % 3
-            k = (i + 2) % 3
-            H[m, 0] = problem.force_weight[i]
-            A[i, m] = h
-            A[3 + j, m] = h * (r[k] - X[t, k])
-            A[3 + k, m] = -h * (r[j] - X[t, j])
-        for i in range(6):
-            b = X[t + 1, 3 + i] - X[t, 3 + i] + P[t, 3 + i] + (h * GRAVITY if i == 2 else 0.0)
-            for m in range(size):
-                a = problem.rho[3 + i] * A[i, m]
-                if a != 0.0:
-                    g[m] += a * b
-                    for k in range(size - m):
-                        H[m, k] += a * A[i, m + k]
-        z = _solve_forces(H, g, problem.friction, problem.force_weight.min())
+        for i in range(3):
+            weight = h * GRAVITY if i == 2 else 0.0
+            b[i] = X[t + 1, 3 + i] - X[t, 3 + i] + P[t, 3 + i] + weight
+            b[3 + i] = X[t + 1, 6 + i] - X[t, 6 + i] + P[t, 6 + i]
+        for leg in range(4):
+            for i in range(3):
+                arm[leg, i] = problem.position[t, leg, i] - X[t, i]
+        y = _wrench_multiplier(arm, b, h, problem.active[t], problem)
+        inside = True
+        for leg in range(4):
+            if not problem.active[t, leg]:
+                continue
+            turn = cross((y[3], y[4], y[5]), vector(arm[leg]))
+            for i in range(3):
+                F[t, leg, i] = h / problem.force_weight[i] * (y[i] + turn[i])
+            n = np.sqrt(F[t, leg, 0] ** 2 + F[t, leg, 1] ** 2)
+            if not n <= problem.friction * F[t, leg, 2]:
+                inside = False
+        if not inside:
+            _solve_forces(F[t], arm, b, h, problem.active[t], problem)
         wrench[t] = 0.0
-        for m in range(size):
-            i = m % 3
-            r = problem.position[t, feet[m // 3]]
-            j = (i + 1) % 3
-            k = (i + 2) % 3
-            F[t, feet[m // 3], i] = z[m]
-            wrench[t, i] += z[m]
-            wrench[t, 3 + j] += r[k] * z[m]
-            wrench[t, 3 + k] -= r[j] * z[m]
+        for leg in range(4):
+            if not problem.active[t, leg]:
+                continue
+            moment = cross(vector(problem.position[t, leg]), vector(F[t, leg]))
+            for i in range(3):
+                wrench[t, i] += F[t, leg, i]
+                wrench[t, 3 + i] += moment[i]
 
 
 @njit(cache=True, error_model="numpy")
-def _solve_forces(H: Array, g: Array, mu: float, smallest: float) -> Array:
-    """Minimize z^T H z - 2 g^T z over stacked forces z ``(3n,)`` inside their cones.
+def _wrench_multiplier(
+    arm: Array, b: Array, h: float, active: BoolArray, problem: _Problem
+) -> Array:
+    """Return y ``(6,)`` with (rho^-1 + A W^-1 A^T) y = b.
 
-    The optimum without cones is the answer where it lies inside all of them, as it mostly does.
-    Else Nesterov's projected gradient for a strongly convex function: ``smallest`` and L, the
-    largest row sum, bound the eigenvalues of H. ``H[i, d]`` holds entry (i, i + d).
+    The columns of A for a foot are h (1, [arm]).
     """
-    size = len(g)
-    z = g.copy()
-    _solve_banded(H.copy(), z)
-    if _project_cones(z, mu) == 0:
-        return z
-    S = np.empty((size, size))
-    L = 0.0
-    for i in range(size):
-        for k in range(size):
-            S[i, k] = H[min(i, k), abs(i - k)]
-        L = max(L, np.abs(S[i]).sum())
+    M = np.zeros((6, 6))
+    for i in range(6):
+        M[i, i] = 1.0 / problem.rho[3 + i]
+    for leg in range(4):
+        if not active[leg]:
+            continue
+        rows = skew(vector(arm[leg]))
+        for k in range(3):
+            w = h * h / problem.force_weight[k]
+            M[k, k] += w
+            for i in range(3):
+                M[k, 3 + i] += w * rows[i][k]
+                for j in range(i, 3):
+                    M[3 + i, 3 + j] += w * rows[i][k] * rows[j][k]
+    y = b.copy()
+    for i in range(6):
+        pivot = 1.0 / M[i, i]
+        for j in range(i + 1, 6):
+            factor = pivot * M[i, j]
+            for k in range(j, 6):
+                M[j, k] -= factor * M[i, k]
+            y[j] -= factor * y[i]
+        M[i, i] = pivot
+    for i in range(5, -1, -1):
+        for k in range(5, i, -1):
+            y[i] -= M[i, k] * y[k]
+        y[i] *= M[i, i]
+    return y
+
+
+@njit(cache=True, error_model="numpy")
+def _solve_forces(
+    F: Array, arm: Array, b: Array, h: float, active: BoolArray, problem: _Problem
+) -> None:
+    """Minimize |f|^2_W + |A f - b|^2_rho over the forces ``F (4, 3)`` of a node inside their cones.
+
+    Nesterov's projected gradient for a strongly convex function, from the given forces on: the
+    smallest weight and L, the largest row sum, bound the eigenvalues of S = W + A^T rho A.
+    """
+    feet = np.flatnonzero(active)
+    size = 3 * len(feet)
+    A = np.zeros((6, size))
+    z = np.empty(size)
+    for m in range(size):
+        i = m % 3
+        rows = skew(vector(arm[feet[m // 3]]))
+        A[i, m] = h
+        for k in range(3):
+            A[3 + k, m] = h * rows[k][i]
+        z[m] = F[feet[m // 3], i]
+    S = np.zeros((size, size))
+    g = np.zeros(size)
+    for m in range(size):
+        S[m, m] = problem.force_weight[m % 3]
+        for i in range(6):
+            a = problem.rho[3 + i] * A[i, m]
+            g[m] += a * b[i]
+            for k in range(size):
+                S[m, k] += a * A[i, k]
+    L = np.abs(S).sum(axis=1).max()
+    smallest = problem.force_weight.min()
     momentum = (np.sqrt(L) - np.sqrt(smallest)) / (np.sqrt(L) + np.sqrt(smallest))
+    _project_cones(z, problem.friction)
     y = z.copy()
     new = z.copy()
     for _ in range(FORCE_ITERATIONS):
@@ -294,7 +349,7 @@ def _solve_forces(H: Array, g: Array, mu: float, smallest: float) -> Array:
             for k in range(size):
                 s -= S[i, k] * y[k]
             new[i] = y[i] + s / L
-        _project_cones(new, mu)
+        _project_cones(new, problem.friction)
         change = 0.0
         for i in range(size):
             change = max(change, abs(new[i] - y[i]))
@@ -302,7 +357,8 @@ def _solve_forces(H: Array, g: Array, mu: float, smallest: float) -> Array:
             z[i] = new[i]
         if change < FORCE_TOLERANCE:
             break
-    return z
+    for m in range(size):
+        F[feet[m // 3], m % 3] = z[m]
 
 
 @njit(cache=True, error_model="numpy")
@@ -326,63 +382,99 @@ def _project_cones(z: Array, mu: float) -> int:
 def _state_step(X: Array, wrench: Array, P: Array, problem: _Problem) -> None:
     """Write the states that minimize |X - reference|^2_W + |violation + P|^2_rho.
 
-    The violation of node t is J (x_t, x_{t+1}) - b with J ``(9, 18)`` sparse, so the normal
-    equations H X = y are banded, with 17 upper diagonals; y is built and solved in place of X.
+    The violation of a node couples its state to the next, so the normal equations H y = g are
+    banded. In the order (k, v, c) within a node no entry is filled in beyond 11 upper diagonals:
+    the next momentum depends on k and c, the next velocity on v, the next position on c and both
+    velocities. ``H[i, d]`` holds entry (i, i + d).
     """
     nodes = len(problem.dt)
+    size = 9 * (nodes + 1)
+    H = np.zeros((size + BAND, BAND))
+    y = np.zeros(size + BAND)
     rho = problem.rho
-    y = X.reshape(-1)
-    H = np.zeros((9 * (nodes + 1), 18))
-    J = np.zeros((9, 18))
     for t in range(nodes + 1):
         for i in range(9):
-            H[9 * t + i, 0] = problem.weight[t, i]
-            y[9 * t + i] = problem.weight[t, i] * problem.reference[t, i]
+            row = 9 * t + _place(i)
+            H[row, 0] = problem.weight[t, i]
+            y[row] = problem.weight[t, i] * problem.reference[t, i]
     for i in range(9):
-        J[i, i] = -1.0
-        J[i, 9 + i] = 1.0
-        H[i, 0] += rho[0]
-        y[i] += rho[0] * (problem.x0[i] - P[nodes, i])
+        H[_place(i), 0] += rho[0]
+        y[_place(i)] += rho[0] * (problem.x0[i] - P[nodes, i])
     for t in range(nodes):
         h = problem.dt[t]
-        s = wrench[t]
+        s = vector(wrench[t])
+        rows = skew(s)
         for i in range(3):
-            j = (i + 1) % 3
-            k = (i + 2) % 3
-            J[i, 12 + i] = -h
-            J[6 + i, j] = h * s[k]
-            J[6 + i, k] = -h * s[j]
-        for i in range(9):
-            b = (h * s[i - 3] if i >= 3 else 0.0) - (h * GRAVITY if i == 5 else 0.0)
-            for j in range(18):
-                a = rho[i] * J[i, j]
-                if a != 0.0:
-                    y[9 * t + j] += a * (b - P[t, i])
-                    for k in range(18 - j):
-                        H[9 * t + j, k] += a * J[i, j + k]
+            k = 9 * t + i
+            v = k + 3
+            c = k + 6
+            # Position: c' - c - h v'.
+            a = rho[i]
+            H[c, 0] += a
+            H[c, 6] += a * h
+            H[c, 9] -= a
+            H[v + 9, 0] += a * h * h
+            H[v + 9, 3] -= a * h
+            H[c + 9, 0] += a
+            y[c] += a * P[t, i]
+            y[v + 9] += a * h * P[t, i]
+            y[c + 9] -= a * P[t, i]
+            # Velocity: v' - v - h (s - g).
+            a = rho[3 + i]
+            H[v, 0] += a
+            H[v, 9] -= a
+            H[v + 9, 0] += a
+            wanted = h * (s[i] - (GRAVITY if i == 2 else 0.0)) - P[t, 3 + i]
+            y[v] -= a * wanted
+            y[v + 9] += a * wanted
+            # Momentum: k' - k - h (m + s x c).
+            a = rho[6 + i]
+            H[k, 0] += a
+            H[k, 9] -= a
+            H[k + 9, 0] += a
+            wanted = h * wrench[t, 3 + i] - P[t, 6 + i]
+            y[k] -= a * wanted
+            y[k + 9] += a * wanted
+            for j in range(3):
+                by_c = -h * rows[i][j]
+                H[k, 6 + j - i] -= a * by_c
+                H[9 * t + 6 + j, 3 + i - j] += a * by_c
+                y[9 * t + 6 + j] += a * by_c * wanted
+                for m in range(j, 3):
+                    H[9 * t + 6 + j, m - j] += a * by_c * (-h * rows[i][m])
     _solve_banded(H, y)
+    for t in range(nodes + 1):
+        for i in range(9):
+            X[t, i] = y[9 * t + _place(i)]
+
+
+@njit(cache=True, error_model="numpy")
+def _place(i: int) -> int:
+    """Return the place of entry i of a state (c, v, k) in the order (k, v, c)."""
+    return 3 * (2 - i // 3) + i % 3
 
 
 @njit(cache=True, error_model="numpy")
 def _solve_banded(H: Array, y: Array) -> None:
-    """Solve H X = y into y by Cholesky, H = U^T U, in place and row by row.
+    """Solve H x = y into y by Gauss's elimination, in place and row by row.
 
-    ``H[i, d]`` holds entry (i, i + d). In the state step row i ends with the next node's block,
-    which leaves it 18 - i % 9 entries; in the force step the bound is never below the size.
+    ``H[i, d]`` holds entry (i, i + d). The last ``BAND`` rows of H and y are empty, so that all
+    loops have the same length.
     """
-    size = len(y)
+    size = len(y) - BAND
+    row = np.zeros(2 * BAND)
     for i in range(size):
-        width = min(18 - i % 9, size - i)
-        root = 1.0 / np.sqrt(H[i, 0])
-        for k in range(width):
-            H[i, k] *= root
-        y[i] *= root
-        for j in range(1, width):
-            a = H[i, j]
-            for k in range(width - j):
-                H[i + j, k] -= a * H[i, j + k]
-            y[i + j] -= a * y[i]
+        pivot = 1.0 / H[i, 0]
+        row[:BAND] = H[i]
+        for j in range(1, BAND):
+            factor = pivot * row[j]
+            for k in range(BAND):
+                H[i + j, k] -= factor * row[j + k]
+            y[i + j] -= factor * y[i]
+        H[i, 0] = pivot
     for i in range(size - 1, -1, -1):
-        for k in range(1, min(18 - i % 9, size - i)):
-            y[i] -= H[i, k] * y[i + k]
-        y[i] /= H[i, 0]
+        # The newest entry comes last, so that the sums of several rows overlap in time.
+        s = y[i]
+        for k in range(BAND - 1, 0, -1):
+            s -= H[i, k] * y[i + k]
+        y[i] = s * H[i, 0]
