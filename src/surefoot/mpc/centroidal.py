@@ -22,7 +22,7 @@ from numba import njit
 
 from surefoot.config import CentroidalConfig
 from surefoot.mpc.footholds import ContactPlan
-from surefoot.robots.rigid import cross, skew, vector
+from surefoot.robots.rigid import combine, cross, skew, vector
 from surefoot.types import GRAVITY, Array, BoolArray
 
 PENALTY = (1e4, 0.2, 2.0)
@@ -212,14 +212,14 @@ def _dual_step(P: Array, X: Array, wrench: Array, step: float, problem: _Problem
         total += r * r
     for t in range(nodes):
         h = problem.dt[t]
+        moment = combine(
+            1.0, vector(wrench[t, 3:]), 1.0, cross(vector(wrench[t]), vector(X[t]))
+        )
         for i in range(3):
-            j = (i + 1) % 3
-            k = (i + 2) % 3
-            moment = wrench[t, 3 + i] + wrench[t, j] * X[t, k] - wrench[t, k] * X[t, j]
             weight = GRAVITY if i == 2 else 0.0
             position = X[t + 1, i] - X[t, i] - h * X[t + 1, 3 + i]
             velocity = X[t + 1, 3 + i] - X[t, 3 + i] - h * (wrench[t, i] - weight)
-            momentum = X[t + 1, 6 + i] - X[t, 6 + i] - h * moment
+            momentum = X[t + 1, 6 + i] - X[t, 6 + i] - h * moment[i]
             P[t, i] += step * position
             P[t, 3 + i] += step * velocity
             P[t, 6 + i] += step * momentum
@@ -456,22 +456,34 @@ def _place(i: int) -> int:
 
 @njit(cache=True, error_model="numpy")
 def _solve_banded(H: Array, y: Array) -> None:
-    """Solve H x = y into y by Gauss's elimination, in place and row by row.
+    """Solve H x = y into y by Gauss's elimination, in place and three rows at a time.
 
-    ``H[i, d]`` holds entry (i, i + d). The last ``BAND`` rows of H and y are empty, so that all
-    loops have the same length.
+    ``H[i, d]`` holds entry (i, i + d); the three rows of a block end in the same column. The last
+    ``BAND`` rows of H and y are empty, so that all loops have the same length.
     """
     size = len(y) - BAND
-    row = np.zeros(2 * BAND)
-    for i in range(size):
-        pivot = 1.0 / H[i, 0]
-        row[:BAND] = H[i]
-        for j in range(1, BAND):
-            factor = pivot * row[j]
+    block = np.zeros((3, 2 * BAND))  # entry (i + m, i + c) at [m, c]
+    for i in range(0, size, 3):
+        for m in range(3):
+            for c in range(m, BAND):
+                block[m, c] = H[i + m, c - m]
+        for m in range(3):
+            pivot = 1.0 / block[m, m]
+            for n in range(m + 1, 3):
+                factor = pivot * block[m, n]
+                for c in range(n, BAND):
+                    block[n, c] -= factor * block[m, c]
+                y[i + n] -= factor * y[i + m]
+            H[i + m, 0] = pivot
+            for c in range(m + 1, BAND):
+                H[i + m, c - m] = block[m, c]
+        for j in range(3, BAND):
+            a = H[i, 0] * block[0, j]
+            b = H[i + 1, 0] * block[1, j]
+            c = H[i + 2, 0] * block[2, j]
             for k in range(BAND):
-                H[i + j, k] -= factor * row[j + k]
-            y[i + j] -= factor * y[i]
-        H[i, 0] = pivot
+                H[i + j, k] -= a * block[0, j + k] + b * block[1, j + k] + c * block[2, j + k]
+            y[i + j] -= a * y[i] + b * y[i + 1] + c * y[i + 2]
     for i in range(size - 1, -1, -1):
         # The newest entry comes last, so that the sums of several rows overlap in time.
         s = y[i]
