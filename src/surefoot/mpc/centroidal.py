@@ -212,9 +212,7 @@ def _dual_step(P: Array, X: Array, wrench: Array, step: float, problem: _Problem
         total += r * r
     for t in range(nodes):
         h = problem.dt[t]
-        moment = combine(
-            1.0, vector(wrench[t, 3:]), 1.0, cross(vector(wrench[t]), vector(X[t]))
-        )
+        moment = combine(1.0, vector(wrench[t, 3:]), 1.0, cross(vector(wrench[t]), vector(X[t])))
         for i in range(3):
             weight = GRAVITY if i == 2 else 0.0
             position = X[t + 1, i] - X[t, i] - h * X[t + 1, 3 + i]

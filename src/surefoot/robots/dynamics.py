@@ -228,9 +228,7 @@ def _place_links(q: Array, legs: Legs, masses: Masses, links: _Links) -> None:
             store(links.arm[leg, i], cross(o, a))
             m = masses.link[leg, i]
             # First moment about the joint, from that about the base's origin.
-            zero = combine(
-                1.0, vector(masses.link_moment[leg, i]), -m, vector(legs.center[leg, i])
-            )
+            zero = combine(1.0, vector(masses.link_moment[leg, i]), -m, vector(legs.center[leg, i]))
             d = _turn(x, y, z, zero)
             store(links.moment[leg, i], combine(m, o, 1.0, d))
             # R I R^T, then from the joint to the origin (parallel axes, with the moment d).
