@@ -143,7 +143,8 @@ def solve_centroidal(
         P = guess.dual.copy()
         residual, iterations = _admm(X, P, F, arrays, config.max_iterations, config.tolerance)
     if not residual < config.tolerance:
-        X = np.tile(arrays.x0, (nodes + 1, 1))
+        X = np.empty((nodes + 1, 9))
+        X[:] = arrays.x0
         P = np.zeros((nodes + 1, 9))
         residual, more = _admm(X, P, F, arrays, config.max_iterations, config.tolerance)
         iterations += more
@@ -153,8 +154,15 @@ def solve_centroidal(
         F[:] = 0.0
         mass = 1.0
         residual = np.inf
-    com, velocity, momentum = np.split(X, 3, axis=1)
-    return CentroidalPlan(com, velocity, mass * momentum, mass * F, P, residual, iterations)
+    return CentroidalPlan(
+        com=X[:, :3],
+        com_velocity=X[:, 3:6],
+        angular_momentum=mass * X[:, 6:],
+        forces=mass * F,
+        dual=P,
+        residual=residual,
+        iterations=iterations,
+    )
 
 
 def _prepare(problem: CentroidalProblem, config: CentroidalConfig) -> _Problem:
@@ -167,9 +175,9 @@ def _prepare(problem: CentroidalProblem, config: CentroidalConfig) -> _Problem:
     if shapes != expected:
         raise ValueError(f"active, position, x0, reference are {shapes}, expected {expected}")
     w = config
-    running = np.ravel((w.position, w.velocity, w.angular_momentum))
-    terminal = np.ravel((w.terminal_position, w.terminal_velocity, w.terminal_angular_momentum))
-    weight = np.vstack((np.tile(running, (nodes, 1)), terminal))
+    weight = np.empty((nodes + 1, 9))
+    weight[:-1] = w.position + w.velocity + w.angular_momentum
+    weight[-1] = w.terminal_position + w.terminal_velocity + w.terminal_angular_momentum
     rho = config.rho * np.repeat(PENALTY, 3)
     arrays = (contacts.position, contacts.dt, problem.x0, problem.reference, weight, w.force, rho)
     return _Problem(

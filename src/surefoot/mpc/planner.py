@@ -14,6 +14,7 @@ from time import perf_counter
 
 import numpy as np
 import pinocchio as pin
+from numba import njit
 
 from surefoot.config import ExpertConfig, Gait
 from surefoot.mpc.centroidal import CentroidalPlan, CentroidalProblem, solve_centroidal
@@ -28,9 +29,9 @@ from surefoot.mpc.footholds import (
 )
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
 from surefoot.mpc.schedule import node_ticks
-from surefoot.robots.dynamics import inverse_dynamics
+from surefoot.robots.dynamics import centroidal_momentum, inverse_dynamics
 from surefoot.robots.model import RobotModel
-from surefoot.robots.rigid import feet, legs_of, masses_of
+from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.types import GRID, TICKS_PER_SECOND, Array, Command, MotionPlan, State
 
 PLAN_TICKS = 2 * GRID
@@ -102,7 +103,6 @@ class Planner:
         self._gait = gait
         self._config = config
         self._friction = friction
-        self._data = robot.model.createData()
         self._mass = robot.mass
         hips = hip_offsets(robot, config.hip_outward)
         self._foothold_rule = FootholdRule(gait, config, hips, robot.foot_radius)
@@ -209,11 +209,11 @@ class Planner:
             q: ``(19,)`` configuration.
             v: ``(18,)`` velocity.
         """
-        model = self._robot.model
-        data = self._data
-        pin.computeCentroidalMomentum(model, data, q, v)
-        x0 = np.concatenate([data.com[0], data.hg.vector / self._mass])
-        return x0, feet(q[None], self._legs)[0][0]
+        rows = q[None]
+        com = center_of_mass(rows, self._legs, self._masses)[0]
+        momentum = centroidal_momentum(rows, v[None], self._legs, self._masses)[0][0]
+        x0 = np.concatenate([com, momentum / self._mass])
+        return x0, feet(rows, self._legs)[0][0]
 
     def centroidal_reference(
         self, q: Array, x0: Array, contacts: ContactPlan, velocity: Command
@@ -317,16 +317,9 @@ class Planner:
             The configurations ``(100, 19)``, the velocities and accelerations ``(100, 18)`` and the
             forces on the feet ``(100, 4, 3)`` [N].
         """
-        start = np.concatenate([[0.0], np.cumsum(contacts.dt[: LAST_NODE - 1])])
-        time = np.arange(PLAN_TICKS) / TICKS_PER_SECOND
-        node = np.searchsorted(start, time + 1e-9, side="right") - 1
-        share = ((time - start[node]) / contacts.dt[node])[:, None]
-        rows = (kinematic.q, kinematic.v, kinematic.acceleration, centroidal.forces)
-        table = np.hstack([row[: LAST_NODE + 1].reshape(LAST_NODE + 1, -1) for row in rows])
-        table = (1 - share) * table[node] + share * table[node + 1]
-        q, v, a, force = np.split(table, [19, 37, 55], axis=1)
-        q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
-        return q, v, a, force.reshape(PLAN_TICKS, 4, 3)
+        return _interpolate(
+            contacts.dt, kinematic.q, kinematic.v, kinematic.acceleration, centroidal.forces
+        )
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array, force: Array) -> Array:
         """Return the generalized force ``(T, 18)`` that a motion needs beyond the contact forces.
@@ -339,14 +332,39 @@ class Planner:
             a: ``(T, 18)`` generalized accelerations.
             force: ``(T, 4, 3)`` forces on the feet, world axes [N].
         """
-        return inverse_dynamics(np.ascontiguousarray(q), v, a, force, self._legs, self._masses)
+        return inverse_dynamics(q, v, a, force, self._legs, self._masses)
 
     def _inertia_about_the_vertical(self) -> float:
         """Return the composite inertia in the nominal pose [kg m^2]."""
         model = self._robot.model
-        data = self._data
+        data = model.createData()
         pin.ccrba(model, data, self._robot.nominal, np.zeros(18))
         return float(data.Ig.inertia[2, 2])
+
+
+@njit(cache=True, error_model="numpy")
+def _interpolate(
+    dt: Array, q: Array, v: Array, a: Array, force: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return the rows of `Planner.interpolate` from those at the nodes."""
+    row_q = np.empty((PLAN_TICKS, 19))
+    row_v = np.empty((PLAN_TICKS, 18))
+    row_a = np.empty((PLAN_TICKS, 18))
+    row_force = np.empty((PLAN_TICKS, 4, 3))
+    node = 0
+    start = 0.0
+    for tick in range(PLAN_TICKS):
+        time = tick / TICKS_PER_SECOND
+        while node < LAST_NODE - 1 and time + 1e-9 >= start + dt[node]:
+            start += dt[node]
+            node += 1
+        share = (time - start) / dt[node]
+        row_q[tick] = (1 - share) * q[node] + share * q[node + 1]
+        row_v[tick] = (1 - share) * v[node] + share * v[node + 1]
+        row_a[tick] = (1 - share) * a[node] + share * a[node + 1]
+        row_force[tick] = (1 - share) * force[node] + share * force[node + 1]
+        row_q[tick, 3:7] /= np.sqrt(np.sum(row_q[tick, 3:7] ** 2))
+    return row_q, row_v, row_a, row_force
 
 
 def to_heading_frame(q: Array) -> Array:
