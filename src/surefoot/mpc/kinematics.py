@@ -149,7 +149,7 @@ class KinematicSolver:
         config = self._config
         p = self._prepare(problem)
         postures = np.array([p.q_ref] if guess is None else [p.q_ref, guess])
-        start = (np.array(problem.q0), np.array(problem.v0))
+        start = (_own(problem.q0), _own(problem.v0))
         stop = (config.max_iterations, config.tolerance)
         motion, cost, iterations = _minimize(p, self._body, start, postures, stop)
         return KinematicPlan(motion.q, motion.v, motion.u, cost, iterations)
@@ -163,7 +163,7 @@ class KinematicSolver:
             v: ``(N+1, 18)`` velocities.
             u: ``(N, 18)`` generalized accelerations.
         """
-        return _evaluate(self._prepare(problem), self._body, Motion(q, v, u)).cost
+        return _evaluate(self._prepare(problem), self._body, Motion(_own(q), _own(v), _own(u))).cost
 
     def gradient(self, problem: KinematicProblem, u: Array) -> Array:
         """Return the gradient ``(N, 18)`` of the objective by the adjoint method.
@@ -173,7 +173,8 @@ class KinematicSolver:
             u: ``(N, 18)`` generalized accelerations, with respect to which the gradient is taken.
         """
         p = self._prepare(problem)
-        q, v = simulate(np.array(problem.q0), np.array(problem.v0), u, p.dt)
+        u = _own(u)
+        q, v = simulate(_own(problem.q0), _own(problem.v0), u, p.dt)
         motion = Motion(q, v, u)
         model = gauss_newton_model(p, motion, _evaluate(p, self._body, motion).residuals)
         gx = model.gradient
@@ -193,17 +194,22 @@ class KinematicSolver:
         contacts = problem.contacts
         config = self._config
         return ProblemArrays(
-            contacts.dt[:N],
+            _own(contacts.dt[:N]),
             contacts.active[:N] | contacts.via[:N],
-            contacts.position[:N],
-            problem.momentum,
-            problem.q_ref,
-            problem.v_ref,
+            _own(contacts.position[:N]),
+            _own(problem.momentum),
+            _own(problem.q_ref),
+            _own(problem.v_ref),
             self._state_weight,
             self._control_weight,
             config.foot_weight,
             config.momentum_weight,
         )
+
+
+def _own(array: Array) -> Array:
+    """Return a copy in the one layout that the functions are compiled for."""
+    return np.array(array, np.float64, order="C")
 
 
 @njit(cache=True, error_model="numpy")

@@ -332,6 +332,7 @@ class Planner:
             a: ``(T, 18)`` generalized accelerations.
             force: ``(T, 4, 3)`` forces on the feet, world axes [N].
         """
+        q, v, a, force = map(np.ascontiguousarray, (q, v, a, force))
         return inverse_dynamics(q, v, a, force, self._legs, self._masses)
 
     def _inertia_about_the_vertical(self) -> float:

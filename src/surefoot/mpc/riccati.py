@@ -114,7 +114,7 @@ def riccati(model: QuadraticModel, damping: float) -> tuple[Array, Array, float]
 
 @njit(cache=True, error_model="numpy")
 def _columns_through_dynamics(V: Array, A: Array, E: Array, dt: float, out: Array) -> None:
-    """Write V [[A, dt E], [0, 1]] for ``V (36, 36)``; A and E act on the base's six columns only."""
+    """Write V [[A, dt E], [0, 1]] for ``V (36, 36)``; A, E act on the base's six columns only."""
     base = np.empty((6, 12))
     base[:, :6] = A
     base[:, 6:] = dt * E
