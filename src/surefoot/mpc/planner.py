@@ -27,12 +27,13 @@ from surefoot.mpc.footholds import (
     rotate_horizontal,
     travel_along_arc,
 )
+from surefoot.mpc.interpolation import NodeRows, interpolate
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
 from surefoot.mpc.schedule import node_ticks
 from surefoot.robots.dynamics import centroidal_momentum, inverse_dynamics
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import center_of_mass, difference, feet, legs_of, masses_of
-from surefoot.types import GRID, TICKS_PER_SECOND, Array, Command, MotionPlan, State
+from surefoot.types import GRID, Array, Command, MotionPlan, State
 
 PLAN_TICKS = 2 * GRID
 """A plan is used for one grid interval; the second is the fall-back when a replan fails."""
@@ -317,9 +318,8 @@ class Planner:
             The configurations ``(100, 19)``, the velocities and accelerations ``(100, 18)`` and the
             forces on the feet ``(100, 4, 3)`` [N].
         """
-        return _interpolate(
-            contacts.dt, kinematic.q, kinematic.v, kinematic.acceleration, centroidal.forces
-        )
+        nodes = NodeRows(kinematic.q, kinematic.v, kinematic.acceleration, centroidal.forces)
+        return interpolate(contacts.dt[:LAST_NODE], nodes, PLAN_TICKS)
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array, force: Array) -> Array:
         """Return the generalized force ``(T, 18)`` that a motion needs beyond the contact forces.
@@ -341,37 +341,6 @@ class Planner:
         data = model.createData()
         pin.ccrba(model, data, self._robot.nominal, np.zeros(18))
         return float(data.Ig.inertia[2, 2])
-
-
-@njit(cache=True, error_model="numpy")
-def _interpolate(
-    dt: Array, q: Array, v: Array, a: Array, force: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Return the rows of `Planner.interpolate` from those at the nodes."""
-    row_q = np.empty((PLAN_TICKS, 19))
-    row_v = np.empty((PLAN_TICKS, 18))
-    row_a = np.empty((PLAN_TICKS, 18))
-    row_force = np.empty((PLAN_TICKS, 4, 3))
-    node = 0
-    start = 0.0
-    for tick in range(PLAN_TICKS):
-        time = tick / TICKS_PER_SECOND
-        while node < LAST_NODE - 1 and time + 1e-9 >= start + dt[node]:
-            start += dt[node]
-            node += 1
-        share = (time - start) / dt[node]
-        for i in range(19):
-            row_q[tick, i] = (1 - share) * q[node, i] + share * q[node + 1, i]
-        for i in range(18):
-            row_v[tick, i] = (1 - share) * v[node, i] + share * v[node + 1, i]
-            row_a[tick, i] = (1 - share) * a[node, i] + share * a[node + 1, i]
-        for leg in range(4):
-            for i in range(3):
-                one = (1 - share) * force[node, leg, i]
-                row_force[tick, leg, i] = one + share * force[node + 1, leg, i]
-        x, y, z, w = row_q[tick, 3:7]
-        row_q[tick, 3:7] /= np.sqrt(x * x + y * y + z * z + w * w)
-    return row_q, row_v, row_a, row_force
 
 
 @njit(cache=True, error_model="numpy")
