@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from surefoot.config import CentroidalConfig
-from surefoot.mpc import centroidal
+from surefoot.mpc import centroidal, centroidal_steps
 from surefoot.mpc.centroidal import CentroidalProblem, solve_centroidal
 from surefoot.mpc.footholds import ContactPlan
 
@@ -313,7 +313,7 @@ def test_wrong_shapes_are_named():
 def arrays_of(seed):
     contacts, x0, reference = instance(seed)
     rho = CONFIG.rho * np.repeat(centroidal.PENALTY, 3)
-    return contacts, centroidal._Problem(
+    return contacts, centroidal_steps.CentroidalArrays(
         contacts.active,
         FRICTION,
         contacts.position,
@@ -334,7 +334,7 @@ def test_state_step_is_the_dense_least_squares_solution(seed):
     P = rng.normal(0, 0.01, (NODES + 1, 9))
     wrench = np.hstack((F.sum(axis=1), np.cross(contacts.position, F).sum(axis=1)))
     X = np.empty((NODES + 1, 9))
-    centroidal._state_step(X, wrench, P, p)
+    centroidal_steps.state_step(X, wrench, P, p)
 
     # The violation is affine in the states: J X + r.
     size = X.size
@@ -350,7 +350,7 @@ def test_state_step_is_the_dense_least_squares_solution(seed):
     dense = np.linalg.lstsq(rows, right, rcond=None)[0]
     np.testing.assert_allclose(X.ravel(), dense, atol=1e-8)
     dual = P.copy()
-    norm = centroidal._dual_step(dual, X, wrench, 0.6, p)
+    norm = centroidal_steps.dual_step(dual, X, wrench, 0.6, p)
     R = violation(X, F, contacts, p.x0)
     np.testing.assert_allclose(dual, P + 0.6 * R, atol=1e-12)
     assert norm == pytest.approx(np.linalg.norm(R))
@@ -365,7 +365,7 @@ def test_force_step_is_the_constrained_least_squares_solution(push):
     P[:, 3] += push
     F = np.zeros((NODES, 4, 3))
     wrench = np.empty((NODES, 6))
-    centroidal._force_step(F, wrench, X, P, p)
+    centroidal_steps.force_step(F, wrench, X, P, p)
     np.testing.assert_allclose(wrench[:, 0:3], F.sum(axis=1), atol=1e-12)
     np.testing.assert_allclose(
         wrench[:, 3:6], np.cross(contacts.position, F).sum(axis=1), atol=1e-12
@@ -407,7 +407,7 @@ def test_cone_projection_is_exact(f, g, mu):
 
     def project(x):
         x = x.copy()
-        centroidal._project_cones(x, mu)
+        centroidal_steps.project_cones(x, mu)
         return x
 
     p = project(f)
@@ -424,5 +424,5 @@ def test_cone_projection_is_exact(f, g, mu):
 
 def test_cone_projection_known_points():
     z = np.array([3.0, 4.0, 0.0, 0.0, 0.0, -1.0, 0.1, 0.0, 1.0])
-    centroidal._project_cones(z, 1.0)
+    centroidal_steps.project_cones(z, 1.0)
     np.testing.assert_allclose(z, [1.5, 2.0, 2.5, 0, 0, 0, 0.1, 0, 1.0])

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from numba import njit
 
 from surefoot.config import ExpertConfig, Gait
 from surefoot.mpc.schedule import in_stance, node_ticks, swing_fraction
@@ -107,16 +108,44 @@ def plan_contacts(rule: FootholdRule, start: HorizonStart) -> ContactPlan:
 
     time = (ticks[:-1] - start.tick)[:, None, None] / TICKS_PER_SECOND
     below_hip, landing = footholds(rule, start, time)
-    early = (~active & (fraction < 0.5))[:, :, None]
-    position = np.empty((len(active), 4, 3))
-    position[:, :, :2] = np.where(early, below_hip, landing)
-    position[:, :, 2] = np.where(active, rule.foot_radius, gait.step_height)
-    position[0] = start.feet
-    # A foot that stays in stance stays where it was first.
-    node = np.arange(len(active))[:, None]
-    first = np.maximum.accumulate(np.where(active & np.roll(active, 1, axis=0), 0, node))
-    position = position[first, np.arange(4)]
+    height = (rule.foot_radius, gait.step_height)
+    position = _positions(active, fraction, below_hip, landing, start.feet, height)
     return ContactPlan(active, position, np.diff(ticks) / TICKS_PER_SECOND, via)
+
+
+@njit(cache=True, error_model="numpy")
+def _positions(
+    active: BoolArray,
+    fraction: Array,
+    below_hip: Array,
+    landing: Array,
+    measured: Array,
+    height: tuple[float, float],
+) -> Array:
+    """Return the positions ``(N, 4, 3)`` of a contact plan.
+
+    A swing foot passes below its hip until half of its swing, and is over its landing after. A foot
+    that stays in stance stays where it was first, and the first node has the measured feet.
+
+    Args:
+        active: ``(N, 4)`` True where a foot is in stance.
+        fraction: ``(N, 4)`` share of the swing that has passed.
+        below_hip: ``(N, 4, 2)`` points below the hips [m].
+        landing: ``(N, 4, 2)`` footholds [m].
+        measured: ``(4, 3)`` measured foot positions [m].
+        height: Heights of a foot in stance and of a via point [m].
+    """
+    position = np.empty((len(active), 4, 3))
+    position[0] = measured
+    for t in range(1, len(active)):
+        for leg in range(4):
+            if active[t, leg] and active[t - 1, leg]:
+                position[t, leg] = position[t - 1, leg]
+                continue
+            early = not active[t, leg] and fraction[t, leg] < 0.5
+            position[t, leg, :2] = below_hip[t, leg] if early else landing[t, leg]
+            position[t, leg, 2] = height[0] if active[t, leg] else height[1]
+    return position
 
 
 def footholds(rule: FootholdRule, start: HorizonStart, time: Array) -> tuple[Array, Array]:

@@ -67,28 +67,37 @@ class Residuals(NamedTuple):
         foot: ``(N, 4, 3)`` errors of the feet [m]; zero where a foot is not tracked.
         foot_jacobian: ``(N+1, 4, 3, 9)`` Jacobians of the feet with respect to base and own leg.
         momentum: ``(N+1, 6)`` errors of the centroidal momentum [kg m/s, kg m^2/s].
+        momentum_jacobian: ``(N+1, 6, 36)`` Jacobians of the momentum with respect to q and v.
         state: ``(N+1, 36)`` differences of configuration and velocity from the regularized ones.
     """
 
     foot: Array
     foot_jacobian: Array
     momentum: Array
+    momentum_jacobian: Array
     state: Array
 
 
 @njit(cache=True, error_model="numpy")
 def objective(
-    p: ProblemArrays, motion: Motion, momentum: Array, foot: Array, foot_jacobian: Array
+    p: ProblemArrays,
+    motion: Motion,
+    momentum: Array,
+    momentum_jacobian: Array,
+    foot: Array,
+    foot_jacobian: Array,
 ) -> tuple[float, Residuals]:
     """Return the objective of a trajectory, and its residuals.
+
+    The Jacobians become a part of the residuals as they are.
 
     Args:
         p: The problem.
         motion: The trajectory.
         momentum: ``(N+1, 6)`` centroidal momenta of the trajectory.
+        momentum_jacobian: ``(N+1, 6, 36)`` Jacobians of the momenta.
         foot: ``(N+1, 4, 3)`` foot positions of the trajectory [m].
-        foot_jacobian: ``(N+1, 4, 3, 9)`` Jacobians of the feet, which become a part of the
-            residuals.
+        foot_jacobian: ``(N+1, 4, 3, 9)`` Jacobians of the feet.
     """
     q, v, u = motion
     N = len(p.dt)
@@ -98,24 +107,30 @@ def objective(
     cost = 0.0
     for t in range(N + 1):
         state[t, :NV] = difference(p.q_ref[t], q[t])
-        state[t, NV:] = v[t] - p.v_ref[t]
-        stage = p.momentum_weight * np.sum(momentum[t] ** 2)
-        stage += np.sum(p.state_weight * state[t] ** 2)
+        stage = 0.0
+        for i in range(NV):
+            state[t, NV + i] = v[t, i] - p.v_ref[t, i]
+        for i in range(2 * NV):
+            stage += p.state_weight[i] * state[t, i] ** 2
+        for i in range(6):
+            stage += p.momentum_weight * momentum[t, i] ** 2
         if t == N:
             cost += 0.5 * stage
             continue
+        for i in range(NV):
+            stage += p.control_weight[i] * u[t, i] ** 2
         for leg in range(4):
-            if p.tracked[t, leg]:
-                error[t, leg] = foot[t, leg] - p.position[t, leg]
-        stage += p.foot_weight * np.sum(error[t] ** 2) + np.sum(p.control_weight * u[t] ** 2)
+            if not p.tracked[t, leg]:
+                continue
+            for i in range(3):
+                error[t, leg, i] = foot[t, leg, i] - p.position[t, leg, i]
+                stage += p.foot_weight * error[t, leg, i] ** 2
         cost += 0.5 * p.dt[t] * stage
-    return cost, Residuals(error, foot_jacobian, momentum, state)
+    return cost, Residuals(error, foot_jacobian, momentum, momentum_jacobian, state)
 
 
 @njit(cache=True, error_model="numpy")
-def gauss_newton_model(
-    p: ProblemArrays, motion: Motion, r: Residuals, momentum_jacobian: Array
-) -> QuadraticModel:
+def gauss_newton_model(p: ProblemArrays, motion: Motion, r: Residuals) -> QuadraticModel:
     """Return the quadratic model of the state costs, and the dynamics' base blocks.
 
     The state's Jacobian is the identity except for the base; a foot depends on base and own leg.
@@ -124,7 +139,6 @@ def gauss_newton_model(
         p: The problem.
         motion: The trajectory around which the model is made.
         r: The residuals of the trajectory, from `objective`.
-        momentum_jacobian: ``(N+1, 6, 36)`` Jacobians of the momentum with respect to q and v.
     """
     v = motion.v
     N = len(p.dt)
@@ -132,36 +146,46 @@ def gauss_newton_model(
     g = np.empty((N + 1, 2 * NV))
     A = np.empty((N, 6, 6))
     E = np.empty((N, 6, 6))
-    own = np.arange(9)  # columns of a foot's Jacobian among the 36
     for t in range(N + 1):
-        J = momentum_jacobian[t]
-        H[t] = p.momentum_weight * (J.T @ J)
-        g[t] = p.momentum_weight * (J.T @ r.momentum[t])
+        dt = p.dt[t] if t < N else 1.0
+        J = r.momentum_jacobian[t]
+        H[t] = J.T @ (dt * p.momentum_weight * J)
+        g[t] = J.T @ (dt * p.momentum_weight * r.momentum[t])
         D = difference_jacobian(r.state[t, :6])
         for k in range(6):
             for i in range(6):
-                weighted = p.state_weight[k] * D[k, i]
+                weighted = dt * p.state_weight[k] * D[k, i]
                 g[t, i] += weighted * r.state[t, k]
                 for j in range(6):
                     H[t, i, j] += weighted * D[k, j]
         for i in range(6, 2 * NV):
-            H[t, i, i] += p.state_weight[i]
-            g[t, i] += p.state_weight[i] * r.state[t, i]
+            H[t, i, i] += dt * p.state_weight[i]
+            g[t, i] += dt * p.state_weight[i] * r.state[t, i]
         if t == N:
             break
         for leg in range(4):
-            if not p.tracked[t, leg]:
-                continue
-            for i in range(3):
-                own[6 + i] = 6 + 3 * leg + i
-            for axis in range(3):
-                row = r.foot_jacobian[t, leg, axis]
-                for i in range(9):
-                    weighted = p.foot_weight * row[i]
-                    g[t, own[i]] += weighted * r.foot[t, leg, axis]
-                    for j in range(9):
-                        H[t, own[i], own[j]] += weighted * row[j]
-        H[t] *= p.dt[t]
-        g[t] *= p.dt[t]
-        A[t], E[t] = integrate_jacobians(p.dt[t] * v[t + 1, :6])
+            if p.tracked[t, leg]:
+                for axis in range(3):
+                    row = r.foot_jacobian[t, leg, axis]
+                    error = r.foot[t, leg, axis]
+                    _add_foot(H[t], g[t], row, error, dt * p.foot_weight, 6 + 3 * leg)
+        A[t], E[t] = integrate_jacobians(dt * v[t + 1, :6])
     return QuadraticModel(H, g, A, E, motion.u, p.control_weight, p.dt)
+
+
+@njit(cache=True, error_model="numpy")
+def _add_foot(H: Array, g: Array, row: Array, error: float, weight: float, own: int) -> None:
+    """Add one residual of a foot, with its Jacobian ``row (9,)``: base, and joints from ``own``."""
+    for i in range(6):
+        weighted = weight * row[i]
+        g[i] += weighted * error
+        for j in range(6):
+            H[i, j] += weighted * row[j]
+        for j in range(3):
+            H[i, own + j] += weighted * row[6 + j]
+            H[own + j, i] += weighted * row[6 + j]
+    for i in range(3):
+        weighted = weight * row[6 + i]
+        g[own + i] += weighted * error
+        for j in range(3):
+            H[own + i, own + j] += weighted * row[6 + j]

@@ -9,8 +9,8 @@ Over nodes t with state x = (q, v) and generalized acceleration u as control,
     v_{t+1} = v_t + dt u_t,   q_{t+1} = q_t (+) dt v_{t+1}
 
 The next velocity serves as the decision of the sweep (u follows from it), so 18 x 18 blocks are
-all there is to solve. The compiled costs are in `kinematic_costs`; momentum and its derivatives are
-Pinocchio's. Read `planner` next.
+all there is to solve. The compiled costs are in `kinematic_costs`, momentum and its derivatives in
+`robots.dynamics`. Read `planner` next.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numba import njit
 
 from surefoot.config import KinematicConfig
@@ -31,9 +30,18 @@ from surefoot.mpc.kinematic_costs import (
     gauss_newton_model,
     objective,
 )
-from surefoot.mpc.riccati import NV, QuadraticModel, riccati
+from surefoot.mpc.riccati import NV, riccati
+from surefoot.robots.dynamics import centroidal_momentum
 from surefoot.robots.model import RobotModel
-from surefoot.robots.rigid import difference, feet, integrate, legs_of
+from surefoot.robots.rigid import (
+    Legs,
+    Masses,
+    difference,
+    feet,
+    integrate,
+    legs_of,
+    masses_of,
+)
 from surefoot.types import Array
 
 STEPS = (1.0, 0.5, 0.25, 0.125, 0.03125)
@@ -84,6 +92,13 @@ class KinematicPlan:
     iterations: int
 
 
+class _Body(NamedTuple):
+    """A robot as arrays that compiled code can take."""
+
+    legs: Legs
+    masses: Masses
+
+
 class _Iterate(NamedTuple):
     """A trajectory with its objective and residuals."""
 
@@ -101,10 +116,8 @@ class KinematicSolver:
     """
 
     def __init__(self, robot: RobotModel, config: KinematicConfig) -> None:
-        self._model = robot.model
         self._config = config
-        self._data = robot.model.createData()
-        self._legs = legs_of(robot)
+        self._body = _Body(legs_of(robot), masses_of(robot))
         self._state_weight = config.state_weight * np.concatenate(
             [
                 config.base_position,
@@ -135,40 +148,11 @@ class KinematicSolver:
         """
         config = self._config
         p = self._prepare(problem)
-        q0 = np.array(problem.q0)
-        v0 = np.array(problem.v0)
-        iterate = self._evaluate(p, _first_guess(q0, v0, p.q_ref, p.dt))
-        if guess is not None:
-            warm = self._evaluate(p, _first_guess(q0, v0, guess, p.dt))
-            if warm.cost < iterate.cost:
-                iterate = warm
-        damping = LEAST_DAMPING
-        iteration = 0
-        while iteration < config.max_iterations and np.isfinite(iterate.cost):
-            iteration += 1
-            better = self._line_search(p, iterate, damping)
-            if better is None:
-                damping *= 100.0
-                if damping > MOST_DAMPING:
-                    break
-                continue
-            gain = iterate.cost - better.cost
-            iterate = better
-            damping = max(damping / 10.0, LEAST_DAMPING)
-            if gain <= config.tolerance * iterate.cost:
-                break
-        q, v, u = iterate.motion
-        return KinematicPlan(q, v, u, iterate.cost, iteration)
-
-    def _line_search(self, p: ProblemArrays, iterate: _Iterate, damping: float) -> _Iterate | None:
-        """Return a better iterate along the Gauss-Newton step; None if no step length helps."""
-        model = self._linearize(p, iterate.motion, iterate.residuals)
-        k, K, decrease = riccati(model, damping)
-        for step in STEPS:
-            trial = self._evaluate(p, _roll(iterate.motion, k, K, p.dt, step))
-            if iterate.cost - trial.cost >= 0.1 * (step - 0.5 * step**2) * decrease:
-                return trial
-        return None
+        postures = np.array([p.q_ref] if guess is None else [p.q_ref, guess])
+        start = (_own(problem.q0), _own(problem.v0))
+        stop = (config.max_iterations, config.tolerance)
+        motion, cost, iterations = _minimize(p, self._body, start, postures, stop)
+        return KinematicPlan(motion.q, motion.v, motion.u, cost, iterations)
 
     def cost(self, problem: KinematicProblem, q: Array, v: Array, u: Array) -> float:
         """Return the objective of a trajectory.
@@ -179,7 +163,7 @@ class KinematicSolver:
             v: ``(N+1, 18)`` velocities.
             u: ``(N, 18)`` generalized accelerations.
         """
-        return self._evaluate(self._prepare(problem), Motion(q, v, u)).cost
+        return _evaluate(self._prepare(problem), self._body, Motion(_own(q), _own(v), _own(u))).cost
 
     def gradient(self, problem: KinematicProblem, u: Array) -> Array:
         """Return the gradient ``(N, 18)`` of the objective by the adjoint method.
@@ -189,9 +173,10 @@ class KinematicSolver:
             u: ``(N, 18)`` generalized accelerations, with respect to which the gradient is taken.
         """
         p = self._prepare(problem)
-        q, v = simulate(np.array(problem.q0), np.array(problem.v0), u, p.dt)
+        u = _own(u)
+        q, v = simulate(_own(problem.q0), _own(problem.v0), u, p.dt)
         motion = Motion(q, v, u)
-        model = self._linearize(p, motion, self._evaluate(p, motion).residuals)
+        model = gauss_newton_model(p, motion, _evaluate(p, self._body, motion).residuals)
         gx = model.gradient
         gradient = np.empty_like(u)
         to_q = gx[-1, :NV]
@@ -209,43 +194,94 @@ class KinematicSolver:
         contacts = problem.contacts
         config = self._config
         return ProblemArrays(
-            contacts.dt[:N],
+            _own(contacts.dt[:N]),
             contacts.active[:N] | contacts.via[:N],
-            contacts.position[:N],
-            problem.momentum,
-            problem.q_ref,
-            problem.v_ref,
+            _own(contacts.position[:N]),
+            _own(problem.momentum),
+            _own(problem.q_ref),
+            _own(problem.v_ref),
             self._state_weight,
             self._control_weight,
             config.foot_weight,
             config.momentum_weight,
         )
 
-    def _evaluate(self, p: ProblemArrays, motion: Motion) -> _Iterate:
-        """Return a trajectory with its objective and residuals."""
-        model = self._model
-        data = self._data
-        momentum = np.empty((len(motion.q), 6))
-        for t in range(len(motion.q)):
-            pin.computeCentroidalMomentum(model, data, motion.q[t], motion.v[t])
-            momentum[t] = data.hg.vector
-        foot, foot_jacobian = feet(motion.q, self._legs)
-        cost, residuals = objective(p, motion, momentum, foot, foot_jacobian)
-        return _Iterate(motion, cost, residuals)
 
-    def _linearize(self, p: ProblemArrays, motion: Motion, residuals: Residuals) -> QuadraticModel:
-        """Return the costs to second order and the dynamics to first order."""
-        model = self._model
-        data = self._data
-        momentum_jacobian = np.empty((len(motion.q), 6, 2 * NV))
-        zero = np.zeros(NV)
-        for t in range(len(motion.q)):
-            dh_dq, _, _, dh_dv = pin.computeCentroidalDynamicsDerivatives(
-                model, data, motion.q[t], motion.v[t], zero
-            )
-            momentum_jacobian[t, :, :NV] = dh_dq
-            momentum_jacobian[t, :, NV:] = dh_dv
-        return gauss_newton_model(p, motion, residuals, momentum_jacobian)
+def _own(array: Array) -> Array:
+    """Return a copy in the one layout that the functions are compiled for."""
+    return np.array(array, np.float64, order="C")
+
+
+@njit(cache=True, error_model="numpy")
+def _minimize(
+    p: ProblemArrays,
+    body: _Body,
+    start: tuple[Array, Array],
+    postures: Array,
+    stop: tuple[int, float],
+) -> tuple[Motion, float, int]:
+    """Minimize by Gauss-Newton from the better of some first guesses.
+
+    Args:
+        p: The problem.
+        body: The robot.
+        start: ``(19,)`` configuration and ``(18,)`` velocity at the start.
+        postures: ``(G, N+1, 19)`` configurations whose postures make the first guesses.
+        stop: The largest number of iterations, and the share of the cost that an iteration must
+            gain.
+
+    Returns:
+        The motion, the value of its objective, and the number of iterations.
+    """
+    q0, v0 = start
+    most, tolerance = stop
+    iterate = _evaluate(p, body, _first_guess(q0, v0, postures[0], p.dt))
+    for posture in postures[1:]:
+        other = _evaluate(p, body, _first_guess(q0, v0, posture, p.dt))
+        if other.cost < iterate.cost:
+            iterate = other
+    damping = LEAST_DAMPING
+    iteration = 0
+    while iteration < most and np.isfinite(iterate.cost):
+        iteration += 1
+        found, better = _line_search(p, body, iterate, damping)
+        if not found:
+            damping *= 100.0
+            if damping > MOST_DAMPING:
+                break
+            continue
+        gain = iterate.cost - better.cost
+        iterate = better
+        damping = max(damping / 10.0, LEAST_DAMPING)
+        if gain <= tolerance * iterate.cost:
+            break
+    return iterate.motion, iterate.cost, iteration
+
+
+@njit(cache=True, error_model="numpy")
+def _line_search(
+    p: ProblemArrays, body: _Body, iterate: _Iterate, damping: float
+) -> tuple[bool, _Iterate]:
+    """Return whether a step length helps along the Gauss-Newton step, and the iterate it leads to.
+
+    If none does, that is the iterate itself.
+    """
+    model = gauss_newton_model(p, iterate.motion, iterate.residuals)
+    k, K, decrease = riccati(model, damping)
+    for step in STEPS:
+        trial = _evaluate(p, body, _roll(iterate.motion, k, K, p.dt, step))
+        if iterate.cost - trial.cost >= 0.1 * (step - 0.5 * step**2) * decrease:
+            return True, trial
+    return False, iterate
+
+
+@njit(cache=True, error_model="numpy")
+def _evaluate(p: ProblemArrays, body: _Body, motion: Motion) -> _Iterate:
+    """Return a trajectory with its objective and residuals."""
+    momentum, momentum_jacobian = centroidal_momentum(motion.q, motion.v, body.legs, body.masses)
+    foot, foot_jacobian = feet(motion.q, body.legs)
+    cost, residuals = objective(p, motion, momentum, momentum_jacobian, foot, foot_jacobian)
+    return _Iterate(motion, cost, residuals)
 
 
 @njit(cache=True, error_model="numpy")

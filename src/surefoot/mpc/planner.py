@@ -27,11 +27,13 @@ from surefoot.mpc.footholds import (
     rotate_horizontal,
     travel_along_arc,
 )
+from surefoot.mpc.interpolation import NodeRows, interpolate
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
 from surefoot.mpc.schedule import node_ticks
+from surefoot.robots.dynamics import centroidal_momentum, inverse_dynamics
 from surefoot.robots.model import RobotModel
-from surefoot.robots.rigid import feet, legs_of
-from surefoot.types import GRID, TICKS_PER_SECOND, Array, Command, MotionPlan, State
+from surefoot.robots.rigid import center_of_mass, difference, feet, legs_of, masses_of
+from surefoot.types import GRID, Array, Command, MotionPlan, State
 
 PLAN_TICKS = 2 * GRID
 """A plan is used for one grid interval; the second is the fall-back when a replan fails."""
@@ -42,6 +44,7 @@ MOST_TORQUE = 10.0
 gives, but a plan that will be clipped can still save a robot that has no other. Measured: 1.7 times
 from initial states perturbed 1.5 times as much as the paper's; 3.4 times after pushes of 5 N s,
 half of which end in a fall."""
+LARGEST_FLOAT = float(np.finfo(np.float64).max)
 FARTHEST_JOINT = 2.0 * np.pi
 """[rad] The largest distance of a joint from its nominal angle in a valid plan. Beyond a turn a leg
 would have to unwind."""
@@ -102,11 +105,11 @@ class Planner:
         self._gait = gait
         self._config = config
         self._friction = friction
-        self._data = robot.model.createData()
         self._mass = robot.mass
         hips = hip_offsets(robot, config.hip_outward)
         self._foothold_rule = FootholdRule(gait, config, hips, robot.foot_radius)
         self._legs = legs_of(robot)
+        self._masses = masses_of(robot)
         self._yaw_inertia = self._inertia_about_the_vertical()
         self._kinematics = KinematicSolver(robot, config.kinematic)
 
@@ -208,11 +211,11 @@ class Planner:
             q: ``(19,)`` configuration.
             v: ``(18,)`` velocity.
         """
-        model = self._robot.model
-        data = self._data
-        pin.computeCentroidalMomentum(model, data, q, v)
-        x0 = np.concatenate([data.com[0], data.hg.vector / self._mass])
-        return x0, feet(q[None], self._legs)[0][0]
+        rows = q[None]
+        com = center_of_mass(rows, self._legs, self._masses)[0]
+        momentum = centroidal_momentum(rows, v[None], self._legs, self._masses)[0][0]
+        x0 = np.concatenate([com, momentum / self._mass])
+        return x0, feet(rows, self._legs)[0][0]
 
     def centroidal_reference(
         self, q: Array, x0: Array, contacts: ContactPlan, velocity: Command
@@ -235,7 +238,9 @@ class Planner:
         reference[:, :2] = x0[:2] + travel_along_arc(v, w, time[:, None])
         reference[:, 2] = self._gait.com_height
         reference[:, 3:5] = rotate_horizontal(v, w * time[:, None])
-        error = pin.log3(pin.Quaternion(q[3:7]).matrix().T)
+        upright = q.copy()
+        upright[3:7] = 0.0, 0.0, 0.0, 1.0
+        error = difference(q, upright)[3:6]
         reference[:-1, 6:] = np.array(self._config.centroidal.orientation_gain) * error
         reference[-1, 6:] = error
         reference[:, 8] = self._yaw_inertia / self._mass * velocity.yaw_rate
@@ -260,14 +265,11 @@ class Planner:
         """
         N = self._config.kinematic.nodes
         time = np.concatenate([[0.0], np.cumsum(contacts.dt[:N])])
-        momentum = np.concatenate(
-            [
-                self._mass * centroidal.com_velocity[: N + 1],
-                centroidal.angular_momentum[: N + 1],
-            ],
-            axis=1,
-        )
-        q_ref = np.tile(self._robot.nominal, (N + 1, 1))
+        momentum = np.empty((N + 1, 6))
+        momentum[:, :3] = self._mass * centroidal.com_velocity[: N + 1]
+        momentum[:, 3:] = centroidal.angular_momentum[: N + 1]
+        q_ref = np.empty((N + 1, 19))
+        q_ref[:] = self._robot.nominal
         q_ref[:, 2] = self._config.kinematic.base_height
         q_ref[:, 5] = np.sin(0.5 * velocity.yaw_rate * time)
         q_ref[:, 6] = np.cos(0.5 * velocity.yaw_rate * time)
@@ -294,10 +296,10 @@ class Planner:
         torque = self.inverse_dynamics(q, v, a, force)[:, 6:]
         away = q[:, 7:] - self._robot.nominal[7:]
         valid = bool(
-            np.isfinite(q).all()
-            and np.isfinite(v).all()
-            and np.abs(torque).max() <= MOST_TORQUE * self._robot.torque_limit
-            and np.abs(away).max() <= FARTHEST_JOINT
+            _within(q, LARGEST_FLOAT)
+            and _within(v, LARGEST_FLOAT)
+            and _within(torque, MOST_TORQUE * self._robot.torque_limit)
+            and _within(away, FARTHEST_JOINT)
             and centroidal.residual <= self._config.max_residual
         )
         return MotionPlan(q[:, 7:], v[:, 6:], torque, valid)
@@ -316,16 +318,8 @@ class Planner:
             The configurations ``(100, 19)``, the velocities and accelerations ``(100, 18)`` and the
             forces on the feet ``(100, 4, 3)`` [N].
         """
-        start = np.concatenate([[0.0], np.cumsum(contacts.dt[: LAST_NODE - 1])])
-        time = np.arange(PLAN_TICKS) / TICKS_PER_SECOND
-        node = np.searchsorted(start, time + 1e-9, side="right") - 1
-        share = ((time - start[node]) / contacts.dt[node])[:, None]
-        rows = (kinematic.q, kinematic.v, kinematic.acceleration, centroidal.forces)
-        table = np.hstack([row[: LAST_NODE + 1].reshape(LAST_NODE + 1, -1) for row in rows])
-        table = (1 - share) * table[node] + share * table[node + 1]
-        q, v, a, force = np.split(table, [19, 37, 55], axis=1)
-        q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
-        return q, v, a, force.reshape(PLAN_TICKS, 4, 3)
+        nodes = NodeRows(kinematic.q, kinematic.v, kinematic.acceleration, centroidal.forces)
+        return interpolate(contacts.dt[:LAST_NODE], nodes, PLAN_TICKS)
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array, force: Array) -> Array:
         """Return the generalized force ``(T, 18)`` that a motion needs beyond the contact forces.
@@ -338,48 +332,38 @@ class Planner:
             a: ``(T, 18)`` generalized accelerations.
             force: ``(T, 4, 3)`` forces on the feet, world axes [N].
         """
-        model = self._robot.model
-        data = self._data
-        tau = np.empty((len(q), 18))
-        for t in range(len(q)):
-            tau[t] = pin.rnea(model, data, q[t], v[t], a[t])
-        subtract_contacts(tau, feet(np.ascontiguousarray(q), self._legs)[1], force)
-        return tau
+        q, v, a, force = map(np.ascontiguousarray, (q, v, a, force))
+        return inverse_dynamics(q, v, a, force, self._legs, self._masses)
 
     def _inertia_about_the_vertical(self) -> float:
         """Return the composite inertia in the nominal pose [kg m^2]."""
         model = self._robot.model
-        data = self._data
+        data = model.createData()
         pin.ccrba(model, data, self._robot.nominal, np.zeros(18))
         return float(data.Ig.inertia[2, 2])
 
 
 @njit(cache=True, error_model="numpy")
-def subtract_contacts(tau: Array, J: Array, force: Array) -> None:
-    """Subtract sum_j J_j^T f_j from ``tau (T, 18)``; a foot acts on the base and its own leg.
-
-    Args:
-        tau: ``(T, 18)`` generalized forces, which are changed in place.
-        J: ``(T, 4, 3, 9)`` foot Jacobians, from `feet`.
-        force: ``(T, 4, 3)`` forces on the feet, world axes [N].
-    """
-    for t in range(len(tau)):
-        for leg in range(4):
-            for axis in range(3):
-                f = force[t, leg, axis]
-                for i in range(6):
-                    tau[t, i] -= J[t, leg, axis, i] * f
-                for i in range(3):
-                    tau[t, 6 + 3 * leg + i] -= J[t, leg, axis, 6 + i] * f
+def _within(a: Array, limit: float) -> bool:
+    """Return True if no entry of a table is larger than the limit in size, or not a number."""
+    within = True
+    for row in range(a.shape[0]):
+        for column in range(a.shape[1]):
+            within &= abs(a[row, column]) <= limit
+    return within
 
 
+@njit(cache=True, error_model="numpy")
 def to_heading_frame(q: Array) -> Array:
     """Return the configuration ``(19,)`` seen from below the base, turned by minus its ZYX yaw."""
-    x, y, z, w = q[3:7] / np.linalg.norm(q[3:7])
+    x, y, z, w = q[3:7] / np.sqrt(np.sum(q[3:7] ** 2))
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     s = np.sin(-0.5 * yaw)
     c = np.cos(0.5 * yaw)
     level = q.copy()
     level[:2] = 0.0
-    level[3:7] = [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z]
+    level[3] = c * x - s * y
+    level[4] = c * y + s * x
+    level[5] = c * z + s * w
+    level[6] = c * w - s * z
     return level

@@ -43,19 +43,24 @@ class Legs(NamedTuple):
 
 
 class Masses(NamedTuple):
-    """Mass and first moment of mass of what moves, base frame, joints at zero.
+    """Mass, first moment of mass and inertia of what moves, base frame, joints at zero.
 
     Attributes:
         base: The mass of the base [kg].
         base_moment: ``(3,)`` mass times center of mass of the base [kg m].
         link: ``(4, 3)`` mass of what each joint turns by itself [kg].
         link_moment: ``(4, 3, 3)`` mass times center of mass of each of them [kg m].
+        base_inertia: ``(3, 3)`` inertia of the base about its origin [kg m^2].
+        link_inertia: ``(4, 3, 3, 3)`` inertia of each link about its joint's ``center`` in `Legs`
+            [kg m^2].
     """
 
     base: float
     base_moment: Array
     link: Array
     link_moment: Array
+    base_inertia: Array
+    link_inertia: Array
 
 
 def legs_of(robot: RobotModel) -> Legs:
@@ -78,7 +83,19 @@ def masses_of(robot: RobotModel) -> Masses:
     mass = np.array([model.inertias[body].mass for body in bodies])
     center = np.array([data.oMi[body].act(model.inertias[body].lever) for body in bodies])
     moment = mass[:, None] * center
-    return Masses(mass[0], moment[0], mass[1:].reshape(4, 3), moment[1:].reshape(4, 3, 3))
+    inertia = []
+    for body in bodies:
+        # About the joint, in the axes of the base.
+        turned = pin.SE3(data.oMi[body].rotation, np.zeros(3)).act(model.inertias[body])
+        inertia.append(turned.matrix()[3:, 3:])
+    return Masses(
+        base=mass[0],
+        base_moment=moment[0],
+        link=mass[1:].reshape(4, 3),
+        link_moment=moment[1:].reshape(4, 3, 3),
+        base_inertia=inertia[0],
+        link_inertia=np.array(inertia[1:]).reshape(4, 3, 3, 3),
+    )
 
 
 @njit(cache=True, error_model="numpy")
