@@ -21,6 +21,7 @@ from surefoot.config import (
     SafeDaggerConfig,
 )
 from surefoot.config.json_io import from_json, read_json
+from surefoot.evaluation.mirror_error import make_mirror
 from surefoot.files import write_json
 from surefoot.learning.samples import held_out
 from surefoot.learning.step import choose_device
@@ -61,6 +62,8 @@ def check_config(config: Config) -> None:
     purpose = _use_of_held_out(config.method)
     if isinstance(config.method, IterativeConfig) and purpose:
         _check_held_out(config, config.method.pretraining, purpose)
+    if config.training.mirror != "none":
+        make_mirror(config, config.training.mirror)
     choose_device(config.training.device)
 
 
