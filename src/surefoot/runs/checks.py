@@ -56,14 +56,14 @@ def check_config(config: Config) -> None:
     Raises:
         ValueError: It cannot; the message names the number and what it may be.
     """
+    if config.training.mirror != "none":
+        make_mirror(config, config.training.mirror)
     stored = load_starts()
     _check_stored(config, stored)
     _check_budget(config)
     purpose = _use_of_held_out(config.method)
     if isinstance(config.method, IterativeConfig) and purpose:
         _check_held_out(config, config.method.pretraining, purpose)
-    if config.training.mirror != "none":
-        make_mirror(config, config.training.mirror)
     choose_device(config.training.device)
 
 
