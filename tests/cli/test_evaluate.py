@@ -57,6 +57,8 @@ def test_the_outcome_of_each_initial_state_is_kept(surefoot, capsys, run_copy, t
     assert report.success_difference == success_difference(report, report.expert)
     printed = capsys.readouterr().out
     assert printed.count("touched the ground with something other than a foot: ") == 2
+    assert report.mirror_error_mrad is not None
+    assert f"left-right mirror error: {report.mirror_error_mrad:.1f} mrad" in printed
     assert "points of success (" in printed
 
 

@@ -8,9 +8,11 @@ import pytest
 import surefoot.evaluation.imitation as imitation
 from surefoot.config import Config, DisturbanceConfig, LocoDaggerConfig, PolicyConfig
 from surefoot.evaluation.imitation import expert_states, imitation_error
+from surefoot.evaluation.mirror_error import make_mirror
 from surefoot.learning.frames import concatenate
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, save, target_of
+from surefoot.learning.symmetry import mirror_error
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import draw_disturbances
 from surefoot.scenarios.starts import load_starts
@@ -49,6 +51,10 @@ def test_the_error_is_the_mean_deviation_from_the_experts_targets(few, policy):
     assert error.mean_mrad == pytest.approx(deviation.mean(), rel=1e-5)
     assert error.worst_mrad == pytest.approx(np.quantile(deviation.mean(axis=1), 0.99), rel=1e-5)
     assert (error.rollouts, error.states) == (6, 30)
+    mirror = make_mirror(CONFIG, "left_right")
+    arguments = (frames.state, frames.tick, frames.command)
+    asymmetry = 1000.0 * mirror_error(imitator, mirror, *arguments)
+    assert error.mirror_mrad == pytest.approx(asymmetry, rel=1e-6)
     assert error.starts_hash == load_starts().hash
     assert frames.expert_drove.all()
 

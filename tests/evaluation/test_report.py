@@ -13,7 +13,7 @@ from surefoot.files import write_json
 from tests.fakes.results import push_result, robustness
 
 DISTURBANCE = {"noise.joint_position": 0.01, "delay": 3, "friction": (0.6, 0.7)}
-OPTIONAL = ("pushes", "push_difference", "expert", "success_difference")
+OPTIONAL = ("pushes", "push_difference", "expert", "success_difference", "mirror_error_mrad")
 
 
 def report(**changes) -> EvaluationReport:
@@ -29,7 +29,12 @@ def report(**changes) -> EvaluationReport:
 def whole_report() -> EvaluationReport:
     expert = ExpertReport(**vars(robustness(4, 4)), pushes=push_result((2.0, 4.0)))
     difference = PushDifference(-2.0, (-2.5, -1.5))
-    return report(pushes=push_result((1.0, 1.0)), push_difference=difference, expert=expert)
+    return report(
+        pushes=push_result((1.0, 1.0)),
+        push_difference=difference,
+        expert=expert,
+        mirror_error_mrad=12.5,
+    )
 
 
 def test_a_report_is_read_back_as_it_was_written(tmp_path):

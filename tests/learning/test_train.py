@@ -13,21 +13,26 @@ import torch
 import surefoot.learning.train as train_module
 from surefoot.config import Steps, TrainingConfig
 from surefoot.learning.dataset import Dataset
-from surefoot.learning.frames import Frames
+from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import Policy
 from surefoot.learning.samples import WIDTH, derive, held_out
+from surefoot.learning.symmetry import Mirror, Mirrored
 from surefoot.learning.train import fit, split_samples
 from tests.fakes.killed import Killed
 from tests.fakes.learning import SMALL, SPEC, toy_frames
 
 TRAINING = TrainingConfig(batch=64, precision="float32")
 FRAMES = toy_frames(range(20))
+LEFT_RIGHT = Mirror(
+    (1, -1, 1), (1, 0, 3, 2), (3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8), (-1, 1, 1) * 4, 250
+)
+MIRRORED = replace(TRAINING, mirror="left_right")
 
 
 def run(
-    frames: Frames | Dataset = FRAMES,
+    frames: Frames | Dataset | Mirrored = FRAMES,
     epochs: int | Steps = 2,
     seed=0,
     config=TRAINING,
@@ -248,6 +253,75 @@ def test_a_negative_seed_is_an_error():
 def test_a_loss_that_explodes_is_an_error():
     with pytest.raises(FloatingPointError, match="learning rate below"):
         run(replace(FRAMES, torque=np.full_like(FRAMES.torque, 1e38)))
+
+
+# --- mirror images
+
+
+def test_training_on_images_is_training_on_both_recordings():
+    both = concatenate([FRAMES, LEFT_RIGHT.frames(FRAMES)])
+    mirrored = run(Mirrored(FRAMES, LEFT_RIGHT), config=MIRRORED)
+    recorded = run(both)
+    assert torch.equal(weights(mirrored.network), weights(recorded.network))
+    assert mirrored.validation_loss == recorded.validation_loss
+    assert mirrored.steps == recorded.steps
+    np.testing.assert_array_equal(mirrored.command_range, both.command_range)
+    assert mirrored.frames == len(FRAMES)
+    assert not torch.equal(weights(mirrored.network), weights(run(epochs=4).network))
+
+
+def test_an_image_is_held_out_with_its_frame():
+    samples = split_samples(Mirrored(FRAMES, LEFT_RIGHT), MIRRORED, SPEC)
+    out = held_out(FRAMES.episode, 0.1)
+    images = derive(LEFT_RIGHT.frames(FRAMES), SPEC)
+    rows = derive(FRAMES, SPEC)
+    for part, chosen in ((samples.training, ~out), (samples.validation, out)):
+        expected = np.concatenate([rows[chosen], images[chosen]])
+        np.testing.assert_array_equal(next(part.buffers()), expected)
+    assert samples.frames == len(FRAMES)
+
+
+def test_a_mirrored_fit_has_the_same_bits_again_and_when_killed(tmp_path):
+    data = Mirrored(stored(tmp_path), LEFT_RIGHT)
+    whole = run(data, epochs=3, config=MIRRORED)
+    assert torch.equal(weights(whole.network), weights(run(data, 3, config=MIRRORED).network))
+    checkpoint = tmp_path / "checkpoint"
+
+    def die(*_):
+        raise Killed
+
+    for _ in range(2):
+        with pytest.raises(Killed):
+            run(data, epochs=3, config=MIRRORED, checkpoint=checkpoint, progress=die)
+    seen = []
+    resumed = run(
+        data,
+        epochs=3,
+        config=MIRRORED,
+        checkpoint=checkpoint,
+        progress=lambda epoch, *_: seen.append(epoch),
+    )
+    assert torch.equal(weights(resumed.network), weights(whole.network))
+    assert resumed.train_loss == whole.train_loss
+    assert seen == [3]
+
+
+def test_a_checkpoint_of_another_mirror_is_not_resumed(tmp_path):
+    checkpoint = tmp_path / "checkpoint"
+    other = replace(LEFT_RIGHT, shift=0)
+    run(Mirrored(FRAMES, other), config=MIRRORED, checkpoint=checkpoint)
+    resumed = run(Mirrored(FRAMES, LEFT_RIGHT), config=MIRRORED, checkpoint=checkpoint)
+    fresh = run(Mirrored(FRAMES, LEFT_RIGHT), config=MIRRORED)
+    assert torch.equal(weights(resumed.network), weights(fresh.network))
+
+
+def test_a_mirror_that_is_asked_for_and_not_given_is_refused():
+    with pytest.raises(
+        ValueError, match=r"training\.mirror is left_right, but the data are Frames"
+    ):
+        run(config=MIRRORED)
+    with pytest.raises(ValueError, match=r"training\.mirror is none, but the data are Mirrored"):
+        run(Mirrored(FRAMES, LEFT_RIGHT))
 
 
 # --- more data than memory, kills, precision, devices

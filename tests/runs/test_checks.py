@@ -47,6 +47,13 @@ def test_every_preset_can_be_run(method, name):
     [
         (Config(gait=Gait(period=0.4)), "belong to the default gait"),
         (
+            Config(
+                gait=Gait(offsets=(0.0, 0.5, 0.5, 0.25)),
+                training=TrainingConfig(mirror="left_right"),
+            ),
+            r"gait\.offsets is .* not the same shifted by half a period.* training\.mirror none",
+        ),
+        (
             Config(evaluation=EvaluationConfig(episodes=201)),
             r"evaluation\.episodes is 201; use 1 to 200",
         ),

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import surefoot.learning.train
 import surefoot.runs.collecting
 import surefoot.runs.stages
 from surefoot.config import BudgetConfig, ExpertData
@@ -15,7 +16,7 @@ from surefoot.runs.stages import choose_best_policy, collect_data
 from surefoot.types import MotionPlan
 from surefoot.workers import Workers
 from tests.fakes.killed import Killed
-from tests.fakes.runs import fingerprint, validated_record
+from tests.fakes.runs import fingerprint, trained, validated_record
 from tests.fakes.small_runs import CLONING, CLONING_STAGES
 
 
@@ -45,6 +46,30 @@ def test_a_run_killed_inside_a_stage_ends_with_the_same_bits(
     assert len(run.metrics) < len(CLONING_STAGES)
     behavior_cloning(run, workers=Workers(1))
     assert fingerprint(run) == fingerprint(finished)
+
+
+def test_a_run_may_train_on_mirror_images_and_resume(finished, tmp_path, monkeypatch):
+    """The data are those of any run, the policy is another, and a kill does not change it."""
+    mirrored = replace(CLONING, training=replace(CLONING.training, mirror="left_right"))
+    whole = create(tmp_path / "whole" / "run", mirrored)
+    behavior_cloning(whole, workers=Workers(1))
+    plain = trained(finished, 0)
+    record = trained(whole, 0)
+    assert whole.dataset.hash == finished.dataset.hash
+    assert (record.frames, record.episodes) == (plain.frames, plain.episodes)
+    assert 2 * plain.steps <= record.steps <= 2 * plain.steps + record.epochs
+    save_checkpoint = surefoot.learning.train.save_checkpoint
+
+    def save_and_die(*args):
+        save_checkpoint(*args)
+        raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(surefoot.learning.train, "save_checkpoint", save_and_die)
+        with pytest.raises(Killed):
+            behavior_cloning(create(tmp_path / "run", mirrored), workers=Workers(1))
+    behavior_cloning(open_run(tmp_path / "run"), workers=Workers(1))
+    assert fingerprint(open_run(tmp_path / "run")) == fingerprint(whole) != fingerprint(finished)
 
 
 def test_chunks_that_are_done_are_not_run_again(finished, tmp_path, monkeypatch):

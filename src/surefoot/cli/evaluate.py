@@ -38,7 +38,8 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
     invalid_plans; body_contacts (episodes in which something other than a foot touched the ground)
     and body_contact_successes; starts, starts_hash, split, initial_states (their ids, in order),
     outcomes, strict and touched (one digit for each of them) and lost_at [s]; policy (its file),
-    simulator, disturbance (what disturbed the robots); success_difference, policy minus expert.
+    simulator, disturbance (what disturbed the robots); success_difference, policy minus expert;
+    mirror_error_mrad (how differently the policy treats left and right, in the initial states).
 
     With --pushes also: pushes, with fitted_impulse and max_impulse [N s] for each direction_deg,
     interval, their means, for each of the levels the successes of the episodes, and measured (the
@@ -105,20 +106,25 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
             policy: File of the policy.
             config: What is evaluated.
         """
+        from surefoot.evaluation.mirror_error import mirror_error_in_starts
         from surefoot.evaluation.push_limits import push_difference
         from surefoot.evaluation.report import EvaluationReport, ExpertReport
         from surefoot.evaluation.robustness import success_difference
 
         robustness, pushes = self.measure_controller(policy, config)
+        starts = load_starts(self.starts).first(self.split, config.evaluation.episodes)
         report = EvaluationReport(
             **vars(robustness),
             policy=str(policy),
             simulator=config.simulation.backend,
             disturbance={name: value for name, value, _ in disturbances(config)},
             pushes=pushes,
+            mirror_error_mrad=mirror_error_in_starts(config, policy, starts),
         )
         self.write_report(report)
         print_controller("policy", robustness, pushes)
+        if report.mirror_error_mrad is not None:
+            print(f"  left-right mirror error: {report.mirror_error_mrad:.1f} mrad")
         if not self.expert:
             return report
         expert, expert_pushes = self.measure_controller(None, config)

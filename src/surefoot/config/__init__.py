@@ -16,6 +16,8 @@ from surefoot.config.checked import Checked, Within
 from surefoot.config.evaluation import EvaluationConfig, PushConfig
 from surefoot.config.learning import (
     Device,
+    MirrorChoice,
+    MirrorName,
     NumberFormat,
     Phase,
     PolicyConfig,
@@ -72,6 +74,8 @@ __all__ = [
     "LocoDaggerConfig",
     "LocoSafeDaggerConfig",
     "MethodConfig",
+    "MirrorChoice",
+    "MirrorName",
     "NoiseConfig",
     "NumberFormat",
     "PerturbationConfig",

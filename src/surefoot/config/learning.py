@@ -16,6 +16,10 @@ NumberFormat = Literal["float32", "bfloat16"]
 """Names of the number formats of the hidden layers' products."""
 Precision = Literal["auto", NumberFormat]
 """A number format, or `auto` for the one in which a step takes less time."""
+MirrorName = Literal["left_right", "front_hind"]
+"""Names of the mirrors: which sides of the robot change places."""
+MirrorChoice = Literal["none", MirrorName]
+"""A mirror, or none."""
 Device = Literal["auto", "cpu", "cuda"]
 """Names of the devices to train on."""
 
@@ -75,7 +79,12 @@ class TrainingConfig(Checked):
     seed: Annotated[int, Within(0, 2**63 - 1)] | None = None
     """Root of the first weights and of the order of the samples; without it the run's own seed. So
     the same data can be trained on several times."""
+    mirror: MirrorChoice = "none"
+    """Train on the mirror image of every frame too, which is made when training and never stored:
+    `left_right`, or `front_hind`, which turns commands forward into commands backward. Each pass
+    over the data then has twice as many steps. It needs a robot and an expert without preference
+    for a side, and a gait whose mirrored offsets are the offsets shifted by half a period."""
     memory: Annotated[int, Within(1, 1_000_000_000)] = 1024
     """[MB] how much memory the training samples take at most; beyond it they go through a temporary
-    file. 1024 MB hold 4.5 million frames. While a shard is read, its frames are added, usually
-    120 MB at most."""
+    file. 1024 MB hold 4.5 million frames, mirror images included. While a shard is read, its frames
+    are added, usually 120 MB at most."""

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.config import Config, DisturbanceConfig
+from surefoot.evaluation.mirror_error import MRAD, mirror_error_mrad
 from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import load
@@ -37,8 +38,6 @@ IMPULSE = (0.5, 2.0)
 """[N s] the smallest and the largest push, one in each rollout: the expert withstands them."""
 FALL_ANGLE = 60.0
 """[deg] roll or pitch beyond this is a fall, as in the measurement of pushes."""
-MRAD = 1000.0
-"""Milliradians in a radian."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +52,9 @@ class ImitationError:
         mean_mrad: Mean absolute deviation over states and joints [mrad].
         worst_mrad: The deviation, as a mean over the joints, that one state of a hundred exceeds
             [mrad].
+        mirror_mrad: Mean absolute deviation of the policy's answer to the mirrored state from its
+            mirrored answer, left and right exchanged [mrad]; None if robot or gait have no such
+            mirror, and in files of earlier versions.
     """
 
     starts: str
@@ -61,6 +63,7 @@ class ImitationError:
     states: int
     mean_mrad: float
     worst_mrad: float
+    mirror_mrad: float | None = None
 
 
 def imitation_error(config: Config, policy: Path, workers: Workers) -> ImitationError:
@@ -94,6 +97,7 @@ def imitation_error(config: Config, policy: Path, workers: Workers) -> Imitation
         states=len(frames),
         mean_mrad=MRAD * float(deviation.mean()),
         worst_mrad=MRAD * float(np.quantile(deviation, 0.99)),
+        mirror_mrad=mirror_error_mrad(config, imitator, frames.state, frames.tick, frames.command),
     )
 
 

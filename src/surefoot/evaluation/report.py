@@ -41,6 +41,9 @@ class EvaluationReport(Robustness):
         success_difference: The policy's success rate minus the expert's, paired by initial state;
             None without the expert.
         expert: The same figures of the expert; None if it was not evaluated.
+        mirror_error_mrad: The mean of |M pi(s) - pi(M s)| over the joints and the initial states s
+            of all episodes, where M exchanges left and right [mrad]; None if robot or gait have no
+            such mirror, and in files of earlier versions.
     """
 
     policy: str
@@ -50,6 +53,7 @@ class EvaluationReport(Robustness):
     push_difference: PushDifference | None = None
     expert: ExpertReport | None = None
     success_difference: PairedDifference | None = None
+    mirror_error_mrad: float | None = None
 
 
 def read_report(path: Path) -> EvaluationReport:

@@ -40,6 +40,7 @@ from surefoot.learning.step import (
     make_optimizer,
     torch_threads,
 )
+from surefoot.learning.symmetry import Mirrored, parts_of
 from surefoot.types import Array
 
 Progress = Callable[[int, int, float, float], None]
@@ -55,7 +56,7 @@ class FitResult:
         train_loss: Mean L1 over each epoch's minibatches [rad], in training mode.
         validation_loss: Mean L1 on the held-out episodes after each epoch [rad]; NaN without any.
         steps: Number of optimizer steps.
-        frames: Number of frames, held out or not.
+        frames: Number of recorded frames, held out or not, without mirror images.
         command_range: ``(2, 3)`` smallest and largest vx, vy [m/s] and yaw rate [rad/s] among them.
         device: The device that computed it, as PyTorch names it.
         precision: Number format of the products of the hidden layers.
@@ -79,11 +80,13 @@ class SplitSamples:
         training: Rows to train on.
         validation: Rows of the episodes that are held out.
         command_range: ``(2, 3)`` smallest and largest vx, vy [m/s] and yaw rate [rad/s] among both.
+        frames: Number of recorded frames, without mirror images.
     """
 
     training: TrainingSamples
     validation: TrainingSamples
     command_range: Array
+    frames: int
 
     def __len__(self) -> int:
         return len(self.training) + len(self.validation)
@@ -91,7 +94,7 @@ class SplitSamples:
 
 def fit(
     network: PolicyNetwork,
-    data: Frames | Dataset,
+    data: Frames | Dataset | Mirrored,
     config: TrainingConfig,
     spec: PolicySpec,
     epochs: int | Steps,
@@ -107,7 +110,7 @@ def fit(
 
     Args:
         network: The network to start from; it is left as it is.
-        data: Whole episodes, in memory or on disk.
+        data: Whole episodes, in memory or on disk; `Mirrored` if the training has a mirror.
         config: Optimizer, batch, schedule, threads, precision, device, memory, held-out share.
         spec: How inputs and targets follow from frames.
         epochs: Passes over the frames that are not held out, or the number of steps, which may end
@@ -119,7 +122,8 @@ def fit(
 
     Raises:
         ValueError: There are too few frames, no epochs, a negative seed, a number that is not
-            finite, no such device, or the device cannot multiply in the precision.
+            finite, no such device, the device cannot multiply in the precision, or the data are
+            mirrored although the training is not, or the other way round.
         FloatingPointError: The loss is not finite.
         DatasetError: A shard is damaged.
         WriteError: The disk is full.
@@ -130,6 +134,11 @@ def fit(
         raise ValueError(f"{amount} {unit}: at least 1 is needed")
     if seed < 0:
         raise ValueError(f"the seed is {seed}; use 0 or more")
+    if (config.mirror != "none") != isinstance(data, Mirrored):
+        raise ValueError(
+            f"training.mirror is {config.mirror}, but the data are {type(data).__name__}: give "
+            "`Mirrored` data (surefoot.learning.symmetry) if and only if there is a mirror"
+        )
     device = choose_device(config.device)
     samples = split_samples(data, config, spec)
     batches = _count_batches(samples, config)
@@ -169,18 +178,20 @@ def fit(
         train_loss=tuple(training for training, _ in losses),
         validation_loss=tuple(validation for _, validation in losses),
         steps=steps,
-        frames=len(samples),
+        frames=samples.frames,
         command_range=samples.command_range,
         device=device_name(device),
         precision=precision,
     )
 
 
-def split_samples(data: Frames | Dataset, config: TrainingConfig, spec: PolicySpec) -> SplitSamples:
+def split_samples(
+    data: Frames | Dataset | Mirrored, config: TrainingConfig, spec: PolicySpec
+) -> SplitSamples:
     """Samples to train on and held-out ones, derived from frames.
 
     Args:
-        data: Whole episodes, in memory or on disk.
+        data: Whole episodes, in memory or on disk, possibly with their mirror images.
         config: Memory, and the share of episodes that is held out.
         spec: How inputs and targets follow from frames.
 
@@ -189,25 +200,28 @@ def split_samples(data: Frames | Dataset, config: TrainingConfig, spec: PolicySp
         DatasetError: A shard is damaged.
         WriteError: The disk is full.
     """
-    folder = data.folder if isinstance(data, Dataset) else None
+    recorded = data.data if isinstance(data, Mirrored) else data
+    folder = recorded.folder if isinstance(recorded, Dataset) else None
     limit = config.memory * 1_000_000
     validation_limit = round(limit * config.validation)
     validation = TrainingSamples(validation_limit, folder)
     training = TrainingSamples(limit - validation_limit, folder)
     lowest = np.full(3, np.inf)
     highest = np.full(3, -np.inf)
-    parts = data.parts() if isinstance(data, Dataset) else [data]
-    for part in parts:
-        if not len(part):
-            continue
-        rows = derive(part, spec)
-        is_held_out = held_out(part.episode, config.validation)
-        training.append(rows[~is_held_out])
-        validation.append(rows[is_held_out])
-        low, high = part.command_range
-        lowest = np.minimum(lowest, low)
-        highest = np.maximum(highest, high)
-    return SplitSamples(training, validation, np.stack([lowest, highest]))
+    frames = 0
+    for images in parts_of(data):
+        frames += len(images[0])
+        for part in images:
+            if not len(part):
+                continue
+            rows = derive(part, spec)
+            is_held_out = held_out(part.episode, config.validation)
+            training.append(rows[~is_held_out])
+            validation.append(rows[is_held_out])
+            low, high = part.command_range
+            lowest = np.minimum(lowest, low)
+            highest = np.maximum(highest, high)
+    return SplitSamples(training, validation, np.stack([lowest, highest]), frames)
 
 
 def _count_batches(samples: SplitSamples, config: TrainingConfig) -> int:

@@ -21,6 +21,7 @@ from surefoot.config import (
     SafeDaggerConfig,
 )
 from surefoot.config.json_io import from_json, read_json
+from surefoot.evaluation.mirror_error import make_mirror
 from surefoot.files import write_json
 from surefoot.learning.samples import held_out
 from surefoot.learning.step import choose_device
@@ -55,6 +56,8 @@ def check_config(config: Config) -> None:
     Raises:
         ValueError: It cannot; the message names the number and what it may be.
     """
+    if config.training.mirror != "none":
+        make_mirror(config, config.training.mirror)
     stored = load_starts()
     _check_stored(config, stored)
     _check_budget(config)

@@ -14,11 +14,13 @@ import numpy as np
 from tqdm import tqdm
 
 from surefoot.config import IterativeConfig, Steps
+from surefoot.evaluation.mirror_error import make_mirror
 from surefoot.evaluation.robustness import evaluate
 from surefoot.files import load_arrays
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, policy_spec, save
+from surefoot.learning.symmetry import Mirrored
 from surefoot.learning.train import FitResult, fit
 from surefoot.rollouts.jobs import Job, expert_name
 from surefoot.rollouts.summary import Summary, join_summaries
@@ -211,9 +213,10 @@ def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bo
             bar.set_postfix(train=f"{train_loss:.4f}", validation=f"{validation_loss:.4f}")
             bar.update()
 
+        mirror = config.training.mirror
         return fit(
             network,
-            data,
+            data if mirror == "none" else Mirrored(data, make_mirror(config, mirror)),
             kept_precision(config.training, run.precision),
             policy_spec(config),
             epochs,

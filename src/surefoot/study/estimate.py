@@ -236,7 +236,8 @@ def _training_steps(config: Config, frames: float, epochs: int | Steps) -> Work:
     """The steps of a training."""
     if isinstance(epochs, Steps):
         return Work(steps=epochs.count)
-    kept = frames * (1.0 - config.training.validation)
+    images = 1 if config.training.mirror == "none" else 2
+    kept = images * frames * (1.0 - config.training.validation)
     return Work(steps=epochs * kept / config.training.batch)
 
 

@@ -1,0 +1,76 @@
+"""How far a policy is from treating left and right alike.
+
+The mirror error is the mean of |M pi(s) - pi(M s)| over states and joints: M mirrors left and
+right. An expert on a symmetric robot has none. It takes no simulation. Next: `imitation`, how far a
+policy is from the expert.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from surefoot.config import Config, MirrorName
+from surefoot.learning.policy import Policy, load
+from surefoot.learning.symmetry import Mirror, clock_shift, mirror_error
+from surefoot.robots.geometry import state_of
+from surefoot.robots.solo12 import solo12
+from surefoot.robots.symmetry import body_mirror
+from surefoot.scenarios.starts import Starts
+from surefoot.types import Array, IntArray, State
+
+MRAD = 1000.0
+"""Milliradians in a radian."""
+
+
+def make_mirror(config: Config, name: MirrorName) -> Mirror:
+    """The mirror of a configuration's robot and gait.
+
+    Args:
+        config: Robot and gait.
+        name: Which sides change places.
+
+    Raises:
+        ValueError: Robot or gait are not their own mirror images.
+    """
+    body = body_mirror(solo12(config.robot), name)
+    return Mirror(*body, shift=clock_shift(config.gait, body.legs))
+
+
+def mirror_error_mrad(
+    config: Config, policy: Policy, state: State, tick: IntArray, command: Array
+) -> float | None:
+    """The left-right mirror error of a policy over n states [mrad].
+
+    Args:
+        config: Robot and gait.
+        policy: The policy.
+        state: The n states.
+        tick: ``(n,)`` gait clock [ms].
+        command: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
+
+    Returns:
+        The error; None if robot or gait have no such mirror.
+    """
+    try:
+        mirror = make_mirror(config, "left_right")
+    except ValueError:
+        return None
+    return MRAD * mirror_error(policy, mirror, state, tick, command)
+
+
+def mirror_error_in_starts(config: Config, path: Path, starts: Starts) -> float | None:
+    """The same over n initial states.
+
+    Args:
+        config: Robot and gait.
+        path: File of the policy.
+        starts: The n initial states.
+
+    Returns:
+        The error; None if robot or gait have no such mirror.
+
+    Raises:
+        FileNotFoundError: There is no such policy.
+    """
+    state = state_of(solo12(config.robot), starts.q, starts.v)
+    return mirror_error_mrad(config, load(path), state, starts.tick, starts.command)
