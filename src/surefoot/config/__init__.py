@@ -13,6 +13,7 @@ from typing import Annotated, ClassVar
 
 from surefoot.config.budget import BudgetConfig
 from surefoot.config.checked import Checked, Within
+from surefoot.config.commands import CommandBox
 from surefoot.config.evaluation import EvaluationConfig, PushConfig
 from surefoot.config.learning import (
     Device,
@@ -55,6 +56,7 @@ __all__ = [
     "BehaviorCloningConfig",
     "BudgetConfig",
     "CentroidalConfig",
+    "CommandBox",
     "Config",
     "DaggerConfig",
     "DartConfig",
@@ -108,6 +110,7 @@ class Config(Checked):
     robot: RobotConfig = field(default_factory=RobotConfig)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     gait: Gait = field(default_factory=Gait)
+    commands: CommandBox = field(default_factory=CommandBox)
     expert: ExpertConfig = field(default_factory=ExpertConfig)
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     policy: PolicyConfig = field(default_factory=PolicyConfig)

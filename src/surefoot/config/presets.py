@@ -102,3 +102,13 @@ def published_rules(config: Config) -> Config:
     """The expert's rules as BiConMP publishes them: footholds and commands without feedback."""
     expert = replace(config.expert, foothold_rule="published", command_gain=(1.0, 1.0, 1.0))
     return replace(config, expert=expert)
+
+
+def all_round_rules(config: Config) -> Config:
+    """The expert's rules for any gait and any command of a box.
+
+    It follows turns without drifting outward, and does not settle at a fraction of the command.
+    `Config` itself keeps the rules of the initial states `solo12-trot-v1`: trotting straight ahead.
+    """
+    expert = replace(config.expert, capture_share=0.25, turn_compensation=0.3)
+    return replace(config, expert=expert)

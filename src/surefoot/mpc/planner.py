@@ -22,13 +22,15 @@ from surefoot.mpc.footholds import (
     ContactPlan,
     FootholdRule,
     HorizonStart,
+    excess_velocity,
     hip_offsets,
     plan_contacts,
+    planned_velocity,
     rotate_horizontal,
     travel_along_arc,
 )
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
-from surefoot.mpc.schedule import node_ticks
+from surefoot.mpc.schedule import horizon, node_ticks
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import feet, legs_of
 from surefoot.types import GRID, TICKS_PER_SECOND, Array, Command, MotionPlan, State
@@ -102,6 +104,7 @@ class Planner:
         self._gait = gait
         self._config = config
         self._friction = friction
+        self._horizon = horizon(gait, config)
         self._data = robot.model.createData()
         self._mass = robot.mass
         hips = hip_offsets(robot, config.hip_outward)
@@ -137,9 +140,10 @@ class Planner:
         clock = [perf_counter()]
         q = to_heading_frame(state.q)
         v = state.v
-        velocity = Command(*np.multiply(self._config.command_gain, command))
+        velocity = planned_velocity(self._config, command)
         x0, foot_positions = self.measure(q, v)
-        start = HorizonStart(tick, x0[:3], foot_positions, velocity, x0[3:5] - command[:2])
+        excess = excess_velocity(self._config, x0[3:5], command)
+        start = HorizonStart(tick, x0[:3], foot_positions, velocity, excess)
         contacts = plan_contacts(self._foothold_rule, start)
         clock.append(perf_counter())
         reference = self.centroidal_reference(q, x0, contacts, velocity)
@@ -174,8 +178,7 @@ class Planner:
             a cold start, if the earlier plan is not valid, has other nodes or does not cover the
             tick.
         """
-        N = self._config.centroidal.nodes
-        M = self._config.kinematic.nodes
+        N, M = self._horizon
         if (
             previous is None
             or not previous.motion.valid
@@ -258,7 +261,7 @@ class Planner:
             centroidal: The centroidal plan, for its momentum.
             velocity: The planned velocity, for its yaw rate.
         """
-        N = self._config.kinematic.nodes
+        N = self._horizon.kinematic
         time = np.concatenate([[0.0], np.cumsum(contacts.dt[:N])])
         momentum = np.concatenate(
             [

@@ -154,8 +154,19 @@ class StartSet:
         """
         return np.arange(len(self[split])).reshape(self.shape[split])
 
+    def commands(self, split: str) -> Array:
+        """``(velocities, 3)`` the commands of a split: vx, vy [m/s] and yaw rate [rad/s].
+
+        Raises:
+            KeyError: There is no such split.
+        """
+        return self[split].command[self.rows(split)[0, 0]]
+
     def velocities(self, split: str, n: int) -> IntArray:
-        """``(n,)`` indices of equally spaced velocities of a split, both ends included.
+        """``(n,)`` indices of commands of a split that are spread over all of them.
+
+        Of commands along one axis they are equally spaced, both ends included; of those of a box
+        they are the first ones (`CommandBox.spread`).
 
         Raises:
             KeyError: There is no such split.
@@ -167,6 +178,8 @@ class StartSet:
                 f"{n} velocities asked for, the starts {self.name!r} hold {available} in "
                 f"{split!r}; use 1 to {available}"
             )
+        if not _along_one_axis(self.commands(split)):
+            return np.arange(n)
         return np.round(np.linspace(0, available - 1, n)).astype(np.int64)
 
     @cached_property
@@ -201,6 +214,12 @@ class StartSet:
         friction, load, pushes and noise in an episode that begins in the same initial state.
         """
         return int(self.hash[:8], 16)
+
+
+def _along_one_axis(commands: Array) -> bool:
+    """Whether commands ``(n, 3)`` differ in one number at most, and that one does not fall."""
+    steps = np.diff(commands, axis=0)
+    return bool((steps >= 0.0).all() and steps.any(axis=0).sum() <= 1)
 
 
 def _spread_cells(phases: int, velocities: int) -> IntArray:
