@@ -42,6 +42,10 @@ class Walks:
         rows = self.tick >= tick
         return replace(self, tick=self.tick[rows], q=self.q[rows], v=self.v[rows])
 
+    def of(self, robots: BoolArray) -> Walks:
+        """The walks of some of the robots, given by ``(n,)`` True for each of them."""
+        return replace(self, q=self.q[:, robots], v=self.v[:, robots], command=self.command[robots])
+
     @property
     def mean_velocity(self) -> Array:
         """``(n, 3)`` mean vx, vy [m/s] and yaw rate [rad/s] in the heading frame."""
