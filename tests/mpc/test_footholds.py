@@ -25,6 +25,7 @@ from surefoot.types import Command
 ROBOT = solo12()
 TROT = Gait()
 CONFIG = ExpertConfig()
+NODES = 20
 HIPS = hip_offsets(ROBOT, CONFIG.hip_outward)
 COM = np.array([0.013, -0.007, 0.21])
 FEET = np.column_stack([HIPS * 1.1 + COM[:2], np.full(4, 0.02)])
@@ -65,11 +66,10 @@ def test_footholds_lie_outward_of_the_hips():
 
 @pytest.mark.parametrize("tick", TICKS)
 def test_shapes_flags_and_durations(tick):
-    nodes = CONFIG.centroidal.nodes
     plan = contacts(tick)
-    ticks = node_ticks(tick, nodes)
-    assert plan.active.shape == plan.via.shape == (nodes, 4)
-    assert plan.position.shape == (nodes, 4, 3)
+    ticks = node_ticks(tick, NODES)
+    assert plan.active.shape == plan.via.shape == (NODES, 4)
+    assert plan.position.shape == (NODES, 4, 3)
     np.testing.assert_array_equal(plan.active, in_stance(TROT, ticks[:-1]))
     np.testing.assert_allclose(plan.dt, np.diff(ticks) / 1000)
 
@@ -189,7 +189,7 @@ def test_in_turns_a_velocity_to_the_inside_is_planned():
 @pytest.mark.parametrize("tick", TICKS)
 def test_swinging_feet_have_a_via_point_in_the_first_half(tick):
     plan = contacts(tick, Command(0.2))
-    fraction = swing_fraction(TROT, node_ticks(tick, CONFIG.centroidal.nodes)[:-1])
+    fraction = swing_fraction(TROT, node_ticks(tick, NODES)[:-1])
     expected = ~plan.active & (fraction < CONFIG.via_until)
     expected[0] = False
     np.testing.assert_array_equal(plan.via, expected)
