@@ -112,7 +112,7 @@ def make_starts(
         grid[split] = replace(starts, id=first_id + np.arange(len(starts)))
         shape[split] = (repeats, len(cycle.q), len(cycle.command))
         first_id += len(starts)
-    return StartSet(name, grid, shape)
+    return StartSet(name, grid, shape, config.gait)
 
 
 def scaled(perturbation: PerturbationConfig, scale: float) -> PerturbationConfig:

@@ -10,17 +10,17 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cache, cached_property
 from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import Split
+from surefoot.config import Config, Gait, Split
 from surefoot.config.json_text import read_file
 from surefoot.errors import unknown
 from surefoot.files import parse_npz, write_atomic
@@ -107,11 +107,13 @@ class StartSet:
         grid: The initial states of each split: (perturbations, phases, velocities), flattened in
             this order.
         shape: The numbers of perturbations, phases and velocities of each split.
+        gait: The gait that they are of; their clock is its own.
     """
 
     name: str
     grid: dict[str, Starts]
     shape: dict[str, tuple[int, int, int]]
+    gait: Gait = field(default_factory=Gait)
 
     def __getitem__(self, split: str) -> Starts:
         """All initial states of a split.
@@ -188,8 +190,8 @@ class StartSet:
         sha = hashlib.sha256()
         for split in SPLITS:
             starts = self.grid[split]
-            for field in fields(Starts):
-                sha.update(np.ascontiguousarray(getattr(starts, field.name)).data)
+            for array in fields(Starts):
+                sha.update(np.ascontiguousarray(getattr(starts, array.name)).data)
         return sha.hexdigest()
 
     def phases(self, id: IntArray) -> IntArray:
@@ -247,6 +249,28 @@ def _ranks(n: int, step: float) -> IntArray:
     return np.argsort(np.argsort(np.arange(n) * step % 1.0))
 
 
+def starts_of(config: Config) -> StartSet:
+    """The set of initial states of a configuration.
+
+    Raises:
+        FileNotFoundError: There is no such set, nor such a file.
+        ValueError: The file is not a set of initial states, or is one of another gait.
+    """
+    stored = load_starts(config.start_set)
+    if config.gait != stored.gait:
+        raise ValueError(
+            f"the initial states {stored.name!r} belong to {_described(stored.gait)}, but the "
+            f"configuration asks for {_described(config.gait)}: make a set for it "
+            "(`surefoot make-starts FILE --gait NAME`) and name its file with --config.start-set"
+        )
+    return stored
+
+
+def _described(gait: Gait) -> str:
+    """A gait for messages."""
+    return f"the default gait ({gait})" if gait == Gait() else f"the gait {gait}"
+
+
 def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:
     """Read a set: one that comes with the package, by its name, or a file.
 
@@ -281,6 +305,7 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
     try:
         arrays = parse_npz(content)
         shapes = check_stored_arrays(arrays, len(SPLITS))
+        gait = _gait_from(arrays["gait"]) if "gait" in arrays else Gait()
     except ValueError as error:
         raise ValueError(f"{source} is not a set of starts ({error}); write it again") from error
     bounds = np.cumsum([0, *(math.prod(shape) for shape in shapes)])
@@ -291,13 +316,13 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
         arrays["command"],
         np.arange(bounds[-1]),
     )
-    for field in fields(Starts):
-        getattr(everything, field.name).flags.writeable = False
+    for array in fields(Starts):
+        getattr(everything, array.name).flags.writeable = False
     grid = {
         split: everything[slice(start, stop)]
         for split, start, stop in zip(SPLITS, bounds[:-1], bounds[1:], strict=True)
     }
-    return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)))
+    return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)), gait)
 
 
 def check_unused(path: Path) -> None:
@@ -327,17 +352,30 @@ def save_starts(starts: StartSet, path: Path) -> None:
         "command": everything.command,
         "shapes": np.array([starts.shape[split] for split in SPLITS]),
     }
+    if starts.gait != Gait():  # without, it is the trot of the packaged sets
+        arrays["gait"] = _numbers_of(starts.gait)
     try:
         check_stored_arrays(arrays, len(SPLITS))
     except ValueError as error:
         raise ValueError(f"{path} is not written: {error}") from error
     buffer = BytesIO()
-    np.savez_compressed(
-        buffer,
-        q=arrays["q"],
-        v=arrays["v"],
-        tick=arrays["tick"].astype(np.int16),
-        command=arrays["command"],
-        shapes=arrays["shapes"],
-    )
+    packed: dict[str, Any] = {**arrays, "tick": arrays["tick"].astype(np.int16)}
+    np.savez_compressed(buffer, **packed)
     write_atomic(path, buffer.getvalue())
+
+
+def _numbers_of(gait: Gait) -> Array:
+    """``(8,)`` a gait as numbers, for a file."""
+    return np.array([gait.period, gait.duty, *gait.offsets, gait.step_height, gait.com_height])
+
+
+def _gait_from(numbers: Array) -> Gait:
+    """The gait of a file's numbers ``(8,)``.
+
+    Raises:
+        ValueError: They are no gait's.
+    """
+    period, duty, *offsets, step_height, com_height = numbers.tolist()
+    front_left, front_right, hind_left, hind_right = offsets
+    offsets = (front_left, front_right, hind_left, hind_right)
+    return Gait(period, duty, offsets, step_height, com_height)
