@@ -138,7 +138,7 @@ class ExpertConfig(Checked):
     command_gain: Annotated[tuple[float, float, float], Within(0.0, 10.0)] = (1.15, 1.08, 1.28)
     """Commanded vx, vy and yaw rate are scaled by these inside the planner: the trot reaches only
     87, 92 and 78 % of what is planned (measured at 0.1 to 0.3 m/s, 0.1 m/s and 0.3 rad/s in both
-    simulators; BiConMP: 1, 1, 1)."""
+    simulators; BiConMP: 1, 1, 1). `scenarios.calibration` measures those of other gaits."""
     hip_outward: Annotated[float, Within(-1.0, 1.0)] = 0.04
     """[m] footholds lie this far outside the hip (BiConMP)."""
     foothold_rule: FootholdRule = "capture"

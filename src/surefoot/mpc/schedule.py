@@ -30,8 +30,7 @@ def horizon(gait: Gait, config: ExpertConfig) -> Horizon:
     """Return the numbers of nodes of a plan: the configured ones, or those that follow the gait.
 
     Forces are planned for two periods, within 10 to 20 nodes, and motions half as far, within 5 to
-    10 nodes. Measured on trots of 0.33 to 0.8 s, bounds of 0.3 s and crawls of 1.6 s; a bound of
-    0.3 s with one period falls.
+    10 nodes. Measured with trots of 0.33 to 0.8 s, bounds of 0.3 s and crawls of 1.6 s.
 
     Args:
         gait: The gait, for its period.

@@ -24,6 +24,7 @@ from surefoot.config import Config, Gait, Split
 from surefoot.config.json_text import read_file
 from surefoot.errors import unknown
 from surefoot.files import parse_npz, write_atomic
+from surefoot.mpc.gaits import GAITS, gait_name
 from surefoot.scenarios.starts_check import check_stored_arrays
 from surefoot.types import Array, IntArray
 
@@ -267,8 +268,9 @@ def starts_of(config: Config) -> StartSet:
 
 
 def _described(gait: Gait) -> str:
-    """A gait for messages."""
-    return f"the default gait ({gait})" if gait == Gait() else f"the gait {gait}"
+    """A gait for messages: its name where it is a named one, or all of its numbers."""
+    name = gait_name(gait)
+    return f"the gait {name}" if GAITS.get(name) == gait else f"the gait {gait}"
 
 
 def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:
