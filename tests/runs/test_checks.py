@@ -49,7 +49,7 @@ def test_every_preset_can_be_run(method, name):
     [
         (
             Config(gait=Gait(period=0.4)),
-            r"'solo12-trot-v1' belong to the gait trot, but .* asks for the gait Gait\(period=0\.4",
+            r"'solo12-trot-v1' belong to the gait trot, but .* for a gait of period 0\.4 s, duty",
         ),
         (with_gait(Config(), "walk"), "asks for the gait walk: make a set for it"),
         (

@@ -459,7 +459,7 @@ def test_a_set_of_another_gait_keeps_its_gait(tmp_path):
     path = tmp_path / "walk.npz"
     save_starts(replace(small(), gait=GAITS["walk"]), path)
     stored = load_starts(path)
-    assert stored.gait == GAITS["walk"]
+    assert stored.gait.timing == GAITS["walk"].timing
     assert stored.hash == small().hash
 
 
@@ -475,8 +475,8 @@ def test_numbers_that_are_no_gait_are_refused(tmp_path):
     path = tmp_path / "odd.npz"
     parts, shapes = parts_of(small())
     for gait, text in (
-        (np.array([0.5, 1.5, 0, 0, 0, 0, 0.07, 0.2]), "gait.duty is 1.5; use 0.05 to 1.0"),
-        (np.zeros(3), r"gait is float64 \(3,\) instead of float64 \(8,\)"),
+        (np.array([0.5, 1.5, 0, 0, 0, 0]), "gait.duty is 1.5; use 0.05 to 1.0"),
+        (np.zeros(3), r"gait is float64 \(3,\) instead of float64 \(6,\)"),
     ):
         path.write_bytes(npz(**parts, shapes=shapes, gait=gait))
         with pytest.raises(ValueError, match=text):
@@ -485,6 +485,7 @@ def test_numbers_that_are_no_gait_are_refused(tmp_path):
 
 def test_the_set_of_a_configuration_has_to_be_of_its_gait(tmp_path):
     assert starts_of(Config()) is load_starts()
+    assert starts_of(Config(gait=Gait(step_height=0.05))) is load_starts()
     assert starts_of(Config(start_set=PACKAGED[1])) is load_starts(PACKAGED[1])
     path = tmp_path / "walk.npz"
     save_starts(replace(small(), gait=GAITS["walk"]), path)

@@ -12,8 +12,8 @@ import tyro
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.options import OnGait, OnSimulator, Output, check_outputs
-from surefoot.config import CommandBox, Config, Gait, PerturbationConfig
-from surefoot.config.presets import suited
+from surefoot.config import Config, PerturbationConfig
+from surefoot.config.presets import straight_trot, suited
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class MakeStarts(OnGait, OnSimulator):
         check_outputs([Output("OUT", self.out, (".npz",))])
         perturbation = scaled(PerturbationConfig(), self.scale)
         config = suited(self.simulated(self.config))
-        if (config.gait, config.commands) != (Gait(), CommandBox()):
+        if not straight_trot(config):
             config = with_measured_gains(config)
             gains = " ".join(f"{gain:g}" for gain in config.expert.command_gain)
             print(f"measured: --config.expert.command-gain {gains}")

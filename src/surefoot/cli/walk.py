@@ -107,7 +107,7 @@ class Walk(OnGait, OnSimulator):
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
         config = self.simulated(self.config)
-        if config.gait != Gait() and config.expert.command_gain == (1.0, 1.0, 1.0):
+        if config.gait.timing != Gait().timing and config.expert.command_gain == (1.0, 1.0, 1.0):
             config = with_measured_gains(replace(config, commands=box_around(command)))
         job = Job(config, Episodes(standing_start(command), self.seconds), ExpertOnly())
         with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:

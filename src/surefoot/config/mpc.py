@@ -39,6 +39,11 @@ class Gait(Checked):
     com_height: Height = 0.20
     """[m] nominal height of the center of mass (BiConMP)."""
 
+    @property
+    def timing(self) -> tuple[float, ...]:
+        """Period [s], duty factor and four offsets: what a gait is, at whatever height."""
+        return (self.period, self.duty, *self.offsets)
+
 
 @dataclass(frozen=True)
 class CentroidalConfig(Checked):

@@ -116,6 +116,11 @@ def all_round_rules(config: Config) -> Config:
     return replace(config, expert=expert)
 
 
+def straight_trot(config: Config) -> bool:
+    """Whether gait and commands are those of the initial states `solo12-trot-v1`."""
+    return config.gait.timing == Gait().timing and config.commands == CommandBox()
+
+
 def suited(config: Config) -> Config:
     """The configuration with an expert whose rules suit its gait and its commands.
 
@@ -123,6 +128,5 @@ def suited(config: Config) -> Config:
     otherwise the all-round rules come in their place, unless others were chosen.
     """
     expert = config.expert
-    first = (config.gait, config.commands) == (Gait(), CommandBox())
     chosen = expert.turn_compensation > 0.0 or expert.capture_share > 0.0
-    return config if first or chosen else all_round_rules(config)
+    return config if straight_trot(config) or chosen else all_round_rules(config)

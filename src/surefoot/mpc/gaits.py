@@ -45,7 +45,7 @@ def with_gait(config: Config, name: str) -> Config:
     if name not in GAITS:
         raise ValueError(unknown("gait", name, GAITS))
     gait = GAITS[name]
-    if gait == Gait():
+    if gait.timing == Gait().timing:
         return replace(config, gait=gait)
     expert = all_round_rules(config).expert
     expert = replace(
@@ -60,7 +60,6 @@ def with_gait(config: Config, name: str) -> Config:
 def gait_name(gait: Gait) -> str:
     """The name of a gait, by its timing alone; `custom` for one that has none."""
     for name, known in GAITS.items():
-        timing = (gait.period, gait.duty, gait.offsets)
-        if (known.period, known.duty, known.offsets) == timing:
+        if known.timing == gait.timing:
             return name
     return "custom"

@@ -108,7 +108,7 @@ class StartSet:
         grid: The initial states of each split: (perturbations, phases, velocities), flattened in
             this order.
         shape: The numbers of perturbations, phases and velocities of each split.
-        gait: The gait that they are of; their clock is its own.
+        gait: The gait whose clock they have; of its heights a set knows nothing.
     """
 
     name: str
@@ -258,7 +258,7 @@ def starts_of(config: Config) -> StartSet:
         ValueError: The file is not a set of initial states, or is one of another gait.
     """
     stored = load_starts(config.start_set)
-    if config.gait != stored.gait:
+    if config.gait.timing != stored.gait.timing:
         raise ValueError(
             f"the initial states {stored.name!r} belong to {_described(stored.gait)}, but the "
             f"configuration asks for {_described(config.gait)}: make a set for it "
@@ -268,9 +268,12 @@ def starts_of(config: Config) -> StartSet:
 
 
 def _described(gait: Gait) -> str:
-    """A gait for messages: its name where it is a named one, or all of its numbers."""
+    """A gait for messages: its name where it is a named one, or its numbers."""
     name = gait_name(gait)
-    return f"the gait {name}" if GAITS.get(name) == gait else f"the gait {gait}"
+    if name in GAITS:
+        return f"the gait {name}"
+    offsets = ", ".join(f"{offset:g}" for offset in gait.offsets)
+    return f"a gait of period {gait.period:g} s, duty {gait.duty:g} and offsets {offsets}"
 
 
 def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:
@@ -354,8 +357,8 @@ def save_starts(starts: StartSet, path: Path) -> None:
         "command": everything.command,
         "shapes": np.array([starts.shape[split] for split in SPLITS]),
     }
-    if starts.gait != Gait():  # without, it is the trot of the packaged sets
-        arrays["gait"] = _numbers_of(starts.gait)
+    if starts.gait.timing != Gait().timing:  # without, it is the trot of the packaged sets
+        arrays["gait"] = np.array(starts.gait.timing)
     try:
         check_stored_arrays(arrays, len(SPLITS))
     except ValueError as error:
@@ -366,18 +369,11 @@ def save_starts(starts: StartSet, path: Path) -> None:
     write_atomic(path, buffer.getvalue())
 
 
-def _numbers_of(gait: Gait) -> Array:
-    """``(8,)`` a gait as numbers, for a file."""
-    return np.array([gait.period, gait.duty, *gait.offsets, gait.step_height, gait.com_height])
-
-
 def _gait_from(numbers: Array) -> Gait:
-    """The gait of a file's numbers ``(8,)``.
+    """The gait of a file's numbers ``(6,)``.
 
     Raises:
         ValueError: They are no gait's.
     """
-    period, duty, *offsets, step_height, com_height = numbers.tolist()
-    front_left, front_right, hind_left, hind_right = offsets
-    offsets = (front_left, front_right, hind_left, hind_right)
-    return Gait(period, duty, offsets, step_height, com_height)
+    period, duty, front_left, front_right, hind_left, hind_right = numbers.tolist()
+    return Gait(period, duty, (front_left, front_right, hind_left, hind_right))

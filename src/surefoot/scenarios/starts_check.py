@@ -22,8 +22,8 @@ UNIT_TOLERANCE = 1e-6
 sets are so by 1e-15."""
 LARGEST = 1e6
 """No number of a state is larger, in whatever unit."""
-GAIT_NUMBERS = 8
-"""The numbers of a gait in a stored set: period, duty, four offsets, and two heights."""
+GAIT_NUMBERS = 6
+"""The numbers of a gait in a stored set: period, duty factor and four offsets."""
 LATEST = int(np.iinfo(np.int16).max)
 """[ms] The last tick that a stored set can hold."""
 
