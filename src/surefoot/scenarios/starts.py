@@ -11,11 +11,11 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -357,15 +357,24 @@ def save_starts(starts: StartSet, path: Path) -> None:
         "command": everything.command,
         "shapes": np.array([starts.shape[split] for split in SPLITS]),
     }
-    if starts.gait.timing != Gait().timing:  # without, it is the trot of the packaged sets
-        arrays["gait"] = np.array(starts.gait.timing)
     try:
         check_stored_arrays(arrays, len(SPLITS))
     except ValueError as error:
         raise ValueError(f"{path} is not written: {error}") from error
     buffer = BytesIO()
-    packed: dict[str, Any] = {**arrays, "tick": arrays["tick"].astype(np.int16)}
-    np.savez_compressed(buffer, **packed)
+    write = partial(
+        np.savez_compressed,
+        buffer,
+        q=arrays["q"],
+        v=arrays["v"],
+        tick=arrays["tick"].astype(np.int16),
+        command=arrays["command"],
+        shapes=arrays["shapes"],
+    )
+    if starts.gait.timing == Gait().timing:
+        write()  # as ever: without a gait it is the trot of the packaged sets
+    else:
+        write(gait=np.array(starts.gait.timing))
     write_atomic(path, buffer.getvalue())
 
 
