@@ -24,7 +24,8 @@ def walks_at(share, monkeypatch) -> list:
         asked.append((config, command, ticks))
         n = len(command)
         v = np.zeros((ticks, n, 18))
-        v[:, :, [0, 1, 5]] = share * command + (0.01, -0.02, 0.03)  # and a bias
+        gain = config.expert.command_gain
+        v[:, :, [0, 1, 5]] = share * gain * command + (0.01, -0.02, 0.03)  # and a bias
         v[: ticks // 3] = 0.0  # speeding up does not count
         return Walks(np.arange(ticks), np.tile(standing(ROBOT), (ticks, n, 1)), v, command)
 
@@ -33,13 +34,13 @@ def walks_at(share, monkeypatch) -> list:
 
 
 def test_the_gains_undo_what_a_gait_loses_whatever_its_bias(monkeypatch):
-    asked = walks_at(np.array([0.8, 1.25, 0.5]), monkeypatch)
+    asked = walks_at(np.array([0.8, 1.25, 0.7]), monkeypatch)
     config = Config(expert=ExpertConfig(command_gain=(3.0, 3.0, 3.0)))
     measured = calibrate_command_gain(ROBOT, Gait(period=0.3), config)
-    assert measured.gain == pytest.approx((1.25, 0.8, 2.0))
-    assert measured.planned == (0.2, 0.15, 0.5)
-    assert measured.forward == pytest.approx((0.17, 0.1675, 0.28))
-    assert measured.backward == pytest.approx((-0.15, -0.2075, -0.22))
+    assert measured.gain == pytest.approx((1.25, 0.8, 1 / 0.7), abs=1e-4)
+    assert measured.told == (0.2, 0.15, 0.5)
+    assert measured.forward == pytest.approx((0.17, 0.1675, 0.38))
+    assert measured.backward == pytest.approx((-0.15, -0.2075, -0.32))
     [(used, command, ticks)] = asked
     assert used.expert.command_gain == (1.0, 1.0, 1.0)
     assert used.gait.period == 0.3
@@ -47,10 +48,18 @@ def test_the_gains_undo_what_a_gait_loses_whatever_its_bias(monkeypatch):
     np.testing.assert_array_equal(command[3:], -command[:3])
 
 
+def test_a_large_gain_is_measured_again_with_itself(monkeypatch):
+    asked = walks_at(np.array([0.5, 1.0, 1.0]), monkeypatch)
+    measured = calibrate_command_gain(ROBOT, Gait(), Config())
+    assert measured.gain == pytest.approx((2.0, 1.0, 1.0))
+    assert measured.forward[0] == pytest.approx(0.21)
+    assert [config.expert.command_gain[0] for config, _, _ in asked] == pytest.approx([1.0, 2.0])
+
+
 def test_larger_robots_are_tried_at_higher_speeds(monkeypatch):
     walks_at(np.ones(3), monkeypatch)
     measured = calibrate_command_gain(ROBOT, Gait(), Config(), scale=4.0)
-    assert measured.planned == pytest.approx((0.4, 0.3, 0.5))
+    assert measured.told == pytest.approx((0.4, 0.3, 0.5))
 
 
 def test_a_gait_that_hops_on_the_spot_is_refused_with_numbers(monkeypatch):
