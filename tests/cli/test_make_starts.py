@@ -1,11 +1,15 @@
 """The command make-starts, without the minutes that a set takes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import tyro
 
-from surefoot.cli.make_starts import MakeStarts
-from surefoot.config import Config, PerturbationConfig
+from surefoot.cli import make_starts
+from surefoot.cli.make_starts import MakeStarts, parse_make_starts
+from surefoot.config import CommandBox, Config, PerturbationConfig
+from surefoot.mpc.gaits import GAITS
 from surefoot.scenarios import make
 from surefoot.scenarios.starts import StartSet, load_starts
 
@@ -57,3 +61,45 @@ def test_an_existing_set_is_refused_before_any_work(asked, tmp_path):
         command(out)()
     assert asked == []
     assert out.read_bytes() == b"precious"
+
+
+@pytest.fixture
+def measured(monkeypatch) -> None:
+    """Gains without the seconds that they take."""
+
+    def fake(config: Config) -> Config:
+        return replace(config, expert=replace(config.expert, command_gain=(1.1, 1.2, 1.3)))
+
+    monkeypatch.setattr(make_starts, "with_measured_gains", fake)
+
+
+def test_a_set_of_another_gait_is_made_with_its_rules_and_gains(asked, measured, tmp_path, capsys):
+    args = [str(tmp_path / "walk.npz"), "--gait", "walk", "--config.expert.centroidal.nodes", "15"]
+    assert parse_make_starts(args)() == 0
+    ((_, config, _, _),) = asked
+    assert config.gait == GAITS["walk"]
+    assert config.expert.command_gain == (1.1, 1.2, 1.3)
+    assert config.expert.turn_compensation == 0.3
+    # What is given comes before what belongs to the gait.
+    assert (config.expert.centroidal.nodes, config.expert.kinematic.nodes) == (15, None)
+    assert "measured: --config.expert.command-gain 1.1 1.2 1.3" in capsys.readouterr().out
+
+
+def test_a_box_of_commands_gets_rules_that_do_not_drift(asked, measured, tmp_path):
+    args = [str(tmp_path / "box.npz"), "--config.commands.vy", "-0.1", "0.1"]
+    assert parse_make_starts(args)() == 0
+    ((_, config, _, _),) = asked
+    assert config.commands == CommandBox(vy=(-0.1, 0.1))
+    assert config.expert.turn_compensation == 0.3
+
+
+def test_the_trot_is_made_as_ever_by_its_name_too(asked, tmp_path):
+    assert parse_make_starts([str(tmp_path / "trot.npz"), "--gait", "trot"])() == 0
+    ((_, config, _, _),) = asked
+    assert config == Config()
+
+
+def test_without_a_file_it_is_asked_for(capsys):
+    with pytest.raises(SystemExit):
+        parse_make_starts(["--gait", "walk"])
+    assert "OUT" in capsys.readouterr().err.upper()

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from surefoot.cli import walk
-from surefoot.cli.walk import Walk
-from surefoot.config import Config
+from surefoot.cli.walk import Walk, box_around
+from surefoot.config import CommandBox, Config
+from surefoot.types import Command
 from tests.fakes.robots import needs_pybullet
 
 
@@ -80,3 +81,34 @@ def test_an_expert_that_gives_up_at_once_has_diverged_after_no_time(surefoot, ca
         in capsys.readouterr().err
     )
     assert report["plans"] == report["invalid_plans"] == 1
+
+
+def test_a_named_gait_walks_at_its_command(surefoot, tmp_path):
+    file = tmp_path / "walk.json"
+    args = ("--gait", "walk", "--vx", 0.2, "--seconds", 2, "--no-video", "--json", file)
+    assert surefoot("walk", *args) == 0
+    report = json.loads(file.read_text())
+    assert report["outcome"] == "SUCCESS"
+    assert report["mean_velocity"][0] == pytest.approx(0.2, abs=0.03)
+
+
+def test_standing_is_no_stall(surefoot, tmp_path):
+    file = tmp_path / "walk.json"
+    args = ("--gait", "stand", "--vx", 0, "--seconds", 2, "--no-video", "--json", file)
+    assert surefoot("walk", *args) == 0
+    assert json.loads(file.read_text())["outcome"] == "SUCCESS"
+
+
+def test_a_gait_that_does_not_carry_the_robot_is_refused_with_numbers(surefoot, capsys):
+    assert surefoot("walk", "--gait", "pace", "--vx", 0, "--vy", 0.1, "--no-video") == 2
+    error = capsys.readouterr().err
+    assert "surefoot: the gait pace does not move the robot: of vy 0.15 m/s it reached 0.0" in error
+
+
+def test_an_unknown_gait_is_answered_with_the_nearest(surefoot, capsys):
+    assert surefoot("walk", "--gait", "pronck", "--no-video") == 2
+    assert "there is no gait 'pronck'; did you mean 'pronk'?" in capsys.readouterr().err
+
+
+def test_a_gait_has_to_move_along_the_axes_of_its_command():
+    assert box_around(Command(0.2, 0.0, -0.5)) == CommandBox((0, 0.2), (0, 0), (-0.5, 0))

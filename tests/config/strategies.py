@@ -62,6 +62,8 @@ def values_of(hint, limits=None) -> st.SearchStrategy:
         return st.none()
     if bare is bool:
         return st.booleans()
+    if bare is str:
+        return st.text(max_size=10)
     if is_config(bare):
         return configs(bare)
     assert limits is not None, "a number without a range"

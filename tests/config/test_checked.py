@@ -61,7 +61,7 @@ def path_of(kind, name, length) -> str:
 def test_all_classes_of_configurations_are_found():
     names = {kind.__name__ for kind in CLASSES}
     assert {"Config", "ExpertData", "NoiseConfig", "KinematicConfig", "DaggerConfig"} <= names
-    assert len(names) == len(CLASSES) == 23
+    assert len(names) == len(CLASSES) == 24
     assert len(NUMBERS) > 90
 
 

@@ -8,7 +8,7 @@ from surefoot.config import CentroidalConfig, ExpertConfig, Gait, KinematicConfi
 @pytest.mark.parametrize(
     ("kind", "change", "text"),
     [
-        (Gait, {"duty": 1.0}, "gait.duty is 1.0; use 0.05 to 0.99"),
+        (Gait, {"duty": 1.01}, "gait.duty is 1.01; use 0.05 to 1.0"),
         (Gait, {"offsets": (0.0, 0.5, 0.5, 1.5)}, "gait.offsets[3] is 1.5; use 0.0 to 1.0"),
         (Gait, {"offsets": (0.0, 0.5)}, "gait.offsets is (0.0, 0.5), expected 4 values"),
         (ExpertConfig, {"kp": -1.0}, "expert.kp is -1.0; use 0.0 to 10000.0"),
@@ -34,3 +34,15 @@ def test_motions_are_not_planned_further_ahead_than_forces(kinematic, centroidal
             centroidal=CentroidalConfig(nodes=centroidal),
             kinematic=KinematicConfig(nodes=kinematic),
         )
+
+
+def test_nodes_that_follow_the_gait_are_checked_with_no_others():
+    kinematic = KinematicConfig(nodes=30)
+    assert ExpertConfig(centroidal=CentroidalConfig(nodes=None), kinematic=kinematic)
+
+
+def test_the_defaults_are_the_rules_of_the_first_initial_states():
+    config = ExpertConfig()
+    assert (config.capture_deadband, config.capture_share, config.turn_compensation) == (0.1, 0, 0)
+    assert config.command_gain == (1.15, 1.08, 1.28)
+    assert (config.centroidal.nodes, config.kinematic.nodes) == (20, 10)

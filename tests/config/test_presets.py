@@ -5,16 +5,20 @@ import pytest
 from surefoot.config import (
     METHODS,
     BehaviorCloningConfig,
+    CommandBox,
+    Config,
     DaggerConfig,
     DisturbanceConfig,
+    ExpertConfig,
     ExpertData,
+    Gait,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
     PolicyConfig,
     SafeDaggerConfig,
     SafetyConfig,
 )
-from surefoot.config.presets import preset
+from surefoot.config.presets import all_round_rules, preset, suited
 
 
 @pytest.mark.parametrize("name", ["default", "quick"])
@@ -87,3 +91,24 @@ def test_an_unknown_preset_or_method_names_the_nearest():
         ValueError, match="no method 'locosafedagger'; did you mean 'loco_safe_dagger'"
     ):
         preset("locosafedagger")
+
+
+@pytest.mark.parametrize("name", ["default", "quick", "paper"])
+def test_the_presets_keep_the_experts_rules_of_the_first_initial_states(name):
+    config = preset("dagger", name)
+    assert (config.expert.turn_compensation, config.expert.capture_share) == (0.0, 0.0)
+    assert suited(config) is config
+
+
+@pytest.mark.parametrize(
+    "config", [Config(gait=Gait(period=0.4)), Config(commands=CommandBox(vy=(-0.1, 0.1)))]
+)
+def test_other_gaits_and_commands_get_the_all_round_rules(config):
+    assert suited(config) == all_round_rules(config)
+    assert suited(config).expert.turn_compensation == 0.3
+
+
+def test_rules_that_were_chosen_stay():
+    expert = ExpertConfig(turn_compensation=0.2)
+    config = Config(commands=CommandBox(vy=(-0.1, 0.1)), expert=expert)
+    assert suited(config) is config

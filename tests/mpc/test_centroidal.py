@@ -16,7 +16,7 @@ from surefoot.mpc.footholds import ContactPlan
 CONFIG = CentroidalConfig()
 MASS = 2.5
 FRICTION = 0.5
-NODES = CONFIG.nodes
+NODES = 20
 HIPS = np.array([[0.19, 0.14, 0.0], [0.19, -0.14, 0.0], [-0.19, 0.14, 0.0], [-0.19, -0.14, 0.0]])
 WEIGHT = np.vstack(
     (

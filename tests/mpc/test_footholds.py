@@ -10,9 +10,11 @@ from surefoot.mpc.footholds import (
     GRAVITY,
     FootholdRule,
     HorizonStart,
+    excess_velocity,
     hip_offsets,
     part_beyond,
     plan_contacts,
+    planned_velocity,
     rotate_horizontal,
     travel_along_arc,
 )
@@ -23,6 +25,7 @@ from surefoot.types import Command
 ROBOT = solo12()
 TROT = Gait()
 CONFIG = ExpertConfig()
+NODES = 20
 HIPS = hip_offsets(ROBOT, CONFIG.hip_outward)
 COM = np.array([0.013, -0.007, 0.21])
 FEET = np.column_stack([HIPS * 1.1 + COM[:2], np.full(4, 0.02)])
@@ -63,11 +66,10 @@ def test_footholds_lie_outward_of_the_hips():
 
 @pytest.mark.parametrize("tick", TICKS)
 def test_shapes_flags_and_durations(tick):
-    nodes = CONFIG.centroidal.nodes
     plan = contacts(tick)
-    ticks = node_ticks(tick, nodes)
-    assert plan.active.shape == plan.via.shape == (nodes, 4)
-    assert plan.position.shape == (nodes, 4, 3)
+    ticks = node_ticks(tick, NODES)
+    assert plan.active.shape == plan.via.shape == (NODES, 4)
+    assert plan.position.shape == (NODES, 4, 3)
     np.testing.assert_array_equal(plan.active, in_stance(TROT, ticks[:-1]))
     np.testing.assert_allclose(plan.dt, np.diff(ticks) / 1000)
 
@@ -136,24 +138,58 @@ def test_excess_velocity_moves_landings_to_where_it_carries_the_robot(tick):
     time = np.concatenate([[0.0], np.cumsum(plan.dt)])
     for node, leg in landings(plan):
         moved = plan.position[node, leg] - calm.position[node, leg]
-        expected = (
-            (time[node] + CONFIG.capture_time) * excess * (1.3 - CONFIG.capture_deadband) / 1.3
-        )
+        expected = (time[node] + CONFIG.capture_time) * excess
         np.testing.assert_allclose(moved, [*expected, 0.0], atol=1e-14)
 
 
-@pytest.mark.parametrize("config", [CONFIG, PUBLISHED])
-def test_velocity_of_a_settled_gait_moves_no_foothold(config):
-    speed = 0.99 * CONFIG.capture_deadband if config is CONFIG else 2.0
-    plan = contacts(113, excess=speed * np.array([0.6, 0.8]), config=config)
-    calm = contacts(113)
-    np.testing.assert_array_equal(plan.position, calm.position)
+def test_published_footholds_take_no_notice_of_the_measured_velocity():
+    plan = contacts(113, excess=np.array([0.6, 0.8]), config=PUBLISHED)
+    np.testing.assert_array_equal(plan.position, contacts(113, config=PUBLISHED).position)
+
+
+def test_velocity_of_a_settled_gait_moves_no_foothold():
+    command = Command(0.3, -0.1)
+    slow = np.array(command[:2]) + 0.99 * CONFIG.capture_deadband * np.array([0.6, 0.8])
+    np.testing.assert_array_equal(excess_velocity(CONFIG, slow, command), [0.0, 0.0])
+
+
+def test_excess_is_the_velocity_beyond_command_and_deadband():
+    measured = np.array([0.3 + 0.5, -0.1 - 1.2])  # 1.3 m/s beyond the command
+    excess = excess_velocity(CONFIG, measured, Command(0.3, -0.1, 2.0))
+    expected = np.array([0.5, -1.2]) * (1.3 - CONFIG.capture_deadband) / 1.3
+    np.testing.assert_allclose(excess, expected, atol=1e-15)
+
+
+def test_the_deadband_grows_with_the_commanded_speed():
+    config = replace(CONFIG, capture_share=0.25)
+    fast = Command(0.6, 0.8)
+    half = 0.5 * np.array(fast[:2])
+    np.testing.assert_allclose(excess_velocity(config, half, fast), -half * (0.5 - 0.25) / 0.5)
+    np.testing.assert_allclose(excess_velocity(CONFIG, half, fast), -half * (0.5 - 0.1) / 0.5)
+    slow = Command(0.2)
+    np.testing.assert_array_equal(
+        excess_velocity(config, half, slow), excess_velocity(CONFIG, half, slow)
+    )
+
+
+def test_the_planned_velocity_is_the_command_times_its_gain():
+    command = Command(0.3, -0.1, 0.5)
+    expected = np.multiply(CONFIG.command_gain, command)
+    np.testing.assert_array_equal(planned_velocity(CONFIG, command), expected)
+
+
+def test_in_turns_a_velocity_to_the_inside_is_planned():
+    config = replace(CONFIG, turn_compensation=0.3, command_gain=(1.0, 1.0, 1.0))
+    assert planned_velocity(config, Command(0.4, 0.0, 0.5)) == pytest.approx((0.4, 0.06, 0.5))
+    assert planned_velocity(config, Command(0.0, 0.2, 0.5)) == pytest.approx((-0.03, 0.2, 0.5))
+    straight = Command(0.4, 0.2, 0.0)
+    assert planned_velocity(config, straight) == straight
 
 
 @pytest.mark.parametrize("tick", TICKS)
 def test_swinging_feet_have_a_via_point_in_the_first_half(tick):
     plan = contacts(tick, Command(0.2))
-    fraction = swing_fraction(TROT, node_ticks(tick, CONFIG.centroidal.nodes)[:-1])
+    fraction = swing_fraction(TROT, node_ticks(tick, NODES)[:-1])
     expected = ~plan.active & (fraction < CONFIG.via_until)
     expected[0] = False
     np.testing.assert_array_equal(plan.via, expected)

@@ -6,6 +6,7 @@ import pytest
 
 from surefoot.config import ExpertConfig, Gait, KinematicConfig
 from surefoot.mpc.planner import PLAN_TICKS, Planner, to_heading_frame
+from surefoot.mpc.schedule import horizon
 from surefoot.robots.model import standing
 from surefoot.testing import PlanContract
 from surefoot.types import Command, State
@@ -170,7 +171,7 @@ def momentum_errors(seed: int | None, tick: int) -> list[float]:
     """Largest error of linear and angular momentum at the nodes, and of the force it implies."""
     stages = PLANNER.solve(start(seed), tick, FORWARD)
     data = MODEL.createData()
-    N = CONFIG.kinematic.nodes
+    N = horizon(Gait(), CONFIG).kinematic
     plan = stages.centroidal
     momentum = np.empty((N + 1, 6))
     for t in range(N + 1):
@@ -252,7 +253,7 @@ def test_numbers_that_are_not_finite_or_absurd_give_no_valid_plan(number):
 def test_yaw_rate_turns_the_plan_that_way(rate):
     stages = PLANNER.solve(start(None), 0, Command(0.1, 0.0, rate))
     assert stages.motion.valid
-    time = stages.contacts.dt[: CONFIG.kinematic.nodes].sum()
+    time = stages.contacts.dt[: horizon(Gait(), CONFIG).kinematic].sum()
     end = pin.Quaternion(stages.kinematic.q[-1, 3:7]).matrix()
     planned = CONFIG.command_gain[2] * rate
     assert pin.rpy.matrixToRpy(end)[2] == pytest.approx(planned * time, abs=0.01)

@@ -3,8 +3,17 @@
 import numpy as np
 import pytest
 
-from surefoot.config import Gait
-from surefoot.mpc.schedule import SHORTEST_NODE, in_stance, node_ticks, phase, swing_fraction
+from surefoot.config import CentroidalConfig, ExpertConfig, Gait, KinematicConfig
+from surefoot.mpc.schedule import (
+    SHORTEST_NODE,
+    grid_cycle,
+    horizon,
+    in_stance,
+    node_ticks,
+    phase,
+    stands,
+    swing_fraction,
+)
 from surefoot.types import GRID
 
 TROT = Gait()
@@ -96,3 +105,58 @@ def test_other_gaits_follow_their_own_numbers():
         lift_off = round((walk.duty - offset) * 600) % 600
         assert stance[lift_off, leg]
         assert not stance[(lift_off + 1) % 600, leg]
+
+
+@pytest.mark.parametrize(
+    ("period", "nodes"),
+    [
+        (0.5, (20, 10)),
+        (0.3, (12, 6)),
+        (0.2, (10, 5)),
+        (0.33, (13, 6)),
+        (1.0, (20, 10)),
+        (1.6, (20, 10)),
+    ],
+)
+def test_a_horizon_that_follows_the_gait_is_two_periods_and_one(period, nodes):
+    config = ExpertConfig(
+        centroidal=CentroidalConfig(nodes=None), kinematic=KinematicConfig(nodes=None)
+    )
+    assert horizon(Gait(period=period), config) == nodes
+
+
+def test_configured_nodes_come_before_the_gait():
+    fast = Gait(period=0.3)
+    assert horizon(fast, ExpertConfig()) == (20, 10)
+    half = ExpertConfig(kinematic=KinematicConfig(nodes=None))
+    assert horizon(fast, half) == (20, 10)
+    long = ExpertConfig(
+        centroidal=CentroidalConfig(nodes=None), kinematic=KinematicConfig(nodes=30)
+    )
+    assert horizon(fast, long) == (30, 30)
+    short = ExpertConfig(
+        centroidal=CentroidalConfig(nodes=4), kinematic=KinematicConfig(nodes=None)
+    )
+    assert horizon(fast, short) == (4, 4)
+
+
+def test_a_gait_without_swing_divides_by_nothing():
+    gait = Gait(duty=1.0)
+    with np.errstate(all="raise"):
+        fraction = swing_fraction(gait, CLOCK)
+    np.testing.assert_array_equal(fraction, np.zeros((len(CLOCK), 4)))
+    assert in_stance(gait, CLOCK).all()
+
+
+def test_a_gait_stands_that_lifts_no_foot_at_a_node():
+    assert stands(Gait(duty=1.0))
+    assert stands(Gait(duty=0.95))  # 25 ms in the air, between two nodes
+    assert not stands(Gait())
+    assert not stands(Gait(duty=0.88))
+
+
+def test_gait_and_grid_meet_again():
+    assert grid_cycle(Gait()) == 500
+    assert grid_cycle(Gait(period=0.33)) == 1650
+    stance = in_stance(Gait(period=0.33), np.arange(0, 3300, GRID))
+    np.testing.assert_array_equal(stance[:33], stance[33:])

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from surefoot.config import SafetyConfig
+from surefoot.config import Gait, SafetyConfig
+from surefoot.mpc.gaits import GAITS
 from surefoot.rollouts.outcome import (
     Outcome,
     failed,
     fallen,
+    judged_from,
     stepping,
     strictly_stepping,
     touchdowns,
@@ -193,3 +195,30 @@ def test_a_robot_in_the_air_does_not_step():
     contact = np.zeros((1, T, 4), bool)
     assert stepping(height, contact, RADIUS).tolist() == [False]
     assert strictly_stepping(height, contact, RADIUS, 500).tolist() == [False]
+
+
+# --- which episodes are judged for stepping
+
+
+def test_a_trot_is_judged_from_three_periods_and_touchdowns_on():
+    assert judged_from(CONFIG, Gait()) == CONFIG.stepping_from == 1.56
+    assert judged_from(SafetyConfig(stepping_from=0.0), Gait()) == 1.56
+
+
+@pytest.mark.parametrize(("name", "seconds"), [("walk", 3.06), ("crawl", 4.86)])
+def test_slow_gaits_are_judged_later(name, seconds):
+    assert judged_from(CONFIG, GAITS[name]) == pytest.approx(seconds)
+    # In the last third of a perfect episode of that length every foot has touched down.
+    gait = GAITS[name]
+    third = seconds / 3
+    assert third >= gait.period + 0.02
+
+
+def test_fast_gaits_are_judged_no_earlier_than_configured():
+    assert judged_from(CONFIG, GAITS["bound"]) == 1.56
+    assert judged_from(SafetyConfig(stepping_from=4.0), Gait()) == 4.0
+
+
+def test_standing_is_not_judged_and_neither_is_anyone_without_a_duration():
+    assert judged_from(CONFIG, GAITS["stand"]) is None
+    assert judged_from(SafetyConfig(stepping_from=None), Gait()) is None

@@ -11,6 +11,7 @@ import torch
 from surefoot.config import (
     METHODS,
     BehaviorCloningConfig,
+    CommandBox,
     Config,
     DaggerConfig,
     EvaluationConfig,
@@ -22,6 +23,7 @@ from surefoot.config import (
     TrainingConfig,
 )
 from surefoot.config.presets import PRESETS, preset
+from surefoot.mpc.gaits import with_gait
 from surefoot.runs.checks import (
     check_config,
     check_expert,
@@ -45,7 +47,16 @@ def test_every_preset_can_be_run(method, name):
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        (Config(gait=Gait(period=0.4)), "belong to the default gait"),
+        (
+            Config(gait=Gait(period=0.4)),
+            r"'solo12-trot-v1' belong to the gait trot, but .* for a gait of period 0\.4 s, duty",
+        ),
+        (with_gait(Config(), "walk"), "asks for the gait walk: make a set for it"),
+        (
+            Config(commands=CommandBox(vy=(-0.1, 0.1))),
+            r"'solo12-trot-v1' are not at the commands of the configuration, vx 0 to 0\.3, "
+            r"vy -0\.1 to 0\.1, yaw rate 0 to 0: make a set at them",
+        ),
         (
             Config(
                 gait=Gait(offsets=(0.0, 0.5, 0.5, 0.25)),

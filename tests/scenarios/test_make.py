@@ -1,25 +1,28 @@
 """Sets of initial states, made anew in the small."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from surefoot.config import Config, PerturbationConfig, Split
+from surefoot.config import CommandBox, Config, Gait, PerturbationConfig, Split
+from surefoot.mpc.gaits import with_gait
 from surefoot.mpc.schedule import in_stance
+from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.scenarios.make import (
     SEED,
     SIZES,
-    TOP_SPEED,
     GaitCycle,
     SplitSize,
+    cycle_instants,
     make_starts,
     scaled,
     settled_cycle,
 )
 from surefoot.scenarios.perturbation import acceptable, stance_jacobian
-from surefoot.scenarios.starts import SPLITS, Starts, StartSet, load_starts
+from surefoot.scenarios.starts import PACKAGED, SPLITS, Starts, StartSet, load_starts
+from surefoot.types import GRID
 
 CONFIG = Config()
 PERTURBATION = PerturbationConfig()
@@ -35,18 +38,18 @@ PHASES = 10
 
 @pytest.fixture(scope="module")
 def cycle() -> GaitCycle:
-    return settled_cycle(CONFIG, np.array([0.0, TOP_SPEED]))
+    return settled_cycle(CONFIG, CONFIG.commands.spread(2))
 
 
 @pytest.fixture(scope="module")
 def made(cycle) -> StartSet:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("surefoot.scenarios.make.settled_cycle", lambda config, speed: cycle)
+        patch.setattr("surefoot.scenarios.make.settled_cycle", lambda config, command: cycle)
         return make_starts("small", CONFIG, PERTURBATION, SEED, SMALL)
 
 
 def made_again(cycle, monkeypatch, seed=SEED, perturbation=PERTURBATION) -> StartSet:
-    monkeypatch.setattr("surefoot.scenarios.make.settled_cycle", lambda config, speed: cycle)
+    monkeypatch.setattr("surefoot.scenarios.make.settled_cycle", lambda config, command: cycle)
     return make_starts("small", CONFIG, perturbation, seed, SMALL)
 
 
@@ -81,7 +84,7 @@ def test_the_grid_runs_over_perturbations_phases_and_velocities(made, split):
     assert rows.shape == (SMALL[split].perturbations, PHASES, 2)
     ticks = np.broadcast_to(50 * np.arange(PHASES)[None, :, None], rows.shape)
     np.testing.assert_array_equal(starts.tick[rows], ticks)
-    speeds = np.broadcast_to([0.0, TOP_SPEED], rows.shape)
+    speeds = np.broadcast_to([0.0, 0.3], rows.shape)
     np.testing.assert_array_equal(starts.command[rows, 0], speeds)
     assert not starts.command[:, 1:].any()
     assert not starts.q[:, :2].any()
@@ -134,3 +137,64 @@ def test_the_scale_multiplies_every_standard_deviation(made, cycle, monkeypatch)
 def test_a_negative_scale_is_refused():
     with pytest.raises(ValueError, match=r"perturbation\.base_position is -0\.1; use 0\.0 to"):
         scaled(PERTURBATION, -1.0)
+
+
+def test_the_packaged_sets_have_the_commands_of_the_default_box():
+    for name in PACKAGED:
+        stored = load_starts(name)
+        for split in SPLITS:
+            n = SIZES[split].velocities
+            np.testing.assert_array_equal(stored.commands(split), Config().commands.spread(n))
+
+
+@pytest.mark.parametrize("period", [0.3, 0.33, 0.5, 0.52, 1.0, 1.6])
+def test_a_cycle_has_an_instant_for_each_node_of_the_period(period):
+    gait = Gait(period=period)
+    instants = cycle_instants(gait)
+    assert len(instants) == round(period / 0.05)
+    assert not (instants % GRID).any()
+    assert (np.diff(instants) == GRID).all()
+    late = instants[0] % round(1000 * period)
+    assert instants[0] >= max(2000, 2000 * period)
+    assert late < GRID  # at a whole number of periods, or at the next node
+
+
+def test_a_cycle_off_the_grid_over_a_box_is_stored_with_its_clock():
+    box = CommandBox(vy=(-0.1, 0.1), yaw_rate=(-0.3, 0.3))
+    config = Config(gait=Gait(period=0.33), commands=box)
+    cycle = settled_cycle(config, config.commands.spread(3))
+    assert cycle.q.shape == (7, 3, 19)
+    tick = cycle_instants(config.gait)
+    stance = in_stance(config.gait, tick)
+    np.testing.assert_array_equal(in_stance(config.gait, cycle.tick), stance)
+    assert cycle.tick.max() < 1650
+    np.testing.assert_array_equal(cycle.command, config.commands.spread(3))
+
+
+def test_a_gait_that_falls_makes_no_set_and_says_where_it_fell():
+    gallop = Gait(period=0.5, duty=0.35, offsets=(0.0, 0.2, 0.55, 0.75))
+    config = replace(Config(), gait=gallop, commands=CommandBox(vx=(0.2, 0.3)))
+    text = r"the gait custom does not carry the robot: \d of 2 fell, at the commands .* \(0\.[23], "
+    with pytest.raises(ValueError, match=text):
+        make_starts("gallop", config, PERTURBATION, SEED, SMALL)
+
+
+def test_a_set_of_a_walk_over_a_box_has_the_commands_of_the_box(monkeypatch):
+    box = CommandBox(vx=(-0.1, 0.2), vy=(-0.1, 0.1))
+    config = replace(with_gait(Config(), "walk"), commands=box)
+    asked = []
+
+    def fake(config, command):
+        asked.append(command)
+        instants = cycle_instants(config.gait)
+        q = np.tile(standing(ROBOT), (len(instants), len(command), 1))
+        return GaitCycle(q, np.zeros((*q.shape[:2], 18)), instants % 1000, command)
+
+    monkeypatch.setattr("surefoot.scenarios.make.settled_cycle", fake)
+    narrow = scaled(PERTURBATION, 0.01)
+    sizes: dict[Split, SplitSize] = {split: SplitSize(6, 1) for split in SPLITS}
+    stored = make_starts("walk", config, narrow, SEED, sizes)
+    np.testing.assert_array_equal(asked[0], box.spread(6))
+    assert stored.shape["test"] == (1, 20, 6)
+    np.testing.assert_array_equal(stored.commands("test"), box.spread(6))
+    np.testing.assert_array_equal(stored.velocities("test", 4), [0, 1, 2, 3])

@@ -216,3 +216,14 @@ def test_feet_that_cannot_come_back_are_given_up():
     contacts = stance_feet(ROBOT, DATA, STANDING, ALL)
     contacts[0, 0] += 2.0  # out of reach of any leg while the others hold the base
     assert put_feet_back(ROBOT, DATA, STANDING, contacts, ALL) is None
+
+
+def test_a_foot_that_touched_down_deep_does_not_forbid_all_neighbors():
+    """The simulation had put it there, and it stays there whatever is drawn."""
+    q = rolled(z=-0.0025)
+    assert not acceptable(ROBOT, DATA, q, CONFIG, SAFETY)
+    assert acceptable(ROBOT, DATA, q, CONFIG, SAFETY, np.ones(4, bool))
+    assert not acceptable(ROBOT, DATA, q, CONFIG, SAFETY, np.array([True, True, True, False]))
+    rng = np.random.default_rng(0)
+    moved, _ = perturb(ROBOT, q, np.zeros(18), np.ones(4, bool), CONFIG, SAFETY, rng)
+    assert (moved[7:] != q[7:]).all()

@@ -2,7 +2,7 @@
 
 import os
 import zipfile
-from dataclasses import fields
+from dataclasses import fields, replace
 from io import BytesIO
 from typing import Any
 
@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from surefoot.config import Config, PerturbationConfig
+from surefoot.config import CommandBox, Config, Gait, PerturbationConfig
+from surefoot.mpc.gaits import GAITS, with_gait
 from surefoot.mpc.schedule import in_stance
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.outcome import fallen
@@ -24,6 +25,7 @@ from surefoot.scenarios.starts import (
     join_starts,
     load_starts,
     save_starts,
+    starts_of,
 )
 from surefoot.types import State
 
@@ -427,3 +429,67 @@ def test_a_small_file_cannot_ask_for_much_memory(tmp_path):
     path.write_bytes(npz(q=np.zeros((2_000_000, 19))))
     with pytest.raises(ValueError, match=r"bomb\.npz.*too large for a file of"):
         load_starts(path)
+
+
+# --- other gaits and commands
+
+
+def at_commands(commands) -> StartSet:
+    """A set of these commands, each in one state."""
+    n = len(commands)
+    starts = small()["nominal"][np.zeros(n, dtype=int)]
+    starts = replace(starts, command=np.array(commands), id=np.arange(n))
+    return StartSet("box", dict.fromkeys(SPLITS, starts), dict.fromkeys(SPLITS, (1, 1, n)))
+
+
+def test_a_part_of_the_commands_of_a_box_are_the_first_ones():
+    box = CommandBox(vx=(-0.3, 0.6), vy=(-0.2, 0.2), yaw_rate=(-0.5, 0.5))
+    stored = at_commands(box.spread(12))
+    np.testing.assert_array_equal(stored.commands("test"), box.spread(12))
+    np.testing.assert_array_equal(stored.velocities("test", 5), range(5))
+
+
+@pytest.mark.parametrize("box", [CommandBox(), CommandBox(vx=(0, 0), yaw_rate=(-0.5, 0.5))])
+def test_a_part_of_the_commands_along_an_axis_is_equally_spaced(box):
+    stored = at_commands(box.spread(12))
+    np.testing.assert_array_equal(stored.velocities("test", 3), [0, 6, 11])
+
+
+def test_a_set_of_another_gait_keeps_its_gait(tmp_path):
+    path = tmp_path / "walk.npz"
+    save_starts(replace(small(), gait=GAITS["walk"]), path)
+    stored = load_starts(path)
+    assert stored.gait.timing == GAITS["walk"].timing
+    assert stored.hash == small().hash
+
+
+def test_a_set_of_the_trot_is_written_as_ever(tmp_path):
+    path = tmp_path / "trot.npz"
+    save_starts(small(), path)
+    with np.load(path) as arrays:
+        assert set(arrays) == {"q", "v", "tick", "command", "shapes"}
+    assert load_starts(path).gait == Gait()
+
+
+def test_numbers_that_are_no_gait_are_refused(tmp_path):
+    path = tmp_path / "odd.npz"
+    parts, shapes = parts_of(small())
+    for gait, text in (
+        (np.array([0.5, 1.5, 0, 0, 0, 0]), "gait.duty is 1.5; use 0.05 to 1.0"),
+        (np.zeros(3), r"gait is float64 \(3,\) instead of float64 \(6,\)"),
+    ):
+        path.write_bytes(npz(**parts, shapes=shapes, gait=gait))
+        with pytest.raises(ValueError, match=text):
+            load_starts(path)
+
+
+def test_the_set_of_a_configuration_has_to_be_of_its_gait(tmp_path):
+    assert starts_of(Config()) is load_starts()
+    assert starts_of(Config(gait=Gait(step_height=0.05))) is load_starts()
+    assert starts_of(Config(start_set=PACKAGED[1])) is load_starts(PACKAGED[1])
+    path = tmp_path / "walk.npz"
+    save_starts(replace(small(), gait=GAITS["walk"]), path)
+    walking = replace(with_gait(Config(), "walk"), start_set=str(path))
+    assert starts_of(walking).gait == GAITS["walk"]
+    with pytest.raises(ValueError, match=r"'walk' belong to the gait walk, .* for the gait trot"):
+        starts_of(Config(start_set=str(path)))

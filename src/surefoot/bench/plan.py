@@ -15,6 +15,7 @@ import numpy as np
 from surefoot.config import Config, ExpertConfig
 from surefoot.mpc.expert import Expert, make_planner
 from surefoot.mpc.planner import LAST_NODE, PlanStages
+from surefoot.mpc.schedule import horizon
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import rollout
@@ -114,19 +115,19 @@ def bench_plan(config: Config, plans: int = 300) -> PlanTimes:
         config: Configuration of robot, gait and expert.
         plans: Number of cold plans, each from another `test` initial state.
     """
-    half = replace(config, expert=_half_horizon(config.expert))
+    half = replace(config, expert=_half_horizon(config))
     cold = cold_plans(config, plans)
     warm = warm_plans(config)
     half_cold = cold_plans(half, plans)
     half_warm = warm_plans(half)
     return PlanTimes(
         plans=len(cold),
-        nodes=_nodes(config.expert),
+        nodes=horizon(config.gait, config.expert),
         plan_ms=times_of(cold),
         iterations=_mean_iterations(cold),
         warm_plan_ms=times_of(warm),
         warm_iterations=_mean_iterations(warm),
-        half_nodes=_nodes(half.expert),
+        half_nodes=horizon(half.gait, half.expert),
         half_plan_ms=times_of(half_cold),
         half_iterations=_mean_iterations(half_cold),
         half_warm_plan_ms=times_of(half_warm),
@@ -234,15 +235,12 @@ def _mean_iterations(timed: Sequence[TimedPlan]) -> float:
     return float(np.mean([plan.stages.centroidal.iterations for plan in timed]))
 
 
-def _nodes(expert: ExpertConfig) -> tuple[int, int]:
-    """Centroidal and kinematic nodes of a horizon."""
-    return expert.centroidal.nodes, expert.kinematic.nodes
-
-
-def _half_horizon(expert: ExpertConfig) -> ExpertConfig:
+def _half_horizon(config: Config) -> ExpertConfig:
     """Half the nodes, but no fewer than a plan needs."""
-    kinematic = max(LAST_NODE + 1, expert.kinematic.nodes // 2)
-    centroidal = max(kinematic, expert.centroidal.nodes // 2)
+    expert = config.expert
+    whole = horizon(config.gait, expert)
+    kinematic = max(LAST_NODE + 1, whole.kinematic // 2)
+    centroidal = max(kinematic, whole.centroidal // 2)
     return replace(
         expert,
         centroidal=replace(expert.centroidal, nodes=centroidal),

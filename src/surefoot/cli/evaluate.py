@@ -20,7 +20,7 @@ from surefoot.cli.push_options import OnPushes
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
 from surefoot.files import WriteError, write_json
-from surefoot.scenarios.starts import PACKAGED, load_starts
+from surefoot.scenarios.starts import PACKAGED, load_starts, starts_of
 
 if TYPE_CHECKING:
     from surefoot.evaluation.push_limits import PushResult
@@ -55,9 +55,9 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
     split: Literal["select", "test"] = "test"
     """The split of initial states to use, for the pushes too. A policy is reported on `test`,
     once."""
-    starts: str = PACKAGED[0]
-    """The name of a set of initial states, or a file; solo12-trot-v1-wide is perturbed 1.5 times as
-    far as the default."""
+    starts: str | None = None
+    """The name of a set of initial states, or a file, instead of that of the run's configuration;
+    solo12-trot-v1-wide is perturbed 1.5 times as far as solo12-trot-v1."""
     expert: bool = True
     """Evaluate the expert too."""
     pushes: bool = False
@@ -80,11 +80,14 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
         from surefoot.runs.run import run_of_policy
 
         # What would fail after minutes fails before any work.
-        check_outputs([Output("--json", self.json)], reads=[self.target, Path(self.starts)])
+        reads = [self.target] if self.starts is None else [self.target, Path(self.starts)]
+        check_outputs([Output("--json", self.json)], reads=reads)
         self.check_pushed(self.pushes)
-        load_starts(self.starts)
+        if self.starts is not None:
+            load_starts(self.starts)
         policy, trained_on = find_policy(self.target)
         config = self.as_asked(trained_on)
+        starts_of(config)
         run = run_of_policy(policy)
         if self.expert and run is not None:
             warn_of_own_expert(run)
@@ -157,11 +160,10 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
         from surefoot.evaluation.push import push_recovery
         from surefoot.evaluation.robustness import evaluate
 
-        stored = load_starts(self.starts)
-        robustness, _ = evaluate(config, policy, self.split, self.spread, stored=stored)
+        robustness, _ = evaluate(config, policy, self.split, self.spread)
         pushes = None
         if self.pushes:
-            pushes = push_recovery(config, policy, self.spread, stored=stored)
+            pushes = push_recovery(config, policy, self.spread)
         return robustness, pushes
 
     def as_asked(self, config: Config) -> Config:
@@ -173,7 +175,9 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
         push = self.shortened(config.push)
         if self.split != "test":  # pushes on `test` states would be the report already
             push = replace(push, split=self.split)
-        return self.simulated(replace(config, evaluation=evaluation, push=push))
+        start_set = config.start_set if self.starts is None else self.starts
+        asked = replace(config, evaluation=evaluation, push=push, start_set=start_set)
+        return self.simulated(asked)
 
     def file_name(self, config: Config, trained_on: Config) -> str:
         """Name of the report in the run's folder: what differs from the run's own evaluation.
@@ -185,11 +189,12 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
         parts = [self.split]
         if config.simulation != trained_on.simulation:
             parts.append(config.simulation.backend)
-        if self.starts not in PACKAGED:  # a name says nothing of what a file holds
-            stored = load_starts(self.starts)
-            parts.append(f"{stored.name}_{stored.hash[:8]}")
-        elif self.starts != PACKAGED[0]:
-            parts.append(self.starts)
+        if config.start_set != trained_on.start_set:
+            if config.start_set in PACKAGED:
+                parts.append(config.start_set)
+            else:  # a name says nothing of what a file holds
+                stored = starts_of(config)
+                parts.append(f"{stored.name}_{stored.hash[:8]}")
         if config.evaluation.disturbance != trained_on.evaluation.disturbance:
             if config.evaluation.disturbance == DisturbanceConfig():
                 parts.append("undisturbed")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,14 +18,14 @@ from surefoot.cli.compare import Compare, parse_compare
 from surefoot.cli.doctor import Doctor
 from surefoot.cli.evaluate import Evaluate, parse_evaluate
 from surefoot.cli.gate_warnings import MeasureWarnings
-from surefoot.cli.make_starts import MakeStarts
+from surefoot.cli.make_starts import MakeStarts, parse_make_starts
 from surefoot.cli.play import Play
 from surefoot.cli.progress import log_shown
 from surefoot.cli.report import Report
 from surefoot.cli.streams import failure_of, lasting_output
 from surefoot.cli.study import Study
 from surefoot.cli.train import Train, parse_train
-from surefoot.cli.walk import Walk
+from surefoot.cli.walk import Walk, parse_walk
 from surefoot.errors import unknown
 from surefoot.files import WriteError
 
@@ -98,6 +98,16 @@ COMMANDS = {
 """All commands, by name."""
 
 
+PARSERS: Mapping[str, Callable[[Sequence[str]], Subcommand]] = {
+    "walk": parse_walk,
+    "train": parse_train,
+    "evaluate": parse_evaluate,
+    "compare": parse_compare,
+    "make-starts": parse_make_starts,
+}
+"""Functions that read the options of commands whose defaults depend on other options."""
+
+
 def parse(args: Sequence[str]) -> Subcommand:
     """The command that an argument list asks for.
 
@@ -117,12 +127,8 @@ def parse(args: Sequence[str]) -> Subcommand:
         raise SystemExit(0)
     if name not in COMMANDS:
         raise ValueError(unknown("command", name, COMMANDS))
-    if name == "train":
-        return parse_train(args[1:])
-    if name == "evaluate":
-        return parse_evaluate(args[1:])
-    if name == "compare":
-        return parse_compare(args[1:])
+    if name in PARSERS:
+        return PARSERS[name](args[1:])
     return read_options(COMMANDS[name].command, args[1:], f"surefoot {name}")
 
 

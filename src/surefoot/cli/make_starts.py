@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from surefoot.cli.options import OnSimulator, Output, check_outputs
+from surefoot.cli.arguments import sort_arguments
+from surefoot.cli.command_line import read_options
+from surefoot.cli.options import OnGait, OnSimulator, Output, check_outputs
 from surefoot.config import Config, PerturbationConfig
+from surefoot.config.presets import straight_trot, suited
 
 
 @dataclass(frozen=True)
-class MakeStarts(OnSimulator):
+class MakeStarts(OnGait, OnSimulator):
     """Make a set of initial states: settled gait cycles of the expert, and perturbations.
 
-    A set is made once, in minutes, and never overwritten; `surefoot evaluate --starts FILE` uses
-    it.
+    They are of any gait, at commands all over a box (--config.commands). A set is made once, in
+    minutes, and never overwritten; --config.start-set FILE of `surefoot train` uses it, and
+    `surefoot evaluate --starts FILE`. For another gait or other commands than those of the packaged
+    sets the expert's command gains are measured first, and printed as an option of `train`.
     """
 
     out: Annotated[Path, tyro.conf.Positional]
@@ -37,9 +43,46 @@ class MakeStarts(OnSimulator):
         check_unused(self.out)
         check_outputs([Output("OUT", self.out, (".npz",))])
         perturbation = scaled(PerturbationConfig(), self.scale)
-        config = self.simulated(self.config)
+        config = suited(self.simulated(self.config))
+        if not straight_trot(config):
+            config = with_measured_gains(config)
+            gains = " ".join(f"{gain:g}" for gain in config.expert.command_gain)
+            print(f"measured: --config.expert.command-gain {gains}")
         starts = make_starts(self.out.stem, config, perturbation, self.seed)
         save_starts(starts, self.out)
         count = sum(len(starts[split]) for split in SPLITS)
         print(f"{self.out}: {count} initial states, hash {starts.hash}")
         return 0
+
+
+def with_measured_gains(config: Config) -> Config:
+    """The configuration, with the command gains of its robot and gait; takes a few seconds.
+
+    Raises:
+        ValueError: The robot does not walk in this gait.
+    """
+    from surefoot.robots.solo12 import solo12
+    from surefoot.scenarios.calibration import calibrated
+
+    config, _ = calibrated(solo12(config.robot), config)
+    return config
+
+
+def parse_make_starts(args: Sequence[str]) -> MakeStarts:
+    """The command that an argument list asks for; the gait decides about other defaults.
+
+    Args:
+        args: Command line, without the name of the command.
+
+    Raises:
+        ValueError: There is no such gait.
+        SystemExit: Help was asked for, or an option is wrong.
+    """
+    from surefoot.mpc.gaits import with_gait
+
+    default = None
+    name = sort_arguments(args, MakeStarts).values.get("--gait")
+    if name is not None:
+        # tyro asks for what is missing.
+        default = MakeStarts(tyro.MISSING, config=with_gait(Config(), name))
+    return read_options(MakeStarts, args, "surefoot make-starts", default)

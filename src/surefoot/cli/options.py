@@ -44,6 +44,16 @@ class OnSimulator:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OnGait:
+    """A command whose robots walk in any gait."""
+
+    gait: str | None = None
+    """The gait: trot, walk, crawl, amble, pace, bound, pronk or stand, with the horizon and the
+    rules of the expert that belong to it; without it, the gait of the configuration. What is given
+    with --config comes before it."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class OnWorkers:
     """A command whose rollouts are spread over processes; the results do not depend on them."""
 

@@ -11,10 +11,10 @@ import tyro
 
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
-from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_option, check_outputs
+from surefoot.cli.options import OnGait, OnSimulator, OnWorkers, Output, check_option, check_outputs
 from surefoot.config import METHODS as METHOD_CONFIGS
 from surefoot.config import Config
-from surefoot.config.presets import preset
+from surefoot.config.presets import preset, suited
 from surefoot.files import write_json
 from surefoot.runs.layout import CURVES_FILE, METRICS_FILE
 
@@ -34,7 +34,7 @@ class TrainReport:
 
 
 @dataclass(frozen=True)
-class Train(OnWorkers, OnSimulator):
+class Train(OnWorkers, OnGait, OnSimulator):
     """Train a policy, for example with `surefoot train loco_safe_dagger`.
 
     See the options of a method, and all defaults, with `surefoot train METHOD --help`.
@@ -72,7 +72,7 @@ class Train(OnWorkers, OnSimulator):
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
         check_option("--run", folder / METRICS_FILE)
         check_outputs([Output("--json", self.json)], new_run=folder)
-        config = self.simulated(self.config)
+        config = suited(self.simulated(self.config))
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))
         check_config(config)
@@ -108,7 +108,12 @@ def parse_train(args: Sequence[str]) -> Train:
     if arguments.positional:
         method = arguments.positional[0]
         name = arguments.values.get("--preset", "default")
-        default = Train(method, name, config=preset(method, name))
+        config = preset(method, name)
+        if "--gait" in arguments.values:
+            from surefoot.mpc.gaits import with_gait
+
+            config = with_gait(config, arguments.values["--gait"])
+        default = Train(method, name, config=config)
         return read_options(Train, args, program, default)
     if "-h" in args or "--help" in args:
         return read_options(Train, args, program)

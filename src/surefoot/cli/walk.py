@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
 
+from surefoot.cli.arguments import sort_arguments
+from surefoot.cli.command_line import read_options
+from surefoot.cli.make_starts import with_measured_gains
 from surefoot.cli.options import (
+    OnGait,
     OnSimulator,
     Output,
     check_outputs,
@@ -20,7 +25,7 @@ from surefoot.cli.options import (
     show_record,
     warn_of_divergence,
 )
-from surefoot.config import Config
+from surefoot.config import CommandBox, Config, Gait
 from surefoot.types import TICKS_PER_SECOND, Command
 
 if TYPE_CHECKING:
@@ -60,8 +65,10 @@ class WalkReport:
 
 
 @dataclass(frozen=True)
-class Walk(OnSimulator):
+class Walk(OnGait, OnSimulator):
     """Let the expert walk, from standing, and film it.
+
+    The command gains of another gait than the trot are measured first, in a few seconds.
 
     JSON keys: fell, outcome; command and mean_velocity [vx m/s, vy m/s, yaw rate rad/s, in the
     heading frame, from 1 s on]; heading_drift [deg, from the heading commanded, at the end];
@@ -100,6 +107,8 @@ class Walk(OnSimulator):
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
         config = self.simulated(self.config)
+        if config.gait.timing != Gait().timing and config.expert.command_gain == (1.0, 1.0, 1.0):
+            config = with_measured_gains(replace(config, commands=box_around(command)))
         job = Job(config, Episodes(standing_start(command), self.seconds), ExpertOnly())
         with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
             rollouts, expert = play_out(job, progress=bar.update)
@@ -143,3 +152,26 @@ def walk_report(rollouts: Rollout, expert: Expert, command: Command) -> WalkRepo
         invalid_plans=int(expert.invalid_plans[0]),
         seconds=length / TICKS_PER_SECOND,
     )
+
+
+def box_around(command: Command) -> CommandBox:
+    """The commands between zero and the one that is given: along these a gait has to move."""
+    vx, vy, yaw_rate = ((min(value, 0.0), max(value, 0.0)) for value in command)
+    return CommandBox(vx, vy, yaw_rate)
+
+
+def parse_walk(args: Sequence[str]) -> Walk:
+    """The command that an argument list asks for; the gait decides about other defaults.
+
+    Args:
+        args: Command line, without the name of the command.
+
+    Raises:
+        ValueError: There is no such gait.
+        SystemExit: Help was asked for, or an option is wrong.
+    """
+    from surefoot.mpc.gaits import with_gait
+
+    name = sort_arguments(args, Walk).values.get("--gait")
+    default = None if name is None else Walk(config=with_gait(Config(), name))
+    return read_options(Walk, args, "surefoot walk", default)

@@ -13,6 +13,7 @@ from typing import Annotated, ClassVar
 
 from surefoot.config.budget import BudgetConfig
 from surefoot.config.checked import Checked, Within
+from surefoot.config.commands import CommandBox
 from surefoot.config.evaluation import EvaluationConfig, PushConfig
 from surefoot.config.learning import (
     Device,
@@ -57,6 +58,7 @@ __all__ = [
     "BehaviorCloningConfig",
     "BudgetConfig",
     "CentroidalConfig",
+    "CommandBox",
     "Config",
     "DaggerConfig",
     "DartConfig",
@@ -112,14 +114,19 @@ class Config(Checked):
     robot: RobotConfig = field(default_factory=RobotConfig)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     gait: Gait = field(default_factory=Gait)
+    commands: CommandBox = field(default_factory=CommandBox)
     expert: ExpertConfig = field(default_factory=ExpertConfig)
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
+    start_set: str = "solo12-trot-v1"
+    """The initial states of rollouts and evaluations: the name of a set that comes with the
+    package, or the file of one that `surefoot make-starts` has made for another gait or other
+    commands."""
     starts: TeachingSplit = "train"
     """Where all rollouts begin that are learned from, the expert's and those of iterations: in
     perturbed states (paper), or in the `nominal` ones of a settled gait cycle, ten phases at twenty
-    speeds, as on a robot that nobody throws about. There, each velocity and phase has one state."""
+    commands, as on a robot that nobody throws about. There each command and phase has one state."""
     collection: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     """Disturbances while data is collected, by behavior cloning or in iterations."""
     pretraining: DisturbanceConfig = field(default_factory=DisturbanceConfig)

@@ -11,15 +11,15 @@ from surefoot.config.scenarios import DisturbanceConfig, Split
 
 @dataclass(frozen=True)
 class EvaluationConfig(Checked):
-    """The paper's robustness test (IV-F): one perturbed initial state per velocity and phase."""
+    """The paper's robustness test (IV-F): one perturbed initial state per command and phase."""
 
     section: ClassVar[str] = "evaluation"
 
     duration: Duration = 5.0
     """[s] how long an episode lasts (paper)."""
     episodes: Annotated[int, Within(1, 1_000_000)] = 100
-    """How many initial states of a split are used: each hundred of them are 10 velocities at 10
-    phases, and of the last hundred those that are used are spread over velocities and phases."""
+    """How many initial states of a split are used: of the trot each hundred of them are 10 commands
+    at 10 phases, and of the last hundred those that are used are spread over both."""
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     """What makes an evaluation harder: friction, mass, sensor noise, delayed torques and pushes;
     the paper has none of them."""
@@ -29,8 +29,8 @@ class EvaluationConfig(Checked):
 class PushConfig(Checked):
     """Push recovery: impulses on the base of a trotting robot (paper, IV-F).
 
-    Robots begin in the first perturbation of a split, at ten phases for each speed, and are pushed
-    at 2 s (the paper's research code: 100 robots a level, between 0.5 and 3 N s).
+    Robots begin in the first perturbation of a split, at all phases (ten) for each command, and are
+    pushed at 2 s (the paper's research code: 100 robots a level, between 0.5 and 3 N s).
     """
 
     section: ClassVar[str] = "push"
@@ -38,7 +38,8 @@ class PushConfig(Checked):
     split: Split = "test"
     """Split of the stored initial states; `nominal` is the settled gait cycle."""
     speeds: Annotated[int, Within(1, 1000)] = 10
-    """How many equally spaced speeds of the split are used; the default is all of them."""
+    """How many commands of the split are used, spread over all of them; the default is all of them
+    in the packaged sets, equally spaced speeds."""
     before: Duration = 2.0
     """[s] how long the robots trot before the push (the paper's research code); this is simulated
     once for all levels."""

@@ -20,24 +20,25 @@ Epochs = Annotated[int, Within(1, 1_000_000)]
 StepCount = Annotated[int, Within(1, 1_000_000_000)]
 """Steps of the optimizer."""
 Count = Annotated[int, Within(1, 10_000)]
-"""How many velocities or perturbations of the stored initial states are used."""
+"""How many commands or perturbations of the stored initial states are used."""
 CountOrNone = Annotated[int, Within(0, 10_000)]
 """The same, or none of them."""
 
 
 @dataclass(frozen=True)
 class ExpertData(Checked):
-    """Expert rollouts to clone: velocities x phases x perturbations, and nominal ones."""
+    """Expert rollouts to clone: commands x phases x perturbations, and nominal ones."""
 
     section: ClassVar[str] = "expert_data"
 
     velocities: Count
-    """How many equally spaced forward speeds are used."""
+    """How many commands are used, spread over all that there are; forward speeds are equally
+    spaced."""
     perturbations: CountOrNone
-    """How many perturbed initial states there are for each velocity and each of the ten phases of
-    the gait cycle; at most 1 from `nominal` starts. 0 leaves the rollouts from standing alone."""
+    """How many perturbed initial states there are for each command and each phase of the gait cycle
+    (a trot has ten); at most 1 from `nominal` starts. 0 leaves the rollouts from standing alone."""
     nominal: bool
-    """Add one unperturbed rollout for each velocity, from standing still, whatever `starts` is."""
+    """Add one unperturbed rollout for each command, from standing still, whatever `starts` is."""
     duration: Duration
     """[s] how long a rollout lasts."""
 
@@ -117,11 +118,11 @@ class IterativeConfig(Checked):
     iterations: Annotated[int, Within(0, 10_000)] = 10
     """N, the iterations after the pre-training (paper)."""
     velocities: Count = 10
-    """Rollouts of an iteration: velocities x one random phase x perturbations (paper: 10 rollouts
+    """Rollouts of an iteration: commands x one random phase x perturbations (paper: 10 rollouts
     for LocoDAGGER)."""
     perturbations: Count = 1
-    """How many stored perturbations of each velocity an iteration draws, anew each time; from
-    `nominal` starts, how many of the ten phases."""
+    """How many stored perturbations of each command an iteration draws, anew each time; from
+    `nominal` starts, how many of the phases."""
     T: Duration = 5.0
     """[s] how long a rollout lasts (paper)."""
     epochs: Epochs = 15

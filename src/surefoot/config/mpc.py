@@ -30,14 +30,19 @@ class Gait(Checked):
 
     period: Annotated[float, Within(0.1, 10.0)] = 0.5
     """[s] how long a gait cycle lasts (BiConMP)."""
-    duty: Annotated[float, Within(0.05, 0.99)] = 0.6
-    """Share of the period in which a foot stands (BiConMP)."""
+    duty: Annotated[float, Within(0.05, 1.0)] = 0.6
+    """Share of the period in which a foot stands (BiConMP); 1 never lifts it."""
     offsets: Annotated[tuple[float, float, float, float], Within(0.0, 1.0)] = (0.0, 0.5, 0.5, 0.0)
     """Phase offset of FL, FR, HL, HR in periods (BiConMP)."""
     step_height: Annotated[float, Within(0.0, 1.0)] = 0.075
     """[m] height of the via point of a swing above the ground (the paper's research code)."""
     com_height: Height = 0.20
     """[m] nominal height of the center of mass (BiConMP)."""
+
+    @property
+    def timing(self) -> tuple[float, ...]:
+        """Period [s], duty factor and four offsets: what a gait is, at whatever height."""
+        return (self.period, self.duty, *self.offsets)
 
 
 @dataclass(frozen=True)
@@ -49,9 +54,9 @@ class CentroidalConfig(Checked):
 
     section: ClassVar[str] = "expert.centroidal"
 
-    nodes: Nodes = 20
-    """Two gait periods of 50-ms nodes; with one period the expert falls from one initial state in
-    ten."""
+    nodes: Nodes | None = 20
+    """Length of the horizon in nodes of 50 ms; None follows the gait: two of its periods, within 10
+    to 20 nodes. A trot has 20; with one period the expert falls from one initial state in ten."""
     position: Weights = (1e-5, 1e-5, 1e5)
     """Weights of the position of the center of mass."""
     velocity: Weights = (10.0, 10.0, 200.0)
@@ -85,8 +90,9 @@ class KinematicConfig(Checked):
 
     section: ClassVar[str] = "expert.kinematic"
 
-    nodes: Nodes = 10
-    """One gait period of 50-ms nodes."""
+    nodes: Nodes | None = 10
+    """Length of the horizon in nodes of 50 ms, one period of the trot; None is half of those of the
+    centroidal problem, within 5 to 10."""
     state_weight: Weight = 5e-2
     """Factor on the weights of positions and velocities that follow."""
     base_position: Weights = (0.0, 0.0, 10.0)
@@ -137,7 +143,7 @@ class ExpertConfig(Checked):
     command_gain: Annotated[tuple[float, float, float], Within(0.0, 10.0)] = (1.15, 1.08, 1.28)
     """Commanded vx, vy and yaw rate are scaled by these inside the planner: the trot reaches only
     87, 92 and 78 % of what is planned (measured at 0.1 to 0.3 m/s, 0.1 m/s and 0.3 rad/s in both
-    simulators; BiConMP: 1, 1, 1)."""
+    simulators; BiConMP: 1, 1, 1). `scenarios.calibration` measures those of other gaits."""
     hip_outward: Annotated[float, Within(-1.0, 1.0)] = 0.04
     """[m] footholds lie this far outside the hip (BiConMP)."""
     foothold_rule: FootholdRule = "capture"
@@ -150,6 +156,16 @@ class ExpertConfig(Checked):
     capture_deadband: Annotated[float, Within(0.0, 10.0)] = 0.1
     """[m/s] excess velocity that belongs to a settled gait and moves no foothold: feedback on it
     would multiply every small bias of the walking speed by four."""
+    capture_share: Share = 0.0
+    """The same, as a share of the commanded speed; the larger of both holds. A robot that is slower
+    than its command by more than the deadband is made slower still: its feet move back, its steps
+    get shorter, and it may settle at a fraction of the command. 0.25 prevents that; with 0, the
+    value of `solo12-trot-v1`, it is rare at up to 0.3 m/s."""
+    turn_compensation: Annotated[float, Within(0.0, 10.0)] = 0.0
+    """[s] planned besides the command (vx, vy) in a turn at the yaw rate w: this times w times
+    (-vy, vx), to the left of where the robot goes. Robots drift outward by 0.29 s times w times the
+    speed, whatever robot and gait; 0.3 leaves nearly nothing of it. 0 is the value of
+    `solo12-trot-v1`."""
     via_until: Share = 0.52
     """A swing foot is drawn to its via point up to this share of the swing (BiConMP)."""
     max_residual: Annotated[float, Within(0.0, 1000.0)] = 1e-2
@@ -160,6 +176,8 @@ class ExpertConfig(Checked):
     def __post_init__(self) -> None:
         """Check the fields, and that forces are planned as far ahead as motions."""
         super().__post_init__()
+        if self.kinematic.nodes is None or self.centroidal.nodes is None:
+            return
         if self.kinematic.nodes > self.centroidal.nodes:
             raise ValueError(
                 f"expert.kinematic.nodes is {self.kinematic.nodes}; use at most those of "

@@ -10,9 +10,11 @@ from dataclasses import replace
 
 from surefoot.config import (
     BehaviorCloningConfig,
+    CommandBox,
     Config,
     DisturbanceConfig,
     ExpertData,
+    Gait,
     IterativeConfig,
     LocoSafeDaggerConfig,
     PolicyConfig,
@@ -102,3 +104,29 @@ def published_rules(config: Config) -> Config:
     """The expert's rules as BiConMP publishes them: footholds and commands without feedback."""
     expert = replace(config.expert, foothold_rule="published", command_gain=(1.0, 1.0, 1.0))
     return replace(config, expert=expert)
+
+
+def all_round_rules(config: Config) -> Config:
+    """The expert's rules for any gait and any command of a box, whatever they were before.
+
+    It follows turns without drifting outward, and does not settle at a fraction of the command.
+    `Config` itself keeps the rules of the initial states `solo12-trot-v1`: trotting straight ahead.
+    """
+    expert = replace(config.expert, capture_share=0.25, turn_compensation=0.3)
+    return replace(config, expert=expert)
+
+
+def straight_trot(config: Config) -> bool:
+    """Whether gait and commands are those of the initial states `solo12-trot-v1`."""
+    return config.gait.timing == Gait().timing and config.commands == CommandBox()
+
+
+def suited(config: Config) -> Config:
+    """The configuration with an expert whose rules suit its gait and its commands.
+
+    Those of `solo12-trot-v1` stay for the trot and for commands straight ahead, up to 0.3 m/s;
+    otherwise the all-round rules come in their place, unless others were chosen.
+    """
+    expert = config.expert
+    chosen = expert.turn_compensation > 0.0 or expert.capture_share > 0.0
+    return config if straight_trot(config) or chosen else all_round_rules(config)

@@ -63,6 +63,8 @@ class SafetyConfig(Checked):
     counts it (the paper). 0.1 is a fall that no robot gets up from."""
     grace: Seconds = 0.5
     """[s] falls are tested from this time on (the paper's research code)."""
-    stepping_from: Seconds = 1.56
+    stepping_from: Seconds | None = 1.56
     """[s] shorter episodes are not judged for stepping: in their last third, even in a perfect trot
-    (period 0.5 s, touchdown 20 ms), not every foot has touched down."""
+    (period 0.5 s, touchdown 20 ms), not every foot has touched down. Slower gaits are judged from
+    three periods and touchdowns on, whatever this is, and robots that are to stand never; None
+    judges nobody."""

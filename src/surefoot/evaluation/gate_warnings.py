@@ -36,7 +36,7 @@ from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, chunks_of, play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import Gate
-from surefoot.scenarios.starts import load_starts
+from surefoot.scenarios.starts import starts_of
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray
 from surefoot.workers import Workers, map_chunks
 
@@ -157,7 +157,7 @@ def measure_warnings(
         KeyError: There is no such split.
         ValueError: The split holds fewer initial states than the episodes asked for.
     """
-    stored = load_starts()
+    stored = starts_of(config)
     evaluation = config.evaluation
     starts = stored.first(split, evaluation.episodes)
     job = Job(

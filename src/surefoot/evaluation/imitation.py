@@ -24,7 +24,7 @@ from surefoot.learning.samples import derive
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job, chunks_of, run_chunk
-from surefoot.scenarios.starts import load_starts
+from surefoot.scenarios.starts import starts_of
 from surefoot.types import BoolArray
 from surefoot.workers import Workers, map_chunks
 
@@ -89,7 +89,7 @@ def imitation_error(config: Config, policy: Path, workers: Workers) -> Imitation
         )
     inputs, targets = np.split(derive(frames, imitator.spec), [INPUT_SIZE], axis=1)
     deviation = np.abs(imitator.forward(inputs) - targets).mean(axis=1, dtype=np.float64)
-    stored = load_starts()
+    stored = starts_of(config)
     return ImitationError(
         starts=stored.name,
         starts_hash=stored.hash,
@@ -109,13 +109,15 @@ def expert_states(config: Config, workers: Workers) -> Frames:
         workers: Processes that run the expert.
     """
     same_for_all_methods = Config(
-        seed=load_starts().seed,
+        seed=starts_of(config).seed,
         chunk=config.chunk,
         robot=config.robot,
         simulation=config.simulation,
         gait=config.gait,
         expert=config.expert,
         safety=config.safety,
+        commands=config.commands,
+        start_set=config.start_set,
     )
     return _expert_states(same_for_all_methods, workers)
 
@@ -123,7 +125,7 @@ def expert_states(config: Config, workers: Workers) -> Frames:
 @lru_cache(maxsize=4)
 def _expert_states(config: Config, workers: Workers) -> Frames:
     """The same of a configuration in which all else is the default."""
-    starts = load_starts().first("select", ROLLOUTS)
+    starts = starts_of(config).first("select", ROLLOUTS)
     job = Job(
         config,
         Episodes(starts, DURATION, id=starts.id),

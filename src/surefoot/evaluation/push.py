@@ -25,7 +25,7 @@ from surefoot.rollouts.episodes import Episodes, join_episodes
 from surefoot.rollouts.jobs import Job, chunks_of, disturbance_of, play_out, run_episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Pushes
-from surefoot.scenarios.starts import Starts, StartSet, load_starts
+from surefoot.scenarios.starts import Starts, StartSet, starts_of
 from surefoot.types import Array, BoolArray, IntArray, PlanFunction, to_ticks
 from surefoot.workers import Workers, map_chunks
 
@@ -77,12 +77,12 @@ def push_recovery(
         policy: File of the policy; None pushes the expert.
         workers: Processes that run the episodes.
         plan: The expert's MPC; without it the BiConMP-style planner.
-        stored: The set of initial states; without it the package's first.
+        stored: The set of initial states; without it that of the configuration.
 
     Raises:
         ValueError: The configuration asks for more speeds than the split has.
     """
-    stored = stored or load_starts()
+    stored = stored or starts_of(config)
     push = config.push
     starts = pushed_starts(push, stored)
     begin = Job(

@@ -29,7 +29,7 @@ from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import NOT_RECORDED, Summary
-from surefoot.scenarios.starts import StartSet, load_starts
+from surefoot.scenarios.starts import StartSet, starts_of
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, PlanFunction
 from surefoot.workers import Workers
 
@@ -217,7 +217,7 @@ def evaluate(
         split: `select` to choose a policy, `test` to report one.
         workers: Processes that run the episodes.
         plan: The expert's MPC; without it the BiConMP-style planner.
-        stored: The set of initial states; without it the package's first.
+        stored: The set of initial states; without it that of the configuration.
 
     Returns:
         The figures, and the summary of the episodes that they are taken from.
@@ -227,7 +227,7 @@ def evaluate(
         KeyError: There is no such split.
         ValueError: The split holds fewer initial states than the episodes asked for.
     """
-    stored = stored or load_starts()
+    stored = stored or starts_of(config)
     starts = stored.first(split, config.evaluation.episodes)
     job = Job(
         replace(config, seed=stored.seed),

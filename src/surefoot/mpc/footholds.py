@@ -7,7 +7,7 @@ velocity. The capture rule moves p by (t + t_c) e, where e is the velocity in ex
 beyond a deadband: that is how much farther the robot will have come, and where it can stop from
 there (the capture point, Pratt et al. 2006). It also takes v t along the arc of a turn, and turns
 the last two terms by w t. There is no spline: a swing foot is drawn to one via point.
-Read `centroidal` next.
+`planned_velocity` and `excess_velocity` make v, w and e of a command. Read `centroidal` next.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import pinocchio as pin
 from numba import njit
 
 from surefoot.config import ExpertConfig, Gait
-from surefoot.mpc.schedule import in_stance, node_ticks, swing_fraction
+from surefoot.mpc.schedule import horizon, in_stance, node_ticks, swing_fraction
 from surefoot.robots.model import RobotModel
 from surefoot.types import GRAVITY, TICKS_PER_SECOND, Array, BoolArray, Command
 
@@ -50,7 +50,8 @@ class HorizonStart:
         com: ``(3,)`` measured center of mass, planning frame [m].
         feet: ``(4, 3)`` measured foot positions, planning frame [m].
         velocity: The planned velocity in the heading frame [m/s, rad/s].
-        excess: ``(2,)`` horizontal velocity measured beyond the commanded one [m/s].
+        excess: ``(2,)`` horizontal velocity measured beyond the commanded one, from
+            `excess_velocity` [m/s].
     """
 
     tick: int
@@ -92,6 +93,37 @@ def hip_offsets(robot: RobotModel, outward: float) -> Array:
     return offset
 
 
+def planned_velocity(config: ExpertConfig, command: Command) -> Command:
+    """Return the velocity that is planned so that a robot follows a command, heading frame.
+
+    A robot in a turn drifts outward, so that a velocity to the inside is planned as well; and it
+    reaches a share of what is planned, so that more is.
+
+    Args:
+        config: The gains and the compensation in a turn.
+        command: The command in the heading frame.
+    """
+    vx, vy, w = command
+    if config.turn_compensation:
+        inward = config.turn_compensation * w
+        command = Command(vx - inward * vy, vy + inward * vx, w)
+    return Command(*np.multiply(config.command_gain, command))
+
+
+def excess_velocity(config: ExpertConfig, measured: Array, command: Command) -> Array:
+    """Return the part ``(2,)`` of the velocity beyond the command that moves footholds [m/s].
+
+    Args:
+        config: The deadband, in m/s and as a share of the commanded speed.
+        measured: ``(2,)`` measured velocity of the center of mass, heading frame [m/s].
+        command: The command in the heading frame.
+    """
+    deadband = config.capture_deadband
+    if config.capture_share:
+        deadband = max(deadband, config.capture_share * float(np.hypot(command.vx, command.vy)))
+    return part_beyond(measured - command[:2], deadband)
+
+
 def plan_contacts(rule: FootholdRule, start: HorizonStart) -> ContactPlan:
     """Plan the contacts over the centroidal horizon.
 
@@ -100,7 +132,7 @@ def plan_contacts(rule: FootholdRule, start: HorizonStart) -> ContactPlan:
         start: The measured state and the planned velocity.
     """
     gait = rule.gait
-    ticks = node_ticks(start.tick, rule.config.centroidal.nodes)
+    ticks = node_ticks(start.tick, horizon(gait, rule.config).centroidal)
     active = in_stance(gait, ticks[:-1])
     fraction = swing_fraction(gait, ticks[:-1])
     via = ~active & (fraction < rule.config.via_until)
@@ -168,7 +200,7 @@ def footholds(rule: FootholdRule, start: HorizonStart, time: Array) -> tuple[Arr
         below_hip = below_hip + time * v
         return below_hip, below_hip + stride
     below_hip = below_hip + travel_along_arc(v, w, time)
-    capture = (time + config.capture_time) * part_beyond(start.excess, config.capture_deadband)
+    capture = (time + config.capture_time) * start.excess
     return below_hip, below_hip + rotate_horizontal(stride, w * time) + capture
 
 

@@ -190,7 +190,7 @@ class KinematicSolver:
 
     def _prepare(self, problem: KinematicProblem) -> ProblemArrays:
         """Return the problem's arrays as the compiled functions want them."""
-        N = self._config.nodes
+        N = len(problem.q_ref) - 1
         contacts = problem.contacts
         config = self._config
         return ProblemArrays(

@@ -22,14 +22,16 @@ from surefoot.mpc.footholds import (
     ContactPlan,
     FootholdRule,
     HorizonStart,
+    excess_velocity,
     hip_offsets,
     plan_contacts,
+    planned_velocity,
     rotate_horizontal,
     travel_along_arc,
 )
 from surefoot.mpc.interpolation import NodeRows, interpolate
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
-from surefoot.mpc.schedule import node_ticks
+from surefoot.mpc.schedule import horizon, node_ticks
 from surefoot.robots.dynamics import centroidal_momentum, inverse_dynamics
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import center_of_mass, difference, feet, legs_of, masses_of
@@ -105,6 +107,7 @@ class Planner:
         self._gait = gait
         self._config = config
         self._friction = friction
+        self._horizon = horizon(gait, config)
         self._mass = robot.mass
         hips = hip_offsets(robot, config.hip_outward)
         self._foothold_rule = FootholdRule(gait, config, hips, robot.foot_radius)
@@ -140,9 +143,10 @@ class Planner:
         clock = [perf_counter()]
         q = to_heading_frame(state.q)
         v = state.v
-        velocity = Command(*np.multiply(self._config.command_gain, command))
+        velocity = planned_velocity(self._config, command)
         x0, foot_positions = self.measure(q, v)
-        start = HorizonStart(tick, x0[:3], foot_positions, velocity, x0[3:5] - command[:2])
+        excess = excess_velocity(self._config, x0[3:5], command)
+        start = HorizonStart(tick, x0[:3], foot_positions, velocity, excess)
         contacts = plan_contacts(self._foothold_rule, start)
         clock.append(perf_counter())
         reference = self.centroidal_reference(q, x0, contacts, velocity)
@@ -177,8 +181,7 @@ class Planner:
             a cold start, if the earlier plan is not valid, has other nodes or does not cover the
             tick.
         """
-        N = self._config.centroidal.nodes
-        M = self._config.kinematic.nodes
+        N, M = self._horizon
         if (
             previous is None
             or not previous.motion.valid
@@ -263,7 +266,7 @@ class Planner:
             centroidal: The centroidal plan, for its momentum.
             velocity: The planned velocity, for its yaw rate.
         """
-        N = self._config.kinematic.nodes
+        N = self._horizon.kinematic
         time = np.concatenate([[0.0], np.cumsum(contacts.dt[:N])])
         momentum = np.empty((N + 1, 6))
         momentum[:, :3] = self._mass * centroidal.com_velocity[: N + 1]

@@ -129,7 +129,7 @@ def rollout(
         simulator.step(acting, recorder.active)
         if progress is not None and (elapsed + 1) % PROGRESS_TICKS == 0:
             progress(PROGRESS_TICKS)
-    if to_ticks(safety.stepping_from) <= T:
+    if safety.stepping_from is not None and to_ticks(safety.stepping_from) <= T:
         recorder.mark_stalled(T, simulator.robot.foot_radius)
     return recorder.rollout(episodes, disturbance, T)
 

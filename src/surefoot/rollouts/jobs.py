@@ -26,6 +26,7 @@ from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, Rollout
+from surefoot.rollouts.outcome import judged_from
 from surefoot.rollouts.summary import EpisodeInfo, Summary, join_summaries, summarize
 from surefoot.rollouts.traces import Trace, trace_of
 from surefoot.scenarios.disturbance import Disturbance, draw_disturbances
@@ -206,13 +207,14 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
     robot = _robot(config.robot)
     expert = make_expert(robot, config, job.plan or _planner(config).plan)
     fall_angle = max(config.safety.fall_angle, job.disturbance.fall_angle)
+    stepping_from = judged_from(config.safety, config.gait)
     rollouts = rollout(
         make_simulator(robot, len(job.episodes), config.simulation),
         replace(job.episodes, disturbance=disturbance_of(job)),
         job.arbiter,
         expert,
         _policy_of(job),
-        replace(config.safety, fall_angle=fall_angle),
+        replace(config.safety, fall_angle=fall_angle, stepping_from=stepping_from),
         job.ask_always,
         progress,
     )

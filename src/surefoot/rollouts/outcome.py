@@ -12,9 +12,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from surefoot.config import SafetyConfig
+from surefoot.config import Gait, SafetyConfig
+from surefoot.mpc.schedule import stands
 from surefoot.safety.gates import outside
-from surefoot.types import Array, BoolArray, IntArray, State
+from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, State, to_ticks
 
 AIRBORNE = 40
 """[ms] A foot without contact for so long may have swung."""
@@ -49,6 +50,21 @@ def _fall_bounds(config: SafetyConfig) -> tuple[Array, Array]:
     low, high = config.fall_height
     angle = np.radians(config.fall_angle)
     return np.array([low, -angle, -angle]), np.array([high, angle, angle])
+
+
+def judged_from(safety: SafetyConfig, gait: Gait) -> float | None:
+    """The duration from which on an episode of a gait is judged for stepping [s]; None is never.
+
+    In the last third of three periods and touchdowns every foot of a perfect gait has touched down.
+
+    Args:
+        safety: The shortest duration that is judged, whatever the gait.
+        gait: The gait; one that stands is not judged.
+    """
+    if safety.stepping_from is None or stands(gait):
+        return None
+    slowest = 3 * (to_ticks(gait.period) + GROUNDED) / TICKS_PER_SECOND
+    return max(safety.stepping_from, slowest)
 
 
 def stepping(feet_height: Array, contacts: BoolArray, foot_radius: float) -> BoolArray:

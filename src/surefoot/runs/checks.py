@@ -10,11 +10,13 @@ from __future__ import annotations
 import warnings
 from typing import TypeVar
 
+import numpy as np
+
 from surefoot.config import (
+    CommandBox,
     Config,
     DartConfig,
     ExpertData,
-    Gait,
     IterativeConfig,
     LocoSafeDaggerConfig,
     MethodConfig,
@@ -32,7 +34,7 @@ from surefoot.runs.budget import SECONDS_PER_SOLVE, first_allowance
 from surefoot.runs.metrics import Collected
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import draw_starts, expert_rollouts
-from surefoot.scenarios.starts import StartSet, load_starts
+from surefoot.scenarios.starts import SPLITS, StartSet, starts_of
 from surefoot.types import PlanFunction
 
 Parameters = TypeVar("Parameters", bound=MethodConfig)
@@ -58,7 +60,7 @@ def check_config(config: Config) -> None:
     """
     if config.training.mirror != "none":
         make_mirror(config, config.training.mirror)
-    stored = load_starts()
+    stored = starts_of(config)
     _check_stored(config, stored)
     _check_budget(config)
     purpose = _use_of_held_out(config.method)
@@ -146,13 +148,16 @@ def _check_stored(config: Config, stored: StartSet) -> None:
     """Check that the stored initial states serve this configuration.
 
     Raises:
-        ValueError: They belong to another gait, or there are too few of them.
+        ValueError: They are at other commands, or there are too few of them.
     """
-    if config.gait != Gait():
-        raise ValueError(
-            f"the initial states {stored.name!r} belong to the default gait, but the configuration "
-            f"asks for {config.gait}: make a set for it first (`surefoot make-starts`)"
-        )
+    for split in SPLITS:
+        commands = stored.commands(split)
+        if not np.allclose(commands, config.commands.spread(len(commands)), atol=1e-9):
+            raise ValueError(
+                f"the initial states {stored.name!r} are not at the commands of the configuration, "
+                f"{_box(config.commands)}: make a set at them (`surefoot make-starts FILE` with "
+                "the same --config.commands) and name its file with --config.start-set"
+            )
     available = len(stored["select"])
     if config.evaluation.episodes > available:
         raise ValueError(
@@ -166,6 +171,12 @@ def _check_stored(config: Config, stored: StartSet) -> None:
         draw_starts(config, method, 1)
     else:
         expert_rollouts(config, method.data)
+
+
+def _box(commands: CommandBox) -> str:
+    """A box of commands for messages."""
+    intervals = (("vx", commands.vx), ("vy", commands.vy), ("yaw rate", commands.yaw_rate))
+    return ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in intervals)
 
 
 def _check_counts(method: MethodConfig, stored: StartSet) -> None:

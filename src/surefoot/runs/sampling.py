@@ -26,7 +26,7 @@ from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.episode_ids import rollout_ids
 from surefoot.scenarios.seeds import seed_of
-from surefoot.scenarios.starts import Starts, StartSet, at_rest, join_starts, load_starts
+from surefoot.scenarios.starts import Starts, StartSet, at_rest, join_starts, starts_of
 from surefoot.types import BoolArray, IntArray, PlanFunction
 
 
@@ -72,7 +72,7 @@ def expert_rollouts(
     Raises:
         ValueError: The stored set has fewer initial states than are asked for.
     """
-    stored = load_starts()
+    stored = starts_of(config)
     split = config.starts
     starts = stored[split][expert_rows(stored, split, data)]
     if data.nominal:
@@ -152,7 +152,7 @@ def draw_starts(config: Config, method: IterativeConfig, i: int) -> Starts:
         ValueError: The stored set has fewer initial states than are asked for.
     """
     rng = np.random.default_rng(seed_of(config.seed, "starts", i))
-    stored = load_starts()
+    stored = starts_of(config)
     split = config.starts
     if split == "nominal":
         rows = _phases_of_the_cycle(stored, method, rng)
@@ -165,7 +165,7 @@ def _in_order(config: Config, starts: Starts, rng: np.random.Generator) -> Start
     """Initial states in the order of their ids; random if a budget may end their rollouts early."""
     if config.budget.expert_seconds is None:
         return starts
-    return starts[series_order(load_starts().phases(starts.id), rng)]
+    return starts[series_order(starts_of(config).phases(starts.id), rng)]
 
 
 def _phases_of_the_cycle(

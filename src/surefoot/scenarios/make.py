@@ -1,35 +1,36 @@
 """Make a set of initial states: settled gait cycles of the expert, and perturbed neighbors of them.
 
-At each velocity the expert walks until its gait has settled. The states at the replanning instants
-of the next gait cycle are the nominal initial states; they are perturbed contact-consistently
-(paper, III-B) for the other splits. A set is made once, with the command ``surefoot make-starts``,
-and never changed. Next: `surefoot.scenarios.perturbation` and `surefoot.scenarios.starts`.
+At each command of a box the expert walks until its gait has settled. The states at the replanning
+instants of the next gait cycle are the nominal initial states; they are perturbed
+contact-consistently (paper, III-B) for the other splits. A set is made once, with the command
+``surefoot make-starts``, and never changed. Next: `surefoot.scenarios.walking`,
+`surefoot.scenarios.perturbation` and `surefoot.scenarios.starts`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.config import Config, PerturbationConfig, Split
-from surefoot.mpc.expert import make_expert
-from surefoot.mpc.schedule import in_stance
-from surefoot.robots.model import clip_torque, standing
+from surefoot.config import Config, Gait, PerturbationConfig, Split
+from surefoot.mpc.gaits import gait_name
+from surefoot.mpc.schedule import grid_cycle, in_stance
 from surefoot.robots.solo12 import solo12
 from surefoot.scenarios.perturbation import perturb
 from surefoot.scenarios.starts import SPLITS, Starts, StartSet
-from surefoot.sim import make_simulator
-from surefoot.types import GRID, Array, to_ticks
+from surefoot.scenarios.walking import expert_walks
+from surefoot.types import GRID, Array, IntArray, to_ticks
 
 SEED = 20240711
 """Root of the perturbations' randomness: any number, but the stored sets depend on it."""
 SETTLE = 2.0
-"""How long the expert walks before a gait cycle is recorded, in whole gait periods [s]."""
-TOP_SPEED = 0.3
-"""The largest forward speed [m/s]."""
+"""How long the expert walks at least before a gait cycle is recorded [s]."""
+SETTLE_PERIODS = 2
+"""How many gait periods it walks at least before that."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,8 @@ class SplitSize:
     """How large a split is.
 
     Attributes:
-        velocities: The number of equally spaced forward speeds from 0 to the top speed.
-        perturbations: The number of initial states for each velocity and phase.
+        velocities: The number of commands, spread over the box.
+        perturbations: The number of initial states for each command and phase.
     """
 
     velocities: int
@@ -56,17 +57,19 @@ SIZES: Mapping[Split, SplitSize] = {
 
 @dataclass(frozen=True)
 class GaitCycle:
-    """States of one settled gait cycle at n forward speeds.
+    """States of one settled gait cycle at n commands.
 
     Attributes:
         q: ``(phases, n, 19)`` configuration [m, unit quaternion, rad].
         v: ``(phases, n, 18)`` velocity [m/s, rad/s].
-        speed: ``(n,)`` the forward speeds that are commanded [m/s].
+        tick: ``(phases,)`` gait clock [ms].
+        command: ``(n, 3)`` vx, vy [m/s] and yaw rate [rad/s].
     """
 
     q: Array
     v: Array
-    speed: Array
+    tick: IntArray
+    command: Array
 
 
 def make_starts(
@@ -80,7 +83,7 @@ def make_starts(
 
     Args:
         name: The name of the set.
-        config: The robot, the gait, the expert, the simulator and the fall bounds.
+        config: The robot, the gait, the commands, the expert, the simulator and the fall bounds.
         perturbation: Standard deviations of the perturbations, before their projection.
         seed: Root of the perturbations' randomness.
         sizes: The size of each split.
@@ -89,10 +92,11 @@ def make_starts(
         The set; `save_starts` writes it.
 
     Raises:
-        ValueError: A state has no acceptable neighbor: the perturbation is too large.
+        ValueError: A robot fell before its gait had settled, or a state has no acceptable neighbor:
+            the perturbation is too large.
     """
     counts = sorted({size.velocities for size in sizes.values()})
-    cycles = {count: settled_cycle(config, np.linspace(0, TOP_SPEED, count)) for count in counts}
+    cycles = {count: settled_cycle(config, config.commands.spread(count)) for count in counts}
     grid: dict[str, Starts] = {}
     shape: dict[str, tuple[int, int, int]] = {}
     first_id = 0
@@ -106,9 +110,9 @@ def make_starts(
             starts = _perturbed(_nominal(cycle, repeats), config, perturbation, rng)
         starts.q[:, :2] = 0.0
         grid[split] = replace(starts, id=first_id + np.arange(len(starts)))
-        shape[split] = (repeats, len(cycle.q), len(cycle.speed))
+        shape[split] = (repeats, len(cycle.q), len(cycle.command))
         first_id += len(starts)
-    return StartSet(name, grid, shape)
+    return StartSet(name, grid, shape, config.gait)
 
 
 def scaled(perturbation: PerturbationConfig, scale: float) -> PerturbationConfig:
@@ -122,50 +126,54 @@ def scaled(perturbation: PerturbationConfig, scale: float) -> PerturbationConfig
     )
 
 
-def settled_cycle(config: Config, speed: Array) -> GaitCycle:
-    """Let the expert walk at n forward speeds until its gait has settled, and for one more cycle.
+def settled_cycle(config: Config, command: Array) -> GaitCycle:
+    """Let the expert walk at n commands until its gait has settled, and for one more cycle.
 
     Args:
         config: The robot, the gait, the expert and the simulator.
-        speed: ``(n,)`` forward speeds to command [m/s].
+        command: ``(n, 3)`` vx, vy [m/s] and yaw rate [rad/s].
 
     Returns:
         The states at the replanning instants of the last cycle.
+
+    Raises:
+        ValueError: A robot fell.
     """
     robot = solo12(config.robot)
-    n = len(speed)
-    simulator = make_simulator(robot, n, config.simulation)
-    expert = make_expert(robot, config)
-    expert.reset(n)
-    simulator.reset(np.tile(standing(robot), (n, 1)), np.zeros((n, 18)))
-    command = np.zeros((n, 3))
-    command[:, 0] = speed
-    q = []
-    v = []
-    begin = to_ticks(SETTLE)
-    end = begin + to_ticks(config.gait.period)
-    for tick in tqdm(range(end), desc=f"{n} speeds", unit="ms"):
-        state = simulator.state
-        if tick >= begin and tick % GRID == 0:
-            q.append(state.q)
-            v.append(state.v)
-        torque = expert.torque(state, np.full(n, tick), command, np.ones(n, bool))
-        simulator.step(clip_torque(torque, robot.torque_limit))
-    return GaitCycle(np.array(q), np.array(v), speed)
+    instants = cycle_instants(config.gait)
+    end = int(instants[-1]) + GRID
+    with tqdm(total=end, desc=f"{len(command)} commands", unit="ms") as bar:
+        walks = expert_walks(robot, config, command, end, GRID, bar.update)
+    walks.check(config.safety, gait_name(config.gait))
+    cycle = walks.since(int(instants[0]))
+    # Of clocks at which gait and grid lie as they do, the smallest.
+    return GaitCycle(cycle.q, cycle.v, instants % grid_cycle(config.gait), command)
+
+
+def cycle_instants(gait: Gait) -> IntArray:
+    """``(phases,)`` the replanning instants of a settled gait cycle [ms].
+
+    A period that is no multiple of the grid has as many phases as come nearest to it. The first
+    instant is at a whole number of periods, or at the next node of the grid after it.
+
+    Args:
+        gait: The gait.
+    """
+    period = to_ticks(gait.period)
+    whole_periods = max(math.ceil(to_ticks(SETTLE) / period), SETTLE_PERIODS) * period
+    begin = math.ceil(whole_periods / GRID) * GRID
+    return begin + GRID * np.arange(max(round(period / GRID), 1))
 
 
 def _nominal(cycle: GaitCycle, repeats: int) -> Starts:
-    """The states of a gait cycle, repeated: (repeats, phases, speeds), flattened in this order."""
-    phases, speeds, _ = cycle.q.shape
-    tick = np.repeat(GRID * np.arange(phases), speeds)
-    command = np.zeros((phases * speeds, 3))
-    command[:, 0] = np.tile(cycle.speed, phases)
+    """The states of a gait cycle, flattened in the order (repeats, phases, commands)."""
+    phases, commands, _ = cycle.q.shape
     return Starts(
         np.tile(cycle.q.reshape(-1, 19), (repeats, 1)),
         np.tile(cycle.v.reshape(-1, 18), (repeats, 1)),
-        np.tile(tick, repeats),
-        np.tile(command, (repeats, 1)),
-        np.full(repeats * phases * speeds, -1),
+        np.tile(np.repeat(cycle.tick, commands), repeats),
+        np.tile(cycle.command, (repeats * phases, 1)),
+        np.full(repeats * phases * commands, -1),
     )
 
 

@@ -63,7 +63,7 @@ def perturb(
         moved = pin.integrate(robot.model, q, change)
         velocity = v + config.velocity * rng.standard_normal(18)
         moved = put_feet_back(robot, data, moved, contacts, stance)
-        if moved is None or not acceptable(robot, data, moved, config, safety):
+        if moved is None or not acceptable(robot, data, moved, config, safety, stance):
             continue
         return moved, project(stance_jacobian(robot, data, moved, stance), velocity)
     raise ValueError(
@@ -117,13 +117,26 @@ def acceptable(
     q: Array,
     config: PerturbationConfig,
     safety: SafetyConfig,
+    stance: BoolArray | None = None,
 ) -> bool:
-    """True if only feet meet the ground, not too deep, and the robot has not fallen."""
+    """True if only feet meet the ground, not too deep, and the robot has not fallen.
+
+    Args:
+        robot: The model of the robot.
+        data: Its data.
+        q: ``(19,)`` configuration [m, unit quaternion, rad].
+        config: How deep a foot may be in the ground.
+        safety: The fall bounds.
+        stance: ``(4,)`` True for feet whose depth is not judged: those that are where the
+            simulation had put them, which is deeper at a touchdown.
+    """
     feet, rest = lowest_points(robot, data, q)
+    if stance is not None:
+        feet = feet[~stance]
     roll, pitch, _ = roll_pitch_yaw(q[3:7])
     low, high = safety.fall_height
     return bool(
-        feet.min() >= -config.max_penetration
+        feet.min(initial=np.inf) >= -config.max_penetration
         and rest.min() > 0.0
         and low < q[2] < high
         and max(abs(roll), abs(pitch)) < np.radians(safety.fall_angle)

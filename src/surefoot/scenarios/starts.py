@@ -10,8 +10,8 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from functools import cache, cached_property
+from dataclasses import dataclass, field, fields
+from functools import cache, cached_property, partial
 from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
@@ -20,10 +20,11 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import Split
+from surefoot.config import Config, Gait, Split
 from surefoot.config.json_text import read_file
 from surefoot.errors import unknown
 from surefoot.files import parse_npz, write_atomic
+from surefoot.mpc.gaits import GAITS, gait_name
 from surefoot.scenarios.starts_check import check_stored_arrays
 from surefoot.types import Array, IntArray
 
@@ -107,11 +108,13 @@ class StartSet:
         grid: The initial states of each split: (perturbations, phases, velocities), flattened in
             this order.
         shape: The numbers of perturbations, phases and velocities of each split.
+        gait: The gait whose clock they have; of its heights a set knows nothing.
     """
 
     name: str
     grid: dict[str, Starts]
     shape: dict[str, tuple[int, int, int]]
+    gait: Gait = field(default_factory=Gait)
 
     def __getitem__(self, split: str) -> Starts:
         """All initial states of a split.
@@ -154,8 +157,19 @@ class StartSet:
         """
         return np.arange(len(self[split])).reshape(self.shape[split])
 
+    def commands(self, split: str) -> Array:
+        """``(velocities, 3)`` the commands of a split: vx, vy [m/s] and yaw rate [rad/s].
+
+        Raises:
+            KeyError: There is no such split.
+        """
+        return self[split].command[self.rows(split)[0, 0]]
+
     def velocities(self, split: str, n: int) -> IntArray:
-        """``(n,)`` indices of equally spaced velocities of a split, both ends included.
+        """``(n,)`` indices of commands of a split that are spread over all of them.
+
+        Of commands along one axis they are equally spaced, both ends included; of those of a box
+        they are the first ones (`CommandBox.spread`).
 
         Raises:
             KeyError: There is no such split.
@@ -167,6 +181,8 @@ class StartSet:
                 f"{n} velocities asked for, the starts {self.name!r} hold {available} in "
                 f"{split!r}; use 1 to {available}"
             )
+        if not _along_one_axis(self.commands(split)):
+            return np.arange(n)
         return np.round(np.linspace(0, available - 1, n)).astype(np.int64)
 
     @cached_property
@@ -175,8 +191,8 @@ class StartSet:
         sha = hashlib.sha256()
         for split in SPLITS:
             starts = self.grid[split]
-            for field in fields(Starts):
-                sha.update(np.ascontiguousarray(getattr(starts, field.name)).data)
+            for array in fields(Starts):
+                sha.update(np.ascontiguousarray(getattr(starts, array.name)).data)
         return sha.hexdigest()
 
     def phases(self, id: IntArray) -> IntArray:
@@ -203,6 +219,12 @@ class StartSet:
         return int(self.hash[:8], 16)
 
 
+def _along_one_axis(commands: Array) -> bool:
+    """Whether commands ``(n, 3)`` differ in one number at most, and that one does not fall."""
+    steps = np.diff(commands, axis=0)
+    return bool((steps >= 0.0).all() and steps.any(axis=0).sum() <= 1)
+
+
 def _spread_cells(phases: int, velocities: int) -> IntArray:
     """``(phases x velocities,)`` rows of one perturbation, each once, in an order that spreads.
 
@@ -226,6 +248,32 @@ def _spread_cells(phases: int, velocities: int) -> IntArray:
 def _ranks(n: int, step: float) -> IntArray:
     """``(n,)`` the numbers below n in an order whose beginnings are spread: ranks of multiples."""
     return np.argsort(np.argsort(np.arange(n) * step % 1.0))
+
+
+def starts_of(config: Config) -> StartSet:
+    """The set of initial states of a configuration.
+
+    Raises:
+        FileNotFoundError: There is no such set, nor such a file.
+        ValueError: The file is not a set of initial states, or is one of another gait.
+    """
+    stored = load_starts(config.start_set)
+    if config.gait.timing != stored.gait.timing:
+        raise ValueError(
+            f"the initial states {stored.name!r} belong to {_described(stored.gait)}, but the "
+            f"configuration asks for {_described(config.gait)}: make a set for it "
+            "(`surefoot make-starts FILE --gait NAME`) and name its file with --config.start-set"
+        )
+    return stored
+
+
+def _described(gait: Gait) -> str:
+    """A gait for messages: its name where it is a named one, or its numbers."""
+    name = gait_name(gait)
+    if name in GAITS:
+        return f"the gait {name}"
+    offsets = ", ".join(f"{offset:g}" for offset in gait.offsets)
+    return f"a gait of period {gait.period:g} s, duty {gait.duty:g} and offsets {offsets}"
 
 
 def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:
@@ -262,6 +310,7 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
     try:
         arrays = parse_npz(content)
         shapes = check_stored_arrays(arrays, len(SPLITS))
+        gait = _gait_from(arrays["gait"]) if "gait" in arrays else Gait()
     except ValueError as error:
         raise ValueError(f"{source} is not a set of starts ({error}); write it again") from error
     bounds = np.cumsum([0, *(math.prod(shape) for shape in shapes)])
@@ -272,13 +321,13 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
         arrays["command"],
         np.arange(bounds[-1]),
     )
-    for field in fields(Starts):
-        getattr(everything, field.name).flags.writeable = False
+    for array in fields(Starts):
+        getattr(everything, array.name).flags.writeable = False
     grid = {
         split: everything[slice(start, stop)]
         for split, start, stop in zip(SPLITS, bounds[:-1], bounds[1:], strict=True)
     }
-    return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)))
+    return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)), gait)
 
 
 def check_unused(path: Path) -> None:
@@ -313,7 +362,8 @@ def save_starts(starts: StartSet, path: Path) -> None:
     except ValueError as error:
         raise ValueError(f"{path} is not written: {error}") from error
     buffer = BytesIO()
-    np.savez_compressed(
+    write = partial(
+        np.savez_compressed,
         buffer,
         q=arrays["q"],
         v=arrays["v"],
@@ -321,4 +371,18 @@ def save_starts(starts: StartSet, path: Path) -> None:
         command=arrays["command"],
         shapes=arrays["shapes"],
     )
+    if starts.gait.timing == Gait().timing:
+        write()  # as ever: without a gait it is the trot of the packaged sets
+    else:
+        write(gait=np.array(starts.gait.timing))
     write_atomic(path, buffer.getvalue())
+
+
+def _gait_from(numbers: Array) -> Gait:
+    """The gait of a file's numbers ``(6,)``.
+
+    Raises:
+        ValueError: They are no gait's.
+    """
+    period, duty, front_left, front_right, hind_left, hind_right = numbers.tolist()
+    return Gait(period, duty, (front_left, front_right, hind_left, hind_right))

@@ -22,6 +22,8 @@ UNIT_TOLERANCE = 1e-6
 sets are so by 1e-15."""
 LARGEST = 1e6
 """No number of a state is larger, in whatever unit."""
+GAIT_NUMBERS = 6
+"""The numbers of a gait in a stored set: period, duty factor and four offsets."""
 LATEST = int(np.iinfo(np.int16).max)
 """[ms] The last tick that a stored set can hold."""
 
@@ -40,7 +42,7 @@ def check_stored_arrays(arrays: Mapping[str, NDArray], splits: int) -> list[tupl
         ValueError: One is missing, has another shape or type, or numbers that no state has.
     """
     names = ("q", "v", "tick", "command", "shapes")
-    if arrays.keys() != set(names):
+    if arrays.keys() - {"gait"} != set(names):
         raise ValueError(f"it has the arrays {sorted(arrays)}, expected {sorted(names)}"[:300])
     if arrays["shapes"].shape != (splits, 3) or arrays["shapes"].dtype.kind not in "iu":
         raise ValueError(f"shapes must be ({splits}, 3) integers: one row for each split")
@@ -62,6 +64,9 @@ def check_stored_arrays(arrays: Mapping[str, NDArray], splits: int) -> list[tupl
     tick = arrays["tick"]
     if tick.dtype.kind not in "iu" or tick.min() < 0 or tick.max() > LATEST:
         raise ValueError(f"tick must be integers from 0 to {LATEST} [ms]")
+    gait = arrays.get("gait", np.zeros(GAIT_NUMBERS))
+    if gait.shape != (GAIT_NUMBERS,) or gait.dtype != np.float64:
+        raise ValueError(f"gait is {gait.dtype} {gait.shape} instead of float64 ({GAIT_NUMBERS},)")
     check_unit_quaternions(arrays["q"])
     return shapes
 

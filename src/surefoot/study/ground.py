@@ -28,7 +28,7 @@ from surefoot.runs.accounting import run_cost
 from surefoot.runs.metrics import Collected, Trained, Validated
 from surefoot.runs.policies import find_policy
 from surefoot.runs.run import Run, RunError, open_run
-from surefoot.scenarios.starts import load_starts
+from surefoot.scenarios.starts import starts_of
 from surefoot.study.records import Row
 
 EXPERT = "expert"
@@ -134,6 +134,8 @@ def common_ground(config: Config, episodes: int) -> Config:
         robot=config.robot,
         simulation=replace(config.simulation, backend="mujoco"),
         gait=config.gait,
+        commands=config.commands,
+        start_set=config.start_set,
         expert=config.expert,
         safety=safety,
         evaluation=replace(config.evaluation, episodes=episodes),
@@ -152,7 +154,7 @@ def check_comparable(run: Run, first: Run) -> None:
         raise ValueError(
             f"{run.folder} has {name} {value}, {first.folder} has {other}: they cannot be compared"
         )
-    stored = load_starts()
+    stored = starts_of(first.config)
     for record in run.metrics:
         if isinstance(record, Collected | Validated) and record.starts_hash != stored.hash:
             raise ValueError(

@@ -1,0 +1,180 @@
+"""Command gains, measured: a gait reaches a share of what is planned, and more is planned for it.
+
+Six robots walk for three seconds from standing, each at one command along one axis, both ways; the
+gain of an axis is what was planned over what was reached. Biases that do not depend on the
+direction cancel. A gait that reaches little is measured once more, with the gain. Next:
+`surefoot.scenarios.walking`, and `surefoot.mpc.footholds`, where the gains are used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from surefoot.config import Config, Gait
+from surefoot.mpc.gaits import gait_name
+from surefoot.mpc.schedule import stands
+from surefoot.robots.model import RobotModel
+from surefoot.scenarios.walking import expert_walks
+from surefoot.types import Array, BoolArray, to_ticks
+
+SECONDS = 3.0
+"""[s] How long the robots walk."""
+SETTLED = 1.0
+"""[s] From here on their velocity counts."""
+TRIED = (0.2, 0.15, 0.5)
+"""[m/s, m/s, rad/s] vx, vy and yaw rate that a robot of Solo12's size is told."""
+LEAST_SHARE = 0.4
+"""A gait that reaches less of what is planned does not go where it is told."""
+FAR = 1.5
+"""A larger gain is measured again with the gain itself: a gait that is so far from what is planned
+is not proportional to it."""
+
+
+@dataclass(frozen=True)
+class CommandGain:
+    """By how much the commands of a gait are scaled inside the planner, and what was measured.
+
+    Attributes:
+        gain: The gains of vx, vy and yaw rate, as `ExpertConfig.command_gain`.
+        told: vx [m/s], vy [m/s] and yaw rate [rad/s] that the robots were told, each way.
+        forward: The mean of each that was reached at the positive command, with gains of 1; where
+            one came out large, with that gain.
+        backward: The mean of each that was reached at the negative command.
+    """
+
+    gain: tuple[float, float, float]
+    told: tuple[float, float, float]
+    forward: tuple[float, float, float]
+    backward: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class _Reached:
+    """What six robots reached of what they were told, along vx, vy and yaw rate.
+
+    Attributes:
+        told: ``(3,)`` what they were told, each way.
+        forward: ``(3,)`` what was reached of it.
+        backward: ``(3,)`` what was reached of its opposite.
+        up: ``(3,)`` True where neither robot fell.
+    """
+
+    told: Array
+    forward: Array
+    backward: Array
+    up: BoolArray
+
+    @property
+    def share(self) -> Array:
+        """``(3,)`` the share that was reached, without what is the same both ways."""
+        return (self.forward - self.backward) / (2 * self.told)
+
+
+def calibrate_command_gain(
+    robot: RobotModel, gait: Gait, config: Config, scale: float = 1.0
+) -> CommandGain:
+    """Measure the command gains of a robot and a gait; takes a few seconds.
+
+    Along an axis that `config.commands` closes at zero the robot may fall, or not move at all; the
+    gain is then 1.
+
+    Args:
+        robot: The robot.
+        gait: The gait; the gains of one that stands are 1.
+        config: The expert, whose own gains have no influence, the commands, the simulator and the
+            fall bounds.
+        scale: The robot's leg length over Solo12's.
+
+    Raises:
+        ValueError: A robot fell, or reached too little of what was planned; the message has the
+            numbers.
+    """
+    config = replace(config, gait=gait)
+    told = np.array(TRIED) * (np.sqrt(scale), np.sqrt(scale), 1.0)
+    gain = np.ones(3)
+    if stands(gait):
+        return CommandGain(_triple(gain), _triple(told), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    reached = _reached(robot, config, told, gain)
+    _check_moved(reached, _needed(config), gait_name(gait))
+    usable = reached.up & (reached.share >= LEAST_SHARE)
+    gain = 1.0 / np.where(usable, reached.share, 1.0)
+    if gain.max() > FAR:
+        reached = _reached(robot, config, told, gain)
+        usable = reached.up & (reached.share >= LEAST_SHARE)
+        gain = gain / np.where(usable, reached.share, 1.0)
+    return CommandGain(
+        _triple(gain), _triple(told), _triple(reached.forward), _triple(reached.backward)
+    )
+
+
+def _needed(config: Config) -> BoolArray:
+    """``(3,)`` True for the axes along which there are commands."""
+    box = config.commands
+    return np.array([axis != (0.0, 0.0) for axis in (box.vx, box.vy, box.yaw_rate)])
+
+
+def _reached(robot: RobotModel, config: Config, told: Array, gain: Array) -> _Reached:
+    """What six robots reach.
+
+    Args:
+        robot: The robot.
+        config: The gait, the expert, the commands, the simulator and the fall bounds.
+        told: ``(3,)`` vx [m/s], vy [m/s] and yaw rate [rad/s], each way.
+        gain: ``(3,)`` gains of the expert.
+
+    Raises:
+        ValueError: A robot fell along an axis that is needed.
+    """
+    x, y, z = gain.tolist()
+    config = replace(config, expert=replace(config.expert, command_gain=(x, y, z)))
+    command = np.concatenate([np.diag(told), -np.diag(told)])
+    walks = expert_walks(robot, config, command, to_ticks(SECONDS))
+    walks.of(np.tile(_needed(config), 2)).check(config.safety, gait_name(config.gait))
+    # Whole periods, so that a gait's sway cancels.
+    period = to_ticks(config.gait.period)
+    counted = max((to_ticks(SECONDS) - to_ticks(SETTLED)) // period, 1) * period
+    velocity = walks.since(to_ticks(SECONDS) - counted).mean_velocity
+    up = ~walks.fallen(config.safety)[-1].reshape(2, 3).any(axis=0)
+    return _Reached(told, np.diag(velocity[:3]), np.diag(velocity[3:]), up)
+
+
+def _check_moved(reached: _Reached, needed: BoolArray, gait: str) -> None:
+    """Check that a gait moves the robot along each axis that is needed.
+
+    Raises:
+        ValueError: It reached too small a share of what it was told.
+    """
+    share = np.where(needed, reached.share, 1.0)
+    axis = int(share.argmin())
+    if share[axis] >= LEAST_SHARE:
+        return
+    name = ("vx", "vy", "yaw rate")[axis]
+    unit = ("m/s", "m/s", "rad/s")[axis]
+    raise ValueError(
+        f"the gait {gait} does not move the robot: of {name} {reached.told[axis]:.3g} {unit} it "
+        f"reached {reached.forward[axis]:.3f}, and of the opposite {reached.backward[axis]:.3f} "
+        f"{unit}, in {SECONDS:g} s; close that axis of the commands, or use another gait"
+    )
+
+
+def calibrated(robot: RobotModel, config: Config, scale: float = 1.0) -> tuple[Config, CommandGain]:
+    """The configuration with the measured gains of its gait, and the measurement.
+
+    Args:
+        robot: The robot.
+        config: The configuration.
+        scale: The robot's leg length over Solo12's.
+
+    Raises:
+        ValueError: The robot does not walk in this gait.
+    """
+    measured = calibrate_command_gain(robot, config.gait, config, scale)
+    return replace(config, expert=replace(config.expert, command_gain=measured.gain)), measured
+
+
+def _triple(values: Array) -> tuple[float, float, float]:
+    """Three numbers, rounded to four digits, as a configuration holds them."""
+    x, y, z = (round(float(value), 4) for value in values)
+    return x, y, z

@@ -1,0 +1,131 @@
+"""The expert walks at several commands at once, undisturbed and from standing still.
+
+Settled gait cycles (`make`) and command gains (`calibration`) are taken from what it records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from surefoot.config import Config, SafetyConfig
+from surefoot.mpc.expert import make_expert
+from surefoot.robots.model import RobotModel, clip_torque, standing
+from surefoot.rotations import heading, roll_pitch, rotation, to_heading
+from surefoot.sim import make_simulator
+from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, to_ticks
+
+MOST_SHOWN = 4
+"""How many falls a message names."""
+
+
+@dataclass(frozen=True)
+class Walks:
+    """n robots that walked side by side, each at a command of its own.
+
+    Attributes:
+        tick: ``(T,)`` the gait clock of the states [ms].
+        q: ``(T, n, 19)`` configurations [m, unit quaternion, rad].
+        v: ``(T, n, 18)`` velocities [m/s, rad/s].
+        command: ``(n, 3)`` vx, vy [m/s] and yaw rate [rad/s].
+    """
+
+    tick: IntArray
+    q: Array
+    v: Array
+    command: Array
+
+    def since(self, tick: int) -> Walks:
+        """The part of the walks from a tick of the gait clock on."""
+        rows = self.tick >= tick
+        return replace(self, tick=self.tick[rows], q=self.q[rows], v=self.v[rows])
+
+    def of(self, robots: BoolArray) -> Walks:
+        """The walks of some of the robots, given by ``(n,)`` True for each of them."""
+        return replace(self, q=self.q[:, robots], v=self.v[:, robots], command=self.command[robots])
+
+    @property
+    def mean_velocity(self) -> Array:
+        """``(n, 3)`` mean vx, vy [m/s] and yaw rate [rad/s] in the heading frame."""
+        R = rotation(self.q[..., 3:7])
+        linear = np.einsum("...ij,...j->...i", R, self.v[..., :3])
+        yaw_rate = np.einsum("...j,...j->...", R[..., 2, :], self.v[..., 3:6])
+        horizontal = to_heading(linear[..., :2], heading(R))
+        return np.concatenate([horizontal, yaw_rate[..., None]], axis=-1).mean(axis=0)
+
+    def fallen(self, safety: SafetyConfig) -> BoolArray:
+        """``(T, n)`` True where a robot has fallen."""
+        low, high = safety.fall_height
+        height = self.q[..., 2]
+        tilt = np.abs(roll_pitch(rotation(self.q[..., 3:7]))).max(axis=-1)
+        # Numbers that are not finite, of a simulation that has run away, are no robot's.
+        up = (low < height) & (height < high) & (tilt < np.radians(safety.fall_angle))
+        return ~up
+
+    def check(self, safety: SafetyConfig, gait: str) -> None:
+        """Check that no robot fell; falls count from `SafetyConfig.grace` on, as in episodes.
+
+        Args:
+            safety: The bounds beyond which a robot has fallen.
+            gait: The name of the gait, for the message.
+
+        Raises:
+            ValueError: A robot fell; the message names the commands and the times.
+        """
+        fallen = self.fallen(safety) & (self.tick >= to_ticks(safety.grace))[:, None]
+        lost = np.flatnonzero(fallen.any(axis=0))
+        if not len(lost):
+            return
+        seconds = self.tick[fallen.argmax(axis=0)] / TICKS_PER_SECOND
+        falls = [f"({_numbers(self.command[n])}) after {seconds[n]:.2f} s" for n in lost]
+        more = ", ..." if len(falls) > MOST_SHOWN else ""
+        raise ValueError(
+            f"the gait {gait} does not carry the robot: {len(lost)} of {len(self.command)} fell, "
+            f"at the commands (vx, vy, yaw rate) {', '.join(falls[:MOST_SHOWN])}{more}; use "
+            "a smaller box of commands, or another gait"
+        )
+
+
+def _numbers(values: Array) -> str:
+    """Numbers for a message, to three digits."""
+    return ", ".join(f"{value:.3g}" for value in values)
+
+
+def expert_walks(
+    robot: RobotModel,
+    config: Config,
+    command: Array,
+    ticks: int,
+    every: int = 1,
+    progress: Callable[[int], object] | None = None,
+) -> Walks:
+    """Let the expert walk from standing still; robots that have fallen stay where they are.
+
+    Args:
+        robot: The robot.
+        config: The gait, the expert and the simulator.
+        command: ``(n, 3)`` vx, vy [m/s] and yaw rate [rad/s] of each robot.
+        ticks: How long it walks [ms].
+        every: The states at multiples of this are recorded [ms].
+        progress: Called with 1 after each tick.
+    """
+    n = len(command)
+    simulator = make_simulator(robot, n, config.simulation)
+    expert = make_expert(robot, config)
+    expert.reset(n)
+    simulator.reset(np.tile(standing(robot), (n, 1)), np.zeros((n, 18)))
+    everyone = np.ones(n, bool)
+    q = []
+    v = []
+    for tick in range(ticks):
+        state = simulator.state
+        if tick % every == 0:
+            q.append(state.q)
+            v.append(state.v)
+        torque = expert.torque(state, np.full(n, tick), command, everyone)
+        simulator.step(clip_torque(torque, robot.torque_limit))
+        if progress is not None:
+            progress(1)
+    return Walks(np.arange(0, ticks, every), np.array(q), np.array(v), command)
