@@ -147,7 +147,7 @@ def fit(
         if not network.has_normalisers:
             mean, deviation = samples.training.moments()
             network.set_normalizers(mean[:INPUT_SIZE], deviation[:INPUT_SIZE])
-        optimizer = make_optimizer(network, config.learning_rate, device)
+        optimizer = make_optimizer(network, config, device)
         if checkpoint is not None:
             losses = load_checkpoint(checkpoint, key, network, optimizer)
         step = TrainingStep(network, optimizer, config.batch, precision, device)
