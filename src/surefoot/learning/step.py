@@ -72,10 +72,11 @@ def make_optimizer(
             without it the steps are those of plain Adam, to the bit.
         device: The device that computes.
     """
-    return torch.optim.AdamW(
+    return torch.optim.Adam(
         network.parameters(),
         lr=torch.tensor(config.learning_rate, device=device),
         weight_decay=config.weight_decay,
+        decoupled_weight_decay=True,
         fused=True,
         capturable=device.type == "cuda",
     )
