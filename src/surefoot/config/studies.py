@@ -174,8 +174,10 @@ def _pushed_once(impulse: float) -> Measurement:
 
 def _regime_techniques() -> tuple[Technique, ...]:
     """The arms of the regimes."""
+    # Trained as the regimes were first measured, whatever the preset does since then.
     common: Options = {
         "training.validation": 0.15,
+        "training.weight_decay": 0.0,
         "collection.pushes": 0,
         "collection.expert_impulse": (0.0, 0.0),
     }
@@ -204,6 +206,7 @@ def _regime_techniques() -> tuple[Technique, ...]:
         "method.pretraining_steps": _STEPS // 2,
         "method.iterations": _ITERATIONS,
         "method.steps": _STEPS // 2 // _ITERATIONS,
+        "method.steps_before_last": _STEPS // 2 // _ITERATIONS,
         "method.velocities": 10,
         "method.perturbations": 2,
     }
