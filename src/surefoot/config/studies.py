@@ -203,10 +203,11 @@ def _regime_techniques() -> tuple[Technique, ...]:
         "method.pretraining.perturbations": 1,
         "method.pretraining.nominal": False,
         "method.pretraining.duration": 0.8,
+        "method.pretraining_epochs": 16,
         "method.pretraining_steps": _STEPS // 2,
         "method.iterations": _ITERATIONS,
         "method.steps": _STEPS // 2 // _ITERATIONS,
-        "method.steps_before_last": _STEPS // 2 // _ITERATIONS,
+        "method.steps_before_last": None,
         "method.velocities": 10,
         "method.perturbations": 2,
     }
