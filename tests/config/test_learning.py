@@ -12,6 +12,8 @@ from surefoot.config import PolicyConfig, TrainingConfig
         (PolicyConfig, {"hidden": (40_000,)}, "policy.hidden[0] is 40000; use 1 to 8192"),
         (PolicyConfig, {"hidden": (8,) * 20_000}, "policy.hidden has 20000 items; use at most 32"),
         (TrainingConfig, {"validation": 1.0}, "training.validation is 1.0; use 0.0 to 0.9"),
+        (TrainingConfig, {"weight_decay": -0.1}, "training.weight_decay is -0.1; use 0.0 to 100.0"),
+        (TrainingConfig, {"input_noise": -1.0}, "training.input_noise is -1.0; use 0.0 to 10.0"),
         (TrainingConfig, {"schedule": "linear"}, "there is no training.schedule 'linear'"),
         (TrainingConfig, {"device": "tpu"}, "there is no training.device 'tpu'"),
     ],

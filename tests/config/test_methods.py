@@ -44,6 +44,7 @@ def test_all_methods_but_behavior_cloning_are_iterative():
         "epochs",
         "pretraining_steps",
         "steps",
+        "steps_before_last",
     ]
     for name, kind in METHODS.items():
         assert issubclass(kind, IterativeConfig) == (name != "behavior_cloning")
@@ -72,6 +73,7 @@ def test_methods_differ_in_how_many_rollouts_they_make():
         (IterativeConfig, {"epochs": 0}, "method.epochs is 0; use 1 to"),
         (IterativeConfig, {"steps": 0}, "method.steps is 0; use 1 to"),
         (IterativeConfig, {"pretraining_steps": -1}, "method.pretraining_steps is -1; use 1 to"),
+        (IterativeConfig, {"steps_before_last": 0}, "method.steps_before_last is 0; use 1 to"),
         (BehaviorCloningConfig, {"steps": 0}, "method.steps is 0; use 1 to"),
         (DaggerConfig, {"p": 1.5}, "method.p is 1.5; use 0.0 to 1.0"),
         (SafeDaggerConfig, {"velocities": 0}, "method.velocities is 0; use 1 to"),
@@ -161,3 +163,11 @@ def test_steps_take_the_place_of_epochs():
     assert (stepped.first_training, stepped.training) == (Steps(70), Steps(50))
     assert BehaviorCloningConfig(epochs=5).training == 5
     assert BehaviorCloningConfig(epochs=5, steps=9).training == Steps(9)
+
+
+def test_iterations_before_the_last_may_train_for_fewer_steps():
+    dagger = DaggerConfig(epochs=3, pretraining_epochs=4, iterations=3)
+    assert [dagger.training_in(i) for i in range(4)] == [4, 3, 3, 3]
+    growing = replace(dagger, steps_before_last=50)
+    assert [growing.training_in(i) for i in range(4)] == [4, Steps(50), Steps(50), 3]
+    assert replace(growing, steps=90).training_in(3) == Steps(90)

@@ -51,6 +51,7 @@ def test_the_preset_paper_has_the_numbers_of_the_paper():
     assert (method.T_block, method.T_end) == (2.0, 1.0)
     assert (training.learning_rate, training.batch, training.schedule) == (2e-3, 256, "constant")
     assert (training.validation, training.precision) == (0.1, "float32")
+    assert (training.weight_decay, training.input_noise, method.steps_before_last) == (0, 0, None)
     assert config.policy == PolicyConfig((512, 512, 512), 2.0, 0.1, "fraction")
     assert (config.expert.kp, config.expert.kd) == (3.0, 0.05)
     assert (config.expert.foothold_rule, config.expert.command_gain) == ("published", (1, 1, 1))
@@ -81,7 +82,8 @@ def test_the_preset_paper_has_the_other_methods_as_the_paper_or_their_authors_do
 @pytest.mark.parametrize("name", ["default", "quick", "paper"])
 def test_all_iterative_methods_begin_with_the_same_data_and_training(name):
     methods = [preset(each, name).method for each in METHODS if each != "behavior_cloning"]
-    assert len({(m.pretraining, m.pretraining_epochs, m.epochs) for m in methods}) == 1
+    assert len({(m.pretraining, m.training_in(0)) for m in methods}) == 1
+    assert len({(m.training_in(1), m.training_in(m.iterations)) for m in methods}) == 1
 
 
 def test_an_unknown_preset_or_method_names_the_nearest():

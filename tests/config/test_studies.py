@@ -2,7 +2,13 @@
 
 import pytest
 
-from surefoot.config import BehaviorCloningConfig, LocoDaggerConfig, LocoSafeDaggerConfig
+from surefoot.config import (
+    BehaviorCloningConfig,
+    IterativeConfig,
+    LocoDaggerConfig,
+    LocoSafeDaggerConfig,
+    Steps,
+)
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.presets import preset
 from surefoot.config.studies import STUDIES, named_study
@@ -39,6 +45,21 @@ def test_the_paper_study_runs_the_papers_own_protocol():
     assert not cloning.all_frames
     assert cloning.epochs == 150
     assert len(study.seeds) == 3
+
+
+def test_the_regimes_train_as_they_were_first_measured():
+    study = named_study("regimes")
+    for technique in study.techniques[1:]:
+        config = config_of(technique, study.settings[0], 0)
+        training = config.training
+        assert (training.learning_rate, training.schedule) == (8e-3, "cosine")
+        assert (training.weight_decay, training.input_noise) == (0.0, 0.0)
+        method = config.method
+        if isinstance(method, IterativeConfig):
+            lengths = [method.training_in(i) for i in range(method.iterations + 1)]
+            assert lengths == [Steps(1600), Steps(533), Steps(533), Steps(533)]
+        else:
+            assert method.training == Steps(3200)
 
 
 def test_iterative_techniques_of_the_paper_study_share_their_pretraining():

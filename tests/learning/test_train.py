@@ -15,7 +15,7 @@ from surefoot.config import Steps, TrainingConfig
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.observation import INPUT_SIZE
+from surefoot.learning.observation import INPUT_SIZE, OBSERVATION_SIZE
 from surefoot.learning.policy import Policy
 from surefoot.learning.samples import WIDTH, derive, held_out
 from surefoot.learning.symmetry import Mirror, Mirrored
@@ -105,6 +105,41 @@ def test_the_learning_rate_follows_the_schedule(monkeypatch):
     run(epochs=3, config=replace(TRAINING, schedule="cosine"))
     expected = 1e-3 * (1 + np.cos(np.pi * np.arange(steps) / steps))
     np.testing.assert_allclose(rates, expected, atol=1e-9)
+
+
+def test_noise_moves_observations_only_and_by_the_share_asked_for(monkeypatch):
+    seen = []
+    step = train_module.TrainingStep.__call__
+
+    def recorded(self, rows):
+        seen.append(rows.clone())
+        step(self, rows)
+
+    monkeypatch.setattr(train_module.TrainingStep, "__call__", recorded)
+    network = run(epochs=1).network
+    clean = torch.cat(seen)
+    seen.clear()
+    run(epochs=1, config=replace(TRAINING, input_noise=0.2))
+    noise = torch.cat(seen) - clean
+    assert torch.equal(noise[:, OBSERVATION_SIZE:], torch.zeros_like(noise[:, OBSERVATION_SIZE:]))
+    share = noise[:, :OBSERVATION_SIZE].std(0) / network.scale[:OBSERVATION_SIZE]
+    torch.testing.assert_close(share, torch.full_like(share, 0.2), rtol=0.1, atol=0.0)
+
+
+def test_a_fit_with_noise_and_decay_killed_in_any_epoch_ends_with_the_same_bits(tmp_path):
+    config = replace(TRAINING, input_noise=0.1, weight_decay=0.5, schedule="cosine")
+
+    def die(*_):
+        raise Killed
+
+    for _ in range(2):
+        with pytest.raises(Killed):
+            run(epochs=3, config=config, checkpoint=tmp_path / "checkpoint", progress=die)
+    resumed = run(epochs=3, config=config, checkpoint=tmp_path / "checkpoint")
+    whole = run(epochs=3, config=config)
+    assert torch.equal(weights(resumed.network), weights(whole.network))
+    assert resumed.train_loss == whole.train_loss
+    assert not torch.equal(weights(whole.network), weights(run(epochs=3).network))
 
 
 def test_the_incomplete_batch_of_an_epoch_is_dropped():

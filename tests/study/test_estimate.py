@@ -29,5 +29,7 @@ def test_steps_are_those_of_all_trainings(name):
     if name == "behavior_cloning":
         assert training_work(replace(config, method=method)).steps == 300
     else:
-        method = replace(method, pretraining_steps=50)
+        method = replace(method, pretraining_steps=50, steps_before_last=None)
         assert training_work(replace(config, method=method)).steps == 1050
+        method = replace(method, steps_before_last=10)
+        assert training_work(replace(config, method=method)).steps == 50 + 9 * 10 + 100

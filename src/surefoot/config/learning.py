@@ -64,6 +64,15 @@ class TrainingConfig(Checked):
     """Frames in a step; the last incomplete batch is dropped (paper)."""
     schedule: Schedule = "constant"
     """The learning rate stays `constant` (paper), or falls to zero over a fit as a `cosine`."""
+    weight_decay: Annotated[float, Within(0.0, 100.0)] = 0.0
+    """How fast weights fall toward zero where the data do not hold them: each step takes the share
+    `learning_rate` x `weight_decay` off them (AdamW); 0 lets them be (paper). What is left of the
+    random first weights decides what a policy does in states that the data hardly show, so the
+    decay makes small trainings less a matter of luck."""
+    input_noise: Annotated[float, Within(0.0, 10.0)] = 0.0
+    """Noise on the observation that the network sees in training, new in each step, with this share
+    of each number's standard deviation over the data; targets, gait clock and command stay as they
+    are. 0 is none (paper)."""
     validation: Annotated[float, Within(0.0, 0.9)] = 0.1
     """Share of the episodes that is held out for validation, chosen by episode id."""
     threads: Annotated[int, Within(1, 1024)] = 1

@@ -131,6 +131,21 @@ class IterativeConfig(Checked):
     """Steps of the optimizer in the pre-training, instead of `pretraining_epochs`."""
     steps: StepCount | None = None
     """Steps of the optimizer in an iteration, instead of `epochs`."""
+    steps_before_last: StepCount | None = None
+    """Steps of the optimizer in every iteration before the last, while data are still to come;
+    without it, each trains as long as the last one (paper)."""
+
+    def training_in(self, iteration: int) -> int | Steps:
+        """How long the training of an iteration lasts: a number of passes over the data, or steps.
+
+        Args:
+            iteration: The iteration i; 0 is the pre-training.
+        """
+        if iteration == 0:
+            return self.first_training
+        if iteration < self.iterations and self.steps_before_last is not None:
+            return Steps(self.steps_before_last)
+        return self.training
 
     @property
     def first_training(self) -> int | Steps:
@@ -141,7 +156,7 @@ class IterativeConfig(Checked):
 
     @property
     def training(self) -> int | Steps:
-        """How long the training of an iteration lasts: passes over the data, or steps."""
+        """How long the training of the last iteration lasts: passes over the data, or steps."""
         return self.epochs if self.steps is None else Steps(self.steps)
 
 

@@ -179,11 +179,13 @@ def _pushed_once(impulse: float) -> Measurement:
 
 def _regime_techniques() -> tuple[Technique, ...]:
     """The arms of the regimes."""
+    # Trained as the regimes were first measured, whatever the preset does since then.
     common: Options = {
         # A run's own luck is 25 points: 40 initial states choose among its policies well enough.
         "evaluation.episodes": 40,
         "chunk": 50,  # a job has one core, and the network is faster on more robots
         "training.validation": 0.15,
+        "training.weight_decay": 0.0,
         "collection.pushes": 0,
         "collection.expert_impulse": (0.0, 0.0),
     }
@@ -209,9 +211,11 @@ def _regime_techniques() -> tuple[Technique, ...]:
         "method.pretraining.perturbations": 1,
         "method.pretraining.nominal": False,
         "method.pretraining.duration": 0.8,
+        "method.pretraining_epochs": 16,
         "method.pretraining_steps": _STEPS // 2,
         "method.iterations": _ITERATIONS,
         "method.steps": _STEPS // 2 // _ITERATIONS,
+        "method.steps_before_last": None,
         "method.velocities": 10,
         "method.perturbations": 2,
     }

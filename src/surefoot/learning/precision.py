@@ -118,7 +118,7 @@ def step_seconds(
     with torch_threads(config.threads):
         for name in get_args(NumberFormat):
             own = copy.deepcopy(network).to(device).train()
-            optimizer = make_optimizer(own, config.learning_rate, device)
+            optimizer = make_optimizer(own, config, device)
             steps[name] = TrainingStep(own, optimizer, batch, name, device)
             times[name] = []
             for _ in range(FEWEST_ROUNDS):

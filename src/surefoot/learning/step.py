@@ -14,7 +14,7 @@ from typing import Any, get_args
 import torch
 from torch import Tensor
 
-from surefoot.config import Device, NumberFormat
+from surefoot.config import Device, NumberFormat, TrainingConfig
 from surefoot.errors import unknown
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
@@ -62,12 +62,23 @@ def torch_threads(count: int) -> Iterator[None]:
 
 
 def make_optimizer(
-    network: PolicyNetwork, learning_rate: float, device: torch.device
+    network: PolicyNetwork, config: TrainingConfig, device: torch.device
 ) -> torch.optim.Optimizer:
-    """Adam, with its learning rate on the device, where a graph can read it."""
-    rate = torch.tensor(learning_rate, device=device)
+    """Adam, with its learning rate on the device, where a graph can read it.
+
+    Args:
+        network: The network, on the device.
+        config: Learning rate and weight decay. The decay is decoupled from the gradients (AdamW);
+            without it the steps are those of plain Adam, to the bit.
+        device: The device that computes.
+    """
     return torch.optim.Adam(
-        network.parameters(), lr=rate, fused=True, capturable=device.type == "cuda"
+        network.parameters(),
+        lr=torch.tensor(config.learning_rate, device=device),
+        weight_decay=config.weight_decay,
+        decoupled_weight_decay=True,
+        fused=True,
+        capturable=device.type == "cuda",
     )
 
 

@@ -28,7 +28,7 @@ from surefoot.learning.checkpoint import Losses, load_checkpoint, save_checkpoin
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.observation import INPUT_SIZE
+from surefoot.learning.observation import INPUT_SIZE, OBSERVATION_SIZE
 from surefoot.learning.policy import PolicySpec
 from surefoot.learning.precision import choose_precision
 from surefoot.learning.samples import ROWS_AT_A_TIME, WIDTH, TrainingSamples, derive, held_out
@@ -156,13 +156,14 @@ def fit(
         if not network.has_normalisers:
             mean, deviation = samples.training.moments()
             network.set_normalizers(mean[:INPUT_SIZE], deviation[:INPUT_SIZE])
-        optimizer = make_optimizer(network, config.learning_rate, device)
+        optimizer = make_optimizer(network, config, device)
         if checkpoint is not None:
             losses = load_checkpoint(checkpoint, key, network, optimizer)
         step = TrainingStep(network, optimizer, config.batch, precision, device)
         for epoch in range(len(losses), passes):
             network.train()
-            train_loss = _train_epoch(step, samples.training, config, seed, epoch, steps)
+            scale = config.input_noise * network.scale[:OBSERVATION_SIZE]
+            train_loss = _train_epoch(step, samples.training, config, seed, epoch, steps, scale)
             losses.append((train_loss, _validate(network, samples.validation, device)))
             if not np.isfinite(train_loss):
                 raise FloatingPointError(
@@ -252,6 +253,7 @@ def _train_epoch(
     seed: int,
     epoch: int,
     steps: int,
+    noise: Tensor,
 ) -> float:
     """Take all steps of an epoch, or those that are left, and return their mean loss [rad].
 
@@ -262,15 +264,20 @@ def _train_epoch(
         seed: Seed of the whole fit.
         epoch: Number of the epoch, from 0.
         steps: Number of steps of the whole fit.
+        noise: ``(42,)`` standard deviation of the noise on the observation, on the device.
     """
     batches = samples.batches(config.batch)
     first = epoch * batches
     count = min(batches, steps - first)
     minibatches = _minibatches(samples, config.batch, _generator(seed, epoch), step.device)
+    noise_source = _generator(seed, epoch, stream=1)
     for number, rows in enumerate(islice(minibatches, count), first):
         if config.schedule == "cosine":
             share = 0.5 * (1 + math.cos(math.pi * number / steps))
             step.set_learning_rate(config.learning_rate * share)
+        if config.input_noise > 0.0:
+            drawn = torch.randn(config.batch, OBSERVATION_SIZE, generator=noise_source)
+            rows[:, :OBSERVATION_SIZE] += drawn.to(step.device) * noise
         step(rows)
     return step.take_loss() / count
 
@@ -278,7 +285,7 @@ def _train_epoch(
 def _minibatches(
     samples: TrainingSamples, batch: int, order: torch.Generator, device: torch.device
 ) -> Iterator[Tensor]:
-    """``(batch, 59)`` rows in random order; the last incomplete one of a buffer is dropped."""
+    """``(batch, 59)`` rows in random order, copied; a buffer's incomplete last one is dropped."""
     for buffer in samples.buffers(order):
         whole = len(buffer) // batch
         permutation = torch.randperm(len(buffer), generator=order)[: whole * batch]
@@ -302,9 +309,16 @@ def _validate(network: PolicyNetwork, samples: TrainingSamples, device: torch.de
     return total.item() / (len(samples) * (WIDTH - INPUT_SIZE))
 
 
-def _generator(seed: int, epoch: int) -> torch.Generator:
-    """The randomness of an epoch, which does not depend on the epochs before it."""
-    number = np.random.SeedSequence([seed, epoch]).generate_state(1, np.uint64)[0]
+def _generator(seed: int, epoch: int, stream: int = 0) -> torch.Generator:
+    """The randomness of an epoch, which does not depend on the epochs before it.
+
+    Args:
+        seed: Seed of the whole fit.
+        epoch: Number of the epoch, from 0.
+        stream: 0 for the order of the rows, 1 for the noise on them.
+    """
+    entropy = [seed, epoch, stream] if stream else [seed, epoch]
+    number = np.random.SeedSequence(entropy).generate_state(1, np.uint64)[0]
     return torch.Generator().manual_seed(int(number))
 
 

@@ -52,7 +52,7 @@ def dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path
         # Sample trajectories, D <- D u {(s, pi*(s))}
         collect_data(run, k, collection(run, k, plan), workers)
         # Train pi_{i+1} on D
-        train_policy(run, k, method.training if k > 0 else method.first_training)
+        train_policy(run, k, method.training_in(k))
         validate_policy(run, k, workers)
         last = k
 

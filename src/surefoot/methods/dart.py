@@ -85,7 +85,7 @@ def dart(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
         # Fit the noise, and collect under it
         collect_data(run, i, collection(run, i, plan), workers)
         # Train pi_i on D
-        train_policy(run, i, method.training)
+        train_policy(run, i, method.training_in(i))
         validate_policy(run, i, workers)
         last = i
 

@@ -62,7 +62,7 @@ def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
         # Policy rollout, and data collection from its states
         collect_data(run, i, collection(run, i, plan), workers)
         # Train pi_i on D
-        train_policy(run, i, method.training)
+        train_policy(run, i, method.training_in(i))
         validate_policy(run, i, workers)
         last = i
 

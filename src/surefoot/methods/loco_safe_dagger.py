@@ -70,7 +70,7 @@ def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = Non
         # Policy rollout + data collection, and the extra data collection of T_end
         collect_data(run, i, collection(run, i, plan), workers)
         # Train pi_i on D
-        train_policy(run, i, method.training)
+        train_policy(run, i, method.training_in(i))
         train_gates(run, i, method.gates, alarm=method.alarm)
         validate_policy(run, i, workers)
         last = i

@@ -69,7 +69,7 @@ def safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
         # Roll out pi_i, D <- D u D'
         collect_data(run, i, collection(run, i, plan), workers)
         # Train pi_{i+1} on D, and pi_safe
-        train_policy(run, i, method.training)
+        train_policy(run, i, method.training_in(i))
         train_gates(run, i, ["classifier"], method.unsafe_share)
         validate_policy(run, i, workers)
         last = i

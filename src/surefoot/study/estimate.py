@@ -182,7 +182,7 @@ def training_work(config: Config) -> Work:
             driven = Work(kept * PLANS_PER_SECOND, seconds + tail)
         paid = _paid_by(share, driven)
         frames += kept * TICKS_PER_SECOND * paid.plans / max(driven.plans, 1.0)
-        work = work + paid + _training_steps(config, frames, method.training) + validation
+        work = work + paid + _training_steps(config, frames, method.training_in(i)) + validation
     return work + validation
 
 
