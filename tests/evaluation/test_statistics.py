@@ -80,7 +80,7 @@ def test_paired_difference_is_the_bootstrap_of_scipy():
     b = a + rng.normal(0.1, 0.5, 200)
     paired = paired_difference(a, b)
     expected = bootstrap(
-        (a - b,), np.mean, n_resamples=20_000, method="percentile"
+        (a - b,), np.mean, n_resamples=20_000, method="percentile", rng=rng
     ).confidence_interval
     assert paired.pairs == 200
     assert paired.difference == pytest.approx(a.mean() - b.mean())

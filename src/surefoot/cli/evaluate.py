@@ -115,7 +115,7 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
         from surefoot.evaluation.robustness import success_difference
 
         robustness, pushes = self.measure_controller(policy, config)
-        starts = load_starts(self.starts).first(self.split, config.evaluation.episodes)
+        starts = starts_of(config).first(self.split, config.evaluation.episodes)
         report = EvaluationReport(
             **vars(robustness),
             policy=str(policy),
