@@ -296,7 +296,7 @@ class Planner:
         valid = bool(
             np.isfinite(q).all()
             and np.isfinite(v).all()
-            and np.abs(torque).max() <= MOST_TORQUE * self._robot.torque_limit
+            and (np.abs(torque) <= MOST_TORQUE * self._robot.torque_limit).all()
             and np.abs(away).max() <= FARTHEST_JOINT
             and centroidal.residual <= self._config.max_residual
         )

@@ -219,7 +219,7 @@ class _Drivers:
         expert: Controller,
         policy: Controller | None,
         command: Array,
-        torque_limit: float,
+        torque_limit: Array,
         ask_always: bool,
     ) -> None:
         self._expert = expert

@@ -14,15 +14,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from xml.etree import ElementTree
 
 import numpy as np
 
 from surefoot.config import SimulationConfig
-from surefoot.robots.model import RobotModel, Shape, standing
+from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import rotation
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
+from surefoot.sim.urdf import TRUNK, write_urdf
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
 
 
@@ -52,8 +52,8 @@ NO_LIMIT = 1e30
 def to_bullet(q: Array, v: Array) -> tuple[Array, Array]:
     """Convert Pinocchio's q and v to PyBullet's, which has base velocities in the world frame.
 
-    Quaternions are xyzw in both. PyBullet's base is the inertial frame of the base link, which is
-    the base frame itself for the robots that `BulletSimulator` accepts.
+    Quaternions are xyzw in both. PyBullet's base is the inertial frame of the base link, which
+    `sim.urdf` makes the base frame itself.
 
     Args:
         q: ``(B, 19)`` configurations.
@@ -84,66 +84,6 @@ def from_bullet(q: Array, v: Array) -> tuple[Array, Array]:
     return q.copy(), base
 
 
-def build_urdf(robot: RobotModel) -> str:
-    """Return the robot's URDF with the shapes of `RobotModel.shapes` for its collision meshes.
-
-    Joints turn without limits, which would only hide a broken controller, and without damping.
-
-    Args:
-        robot: The robot.
-    """
-    root = ElementTree.fromstring(robot.urdf.read_text())
-    shapes: dict[str, Shape] = {shape.link: shape for shape in robot.shapes}
-    for link in root.iter("link"):
-        for tag in ("visual", "collision", "contact"):
-            for element in link.findall(tag):
-                link.remove(element)
-        shape = shapes.get(link.get("name", ""))
-        if shape is None:
-            continue
-        # Of the friction of two bodies PyBullet takes the product; the floor has the pair's.
-        contact = ElementTree.SubElement(link, "contact")
-        coefficients = {"lateral_friction": 1.0}
-        for name in ("lateral_friction", "rolling_friction", "spinning_friction", "restitution"):
-            value = str(coefficients.get(name, 0.0))
-            ElementTree.SubElement(contact, name, {"value": value})
-        link.append(_collision(shape))
-    for joint in root.iter("joint"):
-        if joint.get("type") == "revolute":
-            joint.set("type", "continuous")
-        for tag in ("limit", "dynamics"):
-            for element in joint.findall(tag):
-                joint.remove(element)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _collision(shape: Shape) -> ElementTree.Element:
-    """Return a shape as a URDF element; capsules lie along z, so they are turned into place."""
-    start = np.array(shape.start)
-    end = np.array(shape.end)
-    axis = end - start
-    length = float(np.linalg.norm(end - start))
-    roll = pitch = 0.0
-    if len(shape.size) == 3:
-        kind = "box"
-        size = {"size": " ".join(repr(2 * half) for half in shape.size)}
-    elif length == 0.0:
-        kind = "sphere"
-        size = {"radius": repr(shape.size[0])}
-    else:
-        kind = "capsule"
-        size = {"radius": repr(shape.size[0]), "length": repr(length)}
-        # Ry(pitch) Rx(roll) takes z to this axis.
-        roll = -np.arcsin(axis[1] / length)
-        pitch = np.arctan2(axis[0], axis[2])
-    collision = ElementTree.Element("collision")
-    middle = " ".join(repr(float(x)) for x in (start + end) / 2)
-    origin = {"xyz": middle, "rpy": f"{float(roll)!r} {float(pitch)!r} 0"}
-    ElementTree.SubElement(collision, "origin", origin)
-    ElementTree.SubElement(ElementTree.SubElement(collision, "geometry"), kind, size)
-    return collision
-
-
 class BulletSimulator:
     """``Simulator`` on PyBullet.
 
@@ -168,9 +108,14 @@ class BulletSimulator:
             config: The settings of the contacts; the defaults if it is None.
 
         Raises:
-            ValueError: The inertial frame of the robot's base is not the base frame.
+            ValueError: The robot's joints have an armature, which PyBullet does not know.
             RuntimeError: PyBullet has no room for so many robots in one process.
         """
+        if robot.model.armature.any():
+            raise ValueError(
+                f"{robot.name}: PyBullet knows no armature of joints, and its spec has "
+                f"{robot.spec.armature} kg m^2; use MuJoCo"
+            )
         self.robot = robot
         self.batch = batch
         self._config = config or SimulationConfig()
@@ -178,7 +123,7 @@ class BulletSimulator:
         self._masses = masses_of(robot)
         folder = TemporaryDirectory(prefix="surefoot-")
         self._urdf = Path(folder.name) / f"{robot.name}.urdf"
-        self._urdf.write_text(build_urdf(robot))
+        self._urdf.write_text(write_urdf(robot))
         self.clients: list[int] = []
         weakref.finalize(self, _close, self.clients, folder)
         for _ in range(batch):
@@ -229,19 +174,32 @@ class BulletSimulator:
         body = pybullet.loadURDF(
             str(self._urdf), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
         )
-        mass, _, inertia, *_ = pybullet.getDynamicsInfo(body, -1, physicsClientId=client)
+        for link in self._base_links(row, body):
+            mass, _, inertia, *_ = pybullet.getDynamicsInfo(body, link, physicsClientId=client)
+            pybullet.changeDynamics(
+                body,
+                link,
+                mass=self._mass[row] * mass,
+                # A new mass alone would bring the inertia of the collision shape.
+                localInertiaDiagonal=[self._mass[row] * moment for moment in inertia],
+                physicsClientId=client,
+            )
+        # Together with these PyBullet would give the mass of any link to the base.
         pybullet.changeDynamics(
             body,
             -1,
-            mass=self._mass[row] * mass,
-            # A new mass alone would bring the inertia of the collision shape.
-            localInertiaDiagonal=[self._mass[row] * moment for moment in inertia],
             linearDamping=0.0,
             angularDamping=0.0,
             maxJointVelocity=NO_LIMIT,
             physicsClientId=client,
         )
         return body
+
+    def _base_links(self, row: int, body: int) -> tuple[int, ...]:
+        """Return PyBullet's indices of the links that are the base; see `sim.urdf`."""
+        # The trunk comes first, if there is one: its joint is the first on the base.
+        info = pybullet.getJointInfo(body, 0, physicsClientId=self.clients[row])
+        return (-1, 0) if info[12].decode() == TRUNK else (-1,)
 
     def _indices(self, robot: RobotModel) -> tuple[list[int], list[int]]:
         """Return PyBullet's indices of the twelve joints and of the four feet."""
@@ -252,12 +210,6 @@ class BulletSimulator:
             info = pybullet.getJointInfo(self.body, index, physicsClientId=client)
             joints[info[1].decode()] = index
             links[info[12].decode()] = index
-        base = pybullet.getDynamicsInfo(self.body, -1, physicsClientId=client)
-        if any(base[3]) or base[4] != (0.0, 0.0, 0.0, 1.0):
-            raise ValueError(
-                f"{robot.name}: the inertial frame of its base is not the base frame, which "
-                "PyBullet would take for it; use MuJoCo"
-            )
         return [joints[name] for name in JOINTS], [links[f"{leg}_FOOT"] for leg in LEGS]
 
     def _place(self, row: int) -> None:

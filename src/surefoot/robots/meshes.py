@@ -1,0 +1,82 @@
+"""The meshes that pictures of a robot show; nothing else needs them.
+
+Pinocchio reads them, in any format that a URDF may name, and turns all into triangles.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from surefoot.robots.canonical import BASE, PARTS
+from surefoot.robots.description import read_description
+from surefoot.robots.model import RobotModel
+from surefoot.types import LEGS, Array
+
+
+class Mesh(NamedTuple):
+    """A mesh of a link.
+
+    Attributes:
+        link: The link that carries it, by its canonical name.
+        placement: The mesh in the frame of that link.
+        vertices: ``(n, 3)`` corners of the triangles [m].
+        triangles: ``(m, 3)`` three corners of each triangle.
+        color: ``(4,)`` red, green, blue and opacity.
+    """
+
+    link: str
+    placement: pin.SE3
+    vertices: Array
+    triangles: Array
+    color: Array
+
+
+def visual_meshes(robot: RobotModel) -> list[Mesh]:
+    """Read the meshes of a robot's description; it takes seconds for some.
+
+    Args:
+        robot: The robot.
+
+    Raises:
+        ValueError: A mesh is missing, or cannot be read.
+    """
+    description = read_description(robot.spec)
+    packages = [str(folder) for folder in description.path.parents]
+    source = description.model
+    try:
+        geometry = pin.buildGeomFromUrdf(
+            source, str(description.path), pin.GeometryType.VISUAL, package_dirs=packages
+        )
+    except (ValueError, RuntimeError) as error:
+        raise ValueError(f"{robot.name}: its meshes cannot be read ({error})") from error
+    names = {}
+    for number, leg in enumerate(robot.spec.legs):
+        for pattern, part in zip(robot.spec.joints, PARTS, strict=True):
+            names[pattern.replace("{leg}", leg)] = f"{LEGS[number]}_{part}"
+    data = source.createData()
+    pin.forwardKinematics(source, data, pin.neutral(source))
+    meshes = []
+    for visual in geometry.geometryObjects:
+        if not visual.meshPath or visual.geometry.getObjectType().name != "OT_BVH":
+            continue
+        # A mesh of a locked joint belongs to the first joint above it that is not locked.
+        joint = visual.parentJoint
+        while joint > 1 and source.names[joint] not in names:
+            joint = source.parents[joint]
+        placement = data.oMi[joint].actInv(data.oMi[visual.parentJoint]) * visual.placement
+        shape = visual.geometry
+        corners = map(shape.tri_indices, range(shape.num_tris))
+        triangles = [(corner[0], corner[1], corner[2]) for corner in corners]
+        meshes.append(
+            Mesh(
+                names.get(source.names[joint], BASE),
+                placement,
+                np.array(shape.vertices()),
+                np.array(triangles),
+                np.array(visual.meshColor),
+            )
+        )
+    return meshes
