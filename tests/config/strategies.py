@@ -14,8 +14,8 @@ from surefoot.config import (
     RobotConfig,
 )
 from surefoot.config.checked import Checked, Rising, Within
+from surefoot.config.robot_table import GO2, ROBOTS
 from surefoot.config.robots import RobotSpec
-from surefoot.robots.table import GO2, ROBOTS
 
 
 def config_classes() -> list[type[Checked]]:

@@ -12,8 +12,8 @@ from surefoot.cli.main import parse
 from surefoot.config import Config, TrainingConfig
 from surefoot.config.checked import Checked, Rising, Within
 from surefoot.config.json_io import from_json
+from surefoot.config.robot_table import GO2
 from surefoot.config.robots import RobotConfig, RobotSpec
-from surefoot.robots.table import GO2
 from tests.config.strategies import config_classes, configs, field_hints, rules_of
 
 CLASSES = config_classes()

@@ -6,8 +6,8 @@ import pytest
 
 from surefoot.config import RobotConfig
 from surefoot.config.json_io import from_json, to_json
+from surefoot.config.robot_table import GO2, ROBOTS
 from surefoot.config.robots import RobotSpec
-from surefoot.robots.table import GO2, ROBOTS
 
 
 @pytest.mark.parametrize(

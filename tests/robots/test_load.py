@@ -11,12 +11,12 @@ import pytest
 
 from surefoot.config import RobotConfig
 from surefoot.config.json_io import to_json
+from surefoot.config.robot_table import ANYMAL_C, GO2, HYQ, ROBOTS, SOLO12
 from surefoot.robots.canonical import joint_axes
 from surefoot.robots.description import find_urdf, read_description
 from surefoot.robots.load import find_spec, load_robot, read_spec
 from surefoot.robots.model import standing
 from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
-from surefoot.robots.table import ANYMAL_C, GO2, HYQ, ROBOTS, SOLO12
 from surefoot.types import JOINTS, LEGS
 
 NAMES = list(ROBOTS)
@@ -298,7 +298,7 @@ def test_a_pose_that_does_not_stand_is_refused():
 
 
 def test_a_description_without_torque_limits_needs_them_in_the_spec():
-    with pytest.raises(ValueError, match="not every joint has a torque limit.*`torque_limit`"):
+    with pytest.raises(ValueError, match=r"not every joint has a torque limit.*`torque_limit`"):
         load_robot(replace(SOLO12, torque_limit=None))
 
 

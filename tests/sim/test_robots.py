@@ -8,9 +8,9 @@ import pinocchio as pin
 import pytest
 
 from surefoot.config import SimulationConfig
+from surefoot.config.robot_table import ROBOTS
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel, standing
-from surefoot.robots.table import ROBOTS
 from surefoot.rotations import rotation
 from surefoot.sim import make_simulator
 from surefoot.sim.mujoco import to_mujoco

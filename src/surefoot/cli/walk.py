@@ -87,7 +87,7 @@ class Walk(OnSimulator):
 
     def __call__(self) -> int:
         """Walk, print, film; 1 if the robot fell, or the expert gave up."""
-        from surefoot.robots.solo12 import solo12
+        from surefoot.robots.load import load_robot
         from surefoot.rollouts.arbiters import ExpertOnly
         from surefoot.rollouts.episodes import Episodes
         from surefoot.rollouts.jobs import Job, play_out
@@ -100,7 +100,9 @@ class Walk(OnSimulator):
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
         config = self.simulated(self.config)
-        job = Job(config, Episodes(standing_start(command), self.seconds), ExpertOnly())
+        job = Job(
+            config, Episodes(standing_start(command, config.robot), self.seconds), ExpertOnly()
+        )
         with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
             rollouts, expert = play_out(job, progress=bar.update)
         report = walk_report(rollouts, expert, command)
@@ -108,7 +110,7 @@ class Walk(OnSimulator):
         warn_of_divergence(rollouts)
         if self.video:
             q = rollouts.q[0, : max(int(rollouts.length[0]), 1)]
-            recording = Recording(solo12(config.robot), config.simulation, q)
+            recording = Recording(load_robot(config.robot), config.simulation, q)
             film_episode(recording, self.out, f"expert, vx {self.vx:.2f} m/s")
         return int(rollouts.failed[0])
 

@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from surefoot.config import ExpertConfig, Gait
+from surefoot.config.checked import known
 from surefoot.mpc.schedule import in_stance, node_ticks, swing_fraction
 from surefoot.robots.model import RobotModel
 from surefoot.types import GRAVITY, TICKS_PER_SECOND, Array, BoolArray, Command
@@ -76,15 +77,19 @@ class ContactPlan:
     via: BoolArray
 
 
-def hip_offsets(robot: RobotModel, outward: float) -> Array:
+def hip_offsets(robot: RobotModel, outward: float | None) -> Array:
     """Return the nominal footholds ``(4, 2)`` relative to the center of mass [m], heading frame.
 
     Args:
         robot: The robot, in its nominal pose.
-        outward: How far a foothold lies outside of its hip [m].
+        outward: How far a foothold lies outside of its hip [m]. None takes the nominal feet, moved
+            so that their center is below the center of mass.
     """
     data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, robot.nominal)
+    pin.framesForwardKinematics(robot.model, data, robot.nominal)
+    if outward is None:
+        feet = np.array([data.oMf[foot].translation for foot in robot.feet])[:, :2]
+        return feet - feet.mean(axis=0)
     com = pin.centerOfMass(robot.model, data, robot.nominal)
     offset = np.array([data.oMi[hip].translation - com for hip in robot.hips])[:, :2]
     offset[:, 1] += np.sign(offset[:, 1]) * outward
@@ -110,7 +115,8 @@ def plan_contacts(rule: FootholdRule, start: HorizonStart) -> ContactPlan:
     early = (~active & (fraction < 0.5))[:, :, None]
     position = np.empty((len(active), 4, 3))
     position[:, :, :2] = np.where(early, below_hip, landing)
-    position[:, :, 2] = np.where(active, rule.foot_radius, gait.step_height)
+    step_height = known(gait.step_height, "gait.step_height")
+    position[:, :, 2] = np.where(active, rule.foot_radius, step_height)
     position[0] = start.feet
     # A foot that stays in stance stays where it was first.
     node = np.arange(len(active))[:, None]
@@ -139,7 +145,8 @@ def footholds(rule: FootholdRule, start: HorizonStart, time: Array) -> tuple[Arr
         below_hip = below_hip + time * v
         return below_hip, below_hip + stride
     below_hip = below_hip + travel_along_arc(v, w, time)
-    capture = (time + config.capture_time) * part_beyond(start.excess, config.capture_deadband)
+    ahead = known(config.capture_time, "expert.capture_time")
+    capture = (time + ahead) * part_beyond(start.excess, config.capture_deadband)
     return below_hip, below_hip + rotate_horizontal(stride, w * time) + capture
 
 

@@ -23,6 +23,7 @@ import pinocchio as pin
 from numba import njit
 
 from surefoot.config import KinematicConfig
+from surefoot.config.checked import known
 from surefoot.mpc.footholds import ContactPlan
 from surefoot.mpc.kinematic_costs import (
     Motion,
@@ -34,6 +35,7 @@ from surefoot.mpc.kinematic_costs import (
 from surefoot.mpc.riccati import NV, QuadraticModel, riccati
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import difference, feet, integrate, legs_of
+from surefoot.robots.scaling import own_kinematic
 from surefoot.types import Array
 
 STEPS = (1.0, 0.5, 0.25, 0.125, 0.03125)
@@ -97,12 +99,12 @@ class KinematicSolver:
 
     Args:
         robot: The robot.
-        config: The nodes, weights and stopping rule.
+        config: The nodes, weights and stopping rule; None is the robot's own.
     """
 
     def __init__(self, robot: RobotModel, config: KinematicConfig) -> None:
         self._model = robot.model
-        self._config = config
+        self._config = own_kinematic(config, robot)
         self._data = robot.model.createData()
         self._legs = legs_of(robot)
         self._state_weight = config.state_weight * np.concatenate(
@@ -218,7 +220,7 @@ class KinematicSolver:
             self._state_weight,
             self._control_weight,
             config.foot_weight,
-            config.momentum_weight,
+            known(config.momentum_weight, "expert.kinematic.momentum_weight"),
         )
 
     def _evaluate(self, p: ProblemArrays, motion: Motion) -> _Iterate:

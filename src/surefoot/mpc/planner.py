@@ -17,6 +17,7 @@ import pinocchio as pin
 from numba import njit
 
 from surefoot.config import ExpertConfig, Gait
+from surefoot.config.checked import known
 from surefoot.mpc.centroidal import CentroidalPlan, CentroidalProblem, solve_centroidal
 from surefoot.mpc.footholds import (
     ContactPlan,
@@ -31,6 +32,7 @@ from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSo
 from surefoot.mpc.schedule import node_ticks
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import feet, legs_of
+from surefoot.robots.scaling import own_expert, own_gait
 from surefoot.types import GRID, TICKS_PER_SECOND, Array, Command, MotionPlan, State
 
 PLAN_TICKS = 2 * GRID
@@ -90,14 +92,16 @@ class Planner:
 
     Args:
         robot: The robot.
-        gait: The timing and posture.
-        config: The horizon, weights and stopping rules.
+        gait: The timing and posture; None is the robot's own.
+        config: The horizon, weights and stopping rules; None is the robot's own.
         friction: The coefficient of the force cone, which should be the simulator's.
     """
 
     def __init__(
         self, robot: RobotModel, gait: Gait, config: ExpertConfig, friction: float
     ) -> None:
+        gait = own_gait(gait, robot)
+        config = own_expert(config, robot)
         self._robot = robot
         self._gait = gait
         self._config = config
@@ -233,7 +237,7 @@ class Planner:
         w = velocity.yaw_rate
         reference = np.zeros((len(time), 9))
         reference[:, :2] = x0[:2] + travel_along_arc(v, w, time[:, None])
-        reference[:, 2] = self._gait.com_height
+        reference[:, 2] = known(self._gait.com_height, "gait.com_height")
         reference[:, 3:5] = rotate_horizontal(v, w * time[:, None])
         error = pin.log3(pin.Quaternion(q[3:7]).matrix().T)
         reference[:-1, 6:] = np.array(self._config.centroidal.orientation_gain) * error
@@ -268,7 +272,8 @@ class Planner:
             axis=1,
         )
         q_ref = np.tile(self._robot.nominal, (N + 1, 1))
-        q_ref[:, 2] = self._config.kinematic.base_height
+        height = known(self._config.kinematic.base_height, "expert.kinematic.base_height")
+        q_ref[:, 2] = height
         q_ref[:, 5] = np.sin(0.5 * velocity.yaw_rate * time)
         q_ref[:, 6] = np.cos(0.5 * velocity.yaw_rate * time)
         v_ref = np.zeros((N + 1, 18))

@@ -2,8 +2,8 @@
 
 A description has names, an order and a structure of its own. Every joint that is not one of the
 twelve is locked, and a new model is built of what is left: legs FL, FR, HL, HR, each with links
-SHOULDER, UPPER_LEG, LOWER_LEG and FOOT, joints HAA, HFE, KFE. A foot is a frame of its lower leg; it
-has the inertia of the description's foot link, or none where that is not one of a body. Everything
+SHOULDER, UPPER_LEG, LOWER_LEG and FOOT, joints HAA, HFE, KFE. A foot is a frame of its lower leg,
+with the inertia of the description's foot link, or none where that is not one of a body. Everything
 else of the package, the simulators included, is made from this model. Read `robots.load` next.
 """
 
@@ -126,9 +126,7 @@ def _locked(model: pin.Model, names: list[str]) -> pin.Model:
     return pin.buildReducedModel(model, others, q)
 
 
-def _check_chains(
-    source: pin.Model, names: list[str], feet: list[int], spec: RobotSpec
-) -> None:
+def _check_chains(source: pin.Model, names: list[str], feet: list[int], spec: RobotSpec) -> None:
     """Check that each leg is a chain from the base: abduction, flexion, knee, foot."""
     for number, leg in enumerate(spec.legs):
         chain = [source.getJointId(name) for name in names[3 * number : 3 * number + 3]]

@@ -67,10 +67,7 @@ def find_urdf(spec: RobotSpec) -> Path:
         ImportError: The package ``example-robot-data`` is missing.
     """
     path = Path(spec.urdf).expanduser()
-    if path.is_absolute():
-        candidates = [path]
-    else:
-        candidates = [robots_folder() / path, path]
+    candidates = [path] if path.is_absolute() else [robots_folder() / path, path]
     for candidate in candidates:
         if candidate.is_file():
             return candidate
@@ -114,7 +111,8 @@ def read_description(spec: RobotSpec) -> Description:
         inertias = {link.get("name", ""): _inertia(link) for link in root.iter("link")}
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    return Description(path, model, {name: I for name, I in inertias.items() if I is not None})
+    links = {name: own for name, own in inertias.items() if own is not None}
+    return Description(path, model, links)
 
 
 def frame_id(description: Description, name: str, robot: str) -> int:

@@ -1,6 +1,6 @@
 """Loads a robot: from its name, its spec, or a JSON or TOML file with a spec.
 
-Read `robots.model` for what comes of it, `robots.table` for the robots of the package, and
+Read `robots.model` for what comes of it, `config.robot_table` for the robots of the package, and
 `robots.canonical` for how a description becomes a model.
 """
 
@@ -15,12 +15,12 @@ import pinocchio as pin
 
 from surefoot.config.json_io import from_json
 from surefoot.config.json_text import parse_json, read_file
+from surefoot.config.robot_table import ROBOTS
 from surefoot.config.robots import RobotConfig, RobotSpec
 from surefoot.errors import unknown
 from surefoot.robots.canonical import canonical_model, joint_axes
 from surefoot.robots.description import Description, read_description
 from surefoot.robots.model import RobotModel, Shape, standing
-from surefoot.robots.table import ROBOTS
 from surefoot.types import LEGS, Array
 
 SUFFIXES = (".json", ".toml")
@@ -187,8 +187,8 @@ def _check_pose(robot: RobotModel) -> None:
             )
     if not (hips[:, 2] - feet[:, 2] > 2 * robot.foot_radius).all():
         raise ValueError(
-            f"{robot.name}: in the nominal pose its feet are {(hips - feet)[:, 2].tolist()} m below "
-            "its hips; give `front` and `hind` the angles of a standing posture"
+            f"{robot.name}: in the nominal pose its feet are {(hips - feet)[:, 2].tolist()} m "
+            "below its hips; give `front` and `hind` the angles of a standing posture"
         )
 
 

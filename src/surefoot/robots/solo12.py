@@ -1,4 +1,4 @@
-"""Solo12 (Grimminger et al., 2020), the robot of the paper; `robots.table` describes it."""
+"""Solo12 (Grimminger et al., 2020), the robot of the paper; `config.robot_table` describes it."""
 
 from __future__ import annotations
 

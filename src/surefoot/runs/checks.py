@@ -25,7 +25,7 @@ from surefoot.files import write_json
 from surefoot.learning.samples import held_out
 from surefoot.learning.step import choose_device
 from surefoot.mpc.identity import ExpertIdentity, difference, identity_of
-from surefoot.robots.solo12 import solo12
+from surefoot.robots.load import load_robot
 from surefoot.rollouts.jobs import PLANNER
 from surefoot.runs.budget import SECONDS_PER_SOLVE, first_allowance
 from surefoot.runs.metrics import Collected
@@ -128,7 +128,7 @@ def warn_of_own_expert(run: Run) -> None:
 
 def _identity(run: Run, plan: PlanFunction) -> ExpertIdentity:
     """The identity of a user's MPC; warns of one that gives other plans when it is asked again."""
-    identity = identity_of(plan, solo12(run.config.robot))
+    identity = identity_of(plan, load_robot(run.config.robot))
     if not identity.repeatable:
         warnings.warn(
             f"the expert {identity.name} gives another plan when it is asked again for the same "

@@ -17,8 +17,9 @@ from tqdm import tqdm
 from surefoot.config import Config, PerturbationConfig, Split
 from surefoot.mpc.expert import make_expert
 from surefoot.mpc.schedule import in_stance
+from surefoot.robots.load import load_robot
 from surefoot.robots.model import clip_torque, standing
-from surefoot.robots.solo12 import solo12
+from surefoot.robots.scaling import with_own_values
 from surefoot.scenarios.perturbation import perturb
 from surefoot.scenarios.starts import SPLITS, Starts, StartSet
 from surefoot.sim import make_simulator
@@ -91,6 +92,7 @@ def make_starts(
     Raises:
         ValueError: A state has no acceptable neighbor: the perturbation is too large.
     """
+    config = with_own_values(config)
     counts = sorted({size.velocities for size in sizes.values()})
     cycles = {count: settled_cycle(config, np.linspace(0, TOP_SPEED, count)) for count in counts}
     grid: dict[str, Starts] = {}
@@ -132,7 +134,7 @@ def settled_cycle(config: Config, speed: Array) -> GaitCycle:
     Returns:
         The states at the replanning instants of the last cycle.
     """
-    robot = solo12(config.robot)
+    robot = load_robot(config.robot)
     n = len(speed)
     simulator = make_simulator(robot, n, config.simulation)
     expert = make_expert(robot, config)
@@ -173,7 +175,7 @@ def _perturbed(
     starts: Starts, config: Config, perturbation: PerturbationConfig, rng: np.random.Generator
 ) -> Starts:
     """A random neighbor of each of the initial states, drawn in their order."""
-    robot = solo12(config.robot)
+    robot = load_robot(config.robot)
     q = np.empty_like(starts.q)
     v = np.empty_like(starts.v)
     for row in tqdm(range(len(starts)), desc="perturbed states"):

@@ -21,8 +21,8 @@ from tqdm import tqdm
 
 from surefoot.config import SimulationConfig
 from surefoot.files import check_output, write_atomic
+from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
-from surefoot.robots.solo12 import solo12
 from surefoot.rotations import heading, rotation
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray
 from surefoot.viz.renderer import RenderingUnavailable, child_process, pictures
@@ -187,7 +187,7 @@ def check_rendering() -> None:
     Raises:
         RenderingUnavailable: There is no OpenGL without a screen, or no ffmpeg.
     """
-    robot = solo12()
+    robot = load_robot()
     recording = Recording(robot, SimulationConfig(), np.tile(robot.nominal, (40, 1)))
     with TemporaryDirectory() as folder:
         film(recording, Path(folder) / "check.mp4", size=(64, 48))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from surefoot.config.robots import RobotSpec, Tuning
+from surefoot.config.robots import RobotConfig, RobotSpec, Tuning
 
 SOLO12 = RobotSpec(
     name="solo12",
@@ -119,3 +119,13 @@ ROBOTS: Mapping[str, RobotSpec] = {
     spec.name: spec for spec in (SOLO12, GO2, GO1, A1, ANYMAL_C, HYQ)
 }
 """The robots of the package, by name."""
+
+
+def tuning_of(robot: RobotConfig) -> Tuning:
+    """The values that a configured robot has of its own, as far as its spec is at hand.
+
+    Args:
+        robot: The robot's configuration; of one that names a file nothing is known here.
+    """
+    spec = robot.spec or ROBOTS.get(robot.model)
+    return Tuning() if spec is None else spec.tuning
