@@ -15,6 +15,10 @@ from surefoot.robots.description import read_description
 from surefoot.robots.model import RobotModel
 from surefoot.types import LEGS, Array
 
+MOST_AREA = 5.0
+"""A mesh whose triangles have more than this times the area of its bounding box is a tangle: of
+some COLLADA files with several parts, Pinocchio joins corners that do not belong together."""
+
 
 class Mesh(NamedTuple):
     """A mesh of a link.
@@ -37,19 +41,28 @@ class Mesh(NamedTuple):
 def visual_meshes(robot: RobotModel) -> list[Mesh]:
     """Read the meshes of a robot's description; it takes seconds for some.
 
+    Where the meshes to look at are a tangle, those to collide with serve.
+
     Args:
         robot: The robot.
 
     Raises:
         ValueError: A mesh is missing, or cannot be read.
     """
+    for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):
+        meshes = _meshes(robot, kind)
+        if not any(map(_is_tangle, meshes)):
+            return meshes
+    return []
+
+
+def _meshes(robot: RobotModel, kind: pin.GeometryType) -> list[Mesh]:
+    """The meshes of a robot's description of one kind."""
     description = read_description(robot.spec)
     packages = [str(folder) for folder in description.path.parents]
     source = description.model
     try:
-        geometry = pin.buildGeomFromUrdf(
-            source, str(description.path), pin.GeometryType.VISUAL, package_dirs=packages
-        )
+        geometry = pin.buildGeomFromUrdf(source, str(description.path), kind, package_dirs=packages)
     except (ValueError, RuntimeError) as error:
         raise ValueError(f"{robot.name}: its meshes cannot be read ({error})") from error
     names = {}
@@ -80,3 +93,11 @@ def visual_meshes(robot: RobotModel) -> list[Mesh]:
             )
         )
     return meshes
+
+
+def _is_tangle(mesh: Mesh) -> bool:
+    """Whether a mesh's triangles have far more area than its bounding box."""
+    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    x, y, z = np.ptp(mesh.vertices, axis=0)
+    return bool(area > MOST_AREA * 2 * (x * y + y * z + z * x))

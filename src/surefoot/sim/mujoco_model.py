@@ -6,6 +6,7 @@ in place of further computation. Read ``sim.mujoco`` next, which simulates a bat
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,6 +19,8 @@ from surefoot.robots.meshes import visual_meshes
 from surefoot.robots.model import RobotModel
 from surefoot.sim.protocol import TIME_STEP
 from surefoot.types import GRAVITY, LEGS
+
+logger = logging.getLogger(__name__)
 
 FORCE = slice(0, 4)
 """The sensors of the normal force on each foot [N]."""
@@ -44,8 +47,9 @@ def build_model(
     Args:
         robot: The robot.
         config: The friction and stiffness of the contacts; the defaults if it is None.
-        visual: True adds the description's meshes and a floor texture, sky, light and a camera that
-            follows the robot (``"track"``). The physics is the same to the bit.
+        visual: True adds the description's meshes, a floor texture, sky, light and a camera that
+            follows the robot (``"track"``). Without meshes, the shapes are shown. The physics is
+            the same to the bit.
     """
     config = config or SimulationConfig()
     spec = mujoco.MjSpec()
@@ -63,10 +67,10 @@ def build_model(
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     floor = {"size": [0, 0, 0.05], "contype": 1, "conaffinity": 0, **contact}
     spec.worldbody.add_geom(name="floor", type=plane, **floor)
-    _add_shapes(spec, robot, contact, group=3 if visual else 0)  # renderers hide group 3
+    shown = not (visual and _add_meshes(spec, robot))
+    _add_shapes(spec, robot, contact, group=0 if shown else 3)  # renderers hide group 3
     _add_sensors(spec, robot)
     if visual:
-        _add_meshes(spec, robot)
         _decorate(spec)
 
     option = spec.option
@@ -133,13 +137,18 @@ def _inertial(model: pin.Model, link: str) -> dict[str, Any]:
     }
 
 
-def _add_meshes(spec: mujoco.MjSpec, robot: RobotModel) -> None:
+def _add_meshes(spec: mujoco.MjSpec, robot: RobotModel) -> bool:
     """Add the description's meshes, for pictures: they have no mass and touch nothing.
 
-    Raises:
-        ValueError: A mesh is missing, or cannot be read.
+    Returns:
+        False if there is none; a mesh that is missing or cannot be read leaves none.
     """
-    for number, mesh in enumerate(visual_meshes(robot)):
+    try:
+        meshes = visual_meshes(robot)
+    except ValueError as error:
+        logger.warning("pictures show the shapes that meet the ground: %s", error)
+        return False
+    for number, mesh in enumerate(meshes):
         name = f"mesh-{number}"
         part = spec.add_mesh(
             name=name, uservert=mesh.vertices.ravel(), userface=mesh.triangles.ravel()
@@ -154,6 +163,7 @@ def _add_meshes(spec: mujoco.MjSpec, robot: RobotModel) -> None:
             mass=0.0,
             **_placed(mesh.placement),
         )
+    return bool(meshes)
 
 
 def _add_shapes(

@@ -22,6 +22,7 @@ from PIL import Image
 
 from surefoot.config import SimulationConfig
 from surefoot.robots.model import RobotModel
+from surefoot.robots.scaling import size_of
 from surefoot.sim.mujoco import to_mujoco
 from surefoot.sim.mujoco_model import build_model
 from surefoot.types import Array
@@ -33,6 +34,15 @@ FIX = "on Debian or Ubuntu: `make system`, or `apt-get install libegl1 libgl1-me
 
 class RenderingUnavailable(RuntimeError):  # noqa: N818
     """Something that pictures need is missing; the message says what, and how to fix it."""
+
+
+def view_scale(robot: RobotModel) -> float:
+    """How much larger than Solo12 a robot looks, to a tenth: its legs are that much longer.
+
+    Args:
+        robot: The robot.
+    """
+    return max(0.1, round(size_of(robot).length_ratio, 1))
 
 
 def pictures(
@@ -61,6 +71,8 @@ def pictures(
     environment = {**os.environ, "MUJOCO_GL": system}
     command = [sys.executable, "-m", __name__]
     count = 3 * size[0] * size[1]
+    # MuJoCo computes shadows, and cuts off what is near, by this length.
+    model.stat.extent = view_scale(robot)
     with child_process(command, failure, stdin=PIPE, stdout=PIPE, env=environment) as child:
         pickle.dump((model, qpos, camera, size), child.stdin)
         child.stdin.flush()
@@ -83,7 +95,6 @@ def draw_pictures() -> None:
     model.mat_texrepeat[:] = 1.0 / TILE
     model.vis.global_.offwidth = width
     model.vis.global_.offheight = height
-    model.stat.extent = 1.0  # [m] that shadows are computed for
     data = mujoco.MjData(model)
     view = mujoco.MjvCamera()
     with mujoco.Renderer(model, height, width) as renderer:
