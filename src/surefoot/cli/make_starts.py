@@ -8,12 +8,12 @@ from typing import Annotated
 
 import tyro
 
-from surefoot.cli.options import OnSimulator, Output, check_outputs
+from surefoot.cli.options import OnRobot, OnSimulator, Output, check_outputs
 from surefoot.config import Config, PerturbationConfig
 
 
 @dataclass(frozen=True)
-class MakeStarts(OnSimulator):
+class MakeStarts(OnRobot, OnSimulator):
     """Make a set of initial states: settled gait cycles of the expert, and perturbations.
 
     A set is made once, in minutes, and never overwritten; `surefoot evaluate --starts FILE` uses
@@ -37,7 +37,7 @@ class MakeStarts(OnSimulator):
         check_unused(self.out)
         check_outputs([Output("OUT", self.out, (".npz",))])
         perturbation = scaled(PerturbationConfig(), self.scale)
-        config = self.simulated(self.config)
+        config = self.with_robot(self.simulated(self.config))
         starts = make_starts(self.out.stem, config, perturbation, self.seed)
         save_starts(starts, self.out)
         count = sum(len(starts[split]) for split in SPLITS)

@@ -71,13 +71,15 @@ def lines_of(report: RobotReport) -> list[str]:
         f"{'torque':>9}{'speed':>9}{'link':>8}",
         f"{'':<30}{'rad':>8}{'rad':>8}{'rad':>8}{'N m':>9}{'rad/s':>9}{'kg':>8}",
     ]
-    for row in report.joints:
-        lines.append(
-            f"{row.name:<8}{row.source:<22}{row.nominal:>8.3f}{_or_none(row.low):>8}"
-            f"{_or_none(row.high):>8}{row.torque_limit:>9.2f}{_or_none(row.speed_limit):>9}"
-            f"{row.link_mass:>8.3f}"
-        )
-    outward = "nominal feet" if own.hip_outward is None else f"{own.hip_outward} m outside the hips"
+    lines += [
+        f"{row.name:<8}{row.source:<22}{row.nominal:>8.3f}{_or_none(row.low):>8}"
+        f"{_or_none(row.high):>8}{row.torque_limit:>9.2f}{_or_none(row.speed_limit):>9}"
+        f"{row.link_mass:>8.3f}"
+        for row in report.joints
+    ]
+    outward = "where the nominal feet are, about their center"
+    if own.hip_outward is not None:
+        outward = f"{own.hip_outward} m outside the hips"
     lines += [
         "",
         "feet [m]: " + "  ".join(f"({x:.3f} {y:.3f} {z:.3f})" for x, y, z in report.feet),

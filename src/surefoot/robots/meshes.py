@@ -13,7 +13,7 @@ import pinocchio as pin
 from surefoot.robots.canonical import BASE, PARTS
 from surefoot.robots.description import read_description
 from surefoot.robots.model import RobotModel
-from surefoot.types import LEGS, Array
+from surefoot.types import LEGS, Array, IntArray
 
 MOST_AREA = 5.0
 """A mesh whose triangles have more than this times the area of its bounding box is a tangle: of
@@ -34,7 +34,7 @@ class Mesh(NamedTuple):
     link: str
     placement: pin.SE3
     vertices: Array
-    triangles: Array
+    triangles: IntArray
     color: Array
 
 
@@ -97,7 +97,7 @@ def _meshes(robot: RobotModel, kind: pin.GeometryType) -> list[Mesh]:
 
 def _is_tangle(mesh: Mesh) -> bool:
     """Whether a mesh's triangles have far more area than its bounding box."""
-    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
+    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)  # corners of all triangles
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
     x, y, z = np.ptp(mesh.vertices, axis=0)
     return bool(area > MOST_AREA * 2 * (x * y + y * z + z * x))

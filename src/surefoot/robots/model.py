@@ -115,3 +115,17 @@ def clip_torque(torque: Array, limit: Array | float) -> Array:
     """
     clipped = np.minimum(np.maximum(torque, -limit), limit)
     return np.where(np.isnan(clipped), 0.0, clipped)
+
+
+def stop_speeding(torque: Array, rate: Array, limit: Array) -> Array:
+    """Take away torques that would turn joints faster than their speed limits.
+
+    Args:
+        torque: ``(..., 12)`` joint torques [N m].
+        rate: ``(..., 12)`` joint rates [rad/s].
+        limit: The speed limits ``(12,)`` [rad/s]; infinite where there is none.
+
+    Returns:
+        The torques, zero where a joint is at its limit or beyond and the torque would speed it up.
+    """
+    return np.where((np.abs(rate) >= limit) & (torque * rate > 0.0), 0.0, torque)
