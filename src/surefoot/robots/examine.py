@@ -20,7 +20,7 @@ from surefoot.robots.canonical import PARTS
 from surefoot.robots.description import Description, read_description
 from surefoot.robots.geometry import lowest_points
 from surefoot.robots.load import load_robot
-from surefoot.robots.meshes import visual_meshes
+from surefoot.robots.meshes import missing_meshes
 from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import feet as foot_positions
 from surefoot.robots.rigid import legs_of
@@ -234,8 +234,11 @@ def _of_the_pose(robot: RobotModel) -> Iterator[str]:
 
 def _of_meshes(robot: RobotModel) -> Iterator[str]:
     """Remarks on what pictures will show."""
-    try:
-        if not visual_meshes(robot):
-            yield "It has no meshes; pictures show the shapes that meet the ground."
-    except ValueError as error:
-        yield f"Pictures show the shapes that meet the ground: {error}"
+    count, missing = missing_meshes(robot.urdf)
+    if count == 0:
+        yield "It has no meshes; pictures show the shapes that meet the ground."
+    elif missing:
+        yield (
+            f"{len(missing)} of its {count} meshes are not there, such as {missing[0]}; pictures "
+            "show the shapes that meet the ground."
+        )

@@ -5,7 +5,9 @@ Pinocchio reads them, in any format that a URDF may name, and turns all into tri
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -54,6 +56,23 @@ def visual_meshes(robot: RobotModel) -> list[Mesh]:
         if not any(map(_is_tangle, meshes)):
             return meshes
     return []
+
+
+def missing_meshes(path: Path) -> tuple[int, list[str]]:
+    """Return how many meshes to look at a description has, and the names of those not there.
+
+    Args:
+        path: The description; what it calls packages are folders above it.
+    """
+    root = ElementTree.fromstring(path.read_bytes())
+    names = {mesh.get("filename", "") for mesh in root.iterfind("link/visual/geometry/mesh")}
+    missing = []
+    for name in sorted(names):
+        _, package, inside = name.rpartition("package://")
+        folders = path.parents if package else (path.parent,)
+        if not any((folder / inside.removeprefix("file://")).is_file() for folder in folders):
+            missing.append(name)
+    return len(names), missing
 
 
 def _meshes(robot: RobotModel, kind: pin.GeometryType) -> list[Mesh]:
