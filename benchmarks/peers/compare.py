@@ -39,8 +39,8 @@ from surefoot.files import write_json
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE, network_input
 from surefoot.learning.policy import Policy, pd, policy_spec
-from surefoot.robots.model import RobotModel, clip_torque, standing
 from surefoot.robots.load import load_robot
+from surefoot.robots.model import RobotModel, clip_torque, standing
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, Rollout

@@ -12,6 +12,7 @@ from surefoot.config import (
     ExpertData,
     PerturbationConfig,
     RobotConfig,
+    SafetyConfig,
 )
 from surefoot.config.checked import Checked, Rising, Within
 from surefoot.config.robot_table import GO2, ROBOTS
@@ -90,6 +91,8 @@ def configs(kind) -> st.SearchStrategy:
     values = texts_of(GO2) if kind is RobotSpec else {}
     if kind is RobotConfig:
         values["model"] = st.sampled_from(tuple(ROBOTS))
+    if kind is SafetyConfig:
+        values["joints"] = st.sampled_from(((), ((-90.0, 90.0),) * 12))
     for name, hint in field_hints(kind).items():
         if name not in values:
             values[name] = values_of(hint)

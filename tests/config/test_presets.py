@@ -15,6 +15,7 @@ from surefoot.config import (
     SafetyConfig,
 )
 from surefoot.config.presets import preset
+from surefoot.robots.scaling import with_own_values
 
 
 @pytest.mark.parametrize("name", ["default", "quick"])
@@ -47,6 +48,8 @@ def test_the_preset_paper_has_the_numbers_of_the_paper():
     assert (method.T_block, method.T_end) == (2.0, 1.0)
     assert (training.learning_rate, training.batch, training.schedule) == (2e-3, 256, "constant")
     assert (training.validation, training.precision) == (0.1, "float32")
+    assert config.policy == PolicyConfig(phase="fraction")
+    config = with_own_values(config)  # Solo12's
     assert config.policy == PolicyConfig((512, 512, 512), 2.0, 0.1, "fraction")
     assert (config.expert.kp, config.expert.kd) == (3.0, 0.05)
     assert (config.expert.foothold_rule, config.expert.command_gain) == ("published", (1, 1, 1))

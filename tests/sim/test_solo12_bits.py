@@ -70,6 +70,13 @@ def numbers(element, path: str, key: str) -> tuple[float, ...]:
     return tuple(float(word) for word in text.split())
 
 
+def link_of(joint, end: str) -> str:
+    """The name of the parent or child link of a joint."""
+    found = joint.find(end)
+    assert found is not None
+    return found.get("link", "")
+
+
 def test_pybullets_links_and_joints():
     described = ElementTree.fromstring(ROBOT.urdf.read_text())
     written = ElementTree.fromstring(write_urdf(ROBOT))
@@ -86,10 +93,10 @@ def test_pybullets_links_and_joints():
             assert numbers(link, path, key) == numbers(original, path, key)
         path = "inertial/origin"
         assert numbers(link, path, "xyz") == numbers(original, path, "xyz")
-    joints = {joint.find("child").get("link"): joint for joint in described.findall("joint")}
+    joints = {link_of(joint, "child"): joint for joint in described.findall("joint")}
     for joint in written.findall("joint"):
-        original = joints[joint.find("child").get("link")]
-        assert joint.find("parent").get("link") == original.find("parent").get("link")
+        original = joints[link_of(joint, "child")]
+        assert link_of(joint, "parent") == link_of(original, "parent")
         assert numbers(joint, "origin", "xyz") == numbers(original, "origin", "xyz")
         assert numbers(joint, "origin", "rpy") == numbers(original, "origin", "rpy")
         if original.get("type") == "revolute":

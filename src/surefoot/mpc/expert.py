@@ -55,7 +55,8 @@ class Expert:
     """
 
     def __init__(self, plan: PlanFunction, kp: float, kd: float) -> None:
-        check_values(ExpertConfig, [("kp", kp), ("kd", kd)], ExpertConfig.section)
+        gains = [("kp", known(kp, "expert.kp")), ("kd", known(kd, "expert.kd"))]
+        check_values(ExpertConfig, gains, ExpertConfig.section)
         self._plan = plan
         self._kp = kp
         self._kd = kd

@@ -14,7 +14,6 @@ from surefoot.config import (
     Config,
     DartConfig,
     ExpertData,
-    Gait,
     IterativeConfig,
     LocoSafeDaggerConfig,
     MethodConfig,
@@ -27,6 +26,7 @@ from surefoot.learning.samples import held_out
 from surefoot.learning.step import choose_device
 from surefoot.mpc.identity import ExpertIdentity, difference, identity_of
 from surefoot.robots.load import find_spec, load_robot
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.jobs import PLANNER
 from surefoot.runs.budget import SECONDS_PER_SOLVE, first_allowance
 from surefoot.runs.metrics import Collected
@@ -162,7 +162,7 @@ def _check_stored(config: Config, stored: StartSet) -> None:
     Raises:
         ValueError: They belong to another gait, or there are too few of them.
     """
-    if config.gait != Gait():
+    if with_own_values(config).gait != with_own_values(Config(robot=config.robot)).gait:
         raise ValueError(
             f"the initial states {stored.name!r} belong to the default gait, but the configuration "
             f"asks for {config.gait}: make a set for it first (`surefoot make-starts`)"

@@ -123,7 +123,7 @@ def film(
     check_output(path, suffixes=FILM_SUFFIXES)
     q = recording.q
     ticks = np.arange(0, len(q), TICKS_PER_SECOND * speed / rate).astype(np.int64)
-    camera = _camera(recording.robot, q, ticks, 0.85, side=125.0, elevation=-13.0)
+    camera = _camera(q, ticks, 0.85, 125.0, -13.0, view_scale(recording.robot))
     has_timeline = recording.expert_drove is not None or bool(recording.pushes)
 
     def finished(picture: Image.Image, tick: int) -> Image.Image:
@@ -165,7 +165,7 @@ def contact_sheet(recording: Recording, path: Path, frames: int = 12) -> Path:
     ticks = np.arange(frames) * TICKS_PER_SECOND // SHEET_RATE
     first = max(len(q) - ticks[-1], 0) // 2
     ticks = first + ticks[ticks < len(q)]
-    camera = _camera(recording.robot, q, ticks, 0.78, side=90.0, elevation=-7.0)
+    camera = _camera(q, ticks, 0.78, 90.0, -7.0, view_scale(recording.robot))
     camera[:] = camera.mean(axis=0)
     columns = min(len(ticks), SHEET_COLUMNS)
     rows = int(np.ceil(len(ticks) / SHEET_COLUMNS))
@@ -199,7 +199,7 @@ def portrait(robot: RobotModel, path: Path, size: tuple[int, int] = (960, 640)) 
     """
     check_output(path, suffixes=(".png",))
     q = standing(robot)[None]
-    camera = _camera(robot, q, np.zeros(1, dtype=np.int64), 0.85, side=125.0, elevation=-13.0)
+    camera = _camera(q, np.zeros(1, dtype=np.int64), 0.85, 125.0, -13.0, view_scale(robot))
     [picture] = pictures(robot, SimulationConfig(), q, camera, size)
     write_atomic(path, lambda target: picture.save(target, format="PNG"))
     return path
@@ -218,13 +218,13 @@ def check_rendering() -> None:
 
 
 def _camera(
-    robot: RobotModel, q: Array, ticks: IntArray, distance: float, side: float, elevation: float
+    q: Array, ticks: IntArray, distance: float, side: float, elevation: float, scale: float = 1.0
 ) -> Array:
     """``(n, 6)`` for each tick: point to look at [m], distance [m], azimuth, elevation [deg].
 
-    Height and distance are given for Solo12; a larger robot is seen from farther away.
+    Height and distance are given for Solo12; a robot ``scale`` times as large is seen from farther
+    away.
     """
-    scale = view_scale(robot)
     base = gaussian_filter1d(q[:, :2], SMOOTHING * TICKS_PER_SECOND, axis=0, mode="nearest")[ticks]
     # Sides count from the robot's first heading: at 90 the camera is on its right.
     cos, sin = heading(rotation(q[0, 3:7]))
