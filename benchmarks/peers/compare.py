@@ -41,6 +41,7 @@ from surefoot.learning.observation import INPUT_SIZE, network_input
 from surefoot.learning.policy import Policy, pd, policy_spec
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel, clip_torque, standing
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, Rollout
@@ -363,7 +364,7 @@ class Turn:
 
 def compare(rounds: int, seconds: float) -> Comparison:
     """Let all contenders take turns, and surefoot again before each vector environment."""
-    config = Config()
+    config = with_own_values(Config())
     robot = load_robot(config.robot)
     ticks = to_ticks(seconds)
     turns: dict[Contender, list[Turn]] = {}

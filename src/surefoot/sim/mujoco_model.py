@@ -93,16 +93,17 @@ def _add_bodies(spec: mujoco.MjSpec, robot: RobotModel) -> None:
     """
     model = robot.model
     axes = joint_axes(model)
-    base = spec.worldbody.add_body(name=BASE, **_inertial(model, BASE))
+    base = spec.worldbody.add_body(name=BASE)
+    _set_inertia(base, model, BASE)
     base.add_freejoint()
     for number, leg in enumerate(LEGS):
         body = base
         for place, (kind, part) in enumerate(zip(KINDS, PARTS, strict=True)):
             joint = model.getJointId(f"{leg}_{kind}")
             name = f"{leg}_{part}"
-            body = body.add_body(
-                name=name, **_placed(model.jointPlacements[joint]), **_inertial(model, name)
-            )
+            body = body.add_body(name=name)
+            _place(body, model.jointPlacements[joint])
+            _set_inertia(body, model, name)
             velocity = model.joints[joint].idx_v
             body.add_joint(
                 name=f"{leg}_{kind}",
@@ -113,28 +114,28 @@ def _add_bodies(spec: mujoco.MjSpec, robot: RobotModel) -> None:
             )
         name = f"{leg}_FOOT"
         placement = model.frames[model.getFrameId(name)].placement
-        body.add_body(name=name, **_placed(placement), **_inertial(model, name))
+        foot = body.add_body(name=name)
+        _place(foot, placement)
+        _set_inertia(foot, model, name)
 
 
-def _placed(placement: pin.SE3) -> dict[str, Any]:
-    """MuJoCo's position and quaternion of a placement."""
+def _place(part: mujoco.MjsBody | mujoco.MjsGeom, placement: pin.SE3) -> None:
+    """Put a body or a geom where it belongs in its parent's frame."""
     x, y, z, w = pin.Quaternion(placement.rotation).coeffs()
-    return {"pos": placement.translation, "quat": [w, x, y, z]}
+    part.pos = placement.translation
+    part.quat = [w, x, y, z]
 
 
-def _inertial(model: pin.Model, link: str) -> dict[str, Any]:
-    """MuJoCo's mass, center of mass and inertia of a link by itself; nothing if it has no mass."""
+def _set_inertia(body: mujoco.MjsBody, model: pin.Model, link: str) -> None:
+    """Give a body the inertia that its link has by itself; none if it has no mass."""
     inertia = model.frames[model.getFrameId(link)].inertia
     if inertia.mass == 0.0:
-        return {}
+        return
     I = inertia.inertia  # noqa: E741
-    full = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
-    return {
-        "explicitinertial": True,
-        "mass": inertia.mass,
-        "ipos": inertia.lever,
-        "fullinertia": full,
-    }
+    body.explicitinertial = True
+    body.mass = inertia.mass
+    body.ipos = inertia.lever
+    body.fullinertia = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
 
 
 def _add_meshes(spec: mujoco.MjSpec, robot: RobotModel) -> bool:
@@ -154,15 +155,15 @@ def _add_meshes(spec: mujoco.MjSpec, robot: RobotModel) -> bool:
             name=name, uservert=mesh.vertices.ravel(), userface=mesh.triangles.ravel()
         )
         part.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # need not be closed
-        spec.body(mesh.link).add_geom(
+        geom = spec.body(mesh.link).add_geom(
             type=mujoco.mjtGeom.mjGEOM_MESH,
             meshname=name,
             rgba=mesh.color,
             contype=0,
             conaffinity=0,
             mass=0.0,
-            **_placed(mesh.placement),
         )
+        _place(geom, mesh.placement)
     return bool(meshes)
 
 
