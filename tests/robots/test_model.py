@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from surefoot.robots.model import RobotModel, clip_torque, standing
+from surefoot.robots.model import RobotModel, clip_torque, standing, stop_speeding
 from surefoot.robots.solo12 import solo12
 
 ROBOT = solo12()
@@ -46,3 +46,12 @@ def test_joints_in_another_order_are_refused():
     with pytest.raises(ValueError, match=r"solo12: joints are .*expected"):
         replace(ROBOT, model=model)
     assert isinstance(replace(ROBOT, spec=replace(ROBOT.spec, name="other")), RobotModel)
+
+
+def test_no_torque_speeds_up_a_joint_beyond_its_limit():
+    rate = np.array([2.0, 2.0, -2.0, -2.0, 0.5, 3.0])
+    torque = np.array([1.0, -1.0, 1.0, -1.0, 1.0, 1.0])
+    limit = np.array([1.0, 1.0, 1.0, 1.0, 1.0, np.inf])
+    np.testing.assert_array_equal(
+        stop_speeding(torque, rate, limit), [0.0, -1.0, 1.0, 0.0, 1.0, 1.0]
+    )
