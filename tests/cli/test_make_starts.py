@@ -6,6 +6,7 @@ import tyro
 
 from surefoot.cli.make_starts import MakeStarts
 from surefoot.config import Config, PerturbationConfig
+from surefoot.robots.scaling import with_own_values
 from surefoot.scenarios import make
 from surefoot.scenarios.starts import StartSet, load_starts
 
@@ -33,7 +34,7 @@ def test_a_set_is_made_and_written(asked, tmp_path, capsys):
     out = tmp_path / "wide.npz"
     assert command(out, "--scale", "1.5")() == 0
     ((name, config, perturbation, seed),) = asked
-    assert (name, config, seed) == ("wide", Config(), make.SEED)
+    assert (name, config, seed) == ("wide", with_own_values(Config()), make.SEED)
     assert perturbation.joint_position == pytest.approx(0.3)
     assert perturbation.max_penetration == PerturbationConfig().max_penetration
     back = load_starts(out)

@@ -313,7 +313,7 @@ def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
     metrics: tuple[StageRecord, ...] = ()
     if (results / CONFIG_FILE).exists():
         run = open_run(results)
-        if run.config != config:
+        if with_own_values(run.config) != config:
             raise StudyError(
                 f"{results} holds results of another configuration than {folder / STUDY_FILE} asks "
                 "for; move them away, or restore the study's file"
