@@ -38,7 +38,7 @@ config.no_such_field
 
 REVEALED = {
     "config": "Config",
-    "config.policy.kp": "float",
+    "config.policy.kp": "float | None",
     "simulator": "Simulator",
     "rollouts": "Rollout",
     "rollouts.duration": "int",

@@ -39,8 +39,9 @@ from surefoot.files import write_json
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE, network_input
 from surefoot.learning.policy import Policy, pd, policy_spec
+from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel, clip_torque, standing
-from surefoot.robots.solo12 import solo12
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, Rollout
@@ -363,8 +364,8 @@ class Turn:
 
 def compare(rounds: int, seconds: float) -> Comparison:
     """Let all contenders take turns, and surefoot again before each vector environment."""
-    config = Config()
-    robot = solo12(config.robot)
+    config = with_own_values(Config())
+    robot = load_robot(config.robot)
     ticks = to_ticks(seconds)
     turns: dict[Contender, list[Turn]] = {}
     with venues(config, robot, seconds) as all_venues:

@@ -51,8 +51,9 @@ class Solo12Env(gymnasium.Env):
         self._start = qpos
         self._duration = to_ticks(duration)
         self._grace = to_ticks(config.safety.grace)
-        self._kp = config.policy.kp
-        self._kd = config.policy.kd
+        spec = policy_spec(config)
+        self._kp = spec.kp
+        self._kd = spec.kd
         self._limit = np.full(12, config.robot.torque_limit)
         self._height = config.safety.fall_height
         # Bounds of |pitch| and |roll| in terms of the rotation matrix.

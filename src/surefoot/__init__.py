@@ -17,10 +17,13 @@ _settle_caches()
 
 _HOME = {
     "config": ("Config", "HandBack"),
+    "config.robots": ("RobotSpec",),
     "config.presets": ("preset", "published_rules"),
     "types": ("Command", "State", "MotionPlan", "Controller"),
     "robots.model": ("RobotModel", "standing"),
     "robots.solo12": ("solo12",),
+    "robots.load": ("load_robot",),
+    "robots.scaling": ("with_own_values",),
     "mpc.planner": ("Planner",),
     "mpc.expert": ("Expert", "make_expert"),
     "sim": ("Simulator", "make_simulator"),

@@ -7,6 +7,7 @@ from surefoot.config import Config as Config
 from surefoot.config import HandBack as HandBack
 from surefoot.config.presets import preset as preset
 from surefoot.config.presets import published_rules as published_rules
+from surefoot.config.robots import RobotSpec as RobotSpec
 from surefoot.evaluation.push import push_recovery as push_recovery
 from surefoot.evaluation.push_limits import PushResult as PushResult
 from surefoot.evaluation.push_limits import push_difference as push_difference
@@ -34,8 +35,10 @@ from surefoot.methods.safe_dagger import safe_dagger as safe_dagger
 from surefoot.mpc.expert import Expert as Expert
 from surefoot.mpc.expert import make_expert as make_expert
 from surefoot.mpc.planner import Planner as Planner
+from surefoot.robots.load import load_robot as load_robot
 from surefoot.robots.model import RobotModel as RobotModel
 from surefoot.robots.model import standing as standing
+from surefoot.robots.scaling import with_own_values as with_own_values
 from surefoot.robots.solo12 import solo12 as solo12
 from surefoot.rollouts.arbiters import Arbiter as Arbiter
 from surefoot.rollouts.arbiters import ExpertOnly as ExpertOnly

@@ -6,8 +6,17 @@ from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hin
 
 from hypothesis import strategies as st
 
-from surefoot.config import BehaviorCloningConfig, Config, ExpertData, PerturbationConfig
+from surefoot.config import (
+    BehaviorCloningConfig,
+    Config,
+    ExpertData,
+    PerturbationConfig,
+    RobotConfig,
+    SafetyConfig,
+)
 from surefoot.config.checked import Checked, Rising, Within
+from surefoot.config.robot_table import GO2, ROBOTS
+from surefoot.config.robots import RobotSpec
 
 
 def config_classes() -> list[type[Checked]]:
@@ -43,6 +52,12 @@ def rules_of(hint) -> tuple:
     return bare, ranges[-1] if ranges else None, any(isinstance(rule, Rising) for rule in rules)
 
 
+def texts_of(spec: RobotSpec) -> dict[str, st.SearchStrategy]:
+    """The names of a robot's parts, which have a meaning, and its limits, of which there are 12."""
+    names = ("name", "urdf", "legs", "joints", "foot", "position_limit")
+    return {name: st.just(getattr(spec, name)) for name in names}
+
+
 def values_of(hint, limits=None) -> st.SearchStrategy:
     """Random values that an annotation allows."""
     bare, own, rises = rules_of(hint)
@@ -75,7 +90,14 @@ def values_of(hint, limits=None) -> st.SearchStrategy:
 
 def configs(kind) -> st.SearchStrategy:
     """Random instances of a class of configurations."""
-    values = {name: values_of(hint) for name, hint in field_hints(kind).items()}
+    values = texts_of(GO2) if kind is RobotSpec else {}
+    if kind is RobotConfig:
+        values["model"] = st.sampled_from(tuple(ROBOTS))
+    if kind is SafetyConfig:
+        values["joints"] = st.sampled_from(((), ((-90.0, 90.0),) * 12))
+    for name, hint in field_hints(kind).items():
+        if name not in values:
+            values[name] = values_of(hint)
     if "gates" in values:
         values["T"] = st.floats(0.31, 100.0)  # long enough for a history network
     if "centroidal" in values:  # forces are planned as far ahead as motions, or farther

@@ -125,7 +125,7 @@ def test_an_unknown_name_names_the_nearest(values, words):
         ({"seed": None}, "seed is None, expected int"),
         ({"expert": {"kp": "3"}}, "expert.kp is '3', expected float"),
         ({"expert": {"kp": False}}, "expert.kp is False, expected float"),
-        ({"expert": {"kp": None}}, "expert.kp is nan; use 0.0 to 10000.0"),
+        ({"expert": {"via_until": None}}, "expert.via_until is nan; use 0.0 to 1.0"),
         ({"simulation": {"backend": 3}}, "no simulation.backend '3'. Known: mujoco, bullet"),
         ({"policy": {"hidden": "512"}}, "policy.hidden is '512', expected a list"),
         ({"policy": {"hidden": 512}}, "policy.hidden is 512, expected a list"),

@@ -19,6 +19,7 @@ from surefoot.config import (
     SafetyConfig,
 )
 from surefoot.config.presets import all_round_rules, preset, suited
+from surefoot.robots.scaling import with_own_values
 
 
 @pytest.mark.parametrize("name", ["default", "quick"])
@@ -52,6 +53,8 @@ def test_the_preset_paper_has_the_numbers_of_the_paper():
     assert (training.learning_rate, training.batch, training.schedule) == (2e-3, 256, "constant")
     assert (training.validation, training.precision) == (0.1, "float32")
     assert (training.weight_decay, training.input_noise, method.steps_before_last) == (0, 0, None)
+    assert config.policy == PolicyConfig(phase="fraction")
+    config = with_own_values(config)  # Solo12's
     assert config.policy == PolicyConfig((512, 512, 512), 2.0, 0.1, "fraction")
     assert (config.expert.kp, config.expert.kd) == (3.0, 0.05)
     assert (config.expert.foothold_rule, config.expert.command_gain) == ("published", (1, 1, 1))

@@ -404,6 +404,7 @@ def test_a_robot_that_only_stands_fails_even_unpushed():
     few = replace(CONFIG.push, split="nominal", speeds=1, before=0.2)
     plan = still(standing(solo12())[7:])
     config = replace(CONFIG, push=few)
+    assert config.safety.stepping_from is not None
     assert to_ticks(few.after) >= to_ticks(config.safety.stepping_from)
     result = push_recovery(config, None, Workers(1), plan=plan)
     assert result.lost_before == 0

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from surefoot.config import PolicyConfig, TrainingConfig
+from surefoot.config import Config, PolicyConfig, TrainingConfig
 from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE, ObservationSpec, network_input
-from surefoot.learning.policy import PolicySpec, pd
+from surefoot.learning.policy import PolicySpec, pd, policy_spec
 from surefoot.types import State
 
 SMALL = PolicyConfig(hidden=(64, 64))
@@ -21,7 +21,8 @@ OBSERVATION_SPEC = ObservationSpec("circle", 500)
 
 def spec_of(config, period_ticks=500):
     """The policy spec of a `PolicyConfig`, for a gait of that period [ms]."""
-    return PolicySpec(ObservationSpec(config.phase, period_ticks), config.kp, config.kd)
+    spec = policy_spec(Config(policy=config))
+    return PolicySpec(ObservationSpec(config.phase, period_ticks), spec.kp, spec.kd)
 
 
 SPEC = spec_of(SMALL)

@@ -66,7 +66,7 @@ def test_a_fit_learns_a_linear_controller():
     # And the policy made of it gives the controller's torque.
     policy = Policy(result.network, SPEC, frames.command_range)
     torque = policy.torque(frames.state, frames.tick, frames.command, np.ones(len(frames), bool))
-    assert np.abs(torque - frames.torque).mean() < 0.15 * SMALL.kp * untrained
+    assert np.abs(torque - frames.torque).mean() < 0.15 * SPEC.kp * untrained
 
 
 def test_reported_losses_are_those_of_the_network():

@@ -30,8 +30,8 @@ def deviations(run, i, frames):
     )
     with torch.no_grad():
         output = policy.network(inputs).numpy().astype(float)
-    kp = CONFIG.policy.kp
-    kd = CONFIG.policy.kd
+    kp = run.config.policy.kp
+    kd = run.config.policy.kd
     target = (frames.torque + kd * frames.v[:, 6:]) / kp + frames.q[:, 7:]
     return output - target, target
 

@@ -19,12 +19,13 @@ from surefoot.mpc.footholds import (
     travel_along_arc,
 )
 from surefoot.mpc.schedule import in_stance, node_ticks, swing_fraction
+from surefoot.robots.scaling import own_expert, own_gait
 from surefoot.robots.solo12 import solo12
 from surefoot.types import Command
 
 ROBOT = solo12()
-TROT = Gait()
-CONFIG = ExpertConfig()
+TROT = own_gait(Gait(), ROBOT)
+CONFIG = own_expert(ExpertConfig(), ROBOT)
 NODES = 20
 HIPS = hip_offsets(ROBOT, CONFIG.hip_outward)
 COM = np.array([0.013, -0.007, 0.21])

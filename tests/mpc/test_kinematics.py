@@ -10,11 +10,12 @@ import pytest
 from surefoot.config import KinematicConfig
 from surefoot.mpc.footholds import ContactPlan
 from surefoot.mpc.kinematics import KinematicProblem, KinematicSolver
+from surefoot.robots.scaling import own_kinematic
 from surefoot.robots.solo12 import solo12
 
 ROBOT = solo12()
 MODEL = ROBOT.model
-CONFIG = KinematicConfig()
+CONFIG = own_kinematic(KinematicConfig(), ROBOT)
 DATA = np.load(Path(__file__).parent / "data" / "kinematic_known_answers.npz")
 COUNT = len(DATA["cost"])
 NOMINAL = range(0, COUNT, 2)  # every second instance starts from a perturbed state

@@ -5,15 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import CentroidalConfig, ExpertConfig, Gait, KinematicConfig
-from surefoot.mpc.expert import Expert
+from surefoot.config import CentroidalConfig, Config, ExpertConfig, Gait, KinematicConfig
+from surefoot.mpc.expert import make_expert
 from surefoot.mpc.planner import PLAN_TICKS, Planner
 from surefoot.robots.model import standing
+from surefoot.robots.scaling import own_expert
 from surefoot.sim import make_simulator
 from surefoot.types import Command
 from tests.fakes.plans import FORWARD, FRICTION, PLANNER, ROBOT
 
-CONFIG = ExpertConfig()
+CONFIG = own_expert(ExpertConfig(), ROBOT)
 TOLERANCE = CONFIG.centroidal.tolerance
 
 
@@ -30,7 +31,7 @@ def trot():
         previous = stages
         return stages.motion
 
-    expert = Expert(plan, CONFIG.kp, CONFIG.kd)
+    expert = make_expert(ROBOT, Config(expert=CONFIG), plan)
     expert.reset(1)
     simulator = make_simulator(ROBOT, 1)
     simulator.reset(standing(ROBOT)[None], np.zeros((1, 18)))

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import surefoot.robots.solo12
+import surefoot.robots.description
 from surefoot.config import RobotConfig
 from surefoot.robots.solo12 import solo12
 from surefoot.types import JOINTS, LEGS
@@ -76,14 +76,16 @@ def test_nominal_pose_is_mirror_symmetric_and_bent_outwards():
 
 
 def test_limit_comes_from_the_config():
-    assert solo12(RobotConfig(torque_limit=1.25)).torque_limit == 1.25
-    assert ROBOT.torque_limit == RobotConfig().torque_limit == 2.7
+    np.testing.assert_array_equal(
+        solo12(RobotConfig(torque_limit=1.25)).torque_limit, np.full(12, 1.25)
+    )
+    np.testing.assert_array_equal(ROBOT.torque_limit, np.full(12, 2.7))
 
 
 def test_missing_description_says_how_to_get_it(monkeypatch):
     def missing(name):
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr(surefoot.robots.solo12, "distribution", missing)
+    monkeypatch.setattr(surefoot.robots.description, "distribution", missing)
     with pytest.raises(ImportError, match="pip install example-robot-data"):
         solo12()

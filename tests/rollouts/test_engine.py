@@ -17,7 +17,7 @@ from tests.fakes.drivers import FakeController, Script, standing_for, starts_of
 from tests.fakes.robots import ROBOT
 from tests.fakes.simulator import FakeSimulator
 
-LIMIT = ROBOT.torque_limit
+LIMIT = float(ROBOT.torque_limit[0])
 
 
 # --- what is recorded

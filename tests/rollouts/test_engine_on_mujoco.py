@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from surefoot.config import Config, PolicyConfig
+from surefoot.config import Config, PolicyConfig, RobotConfig
+from surefoot.config.robot_table import SOLO12
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy
 from surefoot.mpc.expert import make_expert
+from surefoot.robots.load import load_robot
 from surefoot.robots.model import clip_torque
 from surefoot.rollouts.arbiters import ExpertOnly, SafetySwitch
 from surefoot.rollouts.engine import rollout
@@ -25,7 +27,7 @@ from tests.fakes.robots import BACKENDS, ROBOT, STANDING
 
 CONFIG = Config()
 STORED = load_starts()
-LIMIT = ROBOT.torque_limit
+LIMIT = float(ROBOT.torque_limit[0])
 
 
 class Shaking:
@@ -174,3 +176,27 @@ def pushes_at(impulse: float, tick: int) -> Pushes:
     """Two robots pushed sideways once, for 10 ms [N s]."""
     vectors = np.full((2, 1, 3), [0.0, impulse, 0.0])
     return Pushes(vectors, np.full((2, 1), tick), 10)
+
+
+class Pushing:
+    """A torque of a hundredth of the limit in every joint, either way in turn."""
+
+    def reset(self, batch):
+        self.diverged = np.zeros(batch, bool)
+
+    def torque(self, state, tick, command, mask):
+        return np.full((len(mask), 12), 0.01 * LIMIT) * np.resize([1.0, -1.0], 12)
+
+
+def test_motors_stop_driving_joints_at_their_speed_limits_if_that_is_enforced():
+    q = STANDING + np.eye(19)[2]  # 1 m up, where nothing is in the way
+    starts = at_rest(q, np.zeros((1, 3)))
+    spec = replace(SOLO12, speed_limit=(1.0, 1.5, 2.0))
+    fastest = []
+    for enforced in (False, True):
+        robot = load_robot(RobotConfig(spec=spec, enforce_speed_limit=enforced))
+        simulator = make_simulator(robot, 1, CONFIG.simulation)
+        rollouts = rollout(simulator, Episodes(starts, 0.1), ExpertOnly(), Pushing())
+        fastest.append((np.abs(rollouts.v[0, :, 6:]) / robot.speed_limit).max())
+    # If not, limits are only reported. Joints may be swung a little faster by their neighbors.
+    assert 1.0 < fastest[1] < 0.5 * fastest[0]

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config, DisturbanceConfig, EvaluationConfig, PolicyConfig
+from surefoot.config.checked import known
 from surefoot.files import load_arrays, save_arrays
 from surefoot.learning.frames import concatenate
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
 from surefoot.robots.model import standing
+from surefoot.robots.scaling import with_own_values
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
 from surefoot.rollouts.episodes import Episodes
@@ -225,10 +227,11 @@ def test_the_expert_has_the_name_of_its_plan(plan, name, workers):
 def test_the_plan_of_a_user_drives_as_the_expert(workers):
     job = job_of(plan=stiff, duration=0.06, tail=0.0)
     summary, frames = collected(job, workers)
-    kp = CONFIG.expert.kp
-    kd = CONFIG.expert.kd
+    config = with_own_values(CONFIG)
+    kp = known(config.expert.kp, "kp")
+    kd = known(config.expert.kd, "kd")
     pd = kp * (STANDING[7:] - frames.q[:, 7:]) - kd * frames.v[:, 6:]
     tau = pd + 0.01 * frames.command[:, :1]
-    limit = CONFIG.robot.torque_limit
+    limit = known(config.robot.torque_limit, "limit")
     np.testing.assert_allclose(frames.torque, np.clip(tau, -limit, limit), atol=1e-12)
     assert summary.plans.tolist() == [2] * 5

@@ -20,6 +20,7 @@ from surefoot.files import load_arrays
 from surefoot.learning.classifier import digest, load_classifier
 from surefoot.learning.policy import load
 from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.traces import Trace
 from surefoot.runs import gate_training
@@ -113,7 +114,7 @@ def test_relaxing_bounds_reach_the_papers_table_in_the_last_iteration(run, i, sh
 
 def test_the_method_tightens_its_bounds_by_its_own_share(tmp_path):
     method = replace(METHOD, gates=("relaxing",), tightest=0.6, iterations=5)
-    run = Run(tmp_path / "run", replace(CONFIG, method=method))
+    run = Run(tmp_path / "run", with_own_values(replace(CONFIG, method=method)))
     for i, share in ((1, 0.6), (3, 0.8), (5, 1.0)):
         arbiter = collection(run, i).arbiter
         assert isinstance(arbiter, SafetySwitch)

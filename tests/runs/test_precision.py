@@ -13,6 +13,7 @@ import surefoot.runs.precision as precision_module
 from surefoot.config import TrainingConfig
 from surefoot.files import write_json
 from surefoot.learning.precision import PrecisionChoice
+from surefoot.robots.scaling import with_own_values
 from surefoot.runs.precision import kept_precision
 from surefoot.runs.run import RunError, create, open_run
 from tests.fakes.runs import collected_record
@@ -22,7 +23,8 @@ from tests.fakes.toy_runs import CONFIG, SMALL_METHODS, run_method
 def trained_in(precision: str):
     """The configuration of a small run, with that precision."""
     training = replace(CONFIG.training, precision=precision)
-    return replace(CONFIG, method=SMALL_METHODS["dagger"], training=training)
+    config = replace(CONFIG, method=SMALL_METHODS["dagger"], training=training)
+    return with_own_values(config)
 
 
 AUTO = trained_in("auto")

@@ -10,6 +10,7 @@ import pytest
 import surefoot.files
 import surefoot.runs.metrics as metrics_module
 from surefoot.config import BehaviorCloningConfig, Config, LocoSafeDaggerConfig
+from surefoot.robots.scaling import with_own_values
 from surefoot.runs.metrics import Best
 from surefoot.runs.run import RunError, create, open_run, run_of_policy
 from surefoot.runs.versions import versions
@@ -23,7 +24,9 @@ from tests.fakes.runs import (
     validated_record,
 )
 
-CONFIG = Config(seed=5, method=LocoSafeDaggerConfig(iterations=2), training=FLOAT32)
+CONFIG = with_own_values(
+    Config(seed=5, method=LocoSafeDaggerConfig(iterations=2), training=FLOAT32)
+)
 
 
 def words(seed, count=4):

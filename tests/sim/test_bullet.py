@@ -15,6 +15,7 @@ import pytest
 import surefoot.sim
 from surefoot.config import SimulationConfig
 from surefoot.robots.geometry import lowest_points
+from surefoot.robots.load import load_robot
 from surefoot.sim import make_simulator
 from surefoot.testing.driving import record_ticks, stamping_torque
 from surefoot.types import JOINTS
@@ -208,14 +209,10 @@ def test_solver_settings_matter():
 
 
 @needs_pybullet
-def test_a_base_with_another_inertial_frame_is_refused(tmp_path):
-    text = ROBOT.urdf.read_text()
-    moved = text.replace(
-        '<origin rpy="0 0 0" xyz="0 0 0"/>', '<origin rpy="0 0 0" xyz="0 0 0.01"/>', 1
-    )
-    (tmp_path / "moved.urdf").write_text(moved)
-    with pytest.raises(ValueError, match="inertial frame"):
-        make_simulator(replace(ROBOT, urdf=tmp_path / "moved.urdf"), 1, BULLET)
+def test_an_armature_is_refused_because_pybullet_has_none():
+    heavy = load_robot(replace(ROBOT.spec, armature=(0.0, 0.0, 0.01)))
+    with pytest.raises(ValueError, match=r"no armature .* 0\.01\) kg m\^2; use MuJoCo"):
+        make_simulator(heavy, 1, BULLET)
 
 
 @needs_pybullet

@@ -6,7 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from surefoot.config import Config, SimulationConfig
+from surefoot.config import Config, RobotConfig, SimulationConfig
+from surefoot.config.robot_table import ROBOTS
+from surefoot.robots.load import load_robot
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out
@@ -14,6 +16,7 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import velocities
 from surefoot.sim import make_simulator
 from surefoot.types import Command
+from surefoot.viz.renderer import view_scale
 from surefoot.viz.replay import standing_start
 from tests.fakes.robots import (
     BACKENDS,
@@ -168,3 +171,30 @@ def test_the_expert_walks_the_same():
     np.testing.assert_allclose(mujoco["contact"], bullet["contact"], atol=0.015)
     np.testing.assert_allclose(mujoco["torque"], bullet["torque"], rtol=0.02)
     np.testing.assert_allclose(mujoco["end"], bullet["end"], atol=3e-3)
+
+
+@needs_pybullet
+@pytest.mark.parametrize("name", [name for name in ROBOTS if name != "solo12"])
+def test_every_robots_expert_walks_the_same(name):
+    """Two seconds of trot from standing: speed, height, effort. Solo12 is tested longer above."""
+    config = RobotConfig(name)
+    speed = 0.2 * view_scale(load_robot(config)) ** 0.5
+    walks = []
+    for backend in ("mujoco", "bullet"):
+        job = Job(
+            Config(robot=config, simulation=SimulationConfig(backend)),
+            Episodes(standing_start(Command(speed), config), 2.0),
+            ExpertOnly(),
+        )
+        rollouts, expert = play_out(job)
+        assert rollouts.outcome[0] == Outcome.SUCCESS
+        assert not expert.invalid_plans.any()
+        walks.append(rollouts)
+    mujoco, bullet = walks
+    velocity = [velocities(walk)[0, 1000:].mean(axis=0) for walk in walks]
+    np.testing.assert_allclose(velocity[0], velocity[1], atol=0.03 * speed)
+    height = [walk.q[0, 1000:, 2].mean() for walk in walks]
+    assert height[0] == pytest.approx(height[1], rel=5e-3)
+    assert velocity[0][0] == pytest.approx(speed, rel=0.3)
+    torque = [np.abs(walk.torque[0]).max(axis=0) for walk in (mujoco, bullet)]
+    np.testing.assert_allclose(torque[0], torque[1], rtol=0.1)

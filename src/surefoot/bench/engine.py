@@ -18,9 +18,9 @@ from surefoot.config import Config
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import Policy, policy_spec
-from surefoot.mpc.expert import Expert, make_planner
-from surefoot.robots.model import standing
-from surefoot.robots.solo12 import solo12
+from surefoot.mpc.expert import make_expert, make_planner
+from surefoot.robots.load import load_robot
+from surefoot.robots.model import RobotModel, standing
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes
@@ -113,9 +113,9 @@ def rollout_times(config: Config, batch: int, seconds: float) -> RolloutTimes:
     The lower bound is the simulator's bare step under the same torques plus the network alone,
     timed right after.
     """
-    robot = solo12(config.robot)
+    robot = load_robot(config.robot)
     policy = standing_policy(config)
-    starts = _standing(batch)
+    starts = _standing(robot, batch)
     simulator = make_simulator(robot, batch, config.simulation)
     # The expert is never needed: the robots stand within the bounds.
     arbiter = SafetySwitch(SafetyMonitor(Bounds(config.safety), 2.0))
@@ -159,9 +159,9 @@ def _two_processes(config: Config, batch: int, seconds: float = 4.0) -> float:
 def _standing_rate(chunk: tuple[Config, int, float]) -> float:
     """Robot-ms per second of one process."""
     config, batch, seconds = chunk
-    robot = solo12(config.robot)
+    robot = load_robot(config.robot)
     policy = standing_policy(config)
-    starts = _standing(batch)
+    starts = _standing(robot, batch)
     simulator = make_simulator(robot, batch, config.simulation)
     began = time.perf_counter()
     rollout(simulator, Episodes(starts, seconds), PolicyOnly(), policy, policy)
@@ -179,7 +179,7 @@ def _plan_shares(config: Config, batch: int, steps: float) -> tuple[float, float
     Returns:
         The share of the rollout's wall time, and that of plans and bare steps alone.
     """
-    robot = solo12(config.robot)
+    robot = load_robot(config.robot)
     planner = make_planner(robot, config)
     spent = 0.0
 
@@ -190,7 +190,7 @@ def _plan_shares(config: Config, batch: int, steps: float) -> tuple[float, float
         spent += time.perf_counter() - began
         return result
 
-    expert = Expert(plan, config.expert.kp, config.expert.kd)
+    expert = make_expert(robot, config, plan)
     simulator = make_simulator(robot, batch, config.simulation)
     starts = load_starts()["nominal"][np.arange(batch)]
     rollout(simulator, Episodes(starts, 0.1), ExpertOnly(), expert)
@@ -201,9 +201,9 @@ def _plan_shares(config: Config, batch: int, steps: float) -> tuple[float, float
     return spent / whole, spent / (spent + steps)
 
 
-def _standing(batch: int) -> Starts:
+def _standing(robot: RobotModel, batch: int) -> Starts:
     """Robots at rest on their feet."""
-    return at_rest(standing(solo12()), np.zeros((batch, 3)))
+    return at_rest(standing(robot), np.zeros((batch, 3)))
 
 
 def standing_policy(config: Config) -> Policy:
@@ -212,7 +212,7 @@ def standing_policy(config: Config) -> Policy:
     with torch.no_grad():
         last: Any = network.linear[-1]
         last.weight.zero_()
-        last.bias.copy_(torch.from_numpy(solo12(config.robot).nominal[7:]))
+        last.bias.copy_(torch.from_numpy(load_robot(config.robot).nominal[7:]))
     return Policy(network, policy_spec(config), np.zeros((2, 3)))
 
 

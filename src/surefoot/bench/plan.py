@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from surefoot.config import Config, ExpertConfig
-from surefoot.mpc.expert import Expert, make_planner
+from surefoot.mpc.expert import make_expert, make_planner
 from surefoot.mpc.planner import LAST_NODE, PlanStages
 from surefoot.mpc.schedule import horizon
-from surefoot.robots.solo12 import solo12
+from surefoot.robots.load import load_robot
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes
@@ -142,7 +142,7 @@ def cold_plans(config: Config, plans: int = 300) -> list[TimedPlan]:
         config: Configuration of robot, gait and expert.
         plans: Number of plans, as far as there are initial states.
     """
-    planner = make_planner(solo12(config.robot), config)
+    planner = make_planner(load_robot(config.robot), config)
     starts = load_starts()["test"][:plans]
     nothing = np.zeros((len(starts), 4, 3))  # a plan depends on q and v only
     states = State(starts.q, starts.v, nothing[:, 0], nothing, nothing[..., 0] > 0)
@@ -163,7 +163,7 @@ def warm_plans(config: Config) -> list[TimedPlan]:
     Args:
         config: Configuration of robot, gait, expert and simulator.
     """
-    robot = solo12(config.robot)
+    robot = load_robot(config.robot)
     planner = make_planner(robot, config)
     starts = load_starts()["test"]
     simulator = make_simulator(robot, 1, config.simulation)
@@ -179,7 +179,7 @@ def warm_plans(config: Config) -> list[TimedPlan]:
         previous = stages
         return stages.motion
 
-    expert = Expert(plan, config.expert.kp, config.expert.kd)
+    expert = make_expert(robot, config, plan)
     for row in range(WARM_ROBOTS):
         previous = None
         episodes = Episodes(starts[row : row + 1], WARM_SECONDS)

@@ -68,7 +68,7 @@ class Compare(OnPushes, OnWorkers, OnSimulator):
 
     def __call__(self) -> int:
         """Measure, write the tables where asked, and print them."""
-        from surefoot.robots.solo12 import solo12
+        from surefoot.robots.load import load_robot
         from surefoot.sim import make_simulator
         from surefoot.study.comparison import Measurements, compare
         from surefoot.study.plot import comparison_figure
@@ -87,7 +87,7 @@ class Compare(OnPushes, OnWorkers, OnSimulator):
         self.check_pushed(self.pushes)
         simulators = get_args(Backend) if self.sim is None else (self.sim,)
         for simulator in simulators:
-            make_simulator(solo12(), 1, SimulationConfig(backend=simulator))
+            make_simulator(load_robot(), 1, SimulationConfig(backend=simulator))
         measurements = Measurements(
             simulators,
             self.episodes,

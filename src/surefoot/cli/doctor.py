@@ -76,12 +76,12 @@ def check_cache() -> str:
 def check_plan() -> str:
     """Plan once for a standing robot."""
     from surefoot.mpc.planner import Planner
+    from surefoot.robots.load import load_robot
     from surefoot.robots.model import standing
-    from surefoot.robots.solo12 import solo12
     from surefoot.types import Command, State
 
     config = Config()
-    robot = solo12()
+    robot = load_robot()
     planner = Planner(robot, config.gait, config.expert, config.simulation.friction)
     zero = np.zeros(18)
     state = State(standing(robot), zero, zero[:3], np.zeros((4, 3)), np.ones(4, bool))
@@ -125,10 +125,10 @@ def check_rendering() -> str:
 
 def _step_simulator(backend: Backend) -> str:
     """Step two robots ten times."""
-    from surefoot.robots.solo12 import solo12
+    from surefoot.robots.load import load_robot
     from surefoot.sim import make_simulator
 
-    simulator = make_simulator(solo12(), 2, SimulationConfig(backend))
+    simulator = make_simulator(load_robot(), 2, SimulationConfig(backend))
     for _ in range(10):
         simulator.step(np.zeros((2, 12)))
     if not np.isfinite(simulator.state.q).all():

@@ -13,6 +13,7 @@ import tyro
 
 from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
 from surefoot.config import Config, DisturbanceConfig, EvaluationConfig
+from surefoot.config.checked import known
 from surefoot.files import write_json
 
 if TYPE_CHECKING:
@@ -113,7 +114,8 @@ def gates_of(run: Run, iteration: int) -> dict[str, Gate]:
     config = run.config
     spec = observation_spec(config)
     network = load_classifier(run.gate_path("history", iteration), History.row_size)
-    tight = tightened(config.safety, TIGHTENED, config.gait.com_height)
+    height = known(config.gait.com_height, "gait.com_height")
+    tight = tightened(config.safety, TIGHTENED, height)
     gates: dict[str, Gate] = {
         "bounds": Bounds(config.safety),
         f"bounds tightened to {TIGHTENED}": Bounds(tight),

@@ -22,6 +22,7 @@ from surefoot.cli.make_starts import MakeStarts, parse_make_starts
 from surefoot.cli.play import Play
 from surefoot.cli.progress import log_shown
 from surefoot.cli.report import Report
+from surefoot.cli.robot import ShowRobot
 from surefoot.cli.streams import failure_of, lasting_output
 from surefoot.cli.study import Study
 from surefoot.cli.train import Train, parse_train
@@ -87,6 +88,7 @@ COMMANDS = {
         "Measure how early the gates of a run warn of falls.",
         memory="--episodes or --workers",
     ),
+    "robot": Entry(ShowRobot, "Check a robot's description, and draw it."),
     "make-starts": Entry(MakeStarts, "Make a new set of initial states.", memory="--config"),
     "bench": Entry(
         Bench,

@@ -11,13 +11,13 @@ import tyro
 
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
-from surefoot.cli.options import OnGait, OnSimulator, Output, check_outputs
+from surefoot.cli.options import OnGait, OnRobot, OnSimulator, Output, check_outputs
 from surefoot.config import Config, PerturbationConfig
 from surefoot.config.presets import straight_trot, suited
 
 
 @dataclass(frozen=True)
-class MakeStarts(OnGait, OnSimulator):
+class MakeStarts(OnGait, OnRobot, OnSimulator):
     """Make a set of initial states: settled gait cycles of the expert, and perturbations.
 
     They are of any gait, at commands all over a box (--config.commands). A set is made once, in
@@ -43,7 +43,7 @@ class MakeStarts(OnGait, OnSimulator):
         check_unused(self.out)
         check_outputs([Output("OUT", self.out, (".npz",))])
         perturbation = scaled(PerturbationConfig(), self.scale)
-        config = suited(self.simulated(self.config))
+        config = self.with_robot(suited(self.simulated(self.config)))
         if not straight_trot(config):
             config = with_measured_gains(config)
             gains = " ".join(f"{gain:g}" for gain in config.expert.command_gain)
@@ -61,10 +61,12 @@ def with_measured_gains(config: Config) -> Config:
     Raises:
         ValueError: The robot does not walk in this gait.
     """
-    from surefoot.robots.solo12 import solo12
+    from surefoot.robots.load import load_robot
+    from surefoot.robots.scaling import size_of
     from surefoot.scenarios.calibration import calibrated
 
-    config, _ = calibrated(solo12(config.robot), config)
+    robot = load_robot(config.robot)
+    config, _ = calibrated(robot, config, size_of(robot).length_ratio)
     return config
 
 

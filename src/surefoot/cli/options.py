@@ -7,7 +7,7 @@ import math
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -51,6 +51,30 @@ class OnGait:
     """The gait: trot, walk, crawl, amble, pace, bound, pronk or stand, with the horizon and the
     rules of the expert that belong to it; without it, the gait of the configuration. What is given
     with --config comes before it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnRobot:
+    """A command whose robot can be chosen."""
+
+    robot: str | None = None
+    """The robot: the name of one of the package (solo12, go2, go1, a1, anymal_c, hyq), or a JSON or
+    TOML file with one of your own; without it, the configured one. `surefoot robot` shows it."""
+
+    def with_robot(self, config: Config) -> Config:
+        """The configuration, with the robot that was asked for, and its own values for None.
+
+        Args:
+            config: Configuration with a robot of its own.
+
+        Raises:
+            ValueError: There is no such robot, or its description cannot be used.
+        """
+        from surefoot.robots.scaling import with_own_values
+
+        if self.robot is not None:
+            config = replace(config, robot=replace(config.robot, model=self.robot, spec=None))
+        return with_own_values(config)
 
 
 @dataclass(frozen=True, kw_only=True)

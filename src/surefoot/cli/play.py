@@ -59,7 +59,7 @@ class Play(OnSimulator):
 
     def __call__(self) -> int:
         """Play, print, film; 1 if the robot fell, or the expert gave up."""
-        from surefoot.robots.solo12 import solo12
+        from surefoot.robots.load import load_robot
         from surefoot.rollouts.jobs import play_out
         from surefoot.viz.film import Recording
         from surefoot.viz.replay import push_ticks, report_episode
@@ -84,7 +84,7 @@ class Play(OnSimulator):
         warn_of_divergence(rollouts)
         length = max(int(rollouts.length[0]), 1)  # one frame if the expert gave up at once
         recording = Recording(
-            robot=solo12(job.config.robot),
+            robot=load_robot(job.config.robot),
             simulation=job.config.simulation,
             q=rollouts.q[0, :length],
             expert_drove=None if episode is None else rollouts.expert_drove[0, :length],
@@ -101,6 +101,7 @@ class Play(OnSimulator):
             ValueError: An iteration was named, but no episode.
         """
         from surefoot.learning.policy import check_command, load
+        from surefoot.robots.load import find_spec
         from surefoot.rollouts.arbiters import PolicyOnly
         from surefoot.rollouts.episodes import Episodes
         from surefoot.rollouts.jobs import Job
@@ -114,8 +115,8 @@ class Play(OnSimulator):
         policy, config = find_policy(self.target)
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
-        check_command(load(policy), np.array(command))
-        start = standing_start(command)
+        check_command(load(policy, find_spec(config.robot).name), np.array(command))
+        start = standing_start(command, config.robot)
         return Job(config, Episodes(start, self.seconds), PolicyOnly(), policy=policy)
 
     def recorded_job(self, episode: int) -> Job:

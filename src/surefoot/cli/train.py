@@ -11,7 +11,15 @@ import tyro
 
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
-from surefoot.cli.options import OnGait, OnSimulator, OnWorkers, Output, check_option, check_outputs
+from surefoot.cli.options import (
+    OnGait,
+    OnRobot,
+    OnSimulator,
+    OnWorkers,
+    Output,
+    check_option,
+    check_outputs,
+)
 from surefoot.config import METHODS as METHOD_CONFIGS
 from surefoot.config import Config
 from surefoot.config.presets import preset, suited
@@ -34,7 +42,7 @@ class TrainReport:
 
 
 @dataclass(frozen=True)
-class Train(OnWorkers, OnGait, OnSimulator):
+class Train(OnWorkers, OnGait, OnRobot, OnSimulator):
     """Train a policy, for example with `surefoot train loco_safe_dagger`.
 
     See the options of a method, and all defaults, with `surefoot train METHOD --help`.
@@ -72,7 +80,7 @@ class Train(OnWorkers, OnGait, OnSimulator):
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
         check_option("--run", folder / METRICS_FILE)
         check_outputs([Output("--json", self.json)], new_run=folder)
-        config = suited(self.simulated(self.config))
+        config = self.with_robot(suited(self.simulated(self.config)))
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))
         check_config(config)

@@ -15,6 +15,7 @@ from surefoot.cli.command_line import read_options
 from surefoot.cli.make_starts import with_measured_gains
 from surefoot.cli.options import (
     OnGait,
+    OnRobot,
     OnSimulator,
     Output,
     check_outputs,
@@ -25,11 +26,13 @@ from surefoot.cli.options import (
     show_record,
     warn_of_divergence,
 )
-from surefoot.config import CommandBox, Config, Gait
+from surefoot.config import CommandBox, Config, ExpertConfig
+from surefoot.config.presets import is_solo12_trot, suited
 from surefoot.types import TICKS_PER_SECOND, Command
 
 if TYPE_CHECKING:
     from surefoot.mpc.expert import Expert
+    from surefoot.robots.model import RobotModel
     from surefoot.rollouts.episodes import Rollout
 
 
@@ -46,6 +49,9 @@ class WalkReport:
         base_height: Mean height of the base from 1 s on [m].
         base_height_std: Standard deviation of that height [m].
         max_torque: Largest joint torque commanded [N m].
+        torque_used: Largest share of a joint's torque limit commanded.
+        speed_used: Largest share of a joint's speed limit reached, above 1 where one was exceeded;
+            None if the robot has no such limits.
         plans: Number of MPC solves.
         invalid_plans: Number of them that were not valid.
         seconds: Time until the end [s].
@@ -59,21 +65,24 @@ class WalkReport:
     base_height: float
     base_height_std: float
     max_torque: float
+    torque_used: float
+    speed_used: float | None
     plans: int
     invalid_plans: int
     seconds: float
 
 
 @dataclass(frozen=True)
-class Walk(OnGait, OnSimulator):
+class Walk(OnGait, OnRobot, OnSimulator):
     """Let the expert walk, from standing, and film it.
 
-    The command gains of another gait than the trot are measured first, in a few seconds.
+    The command gains of another robot than Solo12, and of another gait than the trot, are measured
+    first, in a few seconds.
 
     JSON keys: fell, outcome; command and mean_velocity [vx m/s, vy m/s, yaw rate rad/s, in the
     heading frame, from 1 s on]; heading_drift [deg, from the heading commanded, at the end];
-    base_height and base_height_std [m, from 1 s on]; max_torque [N m]; plans, invalid_plans;
-    seconds [s, until the end].
+    base_height and base_height_std [m, from 1 s on]; max_torque [N m]; torque_used and speed_used
+    [largest share of a joint's limit]; plans, invalid_plans; seconds [s, until the end].
     """
 
     vx: float = 0.2
@@ -94,7 +103,7 @@ class Walk(OnGait, OnSimulator):
 
     def __call__(self) -> int:
         """Walk, print, film; 1 if the robot fell, or the expert gave up."""
-        from surefoot.robots.solo12 import solo12
+        from surefoot.robots.load import load_robot
         from surefoot.rollouts.arbiters import ExpertOnly
         from surefoot.rollouts.episodes import Episodes
         from surefoot.rollouts.jobs import Job, play_out
@@ -106,29 +115,36 @@ class Walk(OnGait, OnSimulator):
         check_outputs([Output("--json", self.json), *film])
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
-        config = self.simulated(self.config)
-        if config.gait.timing != Gait().timing and config.expert.command_gain == (1.0, 1.0, 1.0):
-            config = with_measured_gains(replace(config, commands=box_around(command)))
-        job = Job(config, Episodes(standing_start(command), self.seconds), ExpertOnly())
+        config = self.with_robot(self.simulated(self.config))
+        if not is_solo12_trot(config):
+            config = suited(replace(config, commands=box_around(command)))
+            if config.expert.command_gain in ((1.0, 1.0, 1.0), ExpertConfig().command_gain):
+                config = with_measured_gains(config)
+        start = standing_start(command, config.robot)
+        job = Job(config, Episodes(start, self.seconds), ExpertOnly())
         with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
             rollouts, expert = play_out(job, progress=bar.update)
-        report = walk_report(rollouts, expert, command)
+        robot = load_robot(config.robot)
+        report = walk_report(rollouts, expert, command, robot)
         show_record(report, self.json)
         warn_of_divergence(rollouts)
         if self.video:
             q = rollouts.q[0, : max(int(rollouts.length[0]), 1)]
-            recording = Recording(solo12(config.robot), config.simulation, q)
+            recording = Recording(robot, config.simulation, q)
             film_episode(recording, self.out, f"expert, vx {self.vx:.2f} m/s")
         return int(rollouts.failed[0])
 
 
-def walk_report(rollouts: Rollout, expert: Expert, command: Command) -> WalkReport:
+def walk_report(
+    rollouts: Rollout, expert: Expert, command: Command, robot: RobotModel
+) -> WalkReport:
     """Sum up the first episode of a rollout that the expert drove.
 
     Args:
         rollouts: The rollout.
         expert: The expert, with its counters.
         command: The velocity that was asked for.
+        robot: The robot, for its limits.
     """
     from surefoot.rollouts.outcome import Outcome
     from surefoot.rollouts.summary import heading_drift, settled_part, velocities
@@ -138,6 +154,9 @@ def walk_report(rollouts: Rollout, expert: Expert, command: Command) -> WalkRepo
     shown = max(length, 1)  # where the expert gives up at once, the initial state
     settled = settled_part(shown)
     height = rollouts.q[0, settled, 2]
+    torque = np.abs(rollouts.torque[0, :length])
+    rate = np.abs(rollouts.v[0, :shown, 6:])
+    limited = bool(np.isfinite(robot.speed_limit).any())
     vx, vy, yaw_rate = velocities(rollouts)[0, settled].mean(axis=0).tolist()
     return WalkReport(
         fell=outcome == Outcome.FELL,
@@ -147,7 +166,9 @@ def walk_report(rollouts: Rollout, expert: Expert, command: Command) -> WalkRepo
         heading_drift=heading_drift(rollouts.q[0, :shown], command),
         base_height=float(height.mean()),
         base_height_std=float(height.std()),
-        max_torque=float(np.abs(rollouts.torque[0, :length]).max(initial=0.0)),
+        max_torque=float(torque.max(initial=0.0)),
+        torque_used=float((torque / robot.torque_limit).max(initial=0.0)),
+        speed_used=float((rate / robot.speed_limit).max()) if limited else None,
         plans=int(expert.plans[0]),
         invalid_plans=int(expert.invalid_plans[0]),
         seconds=length / TICKS_PER_SECOND,

@@ -54,6 +54,24 @@ Angle = Annotated[float, Within(0.0, 180.0)]
 """An angle that counts either way [deg]."""
 
 
+def known(value: float | None, option: str) -> float:
+    """The value of an option that may be None, which stands for the robot's own value.
+
+    Args:
+        value: The value.
+        option: Its dotted name, for the error.
+
+    Raises:
+        ValueError: It is None.
+    """
+    if value is None:
+        raise ValueError(
+            f"{option} is None, which stands for the robot's own value; `sf.with_own_values` puts "
+            "that in its place"
+        )
+    return value
+
+
 class Checked:
     """Base class of the configurations: every field is checked when one is made.
 

@@ -43,10 +43,12 @@ class PolicyConfig(Checked):
 
     hidden: Annotated[tuple[int, ...], Within(1, 8192)] = (512, 512, 512)
     """Units of the hidden layers (paper, IV-A)."""
-    kp: Annotated[float, Within(0.01, 10_000.0)] = 2.0
-    """[N m/rad] stiffness of the PD (the paper's research code)."""
-    kd: Annotated[float, Within(0.0, 1000.0)] = 0.1
-    """[N m s/rad] damping of the PD (the paper's research code)."""
+    kp: Annotated[float, Within(0.01, 10_000.0)] | None = None
+    """[N m/rad] stiffness of the PD; None is the robot's own (Solo12: 2, the paper's research
+    code)."""
+    kd: Annotated[float, Within(0.0, 1000.0)] | None = None
+    """[N m s/rad] damping of the PD; None is the robot's own (Solo12: 0.1, the paper's research
+    code)."""
     phase: Phase = "circle"
     """What the network sees of the gait clock: the sine and the cosine of the phase, or the phase
     itself, which jumps from 1 to 0 (paper)."""

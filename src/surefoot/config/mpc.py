@@ -34,10 +34,11 @@ class Gait(Checked):
     """Share of the period in which a foot stands (BiConMP); 1 never lifts it."""
     offsets: Annotated[tuple[float, float, float, float], Within(0.0, 1.0)] = (0.0, 0.5, 0.5, 0.0)
     """Phase offset of FL, FR, HL, HR in periods (BiConMP)."""
-    step_height: Annotated[float, Within(0.0, 1.0)] = 0.075
-    """[m] height of the via point of a swing above the ground (the paper's research code)."""
-    com_height: Height = 0.20
-    """[m] nominal height of the center of mass (BiConMP)."""
+    step_height: Annotated[float, Within(0.0, 1.0)] | None = None
+    """[m] height of the via point of a swing above the ground; None is the robot's own (Solo12:
+    0.075, the paper's research code)."""
+    com_height: Height | None = None
+    """[m] nominal height of the center of mass; None is the robot's own (Solo12: 0.20, BiConMP)."""
 
     @property
     def timing(self) -> tuple[float, ...]:
@@ -117,10 +118,11 @@ class KinematicConfig(Checked):
     """Weight of the joint accelerations."""
     foot_weight: Weight = 1e4
     """Weight that draws stance feet to their contacts and swing feet to their via points."""
-    momentum_weight: Weight = 500.0
-    """Weight of the centroidal momentum, linear and angular."""
-    base_height: Height = 0.25
-    """[m] regularized height of the base frame."""
+    momentum_weight: Weight | None = None
+    """Weight of the centroidal momentum, linear and angular; None is the robot's own (Solo12: 500,
+    and for others 3125 on the momentum per mass)."""
+    base_height: Height | None = None
+    """[m] regularized height of the base frame; None is the robot's own (Solo12: 0.25)."""
     max_iterations: Iterations = 3
     """Gauss-Newton iterations. With 1 the robot does not walk; with 2 and 3 it survives all of 500
     perturbed initial states; of 200 much harder ones 2, 3 and 10 lose 2, 0 and 1. In a settled
@@ -136,23 +138,24 @@ class ExpertConfig(Checked):
 
     section: ClassVar[str] = "expert"
 
-    kp: Annotated[float, Within(0.0, 10_000.0)] = 3.0
-    """[N m/rad] stiffness of the PD on a plan (BiConMP)."""
-    kd: Annotated[float, Within(0.0, 1000.0)] = 0.05
-    """[N m s/rad] damping of the PD on a plan (BiConMP)."""
+    kp: Annotated[float, Within(0.0, 10_000.0)] | None = None
+    """[N m/rad] stiffness of the PD on a plan; None is the robot's own (Solo12: 3, BiConMP)."""
+    kd: Annotated[float, Within(0.0, 1000.0)] | None = None
+    """[N m s/rad] damping of the PD on a plan; None is the robot's own (Solo12: 0.05, BiConMP)."""
     command_gain: Annotated[tuple[float, float, float], Within(0.0, 10.0)] = (1.15, 1.08, 1.28)
     """Commanded vx, vy and yaw rate are scaled by these inside the planner: the trot reaches only
     87, 92 and 78 % of what is planned (measured at 0.1 to 0.3 m/s, 0.1 m/s and 0.3 rad/s in both
     simulators; BiConMP: 1, 1, 1). `scenarios.calibration` measures those of other gaits."""
-    hip_outward: Annotated[float, Within(-1.0, 1.0)] = 0.04
-    """[m] footholds lie this far outside the hip (BiConMP)."""
+    hip_outward: Annotated[float, Within(-1.0, 1.0)] | None = None
+    """[m] footholds lie this far outside the hip; None is the robot's own (Solo12: 0.04, BiConMP;
+    others: the nominal feet, about their own center)."""
     foothold_rule: FootholdRule = "capture"
     """`published` takes no notice of the measured velocity (BiConMP); `capture` moves a foothold by
     (time to touchdown + `capture_time`) times the velocity in excess of the command, as far as that
     exceeds `capture_deadband`, and follows the arc of a turn. See `mpc.footholds`."""
-    capture_time: Annotated[float, Within(0.0, 10.0)] = 0.15
-    """[s] how far ahead the foothold is moved: about sqrt(z / g) = 0.143 s, where the capture point
-    lies."""
+    capture_time: Annotated[float, Within(0.0, 10.0)] | None = None
+    """[s] how far ahead the foothold is moved: about sqrt(z / g), where the capture point lies;
+    None is the robot's own (Solo12: 0.15)."""
     capture_deadband: Annotated[float, Within(0.0, 10.0)] = 0.1
     """[m/s] excess velocity that belongs to a settled gait and moves no foothold: feedback on it
     would multiply every small bias of the walking speed by four."""

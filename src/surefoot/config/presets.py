@@ -18,6 +18,7 @@ from surefoot.config import (
     IterativeConfig,
     LocoSafeDaggerConfig,
     PolicyConfig,
+    RobotConfig,
     SimulationConfig,
     TrainingConfig,
     method_config,
@@ -116,15 +117,21 @@ def all_round_rules(config: Config) -> Config:
     return replace(config, expert=expert)
 
 
+def is_solo12_trot(config: Config) -> bool:
+    """Whether robot and gait are those for which the expert's defaults were measured."""
+    is_solo12 = config.robot.spec is None and config.robot.model == RobotConfig().model
+    return is_solo12 and config.gait.timing == Gait().timing
+
+
 def straight_trot(config: Config) -> bool:
-    """Whether gait and commands are those of the initial states `solo12-trot-v1`."""
-    return config.gait.timing == Gait().timing and config.commands == CommandBox()
+    """Whether robot, gait and commands are those of the initial states `solo12-trot-v1`."""
+    return is_solo12_trot(config) and config.commands == CommandBox()
 
 
 def suited(config: Config) -> Config:
-    """The configuration with an expert whose rules suit its gait and its commands.
+    """The configuration with an expert whose rules suit its robot, its gait and its commands.
 
-    Those of `solo12-trot-v1` stay for the trot and for commands straight ahead, up to 0.3 m/s;
+    Those of `solo12-trot-v1` stay for Solo12's trot and commands straight ahead, up to 0.3 m/s;
     otherwise the all-round rules come in their place, unless others were chosen.
     """
     expert = config.expert

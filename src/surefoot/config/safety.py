@@ -40,7 +40,11 @@ Tilt = Annotated[float, Within(0.0, 10_000.0)]
 
 @dataclass(frozen=True)
 class SafetyConfig(Checked):
-    """When the expert takes over (paper, Table I), and what counts as a fall."""
+    """When the expert takes over (paper, Table I), and what counts as a fall.
+
+    The defaults are the paper's, for Solo12. Where another robot is configured, those of the height
+    and the joints that are left at their defaults give way to the robot's own.
+    """
 
     section: ClassVar[str] = "safety"
 
@@ -54,6 +58,9 @@ class SafetyConfig(Checked):
     """[deg] of the front legs; mirrored for the hind legs."""
     knee: Range = (-160.0, 0.0)
     """[deg] of the front legs; mirrored for the hind legs."""
+    joints: tuple[Range, ...] = ()
+    """[deg] of all twelve joints, leg by leg, in place of the three ranges above, which fit legs
+    that bend apart; none uses those."""
     fall_height: Range = (0.10, 2.0)
     """[m] a base height outside this range is a fall (the paper's research code)."""
     fall_angle: Tilt = 30.0
@@ -68,3 +75,12 @@ class SafetyConfig(Checked):
     (period 0.5 s, touchdown 20 ms), not every foot has touched down. Slower gaits are judged from
     three periods and touchdowns on, whatever this is, and robots that are to stand never; None
     judges nobody."""
+
+    def __post_init__(self) -> None:
+        """Check the fields, and that every joint has a range or none has."""
+        super().__post_init__()
+        if len(self.joints) not in (0, 12):
+            raise ValueError(
+                f"{self.section}.joints has {len(self.joints)} ranges; give one for each of the "
+                "twelve joints, or none"
+            )

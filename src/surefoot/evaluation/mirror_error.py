@@ -13,7 +13,7 @@ from surefoot.config import Config, MirrorName
 from surefoot.learning.policy import Policy, load
 from surefoot.learning.symmetry import Mirror, clock_shift, mirror_error
 from surefoot.robots.geometry import state_of
-from surefoot.robots.solo12 import solo12
+from surefoot.robots.load import load_robot
 from surefoot.robots.symmetry import body_mirror
 from surefoot.scenarios.starts import Starts
 from surefoot.types import Array, IntArray, State
@@ -32,7 +32,7 @@ def make_mirror(config: Config, name: MirrorName) -> Mirror:
     Raises:
         ValueError: Robot or gait are not their own mirror images.
     """
-    body = body_mirror(solo12(config.robot), name)
+    body = body_mirror(load_robot(config.robot), name)
     return Mirror(*body, shift=clock_shift(config.gait, body.legs))
 
 
@@ -72,5 +72,5 @@ def mirror_error_in_starts(config: Config, path: Path, starts: Starts) -> float 
     Raises:
         FileNotFoundError: There is no such policy.
     """
-    state = state_of(solo12(config.robot), starts.q, starts.v)
+    state = state_of(load_robot(config.robot), starts.q, starts.v)
     return mirror_error_mrad(config, load(path), state, starts.tick, starts.command)

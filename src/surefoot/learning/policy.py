@@ -21,8 +21,9 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from surefoot.config import Config, Phase, PolicyConfig
-from surefoot.config.checked import check_values
+from surefoot.config.checked import check_values, known
 from surefoot.config.json_io import Plain, from_json, to_json
+from surefoot.config.robot_table import tuning_of
 from surefoot.errors import shown
 from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork, network_from_tensors
 from surefoot.learning.observation import (
@@ -66,12 +67,24 @@ class PolicySpec:
 
     def __post_init__(self) -> None:
         """Check the gains: training divides by kp, and files hold only such gains."""
-        check_values(PolicyConfig, [("kp", self.kp), ("kd", self.kd)], PolicyConfig.section)
+        gains = [
+            ("kp", known(self.kp, "policy.kp")),
+            ("kd", known(self.kd, "policy.kd")),
+        ]
+        check_values(PolicyConfig, gains, PolicyConfig.section)
 
 
 def policy_spec(config: Config) -> PolicySpec:
-    """What a configuration says about its policies."""
-    return PolicySpec(observation_spec(config), config.policy.kp, config.policy.kd)
+    """What a configuration says about its policies.
+
+    Raises:
+        ValueError: A gain is None, and the robot has none of its own that does not follow from its
+            model; `with_own_values` puts it in.
+    """
+    own = tuning_of(config.robot)
+    kp = own.policy_kp if config.policy.kp is None else config.policy.kp
+    kd = own.policy_kd if config.policy.kd is None else config.policy.kd
+    return PolicySpec(observation_spec(config), known(kp, "policy.kp"), known(kd, "policy.kd"))
 
 
 def pd(target: Array | Float32Array, q: Array, v: Array, spec: PolicySpec) -> Array:

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config, ExpertConfig
-from surefoot.config.checked import check_values
+from surefoot.config.checked import check_values, known
 from surefoot.mpc.planner import PLAN_TICKS, Planner
 from surefoot.robots.model import RobotModel
+from surefoot.robots.scaling import own_expert
 from surefoot.types import (
     GRID,
     Array,
@@ -54,7 +55,8 @@ class Expert:
     """
 
     def __init__(self, plan: PlanFunction, kp: float, kd: float) -> None:
-        check_values(ExpertConfig, [("kp", kp), ("kd", kd)], ExpertConfig.section)
+        gains = [("kp", known(kp, "expert.kp")), ("kd", known(kd, "expert.kd"))]
+        check_values(ExpertConfig, gains, ExpertConfig.section)
         self._plan = plan
         self._kp = kp
         self._kd = kd
@@ -217,4 +219,5 @@ def make_expert(robot: RobotModel, config: Config, plan: PlanFunction | None = N
     """
     if plan is None:
         plan = make_planner(robot, config).plan
-    return Expert(plan, config.expert.kp, config.expert.kd)
+    expert = own_expert(config.expert, robot)
+    return Expert(plan, known(expert.kp, "expert.kp"), known(expert.kd, "expert.kd"))

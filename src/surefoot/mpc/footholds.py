@@ -19,6 +19,7 @@ import pinocchio as pin
 from numba import njit
 
 from surefoot.config import ExpertConfig, Gait
+from surefoot.config.checked import known
 from surefoot.mpc.schedule import horizon, in_stance, node_ticks, swing_fraction
 from surefoot.robots.model import RobotModel
 from surefoot.types import GRAVITY, TICKS_PER_SECOND, Array, BoolArray, Command
@@ -78,15 +79,19 @@ class ContactPlan:
     via: BoolArray
 
 
-def hip_offsets(robot: RobotModel, outward: float) -> Array:
+def hip_offsets(robot: RobotModel, outward: float | None) -> Array:
     """Return the nominal footholds ``(4, 2)`` relative to the center of mass [m], heading frame.
 
     Args:
         robot: The robot, in its nominal pose.
-        outward: How far a foothold lies outside of its hip [m].
+        outward: How far a foothold lies outside of its hip [m]. None takes the nominal feet, moved
+            so that their center is below the center of mass.
     """
     data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, robot.nominal)
+    pin.framesForwardKinematics(robot.model, data, robot.nominal)
+    if outward is None:
+        feet = np.array([data.oMf[foot].translation for foot in robot.feet])[:, :2]
+        return feet - feet.mean(axis=0)
     com = pin.centerOfMass(robot.model, data, robot.nominal)
     offset = np.array([data.oMi[hip].translation - com for hip in robot.hips])[:, :2]
     offset[:, 1] += np.sign(offset[:, 1]) * outward
@@ -140,7 +145,7 @@ def plan_contacts(rule: FootholdRule, start: HorizonStart) -> ContactPlan:
 
     time = (ticks[:-1] - start.tick)[:, None, None] / TICKS_PER_SECOND
     below_hip, landing = footholds(rule, start, time)
-    height = (rule.foot_radius, gait.step_height)
+    height = (rule.foot_radius, known(gait.step_height, "gait.step_height"))
     position = _positions(active, fraction, below_hip, landing, start.feet, height)
     return ContactPlan(active, position, np.diff(ticks) / TICKS_PER_SECOND, via)
 
@@ -200,7 +205,8 @@ def footholds(rule: FootholdRule, start: HorizonStart, time: Array) -> tuple[Arr
         below_hip = below_hip + time * v
         return below_hip, below_hip + stride
     below_hip = below_hip + travel_along_arc(v, w, time)
-    capture = (time + config.capture_time) * start.excess
+    ahead = known(config.capture_time, "expert.capture_time")
+    capture = (time + ahead) * start.excess
     return below_hip, below_hip + rotate_horizontal(stride, w * time) + capture
 
 

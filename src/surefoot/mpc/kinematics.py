@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit
 
 from surefoot.config import KinematicConfig
+from surefoot.config.checked import known
 from surefoot.mpc.footholds import ContactPlan
 from surefoot.mpc.kinematic_costs import (
     Motion,
@@ -42,6 +43,7 @@ from surefoot.robots.rigid import (
     legs_of,
     masses_of,
 )
+from surefoot.robots.scaling import own_kinematic
 from surefoot.types import Array
 
 STEPS = (1.0, 0.5, 0.25, 0.125, 0.03125)
@@ -112,11 +114,11 @@ class KinematicSolver:
 
     Args:
         robot: The robot.
-        config: The nodes, weights and stopping rule.
+        config: The nodes, weights and stopping rule; None is the robot's own.
     """
 
     def __init__(self, robot: RobotModel, config: KinematicConfig) -> None:
-        self._config = config
+        self._config = own_kinematic(config, robot)
         self._body = _Body(legs_of(robot), masses_of(robot))
         self._state_weight = config.state_weight * np.concatenate(
             [
@@ -203,7 +205,7 @@ class KinematicSolver:
             self._state_weight,
             self._control_weight,
             config.foot_weight,
-            config.momentum_weight,
+            known(config.momentum_weight, "expert.kinematic.momentum_weight"),
         )
 
 

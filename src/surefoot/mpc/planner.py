@@ -17,6 +17,7 @@ import pinocchio as pin
 from numba import njit
 
 from surefoot.config import ExpertConfig, Gait
+from surefoot.config.checked import known
 from surefoot.mpc.centroidal import CentroidalPlan, CentroidalProblem, solve_centroidal
 from surefoot.mpc.footholds import (
     ContactPlan,
@@ -35,6 +36,7 @@ from surefoot.mpc.schedule import horizon, node_ticks
 from surefoot.robots.dynamics import centroidal_momentum, inverse_dynamics
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import center_of_mass, difference, feet, legs_of, masses_of
+from surefoot.robots.scaling import own_expert, own_gait
 from surefoot.types import GRID, Array, Command, MotionPlan, State
 
 PLAN_TICKS = 2 * GRID
@@ -95,14 +97,16 @@ class Planner:
 
     Args:
         robot: The robot.
-        gait: The timing and posture.
-        config: The horizon, weights and stopping rules.
+        gait: The timing and posture; None is the robot's own.
+        config: The horizon, weights and stopping rules; None is the robot's own.
         friction: The coefficient of the force cone, which should be the simulator's.
     """
 
     def __init__(
         self, robot: RobotModel, gait: Gait, config: ExpertConfig, friction: float
     ) -> None:
+        gait = own_gait(gait, robot)
+        config = own_expert(config, robot)
         self._robot = robot
         self._gait = gait
         self._config = config
@@ -239,7 +243,7 @@ class Planner:
         w = velocity.yaw_rate
         reference = np.zeros((len(time), 9))
         reference[:, :2] = x0[:2] + travel_along_arc(v, w, time[:, None])
-        reference[:, 2] = self._gait.com_height
+        reference[:, 2] = known(self._gait.com_height, "gait.com_height")
         reference[:, 3:5] = rotate_horizontal(v, w * time[:, None])
         upright = q.copy()
         upright[3:7] = 0.0, 0.0, 0.0, 1.0
@@ -273,7 +277,7 @@ class Planner:
         momentum[:, 3:] = centroidal.angular_momentum[: N + 1]
         q_ref = np.empty((N + 1, 19))
         q_ref[:] = self._robot.nominal
-        q_ref[:, 2] = self._config.kinematic.base_height
+        q_ref[:, 2] = known(self._config.kinematic.base_height, "expert.kinematic.base_height")
         q_ref[:, 5] = np.sin(0.5 * velocity.yaw_rate * time)
         q_ref[:, 6] = np.cos(0.5 * velocity.yaw_rate * time)
         v_ref = np.zeros((N + 1, 18))
@@ -301,7 +305,7 @@ class Planner:
         valid = bool(
             _within(q, LARGEST_FLOAT)
             and _within(v, LARGEST_FLOAT)
-            and _within(torque, MOST_TORQUE * self._robot.torque_limit)
+            and _within(torque / self._robot.torque_limit, MOST_TORQUE)
             and _within(away, FARTHEST_JOINT)
             and centroidal.residual <= self._config.max_residual
         )

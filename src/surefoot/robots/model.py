@@ -1,8 +1,7 @@
 """What the package needs to know of a robot: model, names, limits, shapes and nominal pose.
 
-One description of the robot, its URDF, feeds the planner and every simulator, so mass and geometry
-cannot disagree between them. Each robot has a file of its own beside this one: read one of them
-next.
+One model of the robot, made from its URDF, feeds the planner and every simulator, so mass and
+geometry cannot disagree between them. Read `robots.load` next, which makes it.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from surefoot.config.robots import RobotSpec
 from surefoot.types import JOINTS, LEGS, Array
 
 
@@ -38,15 +38,17 @@ class RobotModel:
     """A quadruped: what the planner, the simulators and the observation need to know of it.
 
     Attributes:
-        name: The robot's name, which is written into policies and initial states.
+        spec: What the model was made from, as data.
         urdf: The path of the robot's description.
-        package_root: The folder that the URDF's ``package://`` paths start from.
-        model: The Pinocchio model with a free-flyer base; nq is 19, nv is 18.
+        model: The Pinocchio model with a free-flyer base, from `canonical_model`; nq is 19, nv 18.
         nominal: ``(19,)`` nominal configuration [m, unit quaternion, rad].
-        foot_radius: The radius of the contact sphere around each foot frame [m].
-        torque_limit: The torque limit at the joint, the same for all joints [N m].
+        torque_limit: ``(12,)`` torque limits at the joints [N m].
+        speed_limit: ``(12,)`` speed limits of the joints [rad/s]; infinite where there is none.
+        position_limit: ``(12, 2)`` smallest and largest angles of the joints [rad]; infinite where
+            there is none.
         shapes: What can touch the ground, the same in every simulator; the feet come first, in the
             order of ``LEGS``.
+        enforce_speed_limit: Whether motors stop driving joints beyond their speed limits.
         feet: ``(4,)`` ids of the foot frames, in the order of ``LEGS``.
         hips: ``(4,)`` ids of the HFE joints, in the order of ``LEGS``.
 
@@ -54,14 +56,15 @@ class RobotModel:
         ValueError: The model's joints are not ``JOINTS``, in their order.
     """
 
-    name: str
+    spec: RobotSpec
     urdf: Path
-    package_root: Path
     model: pin.Model
     nominal: Array
-    foot_radius: float
-    torque_limit: float
+    torque_limit: Array
+    speed_limit: Array
+    position_limit: Array
     shapes: tuple[Shape, ...]
+    enforce_speed_limit: bool = False
     feet: tuple[int, ...] = field(init=False)
     hips: tuple[int, ...] = field(init=False)
 
@@ -74,6 +77,16 @@ class RobotModel:
         hips = tuple(self.model.getJointId(f"{leg}_HFE") for leg in LEGS)
         object.__setattr__(self, "feet", feet)
         object.__setattr__(self, "hips", hips)
+
+    @property
+    def name(self) -> str:
+        """The robot's name, which is written into policies and initial states."""
+        return self.spec.name
+
+    @property
+    def foot_radius(self) -> float:
+        """The radius of the contact sphere around each foot frame [m]."""
+        return self.spec.foot_radius
 
     @property
     def mass(self) -> float:
@@ -91,14 +104,28 @@ def standing(robot: RobotModel) -> Array:
     return q
 
 
-def clip_torque(torque: Array, limit: float) -> Array:
-    """Clip joint torques ``(..., 12)`` [N m] to the motor limit, the same for every controller.
+def clip_torque(torque: Array, limit: Array | float) -> Array:
+    """Clip joint torques ``(..., 12)`` [N m] to the motor limits, the same for every controller.
 
     A torque that is not a number becomes zero, so that a broken controller goes limp.
 
     Args:
         torque: ``(..., 12)`` joint torques [N m].
-        limit: The torque limit, the same for all joints [N m].
+        limit: The torque limits ``(12,)``, or one for all joints [N m].
     """
     clipped = np.minimum(np.maximum(torque, -limit), limit)
     return np.where(np.isnan(clipped), 0.0, clipped)
+
+
+def stop_speeding(torque: Array, rate: Array, limit: Array) -> Array:
+    """Take away torques that would turn joints faster than their speed limits.
+
+    Args:
+        torque: ``(..., 12)`` joint torques [N m].
+        rate: ``(..., 12)`` joint rates [rad/s].
+        limit: The speed limits ``(12,)`` [rad/s]; infinite where there is none.
+
+    Returns:
+        The torques, zero where a joint is at its limit or beyond and the torque would speed it up.
+    """
+    return np.where((np.abs(rate) >= limit) & (torque * rate > 0.0), 0.0, torque)

@@ -146,12 +146,12 @@ def _pd(target: Float32Array, q: Array, v: Array, kp: float, kd: float) -> Array
 
 
 @njit(cache=True)
-def clip_torque(torque: Array, limit: float) -> Array:
-    """Clip joint torques ``(B, 12)`` [N m] to the motor limit, in a new array.
+def clip_torque(torque: Array, limit: Array) -> Array:
+    """Clip joint torques ``(B, 12)`` [N m] to the motor limits, in a new array.
 
     Args:
         torque: ``(B, 12)`` joint torques [N m]; what is not a number becomes zero.
-        limit: The torque limit, the same for all joints [N m].
+        limit: ``(12,)`` torque limits [N m].
     """
     clipped = np.empty(torque.shape)
     for robot in range(torque.shape[0]):
@@ -159,5 +159,5 @@ def clip_torque(torque: Array, limit: float) -> Array:
             value = torque[robot, i]
             if np.isnan(value):
                 value = 0.0
-            clipped[robot, i] = min(max(value, -limit), limit)
+            clipped[robot, i] = min(max(value, -limit[i]), limit[i])
     return clipped

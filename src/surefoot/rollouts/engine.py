@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import SafetyConfig
+from surefoot.robots.model import stop_speeding
 from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.compiled import clip_torque, driver
 from surefoot.rollouts.episodes import Episodes, Rollout
@@ -70,7 +71,8 @@ def rollout(
         raise ValueError(
             f"{B} initial states for a simulator of {simulator.batch} robots; give it {B} robots"
         )
-    name = simulator.robot.name
+    robot = simulator.robot
+    name = robot.name
     if isinstance(policy, _OfOneRobot) and isinstance(policy.robot, str) and policy.robot != name:
         raise ValueError(
             f"a policy of the robot {policy.robot!r} for a simulator of {name!r}; use a policy "
@@ -87,9 +89,9 @@ def rollout(
         policy.reset(B)
     arbiter.reset(episodes.ids)
 
-    measure = make_sensors(simulator.robot, disturbance)
+    measure = make_sensors(robot, disturbance)
     recorder = _Recorder(total, B, noisy=measure is not None, ask_always=ask_always)
-    drivers = _Drivers(expert, policy, starts.command, simulator.robot.torque_limit, ask_always)
+    drivers = _Drivers(expert, policy, starts.command, robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)
     # For how many ticks without a break something other than a foot has touched the ground.
     lying = np.zeros(B, dtype=np.int64) if safety.body_contact > 0.0 else None
@@ -125,12 +127,14 @@ def rollout(
             _push(simulator, disturbance.pushes, elapsed, recorder.active)
         acting = line[0]
         if noise is not None:
-            acting = clip_torque(acting + noise.at(elapsed), simulator.robot.torque_limit)
+            acting = clip_torque(acting + noise.at(elapsed), robot.torque_limit)
+        if robot.enforce_speed_limit:
+            acting = stop_speeding(acting, recorder.truth.v[elapsed][:, 6:], robot.speed_limit)
         simulator.step(acting, recorder.active)
         if progress is not None and (elapsed + 1) % PROGRESS_TICKS == 0:
             progress(PROGRESS_TICKS)
     if safety.stepping_from is not None and to_ticks(safety.stepping_from) <= T:
-        recorder.mark_stalled(T, simulator.robot.foot_radius)
+        recorder.mark_stalled(T, robot.foot_radius)
     return recorder.rollout(episodes, disturbance, T)
 
 
@@ -222,7 +226,7 @@ class _Drivers:
         expert: Controller,
         policy: Controller | None,
         command: Array,
-        torque_limit: float,
+        torque_limit: Array,
         ask_always: bool,
     ) -> None:
         self._expert = expert

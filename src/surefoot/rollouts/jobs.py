@@ -21,8 +21,9 @@ from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import Expert, make_expert, make_planner
 from surefoot.mpc.identity import plan_names
 from surefoot.mpc.planner import Planner
+from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
-from surefoot.robots.solo12 import solo12
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, Rollout
@@ -168,6 +169,7 @@ def summarize_job(job: Job, rollouts: Rollout, expert: Expert, frames: Frames) -
         expert: The expert that took part, from `play_out`.
         frames: The frames that are kept.
     """
+    config = _own(job.config)
     info = EpisodeInfo(
         episode=job.episode,
         query=job.query,
@@ -175,7 +177,7 @@ def summarize_job(job: Job, rollouts: Rollout, expert: Expert, frames: Frames) -
         plans=expert.plans,
         invalid_plans=expert.invalid_plans,
     )
-    return summarize(rollouts, frames, info, _robot(job.config.robot), job.config)
+    return summarize(rollouts, frames, info, _robot(config.robot), config)
 
 
 def disturbance_of(job: Job) -> Disturbance:
@@ -203,7 +205,7 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
         What happened, and the expert that took part, made for this rollout alone: its ``plans`` and
         ``invalid_plans`` count those of these episodes.
     """
-    config = job.config
+    config = _own(job.config)
     robot = _robot(config.robot)
     expert = make_expert(robot, config, job.plan or _planner(config).plan)
     fall_angle = max(config.safety.fall_angle, job.disturbance.fall_angle)
@@ -231,7 +233,13 @@ def _policy_of(job: Job) -> Policy | None:
 @lru_cache(maxsize=4)
 def _robot(config: RobotConfig) -> RobotModel:
     """The robot of a configuration, built once per process."""
-    return solo12(config)
+    return load_robot(config)
+
+
+@lru_cache(maxsize=4)
+def _own(config: Config) -> Config:
+    """The configuration with the robot's own values in place of None, found once per process."""
+    return with_own_values(config, _robot(config.robot))
 
 
 @lru_cache(maxsize=4)

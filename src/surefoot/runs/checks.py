@@ -23,12 +23,13 @@ from surefoot.config import (
     SafeDaggerConfig,
 )
 from surefoot.config.json_io import from_json, read_json
+from surefoot.config.robot_table import SOLO12
 from surefoot.evaluation.mirror_error import make_mirror
 from surefoot.files import write_json
 from surefoot.learning.samples import held_out
 from surefoot.learning.step import choose_device
 from surefoot.mpc.identity import ExpertIdentity, difference, identity_of
-from surefoot.robots.solo12 import solo12
+from surefoot.robots.load import find_spec, load_robot
 from surefoot.rollouts.jobs import PLANNER
 from surefoot.runs.budget import SECONDS_PER_SOLVE, first_allowance
 from surefoot.runs.metrics import Collected
@@ -58,6 +59,7 @@ def check_config(config: Config) -> None:
     Raises:
         ValueError: It cannot; the message names the number and what it may be.
     """
+    _check_robot(config)
     if config.training.mirror != "none":
         make_mirror(config, config.training.mirror)
     stored = starts_of(config)
@@ -67,6 +69,21 @@ def check_config(config: Config) -> None:
     if isinstance(config.method, IterativeConfig) and purpose:
         _check_held_out(config, config.method.pretraining, purpose)
     choose_device(config.training.device)
+
+
+def _check_robot(config: Config) -> None:
+    """Check that there are initial states of the robot.
+
+    Raises:
+        ValueError: There are none.
+    """
+    spec = find_spec(config.robot)
+    if spec != SOLO12:
+        raise ValueError(
+            f"robot.model is {spec.name!r}, and the packaged initial states are those of "
+            f"{SOLO12.name!r}; walk with it (`surefoot walk --robot {spec.name}`), or train "
+            "Solo12"
+        )
 
 
 def remember_expert(run: Run, plan: PlanFunction | None) -> None:
@@ -133,7 +150,7 @@ def warn_of_own_expert(run: Run) -> None:
 
 def _identity(run: Run, plan: PlanFunction) -> ExpertIdentity:
     """The identity of a user's MPC; warns of one that gives other plans when it is asked again."""
-    identity = identity_of(plan, solo12(run.config.robot))
+    identity = identity_of(plan, load_robot(run.config.robot))
     if not identity.repeatable:
         warnings.warn(
             f"the expert {identity.name} gives another plan when it is asked again for the same "

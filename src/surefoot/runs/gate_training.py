@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import GateName
+from surefoot.config.checked import known
 from surefoot.files import load_arrays
 from surefoot.learning.classifier import digest, fit_classifier, load_classifier, save_classifier
 from surefoot.learning.observation import INPUT_SIZE, observation_spec
@@ -81,7 +82,8 @@ def make_gate(
         if name == "bounds":
             gates.append(Bounds(safety))
         elif name == "relaxing":
-            gates.append(Bounds(tightened(safety, share, run.config.gait.com_height)))
+            height = known(run.config.gait.com_height, "gait.com_height")
+            gates.append(Bounds(tightened(safety, share, height)))
         elif name == "classifier":
             classifier = load_classifier(run.gate_path(name, i - 1), Deviation.row_size)
             gates.append(Deviation(classifier, observation_spec(run.config), alarm))

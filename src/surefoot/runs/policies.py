@@ -12,7 +12,7 @@ from pathlib import Path
 
 from surefoot.config import Config, PolicyConfig
 from surefoot.learning.policy import Policy, load, policy_spec
-from surefoot.robots.solo12 import solo12
+from surefoot.robots.load import load_robot
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
 
@@ -47,7 +47,7 @@ def find_policy(target: Path) -> tuple[Path, Config]:
     else:
         raise FileNotFoundError(f"{target}: there is no such run folder or policy file")
     config = Config() if run is None else run.config
-    policy = load(path, solo12(config.robot).name)  # fails here, not later in a worker
+    policy = load(path, load_robot(config.robot).name)  # fails here, not later in a worker
     if run is None:
         config = replace(config, policy=_policy_config(policy))
         logger.info(

@@ -22,6 +22,7 @@ from surefoot.config.json_text import read_file
 from surefoot.files import is_left_over, lock_file, write_atomic, write_json
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.precision import PrecisionChoice
+from surefoot.robots.scaling import with_own_values
 from surefoot.runs.layout import CONFIG_FILE, EXPERT_FILE, LOCK_FILE, METRICS_FILE
 from surefoot.runs.metrics import (
     Best,
@@ -256,6 +257,7 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
     """Create a run in a folder, or resume the one that is there; it belongs to this process.
 
     A new run whose precision is `auto` first measures, for less than a second, which one is faster.
+    What it writes of the configuration has the robot's own values in place of None.
 
     Args:
         folder: Folder of the run, new or empty, or with a run to resume.
@@ -268,6 +270,7 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
             something else.
         ValueError: The configured device is not there, or lacks the configured precision.
     """
+    config = with_own_values(config)
     folder = Path(folder)
     path = folder / CONFIG_FILE
     _check_folder(folder, resume)

@@ -19,8 +19,8 @@ from surefoot.config import (
     IterativeConfig,
     TeachingSplit,
 )
+from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
-from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
@@ -79,7 +79,7 @@ def expert_rollouts(
         # From standing still, as a robot is switched on: no other initial state teaches that.
         first = stored.rows(split)[0, 0, stored.velocities(split, data.velocities)]
         speeds = np.unique(stored[split].command[first], axis=0)
-        starts = join_starts([at_rest(standing(solo12(config.robot)), speeds), starts])
+        starts = join_starts([at_rest(standing(load_robot(config.robot)), speeds), starts])
     rng = np.random.default_rng(seed_of(config.seed, "series", 0))
     starts = _in_order(config, starts, rng)
     return Job(

@@ -168,6 +168,15 @@ def _bounds(config: SafetyConfig) -> tuple[Array, Array]:
     The angles are roll, pitch, and the three joints of every leg.
     """
     rows = [(-config.roll_pitch, config.roll_pitch)] * 2
+    rows += config.joints or _mirrored(config)
+    lows, highs = np.radians(rows).T
+    lowest, highest = config.com_height
+    return np.append(lowest, lows), np.append(highest, highs)
+
+
+def _mirrored(config: SafetyConfig) -> list[tuple[float, float]]:
+    """The bounds of twelve joints [deg]: those of a left front leg, mirrored for the others."""
+    rows = []
     for left, front in zip(LEFT_RIGHT, FRONT_HIND, strict=True):
         joints = (
             (left, config.hip_abduction),
@@ -177,6 +186,4 @@ def _bounds(config: SafetyConfig) -> tuple[Array, Array]:
         for sign, bounds in joints:
             low, high = sorted(sign * bound for bound in bounds)
             rows.append((low, high))
-    lows, highs = np.radians(rows).T
-    lowest, highest = config.com_height
-    return np.append(lowest, lows), np.append(highest, highs)
+    return rows

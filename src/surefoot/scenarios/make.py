@@ -19,7 +19,8 @@ from tqdm import tqdm
 from surefoot.config import Config, Gait, PerturbationConfig, Split
 from surefoot.mpc.gaits import gait_name
 from surefoot.mpc.schedule import grid_cycle, in_stance
-from surefoot.robots.solo12 import solo12
+from surefoot.robots.load import load_robot
+from surefoot.robots.scaling import with_own_values
 from surefoot.scenarios.perturbation import perturb
 from surefoot.scenarios.starts import SPLITS, Starts, StartSet
 from surefoot.scenarios.walking import expert_walks
@@ -95,6 +96,7 @@ def make_starts(
         ValueError: A robot fell before its gait had settled, or a state has no acceptable neighbor:
             the perturbation is too large.
     """
+    config = with_own_values(config)
     counts = sorted({size.velocities for size in sizes.values()})
     cycles = {count: settled_cycle(config, config.commands.spread(count)) for count in counts}
     grid: dict[str, Starts] = {}
@@ -139,7 +141,7 @@ def settled_cycle(config: Config, command: Array) -> GaitCycle:
     Raises:
         ValueError: A robot fell.
     """
-    robot = solo12(config.robot)
+    robot = load_robot(config.robot)
     instants = cycle_instants(config.gait)
     end = int(instants[-1]) + GRID
     with tqdm(total=end, desc=f"{len(command)} commands", unit="ms") as bar:
@@ -181,7 +183,7 @@ def _perturbed(
     starts: Starts, config: Config, perturbation: PerturbationConfig, rng: np.random.Generator
 ) -> Starts:
     """A random neighbor of each of the initial states, drawn in their order."""
-    robot = solo12(config.robot)
+    robot = load_robot(config.robot)
     q = np.empty_like(starts.q)
     v = np.empty_like(starts.v)
     for row in tqdm(range(len(starts)), desc="perturbed states"):

@@ -4,7 +4,7 @@ What PyBullet measures of a robot is read after each tick, in PyBullet's own con
 into a ``State`` for the whole batch at once: ``to_bullet`` and ``from_bullet`` are the only layout
 conversions. A walking robot's tick costs about four times MuJoCo's, two thirds of it inside
 ``stepSimulation``; a client takes 28 MB and a reset 7 ms. Read ``sim.protocol`` first,
-and ``bullet_model`` for the model.
+and ``urdf`` for the model.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from surefoot.robots import rigid
 from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import rotation
-from surefoot.sim.bullet_model import build_urdf
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
+from surefoot.sim.urdf import TRUNK, write_urdf
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
 
 
@@ -55,8 +55,8 @@ NO_LIMIT = 1e30
 def to_bullet(q: Array, v: Array) -> tuple[Array, Array]:
     """Convert Pinocchio's q and v to PyBullet's, which has base velocities in the world frame.
 
-    Quaternions are xyzw in both. PyBullet's base is the inertial frame of the base link, which is
-    the base frame itself for the robots that `BulletSimulator` accepts.
+    Quaternions are xyzw in both. PyBullet's base is the inertial frame of the base link, which
+    `sim.urdf` makes the base frame itself.
 
     Args:
         q: ``(B, 19)`` configurations.
@@ -125,9 +125,14 @@ class BulletSimulator:
             config: The settings of the contacts; the defaults if it is None.
 
         Raises:
-            ValueError: The inertial frame of the robot's base is not the base frame.
+            ValueError: The robot's joints have an armature, which PyBullet does not know.
             RuntimeError: PyBullet has no room for so many robots in one process.
         """
+        if robot.model.armature.any():
+            raise ValueError(
+                f"{robot.name}: PyBullet knows no armature of joints, and its spec has "
+                f"{robot.spec.armature} kg m^2; use MuJoCo"
+            )
         self.robot = robot
         self.batch = batch
         self._config = config or SimulationConfig()
@@ -135,7 +140,7 @@ class BulletSimulator:
         self._masses = masses_of(robot)
         folder = TemporaryDirectory(prefix="surefoot-")
         self._urdf = Path(folder.name) / f"{robot.name}.urdf"
-        self._urdf.write_text(build_urdf(robot))
+        self._urdf.write_text(write_urdf(robot))
         self.clients: list[int] = []
         weakref.finalize(self, _close, self.clients, folder)
         for _ in range(batch):
@@ -186,19 +191,32 @@ class BulletSimulator:
         body = pybullet.loadURDF(
             str(self._urdf), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
         )
-        mass, _, inertia, *_ = pybullet.getDynamicsInfo(body, -1, physicsClientId=client)
+        for link in self._base_links(row, body):
+            mass, _, inertia, *_ = pybullet.getDynamicsInfo(body, link, physicsClientId=client)
+            pybullet.changeDynamics(
+                body,
+                link,
+                mass=self._mass[row] * mass,
+                # A new mass alone would bring the inertia of the collision shape.
+                localInertiaDiagonal=[self._mass[row] * moment for moment in inertia],
+                physicsClientId=client,
+            )
+        # Together with these PyBullet would give the mass of any link to the base.
         pybullet.changeDynamics(
             body,
             -1,
-            mass=self._mass[row] * mass,
-            # A new mass alone would bring the inertia of the collision shape.
-            localInertiaDiagonal=[self._mass[row] * moment for moment in inertia],
             linearDamping=0.0,
             angularDamping=0.0,
             maxJointVelocity=NO_LIMIT,
             physicsClientId=client,
         )
         return body
+
+    def _base_links(self, row: int, body: int) -> tuple[int, ...]:
+        """Return PyBullet's indices of the links that are the base; see `sim.urdf`."""
+        # The trunk comes first, if there is one: its joint is the first on the base.
+        info = pybullet.getJointInfo(body, 0, physicsClientId=self.clients[row])
+        return (-1, 0) if info[12].decode() == TRUNK else (-1,)
 
     def _indices(self, robot: RobotModel) -> tuple[list[int], list[int]]:
         """Return PyBullet's indices of the twelve joints and of the four feet."""
@@ -209,12 +227,6 @@ class BulletSimulator:
             info = pybullet.getJointInfo(self.body, index, physicsClientId=client)
             joints[info[1].decode()] = index
             links[info[12].decode()] = index
-        base = pybullet.getDynamicsInfo(self.body, -1, physicsClientId=client)
-        if any(base[3]) or base[4] != (0.0, 0.0, 0.0, 1.0):
-            raise ValueError(
-                f"{robot.name}: the inertial frame of its base is not the base frame, which "
-                "PyBullet would take for it; use MuJoCo"
-            )
         return [joints[name] for name in JOINTS], [links[f"{leg}_FOOT"] for leg in LEGS]
 
     def _place(self, row: int) -> None:

@@ -1,4 +1,4 @@
-"""The MuJoCo model of a robot on a flat floor: built from its URDF and its contact shapes.
+"""The MuJoCo model of a robot on a flat floor: built from its model and its contact shapes.
 
 Friction and stiffness of the contacts are set here, and the sensors that the backend reads per tick
 in place of further computation. Read ``sim.mujoco`` next, which simulates a batch of such models.
@@ -6,17 +6,21 @@ in place of further computation. Read ``sim.mujoco`` next, which simulates a bat
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import Any
-from xml.etree import ElementTree
 
 import mujoco
-import numpy as np
+import pinocchio as pin
 
 from surefoot.config import SimulationConfig
+from surefoot.robots.canonical import BASE, KINDS, PARTS, joint_axes
+from surefoot.robots.meshes import visual_meshes
 from surefoot.robots.model import RobotModel
 from surefoot.sim.protocol import TIME_STEP
 from surefoot.types import GRAVITY, LEGS
+
+logger = logging.getLogger(__name__)
 
 FORCE = slice(0, 4)
 """The sensors of the normal force on each foot [N]."""
@@ -35,26 +39,23 @@ _NET_FORCE = 3
 def build_model(
     robot: RobotModel, config: SimulationConfig | None = None, visual: bool = False
 ) -> mujoco.MjModel:
-    """Build the MuJoCo model of the robot on a flat floor, from its URDF.
+    """Build the MuJoCo model of the robot on a flat floor.
 
     Links touch the floor only, never each other. There are no actuators: torques are generalized
-    forces. The URDF's joint limits are dropped; they would only hide a broken controller.
+    forces. Joints turn without limits, which would only hide a broken controller.
 
     Args:
         robot: The robot.
         config: The friction and stiffness of the contacts; the defaults if it is None.
-        visual: True keeps the URDF's meshes and adds a floor texture, sky, light and a camera that
-            follows the robot (``"track"``). The physics is the same to the bit.
+        visual: True adds the description's meshes, a floor texture, sky, light and a camera that
+            follows the robot (``"track"``). Without meshes, the shapes are shown. The physics is
+            the same to the bit.
     """
     config = config or SimulationConfig()
-    spec = mujoco.MjSpec.from_string(_urdf(robot, visual))
-    base = spec.body("base_link")
-    base.add_freejoint()
-    for joint in spec.joints:
-        joint.limited = joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-        joint.damping = np.zeros(3)
-        joint.armature = 0.0
-        joint.frictionloss = 0.0
+    spec = mujoco.MjSpec()
+    # Like Pinocchio, MuJoCo makes a foot a part of its lower leg.
+    spec.compiler.fusestatic = True
+    _add_bodies(spec, robot)
 
     # Two geoms meet if the type of one is in the affinity of the other: robot and floor only.
     # Of the friction of two geoms MuJoCo takes the larger; equal values need no rule.
@@ -66,7 +67,8 @@ def build_model(
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     floor = {"size": [0, 0, 0.05], "contype": 1, "conaffinity": 0, **contact}
     spec.worldbody.add_geom(name="floor", type=plane, **floor)
-    _add_shapes(spec, robot, contact, group=3 if visual else 0)  # renderers hide group 3
+    shown = not (visual and _add_meshes(spec, robot))
+    _add_shapes(spec, robot, contact, group=0 if shown else 3)  # renderers hide group 3
     _add_sensors(spec, robot)
     if visual:
         _decorate(spec)
@@ -84,22 +86,85 @@ def build_model(
     return spec.compile()
 
 
-def _urdf(robot: RobotModel, visual: bool) -> str:
-    """Return the URDF without collision meshes, with mesh paths that MuJoCo can open.
+def _add_bodies(spec: mujoco.MjSpec, robot: RobotModel) -> None:
+    """Add the links of the robot's model, from the base to the feet, and the joints between them.
 
-    Visual meshes stay if ``visual`` is True. Fixed joints are fused, as Pinocchio does: a foot
-    becomes part of its lower leg.
+    Every link has its own inertia; MuJoCo adds that of a foot to its lower leg.
     """
-    root = ElementTree.fromstring(robot.urdf.read_text())
-    for link in root.iter("link"):
-        for element in link.findall("collision") + ([] if visual else link.findall("visual")):
-            link.remove(element)
-    for mesh in root.iter("mesh"):
-        path = mesh.get("filename", "").replace("package://", f"{robot.package_root}/")
-        mesh.set("filename", path)
-    options = {"strippath": "false", "discardvisual": "false", "fusestatic": "true"}
-    ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler", options)
-    return ElementTree.tostring(root, encoding="unicode")
+    model = robot.model
+    axes = joint_axes(model)
+    base = spec.worldbody.add_body(name=BASE)
+    _set_inertia(base, model, BASE)
+    base.add_freejoint()
+    for number, leg in enumerate(LEGS):
+        body = base
+        for place, (kind, part) in enumerate(zip(KINDS, PARTS, strict=True)):
+            joint = model.getJointId(f"{leg}_{kind}")
+            name = f"{leg}_{part}"
+            body = body.add_body(name=name)
+            _place(body, model.jointPlacements[joint])
+            _set_inertia(body, model, name)
+            velocity = model.joints[joint].idx_v
+            body.add_joint(
+                name=f"{leg}_{kind}",
+                type=mujoco.mjtJoint.mjJNT_HINGE,
+                axis=axes[3 * number + place],
+                armature=model.armature[velocity],
+                damping=[model.damping[velocity], 0.0, 0.0],
+            )
+        name = f"{leg}_FOOT"
+        placement = model.frames[model.getFrameId(name)].placement
+        foot = body.add_body(name=name)
+        _place(foot, placement)
+        _set_inertia(foot, model, name)
+
+
+def _place(part: mujoco.MjsBody | mujoco.MjsGeom, placement: pin.SE3) -> None:
+    """Put a body or a geom where it belongs in its parent's frame."""
+    x, y, z, w = pin.Quaternion(placement.rotation).coeffs()
+    part.pos = placement.translation
+    part.quat = [w, x, y, z]
+
+
+def _set_inertia(body: mujoco.MjsBody, model: pin.Model, link: str) -> None:
+    """Give a body the inertia that its link has by itself; none if it has no mass."""
+    inertia = model.frames[model.getFrameId(link)].inertia
+    if inertia.mass == 0.0:
+        return
+    I = inertia.inertia  # noqa: E741
+    body.explicitinertial = True
+    body.mass = inertia.mass
+    body.ipos = inertia.lever
+    body.fullinertia = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
+
+
+def _add_meshes(spec: mujoco.MjSpec, robot: RobotModel) -> bool:
+    """Add the description's meshes, for pictures: they have no mass and touch nothing.
+
+    Returns:
+        False if there is none; a mesh that is missing or cannot be read leaves none.
+    """
+    try:
+        meshes = visual_meshes(robot)
+    except ValueError as error:
+        logger.warning("pictures show the shapes that meet the ground: %s", error)
+        return False
+    for number, mesh in enumerate(meshes):
+        name = f"mesh-{number}"
+        part = spec.add_mesh(
+            name=name, uservert=mesh.vertices.ravel(), userface=mesh.triangles.ravel()
+        )
+        part.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # need not be closed
+        geom = spec.body(mesh.link).add_geom(
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=name,
+            rgba=mesh.color,
+            contype=0,
+            conaffinity=0,
+            mass=0.0,
+        )
+        _place(geom, mesh.placement)
+    return bool(meshes)
 
 
 def _add_shapes(
@@ -134,11 +199,11 @@ def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
     for leg in LEGS:
         spec.add_sensor(type=kind.mjSENS_FRAMEPOS, objtype=site, objname=f"{leg}_FOOT")
     body = mujoco.mjtObj.mjOBJ_BODY
-    spec.add_sensor(type=kind.mjSENS_SUBTREECOM, objtype=body, objname="base_link")
+    spec.add_sensor(type=kind.mjSENS_SUBTREECOM, objtype=body, objname=BASE)
     # One sensor of the whole robot costs half of what one for each part does.
     whole = mujoco.mjtObj.mjOBJ_XBODY
     parameters = [_FORCE_BIT, _NET_FORCE, 1]
-    spec.add_sensor(type=kind.mjSENS_CONTACT, objtype=whole, objname="base_link", intprm=parameters)
+    spec.add_sensor(type=kind.mjSENS_CONTACT, objtype=whole, objname=BASE, intprm=parameters)
 
 
 def _decorate(spec: mujoco.MjSpec) -> None:
@@ -180,7 +245,7 @@ def _decorate(spec: mujoco.MjSpec) -> None:
         castshadow=True,
     )
     track = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
-    spec.body("base_link").add_camera(
+    spec.body(BASE).add_camera(
         name="track", mode=track, pos=[0.6, -1.0, 0.4], xyaxes=[0.86, 0.51, 0, -0.16, 0.27, 0.95]
     )
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]

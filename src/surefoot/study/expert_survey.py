@@ -24,6 +24,7 @@ from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.push_limits import PushLimits
 from surefoot.evaluation.robustness import evaluate
 from surefoot.evaluation.statistics import wilson
+from surefoot.robots.scaling import with_own_values
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import PACKAGED, load_starts
 from surefoot.study.records import (
@@ -65,6 +66,7 @@ def survey_expert(
         ValueError: The file holds a survey of another configuration, of other versions or initial
             states.
     """
+    config = with_own_values(config)
     simulators = get_args(Backend) if simulator is None else (simulator,)
     survey = Survey(
         config=config,

@@ -22,6 +22,7 @@ from surefoot.evaluation.imitation import ImitationError
 from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
+from surefoot.robots.scaling import with_own_values
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import Best, StageRecord
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, read_setup
@@ -307,11 +308,11 @@ def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
     results = results_folder(folder, cell)
     if not results.is_dir():
         return None
-    config = run_config(setup, cell)
+    config = with_own_values(run_config(setup, cell))
     metrics: tuple[StageRecord, ...] = ()
     if (results / CONFIG_FILE).exists():
         run = open_run(results)
-        if run.config != config:
+        if with_own_values(run.config) != config:
             raise StudyError(
                 f"{results} holds results of another configuration than {folder / STUDY_FILE} asks "
                 "for; move them away, or restore the study's file"

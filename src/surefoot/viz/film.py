@@ -21,16 +21,16 @@ from tqdm import tqdm
 
 from surefoot.config import SimulationConfig
 from surefoot.files import check_output, write_atomic
-from surefoot.robots.model import RobotModel
-from surefoot.robots.solo12 import solo12
+from surefoot.robots.load import load_robot
+from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import heading, rotation
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray
-from surefoot.viz.renderer import RenderingUnavailable, child_process, pictures
+from surefoot.viz.renderer import RenderingUnavailable, child_process, pictures, view_scale
 
 FILM_SUFFIXES = (".mp4",)
 """Endings of a film's name."""
 AIM = 0.11
-"""[m] height the camera looks at: half way from the ground to the robot's top."""
+"""[m] height the camera looks at: half way from the ground to Solo12's top."""
 SMOOTHING = 0.3
 """[s] width of the Gaussian through which the camera follows the base."""
 PUSH_SHOWN = 150
@@ -126,7 +126,7 @@ def film(
     check_output(path, suffixes=FILM_SUFFIXES)
     q = recording.q
     ticks = np.arange(0, len(q), TICKS_PER_SECOND * speed / rate).astype(np.int64)
-    camera = _camera(q, ticks, distance=0.85, side=125.0, elevation=-13.0)
+    camera = _camera(q, ticks, 0.85, 125.0, -13.0, view_scale(recording.robot))
     has_timeline = recording.expert_drove is not None or bool(recording.pushes)
 
     def finished(picture: Image.Image, tick: int) -> Image.Image:
@@ -168,7 +168,7 @@ def contact_sheet(recording: Recording, path: Path, frames: int = 12) -> Path:
     ticks = np.arange(frames) * TICKS_PER_SECOND // SHEET_RATE
     first = max(len(q) - ticks[-1], 0) // 2
     ticks = first + ticks[ticks < len(q)]
-    camera = _camera(q, ticks, distance=0.78, side=90.0, elevation=-7.0)
+    camera = _camera(q, ticks, 0.78, 90.0, -7.0, view_scale(recording.robot))
     camera[:] = camera.mean(axis=0)
     columns = min(len(ticks), SHEET_COLUMNS)
     rows = int(np.ceil(len(ticks) / SHEET_COLUMNS))
@@ -184,24 +184,54 @@ def contact_sheet(recording: Recording, path: Path, frames: int = 12) -> Path:
     return path
 
 
+def portrait(robot: RobotModel, path: Path, size: tuple[int, int] = (960, 640)) -> Path:
+    """Draw a robot in its nominal pose, from its front right.
+
+    Args:
+        robot: The robot.
+        path: The picture, with the ending .png; it is there whole or not at all.
+        size: Width and height [pixels].
+
+    Returns:
+        The path.
+
+    Raises:
+        RenderingUnavailable: There is no OpenGL without a screen.
+        ValueError: The path has another ending.
+        WriteError: The path cannot be written.
+    """
+    check_output(path, suffixes=(".png",))
+    q = standing(robot)[None]
+    camera = _camera(q, np.zeros(1, dtype=np.int64), 0.85, 125.0, -13.0, view_scale(robot))
+    [picture] = pictures(robot, SimulationConfig(), q, camera, size)
+    write_atomic(path, lambda target: picture.save(target, format="PNG"))
+    return path
+
+
 def check_rendering() -> None:
     """Film two frames and throw them away.
 
     Raises:
         RenderingUnavailable: There is no OpenGL without a screen, or no ffmpeg.
     """
-    robot = solo12()
+    robot = load_robot()
     recording = Recording(robot, SimulationConfig(), np.tile(robot.nominal, (80, 1)))
     with TemporaryDirectory() as folder:
         film(recording, Path(folder) / "check.mp4", size=(64, 48))
 
 
-def _camera(q: Array, ticks: IntArray, distance: float, side: float, elevation: float) -> Array:
-    """``(n, 6)`` for each tick: point to look at [m], distance [m], azimuth, elevation [deg]."""
+def _camera(
+    q: Array, ticks: IntArray, distance: float, side: float, elevation: float, scale: float = 1.0
+) -> Array:
+    """``(n, 6)`` for each tick: point to look at [m], distance [m], azimuth, elevation [deg].
+
+    Height and distance are given for Solo12; a robot ``scale`` times as large is seen from farther
+    away.
+    """
     base = gaussian_filter1d(q[:, :2], SMOOTHING * TICKS_PER_SECOND, axis=0, mode="nearest")[ticks]
     # Sides count from the robot's first heading: at 90 the camera is on its right.
     cos, sin = heading(rotation(q[0, 3:7]))
-    view = [AIM, distance, np.degrees(np.arctan2(sin, cos)) + side, elevation]
+    view = [scale * AIM, scale * distance, np.degrees(np.arctan2(sin, cos)) + side, elevation]
     return np.hstack([base, np.tile(view, (len(base), 1))])
 
 

@@ -40,6 +40,17 @@ class RenderingUnavailable(RuntimeError):  # noqa: N818
     """Something that pictures need is missing; the message says what, and how to fix it."""
 
 
+def view_scale(robot: RobotModel) -> float:
+    """How much larger than Solo12 a robot looks, to a tenth: its legs are that much longer.
+
+    Args:
+        robot: The robot.
+    """
+    from surefoot.robots.scaling import size_of
+
+    return max(0.1, round(size_of(robot).length_ratio, 1))
+
+
 def pictures(
     robot: RobotModel,
     simulation: SimulationConfig,
@@ -71,6 +82,8 @@ def pictures(
     most = cores if workers is None else Workers(workers).started
     count = max(min(most, len(q) // LEAST_SHARE), 1)
     model = build_model(robot, simulation, visual=True)
+    # MuJoCo computes shadows, and cuts off what is near, by this length.
+    model.stat.extent = view_scale(robot)
     qpos, _ = to_mujoco(q, np.zeros((len(q), model.nv)))
     with ExitStack() as stack:
         drawings = []
@@ -125,7 +138,6 @@ def draw_pictures() -> None:
     model.mat_texrepeat[:] = 1.0 / TILE
     model.vis.global_.offwidth = width
     model.vis.global_.offheight = height
-    model.stat.extent = 1.0  # [m] that shadows are computed for
     data = mujoco.MjData(model)
     view = mujoco.MjvCamera()
     with mujoco.Renderer(model, height, width) as renderer:

@@ -12,11 +12,12 @@ from typing import Literal
 
 import numpy as np
 
+from surefoot.config import RobotConfig
 from surefoot.learning.frames import concatenate
 from surefoot.methods import METHODS
 from surefoot.mpc.expert import Expert
+from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
-from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.jobs import Job, disturbance_of, expert_name, play_out, summarize_job
 from surefoot.rollouts.outcome import Outcome
@@ -60,9 +61,14 @@ class EpisodeReport:
     pushes: tuple[float, ...]
 
 
-def standing_start(command: Command) -> Starts:
-    """One robot at rest in its nominal pose, at the beginning of the gait cycle."""
-    return at_rest(standing(solo12()), np.array([command]))
+def standing_start(command: Command, robot: RobotConfig | None = None) -> Starts:
+    """One robot at rest in its nominal pose, at the beginning of the gait cycle.
+
+    Args:
+        command: The velocity that is commanded.
+        robot: Which robot; Solo12 if it is None.
+    """
+    return at_rest(standing(load_robot(robot or "solo12")), np.array([command]))
 
 
 def recorded_episode(

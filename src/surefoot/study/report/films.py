@@ -18,7 +18,7 @@ import numpy as np
 
 from surefoot.config import Config
 from surefoot.config.study import EXPERT, Technique
-from surefoot.robots.solo12 import solo12
+from surefoot.robots.load import load_robot
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out
@@ -123,7 +123,7 @@ def film_policy(title: str, config: Config, policy: Path | None, run: str) -> Fi
         RenderingUnavailable: There is no OpenGL without a screen, or no ffmpeg.
         PolicyFileError: The policy's file is damaged.
     """
-    start = standing_start(Command(SPEED, 0.0, 0.0))
+    start = standing_start(Command(SPEED, 0.0, 0.0), config.robot)
     impulse = np.array([[[0.0, IMPULSE, 0.0]]])
     push_tick = round(1000 * PUSH_AT)
     pushes = Pushes(impulse, np.array([[push_tick]]), PUSH_TICKS)
@@ -134,7 +134,7 @@ def film_policy(title: str, config: Config, policy: Path | None, run: str) -> Fi
     rollouts, _ = play_out(Job(config, episodes, arbiter, policy=policy))
     length = max(int(rollouts.length[0]), 1)
     recording = Recording(
-        robot=solo12(config.robot),
+        robot=load_robot(config.robot),
         simulation=config.simulation,
         q=rollouts.q[0, :length],
         pushes=pushes.begun(0, length),

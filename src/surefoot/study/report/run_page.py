@@ -10,7 +10,7 @@ from pathlib import Path
 from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
 from surefoot.learning.policy import Policy, load
-from surefoot.robots.solo12 import solo12
+from surefoot.robots.load import load_robot
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
 from surefoot.study.report.markup import (
     COUNT,
@@ -83,7 +83,7 @@ def run_body(card: RunCard, pictures: Sequence[Markup]) -> Markup:
         card: What is known of the run.
         pictures: Its figures, as parts of the page.
     """
-    policy = None if card.policy is None else load(card.policy, solo12(card.config.robot).name)
+    policy = None if card.policy is None else load(card.policy, load_robot(card.config.robot).name)
     parts = [
         ("what", "What it is", _what(card, policy)),
         ("training", "How it was trained", _training(card)),
@@ -102,7 +102,7 @@ def _what(card: RunCard, policy: Policy | None) -> list[Markup]:
     hidden = " x ".join(str(width) for width in config.policy.hidden)
     pairs = [
         ("method", code(card.method)),
-        ("robot", escaped(solo12(config.robot).name)),
+        ("robot", escaped(load_robot(config.robot).name)),
         ("network", escaped(f"47 inputs, {hidden} units with ReLU, 12 joint targets, at 1 kHz")),
         ("gains", escaped(f"kp {config.policy.kp} N m/rad, kd {config.policy.kd} N m s/rad")),
         ("gait period", escaped(f"{config.gait.period} s")),

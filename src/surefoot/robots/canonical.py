@@ -1,0 +1,197 @@
+"""The package's own Pinocchio model of a robot: canonical names and order, nothing that is locked.
+
+A description has names, an order and a structure of its own. Every joint that is not one of the
+twelve is locked, and a new model is built of what is left: legs FL, FR, HL, HR, each with links
+SHOULDER, UPPER_LEG, LOWER_LEG and FOOT, joints HAA, HFE, KFE. A foot is a frame of its lower leg,
+with the inertia of the description's foot link, or none where that is not one of a body. Everything
+else of the package, the simulators included, is made from this model. Read `robots.load` next.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from surefoot.config.robots import RobotSpec
+from surefoot.errors import unknown
+from surefoot.robots.description import Description, frame_id
+from surefoot.types import LEGS, Array
+
+BASE = "base_link"
+"""The name of the base's link."""
+PARTS = ("SHOULDER", "UPPER_LEG", "LOWER_LEG")
+"""The names of a leg's links that joints turn, in the order of its joints."""
+KINDS = ("HAA", "HFE", "KFE")
+"""The names of a leg's joints: hip abduction, hip flexion, knee."""
+LEAST_MASS = 1e-9
+"""[kg] A link that weighs less has no mass."""
+
+
+def canonical_model(description: Description, spec: RobotSpec) -> pin.Model:
+    """Rebuild a description's model with canonical names and order.
+
+    Args:
+        description: The description that was read.
+        spec: The names of its joints and feet; armature and damping of its joints.
+
+    Raises:
+        ValueError: A joint or a foot is missing, has another place in the tree or another type, or
+            a link has no mass or an impossible inertia.
+    """
+    names = _joint_names(description, spec)
+    source = _locked(description.model, names)
+    feet = [frame_id(description, _named(spec.foot, leg), spec.name) for leg in spec.legs]
+    feet = [source.getFrameId(description.model.frames[foot].name) for foot in feet]
+    apart = all(_is_body(description.inertias.get(source.frames[foot].name)) for foot in feet)
+    _check_chains(source, names, feet, spec)
+    model = pin.Model()
+    model.name = spec.name
+    placement = pin.SE3.Identity()
+    root = model.addJoint(0, pin.JointModelFreeFlyer(), placement, "root_joint")
+    model.addJointFrame(root)
+    _add_body(model, BASE, root, _own_inertia(description, source, 1, None))
+    model.inertias[root] = source.inertias[1]
+    for number, leg in enumerate(LEGS):
+        parent = root
+        for kind, part, name in zip(KINDS, PARTS, names[3 * number : 3 * number + 3], strict=True):
+            old = source.getJointId(name)
+            joint = model.addJoint(
+                parent, source.joints[old], source.jointPlacements[old], f"{leg}_{kind}"
+            )
+            model.addJointFrame(joint)
+            foot = feet[number] if apart and part == PARTS[-1] else None
+            own = _own_inertia(description, source, old, foot)
+            _add_body(model, f"{leg}_{part}", joint, own)
+            model.inertias[joint] = source.inertias[old]
+            parent = joint
+        frame = source.frames[feet[number]]
+        own = description.inertias[frame.name] if apart else pin.Inertia.Zero()
+        foot_frame = pin.Frame(f"{leg}_FOOT", parent, frame.placement, pin.FrameType.BODY, own)
+        model.addFrame(foot_frame, False)
+    # Armature acts in Pinocchio's inverse dynamics; damping in the simulators only.
+    model.armature[6:] = np.tile(spec.armature, 4)
+    model.damping[6:] = np.tile(spec.damping, 4)
+    _check_inertias(model, spec)
+    return model
+
+
+def joint_axes(model: pin.Model) -> Array:
+    """Return the axis of each joint ``(12, 3)`` in its own frame."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    rows = [
+        pin.getJointJacobian(model, data, joint, pin.LOCAL)[3:, 4 + joint]
+        for joint in range(2, model.njoints)
+    ]
+    return np.array(rows)
+
+
+def _named(pattern: str, leg: str) -> str:
+    """The description's name of something of a leg."""
+    return pattern.replace("{leg}", leg)
+
+
+def _joint_names(description: Description, spec: RobotSpec) -> list[str]:
+    """The description's names of the twelve joints, in canonical order; all of them exist."""
+    names = [_named(pattern, leg) for leg in spec.legs for pattern in spec.joints]
+    model = description.model
+    movable = list(model.names[2:])
+    for name in names:
+        if name not in movable:
+            few = "" if len(movable) >= 12 else f" It has {len(movable)} joints; 12 are needed."
+            message = unknown("joint that moves", name, movable)
+            raise ValueError(f"{spec.name}, {description.path}: {message}.{few}")
+        joint = model.joints[model.getJointId(name)]
+        if joint.nv != 1 or not joint.shortname().startswith("JointModelR"):
+            raise ValueError(
+                f"{spec.name}, {description.path}: the joint {name!r} does not turn about one axis "
+                f"({joint.shortname()})"
+            )
+    return names
+
+
+def _locked(model: pin.Model, names: list[str]) -> pin.Model:
+    """The model without all joints but these, which are locked at zero or the nearest angle."""
+    others = [joint for joint in range(2, model.njoints) if model.names[joint] not in names]
+    if not others:
+        return model
+    q = pin.neutral(model)
+    for joint in others:
+        if model.joints[joint].nq == 1:
+            index = model.joints[joint].idx_q
+            low = model.lowerPositionLimit[index]
+            high = model.upperPositionLimit[index]
+            if low <= high:
+                q[index] = min(max(0.0, low), high)
+    return pin.buildReducedModel(model, others, q)
+
+
+def _check_chains(source: pin.Model, names: list[str], feet: list[int], spec: RobotSpec) -> None:
+    """Check that each leg is a chain from the base: abduction, flexion, knee, foot."""
+    for number, leg in enumerate(spec.legs):
+        chain = [source.getJointId(name) for name in names[3 * number : 3 * number + 3]]
+        parents = [source.parents[joint] for joint in chain]
+        if parents != [1, *chain[:2]]:
+            hangs = [source.names[parent] for parent in parents]
+            raise ValueError(
+                f"{spec.name}: the joints {names[3 * number : 3 * number + 3]} of the leg {leg!r} "
+                f"hang on {hangs}; expected one below the other, the first on the base"
+            )
+        foot = source.frames[feet[number]]
+        if foot.parentJoint != chain[2]:
+            raise ValueError(
+                f"{spec.name}: the foot {foot.name!r} hangs on the joint "
+                f"{source.names[foot.parentJoint]!r}, expected {source.names[chain[2]]!r}"
+            )
+
+
+def _own_inertia(
+    description: Description, source: pin.Model, joint: int, foot: int | None
+) -> pin.Inertia:
+    """The inertia of what a joint turns by itself, without its foot, in the joint's frame.
+
+    Where it is that of a single link at the joint, it is the description's own, to the last bit.
+    """
+    total = pin.Inertia.Zero()
+    count = 0
+    for index, frame in enumerate(source.frames):
+        if frame.type != pin.FrameType.BODY or frame.parentJoint != joint or index == foot:
+            continue
+        inertia = description.inertias.get(frame.name)
+        if inertia is None:
+            continue
+        at_joint = frame.placement == pin.SE3.Identity()
+        inertia = inertia if at_joint else frame.placement.act(inertia)
+        total = total + inertia if count else inertia
+        count += 1
+    return total
+
+
+def _is_body(inertia: pin.Inertia | None) -> bool:
+    """Whether an inertia is that of a body, which has a mass and three moments of inertia."""
+    return (
+        inertia is not None
+        and inertia.mass > LEAST_MASS
+        and bool((np.linalg.eigvalsh(inertia.inertia) > 0.0).all())
+    )
+
+
+def _add_body(model: pin.Model, name: str, joint: int, inertia: pin.Inertia) -> None:
+    """Add the frame of a link at its joint, which carries the link's own inertia."""
+    frame = pin.Frame(name, joint, pin.SE3.Identity(), pin.FrameType.BODY, inertia)
+    model.addFrame(frame, False)
+
+
+def _check_inertias(model: pin.Model, spec: RobotSpec) -> None:
+    """Check that everything that moves has a mass, and the inertia of a body of that mass."""
+    for joint in range(1, model.njoints):
+        inertia = model.inertias[joint]
+        what = "the base" if joint == 1 else f"what the joint {model.names[joint]} turns"
+        if not inertia.mass > LEAST_MASS:
+            raise ValueError(f"{spec.name}: {what} has no mass; no simulator can move it")
+        moments = np.linalg.eigvalsh(inertia.inertia)
+        if not (moments[0] > 0.0 and moments[2] <= 1.001 * (moments[0] + moments[1])):
+            raise ValueError(
+                f"{spec.name}: {what} has principal moments of inertia {moments.tolist()} kg m^2, "
+                "which no body has: all are positive, and none exceeds the sum of the others"
+            )

@@ -1,0 +1,244 @@
+"""Looks at a robot's description: what the package makes of it, and what is missing or odd.
+
+What no model can be made of is an error of `load_robot`. What is left is worth knowing: a limit
+that is missing, a mesh that cannot be read, a pose outside the limits. Read `cli.robot` next, which
+prints it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from surefoot.config.robots import RobotConfig
+from surefoot.robots.canonical import PARTS
+from surefoot.robots.description import Description, read_description
+from surefoot.robots.geometry import lowest_points
+from surefoot.robots.load import load_robot
+from surefoot.robots.meshes import missing_meshes
+from surefoot.robots.model import RobotModel, standing
+from surefoot.robots.rigid import feet as foot_positions
+from surefoot.robots.rigid import legs_of
+from surefoot.robots.scaling import OwnValues, Size, own_values, size_of
+from surefoot.types import GRAVITY, JOINTS, LEGS
+
+UNEVEN = 0.005
+"""[m] Feet of a standing robot that differ by more than this in height or sideways are odd."""
+LOADED = 0.6
+"""Standing should need no more of the torque limits than this."""
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """A joint, as the package has it.
+
+    Attributes:
+        name: Its canonical name.
+        source: Its name in the description.
+        nominal: Its angle in the nominal pose [rad].
+        low: Its smallest angle [rad]; None if it has no limit.
+        high: Its largest angle [rad]; None if it has no limit.
+        torque_limit: [N m].
+        speed_limit: [rad/s]; None if it has none.
+        link_mass: Mass of what it turns by itself [kg].
+    """
+
+    name: str
+    source: str
+    nominal: float
+    low: float | None
+    high: float | None
+    torque_limit: float
+    speed_limit: float | None
+    link_mass: float
+
+
+@dataclass(frozen=True)
+class RobotReport:
+    """What the package makes of a robot's description.
+
+    Attributes:
+        name: The robot's name.
+        urdf: The description.
+        mass: [kg].
+        size: Its ratios to Solo12, and its heights in the nominal pose.
+        own: The values that it has of its own: gains, heights, weights.
+        joints: All twelve joints, in canonical order.
+        feet: Position of each foot in the nominal pose, below the base [m].
+        remarks: What is missing or odd, in sentences.
+    """
+
+    name: str
+    urdf: Path
+    mass: float
+    size: Size
+    own: OwnValues
+    joints: tuple[JointRow, ...]
+    feet: tuple[tuple[float, float, float], ...]
+    remarks: tuple[str, ...]
+
+
+def examine_robot(config: RobotConfig) -> RobotReport:
+    """Load a robot, and say what there is to say of it.
+
+    Args:
+        config: Which robot.
+
+    Raises:
+        ValueError: There is no such robot, or its description cannot be used.
+    """
+    robot = load_robot(config)
+    description = read_description(robot.spec)
+    q = standing(robot)
+    position = foot_positions(q[None], legs_of(robot))[0][0]
+    return RobotReport(
+        name=robot.name,
+        urdf=robot.urdf,
+        mass=robot.mass,
+        size=size_of(robot),
+        own=own_values(robot),
+        joints=tuple(_rows(robot)),
+        feet=tuple((float(x), float(y), float(z)) for x, y, z in position - [*q[:2], 0.0]),
+        remarks=tuple(remarks(robot, description)),
+    )
+
+
+def _rows(robot: RobotModel) -> Iterator[JointRow]:
+    """The table of the joints."""
+    spec = robot.spec
+    sources = [pattern.replace("{leg}", leg) for leg in spec.legs for pattern in spec.joints]
+    for row, (name, source) in enumerate(zip(JOINTS, sources, strict=True)):
+        low, high = robot.position_limit[row]
+        speed = robot.speed_limit[row]
+        yield JointRow(
+            name=name,
+            source=source,
+            nominal=float(robot.nominal[7 + row]),
+            low=float(low) if np.isfinite(low) else None,
+            high=float(high) if np.isfinite(high) else None,
+            torque_limit=float(robot.torque_limit[row]),
+            speed_limit=float(speed) if np.isfinite(speed) else None,
+            link_mass=robot.model.inertias[2 + row].mass,
+        )
+
+
+def remarks(robot: RobotModel, description: Description) -> Iterator[str]:
+    """Say what is missing or odd, one sentence for each thing.
+
+    Args:
+        robot: The robot.
+        description: What its model was made from.
+    """
+    yield from _of_the_tree(robot, description)
+    yield from _of_limits(robot)
+    yield from _of_feet(robot, description)
+    yield from _of_the_pose(robot)
+    yield from _of_meshes(robot)
+
+
+def _of_the_tree(robot: RobotModel, description: Description) -> Iterator[str]:
+    """Remarks on links and joints."""
+    source = description.model
+    root = next(frame.name for frame in source.frames if frame.type == pin.FrameType.BODY)
+    own = description.inertias.get(root)
+    if own is None or own.mass == 0.0:
+        yield f"The root link {root!r} has no mass; the links that are fixed to it have."
+    wanted = {
+        pattern.replace("{leg}", leg) for leg in robot.spec.legs for pattern in robot.spec.joints
+    }
+    locked = [name for name in source.names[2:] if name not in wanted]
+    if locked:
+        yield f"Joints that are locked: {', '.join(locked)}."
+    velocities = range(6, source.nv)
+    ignored = [
+        name
+        for name, values in (("damping", source.damping), ("armature", source.armature))
+        if any(values[index] for index in velocities)
+    ]
+    if ignored:
+        yield (
+            f"The description's {' and '.join(ignored)} of joints is not used; the spec's "
+            f"`damping` is {robot.spec.damping} N m s/rad, its `armature` "
+            f"{robot.spec.armature} kg m^2."
+        )
+    elif not any(robot.spec.armature):
+        yield "Its joints have no `armature`: the inertia of the rotors is not simulated."
+
+
+def _of_limits(robot: RobotModel) -> Iterator[str]:
+    """Remarks on limits, and on a nominal pose outside them."""
+    if np.isinf(robot.speed_limit).all():
+        yield "No joint has a speed limit; `speed_limit` in the spec gives one."
+    if np.isinf(robot.position_limit).all():
+        yield "No joint has position limits; `position_limit` in the spec gives them."
+    outside = (robot.nominal[7:] < robot.position_limit[:, 0]) | (
+        robot.nominal[7:] > robot.position_limit[:, 1]
+    )
+    if outside.any():
+        names = ", ".join(np.array(JOINTS)[outside])
+        yield f"The nominal angles of {names} are outside the joints' limits."
+
+
+def _of_feet(robot: RobotModel, description: Description) -> Iterator[str]:
+    """Remarks on the feet: what the description has there in place of the package's spheres."""
+    root = ElementTree.fromstring(description.path.read_text())
+    names = [robot.spec.foot.replace("{leg}", leg) for leg in robot.spec.legs]
+    if robot.model.frames[robot.feet[0]].inertia.mass == 0.0:
+        yield f"The feet have no inertia of their own; they are a part of the {PARTS[-1]} links."
+    link = next((link for link in root.iter("link") if link.get("name") == names[0]), None)
+    if link is None:
+        yield f"The foot {names[0]!r} is a frame, not a link."
+        return
+    shape = link.find("collision/geometry")
+    sphere = link.find("collision/geometry/sphere")
+    radius = robot.foot_radius
+    if sphere is not None:
+        given = float(sphere.get("radius", "nan"))
+        if abs(given - radius) > 0.1 * radius:
+            yield f"Its feet are spheres of {given} m in the description, of {radius} m here."
+    elif shape is None or not len(shape):
+        yield f"The description's feet have nothing to collide with; here, spheres of {radius} m."
+    else:
+        yield f"The description's feet are a {shape[0].tag}; here they are spheres of {radius} m."
+
+
+def _of_the_pose(robot: RobotModel) -> Iterator[str]:
+    """Remarks on how the robot stands."""
+    q = standing(robot)
+    data = robot.model.createData()
+    position, J = foot_positions(q[None], legs_of(robot))
+    height = position[0, :, 2]
+    if np.ptp(height) > UNEVEN:
+        yield f"In the nominal pose its feet are {np.ptp(height):.3f} m apart in height."
+    mirrored = position[0, [0, 2]] - position[0, [1, 3]] * [1.0, -1.0, 1.0]
+    if np.abs(mirrored).max() > UNEVEN:
+        yield f"Left and right feet are {np.abs(mirrored).max():.3f} m from being mirror images."
+    _, rest = lowest_points(robot, data, q)
+    if rest.min() <= 0.0:
+        link = robot.shapes[len(LEGS) + int(rest.argmin())].link
+        yield f"In the nominal pose the shape of {link} is {-rest.min():.3f} m in the ground."
+    # Each foot carries a quarter of the weight.
+    load = robot.mass * GRAVITY / 4
+    torque = pin.computeGeneralizedGravity(robot.model, data, q)[6:].reshape(4, 3)
+    torque = torque - load * J[0, :, 2, 6:]
+    share = np.abs(torque.ravel()) / robot.torque_limit
+    if share.max() > LOADED:
+        joint = JOINTS[int(share.argmax())]
+        yield f"Standing takes {share.max():.0%} of the torque limit of {joint}; steps take more."
+
+
+def _of_meshes(robot: RobotModel) -> Iterator[str]:
+    """Remarks on what pictures will show."""
+    count, missing = missing_meshes(robot.urdf)
+    if count == 0:
+        yield "It has no meshes; pictures show the shapes that meet the ground."
+    elif missing:
+        yield (
+            f"{len(missing)} of its {count} meshes are not there, such as {missing[0]}; pictures "
+            "show the shapes that meet the ground."
+        )

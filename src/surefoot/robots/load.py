@@ -1,0 +1,234 @@
+"""Loads a robot: from its name, its spec, or a JSON or TOML file with a spec.
+
+Read `robots.model` for what comes of it, `config.robot_table` for the robots of the package, and
+`robots.canonical` for how a description becomes a model.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from surefoot.config.json_io import from_json
+from surefoot.config.json_text import parse_json, read_file
+from surefoot.config.robot_table import ROBOTS
+from surefoot.config.robots import RobotConfig, RobotSpec
+from surefoot.errors import unknown
+from surefoot.robots.canonical import canonical_model, joint_axes
+from surefoot.robots.description import Description, read_description
+from surefoot.robots.model import RobotModel, Shape, standing
+from surefoot.types import LEGS, Array
+
+SUFFIXES = (".json", ".toml")
+"""The endings of files with a spec."""
+MOST_BYTES = 1_000_000
+"""[B] No file with a spec is larger."""
+FREE_TRAVEL = 4 * np.pi
+"""[rad] A joint that may turn so far has no limits; URDFs cannot leave them out."""
+NO_LIMIT = 1000.0
+"""[N m, rad/s] URDFs write a torque or a speed limit of so much, or 0, where they know none."""
+
+
+def load_robot(robot: RobotConfig | RobotSpec | str | Path = "solo12") -> RobotModel:
+    """Load a robot.
+
+    Args:
+        robot: The name of a robot of the package, a file with a `RobotSpec`, a spec itself, or the
+            configuration of a robot.
+
+    Raises:
+        ValueError: There is no such robot or file, or its description cannot be used; the message
+            says what is wrong with it.
+        ImportError: The package ``example-robot-data`` is missing.
+    """
+    config = robot if isinstance(robot, RobotConfig) else RobotConfig()
+    spec = find_spec(robot)
+    description = read_description(spec)
+    model = canonical_model(description, spec)
+    loaded = RobotModel(
+        spec=spec,
+        urdf=description.path,
+        model=model,
+        nominal=_nominal(model, spec),
+        torque_limit=_torque_limits(description, spec, config.torque_limit),
+        speed_limit=_speed_limits(description, spec),
+        position_limit=_position_limits(description, spec),
+        shapes=contact_shapes(model, spec),
+        enforce_speed_limit=config.enforce_speed_limit,
+    )
+    _check_pose(loaded)
+    if spec.nominal_height is None:
+        return replace(loaded, nominal=standing(loaded))
+    return loaded
+
+
+def find_spec(robot: RobotConfig | RobotSpec | str | Path) -> RobotSpec:
+    """Return the spec of a robot.
+
+    Args:
+        robot: As for `load_robot`.
+
+    Raises:
+        ValueError: There is no such robot, or the file holds no spec.
+    """
+    if isinstance(robot, RobotSpec):
+        return robot
+    if isinstance(robot, RobotConfig):
+        return robot.spec or find_spec(robot.model)
+    name = str(robot)
+    if name in ROBOTS:
+        return ROBOTS[name]
+    if name.lower().endswith(SUFFIXES):
+        return read_spec(Path(name))
+    raise ValueError(
+        f"{unknown('robot', name, ROBOTS)}; a robot of your own is a {' or '.join(SUFFIXES)} file"
+    )
+
+
+def read_spec(path: Path) -> RobotSpec:
+    """Read a spec from a JSON or TOML file, which is data: nothing in it is run.
+
+    Args:
+        path: The file. A relative `urdf` in it is looked for beside the file first.
+
+    Raises:
+        ValueError: The file is not there, not JSON or TOML, or holds no spec; the message names the
+            file and the key that is wrong.
+    """
+    if not path.exists():
+        raise ValueError(f"there is no file {path} with a robot's spec")
+    if path.is_file() and path.stat().st_size > MOST_BYTES:
+        raise ValueError(f"{path} is no spec of a robot: it has more than {MOST_BYTES} bytes")
+    content = read_file(path)
+    try:
+        if path.suffix.lower() == ".toml":
+            values = tomllib.loads(content.decode())
+        else:
+            values = parse_json(content)
+        spec = from_json(RobotSpec, values)
+    except (ValueError, RecursionError) as error:  # of TOML and of UTF-8 too
+        raise ValueError(f"{path} is no spec of a robot: {error}") from error
+    beside = path.parent / spec.urdf
+    return replace(spec, urdf=str(beside.resolve())) if beside.is_file() else spec
+
+
+def contact_shapes(model: pin.Model, spec: RobotSpec) -> tuple[Shape, ...]:
+    """Return the geometry that meets the ground, the feet first, in the order of ``LEGS``.
+
+    Mesh hulls are slow and differ between engines. A foot is a sphere around its frame, a leg two
+    capsules, the base a box. An upper leg's capsule runs halfway between the planes in which its
+    two joints turn. A lower leg's stops one foot diameter short of the foot, so that a foot's force
+    is never a shin's.
+
+    Args:
+        model: The Pinocchio model, for the positions of knees and feet.
+        spec: The sizes.
+    """
+    axes = joint_axes(model)
+    radius = spec.foot_radius
+    feet = []
+    rest = [Shape("base_link", spec.body_center, spec.body_center, spec.body_half_edges)]
+    for number, leg in enumerate(LEGS):
+        foot = model.frames[model.getFrameId(f"{leg}_FOOT")].placement.translation
+        knee = model.jointPlacements[model.getJointId(f"{leg}_KFE")].translation
+        feet.append(Shape(f"{leg}_FOOT", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (radius,)))
+        sideways = (axes[3 * number + 1] @ knee) * axes[3 * number + 1]
+        upper = (sideways / 2, knee - sideways / 2)
+        sideways = (axes[3 * number + 2] @ foot) * axes[3 * number + 2]
+        back = (sideways - foot) / np.linalg.norm(sideways - foot)
+        lower = (sideways, foot + 2 * radius * back)
+        for part, ends, size in zip(
+            ("UPPER_LEG", "LOWER_LEG"), (upper, lower), spec.leg_radii, strict=True
+        ):
+            start, end = (tuple(float(x) for x in point + 0.0) for point in ends)  # no -0.0
+            rest.append(Shape(f"{leg}_{part}", start, end, (size,)))
+    return (*feet, *rest)
+
+
+def _nominal(model: pin.Model, spec: RobotSpec) -> Array:
+    """The nominal configuration ``(19,)``; right legs are the mirror images of left ones.
+
+    A rotation about the axis a is mirrored, in the plane between left and right, to the same one
+    about (-ax, ay, -az): so a joint whose axis is opposite to that turns the other way.
+    """
+    data = model.createData()
+    J = pin.computeJointJacobians(model, data, pin.neutral(model))
+    axes = J[3:, 6:].T.reshape(4, 3, 3)
+    legs = np.empty((4, 3))
+    for left, angles in ((0, spec.front), (2, spec.hind)):
+        mirrored = axes[left] * (-1.0, 1.0, -1.0)
+        sign = np.sign((mirrored * axes[left + 1]).sum(axis=1))
+        legs[left] = angles
+        legs[left + 1] = sign * angles + 0.0  # no negative zero
+    height = spec.nominal_height or 0.0
+    return np.array([0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0, *legs.ravel()])
+
+
+def _check_pose(robot: RobotModel) -> None:
+    """Check that in the nominal pose the feet are below the body, each in its own corner."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.nominal)
+    pin.updateFramePlacements(robot.model, data)
+    feet = np.array([data.oMf[foot].translation for foot in robot.feet])
+    hips = np.array([data.oMi[hip].translation for hip in robot.hips])
+    spread = feet[:, :2] - feet[:, :2].mean(axis=0)
+    corner = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
+    for leg, name, way, wanted in zip(LEGS, robot.spec.legs, spread, corner, strict=True):
+        if not (way * wanted > 0.0).all():
+            where = ("front" if way[0] > 0 else "hind") + (" left" if way[1] > 0 else " right")
+            raise ValueError(
+                f"{robot.name}: the foot of the leg {name!r} is at the {where}, but `legs` has it "
+                f"in the place of {leg}; the order is front left, front right, hind left, hind "
+                "right, with x forward and y to the left"
+            )
+    if not (hips[:, 2] - feet[:, 2] > 2 * robot.foot_radius).all():
+        raise ValueError(
+            f"{robot.name}: in the nominal pose its feet are {(hips - feet)[:, 2].tolist()} m "
+            "below its hips; give `front` and `hind` the angles of a standing posture"
+        )
+
+
+def _torque_limits(description: Description, spec: RobotSpec, same: float | None) -> Array:
+    """The torque limits ``(12,)`` [N m]."""
+    if same is not None:
+        return np.full(12, same)
+    if spec.torque_limit is not None:
+        return np.tile(spec.torque_limit, 4)
+    model = description.model
+    effort = np.array([model.effortLimit[joint.idx_v] for joint in _joints(model, spec)])
+    if not ((effort > 0.0) & (effort < NO_LIMIT)).all():
+        raise ValueError(
+            f"{spec.name}, {description.path}: not every joint has a torque limit (the efforts are "
+            f"{effort.tolist()} N m); give `torque_limit` in the spec"
+        )
+    return effort
+
+
+def _speed_limits(description: Description, spec: RobotSpec) -> Array:
+    """The speed limits ``(12,)`` [rad/s]; infinite where there is none."""
+    if spec.speed_limit is not None:
+        return np.tile(spec.speed_limit, 4)
+    model = description.model
+    speed = np.array([model.velocityLimit[joint.idx_v] for joint in _joints(model, spec)])
+    return np.where((speed > 0.0) & (speed < NO_LIMIT), speed, np.inf)
+
+
+def _position_limits(description: Description, spec: RobotSpec) -> Array:
+    """The smallest and largest angle of each joint ``(12, 2)`` [rad]; infinite if there is none."""
+    if spec.position_limit:
+        return np.array(spec.position_limit)
+    model = description.model
+    rows = [joint.idx_q for joint in _joints(model, spec)]
+    limits = np.column_stack([model.lowerPositionLimit[rows], model.upperPositionLimit[rows]])
+    limits[limits[:, 1] - limits[:, 0] >= FREE_TRAVEL] = (-np.inf, np.inf)
+    return limits
+
+
+def _joints(model: pin.Model, spec: RobotSpec) -> list[pin.JointModel]:
+    """The twelve joints among those of the description, in canonical order."""
+    names = [pattern.replace("{leg}", leg) for leg in spec.legs for pattern in spec.joints]
+    return [model.joints[model.getJointId(name)] for name in names]

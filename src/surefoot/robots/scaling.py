@@ -1,0 +1,304 @@
+"""What follows from a robot's size: gains, heights, weights, times and the safety table.
+
+Two numbers, against Solo12: r, the ratio of masses, and s, the ratio of leg lengths (hip to foot in
+the nominal pose). Forces go with r, lengths with s, times and speeds with sqrt(s): so stiffness
+goes with r s, damping with r s^1.5. What the planner weighs per robot, the momentum, is weighed per
+mass. `with_own_values` puts these in where a configuration has None; `Tuning` of a spec goes
+before. Measured on robots of 13 to 87 kg, which trot with these at the first try.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from surefoot.config import (
+    Config,
+    ExpertConfig,
+    Gait,
+    KinematicConfig,
+    PolicyConfig,
+    RobotConfig,
+    SafetyConfig,
+)
+from surefoot.config.checked import known
+from surefoot.config.robot_table import ROBOTS, SOLO12
+from surefoot.robots.canonical import joint_axes
+from surefoot.robots.load import load_robot
+from surefoot.robots.model import RobotModel, standing
+from surefoot.types import LEGS, Array
+
+REFERENCE_MASS = 2.5
+"""[kg] The mass of Solo12."""
+REFERENCE_LEG = 0.2229
+"""[m] The height of Solo12's hips above its feet in the nominal pose."""
+DIGITS = 4
+"""Significant digits that a scaled number keeps: enough for a gain, and readable in a file."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large a robot is.
+
+    Attributes:
+        mass_ratio: r, its mass over Solo12's.
+        length_ratio: s, the height of its hips above its feet over Solo12's.
+        com_height: Height of its center of mass when it stands in the nominal pose [m].
+        base_height: Height of its base then [m].
+    """
+
+    mass_ratio: float
+    length_ratio: float
+    com_height: float
+    base_height: float
+
+
+@dataclass(frozen=True)
+class OwnValues:
+    """The values that a robot has of its own: those of its `Tuning`, or those of its size.
+
+    Attributes:
+        kp: Stiffness of the PD on a plan [N m/rad].
+        kd: Damping of the PD on a plan [N m s/rad].
+        policy_kp: Stiffness of the PD on a policy's joint targets [N m/rad].
+        policy_kd: Damping of the PD on a policy's joint targets [N m s/rad].
+        com_height: Height of the center of mass in a gait [m].
+        step_height: Height of the via point of a swing above the ground [m].
+        base_height: Regularized height of the base frame [m].
+        momentum_weight: Weight of the centroidal momentum in the whole-body problem.
+        capture_time: How far ahead the capture rule moves a foothold [s].
+        hip_outward: How far footholds lie outside the hips [m]; None puts them where the nominal
+            feet are, about their own center.
+    """
+
+    kp: float
+    kd: float
+    policy_kp: float
+    policy_kd: float
+    com_height: float
+    step_height: float
+    base_height: float
+    momentum_weight: float
+    capture_time: float
+    hip_outward: float | None
+
+
+def size_of(robot: RobotModel) -> Size:
+    """Measure a robot in its nominal pose.
+
+    Args:
+        robot: The robot.
+    """
+    data = robot.model.createData()
+    q = standing(robot)
+    pin.framesForwardKinematics(robot.model, data, q)
+    hips = np.array([data.oMi[hip].translation[2] for hip in robot.hips])
+    feet = np.array([data.oMf[foot].translation[2] for foot in robot.feet])
+    com = pin.centerOfMass(robot.model, data, q)[2]
+    return Size(
+        mass_ratio=robot.mass / REFERENCE_MASS,
+        length_ratio=float((hips - feet).mean()) / REFERENCE_LEG,
+        com_height=float(com),
+        base_height=float(q[2]),
+    )
+
+
+def own_values(robot: RobotModel) -> OwnValues:
+    """Return the values of a robot that a configuration stands for with None.
+
+    Args:
+        robot: The robot.
+    """
+    size = size_of(robot)
+    r = size.mass_ratio
+    s = size.length_ratio
+    tuning = robot.spec.tuning
+    return OwnValues(
+        kp=_first(tuning.kp, 3.0 * r * s),
+        kd=_first(tuning.kd, 0.05 * r * s**1.5),
+        policy_kp=_first(tuning.policy_kp, 2.0 * r * s),
+        policy_kd=_first(tuning.policy_kd, 0.1 * r * s**1.5),
+        com_height=_first(tuning.com_height, 0.92 * size.com_height),
+        step_height=_first(tuning.step_height, 0.075 * s),
+        base_height=_first(tuning.base_height, size.base_height),
+        # A weight of 3125 on the momentum per mass, which is a velocity.
+        momentum_weight=_first(tuning.momentum_weight, 500.0 / r**2),
+        capture_time=_first(tuning.capture_time, 0.15 * s**0.5),
+        hip_outward=tuning.hip_outward,
+    )
+
+
+def _first(own: float | None, scaled: float) -> float:
+    """A robot's own value if it has one, and else the scaled one, rounded."""
+    return float(f"{scaled:.{DIGITS}g}") if own is None else own
+
+
+def own_gait(gait: Gait, robot: RobotModel) -> Gait:
+    """Return a gait with the robot's own heights in place of None."""
+    if gait.com_height is not None and gait.step_height is not None:
+        return gait
+    own = own_values(robot)
+    return replace(
+        gait,
+        com_height=own.com_height if gait.com_height is None else gait.com_height,
+        step_height=own.step_height if gait.step_height is None else gait.step_height,
+    )
+
+
+def own_expert(expert: ExpertConfig, robot: RobotModel) -> ExpertConfig:
+    """Return an expert's configuration with the robot's own values in place of None."""
+    own = own_values(robot)
+    return replace(
+        expert,
+        kp=own.kp if expert.kp is None else expert.kp,
+        kd=own.kd if expert.kd is None else expert.kd,
+        capture_time=own.capture_time if expert.capture_time is None else expert.capture_time,
+        hip_outward=own.hip_outward if expert.hip_outward is None else expert.hip_outward,
+        kinematic=own_kinematic(expert.kinematic, robot),
+    )
+
+
+def own_kinematic(kinematic: KinematicConfig, robot: RobotModel) -> KinematicConfig:
+    """Return the whole-body problem's configuration with the robot's own values for None."""
+    if kinematic.momentum_weight is not None and kinematic.base_height is not None:
+        return kinematic
+    own = own_values(robot)
+    weight = kinematic.momentum_weight
+    height = kinematic.base_height
+    return replace(
+        kinematic,
+        momentum_weight=own.momentum_weight if weight is None else weight,
+        base_height=own.base_height if height is None else height,
+    )
+
+
+def own_policy(policy: PolicyConfig, robot: RobotModel) -> PolicyConfig:
+    """Return a policy's configuration with the robot's own gains in place of None."""
+    own = own_values(robot)
+    return replace(
+        policy,
+        kp=own.policy_kp if policy.kp is None else policy.kp,
+        kd=own.policy_kd if policy.kd is None else policy.kd,
+    )
+
+
+def own_safety(safety: SafetyConfig, com_height: float, robot: RobotModel) -> SafetyConfig:
+    """Return the bounds for a robot; Solo12's are the defaults, and others have their own.
+
+    What is not at its default stays. See `joint_bounds` for the joints; the center of mass may sink
+    to three quarters of its height in the gait, and a robot whose base is below half of that has
+    fallen. For Solo12 these are the paper's bounds.
+
+    Args:
+        safety: The bounds that are configured.
+        com_height: Height of the center of mass in the gait [m].
+        robot: The robot.
+    """
+    if robot.spec == SOLO12:
+        return safety
+    default = SafetyConfig()
+    if safety.com_height == default.com_height:
+        low = round(0.75 * com_height, 6)
+        safety = replace(safety, com_height=(low, max(1.0, 5.0 * com_height)))
+    if safety.fall_height == default.fall_height:
+        low = round(0.5 * com_height, 6)
+        safety = replace(safety, fall_height=(low, max(2.0, 10.0 * com_height)))
+    ranges = (safety.hip_abduction, safety.hip_flexion, safety.knee)
+    if not safety.joints and ranges == (default.hip_abduction, default.hip_flexion, default.knee):
+        safety = replace(safety, joints=joint_bounds(robot))
+    return safety
+
+
+def joint_bounds(robot: RobotModel) -> tuple[tuple[float, float], ...]:
+    """Return the smallest and largest safe angle of each joint [deg], from the nominal pose.
+
+    Abduction may turn a foot 30 degrees inward and 60 outward, flexion 45 either way, and a knee
+    from straight to 68 degrees more bent. That is the paper's Table I for Solo12, to a degree, and
+    holds for knees that bend either way and for joints of any sign.
+
+    Args:
+        robot: The robot.
+    """
+    nominal = np.degrees(robot.nominal[7:]).reshape(4, 3)
+    straight = np.degrees(straight_knees(robot))
+    outward = outward_signs(robot)
+    rows = []
+    for leg in range(4):
+        hip, flexion, knee = nominal[leg]
+        rows.append(sorted((hip - 30.0 * outward[leg], hip + 60.0 * outward[leg])))
+        rows.append((flexion - 45.0, flexion + 45.0))
+        bent = knee + np.copysign(68.0, knee - straight[leg])
+        rows.append(sorted((straight[leg], bent)))
+    return tuple((round(float(low), 3), round(float(high), 3)) for low, high in rows)
+
+
+def outward_signs(robot: RobotModel) -> Array:
+    """Return ``(4,)`` 1 where a positive abduction moves a leg's foot outward, and -1 elsewhere."""
+    data = robot.model.createData()
+    pin.computeJointJacobians(robot.model, data, robot.nominal)
+    signs = []
+    for number, (leg, foot) in enumerate(zip(LEGS, robot.feet, strict=True)):
+        pin.updateFramePlacement(robot.model, data, foot)
+        J = pin.getFrameJacobian(robot.model, data, foot, pin.LOCAL_WORLD_ALIGNED)
+        sideways = J[1, 6 + 3 * number]
+        signs.append(np.sign(sideways) * (1.0 if leg.endswith("L") else -1.0))
+    return np.array(signs)
+
+
+def straight_knees(robot: RobotModel) -> Array:
+    """Return ``(4,)`` the angle of each knee at which its leg is straight [rad].
+
+    There the foot is farthest from the axis of hip flexion: foot, knee and that axis lie in line.
+
+    Args:
+        robot: The robot.
+    """
+    model = robot.model
+    axes = joint_axes(model).reshape(4, 3, 3)[:, 2]
+    straight = []
+    for axis, hip, foot in zip(axes, robot.hips, robot.feet, strict=True):
+        placement = model.jointPlacements[hip + 1]
+        upper = placement.rotation.T @ placement.translation
+        lower = model.frames[foot].placement.translation
+        upper = upper - (upper @ axis) * axis
+        lower = lower - (lower @ axis) * axis
+        straight.append(np.arctan2(axis @ np.cross(lower, upper), lower @ upper))
+    return np.array(straight)
+
+
+def with_own_values(config: Config, robot: RobotModel | None = None) -> Config:
+    """Return the configuration with the robot's own values in place of None.
+
+    A file that the configuration names as its robot is read, and its spec takes the file's place:
+    what comes back depends on no file but the robot's description.
+
+    Args:
+        config: The configuration.
+        robot: The robot of the configuration, if it is loaded already.
+    """
+    robot = robot or load_robot(config.robot)
+    gait = own_gait(config.gait, robot)
+    return replace(
+        config,
+        robot=_own_robot(config.robot, robot),
+        gait=gait,
+        expert=own_expert(config.expert, robot),
+        policy=own_policy(config.policy, robot),
+        safety=own_safety(config.safety, known(gait.com_height, "gait.com_height"), robot),
+    )
+
+
+def _own_robot(robot: RobotConfig, model: RobotModel) -> RobotConfig:
+    """The robot's configuration, with its spec where a file was named, and its torque limit.
+
+    A limit that is the same for all joints is written as one number, as it always was.
+    """
+    spec = robot.spec
+    if spec is None and robot.model not in ROBOTS:
+        spec = model.spec
+    limit = robot.torque_limit
+    if limit is None and (model.torque_limit == model.torque_limit[0]).all():
+        limit = float(model.torque_limit[0])
+    return replace(robot, model=model.name, spec=spec, torque_limit=limit)
