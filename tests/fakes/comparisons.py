@@ -12,7 +12,7 @@ from surefoot.learning.policy import Policy, save
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.metrics import Best, Collected
 from surefoot.runs.run import create
-from surefoot.scenarios.starts import load_starts
+from surefoot.scenarios.starts import load_starts, starts_of
 from surefoot.study.comparison import Measurements, compare
 from surefoot.study.records import Comparison
 from surefoot.workers import Workers
@@ -86,7 +86,8 @@ def pretend_measurements(monkeypatch, stop_after=1000) -> list[tuple]:
         calls.append((what, config.simulation.backend, run))
         return run
 
-    def evaluate(config, policy, split, workers, stored):
+    def evaluate(config, policy, split, workers):
+        stored = starts_of(config)
         run = count("evaluation", config, policy)
         assert (split, config.evaluation.episodes) == ("test", 4)
         outcome = np.array([Outcome.SUCCESS] * 4)
@@ -106,7 +107,8 @@ def pretend_measurements(monkeypatch, stop_after=1000) -> list[tuple]:
         )
         return figures, summary_of(outcome)
 
-    def push_recovery(config, policy, workers, stored):
+    def push_recovery(config, policy, workers):
+        stored = starts_of(config)
         run = count("push", config, policy)
         fitted = (2.0, 4.0) if run is None else (1.0, 1.0)
         return push_result(fitted, starts=stored.name, starts_hash=stored.hash)

@@ -14,6 +14,7 @@ from surefoot.config import Config, Gait, PolicyConfig
 from surefoot.config.json_io import to_json
 from surefoot.learning.policy import Policy, load, save
 from surefoot.methods.behavior_cloning import behavior_cloning
+from surefoot.robots.scaling import with_own_values
 from surefoot.runs.policies import find_policy
 from surefoot.runs.run import Run, RunError, create, open_run
 from surefoot.workers import Workers
@@ -37,8 +38,9 @@ def copy(finished, tmp_path) -> Run:
 
 def test_a_folder_means_its_best_policy_and_a_file_itself(finished):
     best = finished.best_policy_path
-    assert find_policy(finished.folder) == (best, CLONING)
-    assert find_policy(best) == (best.resolve(), CLONING)
+    assert find_policy(finished.folder) == (best, finished.config)
+    assert find_policy(best) == (best.resolve(), finished.config)
+    assert finished.config == with_own_values(CLONING)
 
 
 def test_what_is_not_there_or_not_finished_is_an_error(tmp_path):
@@ -54,7 +56,8 @@ def test_of_a_run_a_study_keeps_the_best_policy_alone(copy):
     kept = copy.folder / "policy.safetensors"
     kept.write_bytes(copy.best_policy_path.read_bytes())
     shutil.rmtree(copy.folder / "policies")
-    assert find_policy(copy.folder) == (kept, CLONING)
+    assert find_policy(copy.folder) == (kept, copy.config)
+    assert find_policy(kept) == (kept, copy.config)
 
 
 def rewrite(run: Run, **changes) -> None:

@@ -208,12 +208,13 @@ def _standing(robot: RobotModel, batch: int) -> Starts:
 
 def standing_policy(config: Config) -> Policy:
     """A policy of the configured network that holds the nominal pose."""
+    robot = load_robot(config.robot)
     network = PolicyNetwork(config.policy)
     with torch.no_grad():
         last: Any = network.linear[-1]
         last.weight.zero_()
-        last.bias.copy_(torch.from_numpy(load_robot(config.robot).nominal[7:]))
-    return Policy(network, policy_spec(config), np.zeros((2, 3)))
+        last.bias.copy_(torch.from_numpy(robot.nominal[7:]))
+    return Policy(network, policy_spec(config), np.zeros((2, 3)), robot.name)
 
 
 def _network_alone(policy: Policy, batch: int) -> Callable[[], object]:

@@ -71,6 +71,8 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
 def option_sizes(command: type, prefix: str = "") -> dict[str, int]:
     """Number of values that each option of a command takes, by the option's name.
 
+    A group that may be missing, as a robot's own description, comes from a file and is no option.
+
     Args:
         command: Dataclass whose fields are options; a field that is a dataclass is a group.
         prefix: Dotted name of the group, with a dot at the end.
@@ -84,7 +86,8 @@ def option_sizes(command: type, prefix: str = "") -> dict[str, int]:
         name = field.name.replace("_", "-")
         for kind in _alternatives(hint):
             if isinstance(kind, type) and is_dataclass(kind):
-                sizes |= option_sizes(kind, f"{prefix}{name}.")
+                if type(None) not in get_args(hint):
+                    sizes |= option_sizes(kind, f"{prefix}{name}.")
             elif kind is bool:
                 sizes[f"--{prefix}{name}"] = 0
                 sizes[f"--{prefix}no-{name}"] = 0

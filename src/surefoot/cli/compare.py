@@ -19,7 +19,6 @@ from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
 from surefoot.cli.push_options import OnPushes
 from surefoot.config import Backend, DisturbanceConfig, SimulationConfig
 from surefoot.files import write_atomic
-from surefoot.scenarios.starts import PACKAGED
 
 
 @dataclass(frozen=True)
@@ -47,9 +46,9 @@ class Compare(OnPushes, OnWorkers, OnSimulator):
     """The policy of each run: the one chosen on the `select` initial states, or the last."""
     episodes: int = 500
     """The number of initial states, spread over speeds and phases."""
-    starts: str = PACKAGED[0]
-    """The name of a set of initial states, or a file; solo12-trot-v1-wide is perturbed 1.5 times as
-    far as the default."""
+    starts: str | None = None
+    """The name of a set of initial states, or a file; without it, the set of the runs.
+    solo12-trot-v1-wide is perturbed 1.5 times as far as solo12-trot-v1."""
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     """What makes the episodes harder: another friction or load, noise, late torques. What is not
     given on the command line is as in the first run's configuration."""
@@ -81,7 +80,8 @@ class Compare(OnPushes, OnWorkers, OnSimulator):
             Output("--out", self.out),
             Output("--figure", self.figure, PLOT_SUFFIXES),
         ]
-        check_outputs(outputs, reads=[*self.runs, Path(self.starts)])
+        reads = self.runs if self.starts is None else (*self.runs, Path(self.starts))
+        check_outputs(outputs, reads=[*reads])
         if self.out is not None:
             page_with("", self.out)
         self.check_pushed(self.pushes)

@@ -12,7 +12,7 @@ import tyro
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.options import OnGait, OnRobot, OnSimulator, Output, check_outputs
-from surefoot.config import Config, PerturbationConfig
+from surefoot.config import Config, ExpertConfig, PerturbationConfig
 from surefoot.config.presets import straight_trot, suited
 
 
@@ -43,7 +43,7 @@ class MakeStarts(OnGait, OnRobot, OnSimulator):
         check_unused(self.out)
         check_outputs([Output("OUT", self.out, (".npz",))])
         perturbation = scaled(PerturbationConfig(), self.scale)
-        config = self.with_robot(suited(self.simulated(self.config)))
+        config = suited(self.with_robot(self.simulated(self.config)))
         if not straight_trot(config):
             config = with_measured_gains(config)
             gains = " ".join(f"{gain:g}" for gain in config.expert.command_gain)
@@ -58,6 +58,8 @@ class MakeStarts(OnGait, OnRobot, OnSimulator):
 def with_measured_gains(config: Config) -> Config:
     """The configuration, with the command gains of its robot and gait; takes a few seconds.
 
+    Gains that are neither 1 nor those of Solo12's trot were measured or chosen before, and stay.
+
     Raises:
         ValueError: The robot does not walk in this gait.
     """
@@ -65,6 +67,8 @@ def with_measured_gains(config: Config) -> Config:
     from surefoot.robots.scaling import size_of
     from surefoot.scenarios.calibration import calibrated
 
+    if config.expert.command_gain not in ((1.0, 1.0, 1.0), ExpertConfig().command_gain):
+        return config
     robot = load_robot(config.robot)
     config, _ = calibrated(robot, config, size_of(robot).length_ratio)
     return config

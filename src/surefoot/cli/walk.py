@@ -26,7 +26,7 @@ from surefoot.cli.options import (
     show_record,
     warn_of_divergence,
 )
-from surefoot.config import CommandBox, Config, ExpertConfig
+from surefoot.config import CommandBox, Config
 from surefoot.config.presets import is_solo12_trot, suited
 from surefoot.types import TICKS_PER_SECOND, Command
 
@@ -116,10 +116,11 @@ class Walk(OnGait, OnRobot, OnSimulator):
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
         config = self.with_robot(self.simulated(self.config))
+        if not is_among(command, CommandBox()):
+            config = replace(config, commands=box_around(command))
+        config = suited(config)
         if not is_solo12_trot(config):
-            config = suited(replace(config, commands=box_around(command)))
-            if config.expert.command_gain in ((1.0, 1.0, 1.0), ExpertConfig().command_gain):
-                config = with_measured_gains(config)
+            config = with_measured_gains(replace(config, commands=box_around(command)))
         start = standing_start(command, config.robot)
         job = Job(config, Episodes(start, self.seconds), ExpertOnly())
         with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
@@ -179,6 +180,12 @@ def box_around(command: Command) -> CommandBox:
     """The commands between zero and the one that is given: along these a gait has to move."""
     vx, vy, yaw_rate = ((min(value, 0.0), max(value, 0.0)) for value in command)
     return CommandBox(vx, vy, yaw_rate)
+
+
+def is_among(command: Command, box: CommandBox) -> bool:
+    """Whether a command lies in a box."""
+    ranges = zip(command, (box.vx, box.vy, box.yaw_rate), strict=True)
+    return all(low <= value <= high for value, (low, high) in ranges)
 
 
 def parse_walk(args: Sequence[str]) -> Walk:

@@ -132,8 +132,10 @@ def suited(config: Config) -> Config:
     """The configuration with an expert whose rules suit its robot, its gait and its commands.
 
     Those of `solo12-trot-v1` stay for Solo12's trot and commands straight ahead, up to 0.3 m/s;
-    otherwise the all-round rules come in their place, unless others were chosen.
+    otherwise the all-round rules come in their place, unless others were chosen: those published,
+    for example.
     """
     expert = config.expert
     chosen = expert.turn_compensation > 0.0 or expert.capture_share > 0.0
+    chosen = chosen or expert.foothold_rule == "published"
     return config if straight_trot(config) or chosen else all_round_rules(config)

@@ -252,12 +252,12 @@ def save(policy: Policy, path: Path | str) -> None:
     write_tensor_file(path, policy.network.state_dict(), header)
 
 
-def load(path: Path | str, robot: str = "solo12") -> Policy:
+def load(path: Path | str, robot: str | None = None) -> Policy:
     """Read a policy file; nothing in it is ever run.
 
     Args:
         path: The file.
-        robot: Name of the robot that the policy has to be made for.
+        robot: Name of the robot that the policy has to be made for; None takes that of any.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -276,8 +276,8 @@ def load(path: Path | str, robot: str = "solo12") -> Policy:
             f"{path} is not a whole surefoot policy file ({error}); copy it again, or delete "
             "it in its run's folder: `surefoot train ... --resume` trains it again, bit for bit"
         ) from error
-    for key, expected in _interface(robot).items():
-        if header.get(key) != expected:
+    for key, expected in _interface(robot or "").items():
+        if header.get(key) != expected and not (key == "robot" and robot is None):
             raise PolicyFileError(
                 f"{path} has {key} {shown(header.get(key))}, expected {expected!r}; load a policy "
                 "made for this, or train one"

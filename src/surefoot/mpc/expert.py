@@ -16,7 +16,7 @@ from surefoot.config import Config, ExpertConfig
 from surefoot.config.checked import check_values, known
 from surefoot.mpc.planner import PLAN_TICKS, Planner
 from surefoot.robots.model import RobotModel
-from surefoot.robots.scaling import own_expert
+from surefoot.robots.scaling import own_expert, own_values
 from surefoot.types import (
     GRID,
     Array,
@@ -29,7 +29,7 @@ from surefoot.types import (
 )
 
 DAMPING = 0.1
-"""[N m s/rad] The joint damping of a robot that has no valid plan: the policy's kd."""
+"""[N m s/rad] The joint damping of a Solo12 that has no valid plan: the policy's kd."""
 
 
 class Expert:
@@ -45,6 +45,7 @@ class Expert:
             used; the last tick of a shorter plan is held.
         kp: The proportional gain [N m/rad].
         kd: The derivative gain [N m s/rad].
+        damping: The damping of the joints of a robot that has no valid plan [N m s/rad].
 
     Attributes:
         plans: ``(B,)`` number of plans asked for since the reset.
@@ -54,12 +55,13 @@ class Expert:
         ValueError: A gain is outside the range that `ExpertConfig` allows.
     """
 
-    def __init__(self, plan: PlanFunction, kp: float, kd: float) -> None:
+    def __init__(self, plan: PlanFunction, kp: float, kd: float, damping: float = DAMPING) -> None:
         gains = [("kp", known(kp, "expert.kp")), ("kd", known(kd, "expert.kd"))]
         check_values(ExpertConfig, gains, ExpertConfig.section)
         self._plan = plan
         self._kp = kp
         self._kd = kd
+        self._damping = damping
         self.reset(0)
 
     def reset(self, batch: int) -> None:
@@ -103,7 +105,7 @@ class Expert:
         q = state.q[:, 7:]
         v = state.v[:, 6:]
         torque = tau + self._kp * (q_ref - q) + self._kd * (v_ref - v)
-        return np.where(self._diverged[:, None], -DAMPING * v, torque)
+        return np.where(self._diverged[:, None], -self._damping * v, torque)
 
     def _replan(self, robot: int, state: State, tick: int, command: Array, takeover: bool) -> None:
         """Ask for a plan for one robot, and keep it if it is valid; else keep the old one."""
@@ -220,4 +222,5 @@ def make_expert(robot: RobotModel, config: Config, plan: PlanFunction | None = N
     if plan is None:
         plan = make_planner(robot, config).plan
     expert = own_expert(config.expert, robot)
-    return Expert(plan, known(expert.kp, "expert.kp"), known(expert.kd, "expert.kd"))
+    damping = own_values(robot).policy_kd
+    return Expert(plan, known(expert.kp, "expert.kp"), known(expert.kd, "expert.kd"), damping)

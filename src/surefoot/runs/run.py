@@ -23,7 +23,13 @@ from surefoot.files import is_left_over, lock_file, write_atomic, write_json
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.precision import PrecisionChoice
 from surefoot.robots.scaling import with_own_values
-from surefoot.runs.layout import CONFIG_FILE, EXPERT_FILE, LOCK_FILE, METRICS_FILE
+from surefoot.runs.layout import (
+    CONFIG_FILE,
+    EXPERT_FILE,
+    KEPT_POLICY_FILE,
+    LOCK_FILE,
+    METRICS_FILE,
+)
 from surefoot.runs.metrics import (
     Best,
     Collected,
@@ -313,7 +319,8 @@ def run_of_policy(policy: Path) -> Run | None:
     Raises:
         RunError: The run's config cannot be read.
     """
-    folder = policy.resolve().parent.parent
+    policy = policy.resolve()
+    folder = policy.parent if policy.name == KEPT_POLICY_FILE else policy.parent.parent
     return open_run(folder) if (folder / CONFIG_FILE).exists() else None
 
 

@@ -22,6 +22,7 @@ from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, policy_spec, save
 from surefoot.learning.symmetry import Mirrored
 from surefoot.learning.train import FitResult, fit
+from surefoot.robots.load import find_spec
 from surefoot.rollouts.jobs import Job, expert_name
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_cost
@@ -236,9 +237,8 @@ def _save_policy(run: Run, iteration: int, data: Dataset, result: FitResult) -> 
         "seed": config.seed,
         "dataset_hash": data.hash,
     }
-    policy = Policy(
-        result.network, policy_spec(config), result.command_range, provenance=provenance
-    )
+    robot = find_spec(config.robot).name
+    policy = Policy(result.network, policy_spec(config), result.command_range, robot, provenance)
     save(policy, run.policy_path(iteration))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from surefoot.config import Config, SafetyConfig
 from surefoot.mpc.expert import make_expert
-from surefoot.robots.model import RobotModel, clip_torque, standing
+from surefoot.robots.model import RobotModel, clip_torque, standing, stop_speeding
 from surefoot.rotations import heading, roll_pitch, rotation, to_heading
 from surefoot.sim import make_simulator
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, to_ticks
@@ -125,7 +125,10 @@ def expert_walks(
             q.append(state.q)
             v.append(state.v)
         torque = expert.torque(state, np.full(n, tick), command, everyone)
-        simulator.step(clip_torque(torque, robot.torque_limit))
+        torque = clip_torque(torque, robot.torque_limit)
+        if robot.enforce_speed_limit:
+            torque = stop_speeding(torque, state.v[:, 6:], robot.speed_limit)
+        simulator.step(torque)
         if progress is not None:
             progress(1)
     return Walks(np.arange(0, ticks, every), np.array(q), np.array(v), command)

@@ -23,7 +23,7 @@ from surefoot.evaluation.push_limits import push_difference
 from surefoot.evaluation.robustness import evaluate, success_difference
 from surefoot.files import write_json
 from surefoot.runs.versions import versions
-from surefoot.scenarios.starts import PACKAGED, load_starts
+from surefoot.scenarios.starts import starts_of
 from surefoot.study.ground import EXPERT, WhichPolicy, common_ground, open_comparable_runs, rows_of
 from surefoot.study.records import (
     Comparison,
@@ -50,7 +50,7 @@ class Measurements:
             the gait; None takes the runs' own number.
         push_directions: Number of directions of the pushes; None takes the runs' own number.
         push_resolution: Distance between two levels of the pushes [N s]; None takes the runs' own.
-        starts: Name of the set of initial states, or its file.
+        starts: Name of the set of initial states, or its file; None is the set of the runs.
         disturbance: What disturbs the robots; None takes what disturbs the first run's own
             evaluation.
     """
@@ -61,7 +61,7 @@ class Measurements:
     push_speeds: int | None = None
     push_directions: int | None = None
     push_resolution: float | None = None
-    starts: str = PACKAGED[0]
+    starts: str | None = None
     disturbance: DisturbanceConfig | None = None
 
 
@@ -91,9 +91,9 @@ def compare(
         ValueError: The runs cannot be compared, or the file holds another comparison.
         RunError: A folder holds no run, or a run no such policy.
     """
-    stored = load_starts(measurements.starts)
     opened = open_comparable_runs(runs)
     config = _config_of(opened[0].config, measurements)
+    stored = starts_of(config)
     rows = rows_of(opened, names, which)
     comparison = Comparison(
         config=config,
@@ -112,7 +112,7 @@ def compare(
         policy = None if row.policy is None else Path(row.policy)
         measured = row.results.get(simulator, Measured())
         if measured.evaluation is None:
-            evaluation, _ = evaluate(ground, policy, "test", workers, stored=stored)
+            evaluation, _ = evaluate(ground, policy, "test", workers)
             measured = replace(measured, evaluation=evaluation)
             comparison = with_results(comparison, number, simulator, measured)
             save_comparison(path, comparison)
@@ -124,7 +124,7 @@ def compare(
                 evaluation.falls,
             )
         if measurements.pushes and measured.pushes is None:
-            pushes = push_recovery(ground, policy, workers, stored=stored)
+            pushes = push_recovery(ground, policy, workers)
             measured = replace(measured, pushes=pushes)
             comparison = with_results(comparison, number, simulator, measured)
             save_comparison(path, comparison)
@@ -146,7 +146,8 @@ def _config_of(config: Config, measurements: Measurements) -> Config:
     evaluation = ground.evaluation
     if measurements.disturbance is not None:
         evaluation = replace(evaluation, disturbance=measurements.disturbance)
-    return replace(ground, push=push, evaluation=evaluation)
+    start_set = config.start_set if measurements.starts is None else measurements.starts
+    return replace(ground, push=push, evaluation=evaluation, start_set=start_set)
 
 
 def baseline_label(rows: Sequence[Row], baseline: Path | None) -> str | None:
