@@ -80,7 +80,7 @@ class Train(OnWorkers, OnGait, OnRobot, OnSimulator):
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
         check_option("--run", folder / METRICS_FILE)
         check_outputs([Output("--json", self.json)], new_run=folder)
-        config = self.with_robot(suited(self.simulated(self.config)))
+        config = suited(self.with_robot(self.simulated(self.config)))
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))
         check_config(config)
