@@ -260,9 +260,8 @@ def starts_of(config: Config) -> StartSet:
         FileNotFoundError: There is no such set, nor such a file.
         ValueError: The file is not a set of initial states, or is one of another robot or gait.
     """
-    from surefoot.robots.load import (
-        find_spec,
-    )  # pinocchio, which the command line does not wait for
+    # Here, so that the command line does not wait for Pinocchio.
+    from surefoot.robots.load import find_spec
 
     stored = load_starts(config.start_set)
     robot = find_spec(config.robot).name
