@@ -51,7 +51,7 @@ def test_a_robot_can_be_trained_on_initial_states_of_its_own(tmp_path):
     save_starts(replace(load_starts(), robot="go2"), path)
     config = preset("loco_safe_dagger", "default")
     check_config(replace(config, robot=RobotConfig("go2"), start_set=str(path)))
-    with pytest.raises(ValueError, match="'dog' belong to the robot go2, but .* asks for solo12"):
+    with pytest.raises(ValueError, match=r"'dog' belong to the robot go2, but .* asks for solo12"):
         check_config(replace(config, start_set=str(path)))
 
 

@@ -543,5 +543,5 @@ def test_the_set_of_a_configuration_has_to_be_of_its_robot(tmp_path):
     )
     with pytest.raises(ValueError, match=text):
         starts_of(Config(robot=RobotConfig("a1"), start_set=str(path)))
-    with pytest.raises(ValueError, match="'solo12-trot-v1' belong to the robot solo12, but .* go2"):
+    with pytest.raises(ValueError, match=r"'solo12-trot-v1' belong to the robot solo12, .* go2"):
         starts_of(Config(robot=RobotConfig("go2")))
