@@ -19,7 +19,7 @@ from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import Policy, policy_spec
 from surefoot.mpc.expert import make_expert, make_planner
-from surefoot.robots.load import load_robot
+from surefoot.robots.load import find_spec, load_robot
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
 from surefoot.rollouts.engine import rollout
@@ -213,7 +213,7 @@ def standing_policy(config: Config) -> Policy:
         last: Any = network.linear[-1]
         last.weight.zero_()
         last.bias.copy_(torch.from_numpy(load_robot(config.robot).nominal[7:]))
-    return Policy(network, policy_spec(config), np.zeros((2, 3)))
+    return Policy(network, policy_spec(config), np.zeros((2, 3)), find_spec(config.robot).name)
 
 
 def _network_alone(policy: Policy, batch: int) -> Callable[[], object]:

@@ -22,6 +22,7 @@ from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, policy_spec, save
 from surefoot.learning.symmetry import Mirrored
 from surefoot.learning.train import FitResult, fit
+from surefoot.robots.load import find_spec
 from surefoot.rollouts.jobs import Job, expert_name
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_cost
@@ -205,7 +206,8 @@ def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bo
     if iteration == 0 or fresh:
         network = PolicyNetwork(config.policy, run.torch_seed("network", 0))
     else:
-        network = load(run.policy_path(iteration - 1)).network
+        before = run.policy_path(iteration - 1)
+        network = load(before, find_spec(config.robot).name).network
     with tqdm(desc=f"iteration {iteration}: train", unit="epoch", leave=False) as bar:
 
         def progress(_epoch: int, epochs: int, train_loss: float, validation_loss: float) -> None:
@@ -237,7 +239,11 @@ def _save_policy(run: Run, iteration: int, data: Dataset, result: FitResult) -> 
         "dataset_hash": data.hash,
     }
     policy = Policy(
-        result.network, policy_spec(config), result.command_range, provenance=provenance
+        result.network,
+        policy_spec(config),
+        result.command_range,
+        find_spec(config.robot).name,
+        provenance,
     )
     save(policy, run.policy_path(iteration))
 
