@@ -239,6 +239,15 @@ def test_sim_to_sim_leaves_the_runs_own_evaluation_alone(surefoot, run_copy):
     assert other["starts_hash"] == json.loads(written[0][1])["starts_hash"]
 
 
+def test_initial_states_of_another_robot_are_refused(surefoot, capsys, run_copy, tmp_path):
+    path = tmp_path / "dog.npz"
+    save_starts(replace(load_starts(), robot="go2"), path)
+    assert surefoot("evaluate", run_copy, "--workers", 1, "--starts", path) == 2
+    error = capsys.readouterr().err
+    assert "'dog' belong to the robot go2, but the configuration asks for solo12" in error
+    assert not list(run_copy.glob("evaluation-*.json"))
+
+
 def test_policies_that_do_not_fit_are_refused(surefoot, capsys, tmp_path, run_folder):
     whole = (run_folder / "policies/000.safetensors").read_bytes()
     cut = tmp_path / "cut.safetensors"

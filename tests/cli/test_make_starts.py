@@ -94,6 +94,15 @@ def test_a_box_of_commands_gets_rules_that_do_not_drift(asked, measured, tmp_pat
     assert config.expert.turn_compensation == 0.3
 
 
+def test_a_set_of_another_robot_is_made_with_rules_that_do_not_drift(asked, measured, tmp_path):
+    args = [str(tmp_path / "dog.npz"), "--robot", "go2"]
+    assert parse_make_starts(args)() == 0
+    ((_, config, _, _),) = asked
+    assert config.robot.model == "go2"
+    assert config.expert.turn_compensation == 0.3
+    assert config.expert.command_gain == (1.1, 1.2, 1.3)
+
+
 def test_the_trot_is_made_as_ever_by_its_name_too(asked, tmp_path):
     assert parse_make_starts([str(tmp_path / "trot.npz"), "--gait", "trot"])() == 0
     ((_, config, _, _),) = asked

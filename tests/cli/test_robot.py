@@ -101,8 +101,12 @@ def test_another_robot_walks(surefoot, capsys, tmp_path):
     assert report["speed_used"] > 0.0
 
 
-def test_a_run_of_a_robot_without_initial_states_is_refused(surefoot, capsys, tmp_path):
+def test_a_run_of_a_robot_on_the_initial_states_of_another_is_refused(surefoot, capsys, tmp_path):
     args = ("train", "behavior_cloning", "--robot", "go2", "--run", tmp_path / "run")
     assert surefoot(*args) == 2
-    assert "the packaged initial states are those of 'solo12'" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert (
+        "'solo12-trot-v1' belong to the robot solo12, but the configuration asks for go2" in error
+    )
+    assert "surefoot make-starts FILE --robot go2" in error
     assert not (tmp_path / "run").exists()

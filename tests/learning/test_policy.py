@@ -306,8 +306,9 @@ def test_a_policy_for_another_robot_is_refused(tmp_path):
     path = tmp_path / "policy.safetensors"
     save(make_policy(robot="go2"), path)
     with pytest.raises(PolicyFileError, match="robot 'go2', expected 'solo12'; load a policy"):
-        load(path)
+        load(path, robot="solo12")
     assert load(path, robot="go2").robot == "go2"
+    assert load(path).robot == "go2"
 
 
 def rewrite(path, change):

@@ -19,6 +19,7 @@ from surefoot.config import (
     Gait,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
+    RobotConfig,
     SafeDaggerConfig,
     TrainingConfig,
 )
@@ -32,6 +33,7 @@ from surefoot.runs.checks import (
     warn_of_own_expert,
 )
 from surefoot.runs.run import Run, RunError
+from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.types import MotionPlan
 from tests.fakes.runs import collected_record
 
@@ -44,6 +46,15 @@ def test_every_preset_can_be_run(method, name):
     check_config(preset(method, name))
 
 
+def test_a_robot_can_be_trained_on_initial_states_of_its_own(tmp_path):
+    path = tmp_path / "dog.npz"
+    save_starts(replace(load_starts(), robot="go2"), path)
+    config = preset("loco_safe_dagger", "default")
+    check_config(replace(config, robot=RobotConfig("go2"), start_set=str(path)))
+    with pytest.raises(ValueError, match=r"'dog' belong to the robot go2, but .* asks for solo12"):
+        check_config(replace(config, start_set=str(path)))
+
+
 @pytest.mark.parametrize(
     ("config", "message"),
     [
@@ -52,6 +63,10 @@ def test_every_preset_can_be_run(method, name):
             r"'solo12-trot-v1' belong to the gait trot, but .* for a gait of period 0\.4 s, duty",
         ),
         (with_gait(Config(), "walk"), "asks for the gait walk: make a set for it"),
+        (
+            Config(robot=RobotConfig("go2")),
+            r"'solo12-trot-v1' belong to the robot solo12, .* asks for go2: make .* --robot go2`",
+        ),
         (
             Config(commands=CommandBox(vy=(-0.1, 0.1))),
             r"'solo12-trot-v1' are not at the commands of the configuration, vx 0 to 0\.3, "

@@ -128,8 +128,8 @@ def test_a_policy_answers_a_part_of_the_data_at_a_time(run, tmp_path, monkeypatc
     written = []
     sizes = []
 
-    def load_counted(path):
-        policy = load(path)
+    def load_counted(path, robot):
+        policy = load(path, robot)
         forward = policy.forward
 
         def counted(rows):

@@ -8,11 +8,19 @@ import pytest
 import surefoot.learning.train
 import surefoot.runs.collecting
 import surefoot.runs.stages
-from surefoot.config import BudgetConfig, ExpertData
+from surefoot.config import BudgetConfig, DartConfig, ExpertData, RobotConfig, SafeDaggerConfig
+from surefoot.evaluation import imitation
+from surefoot.evaluation.mirror_error import mirror_error_in_starts
 from surefoot.learning.dataset import Dataset, DatasetError
+from surefoot.learning.policy import PolicyFileError, load
+from surefoot.methods import METHODS
 from surefoot.methods.behavior_cloning import behavior_cloning, collection
+from surefoot.robots.load import load_robot
+from surefoot.robots.model import standing
+from surefoot.robots.scaling import with_own_values
 from surefoot.runs.run import Run, RunError, create, open_run
 from surefoot.runs.stages import choose_best_policy, collect_data
+from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.types import MotionPlan
 from surefoot.workers import Workers
 from tests.fakes.killed import Killed
@@ -253,3 +261,42 @@ def test_an_expert_that_gives_up_at_once_leaves_nothing_behind(tmp_path, valid):
     works = True
     behavior_cloning(run, Workers(1), plan)
     assert run.collected(0) is not None
+
+
+BRIEF = {
+    "pretraining": ExpertData(2, 1, False, 0.12),
+    "pretraining_epochs": 1,
+    "iterations": 1,
+    "velocities": 2,
+    "perturbations": 1,
+    "T": 0.6,
+    "epochs": 1,
+}
+
+
+@pytest.fixture(scope="module")
+def go2_starts(tmp_path_factory) -> str:
+    """The file of a set in which a Go2 stands."""
+    stored = load_starts()
+    q = standing(load_robot("go2"))
+    grid = {
+        split: replace(starts, q=np.tile(q, (len(starts), 1)), v=np.zeros_like(starts.v))
+        for split, starts in stored.grid.items()
+    }
+    path = tmp_path_factory.mktemp("starts") / "go2.npz"
+    save_starts(replace(stored, grid=grid, robot="go2"), path)
+    return str(path)
+
+
+@pytest.mark.parametrize("method", [CLONING.method, SafeDaggerConfig(**BRIEF), DartConfig(**BRIEF)])
+def test_the_policies_of_a_run_belong_to_its_robot(tmp_path, monkeypatch, go2_starts, method):
+    config = replace(CLONING, robot=RobotConfig("go2"), start_set=go2_starts, method=method)
+    run = create(tmp_path / "run", with_own_values(config))
+    best = METHODS[method.name].train(run, Workers(1), None)
+    assert load(best, "go2").robot == "go2"
+    assert mirror_error_in_starts(run.config, best, load_starts(go2_starts)["select"][:2])
+    frames = run.dataset.load(run.dataset.shards)
+    monkeypatch.setattr(imitation, "expert_states", lambda config, workers: frames)
+    assert imitation.imitation_error(run.config, best, Workers(1)).starts == "go2"
+    with pytest.raises(PolicyFileError, match="robot 'go2', expected 'solo12'"):
+        load(best)

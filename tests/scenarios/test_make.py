@@ -5,10 +5,12 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from surefoot.config import CommandBox, Config, Gait, PerturbationConfig, Split
+from surefoot.config import CommandBox, Config, Gait, PerturbationConfig, RobotConfig, Split
 from surefoot.mpc.gaits import with_gait
 from surefoot.mpc.schedule import in_stance
+from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
+from surefoot.robots.scaling import size_of
 from surefoot.robots.solo12 import solo12
 from surefoot.scenarios.make import (
     SEED,
@@ -19,6 +21,7 @@ from surefoot.scenarios.make import (
     make_starts,
     scaled,
     settled_cycle,
+    sized,
 )
 from surefoot.scenarios.perturbation import acceptable, stance_jacobian
 from surefoot.scenarios.starts import PACKAGED, SPLITS, Starts, StartSet, load_starts
@@ -106,6 +109,10 @@ def test_perturbed_states_are_consistent_with_their_contacts(made):
     assert len(np.unique(states, axis=0)) == len(states)
 
 
+def test_a_set_has_the_name_of_its_robot(made):
+    assert made.robot == "solo12"
+
+
 def test_the_same_seed_makes_the_same_set(made, cycle, monkeypatch):
     assert made_again(cycle, monkeypatch).hash == made.hash
 
@@ -132,6 +139,40 @@ def test_the_scale_multiplies_every_standard_deviation(made, cycle, monkeypatch)
     nominal = np.tile(made["nominal"].q[:, 7:], (2, 1))
     assert np.abs(narrow["train"].q[:, 7:] - nominal).max() < 0.05
     assert np.abs(made["train"].q[:, 7:] - nominal).max() > 0.2
+
+
+def test_lengths_and_speeds_are_perturbed_as_widely_for_the_legs_of_a_robot():
+    robot = load_robot("go2")
+    ratio = size_of(robot).length_ratio
+    assert ratio > 1.2
+    own = sized(scaled(PERTURBATION, 0.5), robot)
+    assert own.base_position == pytest.approx(0.05 * ratio)
+    assert own.linear_velocity == pytest.approx(0.1 * ratio**0.5)
+    assert (own.base_orientation, own.joint_position, own.velocity) == (0.35, 0.1, 0.1)
+    again = scaled(own, 2.0)
+    assert again.linear_velocity == pytest.approx(0.2 * ratio**0.5)
+    assert sized(again, robot).linear_velocity == pytest.approx(0.2 * ratio)
+    assert sized(PERTURBATION, ROBOT) == PERTURBATION
+
+
+def test_a_set_of_another_robot_has_its_name_and_its_perturbations(monkeypatch):
+    robot = load_robot("go2")
+    config = Config(robot=RobotConfig("go2"))
+    used = []
+
+    def stand(config, command):
+        q = np.tile(standing(robot), (1, len(command), 1))
+        return GaitCycle(q, np.zeros((*q.shape[:2], 18)), np.zeros(1, int), command)
+
+    def fake(robot, q, v, stance, perturbation, safety, rng):
+        used.append(perturbation)
+        return q, v
+
+    monkeypatch.setattr("surefoot.scenarios.make.settled_cycle", stand)
+    monkeypatch.setattr("surefoot.scenarios.make.perturb", fake)
+    stored = make_starts("dog", config, PERTURBATION, SEED, SMALL)
+    assert stored.robot == "go2"
+    assert set(used) == {sized(PERTURBATION, robot)}
 
 
 def test_a_negative_scale_is_refused():

@@ -37,6 +37,19 @@ def foot_velocity(q, v):
     return (ahead - behind) / 2e-6
 
 
+def test_the_linear_velocity_of_the_base_may_deviate_by_its_own():
+    def velocity(linear):
+        config = PerturbationConfig(0.0, 0.0, 0.0, velocity=0.2, linear_velocity=linear)
+        rng = np.random.default_rng(3)
+        return perturb(ROBOT, lifted, np.zeros(18), ~ALL, config, SAFETY, rng)[1]
+
+    lifted = STANDING.copy()
+    lifted[2] += 0.1
+    np.testing.assert_array_equal(velocity(0.2), velocity(None))
+    np.testing.assert_allclose(velocity(0.3)[:3], 1.5 * velocity(None)[:3], atol=1e-12)
+    np.testing.assert_allclose(velocity(0.3)[3:], velocity(None)[3:], atol=1e-12)
+
+
 @pytest.mark.parametrize("stance", STANCES, ids=str)
 def test_stance_feet_stay_and_stand_still_and_the_rest_changes(stance):
     rng = np.random.default_rng(5)

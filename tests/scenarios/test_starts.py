@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from surefoot.config import CommandBox, Config, Gait, PerturbationConfig
+from surefoot.config import CommandBox, Config, Gait, PerturbationConfig, RobotConfig
+from surefoot.config.robot_table import GO2
 from surefoot.mpc.gaits import GAITS, with_gait
 from surefoot.mpc.schedule import in_stance
 from surefoot.robots.solo12 import solo12
@@ -377,6 +378,10 @@ def damaged() -> dict[str, bytes]:
         "infinity": npz(**{**parts, "command": parts["command"] * np.inf}, shapes=shapes),
         "times in the past": npz(**{**parts, "tick": parts["tick"] - 600}, shapes=shapes),
         "times that are no integers": npz(**{**parts, "tick": parts["tick"] + 0.5}, shapes=shapes),
+        "a robot that is a number": npz(**parts, shapes=shapes, robot=np.array(12)),
+        "a robot without a name": npz(**parts, shapes=shapes, robot=np.array("")),
+        "two robots": npz(**parts, shapes=shapes, robot=np.array(["go1", "go2"])),
+        "a long name of a robot": npz(**parts, shapes=shapes, robot=np.array("o" * 41)),
         "an empty split": npz(**parts, shapes=shapes * [[1], [0], [1], [1]]),
         "shapes beyond 64 bits": npz(**parts, shapes=shapes * 2**62),
     }
@@ -493,3 +498,50 @@ def test_the_set_of_a_configuration_has_to_be_of_its_gait(tmp_path):
     assert starts_of(walking).gait == GAITS["walk"]
     with pytest.raises(ValueError, match=r"'walk' belong to the gait walk, .* for the gait trot"):
         starts_of(Config(start_set=str(path)))
+
+
+# --- other robots
+
+
+HASHES = {
+    "solo12-trot-v1": "28d834115b5dc9dd585c4663ccf55e3b61f35b02deeb5c9c43f3e815609f1ff6",
+    "solo12-trot-v1-wide": "f56fb4aeec63973f392bf3f6534556a97807f45b4928757a23b0ff7a56bd799f",
+}
+
+
+@pytest.mark.parametrize(("name", "hash"), HASHES.items())
+def test_packaged_sets_belong_to_solo12_and_keep_their_hash(name, hash):
+    stored = load_starts(name)
+    assert stored.robot == "solo12"
+    assert stored.hash == hash
+
+
+def test_a_file_that_names_no_robot_is_one_of_solo12(tmp_path):
+    path = tmp_path / "old.npz"
+    parts, shapes = parts_of(small())
+    path.write_bytes(npz(**parts, shapes=shapes))
+    assert load_starts(path).robot == "solo12"
+
+
+def test_a_set_keeps_the_robot_it_belongs_to(tmp_path):
+    path = tmp_path / "go2.npz"
+    save_starts(replace(small(), robot="go2", gait=GAITS["walk"]), path)
+    stored = load_starts(path)
+    assert stored.robot == "go2"
+    assert stored.gait.timing == GAITS["walk"].timing
+    assert stored.hash == small().hash
+
+
+def test_the_set_of_a_configuration_has_to_be_of_its_robot(tmp_path):
+    path = tmp_path / "dog.npz"
+    save_starts(replace(small(), robot="go2"), path)
+    for robot in (RobotConfig("go2"), RobotConfig(spec=GO2)):
+        assert starts_of(Config(robot=robot, start_set=str(path))).robot == "go2"
+    text = (
+        r"'dog' belong to the robot go2, but the configuration asks for a1: make a set for it "
+        r"\(`surefoot make-starts FILE --robot a1`\) .* with --config.start-set"
+    )
+    with pytest.raises(ValueError, match=text):
+        starts_of(Config(robot=RobotConfig("a1"), start_set=str(path)))
+    with pytest.raises(ValueError, match=r"'solo12-trot-v1' belong to the robot solo12, .* go2"):
+        starts_of(Config(robot=RobotConfig("go2")))

@@ -20,10 +20,11 @@ from surefoot.config.presets import straight_trot, suited
 class MakeStarts(OnGait, OnRobot, OnSimulator):
     """Make a set of initial states: settled gait cycles of the expert, and perturbations.
 
-    They are of any gait, at commands all over a box (--config.commands). A set is made once, in
-    minutes, and never overwritten; --config.start-set FILE of `surefoot train` uses it, and
-    `surefoot evaluate --starts FILE`. For another gait or other commands than those of the packaged
-    sets the expert's command gains are measured first, and printed as an option of `train`.
+    They are of any robot and gait, at commands all over a box (--config.commands). A set is made
+    once, in minutes, and never overwritten; --config.start-set FILE of `surefoot train` uses it,
+    and `surefoot evaluate --starts FILE`. For another robot or gait, or other commands than those
+    of the packaged sets, the expert's command gains are measured first, and printed as an option of
+    `train`.
     """
 
     out: Annotated[Path, tyro.conf.Positional]

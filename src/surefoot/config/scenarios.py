@@ -43,6 +43,9 @@ class PerturbationConfig(Checked):
     """[m/s, rad/s] deviation of each velocity: linear, angular and of the joints."""
     max_penetration: Annotated[float, Within(0.0, 10.0)] = 0.002
     """[m] how deep a foot sphere may be in the ground; deeper states are drawn again."""
+    linear_velocity: Sigma | None = None
+    """[m/s] deviation of the base's linear velocity, along each axis, where it is another one than
+    `velocity`; None is that one."""
 
 
 @dataclass(frozen=True)

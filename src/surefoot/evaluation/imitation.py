@@ -21,6 +21,7 @@ from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import load
 from surefoot.learning.samples import derive
+from surefoot.robots.load import find_spec
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job, chunks_of, run_chunk
@@ -80,7 +81,7 @@ def imitation_error(config: Config, policy: Path, workers: Workers) -> Imitation
         FileNotFoundError: There is no such policy.
         ValueError: The expert has lost all robots.
     """
-    imitator = load(policy)
+    imitator = load(policy, find_spec(config.robot).name)
     frames = expert_states(config, workers)
     if not len(frames):
         raise ValueError(

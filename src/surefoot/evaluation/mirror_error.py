@@ -72,5 +72,6 @@ def mirror_error_in_starts(config: Config, path: Path, starts: Starts) -> float 
     Raises:
         FileNotFoundError: There is no such policy.
     """
-    state = state_of(load_robot(config.robot), starts.q, starts.v)
-    return mirror_error_mrad(config, load(path), state, starts.tick, starts.command)
+    robot = load_robot(config.robot)
+    state = state_of(robot, starts.q, starts.v)
+    return mirror_error_mrad(config, load(path, robot.name), state, starts.tick, starts.command)

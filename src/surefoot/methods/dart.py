@@ -28,6 +28,7 @@ from surefoot.learning.frames import concatenate, sorted_by_episode
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import load
 from surefoot.learning.samples import derive, held_out
+from surefoot.robots.load import find_spec
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, disturbance_of
@@ -127,7 +128,7 @@ def learner_error(run: Run, i: int) -> Array:
     Raises:
         RunError: No frame of D is held out.
     """
-    policy = load(run.policy_path(i))
+    policy = load(run.policy_path(i), find_spec(run.config.robot).name)
     share = run.config.training.validation
     held = [frames[held_out(frames.episode, share)] for frames in dataset_of(run, i).parts()]
     # In one order, however D is cut into shards: the last digits of a sum depend on it.

@@ -23,13 +23,12 @@ from surefoot.config import (
     SafeDaggerConfig,
 )
 from surefoot.config.json_io import from_json, read_json
-from surefoot.config.robot_table import SOLO12
 from surefoot.evaluation.mirror_error import make_mirror
 from surefoot.files import write_json
 from surefoot.learning.samples import held_out
 from surefoot.learning.step import choose_device
 from surefoot.mpc.identity import ExpertIdentity, difference, identity_of
-from surefoot.robots.load import find_spec, load_robot
+from surefoot.robots.load import load_robot
 from surefoot.rollouts.jobs import PLANNER
 from surefoot.runs.budget import SECONDS_PER_SOLVE, first_allowance
 from surefoot.runs.metrics import Collected
@@ -59,7 +58,6 @@ def check_config(config: Config) -> None:
     Raises:
         ValueError: It cannot; the message names the number and what it may be.
     """
-    _check_robot(config)
     if config.training.mirror != "none":
         make_mirror(config, config.training.mirror)
     stored = starts_of(config)
@@ -69,21 +67,6 @@ def check_config(config: Config) -> None:
     if isinstance(config.method, IterativeConfig) and purpose:
         _check_held_out(config, config.method.pretraining, purpose)
     choose_device(config.training.device)
-
-
-def _check_robot(config: Config) -> None:
-    """Check that there are initial states of the robot.
-
-    Raises:
-        ValueError: There are none.
-    """
-    spec = find_spec(config.robot)
-    if spec != SOLO12:
-        raise ValueError(
-            f"robot.model is {spec.name!r}, and the packaged initial states are those of "
-            f"{SOLO12.name!r}; walk with it (`surefoot walk --robot {spec.name}`), or train "
-            "Solo12"
-        )
 
 
 def remember_expert(run: Run, plan: PlanFunction | None) -> None:

@@ -24,6 +24,7 @@ from surefoot.learning.classifier import digest, fit_classifier, load_classifier
 from surefoot.learning.observation import INPUT_SIZE, observation_spec
 from surefoot.learning.policy import Policy, load
 from surefoot.learning.samples import derive, held_out
+from surefoot.robots.load import find_spec
 from surefoot.rollouts.traces import Trace, history_rows
 from surefoot.runs.episode_ids import iteration_of_shard
 from surefoot.runs.metrics import GateTrained, LearnedGate
@@ -151,7 +152,7 @@ def deviation_samples(run: Run, i: int, unsafe_share: float) -> GateSamples:
         i: The iteration.
         unsafe_share: Share of the held-out pre-training frames beyond tau.
     """
-    policy = load(run.policy_path(i))
+    policy = load(run.policy_path(i), find_spec(run.config.robot).name)
     inputs, targets, episode = _inputs_and_targets(run, i, policy)
     held = held_out(episode, run.config.training.validation)
     first = run.gate_trained("classifier", 0)

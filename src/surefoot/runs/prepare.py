@@ -14,13 +14,25 @@ from surefoot.config import Config, IterativeConfig
 from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
 from surefoot.learning.policy import Policy, load, save
+from surefoot.robots.load import find_spec
 from surefoot.runs.budget import first_allowance
 from surefoot.runs.episode_ids import iteration_of_shard
 from surefoot.runs.run import Run, RunError
 
 Shared = Literal["data", "policy"]
 """What two runs begin with alike: their first data, or also the policy trained on it."""
-DATA_SECTIONS = ("seed", "chunk", "robot", "simulation", "gait", "expert", "safety", "starts")
+DATA_SECTIONS = (
+    "seed",
+    "chunk",
+    "robot",
+    "simulation",
+    "gait",
+    "commands",
+    "expert",
+    "safety",
+    "start_set",
+    "starts",
+)
 """Parts of a configuration that fix expert rollouts, beside the method's own."""
 
 
@@ -93,7 +105,7 @@ def _copy_data(source: Run, target: Run) -> None:
 
 def _copy_policy(source: Run, target: Run) -> None:
     """Copy the policy of iteration 0; its file says that it belongs to the target."""
-    policy = load(source.policy_path(0))
+    policy = load(source.policy_path(0), find_spec(source.config.robot).name)
     provenance = policy.provenance | {"run": target.folder.name, "method": target.method}
     copied = Policy(policy.network, policy.spec, policy.command_range, policy.robot, provenance)
     save(copied, target.policy_path(0))

@@ -206,7 +206,8 @@ def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bo
     if iteration == 0 or fresh:
         network = PolicyNetwork(config.policy, run.torch_seed("network", 0))
     else:
-        network = load(run.policy_path(iteration - 1)).network
+        before = run.policy_path(iteration - 1)
+        network = load(before, find_spec(config.robot).name).network
     with tqdm(desc=f"iteration {iteration}: train", unit="epoch", leave=False) as bar:
 
         def progress(_epoch: int, epochs: int, train_loss: float, validation_loss: float) -> None:

@@ -17,10 +17,12 @@ import numpy as np
 from tqdm import tqdm
 
 from surefoot.config import Config, Gait, PerturbationConfig, Split
+from surefoot.config.robot_table import SOLO12
 from surefoot.mpc.gaits import gait_name
 from surefoot.mpc.schedule import grid_cycle, in_stance
 from surefoot.robots.load import load_robot
-from surefoot.robots.scaling import with_own_values
+from surefoot.robots.model import RobotModel
+from surefoot.robots.scaling import size_of, with_own_values
 from surefoot.scenarios.perturbation import perturb
 from surefoot.scenarios.starts import SPLITS, Starts, StartSet
 from surefoot.scenarios.walking import expert_walks
@@ -85,7 +87,8 @@ def make_starts(
     Args:
         name: The name of the set.
         config: The robot, the gait, the commands, the expert, the simulator and the fall bounds.
-        perturbation: Standard deviations of the perturbations, before their projection.
+        perturbation: Standard deviations of the perturbations, before their projection, for a robot
+            of Solo12's size; another robot's are those of `sized`.
         seed: Root of the perturbations' randomness.
         sizes: The size of each split.
 
@@ -96,7 +99,9 @@ def make_starts(
         ValueError: A robot fell before its gait had settled, or a state has no acceptable neighbor:
             the perturbation is too large.
     """
-    config = with_own_values(config)
+    robot = load_robot(config.robot)
+    config = with_own_values(config, robot)
+    perturbation = sized(perturbation, robot)
     counts = sorted({size.velocities for size in sizes.values()})
     cycles = {count: settled_cycle(config, config.commands.spread(count)) for count in counts}
     grid: dict[str, Starts] = {}
@@ -114,17 +119,42 @@ def make_starts(
         grid[split] = replace(starts, id=first_id + np.arange(len(starts)))
         shape[split] = (repeats, len(cycle.q), len(cycle.command))
         first_id += len(starts)
-    return StartSet(name, grid, shape, config.gait)
+    return StartSet(name, grid, shape, config.gait, robot.name)
 
 
 def scaled(perturbation: PerturbationConfig, scale: float) -> PerturbationConfig:
     """The perturbation with all its standard deviations multiplied by a factor."""
+    linear = perturbation.linear_velocity
     return replace(
         perturbation,
         base_position=scale * perturbation.base_position,
         base_orientation=scale * perturbation.base_orientation,
         joint_position=scale * perturbation.joint_position,
         velocity=scale * perturbation.velocity,
+        linear_velocity=None if linear is None else scale * linear,
+    )
+
+
+def sized(perturbation: PerturbationConfig, robot: RobotModel) -> PerturbationConfig:
+    """The perturbation of a Solo12, for a robot of another size: as wide for its legs.
+
+    Lengths go with the length of the legs, speeds with its square root; angles and their rates stay
+    as they are, and so does how deep a foot may be in the ground. For Solo12 all of it does.
+
+    Args:
+        perturbation: The perturbation of a robot of Solo12's size.
+        robot: The robot.
+    """
+    if robot.spec == SOLO12:
+        return perturbation
+    ratio = size_of(robot).length_ratio
+    linear = perturbation.linear_velocity
+    if linear is None:
+        linear = perturbation.velocity
+    return replace(
+        perturbation,
+        base_position=ratio * perturbation.base_position,
+        linear_velocity=math.sqrt(ratio) * linear,
     )
 
 

@@ -55,13 +55,15 @@ def perturb(
             np.full(12, config.joint_position),
         ]
     )
+    linear = config.velocity if config.linear_velocity is None else config.linear_velocity
+    velocity_sigma = np.concatenate([np.full(3, linear), np.full(15, config.velocity)])
     data = robot.model.createData()
     contacts = stance_feet(robot, data, q, stance)
     J = stance_jacobian(robot, data, q, stance)
     for _ in range(ATTEMPTS):
         change = project(J, sigma * rng.standard_normal(18))
         moved = pin.integrate(robot.model, q, change)
-        velocity = v + config.velocity * rng.standard_normal(18)
+        velocity = v + velocity_sigma * rng.standard_normal(18)
         moved = put_feet_back(robot, data, moved, contacts, stance)
         if moved is None or not acceptable(robot, data, moved, config, safety, stance):
             continue

@@ -11,7 +11,7 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from surefoot.config import Config, Gait, Split
 from surefoot.config.json_text import read_file
+from surefoot.config.robot_table import SOLO12
 from surefoot.errors import unknown
 from surefoot.files import parse_npz, write_atomic
 from surefoot.mpc.gaits import GAITS, gait_name
@@ -109,12 +110,14 @@ class StartSet:
             this order.
         shape: The numbers of perturbations, phases and velocities of each split.
         gait: The gait whose clock they have; of its heights a set knows nothing.
+        robot: The name of the robot they belong to.
     """
 
     name: str
     grid: dict[str, Starts]
     shape: dict[str, tuple[int, int, int]]
     gait: Gait = field(default_factory=Gait)
+    robot: str = SOLO12.name
 
     def __getitem__(self, split: str) -> Starts:
         """All initial states of a split.
@@ -255,9 +258,19 @@ def starts_of(config: Config) -> StartSet:
 
     Raises:
         FileNotFoundError: There is no such set, nor such a file.
-        ValueError: The file is not a set of initial states, or is one of another gait.
+        ValueError: The file is not a set of initial states, or is one of another robot or gait.
     """
+    # Here, so that the command line does not wait for Pinocchio.
+    from surefoot.robots.load import find_spec
+
     stored = load_starts(config.start_set)
+    robot = find_spec(config.robot).name
+    if robot != stored.robot:
+        raise ValueError(
+            f"the initial states {stored.name!r} belong to the robot {stored.robot}, but the "
+            f"configuration asks for {robot}: make a set for it (`surefoot make-starts FILE "
+            f"--robot {robot}`) and name its file with --config.start-set"
+        )
     if config.gait.timing != stored.gait.timing:
         raise ValueError(
             f"the initial states {stored.name!r} belong to {_described(stored.gait)}, but the "
@@ -311,6 +324,7 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
         arrays = parse_npz(content)
         shapes = check_stored_arrays(arrays, len(SPLITS))
         gait = _gait_from(arrays["gait"]) if "gait" in arrays else Gait()
+        robot = str(arrays["robot"]) if "robot" in arrays else SOLO12.name
     except ValueError as error:
         raise ValueError(f"{source} is not a set of starts ({error}); write it again") from error
     bounds = np.cumsum([0, *(math.prod(shape) for shape in shapes)])
@@ -327,7 +341,7 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
         split: everything[slice(start, stop)]
         for split, start, stop in zip(SPLITS, bounds[:-1], bounds[1:], strict=True)
     }
-    return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)), gait)
+    return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)), gait, robot)
 
 
 def check_unused(path: Path) -> None:
@@ -357,24 +371,18 @@ def save_starts(starts: StartSet, path: Path) -> None:
         "command": everything.command,
         "shapes": np.array([starts.shape[split] for split in SPLITS]),
     }
+    # A file is as ever where it can be: without them, gait and robot are the packaged sets' own.
+    if starts.gait.timing != Gait().timing:
+        arrays["gait"] = np.array(starts.gait.timing)
+    if starts.robot != SOLO12.name:
+        arrays["robot"] = np.array(starts.robot)
     try:
         check_stored_arrays(arrays, len(SPLITS))
     except ValueError as error:
         raise ValueError(f"{path} is not written: {error}") from error
+    arrays["tick"] = arrays["tick"].astype(np.int16)
     buffer = BytesIO()
-    write = partial(
-        np.savez_compressed,
-        buffer,
-        q=arrays["q"],
-        v=arrays["v"],
-        tick=arrays["tick"].astype(np.int16),
-        command=arrays["command"],
-        shapes=arrays["shapes"],
-    )
-    if starts.gait.timing == Gait().timing:
-        write()  # as ever: without a gait it is the trot of the packaged sets
-    else:
-        write(gait=np.array(starts.gait.timing))
+    np.savez_compressed(buffer, allow_pickle=False, **arrays)
     write_atomic(path, buffer.getvalue())
 
 

@@ -24,6 +24,8 @@ LARGEST = 1e6
 """No number of a state is larger, in whatever unit."""
 GAIT_NUMBERS = 6
 """The numbers of a gait in a stored set: period, duty factor and four offsets."""
+LONGEST_NAME = 40
+"""The characters of the longest name that a robot may have (`RobotSpec.name`)."""
 LATEST = int(np.iinfo(np.int16).max)
 """[ms] The last tick that a stored set can hold."""
 
@@ -42,7 +44,7 @@ def check_stored_arrays(arrays: Mapping[str, NDArray], splits: int) -> list[tupl
         ValueError: One is missing, has another shape or type, or numbers that no state has.
     """
     names = ("q", "v", "tick", "command", "shapes")
-    if arrays.keys() - {"gait"} != set(names):
+    if arrays.keys() - {"gait", "robot"} != set(names):
         raise ValueError(f"it has the arrays {sorted(arrays)}, expected {sorted(names)}"[:300])
     if arrays["shapes"].shape != (splits, 3) or arrays["shapes"].dtype.kind not in "iu":
         raise ValueError(f"shapes must be ({splits}, 3) integers: one row for each split")
@@ -67,6 +69,9 @@ def check_stored_arrays(arrays: Mapping[str, NDArray], splits: int) -> list[tupl
     gait = arrays.get("gait", np.zeros(GAIT_NUMBERS))
     if gait.shape != (GAIT_NUMBERS,) or gait.dtype != np.float64:
         raise ValueError(f"gait is {gait.dtype} {gait.shape} instead of float64 ({GAIT_NUMBERS},)")
+    robot = arrays.get("robot", np.array("solo12"))
+    if robot.shape != () or robot.dtype.kind != "U" or not 1 <= len(str(robot)) <= LONGEST_NAME:
+        raise ValueError(f"robot is no name of 1 to {LONGEST_NAME} characters")
     check_unit_quaternions(arrays["q"])
     return shapes
 
