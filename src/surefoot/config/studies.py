@@ -190,7 +190,6 @@ def _regime_techniques() -> tuple[Technique, ...]:
         "training.input_noise": 0.1,
         "chunk": 50,  # a job has one core, and the network is faster on more robots
         "training.validation": 0.15,
-        "training.weight_decay": 0.0,
         "collection.pushes": 0,
         "collection.expert_impulse": (0.0, 0.0),
     }
