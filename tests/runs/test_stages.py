@@ -299,4 +299,4 @@ def test_the_policies_of_a_run_belong_to_its_robot(tmp_path, monkeypatch, go2_st
     monkeypatch.setattr(imitation, "expert_states", lambda config, workers: frames)
     assert imitation.imitation_error(run.config, best, Workers(1)).starts == "go2"
     with pytest.raises(PolicyFileError, match="robot 'go2', expected 'solo12'"):
-        load(best)
+        load(best, "solo12")
