@@ -86,6 +86,13 @@ def test_a_set_of_another_gait_is_made_with_its_rules_and_gains(asked, measured,
     assert "measured: --config.expert.command-gain 1.1 1.2 1.3" in capsys.readouterr().out
 
 
+def test_gains_that_were_given_are_not_measured(monkeypatch):
+    monkeypatch.setattr("surefoot.scenarios.calibration.calibrated", None)  # not to be called
+    expert = replace(Config().expert, command_gain=(1.2, 1.2, 1.2))
+    config = Config(expert=expert)
+    assert make_starts.with_measured_gains(config) is config
+
+
 def test_a_box_of_commands_gets_rules_that_do_not_drift(asked, measured, tmp_path):
     args = [str(tmp_path / "box.npz"), "--config.commands.vy", "-0.1", "0.1"]
     assert parse_make_starts(args)() == 0

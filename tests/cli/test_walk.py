@@ -1,12 +1,13 @@
 """The command walk: how the expert walked, in words and as JSON."""
 
 import json
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from surefoot.cli import walk
-from surefoot.cli.walk import Walk, box_around
+from surefoot.cli.walk import Walk, box_around, parse_walk
 from surefoot.config import CommandBox, Config
 from surefoot.types import Command
 from tests.fakes.robots import needs_pybullet
@@ -112,3 +113,39 @@ def test_an_unknown_gait_is_answered_with_the_nearest(surefoot, capsys):
 
 def test_a_gait_has_to_move_along_the_axes_of_its_command():
     assert box_around(Command(0.2, 0.0, -0.5)) == CommandBox((0, 0.2), (0, 0), (-0.5, 0))
+
+
+@pytest.fixture
+def walked(monkeypatch) -> Callable[..., Config]:
+    """Gives the configuration under which the expert would walk."""
+    configs: list[Config] = []
+
+    class Stop(Exception):
+        pass
+
+    def play_out(job, progress):
+        configs.append(job.config)
+        raise Stop
+
+    monkeypatch.setattr("surefoot.rollouts.jobs.play_out", play_out)
+    monkeypatch.setattr(walk, "with_measured_gains", lambda config: config)
+
+    def attempt(*args):
+        with pytest.raises(Stop):
+            parse_walk(args)()
+        return configs[-1]
+
+    return attempt
+
+
+def test_straight_ahead_solo12_trots_by_the_first_rules(walked):
+    expert = walked("--vx", "0.3", "--no-video").expert
+    assert (expert.turn_compensation, expert.capture_share) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "args", [("--yaw-rate", "0.5"), ("--vy", "-0.1"), ("--vx", "0.5"), ("--robot", "go2")]
+)
+def test_in_turns_sideways_fast_and_on_other_robots_the_rules_neither_drift_nor_latch(walked, args):
+    expert = walked(*args, "--no-video").expert
+    assert (expert.turn_compensation, expert.capture_share) == (0.3, 0.25)

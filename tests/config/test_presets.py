@@ -1,5 +1,7 @@
 """Presets: the paper's numbers, and what the cheaper ones keep of them."""
 
+from dataclasses import replace
+
 import pytest
 
 from surefoot.config import (
@@ -15,6 +17,7 @@ from surefoot.config import (
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
     PolicyConfig,
+    RobotConfig,
     SafeDaggerConfig,
     SafetyConfig,
 )
@@ -117,3 +120,13 @@ def test_rules_that_were_chosen_stay():
     expert = ExpertConfig(turn_compensation=0.2)
     config = Config(commands=CommandBox(vy=(-0.1, 0.1)), expert=expert)
     assert suited(config) is config
+
+
+def test_published_rules_are_a_choice_too():
+    config = replace(preset("dagger", "paper"), commands=CommandBox(vy=(-0.1, 0.1)))
+    assert suited(config) is config
+
+
+def test_another_robot_gets_the_all_round_rules():
+    config = Config(robot=RobotConfig("go2"))
+    assert suited(config) == all_round_rules(config)

@@ -5,7 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from surefoot.mpc.expert import DAMPING, Expert
+from surefoot.config import Config
+from surefoot.mpc.expert import DAMPING, Expert, make_expert
+from surefoot.robots.load import load_robot
+from surefoot.robots.scaling import own_values
 from surefoot.types import Command, MotionPlan, State
 
 KP = 3.0
@@ -397,3 +400,15 @@ def test_plans_of_lists_and_of_single_precision_are_plans():
         expert.reset(1)
         assert np.isfinite(drive(expert, states(1), 0)).all()
         assert not expert.invalid_plans.any()
+
+
+def test_a_larger_robot_without_a_plan_is_damped_by_its_own_gain():
+    robot = load_robot("go2")
+    nothing = MotionPlan(*np.zeros((3, 100, 12)), valid=False)
+    expert = make_expert(robot, Config(), plan=lambda state, tick, command: nothing)
+    expert.reset(1)
+    state = states(1)
+    torque = drive(expert, state, 0)
+    assert expert.diverged[0]
+    np.testing.assert_allclose(torque, -own_values(robot).policy_kd * state.v[:, 6:])
+    assert own_values(robot).policy_kd > 5 * DAMPING

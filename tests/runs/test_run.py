@@ -46,6 +46,13 @@ def test_a_new_run_stands_in_its_folder_and_can_be_opened(tmp_path):
     assert values["versions"] == versions()
 
 
+def test_a_run_finds_its_initial_states_from_any_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = create(tmp_path / "run", replace(CONFIG, start_set="mine.npz"))
+    assert run.config.start_set == str(tmp_path / "mine.npz")
+    assert create(tmp_path / "packaged", CONFIG).config.start_set == CONFIG.start_set
+
+
 def test_an_existing_run_is_neither_overwritten_nor_resumed_unasked(tmp_path):
     run = create(tmp_path / "run", CONFIG)
     run.append_metrics(collected_record(0))

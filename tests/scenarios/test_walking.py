@@ -1,5 +1,7 @@
 """Walks of the expert: what is recorded, their mean velocity, and who fell."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,13 @@ def test_a_walk_is_recorded_at_multiples_of_a_tick():
     assert walks.q.shape == (3, 2, 19)
     np.testing.assert_allclose(walks.q[0], np.tile(standing(ROBOT), (2, 1)), atol=1e-12)
     assert (walks.q[2, 0] != walks.q[2, 1]).any()
+
+
+def test_motors_that_heed_a_speed_limit_do_so_here_too():
+    slow = replace(ROBOT, speed_limit=np.full(12, 1.0), enforce_speed_limit=True)
+    command = np.array([[0.3, 0.0, 0.0]])
+    free, limited = (expert_walks(robot, Config(), command, 200) for robot in (ROBOT, slow))
+    assert np.abs(limited.v[..., 6:]).max() < 0.7 * np.abs(free.v[..., 6:]).max()
 
 
 def test_progress_is_told_of_every_tick():

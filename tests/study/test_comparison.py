@@ -181,6 +181,18 @@ def test_pushes_can_be_shortened(monkeypatch, runs, tmp_path):
     assert measure(runs).config.push == Config().push
 
 
+def test_runs_are_compared_in_their_own_initial_states(monkeypatch, tmp_path):
+    pretend_measurements(monkeypatch)
+    monkeypatch.setattr("surefoot.study.ground.check_comparable", lambda run, first: None)
+    wide = "solo12-trot-v1-wide"
+    run = run_of(tmp_path / "bc", BehaviorCloningConfig(), 0, start_set=wide)
+    comparison = compare([run], Measurements(("mujoco",), episodes=4), Workers(1))
+    assert comparison.starts == {wide: load_starts(wide).hash}
+    for row in comparison.rows:
+        evaluation = row.results["mujoco"].evaluation
+        assert evaluation is not None and evaluation.starts == wide
+
+
 def test_initial_states_and_disturbance_can_be_chosen_and_are_not_mixed(
     monkeypatch, runs, tmp_path
 ):

@@ -9,9 +9,8 @@ from typing import Annotated
 
 import tyro
 
-from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
-from surefoot.cli.options import OnGait, OnRobot, OnSimulator, Output, check_outputs
+from surefoot.cli.options import OnGait, OnRobot, OnSimulator, Output, check_outputs, config_of_gait
 from surefoot.config import Config, ExpertConfig, PerturbationConfig
 from surefoot.config.presets import straight_trot, suited
 
@@ -21,7 +20,7 @@ class MakeStarts(OnGait, OnRobot, OnSimulator):
     """Make a set of initial states: settled gait cycles of the expert, and perturbations.
 
     They are of any robot and gait, at commands all over a box (--config.commands). A set is made
-    once, in minutes, and never overwritten; --config.start-set FILE of `surefoot train` uses it,
+    once and never overwritten; --config.start-set FILE of `surefoot train` uses it,
     and `surefoot evaluate --starts FILE`. For another robot or gait, or other commands than those
     of the packaged sets, the expert's command gains are measured first, and printed as an option of
     `train`.
@@ -46,9 +45,11 @@ class MakeStarts(OnGait, OnRobot, OnSimulator):
         perturbation = scaled(PerturbationConfig(), self.scale)
         config = suited(self.with_robot(self.simulated(self.config)))
         if not straight_trot(config):
-            config = with_measured_gains(config)
-            gains = " ".join(f"{gain:g}" for gain in config.expert.command_gain)
-            print(f"measured: --config.expert.command-gain {gains}")
+            given = config
+            config = with_measured_gains(given)
+            if config != given:
+                gains = " ".join(f"{gain:g}" for gain in config.expert.command_gain)
+                print(f"measured: --config.expert.command-gain {gains}")
         starts = make_starts(self.out.stem, config, perturbation, self.seed)
         save_starts(starts, self.out)
         count = sum(len(starts[split]) for split in SPLITS)
@@ -85,11 +86,6 @@ def parse_make_starts(args: Sequence[str]) -> MakeStarts:
         ValueError: There is no such gait.
         SystemExit: Help was asked for, or an option is wrong.
     """
-    from surefoot.mpc.gaits import with_gait
-
-    default = None
-    name = sort_arguments(args, MakeStarts).values.get("--gait")
-    if name is not None:
-        # tyro asks for what is missing.
-        default = MakeStarts(tyro.MISSING, config=with_gait(Config(), name))
+    # tyro asks for what is missing.
+    default = MakeStarts(tyro.MISSING, config=config_of_gait(args, MakeStarts, Config()))
     return read_options(MakeStarts, args, "surefoot make-starts", default)

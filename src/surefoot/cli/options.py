@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from surefoot.cli.arguments import sort_arguments
 from surefoot.config import Backend, Config, simulated
 from surefoot.config.json_io import to_json
 from surefoot.files import WriteError, check_output, is_stream, write_json
@@ -49,8 +50,27 @@ class OnGait:
 
     gait: str | None = None
     """The gait: trot, walk, crawl, amble, pace, bound, pronk or stand, with the horizon and the
-    rules of the expert that belong to it; without it, the gait of the configuration. What is given
-    with --config comes before it."""
+    rules of the expert that belong to it; without it, the gait of the configuration. Options under
+    --config take precedence."""
+
+
+def config_of_gait(args: Sequence[str], command: type, config: Config) -> Config:
+    """A configuration with the gait that an argument list names, if it names one.
+
+    It makes the defaults of the other options, which are read afterwards.
+
+    Args:
+        args: Command line, without the name of the command.
+        command: The command, an `OnGait`.
+        config: The configuration without it.
+
+    Raises:
+        ValueError: There is no such gait.
+    """
+    from surefoot.mpc.gaits import with_gait
+
+    name = sort_arguments(args, command).values.get("--gait")
+    return config if name is None else with_gait(config, name)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,6 +19,7 @@ from surefoot.cli.options import (
     Output,
     check_option,
     check_outputs,
+    config_of_gait,
 )
 from surefoot.config import METHODS as METHOD_CONFIGS
 from surefoot.config import Config
@@ -116,11 +117,7 @@ def parse_train(args: Sequence[str]) -> Train:
     if arguments.positional:
         method = arguments.positional[0]
         name = arguments.values.get("--preset", "default")
-        config = preset(method, name)
-        if "--gait" in arguments.values:
-            from surefoot.mpc.gaits import with_gait
-
-            config = with_gait(config, arguments.values["--gait"])
+        config = config_of_gait(args, Train, preset(method, name))
         default = Train(method, name, config=config)
         return read_options(Train, args, program, default)
     if "-h" in args or "--help" in args:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.make_starts import with_measured_gains
 from surefoot.cli.options import (
@@ -21,6 +20,7 @@ from surefoot.cli.options import (
     check_outputs,
     check_seconds,
     check_velocity,
+    config_of_gait,
     film_episode,
     film_outputs,
     show_record,
@@ -198,8 +198,5 @@ def parse_walk(args: Sequence[str]) -> Walk:
         ValueError: There is no such gait.
         SystemExit: Help was asked for, or an option is wrong.
     """
-    from surefoot.mpc.gaits import with_gait
-
-    name = sort_arguments(args, Walk).values.get("--gait")
-    default = None if name is None else Walk(config=with_gait(Config(), name))
+    default = Walk(config=config_of_gait(args, Walk, Config()))
     return read_options(Walk, args, "surefoot walk", default)

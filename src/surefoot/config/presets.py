@@ -68,7 +68,7 @@ def default(method: str) -> Config:
     parameters = method_config(method)
     # A rate that falls to zero may begin at four times the paper's, and needs fewer epochs.
     # Twenty robots to a batch halve the cost of the network on a machine of few cores.
-    training = TrainingConfig(learning_rate=8e-3, schedule="cosine", weight_decay=0.1)
+    training = TrainingConfig(learning_rate=8e-3, schedule="cosine")
     if isinstance(parameters, IterativeConfig):
         parameters = replace(parameters, pretraining=_SHORT, pretraining_epochs=16, epochs=5)
         # One push in five seconds: twice in the long rollouts.

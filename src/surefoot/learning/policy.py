@@ -276,8 +276,11 @@ def load(path: Path | str, robot: str | None = None) -> Policy:
             f"{path} is not a whole surefoot policy file ({error}); copy it again, or delete "
             "it in its run's folder: `surefoot train ... --resume` trains it again, bit for bit"
         ) from error
-    for key, expected in _interface(robot or "").items():
-        if header.get(key) != expected and not (key == "robot" and robot is None):
+    interface = _interface(robot or "")
+    if robot is None:
+        del interface["robot"]
+    for key, expected in interface.items():
+        if header.get(key) != expected:
             raise PolicyFileError(
                 f"{path} has {key} {shown(header.get(key))}, expected {expected!r}; load a policy "
                 "made for this, or train one"

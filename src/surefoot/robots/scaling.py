@@ -3,13 +3,14 @@
 Two numbers, against Solo12: r, the ratio of masses, and s, the ratio of leg lengths (hip to foot in
 the nominal pose). Forces go with r, lengths with s, times and speeds with sqrt(s): so stiffness
 goes with r s, damping with r s^1.5. What the planner weighs per robot, the momentum, is weighed per
-mass. `with_own_values` puts these in where a configuration has None; `Tuning` of a spec goes
-before. Measured on robots of 13 to 87 kg, which trot with these at the first try.
+mass. `with_own_values` puts these in where a configuration has None; the `Tuning` of a
+spec takes precedence. Measured on robots of 13 to 87 kg, which trot with these at the first try.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -30,10 +31,13 @@ from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel, standing
 from surefoot.types import LEGS, Array
 
+Section = TypeVar("Section", Gait, ExpertConfig, KinematicConfig, PolicyConfig)
 REFERENCE_MASS = 2.5
 """[kg] The mass of Solo12."""
 REFERENCE_LEG = 0.2229
 """[m] The height of Solo12's hips above its feet in the nominal pose."""
+COM_SHARE = 0.92
+"""The height of the center of mass in a gait, over that in the nominal pose (measured)."""
 DIGITS = 4
 """Significant digits that a scaled number keeps: enough for a gain, and readable in a file."""
 
@@ -115,73 +119,64 @@ def own_values(robot: RobotModel) -> OwnValues:
     r = size.mass_ratio
     s = size.length_ratio
     tuning = robot.spec.tuning
+    solo12 = SOLO12.tuning
     return OwnValues(
-        kp=_first(tuning.kp, 3.0 * r * s),
-        kd=_first(tuning.kd, 0.05 * r * s**1.5),
-        policy_kp=_first(tuning.policy_kp, 2.0 * r * s),
-        policy_kd=_first(tuning.policy_kd, 0.1 * r * s**1.5),
-        com_height=_first(tuning.com_height, 0.92 * size.com_height),
-        step_height=_first(tuning.step_height, 0.075 * s),
-        base_height=_first(tuning.base_height, size.base_height),
-        # A weight of 3125 on the momentum per mass, which is a velocity.
-        momentum_weight=_first(tuning.momentum_weight, 500.0 / r**2),
-        capture_time=_first(tuning.capture_time, 0.15 * s**0.5),
+        kp=_scaled(tuning.kp, solo12.kp, r * s),
+        kd=_scaled(tuning.kd, solo12.kd, r * s**1.5),
+        policy_kp=_scaled(tuning.policy_kp, solo12.policy_kp, r * s),
+        policy_kd=_scaled(tuning.policy_kd, solo12.policy_kd, r * s**1.5),
+        com_height=_scaled(tuning.com_height, COM_SHARE, size.com_height),
+        step_height=_scaled(tuning.step_height, solo12.step_height, s),
+        base_height=_scaled(tuning.base_height, 1.0, size.base_height),
+        # The same weight on the momentum per mass, which is a velocity.
+        momentum_weight=_scaled(tuning.momentum_weight, solo12.momentum_weight, 1.0 / r**2),
+        capture_time=_scaled(tuning.capture_time, solo12.capture_time, s**0.5),
         hip_outward=tuning.hip_outward,
     )
 
 
-def _first(own: float | None, scaled: float) -> float:
-    """A robot's own value if it has one, and else the scaled one, rounded."""
-    return float(f"{scaled:.{DIGITS}g}") if own is None else own
+def _scaled(own: float | None, reference: float | None, factor: float) -> float:
+    """A robot's own value if it has one, and else a reference times a factor, rounded."""
+    if own is not None:
+        return own
+    return float(f"{known(reference, SOLO12.tuning.section) * factor:.{DIGITS}g}")
 
 
 def own_gait(gait: Gait, robot: RobotModel) -> Gait:
     """Return a gait with the robot's own heights in place of None."""
-    if gait.com_height is not None and gait.step_height is not None:
-        return gait
     own = own_values(robot)
-    return replace(
-        gait,
-        com_height=own.com_height if gait.com_height is None else gait.com_height,
-        step_height=own.step_height if gait.step_height is None else gait.step_height,
-    )
+    return _filled(gait, com_height=own.com_height, step_height=own.step_height)
 
 
 def own_expert(expert: ExpertConfig, robot: RobotModel) -> ExpertConfig:
     """Return an expert's configuration with the robot's own values in place of None."""
     own = own_values(robot)
-    return replace(
+    expert = replace(expert, kinematic=own_kinematic(expert.kinematic, robot))
+    return _filled(
         expert,
-        kp=own.kp if expert.kp is None else expert.kp,
-        kd=own.kd if expert.kd is None else expert.kd,
-        capture_time=own.capture_time if expert.capture_time is None else expert.capture_time,
-        hip_outward=own.hip_outward if expert.hip_outward is None else expert.hip_outward,
-        kinematic=own_kinematic(expert.kinematic, robot),
+        kp=own.kp,
+        kd=own.kd,
+        capture_time=own.capture_time,
+        hip_outward=own.hip_outward,
     )
 
 
 def own_kinematic(kinematic: KinematicConfig, robot: RobotModel) -> KinematicConfig:
     """Return the whole-body problem's configuration with the robot's own values for None."""
-    if kinematic.momentum_weight is not None and kinematic.base_height is not None:
-        return kinematic
     own = own_values(robot)
-    weight = kinematic.momentum_weight
-    height = kinematic.base_height
-    return replace(
-        kinematic,
-        momentum_weight=own.momentum_weight if weight is None else weight,
-        base_height=own.base_height if height is None else height,
-    )
+    return _filled(kinematic, momentum_weight=own.momentum_weight, base_height=own.base_height)
 
 
 def own_policy(policy: PolicyConfig, robot: RobotModel) -> PolicyConfig:
     """Return a policy's configuration with the robot's own gains in place of None."""
     own = own_values(robot)
-    return replace(
-        policy,
-        kp=own.policy_kp if policy.kp is None else policy.kp,
-        kd=own.policy_kd if policy.kd is None else policy.kd,
-    )
+    return _filled(policy, kp=own.policy_kp, kd=own.policy_kd)
+
+
+def _filled(section: Section, **own: float | None) -> Section:
+    """Return a part of a configuration with these values in its fields that are None."""
+    missing = {name: value for name, value in own.items() if vars(section)[name] is None}
+    return replace(section, **missing)
 
 
 def own_safety(safety: SafetyConfig, com_height: float, robot: RobotModel) -> SafetyConfig:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -45,6 +45,7 @@ from surefoot.runs.metrics import (
 from surefoot.runs.precision import choose_for_run, with_precision_of
 from surefoot.runs.versions import versions
 from surefoot.scenarios.seeds import seed_of
+from surefoot.scenarios.starts import PACKAGED
 
 Record = TypeVar("Record", bound=StageRecord)
 
@@ -277,6 +278,8 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
         ValueError: The configured device is not there, or lacks the configured precision.
     """
     config = with_own_values(config)
+    if config.start_set not in PACKAGED:  # whatever folder the run is resumed from
+        config = replace(config, start_set=str(Path(config.start_set).resolve()))
     folder = Path(folder)
     path = folder / CONFIG_FILE
     _check_folder(folder, resume)
