@@ -180,9 +180,9 @@ def _pushed_once(impulse: float) -> Measurement:
 
 def _regime_techniques() -> tuple[Technique, ...]:
     """The arms of the regimes."""
-    # Trained as the regimes were first measured, whatever the preset does since then.
+    # What decides how long and how a network is trained stands here, whatever the preset does.
     common: Options = {
-        # A run's own luck is 25 points: 40 initial states choose among its policies well enough.
+        # These choose among a run's policies; each measurement has as many as it needs.
         "evaluation.episodes": 40,
         # Without these, the seed of a training decides more than the method
         # (`benchmarks/notebook/training.md`).
