@@ -400,6 +400,7 @@ COMPLETE = "is not a complete policy"
         ({"phase": "square"}, f"{COMPLETE} .there is no header.phase 'square'"),
         ({"period_ticks": None}, f"{COMPLETE}.*period_ticks is None, expected int"),
         ({"period_ticks": 0}, f"{COMPLETE}.*period_ticks is 0; use"),
+        ({"period_ticks": 10_001}, f"{COMPLETE}.*period_ticks is 10001; use 1 to 10000 ms"),
         ({"period_ticks": 2**62}, f"{COMPLETE}.*period_ticks is .*; use"),
         ({"command_range": [[0, 0, None], [1, 1, 1]]}, f"{COMPLETE}.*command_range is .*nan"),
         ({"command_range": [[0, 0, 2], [1, 1, 1]]}, f"{COMPLETE}.*command_range is"),

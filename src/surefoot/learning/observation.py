@@ -23,6 +23,10 @@ Float32Array = NDArray[np.float32]
 """Arrays of the type that networks take and give."""
 
 
+LONGEST_PERIOD = 10_000
+"""[ms] The longest gait period, which is that of `Gait.period`."""
+
+
 @dataclass(frozen=True)
 class ObservationSpec:
     """How a state, a tick and a command become a network's input: layout, phase and period.
@@ -32,7 +36,7 @@ class ObservationSpec:
         period_ticks: Gait period [ms].
 
     Raises:
-        ValueError: The phase is unknown, or the period is not positive.
+        ValueError: The phase is unknown, or the period is not between 1 ms and `LONGEST_PERIOD`.
     """
 
     observation_sizes: ClassVar[dict[str, int]] = {
@@ -58,8 +62,9 @@ class ObservationSpec:
         """Check both fields."""
         if self.phase not in get_args(Phase):
             raise ValueError(unknown("phase", str(self.phase), get_args(Phase)))
-        if self.period_ticks < 1:
-            raise ValueError(f"period_ticks is {self.period_ticks}, expected at least 1 [ms]")
+        # A table has a row for each tick of it: `phases`.
+        if not 1 <= self.period_ticks <= LONGEST_PERIOD:
+            raise ValueError(f"period_ticks is {self.period_ticks}; use 1 to {LONGEST_PERIOD} ms")
 
     @cached_property
     def phases(self) -> Float32Array:

@@ -44,8 +44,6 @@ from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray,
 
 FORMAT = 2
 """Version of the policy file."""
-LONGEST_PERIOD = 3_600_000
-"""[ms] The longest gait period that a policy file may have."""
 
 
 @dataclass(frozen=True)
@@ -303,8 +301,6 @@ def _policy(tensors: Mapping[str, Tensor], header: _Header) -> Policy:
         ValueError: The header is out of range, or does not fit the tensors.
     """
     config = PolicyConfig(header.hidden, header.kp, header.kd, header.phase)
-    if not 1 <= header.period_ticks <= LONGEST_PERIOD:
-        raise ValueError(f"period_ticks is {header.period_ticks}; use 1 to {LONGEST_PERIOD} ms")
     low, high = np.array(header.command_range)
     if not (np.isfinite(low) & np.isfinite(high) & (low <= high)).all():
         raise ValueError(f"command_range is {low.tolist()} to {high.tolist()}; use a finite range")
