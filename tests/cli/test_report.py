@@ -28,13 +28,13 @@ def test_a_study_has_a_page_and_figures_in_its_folder(
 def test_claims_stand_in_the_page_that_was_asked_for(surefoot, tmp_path):
     folder = write_study(tmp_path / "paper", paper_like(1), iterations=1)
     page = tmp_path / "claims.md"
-    assert surefoot("report", folder, "--no-film-policies", "--claims", page) == 0
+    assert surefoot("report", folder, "--no-film-policies", "--tables", page) == 0
     text = page.read_text()
     assert "LocoSafeDAGGER fails in less than 5 %" in text
     assert "finished runs" in text
 
 
-@pytest.mark.parametrize("option", ["--json", "--claims"])
+@pytest.mark.parametrize("option", ["--json", "--tables"])
 def test_an_output_never_replaces_what_the_report_is_of(
     surefoot, capsys, study_folder, run_folder, option
 ):

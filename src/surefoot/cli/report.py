@@ -34,17 +34,18 @@ class Report:
     film_policies: bool = True
     """Film the best policy of each technique of a study under the same push, where policies are
     kept and a picture can be drawn."""
-    claims: Path | None = None
-    """Write the verdicts on the paper's claims to this Markdown file; in a file that exists,
-    between its comments `table` and `end of table`."""
+    tables: Path | None = None
+    """Write a study's tables to this Markdown file: the verdicts on the paper's claims, or what
+    each technique reaches in each setting; in a file that exists, between its comments `table` and
+    `end of table`."""
     json: Path | None = None
     """Write what the page shows to this file, as JSON."""
 
     def __call__(self) -> int:
         """Read the results, write the page, and say where it is."""
         from surefoot.runs.run import CONFIG_FILE
-        from surefoot.study.paper_claims import page_of_claims
         from surefoot.study.report.films import study_films
+        from surefoot.study.report.markdown_page import page_of_tables
         from surefoot.study.report.markup import NOTHING
         from surefoot.study.report.run_card import run_card
         from surefoot.study.report.run_page import write_run_card
@@ -53,15 +54,16 @@ class Report:
 
         folder = self.target if self.target.exists() else Path("studies") / self.target
         out = self.out or folder
-        outputs = [Output("--claims", self.claims), Output("--json", self.json)]
+        outputs = [Output("--tables", self.tables), Output("--json", self.json)]
         check_outputs(outputs, [folder / STUDY_FILE])
         if (folder / STUDY_FILE).is_file():
             results = read_results(folder)
             report = study_report(results)
             films = study_films(results) if self.film_policies else NOTHING
             page = write_study_report(results, report, out, films)
-            if self.claims is not None:
-                write_atomic(self.claims, page_of_claims(results, self.claims).encode())
+            if self.tables is not None:
+                tables = page_of_tables(results, report, self.tables)
+                write_atomic(self.tables, tables.encode())
         elif (folder / CONFIG_FILE).is_file():
             report = run_card(folder)
             page = write_run_card(report, out)

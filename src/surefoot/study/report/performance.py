@@ -46,6 +46,8 @@ MEAN_IMPULSES = (
     ("mean_fitted_impulse", Quantity("fitted impulse, mean of directions", "N s", 1.0, 2)),
 )
 """Means of both over all directions."""
+BEST_FIGURE = "7-best"
+"""Name of the figure of the best policies of all runs."""
 COLUMNS = 3
 """Panels beside each other where every setting has one."""
 
@@ -229,7 +231,7 @@ def _best_figure(results: StudyResults) -> ReportFigure:
         for setting in results.study.settings
     )
     return ReportFigure(
-        "7-best",
+        BEST_FIGURE,
         "Success of the best policy of each run",
         "Every run as a point, the mean over runs with its interval; one column for each "
         "measurement, among them those in another simulator, where there are any. The dotted line "

@@ -1,0 +1,130 @@
+"""The results of a study as Markdown, for a page of the documentation.
+
+`page_of_tables` puts them into the generated part of a page whose prose stays. A study that judges the
+paper's claims has the table of claims; any other has a table for each setting, in which a technique
+is a row, and the comparisons that were planned before it ran.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from surefoot.runs.budget import SECONDS_PER_SOLVE
+from surefoot.study.cells import cells_of
+from surefoot.study.paper_claims import page_of_claims
+from surefoot.study.report.numbers import Estimate, Number, over_runs
+from surefoot.study.report.panels import Curve, Panel, ReportFigure
+from surefoot.study.report.performance import BEST_FIGURE
+from surefoot.study.report.study_page import StudyReport
+from surefoot.study.report.tables import COSTS, cost_of
+from surefoot.study.report.verdicts import Verdict
+from surefoot.study.results import CellResult, StudyResults
+from surefoot.study.tables import markdown, page_with
+
+UNMEASURED = "–"
+"""What stands in a table where nothing was measured."""
+
+
+def page_of_tables(results: StudyResults, report: StudyReport, path: Path) -> str:
+    """The content of a page with a study's tables in its generated part; the prose stays.
+
+    Args:
+        results: Results of the study, complete or not.
+        report: What its report shows.
+        path: The page.
+
+    Raises:
+        ValueError: The page has no such part.
+    """
+    if results.study.claims == "paper":
+        return page_of_claims(results, path)
+    parts = [_about(results, report), *_settings(results, report)]
+    if report.verdicts.comparisons:
+        parts.append(_comparisons(report.verdicts.comparisons))
+    return page_with("\n\n".join(parts), path)
+
+
+def _about(results: StudyResults, report: StudyReport) -> str:
+    """How many runs there are, and how the cells of the tables are to be read."""
+    cells = len(cells_of(results.study))
+    complete = cells - len(report.missing)
+    made_by = f" of commit {report.commit[:12]}" if report.commit else ""
+    return (
+        f"{complete} of {cells} runs{made_by} are complete. A cell holds the mean "
+        "over runs in percent, its 95 % interval over runs in brackets, and every run. Falls are "
+        "those of all rollouts from which a run learned; the seconds are those of the MPC, solves "
+        "of 0.05 s each."
+    )
+
+
+def _settings(results: StudyResults, report: StudyReport) -> list[str]:
+    """A table for each setting, under its title."""
+    best = next((figure for figure in report.figures if figure.name == BEST_FIGURE), None)
+    if best is None:
+        return []
+    parts = []
+    for setting, panels in zip(results.study.settings, best.rows, strict=True):
+        parts.append(f"### {setting.title.capitalize()}")
+        parts.append(_setting_table(results, setting.name, panels, best))
+    return parts
+
+
+def _setting_table(
+    results: StudyResults, setting: str, panels: tuple[Panel, ...], figure: ReportFigure
+) -> str:
+    """The table of a setting: the expert, then the techniques in the study's order."""
+    titles = [each.title for each in results.study.measurements if each.measure == "robustness"]
+    lines = []
+    for curve in figure.curves:
+        cells = [_success(panel, curve.technique) for panel in panels]
+        if all(cell == UNMEASURED for cell in cells):
+            continue
+        costs = _costs(list(results.of(curve.technique, setting)))
+        lines.append([curve.title, *cells, *costs])
+    return markdown(["technique", *titles, "falls, mean", "MPC [s], mean"], lines)
+
+
+def _success(panel: Panel, technique: str) -> str:
+    """What a technique reaches in a panel: mean, interval and every run."""
+    curves: list[Curve | None] = [panel.reference, *panel.curves]
+    for curve in curves:
+        if curve is None or curve.technique != technique or not curve.groups:
+            continue
+        group = curve.groups[0]
+        if group.estimate is None:
+            return UNMEASURED
+        scale = panel.quantity.scale
+        runs = ", ".join(_short(run.y, scale) for run in group.runs if run.y.is_known)
+        return f"**{_short(group.estimate.mean, scale)}**{_interval(group.estimate, scale)} {runs}"
+    return UNMEASURED
+
+
+def _interval(estimate: Estimate, scale: float) -> str:
+    """The interval of a mean in brackets; nothing where there is none."""
+    if estimate.low is None or estimate.high is None:
+        return ":"
+    return f" [{_short(estimate.low, scale)}, {_short(estimate.high, scale)}]:"
+
+
+def _short(number: Number, scale: float) -> str:
+    """A number to the nearest whole one of its unit."""
+    return f"{number.value / scale:.0f}"
+
+
+def _costs(cells: list[CellResult]) -> list[str]:
+    """The mean falls while collecting, and the mean time of the MPC [s]."""
+    spent = [cost_of(cell) for cell in cells if cell.metrics]
+    if not spent:
+        return [UNMEASURED, UNMEASURED]
+    falls = over_runs([cost[COSTS.index("falls")] for cost in spent])
+    plans = over_runs([cost[COSTS.index("plans")] for cost in spent])
+    if falls is None or plans is None:
+        return [UNMEASURED, UNMEASURED]
+    return [f"{falls.mean.value:.1f}", f"{plans.mean.value * SECONDS_PER_SOLVE:.1f}"]
+
+
+def _comparisons(comparisons: tuple[Verdict, ...]) -> str:
+    """The planned comparisons with their verdicts."""
+    lines = [(each.text, f"**{each.verdict}**", each.number, each.reason) for each in comparisons]
+    head = ("planned before the study ran", "verdict", "measured", "why")
+    return f"### Planned comparisons\n\n{markdown(head, lines)}"

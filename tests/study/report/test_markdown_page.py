@@ -1,0 +1,55 @@
+"""A study's tables in Markdown: a row for each technique, the means and every run, the prose."""
+
+from dataclasses import replace
+
+from surefoot.config.studies import regimes_study
+from surefoot.study.report.markdown_page import page_of_tables
+from surefoot.study.report.study_page import study_report
+from tests.fakes.studies import FakeRun, study_results
+
+STUDY = regimes_study()
+SETTINGS = STUDY.settings[:1]
+PLANNED = tuple(each for each in STUDY.comparisons if each.setting == SETTINGS[0].name)
+SMALL = replace(STUDY, settings=SETTINGS, seeds=(0, 1), comparisons=PLANNED)
+PROSE = "# A page\n\n<!-- table -->\nold\n<!-- end of table -->\n\nWhat it means.\n"
+
+
+def regimes(**runs):
+    """Results of the regimes' first setting, with two seeds."""
+    return study_results(runs, SMALL)
+
+
+def page(results, path):
+    """The page of these results, where there is a page with prose already."""
+    path.write_text(PROSE)
+    return page_of_tables(results, study_report(results), path)
+
+
+def test_a_technique_is_a_row_with_its_mean_and_every_run(tmp_path):
+    runs = [FakeRun(falls=(2, 1), plans=(100, 100), successes=(80, 96))]
+    runs.append(replace(runs[0], falls=(0, 0), successes=(80, 86)))
+    text = page(regimes(loco_safe_dagger=runs), tmp_path / "page.md")
+    row = next(line for line in text.splitlines() if line.startswith("| LocoSafeDAGGER |"))
+    cells = [cell.strip() for cell in row.strip("|").split("|")]
+    assert cells[1].startswith("**91** [") and cells[1].endswith("]: 96, 86")
+    assert cells[-2] == "1.5"  # falls: 3 and 0
+
+
+def test_the_prose_stays_and_the_old_tables_go(tmp_path):
+    text = page(regimes(dagger=[FakeRun(falls=(0,))]), tmp_path / "page.md")
+    assert text.startswith("# A page") and text.endswith("What it means.\n")
+    assert "\nold\n" not in text
+
+
+def test_what_is_not_measured_is_not_there_and_the_page_says_how_much_is(tmp_path):
+    results = regimes(dagger=[FakeRun(falls=(0,))])
+    text = page(results, tmp_path / "page.md")
+    assert "| DAGGER |" in text and "| DART |" not in text
+    total = len(results.cells) + len(results.missing)
+    assert f"{len(results.cells)} of {total} runs of commit 0123456789ab are complete" in text
+
+
+def test_planned_comparisons_stand_below_with_their_verdicts(tmp_path):
+    text = page(regimes(dagger=[FakeRun(falls=(0,))]), tmp_path / "page.md")
+    below = text[text.index("### Planned comparisons") :]
+    assert below.count("**cannot tell**") == len(PLANNED) > 0
