@@ -20,7 +20,7 @@ from surefoot.study.results import (
     shared_folder,
 )
 from surefoot.study.runner import JobQueue, needed_jobs, open_study, run_study
-from surefoot.study.state import FAILED_FILE, LOG_FILE, job_folder, job_statuses
+from surefoot.study.state import FAILED_FILE, LOG_FILE, job_folder, job_statuses, pause_study
 from surefoot.study.supervise import Ended, Task
 from surefoot.workers import Workers
 
@@ -119,6 +119,12 @@ def test_a_job_whose_slice_is_over_is_started_again(study_folder, monkeypatch):
     pool, outcome = run(study_folder, monkeypatch, ends)
     assert pool.started.count(LOCO) == 3
     assert outcome.done == 5
+
+
+def test_a_study_that_is_paused_says_so_when_it_is_started(study_folder, monkeypatch, caplog):
+    pause_study(study_folder)
+    run(study_folder, monkeypatch)
+    assert f"surefoot study resume {study_folder}" in caplog.text
 
 
 def test_one_job_can_be_run_alone_with_what_it_needs(study_folder, monkeypatch):

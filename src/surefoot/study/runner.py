@@ -27,7 +27,7 @@ from surefoot.study.results import (
     read_study,
     save_setup,
 )
-from surefoot.study.state import claim_study, finished_jobs
+from surefoot.study.state import claim_study, finished_jobs, is_paused
 from surefoot.study.supervise import Ended, Task
 from surefoot.workers import Workers
 
@@ -123,6 +123,8 @@ def run_study(folder: Path, workers: Workers, only: str | None = None) -> StudyO
     code = code_of(folder, setup)
     pool = make_pool(workers)
     logger.info("%d of %d jobs are done", len(queue.done), len(jobs))
+    if is_paused(folder):
+        logger.warning("it is paused; `surefoot study resume %s` lets its jobs go on", folder)
     try:
         while True:
             while pool.has_room and (job := queue.take()) is not None:

@@ -1,8 +1,8 @@
 """The results of a study as Markdown, for a page of the documentation.
 
-`page_of_tables` puts them into the generated part of a page whose prose stays. A study that judges the
-paper's claims has the table of claims; any other has a table for each setting, in which a technique
-is a row, and the comparisons that were planned before it ran.
+`page_of_tables` puts them into the generated part of a page whose prose stays. A study that judges
+the paper's claims has the table of claims; any other has a table for each setting, in which a
+technique is a row, and the comparisons that were planned before it ran.
 """
 
 from __future__ import annotations
