@@ -234,7 +234,9 @@ def _other_value(draw: st.DrawFn, root: list[Any], value: Any, kind: str) -> Any
     if kind == "huge":
         return draw(st.sampled_from([1e300, 10**15, 10**9, 10**6]))
     if kind == "near":
-        return value + draw(st.sampled_from([1, -1, 0.5, 1e-9]))
+        near = draw(st.sampled_from([1, -1, 0.5, 1e-9]))
+        # An integer may be too large to be a float.
+        return value + (int(near) if isinstance(value, int) and abs(value) > 2**53 else near)
     return draw(_WILD)
 
 
