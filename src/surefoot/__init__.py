@@ -55,6 +55,7 @@ _HOME = {
     "evaluation.push_limits": ("push_difference", "PushResult"),
     "study.comparison": ("compare", "Measurements"),
     "evaluation.statistics": ("paired_difference", "run_bootstrap", "run_interval"),
+    "interop.gym_ids": ("register_environments",),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 

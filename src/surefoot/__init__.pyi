@@ -16,6 +16,7 @@ from surefoot.evaluation.robustness import evaluate as evaluate
 from surefoot.evaluation.statistics import paired_difference as paired_difference
 from surefoot.evaluation.statistics import run_bootstrap as run_bootstrap
 from surefoot.evaluation.statistics import run_interval as run_interval
+from surefoot.interop.gym_ids import register_environments as register_environments
 from surefoot.learning.dataset import Dataset as Dataset
 from surefoot.learning.frames import Frames as Frames
 from surefoot.learning.network import PolicyNetwork as PolicyNetwork
