@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecNormalize
 
@@ -121,7 +122,7 @@ class Clock(BaseCallback):
         return passed < self._minutes
 
 
-def measured(model: PPO, minutes: float) -> Reached:
+def measured(model: BaseAlgorithm, minutes: float) -> Reached:
     """What a model reaches, without exploration."""
     normalize = model.get_vec_normalize_env()
     assert normalize is not None

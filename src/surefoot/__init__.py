@@ -56,6 +56,9 @@ _HOME = {
     "study.comparison": ("compare", "Measurements"),
     "evaluation.statistics": ("paired_difference", "run_bootstrap", "run_interval"),
     "interop.gym_ids": ("register_environments",),
+    "interop.arrays": ("frames_from_arrays", "read_log"),
+    "interop.minari_data": ("export_minari",),
+    "interop.lerobot_data": ("export_lerobot",),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 

@@ -19,7 +19,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from surefoot.config import Config
-from surefoot.config.json_io import from_json
+from surefoot.config.json_io import Plain, from_json
 from surefoot.errors import unknown
 from surefoot.interop.walking import (
     MOST_SEEN,
@@ -47,20 +47,31 @@ def _action_space() -> gymnasium.spaces.Box:
 
 
 def _walkers(
-    robot: str, config: Config | Mapping[str, Any] | None, options: Mapping[str, Any], batch: int
+    robot: str, config: Config | Mapping[str, Plain] | None, task: WalkingTask, batch: int
 ) -> Walkers:
     """The robots of an environment.
 
     Raises:
-        ValueError: An option is unknown or out of range, or there is no such robot.
+        ValueError: There is no such robot.
+    """
+    if config is not None and not isinstance(config, Config):
+        config = from_json(Config, config)
+    return Walkers(walking_config(robot, config), task, batch)
+
+
+def _task(**options: Any) -> WalkingTask:
+    """The task that options describe.
+
+    Raises:
+        ValueError: An option is unknown or out of range.
     """
     names = [field.name for field in fields(WalkingTask)]
     for name in options:
         if name not in names:
-            raise ValueError(unknown("option of the environment", name, ("robot", "config", *names)))
-    if isinstance(config, Mapping):
-        config = from_json(Config, config)
-    return Walkers(walking_config(robot, config), WalkingTask(**options), batch)
+            raise ValueError(
+                unknown("option of the environment", name, ("robot", "config", *names))
+            )
+    return WalkingTask(**options)
 
 
 class WalkingEnv(gymnasium.Env[Float32Array, Float32Array]):
@@ -80,16 +91,16 @@ class WalkingEnv(gymnasium.Env[Float32Array, Float32Array]):
         ValueError: An option is unknown or out of range, or there is no such robot.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
+    metadata: Info = {"render_modes": []}  # noqa: RUF012
 
     def __init__(
         self,
         robot: str = "solo12",
-        config: Config | Mapping[str, Any] | None = None,
+        config: Config | Mapping[str, Plain] | None = None,
         render_mode: None = None,
         **options: Any,
     ) -> None:
-        self.walkers = _walkers(robot, config, options, 1)
+        self.walkers = _walkers(robot, config, _task(**options), 1)
         self.render_mode = render_mode
         self.observation_space = _observation_space()
         self.action_space = _action_space()
@@ -154,11 +165,11 @@ class WalkingVectorEnv(gymnasium.vector.VectorEnv[Float32Array, Float32Array, Ar
         self,
         num_envs: int = 1,
         robot: str = "solo12",
-        config: Config | Mapping[str, Any] | None = None,
+        config: Config | Mapping[str, Plain] | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         **options: Any,
     ) -> None:
-        self.walkers = _walkers(robot, config, options, num_envs)
+        self.walkers = _walkers(robot, config, _task(**options), num_envs)
         self.num_envs = num_envs
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self._mode}
@@ -199,9 +210,7 @@ class WalkingVectorEnv(gymnasium.vector.VectorEnv[Float32Array, Float32Array, Ar
             raise ValueError(f"{len(seeds)} seeds for {self.num_envs} robots; give one for each")
         return [seeding.np_random(each)[0] for each in seeds]
 
-    def step(
-        self, actions: Float32Array
-    ) -> tuple[Float32Array, Array, BoolArray, BoolArray, Info]:
+    def step(self, actions: Float32Array) -> tuple[Float32Array, Array, BoolArray, BoolArray, Info]:
         """Carry out one decision of every robot whose episode is not over.
 
         Args:

@@ -6,6 +6,7 @@ Gymnasium has no plug-ins, so that every program that uses the environments call
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import ModuleType
 
 NAMESPACE = "surefoot"
 """What the names of all environments begin with."""
@@ -37,7 +38,7 @@ def register_environments() -> None:
             )
 
 
-def import_gymnasium():  # noqa: ANN201
+def import_gymnasium() -> ModuleType:
     """Import Gymnasium.
 
     Raises:

@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
-from surefoot.interop.gym_env import WalkingVectorEnv
+from surefoot.interop.gym_env import Info, WalkingVectorEnv
 from surefoot.learning.observation import Float32Array
 
 
@@ -55,7 +55,7 @@ class LockstepVecEnv(VecEnv):
     def step_wait(self) -> tuple[Any, ...]:
         """Carry out one decision; robots whose episodes end begin new ones at once."""
         seen, reward, terminated, truncated, infos = self.robots.step(self._actions)
-        each: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        each: list[Info] = [{} for _ in range(self.num_envs)]
         done = terminated | truncated
         for row in np.flatnonzero(done).tolist():
             each[row]["terminal_observation"] = infos["final_obs"][row]
