@@ -1,10 +1,6 @@
 """The lockstep batch as Stable-Baselines3 wants it; PPO takes a few steps on it."""
 
 import numpy as np
-import pytest
-
-pytest.importorskip("stable_baselines3")
-
 from stable_baselines3 import PPO
 
 from surefoot.interop.sb3_env import LockstepVecEnv

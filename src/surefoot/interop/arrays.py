@@ -21,7 +21,7 @@ from surefoot.learning.frames import Frames
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import center_of_mass, difference, feet, legs_of, masses_of
 from surefoot.rotations import rotation
-from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray
+from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, IntArray
 
 SUFFIXES = (".npz", ".csv")
 """The endings of logs."""

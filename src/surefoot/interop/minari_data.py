@@ -84,6 +84,7 @@ def export_minari(
             written["frames"] += len(frames)
 
     with new_folder(folder) as whole:
+        whole.rmdir()  # Minari makes it itself
         with _minari_root(whole.parent):
             minari.create_dataset_from_buffers(
                 whole.name,
