@@ -21,6 +21,11 @@ RNG = np.random.default_rng(0)
 ACTIONS = RNG.uniform(-0.3, 0.3, (12, 3, 12)).astype(np.float32)
 
 
+def walkers_of(env):
+    assert isinstance(env.unwrapped, WalkingEnv)
+    return env.unwrapped.walkers
+
+
 @pytest.mark.parametrize("name", IDS)
 def test_gymnasiums_check_finds_nothing(name):
     with warnings.catch_warnings():
@@ -45,8 +50,8 @@ def test_registering_twice_changes_nothing():
 def test_every_robot_has_an_environment():
     assert environment_of("go2") == "surefoot/Go2-v0"
     assert environment_of("b1") == "surefoot/Quadruped-v0"
-    env = gym.make("surefoot/Quadruped-v0", robot="a1", duration=0.1).unwrapped
-    assert env.walkers.robot.name == "a1"
+    env = gym.make("surefoot/Quadruped-v0", robot="a1", duration=0.1)
+    assert walkers_of(env).robot.name == "a1"
 
 
 def episode(env, seed):
@@ -139,7 +144,8 @@ def test_a_list_of_seeds_has_one_for_each_robot():
 def test_a_configuration_may_come_as_json():
     config = json.loads(json.dumps(to_json(Config())))
     env = gym.make(IDS[0], config=config, rate=1000)
-    assert env.unwrapped.walkers.robot.name == "solo12"
+    assert walkers_of(env).robot.name == "solo12"
+    assert env.spec is not None
     assert "rate" in env.spec.to_json()
 
 

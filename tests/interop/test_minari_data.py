@@ -1,12 +1,15 @@
 """Minari's own library reads what is exported."""
 
 import warnings
+from typing import Any
 
 import minari
 import numpy as np
 import pytest
 
-from surefoot.interop.minari_data import TASK, export_minari
+from surefoot.interop.minari_data import TASK, _episode, export_minari
+from surefoot.interop.walking import Walkers, walking_config
+from surefoot.learning.dataset import Dataset
 from surefoot.learning.observation import network_input
 from surefoot.learning.policy import policy_spec, target_of
 from surefoot.robots.solo12 import solo12
@@ -66,8 +69,6 @@ def test_its_environment_gives_the_same_rewards(exported, walked):
 
 def test_rewards_are_those_of_the_environment(walked, tmp_path, monkeypatch):
     """The expert drives in the environment; what it gives is what the export computes."""
-    from surefoot.interop.walking import Walkers, walking_config
-
     config, frames = walked
     first = frames[frames.episode == 10]
     robots = Walkers(walking_config("solo12", config), TASK, 1)
@@ -75,9 +76,7 @@ def test_rewards_are_those_of_the_environment(walked, tmp_path, monkeypatch):
     robots._simulator.reset(first.q[:1], first.v[:1])
     robots.tick[:] = first.tick[0]
     robots.command[:] = first.command[0]
-    from surefoot.interop.minari_data import _episode
-
-    episode = _episode(minari, 0, first, robots.robot, policy_spec(config))
+    episode: Any = _episode(minari, 0, first, robots.robot, policy_spec(config))
     for step in range(20):
         decided = robots.decide(episode.actions[step : step + 1], np.ones(1, bool))
         assert decided.reward[0] == pytest.approx(episode.rewards[step], rel=1e-3)
@@ -94,8 +93,6 @@ def test_the_card_is_beside_the_data(exported):
 
 
 def test_an_empty_dataset_leaves_nothing(walked, tmp_path):
-    from surefoot.learning.dataset import Dataset
-
     with pytest.raises(ValueError, match="no two frames"):
         export_minari(Dataset(tmp_path / "none"), walked[0], tmp_path / "minari")
     assert list((tmp_path / "minari").iterdir()) == []

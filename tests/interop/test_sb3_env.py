@@ -25,7 +25,7 @@ def test_an_episode_that_is_over_keeps_its_last_observation():
     assert done.tolist() == [True, True]
     for row in range(2):
         assert infos[row]["TimeLimit.truncated"]
-        assert (infos[row]["terminal_observation"] != seen[row]).any()
+        assert (np.asarray(infos[row]["terminal_observation"]) != np.asarray(seen)[row]).any()
 
 
 def test_a_seed_fixes_the_next_reset():

@@ -102,8 +102,8 @@ class WalkingEnv(gymnasium.Env[Float32Array, Float32Array]):
     ) -> None:
         self.walkers = _walkers(robot, config, _task(**options), 1)
         self.render_mode = render_mode
-        self.observation_space = _observation_space()
-        self.action_space = _action_space()
+        self.observation_space: gymnasium.Space = _observation_space()
+        self.action_space: gymnasium.Space = _action_space()
         self._everyone = np.ones(1, bool)
 
     def reset(
