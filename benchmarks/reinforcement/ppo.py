@@ -41,7 +41,8 @@ class Reached:
     Attributes:
         who: The controller.
         robot_hours: What it was trained on [h].
-        minutes: How long it was trained, of wall-clock [min].
+        minutes: How long it was trained, of wall-clock, measurements included [min].
+        cpu_minutes: The processor time of that [min].
         survivors: How many of the episodes did not end with a fall.
         episodes: The number of episodes.
         mean_survival: The mean time without a fall [s].
@@ -53,6 +54,7 @@ class Reached:
     who: str
     robot_hours: float
     minutes: float
+    cpu_minutes: float
     survivors: int
     episodes: int
     mean_survival: float
@@ -87,6 +89,7 @@ def measure(act: Actions, who: str, robot_hours: float, minutes: float, expert: 
         who=who,
         robot_hours=robot_hours,
         minutes=minutes,
+        cpu_minutes=time.process_time() / 60.0,
         survivors=int(alive.sum()),
         episodes=EPISODES,
         mean_survival=float(survival.mean()),
@@ -160,6 +163,9 @@ def train(minutes: float, every: float, out: Path, begin: str) -> None:
     )
     model.learn(10**9, callback=Clock(minutes, every, write))
     model.save(out / "ppo.zip")
+    normalize = model.get_vec_normalize_env()
+    assert normalize is not None
+    normalize.save(str(out / "normalize.pkl"))
     write(measure(lambda _seen, infos: infos["expert_action"], "expert", 0.0, 0.0, expert=True))
 
 

@@ -1,9 +1,9 @@
 """Export in the layout of LeRobotDataset v3.0, written with pyarrow alone.
 
-The folder data holds the frames, many episodes a Parquet file; meta holds info.json, the episodes with
-their statistics, the tasks and the statistics of all frames. The observation and the action are
-those of this package's policies (47 numbers, twelve joint targets); further columns hold what was
-measured, and who drove.
+The folder data holds the frames, many episodes a Parquet file; meta holds info.json, the episodes
+with their statistics, the tasks and the statistics of all frames. The observation and the action
+are those of this package's policies (47 numbers, twelve joint targets); further columns hold what
+was measured, and who drove.
 """
 
 from __future__ import annotations
