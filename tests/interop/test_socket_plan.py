@@ -3,6 +3,7 @@
 import pickle
 import socket
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,12 @@ from surefoot.interop.socket_plan import (
     question,
     serve_plan,
 )
+from surefoot.methods import METHODS
+from surefoot.runs.run import create
 from surefoot.types import Command, MotionPlan, State
+from surefoot.workers import Workers
+from tests.fakes import toy
+from tests.fakes.toy_runs import CONFIG, SMALL_METHODS
 
 RNG = np.random.default_rng(0)
 STATE = State(
@@ -126,3 +132,13 @@ def test_an_answer_that_is_no_plan_takes_no_memory(content):
         threading.Thread(target=reply, daemon=True).start()
         with pytest.raises(PlanServerError, match="use at most 10000"):
             remote(STATE, 0, COMMAND)
+
+
+def test_a_method_learns_the_same_bits_from_an_mpc_behind_a_socket(toys, served, tmp_path):
+    config = replace(CONFIG, method=SMALL_METHODS["behavior_cloning"])
+    hashes = []
+    for name, plan in (("here", toy.plan), ("there", served(toy.plan))):
+        run = create(tmp_path / name, config)
+        METHODS[run.method].train(run, Workers(1), plan)
+        hashes.append(run.dataset.hash)
+    assert hashes[0] == hashes[1]
