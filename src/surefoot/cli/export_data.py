@@ -17,13 +17,13 @@ class ExportData:
     beside the data. Needs the extra exchange.
     """
 
-    run: Annotated[Path, tyro.conf.Positional]
+    run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
     """The folder of the run."""
-    minari: Path | None = None
+    minari: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The folder of Minari datasets to write to; `MINARI_DATASETS_PATH` tells Minari of it."""
-    name: str | None = None
+    name: Annotated[str | None, tyro.conf.arg(metavar="ID")] = None
     """The id of the Minari dataset; without it, ROBOT-METHOD-v0."""
-    lerobot: Path | None = None
+    lerobot: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The new folder for the LeRobotDataset."""
 
     def __call__(self) -> int:

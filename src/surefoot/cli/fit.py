@@ -22,9 +22,9 @@ class Fit(OnGait, OnRobot):
     period of its clock. `surefoot evaluate` and `surefoot play` take the policy.
     """
 
-    data: Annotated[Path, tyro.conf.Positional]
+    data: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DATA")]
     """The folder of the dataset."""
-    out: Annotated[Path, tyro.conf.Positional]
+    out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="OUT")]
     """The policy file to write, with the ending .safetensors."""
     epochs: int = 30
     """The number of passes over the data."""

@@ -24,7 +24,7 @@ class ImportData(OnRobot):
     are checked; each log becomes a shard, and more can be added later.
     """
 
-    logs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOGS")]
     """The logs, each with another file name."""
     out: Path
     """The folder of the dataset, new or with one."""

@@ -16,6 +16,7 @@ from types import ModuleType
 
 import numpy as np
 
+import surefoot
 from surefoot.config import Config, method_name
 from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
@@ -93,9 +94,9 @@ def export_minari(
                 eval_env=environment,
                 action_space=gymnasium.spaces.Box(-np.inf, np.inf, (12,), np.float32),
                 algorithm_name=method_name(config),
-                author="surefoot",
+                author="The surefoot developers",
                 author_email="none",
-                code_permalink="https://pypi.org/project/surefoot",
+                code_permalink=f"surefoot {surefoot.__version__}",
                 description=f"{robot.name}: a model predictive controller's answers at 1 kHz",
                 requirements=["surefoot[gym]"],
             )
