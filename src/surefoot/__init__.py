@@ -18,7 +18,7 @@ _settle_caches()
 _HOME = {
     "config": ("Config", "HandBack"),
     "config.robots": ("RobotSpec",),
-    "config.presets": ("preset", "published_rules"),
+    "config.presets": ("preset", "published_rules", "suited"),
     "types": ("Command", "State", "MotionPlan", "Controller"),
     "robots.model": ("RobotModel", "standing"),
     "robots.solo12": ("solo12",),
@@ -27,7 +27,7 @@ _HOME = {
     "mpc.planner": ("Planner",),
     "mpc.expert": ("Expert", "make_expert"),
     "sim": ("Simulator", "make_simulator"),
-    "scenarios.starts": ("Starts", "load_starts"),
+    "scenarios.starts": ("Starts", "at_rest", "load_starts"),
     "scenarios.perturbation": ("perturb",),
     "safety.gates": ("Gate", "Bounds", "AnyOf"),
     "safety.monitor": ("SafetyMonitor",),
@@ -55,6 +55,11 @@ _HOME = {
     "evaluation.push_limits": ("push_difference", "PushResult"),
     "study.comparison": ("compare", "Measurements"),
     "evaluation.statistics": ("paired_difference", "run_bootstrap", "run_interval"),
+    "interop.gym_ids": ("register_environments",),
+    "interop.arrays": ("frames_from_arrays", "read_log"),
+    "interop.socket_plan": ("SocketPlan", "serve_plan"),
+    "interop.minari_data": ("export_minari",),
+    "interop.lerobot_data": ("export_lerobot",),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 

@@ -7,6 +7,7 @@ from surefoot.config import Config as Config
 from surefoot.config import HandBack as HandBack
 from surefoot.config.presets import preset as preset
 from surefoot.config.presets import published_rules as published_rules
+from surefoot.config.presets import suited as suited
 from surefoot.config.robots import RobotSpec as RobotSpec
 from surefoot.evaluation.push import push_recovery as push_recovery
 from surefoot.evaluation.push_limits import PushResult as PushResult
@@ -16,6 +17,13 @@ from surefoot.evaluation.robustness import evaluate as evaluate
 from surefoot.evaluation.statistics import paired_difference as paired_difference
 from surefoot.evaluation.statistics import run_bootstrap as run_bootstrap
 from surefoot.evaluation.statistics import run_interval as run_interval
+from surefoot.interop.arrays import frames_from_arrays as frames_from_arrays
+from surefoot.interop.arrays import read_log as read_log
+from surefoot.interop.gym_ids import register_environments as register_environments
+from surefoot.interop.lerobot_data import export_lerobot as export_lerobot
+from surefoot.interop.minari_data import export_minari as export_minari
+from surefoot.interop.socket_plan import SocketPlan as SocketPlan
+from surefoot.interop.socket_plan import serve_plan as serve_plan
 from surefoot.learning.dataset import Dataset as Dataset
 from surefoot.learning.frames import Frames as Frames
 from surefoot.learning.network import PolicyNetwork as PolicyNetwork
@@ -60,6 +68,7 @@ from surefoot.scenarios.disturbance import Disturbance as Disturbance
 from surefoot.scenarios.disturbance import Pushes as Pushes
 from surefoot.scenarios.perturbation import perturb as perturb
 from surefoot.scenarios.starts import Starts as Starts
+from surefoot.scenarios.starts import at_rest as at_rest
 from surefoot.scenarios.starts import load_starts as load_starts
 from surefoot.sim import Simulator as Simulator
 from surefoot.sim import make_simulator as make_simulator

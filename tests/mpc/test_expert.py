@@ -221,6 +221,21 @@ def test_reset_forgets():
     np.testing.assert_array_equal(expert.plans, np.ones(3))
 
 
+def test_forgetting_some_robots_leaves_the_others_their_plans():
+    expert, plan = make(2)
+    plan.invalid = {1}
+    drive(expert, states(2), 10)
+    np.testing.assert_array_equal(expert.diverged, [True, False])
+    expert.forget(np.array([True, False]))
+    # The clock of the new episode goes on where the old one was, by chance.
+    torque = drive(expert, states(2), 11)
+    np.testing.assert_array_equal(expert.diverged, [False, False])
+    assert asked_at(plan, 0) == [10, 11]
+    assert asked_at(plan, 1) == [10]
+    np.testing.assert_allclose(torque[0], plan.torque(states(2), 0, 11))
+    np.testing.assert_allclose(torque[1], plan.torque(states(2), 1, 11))
+
+
 @pytest.mark.parametrize("ticks", [1, 30, 99, 100, 150])
 def test_plans_of_any_length(ticks):
     """A user's plan may be shorter (its last row is held) or longer (the rest is not used)."""

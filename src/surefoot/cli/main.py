@@ -17,7 +17,10 @@ from surefoot.cli.command_line import read_options
 from surefoot.cli.compare import Compare, parse_compare
 from surefoot.cli.doctor import Doctor
 from surefoot.cli.evaluate import Evaluate, parse_evaluate
+from surefoot.cli.export_data import ExportData
+from surefoot.cli.fit import Fit, parse_fit
 from surefoot.cli.gate_warnings import MeasureWarnings
+from surefoot.cli.import_data import ImportData
 from surefoot.cli.make_starts import MakeStarts, parse_make_starts
 from surefoot.cli.play import Play
 from surefoot.cli.progress import log_shown
@@ -90,6 +93,9 @@ COMMANDS = {
     ),
     "robot": Entry(ShowRobot, "Check a robot's description, and draw it."),
     "make-starts": Entry(MakeStarts, "Make a new set of initial states.", memory="--config"),
+    "import-data": Entry(ImportData, "Make a dataset of your own expert's or robot's logs."),
+    "fit": Entry(Fit, "Train a policy on a dataset, such as an imported one."),
+    "export-data": Entry(ExportData, "Write a run's dataset for Minari or LeRobot."),
     "bench": Entry(
         Bench,
         "Measure throughput, compared with lower bounds.",
@@ -105,6 +111,7 @@ PARSERS: Mapping[str, Callable[[Sequence[str]], Subcommand]] = {
     "train": parse_train,
     "evaluate": parse_evaluate,
     "compare": parse_compare,
+    "fit": parse_fit,
     "make-starts": parse_make_starts,
 }
 """Functions that read the options of commands whose defaults depend on other options."""

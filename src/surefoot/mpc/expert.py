@@ -74,6 +74,16 @@ class Expert:
         self._reference = np.zeros((batch, PLAN_TICKS, 36))
         self._last_failed = np.zeros(batch, dtype=bool)
 
+    def forget(self, rows: BoolArray) -> None:
+        """Forget the plans of some robots, which begin new episodes while the others go on.
+
+        Args:
+            rows: ``(B,)`` True for those robots.
+        """
+        self._driven_at[rows] = -2
+        self._diverged[rows] = False
+        self._last_failed[rows] = False
+
     @property
     def diverged(self) -> BoolArray:
         """``(B,)`` True where the expert has given up on a robot, which has no valid plan."""

@@ -1,0 +1,49 @@
+"""The command export-data: a run's dataset in the formats of other tools."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+@dataclass(frozen=True)
+class ExportData:
+    """Write the dataset of a run for Minari, or in the layout of LeRobotDataset v3.0.
+
+    Each stretch of consecutive milliseconds becomes an episode. A card, README.md, is written
+    beside the data. Needs the extra exchange.
+    """
+
+    run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """The folder of the run."""
+    minari: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """The folder of Minari datasets to write to; `MINARI_DATASETS_PATH` tells Minari of it."""
+    name: Annotated[str | None, tyro.conf.arg(metavar="ID")] = None
+    """The id of the Minari dataset; without it, ROBOT-METHOD-v0."""
+    lerobot: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """The new folder for the LeRobotDataset."""
+
+    def __call__(self) -> int:
+        """Write, and say what was written."""
+        from surefoot.interop.lerobot_data import export_lerobot
+        from surefoot.interop.minari_data import export_minari
+        from surefoot.interop.segments import Exported
+        from surefoot.runs.run import open_run
+
+        if self.minari is None and self.lerobot is None:
+            raise ValueError("export-data writes nothing without --minari FOLDER, --lerobot FOLDER")
+        run = open_run(self.run)
+        written: list[Exported] = []
+        if self.minari is not None:
+            written.append(export_minari(run.dataset, run.config, self.minari, self.name))
+        if self.lerobot is not None:
+            written.append(export_lerobot(run.dataset, run.config, self.lerobot))
+        for exported in written:
+            print(
+                f"{exported.folder}: {exported.episodes} episodes, {exported.frames} frames "
+                f"({exported.left_out} left out)"
+            )
+        return 0

@@ -1,0 +1,71 @@
+"""The command fit: train a policy on a dataset that is there already."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from surefoot.cli.command_line import read_options
+from surefoot.cli.options import OnGait, OnRobot, Output, check_outputs, config_of_gait
+from surefoot.config import Config
+
+
+@dataclass(frozen=True)
+class Fit(OnGait, OnRobot):
+    """Train a policy on a dataset, such as one of `surefoot import-data`, without any rollout.
+
+    Robot and gait are those of the data: they decide about the gains of the policy's PD law and the
+    period of its clock. `surefoot evaluate` and `surefoot play` take the policy.
+    """
+
+    data: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DATA")]
+    """The folder of the dataset."""
+    out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="OUT")]
+    """The policy file to write, with the ending .safetensors."""
+    epochs: int = 30
+    """The number of passes over the data."""
+    seed: int = 0
+    """The root of the training's randomness."""
+    config: Config = field(default_factory=Config)
+
+    def __call__(self) -> int:
+        """Train, write the policy, and print the losses."""
+        from surefoot.learning.dataset import Dataset
+        from surefoot.learning.network import PolicyNetwork
+        from surefoot.learning.policy import Policy, policy_spec, save
+        from surefoot.learning.train import fit
+
+        check_outputs([Output("OUT", self.out, (".safetensors",))])
+        data = Dataset(self.data)
+        if not data.shards:
+            raise ValueError(f"{self.data} holds no dataset; `surefoot import-data` makes one")
+        config = self.with_robot(self.config)
+        spec = policy_spec(config)
+        network = PolicyNetwork(config.policy, self.seed)
+        result = fit(network, data, config.training, spec, self.epochs, self.seed)
+        origin = {"dataset": data.folder.name, "dataset_hash": data.hash, "seed": self.seed}
+        policy = Policy(result.network, spec, result.command_range, config.robot.model, origin)
+        save(policy, self.out)
+        print(
+            f"{self.out}: {result.steps} steps on {result.frames} frames, "
+            f"L1 {result.train_loss[-1]:.4f} rad, held out {result.validation_loss[-1]:.4f} rad"
+        )
+        return 0
+
+
+def parse_fit(args: Sequence[str]) -> Fit:
+    """The command that an argument list asks for; the gait decides about other defaults.
+
+    Args:
+        args: Command line, without the name of the command.
+
+    Raises:
+        ValueError: There is no such gait.
+        SystemExit: Help was asked for, or an option is wrong.
+    """
+    default = Fit(tyro.MISSING, tyro.MISSING, config=config_of_gait(args, Fit, Config()))
+    return read_options(Fit, args, "surefoot fit", default)

@@ -1,0 +1,61 @@
+"""The command import-data: logs of your own expert, or of a robot, become a dataset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from surefoot.cli.options import OnRobot
+from surefoot.config import Config
+
+if TYPE_CHECKING:
+    from surefoot.learning.dataset import Dataset
+
+
+@dataclass(frozen=True)
+class ImportData(OnRobot):
+    """Import logs, npz or CSV, into a dataset that `surefoot fit` trains on.
+
+    A log has the arrays q, v, torque, command and tick at 1 kHz (in a CSV file the columns q0 to
+    q18, v0 to v17, torque0 to torque11, vx, vy, yaw_rate, tick), in the package's conventions. They
+    are checked; each log becomes a shard, and more can be added later.
+    """
+
+    logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOGS")]
+    """The logs, each with another file name."""
+    out: Path
+    """The folder of the dataset, new or with one."""
+
+    def __call__(self) -> int:
+        """Import the logs, and say how large the dataset is."""
+        from surefoot.interop.arrays import frames_from_arrays, read_log
+        from surefoot.learning.dataset import Dataset
+        from surefoot.robots.load import load_robot
+
+        if not self.logs:
+            raise ValueError("import-data needs at least one log")
+        robot = load_robot(self.with_robot(Config()).robot)
+        data = Dataset(self.out)
+        for log in self.logs:
+            if log.stem in data.shards:
+                raise ValueError(f"{self.out} has a shard {log.stem!r} already; rename {log}")
+            try:
+                frames = frames_from_arrays(read_log(log), robot, next_episode(data))
+            except ValueError as error:
+                raise ValueError(f"{log}: {error}") from error
+            data.append(log.stem, frames)
+            print(f"{log}: {len(frames)} frames")
+        print(f"{self.out}: {data.episodes} episodes, {data.frames} frames, hash {data.hash}")
+        return 0
+
+
+def next_episode(data: Dataset) -> int:
+    """The smallest id that no episode of a dataset has, and none below any of them.
+
+    Args:
+        data: The dataset.
+    """
+    return max((int(part.episode.max()) + 1 for part in data.parts() if len(part)), default=0)

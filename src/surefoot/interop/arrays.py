@@ -1,0 +1,275 @@
+"""Import of plain arrays: a log of your own expert, or of a robot, becomes frames to learn from.
+
+A log is an npz file with the arrays q, v, torque, command and tick, or a CSV file with a column for
+each of their numbers (q0 ... q18, v0 ... v17, torque0 ... torque11, vx, vy, yaw_rate, tick). The
+torques are what the expert gives in each state; the policy learns to answer with them. Center of
+mass and feet follow from the configuration. What is wrong with a log is found here, before any
+training: shapes, order of the quaternion, joints out of range, velocities in another frame.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from surefoot.files import parse_npz
+from surefoot.learning.frames import Frames
+from surefoot.robots.model import RobotModel
+from surefoot.robots.rigid import center_of_mass, difference, feet, legs_of, masses_of
+from surefoot.rotations import rotation
+from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, IntArray
+
+SUFFIXES = (".npz", ".csv")
+"""The endings of logs."""
+REQUIRED = {"q": 19, "v": 18, "torque": 12, "command": 3, "tick": 0}
+"""The arrays that a log has, with the numbers in a row; 0 is a plain number."""
+OPTIONAL = {"episode": 0, "outcome": 0, "contacts": 4, "expert_drove": 0}
+"""The arrays that a log may have."""
+GROUNDED = 0.005
+"""[m] A foot whose sphere is no higher above the ground is in contact, where the log has none."""
+WINDOW = 10
+"""[ms] Velocities are compared with the motion over such a time."""
+UNIT = 1e-2
+"""A quaternion whose length differs from 1 by more is none; others are made unit quaternions."""
+SPARE = 1.05
+"""Torques may exceed the motors' limits by this factor, for what sensors add."""
+
+
+def read_log(path: Path | str) -> dict[str, NDArray]:
+    """The arrays of a log, by name; nothing in it is run.
+
+    Args:
+        path: An npz or CSV file.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is neither, or holds no such arrays.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise ValueError(f"{path} must end in {' or '.join(SUFFIXES)}")
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path} is not a regular file")
+    try:
+        if path.suffix.lower() == ".csv":
+            return _read_csv(path)
+        return parse_npz(path.read_bytes())
+    except ValueError as error:
+        raise ValueError(f"{path} is no log: {error}") from error
+
+
+def _read_csv(path: Path) -> dict[str, NDArray]:
+    """The arrays of a CSV file.
+
+    Raises:
+        ValueError: A column is missing, or something is no number.
+    """
+    with path.open(newline="", encoding="utf-8") as file:
+        names = [name.strip() for name in next(csv.reader(file), [])]
+        rows = np.loadtxt(file, delimiter=",", ndmin=2)
+    if rows.shape[1] != len(names):
+        raise ValueError(f"{len(names)} names for {rows.shape[1]} columns")
+    column = {name: rows[:, n] for n, name in enumerate(names)}
+    arrays: dict[str, NDArray] = {}
+    for name, size in (REQUIRED | OPTIONAL).items():
+        parts = [f"{name}{n}" for n in range(size)] if size else [name]
+        if name == "command":
+            parts = ["vx", "vy", "yaw_rate"]
+        missing = [part for part in parts if part not in column]
+        if missing and name in OPTIONAL:
+            continue
+        if missing:
+            raise ValueError(
+                f"it has no columns {', '.join(missing[:4])}; the first line names the columns: "
+                "q0 to q18, v0 to v17, torque0 to torque11, vx, vy, yaw_rate and tick"
+            )
+        values = np.stack([column[part] for part in parts], axis=-1)
+        arrays[name] = values if size else values[:, 0]
+    return arrays
+
+
+def frames_from_arrays(
+    arrays: Mapping[str, NDArray], robot: RobotModel, first_episode: int = 0
+) -> Frames:
+    """Frames from plain arrays over n ticks of 1 ms, checked.
+
+    Args:
+        arrays: ``q (n, 19)``, ``v (n, 18)``, ``torque (n, 12)``, ``command (n, 3)`` or ``(3,)`` and
+            ``tick (n,)``, in the conventions of `surefoot.types`; optionally ``episode (n,)``
+            (without it, a new one begins wherever the tick does not rise by one), ``outcome (n,)``,
+            ``contacts (n, 4)`` and ``expert_drove (n,)``.
+        robot: The robot.
+        first_episode: The id of the first episode.
+
+    Raises:
+        ValueError: An array is missing, has another shape or numbers that cannot be; the message
+            says which row, and what it looks like.
+    """
+    given = _shaped(arrays)
+    tick = _whole("tick", given["tick"])
+    number = _episodes(given, tick)
+    q = given["q"].astype(float)
+    length = np.linalg.norm(q[:, 3:7], axis=1)
+    _refuse(np.abs(length - 1.0) > UNIT, "q", "has a quaternion (q3 to q6) that is not of length 1")
+    q[:, 3:7] /= length[:, None]
+    v = given["v"].astype(float)
+    _check_posture(q, robot)
+    _check_motion(q, v, tick, number)
+    torque = given["torque"].astype(float)
+    over = (np.abs(torque) > SPARE * robot.torque_limit).any(axis=1)
+    limit = ", ".join(f"{value:g}" for value in robot.torque_limit[:3])
+    _refuse(over, "torque", f"exceeds the motor limits of {robot.name} ({limit} N m a leg)")
+    position, _ = feet(q, legs_of(robot))
+    grounded = position[..., 2] - robot.foot_radius <= GROUNDED
+    n = len(q)
+    return Frames(
+        q=q,
+        v=v,
+        com=center_of_mass(q, legs_of(robot), masses_of(robot)),
+        feet=position,
+        contacts=given["contacts"].astype(bool) if "contacts" in given else grounded,
+        tick=tick,
+        command=given["command"].astype(float),
+        torque=np.clip(torque, -robot.torque_limit, robot.torque_limit),
+        expert_drove=given.get("expert_drove", np.ones(n)).astype(bool),
+        episode=first_episode + number,
+        outcome=_whole("outcome", given.get("outcome", np.zeros(n))).astype(np.int8),
+    )
+
+
+def _shaped(arrays: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """The arrays, all of the same number of rows.
+
+    Raises:
+        ValueError: One is missing, unknown, has another shape, or is not finite.
+    """
+    if missing := [name for name in REQUIRED if name not in arrays]:
+        raise ValueError(
+            f"the log has no {', '.join(missing)}; it needs {', '.join(REQUIRED)}, and may have "
+            f"{', '.join(OPTIONAL)}"
+        )
+    n = len(arrays["q"]) if np.ndim(arrays["q"]) else 0
+    if n == 0:
+        raise ValueError("q has no rows; a log has at least one tick")
+    given = {}
+    for name, size in (REQUIRED | OPTIONAL).items():
+        if name not in arrays:
+            continue
+        values = np.asarray(arrays[name])
+        if name == "command" and values.shape == (3,):
+            values = np.tile(values, (n, 1))
+        expected = (n, size) if size else (n,)
+        if values.shape != expected or values.dtype.kind not in "fiub":
+            raise ValueError(
+                f"{name} is {values.dtype} {values.shape}, expected numbers {expected}"
+            )
+        finite = np.isfinite(values.reshape(n, -1)).all(axis=1)
+        _refuse(~finite, name, "holds a number that is not finite")
+        given[name] = values
+    return given
+
+
+def _refuse(is_wrong: ArrayLike, name: str, why: str) -> None:
+    """Refuse rows.
+
+    Raises:
+        ValueError: A row is wrong; the message names the first.
+    """
+    wrong = np.asarray(is_wrong)
+    if wrong.any():
+        raise ValueError(f"{name}: row {int(wrong.argmax())} {why} ({int(wrong.sum())} such rows)")
+
+
+def _whole(name: str, values: NDArray) -> IntArray:
+    """Whole numbers.
+
+    Raises:
+        ValueError: One is not whole.
+    """
+    whole = np.round(np.asarray(values, float)).astype(np.int64)
+    _refuse(whole != values, name, "is not a whole number; a tick is 1 ms")
+    return whole
+
+
+def _episodes(given: Mapping[str, NDArray], tick: IntArray) -> IntArray:
+    """``(n,)`` number of the episode of each row, from 0 on.
+
+    Raises:
+        ValueError: The ticks of an episode do not rise by one, or it comes back after another.
+    """
+    if "episode" not in given:
+        return np.concatenate([[0], np.cumsum(np.diff(tick) != 1)])
+    changes = np.diff(_whole("episode", given["episode"])) != 0
+    jumps = np.concatenate([[False], (np.diff(tick) != 1) & ~changes])
+    _refuse(
+        jumps,
+        "tick",
+        "does not follow the row before it by 1 ms in its episode; record at 1 kHz, or resample",
+    )
+    return np.concatenate([[0], np.cumsum(changes)])
+
+
+def _check_posture(q: Array, robot: RobotModel) -> None:
+    """Check that the robot is mostly upright, and its joints within their limits.
+
+    Raises:
+        ValueError: It is not; the message says what the log may have in another order.
+    """
+    if np.median(rotation(q[:, 3:7])[:, 2, 2]) < 0.0:
+        raise ValueError(
+            "q: the robot is upside down most of the time; quaternions are xyzw (q6 is w), and "
+            "yours look like wxyz"
+        )
+    low, high = robot.position_limit.T
+    outside = (q[:, 7:] < low - 0.05) | (q[:, 7:] > high + 0.05)
+    if outside.any():
+        row, joint = (int(index) for index in np.argwhere(outside)[0])
+        raise ValueError(
+            f"q: row {row} has {JOINTS[joint]} at {q[row, 7 + joint]:.3f} rad, outside its limits "
+            f"{low[joint]:.3f} to {high[joint]:.3f}; joints are {', '.join(JOINTS[:4])} ... in "
+            "this order, with the signs of the robot's description"
+        )
+
+
+def _check_motion(q: Array, v: Array, tick: IntArray, episode: IntArray) -> None:
+    """Check that velocities are those of the motion, in the base frame.
+
+    Over `WINDOW` ticks, the mean velocity must be what leads from one configuration to the next,
+    but for 0.3 of its usual size and some noise. Where x and y are not measured (all the same), the
+    base's linear velocity is not checked.
+
+    Raises:
+        ValueError: They are not; the message names the part.
+    """
+    same = (episode[WINDOW:] == episode[:-WINDOW]) if len(q) > WINDOW else np.zeros(0, bool)
+    begins = np.flatnonzero(same)
+    begins = begins[:: max(1, len(begins) // 2000)]
+    if len(begins) < 3:
+        return
+    seconds = WINDOW / TICKS_PER_SECOND
+    moved = np.array([difference(q[row], q[row + WINDOW]) for row in begins]) / seconds
+    mean = np.array([v[row : row + WINDOW].mean(axis=0) for row in begins])
+    world = (rotation(q[begins, 3:7]).swapaxes(1, 2) * mean[:, None, :3]).sum(axis=2)
+    parts = (
+        ("v0 to v2, the base's linear velocity", slice(0, 3), 0.1),
+        ("v3 to v5, the base's angular velocity", slice(3, 6), 0.3),
+        ("v6 to v17, the joint rates", slice(6, 18), 0.3),
+    )
+    for name, columns, floor in parts:
+        if columns.start == 0 and not np.ptp(q[:, :2], axis=0).any():
+            continue
+        usual = np.median(np.abs(moved[:, columns]))
+        error = np.median(np.abs(mean[:, columns] - moved[:, columns]))
+        if error <= 0.3 * usual + floor * 0.5:
+            continue
+        hint = ""
+        if columns.start == 0 and np.median(np.abs(world - moved[:, :3])) < 0.5 * error:
+            hint = "; it looks as if it were in the world frame: turn it into the base frame"
+        raise ValueError(
+            f"v: {name}, does not fit the motion of q: they differ by {error:.3g} in the median, "
+            f"where the motion is {usual:.3g}{hint}. Rows are 1 ms apart, in SI units"
+        )

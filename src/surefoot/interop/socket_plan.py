@@ -1,0 +1,190 @@
+"""An MPC in another process: `SocketPlan` is a plan function that asks a server over TCP.
+
+So an MPC in C++, or one behind ROS, is an expert like any other. All numbers are little-endian, and
+a message has a fixed layout, so that a server needs no library:
+
+- A question is 60 doubles: gait clock [ms]; command vx, vy, yaw rate; q (19); v (18); center of
+  mass (3); feet (4 x 3); contacts (4, 0 or 1). `surefoot.types` says what they mean.
+- The answer is a 4-byte unsigned integer T, then T rows of 36 doubles, one a millisecond: joint
+  positions, joint velocities, torques. T = 0 says that there is no valid plan.
+
+`serve_plan` is such a server in Python. Nothing that is received is run.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+from collections.abc import Callable
+from socketserver import BaseRequestHandler, ThreadingTCPServer
+
+import numpy as np
+
+from surefoot.types import Array, Command, MotionPlan, PlanFunction, State
+
+QUESTION = np.dtype("<f8")
+SIZES = {"q": (19,), "v": (18,), "com": (3,), "feet": (4, 3), "contacts": (4,)}
+"""The parts of a state, in the order of a question."""
+NUMBERS = 60
+"""Numbers in a question."""
+COLUMNS = 36
+"""Numbers in a row of an answer."""
+MOST_TICKS = 10_000
+"""[ms] No answer is longer; a plan's ticks beyond 100 are not used."""
+HEADER = struct.Struct("<I")
+"""What an answer begins with."""
+
+
+class PlanServerError(RuntimeError):
+    """The server of an MPC cannot be reached, or does not answer as it should."""
+
+
+class SocketPlan:
+    """A plan function that asks a server.
+
+    Each process that uses it opens a connection of its own with its first question, so that
+    `Workers` may have copies.
+
+    Args:
+        port: The server's port.
+        host: The server's address; the default is this machine.
+        timeout: How long to wait for an answer [s].
+    """
+
+    def __init__(self, port: int, host: str = "127.0.0.1", timeout: float = 10.0) -> None:
+        self.port = port
+        self.host = host
+        self.timeout = timeout
+        self._connection: socket.socket | None = None
+
+    def __getstate__(self) -> dict[str, str | int | float | None]:
+        """What other processes get: all but the connection."""
+        return vars(self) | {"_connection": None}
+
+    def __call__(self, state: State, tick: int, command: Command) -> MotionPlan:
+        """Ask for the plan of one robot.
+
+        Args:
+            state: The state of one robot.
+            tick: The gait clock [ms].
+            command: vx, vy [m/s], yaw rate [rad/s].
+
+        Raises:
+            PlanServerError: There is no server, it is silent, or its answer is no plan.
+        """
+        try:
+            if self._connection is None:
+                self._connection = socket.create_connection((self.host, self.port), self.timeout)
+                self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._connection.sendall(question(state, tick, command))
+            return read_answer(self._connection)
+        except (OSError, EOFError) as error:
+            self.close()
+            raise PlanServerError(
+                f"the MPC at {self.host}:{self.port} does not answer ({error}): start its server "
+                "first, and look at what it prints"
+            ) from error
+
+    def close(self) -> None:
+        """Close the connection, if there is one; the next question opens another one."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+
+def question(state: State, tick: int, command: Command) -> bytes:
+    """The bytes of a question."""
+    parts = [[tick], command, *(np.ravel(getattr(state, name)) for name in SIZES)]
+    return np.concatenate(parts).astype(QUESTION).tobytes()
+
+
+def read_question(connection: socket.socket) -> tuple[State, int, Command]:
+    """Wait for a question: state, gait clock [ms] and command of one robot.
+
+    Raises:
+        EOFError: The connection has been closed.
+    """
+    numbers = np.frombuffer(_receive(connection, NUMBERS * 8), QUESTION)
+    parts = {}
+    start = 4
+    for name, shape in SIZES.items():
+        size = int(np.prod(shape))
+        parts[name] = numbers[start : start + size].reshape(shape)
+        start += size
+    parts["contacts"] = parts["contacts"] > 0.5
+    vx, vy, yaw_rate = numbers[1:4].tolist()
+    return State(**parts), int(numbers[0]), Command(vx, vy, yaw_rate)
+
+
+def answer(plan: MotionPlan) -> bytes:
+    """The bytes of an answer."""
+    if not plan.valid:
+        return HEADER.pack(0)
+    rows = np.concatenate([plan.joint_position, plan.joint_velocity, plan.torque], axis=1)
+    return HEADER.pack(len(rows)) + rows.astype(QUESTION).tobytes()
+
+
+def read_answer(connection: socket.socket) -> MotionPlan:
+    """Wait for an answer.
+
+    Raises:
+        EOFError: The connection has been closed.
+        PlanServerError: The answer is longer than any plan.
+    """
+    (ticks,) = HEADER.unpack(_receive(connection, HEADER.size))
+    if ticks == 0:
+        return MotionPlan(*(np.zeros((1, 12)) for _ in range(3)), valid=False)
+    if ticks > MOST_TICKS:
+        raise PlanServerError(
+            f"an answer of {ticks} ticks; use at most {MOST_TICKS}, and begin it with their number "
+            "as a 4-byte little-endian integer"
+        )
+    rows: Array = np.frombuffer(_receive(connection, ticks * COLUMNS * 8), QUESTION)
+    position, velocity, torque = np.split(rows.reshape(ticks, COLUMNS), 3, axis=1)
+    return MotionPlan(position, velocity, torque)
+
+
+def serve_plan(plan: PlanFunction, port: int = 0, host: str = "127.0.0.1") -> ThreadingTCPServer:
+    """Make a server of a plan function; its ``serve_forever`` answers until its ``shutdown``.
+
+    Args:
+        plan: The plan function, called from a thread for each connection.
+        port: The port; 0 takes a free one, which is then ``server_address[1]``.
+        host: The address to listen at; the default can be reached from this machine only.
+    """
+
+    class Handler(BaseRequestHandler):
+        def handle(self) -> None:
+            self.request.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            _answer_all(self.request, plan)
+
+    class Server(ThreadingTCPServer):
+        daemon_threads = True
+        allow_reuse_address = True
+
+    return Server((host, port), Handler)
+
+
+def _answer_all(connection: socket.socket, plan: Callable[..., MotionPlan]) -> None:
+    """Answer the questions of a connection until it is closed."""
+    while True:
+        try:
+            asked = read_question(connection)
+        except EOFError:
+            return
+        connection.sendall(answer(plan(*asked)))
+
+
+def _receive(connection: socket.socket, size: int) -> bytes:
+    """Exactly so many bytes.
+
+    Raises:
+        EOFError: The connection has been closed before.
+    """
+    content = bytearray()
+    while len(content) < size:
+        part = connection.recv(min(size - len(content), 1 << 16))
+        if not part:
+            raise EOFError("the connection was closed")
+        content += part
+    return bytes(content)

@@ -1,0 +1,72 @@
+"""The commands import-data, fit and export-data."""
+
+import numpy as np
+import pytest
+
+from surefoot.learning.dataset import Dataset
+from surefoot.learning.policy import load
+from surefoot.runs.run import open_run
+
+
+@pytest.fixture
+def logs(run_folder, tmp_path):
+    """Two logs of the run's own frames."""
+    frames = open_run(run_folder).dataset.load()
+    paths = []
+    for n, episode in enumerate(np.unique(frames.episode)[:2]):
+        part = frames[frames.episode == episode]
+        arrays = {name: getattr(part, name) for name in ("q", "v", "torque", "command", "tick")}
+        paths.append(tmp_path / f"log{n}.npz")
+        np.savez(paths[-1], **arrays)
+    return paths
+
+
+def test_logs_become_a_dataset_and_that_a_policy(surefoot, logs, tmp_path, capsys):
+    data = tmp_path / "data"
+    assert surefoot("import-data", *logs, "--out", data) == 0
+    assert Dataset(data).episodes == 2
+    assert f"{data}: 2 episodes" in capsys.readouterr().out
+    out = tmp_path / "policy.safetensors"
+    options = ["--config.training.batch", 32, "--config.policy.hidden", 16, 16]
+    assert surefoot("fit", data, out, "--epochs", 2, *options) == 0
+    policy = load(out, "solo12")
+    assert policy.spec.kp == 2.0
+    assert policy.provenance["dataset_hash"] == Dataset(data).hash
+    assert "2 steps" not in capsys.readouterr().err
+
+
+def test_a_log_of_the_same_name_is_not_imported_twice(surefoot, logs, tmp_path, capsys):
+    data = tmp_path / "data"
+    assert surefoot("import-data", logs[0], "--out", data) == 0
+    assert surefoot("import-data", logs[0], "--out", data) == 2
+    assert "has a shard 'log0' already" in capsys.readouterr().err
+    assert surefoot("import-data", logs[1], "--out", data) == 0
+    assert Dataset(data).episodes == 2
+
+
+def test_a_bad_log_is_named(surefoot, tmp_path, capsys):
+    path = tmp_path / "bad.npz"
+    np.savez(path, q=np.zeros((3, 19)))
+    assert surefoot("import-data", path, "--out", tmp_path / "data") == 2
+    error = capsys.readouterr().err
+    assert str(path) in error
+    assert "the log has no v, torque, command, tick" in error
+
+
+def test_there_is_nothing_to_fit_without_a_dataset(surefoot, tmp_path, capsys):
+    assert surefoot("fit", tmp_path / "none", tmp_path / "policy.safetensors") == 2
+    assert "import-data" in capsys.readouterr().err
+
+
+def test_a_run_is_exported_in_both_formats(surefoot, run_folder, tmp_path, capsys):
+    options = ["--minari", tmp_path / "minari", "--lerobot", tmp_path / "lerobot"]
+    assert surefoot("export-data", run_folder, *options) == 0
+    minari, lerobot = capsys.readouterr().out.splitlines()
+    assert str(tmp_path / "minari" / "solo12-loco-safe-dagger-v0") in minari
+    assert lerobot.startswith(f"{tmp_path / 'lerobot'}: ")
+    assert (tmp_path / "lerobot/meta/info.json").is_file()
+
+
+def test_an_export_without_a_format_is_an_error(surefoot, run_folder, capsys):
+    assert surefoot("export-data", run_folder) == 2
+    assert "--minari FOLDER, --lerobot FOLDER" in capsys.readouterr().err

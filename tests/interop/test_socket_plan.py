@@ -1,0 +1,144 @@
+"""An MPC in another process: what is sent arrives to the bit, and failures say what to do."""
+
+import pickle
+import socket
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from surefoot.interop.socket_plan import (
+    HEADER,
+    PlanServerError,
+    SocketPlan,
+    answer,
+    question,
+    serve_plan,
+)
+from surefoot.methods import METHODS
+from surefoot.runs.run import create
+from surefoot.types import Command, MotionPlan, State
+from surefoot.workers import Workers
+from tests.fakes import toy
+from tests.fakes.toy_runs import CONFIG, SMALL_METHODS
+
+RNG = np.random.default_rng(0)
+STATE = State(
+    RNG.normal(size=19),
+    RNG.normal(size=18),
+    RNG.normal(size=3),
+    RNG.normal(size=(4, 3)),
+    np.array([True, False, False, True]),
+)
+COMMAND = Command(0.1, -0.2, 0.3)
+PLAN = MotionPlan(*RNG.normal(size=(3, 100, 12)))
+
+
+@pytest.fixture
+def served():
+    """A function that serves a plan function; the plan function that asks it."""
+    servers = []
+
+    def serve(plan):
+        server = serve_plan(plan)
+        servers.append(server)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        return SocketPlan(server.server_address[1], timeout=5.0)
+
+    yield serve
+    for server in servers:
+        server.shutdown()
+        server.server_close()
+
+
+def test_question_and_answer_arrive_to_the_bit(served):
+    asked = []
+
+    def plan(state, tick, command):
+        asked.append((state, tick, command))
+        return PLAN
+
+    remote = served(plan)
+    for _ in range(2):  # over one connection
+        got = remote(STATE, 1234, COMMAND)
+        assert (got.joint_position == PLAN.joint_position).all()
+        assert (got.joint_velocity == PLAN.joint_velocity).all()
+        assert (got.torque == PLAN.torque).all()
+        assert got.valid
+    state, tick, command = asked[1]
+    assert (tick, command) == (1234, COMMAND)
+    for name in ("q", "v", "com", "feet", "contacts"):
+        assert (getattr(state, name) == getattr(STATE, name)).all()
+
+
+def test_the_layout_is_the_one_that_servers_are_written_for():
+    numbers = np.frombuffer(question(STATE, 7, COMMAND), "<f8")
+    assert numbers.shape == (60,)
+    assert numbers[:4].tolist() == [7.0, 0.1, -0.2, 0.3]
+    assert (numbers[4:23] == STATE.q).all()
+    assert numbers[56:].tolist() == [1.0, 0.0, 0.0, 1.0]
+    content = answer(PLAN)
+    assert HEADER.unpack(content[:4]) == (100,)
+    rows = np.frombuffer(content[4:], "<f8").reshape(100, 36)
+    assert (rows[:, 24:] == PLAN.torque).all()
+
+
+def test_an_invalid_plan_stays_invalid(served):
+    remote = served(lambda *_: MotionPlan(*np.zeros((3, 1, 12)), valid=False))
+    assert not remote(STATE, 0, COMMAND).valid
+
+
+def test_a_copy_in_another_process_has_a_connection_of_its_own(served):
+    remote = served(lambda *_: PLAN)
+    remote(STATE, 0, COMMAND)
+    copy = pickle.loads(pickle.dumps(remote))
+    assert copy._connection is None
+    assert copy(STATE, 0, COMMAND).valid
+
+
+def test_without_a_server_the_error_says_to_start_it():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with pytest.raises(PlanServerError, match=rf"127.0.0.1:{port} .* start its server"):
+        SocketPlan(port)(STATE, 0, COMMAND)
+
+
+def test_a_server_that_fails_is_an_error_and_the_next_question_asks_again(served, capsys):
+    fails = [True]
+
+    def plan(*_):
+        if fails.pop() if fails else False:
+            raise ArithmeticError("the solver failed")
+        return PLAN
+
+    remote = served(plan)
+    with pytest.raises(PlanServerError, match="does not answer"):
+        remote(STATE, 0, COMMAND)
+    assert remote(STATE, 0, COMMAND).valid
+
+
+@pytest.mark.parametrize("content", [HEADER.pack(4_000_000_000), b"HTTP/1.1 200 OK"])
+def test_an_answer_that_is_no_plan_takes_no_memory(content):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        remote = SocketPlan(server.getsockname()[1], timeout=5.0)
+
+        def reply():
+            connection, _ = server.accept()
+            connection.recv(480)
+            connection.sendall(content)
+
+        threading.Thread(target=reply, daemon=True).start()
+        with pytest.raises(PlanServerError, match="use at most 10000"):
+            remote(STATE, 0, COMMAND)
+
+
+def test_a_method_learns_the_same_bits_from_an_mpc_behind_a_socket(toys, served, tmp_path):
+    config = replace(CONFIG, method=SMALL_METHODS["behavior_cloning"])
+    hashes = []
+    for name, plan in (("here", toy.plan), ("there", served(toy.plan))):
+        run = create(tmp_path / name, config)
+        METHODS[run.method].train(run, Workers(1), plan)
+        hashes.append(run.dataset.hash)
+    assert hashes[0] == hashes[1]
