@@ -65,16 +65,15 @@ class Page:
 
     def _add_controls(self) -> tuple[Controls, EpisodeList | None]:
         """Add the controls; those of a run's episodes in a tab of their own."""
+        controls = Controls(self._server, self)
         if self._run is None:
-            controls = Controls(self._server, self)
-            controls.add_time()
+            controls.add_driving()
             return controls, None
         tabs = self._server.gui.add_tab_group()
         with tabs.add_tab("Simulation"):
-            controls = Controls(self._server, self)
+            controls.add_driving()
         with tabs.add_tab("Episodes"):
             episodes = EpisodeList(self._server, self._run, self)
-        controls.add_time()
         return controls, episodes
 
     def close(self) -> None:
@@ -183,6 +182,7 @@ class Page:
     def _fit(self) -> None:
         """Have the controls show and allow what is driven; the robot is told what they show."""
         size = size_of(self.live.robot)
+        self._instruments.fit(size.com_height)
         # A push that makes robots of all sizes equally fast for their size.
         push_scale = size.mass_ratio * size.length_ratio**0.5
         name = load_robot(self._setup.config.robot).name

@@ -7,7 +7,7 @@ a page may send anything. Read `browser` next, which does what the controls ask 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from surefoot.config.robot_table import ROBOTS
 from surefoot.mpc.gaits import GAITS
@@ -87,14 +87,19 @@ class Controls:
         self._high = Command()
         self._push_scale = 1.0
         self._fitting = False
-        self._add_driving()
+        self._add_time()
+
+    def add_driving(self) -> None:
+        """Add the controls of the simulation, where the page's controls are added now."""
+        self._add_command()
         self._add_pushing()
         self._add_choice()
 
-    def _add_driving(self) -> None:
+    def _add_command(self) -> None:
         """Add who drives, and the sliders of the command."""
         with self._gui.add_folder("Drive"):
-            self._driver = self._gui.add_dropdown("driver", ("expert",))
+            drivers: tuple[DriverName, ...] = ("expert",)
+            self._driver = self._gui.add_dropdown("driver", drivers)
             self._driver.on_update(lambda _: self._let_drive())
             self._sliders = [
                 self._gui.add_slider(name, -1.0, 1.0, 0.01, 0.0, hint=f"keys {keys}")
@@ -102,7 +107,6 @@ class Controls:
             ]
             for slider in self._sliders:
                 slider.on_update(lambda _: self._tell())
-            self._gui.add_button("Stand still", hint="key X").on_click(lambda _: self._stand())
         for axis, (name, pair) in enumerate(zip(AXES, KEY_PAIRS, strict=True)):
             for key, sign in zip(pair, (1.0, -1.0), strict=True):
                 word = "More" if sign > 0.0 else "Less"
@@ -125,17 +129,24 @@ class Controls:
             button.on_click(lambda _: self._push())
         self._add_key("Push the robot", "F", self._push)
 
-    def add_time(self) -> None:
-        """Add how time passes, where the page's controls are added now."""
+    def _add_time(self) -> None:
+        """Add how time passes."""
         with self._gui.add_folder("Time"):
             self._speed = self._gui.add_dropdown("speed", tuple(SPEEDS))
             self._speed.on_update(lambda _: self._set_speed())
-            pause = self._gui.add_button("Pause or go on", hint="key P")
-            pause.on_click(lambda _: self._driven.pause())
-            reset = self._gui.add_button("Reset", hint="key R")
-            reset.on_click(lambda _: self._driven.reset())
+            buttons = self._gui.add_button_group(
+                "", ("Pause", "Reset"), hint="keys P and R; a second Pause goes on"
+            )
+            buttons.on_click(lambda event: self._press(event.target.value))
         self._add_key("Pause or go on", "P", self._driven.pause)
         self._add_key("Reset", "R", self._driven.reset)
+
+    def _press(self, button: str) -> None:
+        """Do what a button of the time says."""
+        if button == "Pause":
+            self._driven.pause()
+        elif button == "Reset":
+            self._driven.reset()
 
     def _add_choice(self) -> None:
         """Add robot and gait."""
@@ -145,9 +156,10 @@ class Controls:
             self._robot.on_update(lambda _: self._choose())
             self._gait.on_update(lambda _: self._choose())
 
-    def _add_key(self, label: str, key: str, function: Callable[[], object]) -> None:
+    def _add_key(self, label: str, key: Any, function: Callable[[], None]) -> None:
         """Have a key do something; Ctrl-K lists the keys."""
-        self._gui.add_command(label, hotkey=key).on_trigger(lambda _: function())  # pyright: ignore[reportArgumentType]
+        command: Any = self._gui.add_command(label, hotkey=key)
+        command.on_trigger(lambda _: function())
 
     def fit(
         self,
@@ -183,7 +195,7 @@ class Controls:
         ):
             slider.min = low
             slider.max = high
-            slider.disabled = low == high
+            slider.visible = low < high
             slider.value = clipped(value, low, high)
         self._size.max = round(MOST_PUSH * push_scale, 1)
         self._size.step = 0.1 if push_scale < 3.0 else 1.0

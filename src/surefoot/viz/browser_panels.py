@@ -13,7 +13,7 @@ import numpy as np
 
 from surefoot.types import Array
 from surefoot.viz.film import EXPERT_COLOR, INK, POLICY_COLOR
-from surefoot.viz.snapshot import TRACE_SECONDS, Margin, Snapshot
+from surefoot.viz.snapshot import Margin, Snapshot
 
 if TYPE_CHECKING:
     import viser
@@ -28,8 +28,12 @@ NEAR = 0.3
 """A margin that is smaller is near its bound."""
 SLOW = 0.9
 """Below this share of the speed that was asked for, the page says that it is slower."""
-CHART_HEIGHT = 150
+CHART_HEIGHT = 180
 """[pixels]"""
+TILT_SHOWN = 40.0
+"""[deg] Roll and pitch are drawn up to here, either way; the paper's bound is at 25."""
+HEIGHT_SHOWN = (0.4, 1.2)
+"""Heights of the center of mass are drawn in this range, as shares of that of a standing robot."""
 
 
 def status_html(snapshot: Snapshot, title: str, speed: float, rate: float, note: str) -> str:
@@ -121,43 +125,32 @@ def _tempo(speed: float, rate: float) -> str:
 
 
 class Instruments:
-    """The instruments of one page.
+    """The instruments of one page, in a panel of their own.
 
     Args:
         server: The page's server; the status is added where its controls are added now.
     """
 
     def __init__(self, server: viser.ViserServer) -> None:
-        from viser import uplot
-
         self._status = server.gui.add_html("")
         panel = server.gui.add_panel()
         with panel.add_tab("Instruments"):
             self._margins = server.gui.add_html("")
-            time_axis = uplot.Series(label="s")
-            blank = np.array([0.0, 1.0])
-            axes = (uplot.Axis(stroke=INK), uplot.Axis(stroke=INK, size=48))
-            scales = {"x": uplot.Scale(time=False)}
-            self._tilt = server.gui.add_uplot(
-                (blank, blank, blank),
-                (
-                    time_axis,
-                    uplot.Series(label="roll [deg]", stroke=EXPERT_COLOR, width=2),
-                    uplot.Series(label="pitch [deg]", stroke=POLICY_COLOR, width=2),
-                ),
-                scales=scales,
-                axes=axes,
-                height=CHART_HEIGHT,
-            )
-            self._height = server.gui.add_uplot(
-                (blank, blank),
-                (time_axis, uplot.Series(label="height [m]", stroke=SAFE_COLOR, width=2)),
-                scales=scales,
-                axes=axes,
-                height=CHART_HEIGHT,
-            )
+            tilt = {"roll [deg]": EXPERT_COLOR, "pitch [deg]": POLICY_COLOR}
+            self._tilt = _add_chart(server, tilt)
+            self._height = _add_chart(server, {"height [cm]": SAFE_COLOR})
         panel.dock_left()
         panel.set_width(320)
+
+    def fit(self, com_height: float) -> None:
+        """Choose the ranges of the charts.
+
+        Args:
+            com_height: Height of the robot's center of mass when it stands [m].
+        """
+        low, high = HEIGHT_SHOWN
+        self._tilt.scales = _scales(-TILT_SHOWN, TILT_SHOWN)
+        self._height.scales = _scales(100.0 * low * com_height, 100.0 * high * com_height)
 
     def say(self, status: str) -> None:
         """Show the text of `status_html`."""
@@ -174,8 +167,34 @@ class Instruments:
         if len(trace) < 2:
             return
         seconds = trace[:, 0]
-        recent = seconds > seconds[-1] - TRACE_SECONDS
-        seconds = seconds[recent]
-        roll, pitch = np.degrees(trace[recent, 1:3]).T
+        roll, pitch = np.degrees(trace[:, 1:3]).T
         self._tilt.data = (seconds, roll, pitch)
-        self._height.data = (seconds, trace[recent, 3])
+        self._height.data = (seconds, 100.0 * trace[:, 3])
+
+
+def _add_chart(server: viser.ViserServer, lines: dict[str, str]) -> viser.GuiUplotHandle:
+    """Add a strip chart.
+
+    Args:
+        server: The page's server.
+        lines: The name of each line, and its color.
+    """
+    from viser import uplot
+
+    blank = np.array([0.0, 1.0])
+    series = [uplot.Series(label=name, stroke=color, width=2) for name, color in lines.items()]
+    return server.gui.add_uplot(
+        (blank,) * (len(lines) + 1),
+        (uplot.Series(label="s"), *series),
+        scales=_scales(0.0, 1.0),
+        axes=(uplot.Axis(stroke=INK), uplot.Axis(stroke=INK, size=40)),
+        height=CHART_HEIGHT,
+        padding=(10, 16, 0, 0),
+    )
+
+
+def _scales(low: float, high: float) -> dict[str, viser.uplot.Scale]:
+    """The scales of a chart: time as it comes, values in a fixed range."""
+    from viser import uplot
+
+    return {"x": uplot.Scale(time=False), "y": uplot.Scale(auto=False, range=(low, high))}

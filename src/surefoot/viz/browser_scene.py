@@ -35,6 +35,8 @@ LEG_COLORS = np.array([(230, 159, 0), (86, 180, 233), (240, 228, 66), (0, 114, 1
 """Orange, sky blue, yellow and blue of the same palette, one for each of `LEGS`."""
 PUSH_COLOR: Color = (213, 94, 0)
 """Vermilion of the same palette."""
+MARK = 0.01
+"""[m] Radius of the marks on a Solo12's floor, which lie so high."""
 SHAPE_COLOR: Color = (150, 156, 166)
 """The parts of a robot without meshes."""
 FOOT_COLOR: Color = (48, 52, 60)
@@ -82,23 +84,20 @@ class RobotScene:
         self._add_parts()
         s = self._scale
         none = np.zeros((0, 2, 3))
-        self._forces = scene.add_arrows(
-            "/world/forces", none, FORCE_COLOR, **_arrow_sizes(0.006 * s), visible=False
-        )
-        self._push = scene.add_arrows(
-            "/world/push", none, PUSH_COLOR, **_arrow_sizes(0.01 * s), visible=False
-        )
+        self._forces = [self._add_arrow(f"forces/{leg}", FORCE_COLOR, 0.006 * s) for leg in LEGS]
+        self._push = self._add_arrow("push", PUSH_COLOR, 0.01 * s)
         self._com = scene.add_line_segments(
             "/world/plan/com", none, COM_COLOR, thickness=0.006 * s, visible=False
         )
         self._com_now = scene.add_icosphere(
-            "/world/com", radius=0.012 * s, color=COM_COLOR, cast_shadow=False
+            "/world/com", radius=0.01 * s, color=COM_COLOR, cast_shadow=False
         )
+        self._plan_tick: int | None = None
         self._footholds = scene.add_point_cloud(
             "/world/plan/footholds",
             np.zeros((0, 3)),
             np.zeros((0, 3), np.uint8),
-            point_size=0.02 * s,
+            point_size=2.0 * MARK * s,
             point_shape="circle",
             point_shading="flat",
             precision="float32",
@@ -130,7 +129,7 @@ class RobotScene:
                 place = self._data.oMf[self._frames[name]]
                 link.position = place.translation
                 link.wxyz = _wxyz(place)
-            self._com_now.position = state.com
+            self._com_now.position = np.append(state.com[:2], MARK * self._scale)
             self._show_forces(state.feet, snapshot.force)
             self._show_plan(snapshot.plan)
             self._show_push(state.q[:3], snapshot.push)
@@ -143,29 +142,33 @@ class RobotScene:
 
     def _show_forces(self, feet: Array, force: Array | None) -> None:
         """Draw an arrow at each foot that carries something."""
-        if force is None or not np.any(force > 0.0):
-            self._forces.visible = False
-            return
-        begin = feet[force > 0.0].copy()
-        begin[:, 2] -= self.robot.foot_radius
-        end = begin.copy()
-        weight = self.robot.mass * GRAVITY
-        end[:, 2] += force[force > 0.0] / weight * WEIGHT_LENGTH * self._scale
-        self._forces.points = np.stack([begin, end], axis=1).astype(np.float32)
-        self._forces.visible = True
+        per_newton = WEIGHT_LENGTH * self._scale / (self.robot.mass * GRAVITY)
+        for leg, arrow in enumerate(self._forces):
+            carries = force is not None and bool(force[leg] > 0.0)
+            arrow.visible = carries
+            if force is None or not carries:
+                continue
+            # Pages move things at once, and change their shapes later.
+            arrow.position = feet[leg] - [0.0, 0.0, self.robot.foot_radius]
+            end = [0.0, 0.0, per_newton * force[leg]]
+            arrow.points = np.array([[np.zeros(3), end]], np.float32)
 
     def _show_plan(self, plan: ShownPlan | None) -> None:
-        """Draw the planned way of the center of mass, and where feet are to stand."""
+        """Draw the planned way of the center of mass, on the floor, and where feet are to stand."""
         self._com.visible = plan is not None
         self._footholds.visible = plan is not None
-        if plan is None:
+        if plan is None or plan.tick == self._plan_tick:
             return
-        way = np.stack([plan.com[:-1], plan.com[1:]], axis=1).astype(np.float32)
-        self._com.points = way
-        self._com.colors = np.broadcast_to(np.array(COM_COLOR, np.uint8), way.shape).copy()
-        points = plan.footholds.copy()
-        points[:, 2] += 0.002 * self._scale - self.robot.foot_radius  # on the floor, not in it
-        self._footholds.points = points.astype(np.float32)
+        self._plan_tick = plan.tick
+        # Relative to where the plan begins, one plan is nearly as the one before.
+        begin = np.append(plan.com[0, :2], MARK * self._scale)
+        on_floor = (1.0, 1.0, 0.0)
+        way = (plan.com - begin) * on_floor
+        self._com.position = begin
+        self._com.points = np.stack([way[:-1], way[1:]], axis=1).astype(np.float32)
+        self._com.colors = np.full((len(way) - 1, 2, 3), COM_COLOR, np.uint8)
+        self._footholds.position = begin
+        self._footholds.points = ((plan.footholds - begin) * on_floor).astype(np.float32)
         self._footholds.colors = LEG_COLORS[plan.legs]
 
     def _show_push(self, base: Array, push: Array | None) -> None:
@@ -190,6 +193,18 @@ class RobotScene:
             plane_opacity=1.0,
             shadow_opacity=0.25,
             fade_distance=12.0 * self._scale,
+        )
+
+    def _add_arrow(self, name: str, color: Color, radius: float) -> viser.ArrowsHandle:
+        """Add an arrow whose shaft has this radius [m], not yet to be seen."""
+        return self._server.scene.add_arrows(
+            f"/world/{name}",
+            np.zeros((0, 2, 3)),
+            color,
+            shaft_radius=radius,
+            head_radius=2.2 * radius,
+            head_length=5.0 * radius,
+            visible=False,
         )
 
     def _add_parts(self) -> None:
@@ -218,17 +233,19 @@ class RobotScene:
         """Add a box, a sphere or a capsule to its link."""
         scene = self._server.scene
         name = f"/world/robot/{shape.link}/shape-{number}"
+        start = np.array(shape.start)
+        end = np.array(shape.end)
         color = FOOT_COLOR if shape.link.endswith("_FOOT") else SHAPE_COLOR
         if len(shape.size) == 3:
             x, y, z = (2.0 * edge for edge in shape.size)
-            scene.add_box(name, dimensions=(x, y, z), color=color, position=shape.start)
+            scene.add_box(name, dimensions=(x, y, z), color=color, position=start)
             return
         [radius] = shape.size
-        scene.add_icosphere(name, radius=radius, color=color, position=shape.start)
-        way = np.subtract(shape.end, shape.start)
+        scene.add_icosphere(name, radius=radius, color=color, position=start)
+        way = end - start
         length = float(np.linalg.norm(way))
         if length > 0.0:
-            scene.add_icosphere(f"{name}-end", radius=radius, color=color, position=shape.end)
+            scene.add_icosphere(f"{name}-end", radius=radius, color=color, position=end)
             turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), way / length)
             x, y, z, w = turn.coeffs()
             scene.add_cylinder(
@@ -236,14 +253,9 @@ class RobotScene:
                 radius=radius,
                 height=length,
                 color=color,
-                position=np.add(shape.start, shape.end) / 2.0,
+                position=(start + end) / 2.0,
                 wxyz=(w, x, y, z),
             )
-
-
-def _arrow_sizes(radius: float) -> dict[str, float]:
-    """The sizes of arrows whose shafts have this radius [m]."""
-    return {"shaft_radius": radius, "head_radius": 2.2 * radius, "head_length": 5.0 * radius}
 
 
 def _wxyz(place: pin.SE3) -> tuple[float, float, float, float]:

@@ -9,6 +9,7 @@ nothing that is run. Read `browser` next.
 from __future__ import annotations
 
 import io
+import logging
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -46,6 +47,8 @@ def open_server(port: int) -> viser.ViserServer:
             """Refuse what a page may ask for: a tunnel through which everybody could reach it."""
             return None
 
+    # Browsers open connections that they do not use; each would be reported as a failure.
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     with _own_pages_only(), redirect_stdout(io.StringIO()):  # it prints a table of addresses
         server = LocalServer(host=HOST, port=port, label="surefoot", verbose=False)
     server.gui.configure_theme(

@@ -140,6 +140,7 @@ class LiveSimulation:
             self._plans.forget()
         self._elapsed = 0
         self._limp = 0
+        self._lying = 0
         self._ended = ""
         self._expert_drives = self._driver == "expert"
         self._push = np.zeros(2)
@@ -217,10 +218,14 @@ class LiveSimulation:
         """End the episode of a robot that has fallen, or whose numbers have run away."""
         if self._ended:
             return
+        self._lying = self._lying + 1 if self._simulator.body_contact[0] else 0
+        lies = 0.0 < self.safety.body_contact <= self._lying / TICKS_PER_SECOND
         if self._simulator.blown_up[0]:
             self._ended = "the simulation has blown up"
             self._limp = LIMP_TICKS
-        elif self._elapsed >= to_ticks(self.safety.grace) and fallen(state, self.safety)[0]:
+        elif self._elapsed >= to_ticks(self.safety.grace) and (
+            lies or fallen(state, self.safety)[0]
+        ):
             self._ended = "the robot fell"
 
     def _limp_torque(self, state: State) -> Array:

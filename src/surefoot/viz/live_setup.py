@@ -37,6 +37,10 @@ WIDE = CommandBox(vx=(-0.3, 0.5), vy=(-0.2, 0.2), yaw_rate=(-0.8, 0.8))
 of their leg length."""
 
 
+LYING = 0.3
+"""[s] A robot whose base or legs are on the ground for so long has fallen, whatever its angles."""
+
+
 @dataclass(frozen=True)
 class LiveSetup:
     """A robot, its gait, and who can drive it.
@@ -208,14 +212,19 @@ def start(setup: LiveSetup) -> LiveSimulation:
     """
     config = setup.config
     robot = load_robot(config.robot)
+    safety = config.safety
     plans = WatchedPlanner(make_planner(robot, config))
     method = config.method
     blocking = method if isinstance(method, LocoSafeDaggerConfig) else LocoSafeDaggerConfig()
     monitor = SafetyMonitor(Bounds(config.safety), blocking.T_block, blocking.hand_back)
-    fall_angle = max(config.safety.fall_angle, config.push.fall_angle)
+    safety = replace(
+        safety,
+        fall_angle=max(safety.fall_angle, config.push.fall_angle),
+        body_contact=max(safety.body_contact, LYING),
+    )
     return LiveSimulation(
         make_simulator(robot, 1, config.simulation),
-        replace(config.safety, fall_angle=fall_angle),
+        safety,
         own_values(robot).policy_kd,
         make_expert(robot, config, plans),
         setup.policy,

@@ -114,7 +114,7 @@ class Playback:
         )
 
     def _push(self) -> Array | None:
-        """``(3,)`` the last push of the last 0.4 s, world frame [N s]; None without one."""
+        """``(3,)`` the last push of the last 0.6 s, world frame [N s]; None without one."""
         pushes = self._rollouts.disturbance.pushes
         if pushes is None:
             return None
@@ -139,7 +139,8 @@ def open_episode(folder: Path, episode: int) -> Playback:
     Raises:
         RunError: There is no run, or its expert's plans at the fixed states were others.
         FileNotFoundError: The policy or gate that drove is lost.
-        ValueError: The run has no such episode, its expert has another name, or it was over at once.
+        ValueError: The run has no such episode, it was over at once, or its expert has another
+            name.
     """
     job = recorded_episode(folder, episode)
     config = with_own_values(job.config)

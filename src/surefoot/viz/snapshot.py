@@ -24,7 +24,7 @@ TRACE_SECONDS = 10.0
 """[s] How much of the past a trace holds."""
 MEAN_SECONDS = 0.5
 """[s] The velocity that is shown is a mean over this time: a period of the trot."""
-PUSH_SHOWN = 400
+PUSH_SHOWN = 600
 """[ms] A push is shown for so long; it lasts 10 ms."""
 LEAST_MARGIN = 1e-3
 """[m, rad] A quantity that is nearer to its bound in the nominal pose counts as if it were here."""
@@ -75,7 +75,7 @@ class Snapshot:
         margins: How far the robot is from the bounds of the safety table.
         force: ``(4,)`` normal force on each foot [N]; None where it was not recorded.
         plan: The expert's last plan, if it is still followed.
-        push: ``(3,)`` impulse of a push of the last 0.4 s, world frame [N s]; None without one.
+        push: ``(3,)`` impulse of a push of the last 0.6 s, world frame [N s]; None without one.
         ended: Why the episode is over, in words; empty while it goes on.
     """
 
@@ -150,7 +150,7 @@ class MarginMeter:
         Args:
             state: The state of one robot, without a batch axis.
         """
-        share = distances(state[None], self._safety)[0] / self._nominal
+        share = distances(state[(np.newaxis,)], self._safety)[0] / self._nominal
         joints = share[3:].reshape(4, 3).min(axis=0)
         names = ("height", "roll", "pitch", "hip abduction", "hip flexion", "knee")
         values = [*share[:3].tolist(), *joints.tolist()]
