@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from surefoot.config.robot_table import ROBOTS
 from surefoot.mpc.gaits import GAITS
 from surefoot.types import Command
-from surefoot.viz.live import DriverName
+from surefoot.viz.live import DRIVERS, DriverName
 
 if TYPE_CHECKING:
     import viser
@@ -98,8 +98,7 @@ class Controls:
     def _add_command(self) -> None:
         """Add who drives, and the sliders of the command."""
         with self._gui.add_folder("Drive"):
-            drivers: tuple[DriverName, ...] = ("expert",)
-            self._driver = self._gui.add_dropdown("driver", drivers)
+            self._driver = self._gui.add_dropdown("driver", DRIVERS)
             self._driver.on_update(lambda _: self._let_drive())
             self._sliders = [
                 self._gui.add_slider(name, -1.0, 1.0, 0.01, 0.0, hint=f"keys {keys}")

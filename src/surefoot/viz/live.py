@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 
@@ -36,6 +36,8 @@ from surefoot.viz.snapshot import (
 DriverName = Literal["policy", "expert", "guarded policy"]
 """Who drives: the policy, the expert, or the policy with the expert taking over where a gate
 says so."""
+DRIVERS: tuple[DriverName, ...] = get_args(DriverName)
+"""All of them."""
 PUSH_TICKS = 10
 """[ms] How long a push lasts, as in evaluations."""
 LIMP_TICKS = 1000
@@ -109,9 +111,7 @@ class LiveSimulation:
         """Who can drive here."""
         if self._policy is None:
             return ("expert",)
-        if self._monitor is None:
-            return ("policy", "expert")
-        return ("policy", "expert", "guarded policy")
+        return DRIVERS if self._monitor is not None else ("policy", "expert")
 
     @property
     def driver(self) -> DriverName:
