@@ -30,7 +30,7 @@ OPTIONS = (
     "--no-sandbox",
     "--remote-debugging-port=0",
     "--hide-scrollbars",
-    "--window-size=1280,900",
+    "--window-size=1180,860",
     # WebGL without a GPU
     "--use-gl=angle",
     "--use-angle=swiftshader",
@@ -41,8 +41,9 @@ PATIENCE = 120.0
 """[s] The machine may be busy."""
 FIND = """
 (() => {
-  const texts = [...document.querySelectorAll("button, label, option, [role=option]")];
-  const found = texts.find((each) => each.textContent.trim() === TEXT && each.offsetParent);
+  const innermost = [...document.body.querySelectorAll("*")].reverse();
+  const matches = (each) => each.textContent.trim() === TEXT || each.value === TEXT;
+  const found = innermost.find((each) => matches(each) && each.offsetParent);
   if (!found) return null;
   found.scrollIntoView({block: "center"});
   const box = found.getBoundingClientRect();
@@ -112,14 +113,14 @@ class Chromium:
 
     def text(self) -> str:
         """All that can be read in the page."""
-        return self.evaluate("document.body.innerText")
+        return self.evaluate("document.body?.innerText ?? ''")
 
     def wait_for(self, *texts: str) -> str:
         """Wait until all of these can be read; the whole text then."""
         return wait(lambda: (text := self.text()) and all(part in text for part in texts) and text)
 
     def click(self, text: str) -> None:
-        """Click with the mouse on the button, tab or choice with this text."""
+        """Click with the mouse on the button, tab or choice or field with this text."""
         x, y = wait(lambda: self.evaluate(FIND.replace("TEXT", json.dumps(text))))
         for kind in ("mousePressed", "mouseReleased"):
             self._ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)

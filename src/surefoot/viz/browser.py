@@ -221,7 +221,13 @@ class Page:
         if isinstance(source, Playback):
             title = f"episode {self._episode}"
             note = " ".join(filter(None, (self._busy, self._error)))
-        speed = 0.0 if self.loop.paused or source.over else self.loop.pace.speed
+        speed = 0.0 if self.loop.paused else self.loop.pace.speed
         self._instruments.say(
-            status_html(source.snapshot(), title, speed, self.loop.pace.rate, note)
+            status_html(
+                source.snapshot(),
+                title,
+                None if source.over else speed,
+                self.loop.pace.rate,
+                note,
+            )
         )

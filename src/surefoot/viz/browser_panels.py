@@ -36,13 +36,14 @@ HEIGHT_SHOWN = (0.4, 1.2)
 """Heights of the center of mass are drawn in this range, as shares of that of a standing robot."""
 
 
-def status_html(snapshot: Snapshot, title: str, speed: float, rate: float, note: str) -> str:
+def status_html(snapshot: Snapshot, title: str, speed: float | None, rate: float, note: str) -> str:
     """Who drives what, how fast it is told to go and goes, and whether time passes as asked for.
 
     Args:
         snapshot: The moment.
         title: What is driven.
-        speed: Time per time on the clock that was asked for; 0 while it is paused.
+        speed: Time per time on the clock that was asked for; 0 while it is paused, and
+            None when it is over.
         rate: The one that was reached.
         note: What else is to be said; it may be empty.
     """
@@ -59,10 +60,10 @@ def status_html(snapshot: Snapshot, title: str, speed: float, rate: float, note:
         _row("told", told.vx, told.vy, told.yaw_rate),
         _row("walks", vx, vy, yaw_rate),
         "</table>",
-        f'<div style="margin-top:0.4em">{snapshot.seconds:.2f} s, {_tempo(speed, rate)}</div>',
+        f'<div style="margin:0.4em 0">{snapshot.seconds:.2f} s{_tempo(speed, rate)}</div>',
     ]
     if snapshot.ended:
-        lines.append(_badge(f"{snapshot.ended}: press Reset", OUTSIDE_COLOR))
+        lines.append(_badge(f"{snapshot.ended}: press Reset", INK))
     if note:
         lines.append(f'<div style="margin-top:0.4em;color:{INK}">{html.escape(note)}</div>')
     return f'<div style="padding:0.5em 0.75em;font-size:0.85em">{"".join(lines)}</div>'
@@ -114,14 +115,15 @@ def _row(name: str, *values: float) -> str:
     return f'<tr><td style="text-align:left">{name}</td>{cells}</tr>'
 
 
-def _tempo(speed: float, rate: float) -> str:
-    """How fast time passes, in words."""
+def _tempo(speed: float | None, rate: float) -> str:
+    """How fast time passes, in words; nothing where it is over."""
+    if speed is None:
+        return ""
     if speed == 0.0:
-        return "paused"
-    asked = "real time" if speed == 1.0 else f"{speed:g} of real time"
+        return ", paused"
     if rate < SLOW * speed:
-        return f"<b>slower than asked: {rate:.2f} of real time</b>"
-    return asked
+        return f", <b>slower than asked: {rate:.2f} of real time</b>"
+    return ", real time" if speed == 1.0 else f", {speed:g} of real time"
 
 
 class Instruments:

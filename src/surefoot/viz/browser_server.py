@@ -54,6 +54,7 @@ def open_server(port: int) -> viser.ViserServer:
     server.gui.configure_theme(
         show_logo=False, show_share_button=False, control_width="medium", brand_color=(0, 114, 178)
     )
+    server.gui.main_panel.dock_right()
     return server
 
 
