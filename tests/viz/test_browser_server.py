@@ -20,13 +20,14 @@ def server():
     server.stop()
 
 
-def opened(server, origin):
+def opened(server, origin) -> bool:
     """Whether a page of this origin may open a websocket."""
     import viser
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
+    from websockets.typing import Subprotocol
 
-    protocol = f"viser-v{viser.__version__}"
+    protocol = Subprotocol(f"viser-v{viser.__version__}")
     try:
         address = f"ws://127.0.0.1:{server.get_port()}"
         with connect(address, origin=origin, subprotocols=[protocol]):

@@ -1,6 +1,7 @@
 """A live simulation: what is told from outside acts from the next tick on."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ class Alarm:
         return tick == self.tick
 
 
-def live(alarm=5, gives_up=None, policy=True, safety=SAFETY, **script):
+def live(alarm=5, gives_up=None, policy=True, safety=SAFETY, **script) -> Any:
     return LiveSimulation(
         FakeSimulator(1, **script),
         safety,

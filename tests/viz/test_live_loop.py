@@ -1,6 +1,7 @@
 """Time passes as on a clock, and what is asked for happens between two ticks."""
 
 import threading
+from typing import Any
 
 import pytest
 
@@ -58,8 +59,8 @@ def test_the_rate_that_was_reached_is_measured(clock):
 class Source:
     """Counts its ticks, and notes which thread asked for them."""
 
-    robot = None
-    trace = None
+    robot: Any = None
+    trace: Any = None
     over = False
 
     def __init__(self):
@@ -73,8 +74,8 @@ class Source:
         if self.ticks:
             self.moved.set()
 
-    def snapshot(self):
-        return None
+    def snapshot(self) -> Any:
+        """Nobody looks."""
 
 
 @pytest.fixture

@@ -18,6 +18,7 @@ from surefoot.viz.replay import standing_start
 def test_a_run_is_driven_by_its_policy_within_the_range_of_its_training(queried_run):
     setup = find_setup(queried_run.folder)
     low, high = setup.commands
+    assert setup.policy is not None
     np.testing.assert_array_equal([low, high], setup.policy.command_range)
     assert start(setup).drivers == ("policy", "expert", "guarded policy")
     assert (setup.gait, setup.note) == ("trot", "")
@@ -91,6 +92,7 @@ def test_the_plan_that_is_drawn_begins_at_the_robot_and_stands_on_the_floor():
     simulation.step(450)
     snapshot = simulation.snapshot()
     plan = snapshot.plan
+    assert plan is not None
     assert plan.tick == 450
     np.testing.assert_allclose(plan.com[0], snapshot.state.com, atol=2e-3)
     assert plan.com[-1, 0] > plan.com[0, 0] + 0.05

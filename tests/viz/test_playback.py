@@ -59,6 +59,7 @@ def test_the_trace_ends_at_the_tick_that_is_shown(playback):
 
 def test_a_push_is_shown_from_its_first_tick_on(queried_run, episode, playback):
     pushes = disturbance_of(recorded_episode(queried_run.folder, episode)).pushes
+    assert pushes is not None
     began = int(pushes.tick[0, 0])
     assert 0 < began < playback.length
     playback.seek(began - 1)

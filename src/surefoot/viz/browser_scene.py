@@ -36,7 +36,11 @@ LEG_COLORS = np.array([(230, 159, 0), (86, 180, 233), (240, 228, 66), (0, 114, 1
 PUSH_COLOR: Color = (213, 94, 0)
 """Vermilion of the same palette."""
 MARK = 0.01
-"""[m] Radius of the marks on a Solo12's floor, which lie so high."""
+"""[m] Radius of the ball on a Solo12's floor, and height of its line."""
+FOOTHOLD = 0.013
+"""[m] Radius of the footholds on a Solo12's floor."""
+ABOVE = 0.07
+"""[m] A push is drawn so far above a Solo12's base, where nothing hides it."""
 SHAPE_COLOR: Color = (150, 156, 166)
 """The parts of a robot without meshes."""
 FOOT_COLOR: Color = (48, 52, 60)
@@ -87,7 +91,7 @@ class RobotScene:
         self._forces = [self._add_arrow(f"forces/{leg}", FORCE_COLOR, 0.006 * s) for leg in LEGS]
         self._push = self._add_arrow("push", PUSH_COLOR, 0.01 * s)
         self._com = scene.add_line_segments(
-            "/world/plan/com", none, COM_COLOR, thickness=0.006 * s, visible=False
+            "/world/plan/com", none, COM_COLOR, thickness=0.008 * s, visible=False
         )
         self._com_now = scene.add_icosphere(
             "/world/com", radius=0.01 * s, color=COM_COLOR, cast_shadow=False
@@ -97,7 +101,7 @@ class RobotScene:
             "/world/plan/footholds",
             np.zeros((0, 3)),
             np.zeros((0, 3), np.uint8),
-            point_size=2.0 * MARK * s,
+            point_size=FOOTHOLD * s,
             point_shape="circle",
             point_shading="flat",
             precision="float32",
@@ -168,16 +172,19 @@ class RobotScene:
         self._com.points = np.stack([way[:-1], way[1:]], axis=1).astype(np.float32)
         self._com.colors = np.full((len(way) - 1, 2, 3), COM_COLOR, np.uint8)
         self._footholds.position = begin
-        self._footholds.points = ((plan.footholds - begin) * on_floor).astype(np.float32)
+        points = (plan.footholds - begin) * on_floor
+        points[:, 2] = (FOOTHOLD - MARK) * self._scale
+        self._footholds.points = points.astype(np.float32)
         self._footholds.colors = LEG_COLORS[plan.legs]
 
     def _show_push(self, base: Array, push: Array | None) -> None:
-        """Draw the last push as an arrow that ends at the base."""
+        """Draw the last push as an arrow that ends above the base."""
         self._push.visible = push is not None
         if push is None:
             return
+        tip = base + [0.0, 0.0, ABOVE * self._scale]
         arrow = push / self.robot.mass * PUSH_LENGTH * np.sqrt(self._scale)
-        self._push.points = np.array([[base - arrow, base]], np.float32)
+        self._push.points = np.array([[tip - arrow, tip]], np.float32)
 
     def _add_floor(self) -> None:
         """Add a floor with tiles of 0.1 m, or larger for larger robots, that catches shadows."""
