@@ -153,7 +153,7 @@ class RobotScene:
             if force is None or not carries:
                 continue
             # Pages move things at once, and change their shapes later.
-            arrow.position = feet[leg] - [0.0, 0.0, self.robot.foot_radius]
+            arrow.position = feet[leg] - np.array([0.0, 0.0, self.robot.foot_radius])
             end = [0.0, 0.0, per_newton * force[leg]]
             arrow.points = np.array([[np.zeros(3), end]], np.float32)
 
@@ -182,7 +182,7 @@ class RobotScene:
         self._push.visible = push is not None
         if push is None:
             return
-        tip = base + [0.0, 0.0, ABOVE * self._scale]
+        tip = base + np.array([0.0, 0.0, ABOVE * self._scale])
         arrow = push / self.robot.mass * PUSH_LENGTH * np.sqrt(self._scale)
         self._push.points = np.array([[tip - arrow, tip]], np.float32)
 
