@@ -29,6 +29,7 @@ from surefoot.cli.robot import ShowRobot
 from surefoot.cli.streams import failure_of, lasting_output
 from surefoot.cli.study import Study
 from surefoot.cli.train import Train, parse_train
+from surefoot.cli.view import View
 from surefoot.cli.walk import Walk, parse_walk
 from surefoot.errors import unknown
 from surefoot.files import WriteError
@@ -80,6 +81,7 @@ COMMANDS = {
         resume="with --json FILE the same command goes on where it ended",
     ),
     "play": Entry(Play, "Film a policy, or a recorded episode of a run.", memory="--seconds"),
+    "view": Entry(View, "Drive a robot in the browser, or scrub a run's episodes."),
     "study": Entry(
         Study,
         "Run many trainings and measurements, and see how far they are.",

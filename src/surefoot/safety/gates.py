@@ -107,10 +107,24 @@ def margin(state: State, config: SafetyConfig, angle: float, height: float) -> A
         angle: Unit of the distance to a bound on an angle [rad].
         height: Unit of the distance to a bound on the height [m].
     """
+    distance = distances(state, config)
+    unit = np.append(height, np.full(distance.shape[1] - 1, angle))
+    return (distance / unit).min(axis=1)
+
+
+def distances(state: State, config: SafetyConfig) -> Array:
+    """``(B, 15)`` distance of each quantity of Table I to its nearer bound, negative outside.
+
+    The quantities are the height of the center of mass [m], roll, pitch and the twelve joints
+    [rad].
+
+    Args:
+        state: States of B robots.
+        config: The table.
+    """
     low, high = _bounds(config)
     values = np.column_stack([state.com[:, 2], state.roll_pitch, state.q[:, 7:]])
-    unit = np.append(height, np.full(len(low) - 1, angle))
-    return (np.minimum(values - low, high - values) / unit).min(axis=1)
+    return np.minimum(values - low, high - values)
 
 
 def tightened(config: SafetyConfig, share: float, height: float) -> SafetyConfig:

@@ -1,0 +1,233 @@
+"""The page: a robot that is driven in the browser, or an episode of a run that is scrubbed.
+
+`Page` puts scene, instruments, controls and episodes together; all that touches the simulation runs
+in the thread of its `LiveLoop`. What is shown, and how it is simulated, knows nothing of the page:
+read `live` and `playback` for that, and `browser_server` for who can reach it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from surefoot.robots.load import load_robot
+from surefoot.robots.scaling import size_of
+from surefoot.types import Command
+from surefoot.viz.browser_controls import Controls
+from surefoot.viz.browser_episodes import EpisodeList
+from surefoot.viz.browser_panels import Instruments, status_html
+from surefoot.viz.browser_scene import RobotScene
+from surefoot.viz.browser_server import address_of, open_server
+from surefoot.viz.live import DriverName, LiveSimulation
+from surefoot.viz.live_loop import LiveLoop
+from surefoot.viz.live_setup import LiveSetup, start, with_choice
+from surefoot.viz.playback import Playback, open_episode
+
+PICTURES_PER_READING = 4
+"""The instruments are read in every fourth picture, six times a second."""
+
+
+class Page:
+    """A page with a simulation, and the episodes of a run if there is one.
+
+    Args:
+        setup: What is driven first.
+        run: Folder of the run whose episodes can be opened; None without one.
+        port: The port of the server; 0 takes any.
+
+    Attributes:
+        address: Where the page is.
+        live: The simulation; only the loop's own thread may use it.
+        loop: The thread in which time passes.
+
+    Raises:
+        ImportError: viser, or the physics engine, is missing.
+        RunError: There is no such run.
+    """
+
+    def __init__(self, setup: LiveSetup, run: Path | None = None, port: int = 8080) -> None:
+        self._first = setup
+        self._setup = setup
+        self._run = run
+        self._busy = ""
+        self._error = ""
+        self._episode = 0
+        self._pictures = 0
+        self.live: LiveSimulation = start(setup)
+        self._server = open_server(port)
+        self.address = address_of(self._server)
+        self._instruments = Instruments(self._server)
+        self._controls, self._episodes = self._add_controls()
+        self._scene = RobotScene(self._server, self.live.robot)
+        self._scene.look()
+        self.loop = LiveLoop(self.live, self._draw, self._report)
+        self._fit()
+        self.loop.start()
+
+    def _add_controls(self) -> tuple[Controls, EpisodeList | None]:
+        """Add the controls; those of a run's episodes in a tab of their own."""
+        controls = Controls(self._server, self)
+        if self._run is None:
+            controls.add_driving()
+            return controls, None
+        tabs = self._server.gui.add_tab_group()
+        with tabs.add_tab("Simulation"):
+            controls.add_driving()
+        with tabs.add_tab("Episodes"):
+            episodes = EpisodeList(self._server, self._run, self)
+        return controls, episodes
+
+    def close(self) -> None:
+        """Stop the simulation and the server."""
+        self.loop.stop()
+        self._server.stop()
+
+    def tell(self, command: Command) -> None:
+        """Tell the robot how to walk."""
+        self.loop.call(lambda: self.live.set_command(command))
+
+    def let_drive(self, driver: DriverName) -> None:
+        """Say who drives."""
+        self.loop.call(lambda: self.live.set_driver(driver))
+
+    def push(self, size: float, direction: float) -> None:
+        """Push the robot: an impulse [N s] towards a side of it [deg]."""
+        self.loop.call(lambda: self.live.push(size, direction))
+
+    def pause(self) -> None:
+        """Let time stop, or pass again."""
+        self.loop.call(self._pause)
+
+    def _pause(self) -> None:
+        self.loop.paused = not self.loop.paused
+
+    def set_speed(self, speed: float) -> None:
+        """Say how much time passes per time on the clock."""
+        self.loop.call(lambda: self._set_speed(speed))
+
+    def _set_speed(self, speed: float) -> None:
+        self.loop.pace.speed = speed
+
+    def reset(self) -> None:
+        """Begin again: the simulation from standing, an episode from its first tick."""
+        self.loop.call(self._reset)
+
+    def _reset(self) -> None:
+        self._error = ""
+        self.loop.paused = False
+        if isinstance(self.loop.source, Playback):
+            self.loop.source.seek(0)
+        else:
+            self.live.reset()
+
+    def choose(self, robot: str, gait: str) -> None:
+        """Begin again with another robot, or in another gait; may take seconds."""
+        self.loop.call(lambda: self._choose(robot, gait))
+
+    def _choose(self, robot: str, gait: str) -> None:
+        self._show_busy(f"{robot} learns what it is to do in a {gait} ...")
+        try:
+            setup = with_choice(self._first, self._setup, robot, gait)
+            if setup is not self._setup:
+                self.live = start(setup)
+                self._setup = setup
+            self._show_live()
+        finally:
+            self._busy = ""
+            self._fit()
+
+    def open_episode(self, episode: int) -> None:
+        """Show an episode of the run; it takes seconds to play it out again."""
+        self.loop.call(lambda: self._open_episode(episode))
+
+    def _open_episode(self, episode: int) -> None:
+        if self._run is None:
+            return
+        self._show_busy(f"episode {episode} is played out again ...")
+        try:
+            playback = open_episode(self._run, episode)
+        finally:
+            self._busy = ""
+        self._episode = episode
+        self._error = ""
+        self.loop.source = playback
+        self.loop.paused = False
+        self._draw_robot(playback)
+
+    def seek(self, tick: int) -> None:
+        """Show another tick of the episode [ms]."""
+        self.loop.call(lambda: self._seek(tick))
+
+    def _seek(self, tick: int) -> None:
+        if isinstance(self.loop.source, Playback):
+            self.loop.paused = True
+            self.loop.source.seek(tick)
+
+    def go_live(self) -> None:
+        """Show the simulation again."""
+        self.loop.call(self._show_live)
+
+    def _show_live(self) -> None:
+        self._error = ""
+        self.loop.source = self.live
+        self.loop.paused = False
+        self._draw_robot(self.live)
+
+    def _draw_robot(self, source: LiveSimulation | Playback) -> None:
+        """Draw another robot, if it is another one."""
+        if source.robot.name != self._scene.robot.name:
+            self._server.scene.reset()
+            self._scene = RobotScene(self._server, source.robot)
+            self._scene.look()
+
+    def _fit(self) -> None:
+        """Have the controls show and allow what is driven; the robot is told what they show."""
+        size = size_of(self.live.robot)
+        self._instruments.fit(size.com_height)
+        # A push that makes robots of all sizes equally fast for their size.
+        push_scale = size.mass_ratio * size.length_ratio**0.5
+        name = load_robot(self._setup.config.robot).name
+        self._controls.fit(
+            name, self._setup.gait, self.live.drivers, self._setup.commands, push_scale
+        )
+        self.live.set_driver(self.live.drivers[0])
+        self.live.set_command(self._controls.command)
+
+    def _report(self, error: str) -> None:
+        """Show an error of something that was asked for."""
+        self._error = error
+
+    def _show_busy(self, text: str) -> None:
+        """Say what takes long; nothing else is drawn meanwhile."""
+        self._busy = text
+        self._say()
+
+    def _draw(self) -> None:
+        """Show the source: the scene in every picture, the instruments in some."""
+        source = self.loop.source
+        self._scene.show(source.snapshot())
+        self._pictures += 1
+        if self._pictures % PICTURES_PER_READING:
+            return
+        self._instruments.show(source.snapshot(), source.trace)
+        self._say()
+        if self._episodes is not None:
+            self._episodes.show(source if isinstance(source, Playback) else None)
+
+    def _say(self) -> None:
+        """Show who drives what, and what is to be said."""
+        source = self.loop.source
+        title = self._setup.title
+        note = " ".join(filter(None, (self._busy, self._error, self._setup.note)))
+        if isinstance(source, Playback):
+            title = f"episode {self._episode}"
+            note = " ".join(filter(None, (self._busy, self._error)))
+        speed = 0.0 if self.loop.paused else self.loop.pace.speed
+        self._instruments.say(
+            status_html(
+                source.snapshot(),
+                title,
+                None if source.over else speed,
+                self.loop.pace.rate,
+                note,
+            )
+        )

@@ -1,0 +1,250 @@
+"""The page's controls: how to walk, who drives, pushes, time, robot and gait.
+
+What a page sends is brought into the range of its control before anything is done with it, because
+a page may send anything. Read `browser` next, which does what the controls ask for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+from surefoot.config.robot_table import ROBOTS
+from surefoot.mpc.gaits import GAITS
+from surefoot.types import Command
+from surefoot.viz.live import DRIVERS, DriverName
+
+if TYPE_CHECKING:
+    import viser
+
+AXES = ("vx [m/s]", "vy [m/s]", "yaw rate [rad/s]")
+"""The sliders of a command."""
+KEYS = ("W and S", "Q and E", "A and D")
+"""The keys that move them up and down."""
+KEY_PAIRS = (("W", "S"), ("Q", "E"), ("A", "D"))
+"""The same, one by one."""
+KEY_SHARE = 0.1
+"""A key moves a slider by this share of its range."""
+FIRST_SPEED = 0.2
+"""[m/s] The speed forward that a robot is told first, where it may be told so."""
+SPEEDS = {"real time": 1.0, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1, "1/25": 0.04}
+"""How fast time may pass, by name."""
+MOST_PUSH = 3.0
+"""[N s] The strongest push on a Solo12; on other robots it scales with their weight and speed."""
+FIRST_PUSH = 0.8
+"""[N s] The push to begin with, on a Solo12: most policies recover from it."""
+
+
+class Driven(Protocol):
+    """What the controls act on."""
+
+    def tell(self, command: Command) -> None:
+        """Tell the robot how to walk."""
+        ...
+
+    def let_drive(self, driver: DriverName) -> None:
+        """Say who drives."""
+        ...
+
+    def push(self, size: float, direction: float) -> None:
+        """Push the robot: an impulse [N s] towards a side of it [deg]."""
+        ...
+
+    def pause(self) -> None:
+        """Let time stop, or pass again."""
+        ...
+
+    def set_speed(self, speed: float) -> None:
+        """Say how much time passes per time on the clock."""
+        ...
+
+    def reset(self) -> None:
+        """Begin again from the start."""
+        ...
+
+    def choose(self, robot: str, gait: str) -> None:
+        """Begin again with another robot, or in another gait."""
+        ...
+
+
+def clipped(value: float, low: float, high: float) -> float:
+    """The nearest number within a range; ``low`` for what is not a number."""
+    return min(max(value, low), high) if value == value else low
+
+
+class Controls:
+    """The controls of one page, added where the page's controls are added now.
+
+    Args:
+        server: The page's server.
+        driven: What they act on.
+    """
+
+    def __init__(self, server: viser.ViserServer, driven: Driven) -> None:
+        self._gui = server.gui
+        self._driven = driven
+        self._low = Command()
+        self._high = Command()
+        self._push_scale = 1.0
+        self._fitting = False
+        self._add_time()
+
+    def add_driving(self) -> None:
+        """Add the controls of the simulation, where the page's controls are added now."""
+        self._add_command()
+        self._add_pushing()
+        self._add_choice()
+
+    def _add_command(self) -> None:
+        """Add who drives, and the sliders of the command."""
+        with self._gui.add_folder("Drive"):
+            self._driver = self._gui.add_dropdown("driver", DRIVERS)
+            self._driver.on_update(lambda _: self._let_drive())
+            self._sliders = [
+                self._gui.add_slider(name, -1.0, 1.0, 0.01, 0.0, hint=f"keys {keys}")
+                for name, keys in zip(AXES, KEYS, strict=True)
+            ]
+            for slider in self._sliders:
+                slider.on_update(lambda _: self._tell())
+        for axis, (name, pair) in enumerate(zip(AXES, KEY_PAIRS, strict=True)):
+            for key, sign in zip(pair, (1.0, -1.0), strict=True):
+                word = "More" if sign > 0.0 else "Less"
+                self._add_key(f"{word} {name}", key, lambda a=axis, s=sign: self._nudge(a, s))
+        self._add_key("Stand still", "X", self._stand)
+
+    def _add_pushing(self) -> None:
+        """Add the push."""
+        with self._gui.add_folder("Push"):
+            self._size = self._gui.add_slider("size [N s]", 0.0, MOST_PUSH, 0.1, FIRST_PUSH)
+            self._direction = self._gui.add_slider(
+                "towards [deg]",
+                -180.0,
+                180.0,
+                5.0,
+                90.0,
+                hint="0 is forward, 90 to the robot's left, -90 to its right",
+            )
+            button = self._gui.add_button("Push", color="orange", hint="key F")
+            button.on_click(lambda _: self._push())
+        self._add_key("Push the robot", "F", self._push)
+
+    def _add_time(self) -> None:
+        """Add how time passes."""
+        with self._gui.add_folder("Time"):
+            self._speed = self._gui.add_dropdown("speed", tuple(SPEEDS))
+            self._speed.on_update(lambda _: self._set_speed())
+            buttons = self._gui.add_button_group(
+                "", ("Pause", "Reset"), hint="keys P and R; a second Pause goes on"
+            )
+            buttons.on_click(lambda event: self._press(event.target.value))
+        self._add_key("Pause or go on", "P", self._driven.pause)
+        self._add_key("Reset", "R", self._driven.reset)
+
+    def _press(self, button: str) -> None:
+        """Do what a button of the time says."""
+        if button == "Pause":
+            self._driven.pause()
+        elif button == "Reset":
+            self._driven.reset()
+
+    def _add_choice(self) -> None:
+        """Add robot and gait."""
+        with self._gui.add_folder("Robot"):
+            self._robot = self._gui.add_dropdown("robot", tuple(ROBOTS))
+            self._gait = self._gui.add_dropdown("gait", tuple(GAITS))
+            self._robot.on_update(lambda _: self._choose())
+            self._gait.on_update(lambda _: self._choose())
+
+    def _add_key(self, label: str, key: Any, function: Callable[[], None]) -> None:
+        """Have a key do something; Ctrl-K lists the keys."""
+        command: Any = self._gui.add_command(label, hotkey=key)
+        command.on_trigger(lambda _: function())
+
+    def fit(
+        self,
+        robot: str,
+        gait: str,
+        drivers: Sequence[DriverName],
+        commands: tuple[Command, Command],
+        push_scale: float,
+    ) -> None:
+        """Show what is driven now, and allow what can be done with it.
+
+        The command that is shown afterwards is a slow walk.
+
+        Args:
+            robot: Name of the robot.
+            gait: Name of the gait.
+            drivers: Who can drive; the first one does.
+            commands: The smallest and the largest command.
+            push_scale: How much stronger pushes are than on a Solo12.
+        """
+        self._fitting = True  # what the page is told is not what somebody has asked for
+        self._low, self._high = commands
+        self._push_scale = push_scale
+        self._robot.options = with_name(tuple(ROBOTS), robot)
+        self._robot.value = robot
+        self._gait.options = with_name(tuple(GAITS), gait)
+        self._gait.value = gait
+        self._driver.options = tuple(drivers)
+        self._driver.value = drivers[0]
+        first = Command(vx=FIRST_SPEED)
+        for slider, low, high, value in zip(
+            self._sliders, self._low, self._high, first, strict=True
+        ):
+            slider.min = low
+            slider.max = high
+            slider.visible = low < high
+            slider.value = clipped(value, low, high)
+        self._size.max = round(MOST_PUSH * push_scale, 1)
+        self._size.step = 0.1 if push_scale < 3.0 else 1.0
+        self._size.value = round(FIRST_PUSH * push_scale, 1)
+        self._fitting = False
+
+    @property
+    def command(self) -> Command:
+        """The command that the sliders show, within its range."""
+        values = [slider.value for slider in self._sliders]
+        limits = zip(values, self._low, self._high, strict=True)
+        return Command(*(clipped(value, low, high) for value, low, high in limits))
+
+    def _tell(self) -> None:
+        """Tell the robot what the sliders show."""
+        if not self._fitting:
+            self._driven.tell(self.command)
+
+    def _let_drive(self) -> None:
+        """Let the one drive who was chosen."""
+        if not self._fitting:
+            self._driven.let_drive(self._driver.value)
+
+    def _nudge(self, axis: int, sign: float) -> None:
+        """Move a slider by a step."""
+        low = self._low[axis]
+        high = self._high[axis]
+        value = self._sliders[axis].value + sign * KEY_SHARE * (high - low)
+        self._sliders[axis].value = round(clipped(value, low, high), 3)
+
+    def _stand(self) -> None:
+        """Bring all sliders to zero, or as near as they come."""
+        for slider, low, high in zip(self._sliders, self._low, self._high, strict=True):
+            slider.value = clipped(0.0, low, high)
+
+    def _push(self) -> None:
+        """Push the robot as the sliders show."""
+        size = clipped(self._size.value, 0.0, MOST_PUSH * self._push_scale)
+        self._driven.push(size, clipped(self._direction.value, -180.0, 180.0))
+
+    def _set_speed(self) -> None:
+        """Let time pass as was chosen."""
+        self._driven.set_speed(SPEEDS.get(self._speed.value, 1.0))
+
+    def _choose(self) -> None:
+        """Take another robot or gait."""
+        if not self._fitting:
+            self._driven.choose(self._robot.value, self._gait.value)
+
+
+def with_name(names: tuple[str, ...], name: str) -> tuple[str, ...]:
+    """Names, and one more if it is not among them."""
+    return names if name in names else (*names, name)

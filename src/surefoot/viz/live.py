@@ -1,0 +1,285 @@
+"""A simulation that somebody drives while it runs: one robot, and no browser in it.
+
+Each tick is that of `rollouts.engine`: who drives, their torque, clipped, one step. What differs is
+that the command, the driver and the pushes come from outside, at any time. `LiveSimulation` is not
+made for several threads: `live_loop` runs it in one. Read `live_setup` for what can be driven.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Literal, Protocol, get_args
+
+import numpy as np
+
+from surefoot.config import SafetyConfig
+from surefoot.errors import unknown
+from surefoot.robots.model import RobotModel, standing, stop_speeding
+from surefoot.rollouts.compiled import clip_torque, driver
+from surefoot.rollouts.outcome import fallen
+from surefoot.rotations import from_heading
+from surefoot.safety.monitor import SafetyMonitor
+from surefoot.sim.protocol import Simulator
+from surefoot.types import TICKS_PER_SECOND, Array, Command, Controller, IntArray, State, to_ticks
+from surefoot.viz.snapshot import (
+    PUSH_SHOWN,
+    SAMPLE_TICKS,
+    TRACE_SECONDS,
+    MarginMeter,
+    ShownPlan,
+    Snapshot,
+    mean_velocity,
+    trace_rows,
+)
+
+DriverName = Literal["policy", "expert", "guarded policy"]
+"""Who drives: the policy, the expert, or the policy with the expert taking over where a gate
+says so."""
+DRIVERS: tuple[DriverName, ...] = get_args(DriverName)
+"""All of them."""
+PUSH_TICKS = 10
+"""[ms] How long a push lasts, as in evaluations."""
+LIMP_TICKS = 1000
+"""[ms] A robot that has fallen lies down for so long before the simulation stands still."""
+PLAN_SHOWN = 100
+"""[ms] How long a plan is followed at most, and shown."""
+EVERYONE = np.ones(1, dtype=bool)
+"""The mask of the only robot."""
+
+
+class PlanWatcher(Protocol):
+    """Something that remembers the expert's last plan, to be drawn."""
+
+    @property
+    def last(self) -> ShownPlan | None:
+        """The last plan; None if there is none."""
+        ...
+
+    def forget(self) -> None:
+        """Forget it: a new episode begins."""
+        ...
+
+
+class LiveSimulation:
+    """One robot that walks on from standing, as it is told, until it falls.
+
+    Args:
+        simulator: A simulator of one robot.
+        safety: The bounds of the gate and of a fall, with the robot's own values in place of None.
+        damping: Damping of the joints of a robot that has fallen [N m s/rad].
+        expert: The expert.
+        policy: The policy; None if only the expert can drive.
+        monitor: The gate that guards the policy; None if there is no policy.
+        plans: Remembers the expert's plans; None draws none.
+
+    Attributes:
+        robot: The robot.
+        safety: The bounds.
+
+    Raises:
+        ValueError: The simulator has more robots than one.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        safety: SafetyConfig,
+        damping: float,
+        expert: Controller,
+        policy: Controller | None = None,
+        monitor: SafetyMonitor | None = None,
+        plans: PlanWatcher | None = None,
+    ) -> None:
+        if simulator.batch != 1:
+            raise ValueError(f"a live simulation of {simulator.batch} robots; give it one")
+        self.robot: RobotModel = simulator.robot
+        self.safety = safety
+        self._simulator = simulator
+        self._damping = damping
+        self._expert = expert
+        self._policy = None if policy is None else driver(policy)
+        self._monitor = monitor
+        self._plans = plans
+        self._margins = MarginMeter(self.robot, safety)
+        self._command = Command()
+        self._driver: DriverName = "expert" if policy is None else "policy"
+        self.reset()
+
+    @property
+    def drivers(self) -> tuple[DriverName, ...]:
+        """Who can drive here."""
+        if self._policy is None:
+            return ("expert",)
+        return DRIVERS if self._monitor is not None else ("policy", "expert")
+
+    @property
+    def driver(self) -> DriverName:
+        """Who drives."""
+        return self._driver
+
+    @property
+    def over(self) -> bool:
+        """True once the robot lies on the ground after a fall."""
+        return self._limp >= LIMP_TICKS
+
+    @property
+    def trace(self) -> Array:
+        """``(n, 7)`` the last 10 s; see `trace_rows`."""
+        return np.array(self._rows).reshape(-1, 7)
+
+    def reset(self) -> None:
+        """Begin again from standing, at the beginning of the gait cycle; the command stays."""
+        self._simulator.reset(standing(self.robot)[None], np.zeros((1, 18)))
+        self._expert.reset(1)
+        if self._policy is not None:
+            self._policy.reset(1)
+        if self._monitor is not None:
+            self._monitor.reset(1)
+        if self._plans is not None:
+            self._plans.forget()
+        self._elapsed = 0
+        self._limp = 0
+        self._lying = 0
+        self._ended = ""
+        self._expert_drives = self._driver == "expert"
+        self._push = np.zeros(2)
+        self._push_begins = -PUSH_SHOWN
+        self._pushed = np.zeros(3)
+        self._rows: deque[Array] = deque(maxlen=to_ticks(TRACE_SECONDS) // SAMPLE_TICKS)
+
+    def set_command(self, command: Command) -> None:
+        """Tell the robot how to walk from the next tick on.
+
+        Args:
+            command: vx, vy [m/s] and yaw rate [rad/s] in the heading frame.
+
+        Raises:
+            ValueError: A component is not finite.
+        """
+        if not all(math.isfinite(value) for value in command):
+            raise ValueError(f"the command {tuple(command)} is not finite")
+        self._command = command
+
+    def set_driver(self, name: DriverName) -> None:
+        """Say who drives from the next tick on.
+
+        Args:
+            name: One of `drivers`.
+
+        Raises:
+            ValueError: There is no such driver here.
+        """
+        if name not in self.drivers:
+            raise ValueError(unknown("driver", name, self.drivers))
+        if self._monitor is not None:
+            self._monitor.reset(1)
+        self._driver = name
+
+    def push(self, size: float, direction: float) -> None:
+        """Push the base from the next tick on, for 10 ms; it takes the place of a push under way.
+
+        Args:
+            size: Impulse [N s].
+            direction: Where to, in the heading frame [deg]: 0 is forward, 90 to the left.
+
+        Raises:
+            ValueError: A number is not finite.
+        """
+        if not (math.isfinite(size) and math.isfinite(direction)):
+            raise ValueError(f"a push of {size} N s towards {direction} deg is not finite")
+        angle = math.radians(direction)
+        self._push = size * np.array([math.cos(angle), math.sin(angle)])
+        self._push_begins = self._elapsed
+
+    def step(self, ticks: int) -> None:
+        """Simulate so many ticks of 1 ms; fewer once the robot lies on the ground."""
+        for _ in range(ticks):
+            if self.over:
+                return
+            self._step()
+
+    def _step(self) -> None:
+        """Simulate one tick."""
+        state = self._simulator.state
+        if self._elapsed % SAMPLE_TICKS == 0:
+            self._rows.append(trace_rows(state, np.array([self._elapsed]))[0])
+        self._end_if_lost(state)
+        tick = np.array([self._elapsed])
+        torque = self._limp_torque(state) if self._ended else self._torque(state, tick)
+        if self._ended:
+            self._limp += 1
+        if 0 <= self._elapsed - self._push_begins < PUSH_TICKS:
+            self._give_push(state)
+        self._simulator.step(torque)
+        self._elapsed += 1
+
+    def _end_if_lost(self, state: State) -> None:
+        """End the episode of a robot that has fallen, or whose numbers have run away."""
+        if self._ended:
+            return
+        self._lying = self._lying + 1 if self._simulator.body_contact[0] else 0
+        lies = 0.0 < self.safety.body_contact <= self._lying / TICKS_PER_SECOND
+        if self._simulator.blown_up[0]:
+            self._ended = "the simulation has blown up"
+            self._limp = LIMP_TICKS
+        elif self._elapsed >= to_ticks(self.safety.grace) and (
+            lies or fallen(state, self.safety)[0]
+        ):
+            self._ended = "the robot fell"
+
+    def _limp_torque(self, state: State) -> Array:
+        """``(1, 12)`` the torques of damped joints [N m], in which nobody drives."""
+        return clip_torque(-self._damping * state.v[:, 6:], self.robot.torque_limit)
+
+    def _torque(self, state: State, tick: IntArray) -> Array:
+        """``(1, 12)`` the torques of who drives [N m], as the motors give them."""
+        command = np.array([self._command])
+        self._expert_drives = self._choose(state, tick, command)
+        controller = self._expert if self._expert_drives else self._policy
+        if controller is None:
+            raise ValueError("there is no policy to drive")
+        torque = clip_torque(
+            controller.torque(state, tick, command, EVERYONE), self.robot.torque_limit
+        )
+        if self._expert_drives and self._expert.diverged[0]:
+            self._ended = "the expert gave up: it has no valid plan"
+        if self.robot.enforce_speed_limit:
+            torque = stop_speeding(torque, state.v[:, 6:], self.robot.speed_limit)
+        return torque
+
+    def _choose(self, state: State, tick: IntArray, command: Array) -> bool:
+        """Whether the expert drives in this tick."""
+        if self._driver == "guarded policy" and self._monitor is not None:
+            return bool(self._monitor.blocking(state, tick, command)[0])
+        return self._driver == "expert"
+
+    def _give_push(self, state: State) -> None:
+        """Give the base the part of a push that belongs to this tick."""
+        if self._elapsed == self._push_begins:
+            self._pushed = np.append(from_heading(self._push, state.heading[0]), 0.0)
+        self._simulator.push(self._pushed / PUSH_TICKS)
+
+    def snapshot(self) -> Snapshot:
+        """The present moment, for a page to show."""
+        state = self._simulator.state[0]
+        since_push = self._elapsed - self._push_begins
+        return Snapshot(
+            seconds=self._elapsed / TICKS_PER_SECOND,
+            state=state,
+            command=self._command,
+            velocity=mean_velocity(self.trace),
+            expert_drives=self._expert_drives,
+            margins=self._margins(state),
+            force=self._simulator.contact_force[0],
+            plan=self._followed_plan(),
+            push=self._pushed if 0 < since_push < PUSH_SHOWN else None,
+            ended=self._ended,
+        )
+
+    def _followed_plan(self) -> ShownPlan | None:
+        """The expert's last plan, while it can still be followed."""
+        plan = None if self._plans is None else self._plans.last
+        if plan is None or not self._expert_drives or self._elapsed - plan.tick > PLAN_SHOWN:
+            return None
+        return plan

@@ -1,0 +1,233 @@
+"""What can be driven live: a robot in a gait, by a policy where there is one that fits.
+
+`find_setup` makes a `LiveSetup` of what the command line names, `with_choice` one of another robot
+or gait, and `start` the `LiveSimulation` of one. Read `live` next.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.config import CommandBox, Config, LocoSafeDaggerConfig
+from surefoot.config.presets import is_solo12_trot, suited
+from surefoot.learning.policy import Policy, load
+from surefoot.mpc.expert import make_expert, make_planner
+from surefoot.mpc.gaits import gait_name, with_gait
+from surefoot.mpc.planner import Planner, PlanStages
+from surefoot.robots.load import load_robot
+from surefoot.robots.scaling import own_values, size_of, with_own_values
+from surefoot.runs.policies import find_policy
+from surefoot.safety.gates import Bounds
+from surefoot.safety.monitor import SafetyMonitor
+from surefoot.scenarios.calibration import calibrated
+from surefoot.sim import make_simulator
+from surefoot.types import Command, MotionPlan, State
+from surefoot.viz.live import LiveSimulation
+from surefoot.viz.snapshot import ShownPlan, to_world
+
+logger = logging.getLogger(__name__)
+
+WIDE = CommandBox(vx=(-0.3, 0.5), vy=(-0.2, 0.2), yaw_rate=(-0.8, 0.8))
+"""The commands that Solo12's expert follows in any gait; speeds of other robots scale with the root
+of their leg length."""
+
+
+LYING = 0.3
+"""[s] A robot whose base or legs are on the ground for so long has fallen, whatever its angles."""
+
+
+@dataclass(frozen=True)
+class LiveSetup:
+    """A robot, its gait, and who can drive it.
+
+    Attributes:
+        config: The configuration, with the robot's own values in place of None.
+        policy: The policy; None if only the expert can drive.
+        title: What is driven, in words.
+        note: What somebody who drives it should know; empty if there is nothing.
+    """
+
+    config: Config
+    policy: Policy | None
+    title: str
+    note: str = ""
+
+    @property
+    def gait(self) -> str:
+        """The name of the gait; `custom` for one that has none."""
+        return gait_name(self.config.gait)
+
+    @property
+    def commands(self) -> tuple[Command, Command]:
+        """The smallest and the largest command: what the policy was trained on, or a wide box."""
+        if self.policy is not None:
+            low, high = self.policy.command_range.tolist()
+            return Command(*low), Command(*high)
+        box = self.config.commands
+        axes = (box.vx, box.vy, box.yaw_rate)
+        return Command(*(axis[0] for axis in axes)), Command(*(axis[1] for axis in axes))
+
+
+class WatchedPlanner:
+    """A planner as a plan function that remembers its last plan, to be drawn.
+
+    Args:
+        planner: The planner.
+    """
+
+    def __init__(self, planner: Planner) -> None:
+        self._planner = planner
+        self._last: tuple[PlanStages, State] | None = None
+
+    def __call__(self, state: State, tick: int, command: Command) -> MotionPlan:
+        """Plan as `Planner.plan` does."""
+        with np.errstate(all="ignore"):  # what is not finite shows in `valid`
+            stages = self._planner.solve(state, tick, command)
+        self._last = (stages, state)
+        return stages.motion
+
+    @property
+    def last(self) -> ShownPlan | None:
+        """The last plan, if it is valid, in the world frame."""
+        if self._last is None:
+            return None
+        stages, state = self._last
+        if not stages.motion.valid:
+            return None
+        stands = stages.contacts.active
+        _, legs = np.nonzero(stands)
+        return ShownPlan(
+            tick=stages.tick,
+            com=to_world(stages.centroidal.com, state),
+            footholds=to_world(stages.contacts.position[stands], state),
+            legs=legs,
+        )
+
+    def forget(self) -> None:
+        """Forget the last plan."""
+        self._last = None
+
+
+def find_setup(target: Path | None, robot: str | None = None, gait: str | None = None) -> LiveSetup:
+    """What a target means; without one, the expert drives.
+
+    Args:
+        target: The folder of a run, a policy file, or None.
+        robot: A robot other than the target's, or than Solo12.
+        gait: A gait other than the target's, or than the trot.
+
+    Raises:
+        FileNotFoundError: There is no such folder or file.
+        RunError: The folder holds no finished run.
+        ValueError: The policy does not fit, or there is no such robot or gait.
+    """
+    if target is None:
+        setup = expert_setup(Config(), robot or Config().robot.model, gait or "trot")
+    else:
+        path, config = find_policy(target)
+        policy = load(path, load_robot(config.robot).name)
+        title = f"{target.resolve().name}, {policy.robot}"
+        setup = LiveSetup(with_own_values(config), policy, title)
+        setup = with_choice(setup, setup, robot or policy.robot, gait or setup.gait)
+    return setup
+
+
+def with_choice(first: LiveSetup, now: LiveSetup, robot: str, gait: str) -> LiveSetup:
+    """What is driven after a robot and a gait were chosen.
+
+    Args:
+        first: What the command line named; its policy drives again where it fits.
+        now: What is driven now.
+        robot: Name of the robot.
+        gait: Name of the gait.
+
+    Raises:
+        ValueError: There is no such robot or gait.
+    """
+    for setup in (now, first):
+        if (robot, gait) == (load_robot(setup.config.robot).name, setup.gait):
+            return setup
+    return expert_setup(replace(Config(), simulation=first.config.simulation), robot, gait)
+
+
+def expert_setup(config: Config, robot: str, gait: str) -> LiveSetup:
+    """A robot in a gait that its expert drives, at any command of a wide box.
+
+    The expert's command gains of another robot than Solo12, or another gait than the trot, are
+    measured, which takes a few seconds the first time.
+
+    Args:
+        config: The configuration of everything else.
+        robot: Name of the robot, or the file of one.
+        gait: Name of the gait.
+
+    Raises:
+        ValueError: There is no such robot or gait.
+    """
+    config = replace(config, robot=replace(config.robot, model=robot, spec=None))
+    config = with_own_values(with_gait(config, gait))
+    model = load_robot(config.robot)
+    root = float(np.sqrt(size_of(model).length_ratio))
+    box = CommandBox(_scaled(WIDE.vx, root), _scaled(WIDE.vy, root), WIDE.yaw_rate)
+    config = suited(replace(config, commands=box))
+    note = ""
+    if not is_solo12_trot(config):
+        config, note = _measured(config)
+    return LiveSetup(config, None, f"{model.name}, {gait}", note)
+
+
+def _scaled(interval: tuple[float, float], factor: float) -> tuple[float, float]:
+    """An interval of speeds, scaled, and rounded to 0.01 m/s."""
+    low, high = interval
+    return round(factor * low, 2), round(factor * high, 2)
+
+
+@lru_cache(maxsize=16)
+def _measured(config: Config) -> tuple[Config, str]:
+    """The configuration with measured command gains, and a note where none could be measured."""
+    robot = load_robot(config.robot)
+    try:
+        config, _ = calibrated(robot, config, size_of(robot).length_ratio)
+    except ValueError as error:
+        return config, f"the command gains are those of no measurement: {error}"
+    return config, ""
+
+
+def start(setup: LiveSetup) -> LiveSimulation:
+    """The simulation of a setup, from standing.
+
+    The guarded policy has the gate of the paper's Table I, with the blocking of the run if its
+    method has one. A robot may tilt as far as in the evaluation of pushes, from which many get up.
+
+    Args:
+        setup: What is driven.
+
+    Raises:
+        ImportError: The physics engine is missing.
+    """
+    config = setup.config
+    robot = load_robot(config.robot)
+    safety = config.safety
+    plans = WatchedPlanner(make_planner(robot, config))
+    method = config.method
+    blocking = method if isinstance(method, LocoSafeDaggerConfig) else LocoSafeDaggerConfig()
+    monitor = SafetyMonitor(Bounds(config.safety), blocking.T_block, blocking.hand_back)
+    safety = replace(
+        safety,
+        fall_angle=max(safety.fall_angle, config.push.fall_angle),
+        body_contact=max(safety.body_contact, LYING),
+    )
+    return LiveSimulation(
+        make_simulator(robot, 1, config.simulation),
+        safety,
+        own_values(robot).policy_kd,
+        make_expert(robot, config, plans),
+        setup.policy,
+        None if setup.policy is None else monitor,
+        plans,
+    )

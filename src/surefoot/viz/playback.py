@@ -1,0 +1,148 @@
+"""A recorded episode as something a page can show: it passes in real time, or is scrubbed.
+
+The episode is played out again, bit for bit (`replay.recorded_episode`), and then shown from
+memory. Read `snapshot` for what is shown.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.config import SafetyConfig
+from surefoot.robots.load import load_robot
+from surefoot.robots.model import RobotModel
+from surefoot.robots.scaling import with_own_values
+from surefoot.rollouts.episodes import Rollout
+from surefoot.rollouts.jobs import play_out
+from surefoot.rollouts.outcome import Outcome
+from surefoot.rotations import from_heading
+from surefoot.types import TICKS_PER_SECOND, Array, Command, State, to_ticks
+from surefoot.viz.replay import recorded_episode
+from surefoot.viz.snapshot import (
+    PUSH_SHOWN,
+    SAMPLE_TICKS,
+    TRACE_SECONDS,
+    MarginMeter,
+    Snapshot,
+    mean_velocity,
+    trace_rows,
+)
+
+ENDS = {
+    Outcome.SUCCESS: "the episode is over",
+    Outcome.FELL: "the robot fell",
+    Outcome.STALLED: "the episode is over; the robot had stopped stepping",
+    Outcome.DIVERGED: "the expert gave up: it had no valid plan",
+}
+"""How an episode ended, in words."""
+
+
+class Playback:
+    """One episode that was played out, and the moment of it that is shown.
+
+    Args:
+        robot: The robot.
+        safety: The bounds, with the robot's own values in place of None.
+        rollouts: What happened; the first episode is shown.
+
+    Attributes:
+        robot: The robot.
+        length: Number of its ticks [ms].
+
+    Raises:
+        ValueError: The episode was over before its first tick.
+    """
+
+    def __init__(self, robot: RobotModel, safety: SafetyConfig, rollouts: Rollout) -> None:
+        self.robot = robot
+        self.length = int(rollouts.length[0])
+        if self.length == 0:
+            raise ValueError("the episode was over before its first tick; there is nothing to show")
+        self._rollouts = rollouts
+        # `Rollout` has the fields of a state, with ticks that did not happen behind the length.
+        self._states = State(
+            rollouts.q[0, : self.length],
+            rollouts.v[0, : self.length],
+            rollouts.com[0, : self.length],
+            rollouts.feet[0, : self.length],
+            rollouts.contacts[0, : self.length],
+        )
+        self._margins = MarginMeter(robot, safety)
+        self._sampled = np.arange(0, self.length, SAMPLE_TICKS)
+        self._trace = trace_rows(self._states[self._sampled], self._sampled)
+        self._now = 0
+
+    @property
+    def now(self) -> int:
+        """The tick that is shown [ms]."""
+        return self._now
+
+    @property
+    def over(self) -> bool:
+        """True at the last tick."""
+        return self._now >= self.length - 1
+
+    @property
+    def trace(self) -> Array:
+        """``(n, 7)`` the 10 s before the tick that is shown; see `trace_rows`."""
+        end = int(np.searchsorted(self._sampled, self._now, side="right"))
+        return self._trace[max(end - to_ticks(TRACE_SECONDS) // SAMPLE_TICKS, 0) : end]
+
+    def step(self, ticks: int) -> None:
+        """Let time pass [ms]; not beyond the last tick."""
+        self.seek(self._now + ticks)
+
+    def seek(self, tick: int) -> None:
+        """Show another tick: the nearest one that there is [ms]."""
+        self._now = min(max(tick, 0), self.length - 1)
+
+    def snapshot(self) -> Snapshot:
+        """The tick that is shown."""
+        state = self._states[self._now]
+        outcome = Outcome(int(self._rollouts.outcome[0]))
+        return Snapshot(
+            seconds=self._now / TICKS_PER_SECOND,
+            state=state,
+            command=Command(*self._rollouts.starts.command[0].tolist()),
+            velocity=mean_velocity(self.trace),
+            expert_drives=bool(self._rollouts.expert_drove[0, self._now]),
+            margins=self._margins(state),
+            push=self._push(),
+            ended=ENDS[outcome] if self.over else "",
+        )
+
+    def _push(self) -> Array | None:
+        """``(3,)`` the last push of the last 0.6 s, world frame [N s]; None without one."""
+        pushes = self._rollouts.disturbance.pushes
+        if pushes is None:
+            return None
+        since = self._now - pushes.tick[0]
+        recent = (since >= 0) & (since < PUSH_SHOWN) & pushes.impulse[0].any(axis=1)
+        if not recent.any():
+            return None
+        number = int(np.where(recent, pushes.tick[0], -1).argmax())
+        impulse = pushes.impulse[0, number].copy()
+        began = self._states[int(pushes.tick[0, number])]
+        impulse[:2] = from_heading(impulse[:2], began.heading)
+        return impulse
+
+
+def open_episode(folder: Path, episode: int) -> Playback:
+    """Play an episode of a run out again, and show it from its beginning; takes seconds.
+
+    Args:
+        folder: Folder of the run.
+        episode: Id of the episode.
+
+    Raises:
+        RunError: There is no run, or its expert's plans at the fixed states were others.
+        FileNotFoundError: The policy or gate that drove is lost.
+        ValueError: The run has no such episode, it was over at once, or its expert has another
+            name.
+    """
+    job = recorded_episode(folder, episode)
+    config = with_own_values(job.config)
+    rollouts, _ = play_out(job)
+    return Playback(load_robot(config.robot), config.safety, rollouts)

@@ -1,0 +1,150 @@
+"""The page, driven without a browser and in a real one."""
+
+import logging
+import threading
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from surefoot.runs.episode_ids import EpisodeId
+from surefoot.types import Command
+from surefoot.viz.browser import Page
+from surefoot.viz.live_setup import find_setup
+from surefoot.viz.playback import Playback
+from tests.fakes.chromium import Chromium, needs_chromium, needs_viser, wait
+
+pytestmark = needs_viser
+
+
+@pytest.fixture
+def page():
+    """A page of a robot that its expert drives."""
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    page = Page(find_setup(None), port=0)
+    yield page
+    page.close()
+
+
+@pytest.fixture(scope="module")
+def run_page(queried_run):
+    """A page of a run."""
+    page = Page(find_setup(queried_run.folder), queried_run.folder, port=0)
+    yield page
+    page.close()
+
+
+def asked(page, question):
+    """The answer to a question that is asked in the loop's thread."""
+    answers = []
+    done = threading.Event()
+
+    def ask():
+        answers.append(question())
+        done.set()
+
+    page.loop.call(ask)
+    assert done.wait(120)
+    return answers[0]
+
+
+def test_the_robot_walks_as_the_page_says_and_is_pushed_and_reset(page):
+    assert asked(page, lambda: page.live.snapshot().command) == Command(0.2)
+    page.tell(Command(0.1, 0.0, 0.2))
+    page.push(0.5, 90.0)
+    wait(lambda: asked(page, lambda: page.live.snapshot().push is not None))
+    assert asked(page, lambda: page.live.snapshot().command) == Command(0.1, 0.0, 0.2)
+    page.pause()
+    before = asked(page, lambda: page.live.snapshot().seconds)
+    assert before > 0.0
+    assert asked(page, lambda: page.live.snapshot().seconds) == before
+    page.reset()
+    assert asked(page, lambda: page.live.snapshot().seconds) < before
+
+
+def test_what_a_page_may_send_is_brought_into_range(page):
+    page._controls._sliders[0].value = 1e9
+    page._controls._sliders[2].value = float("nan")
+    command = asked(page, lambda: page.live.snapshot().command)
+    low, high = page._setup.commands
+    assert (command.vx, command.yaw_rate) == (high.vx, low.yaw_rate)
+    page._controls._size.value = 1e9
+    page._controls._push()
+    wait(lambda: asked(page, lambda: page.live.snapshot().push is not None))
+    assert np.linalg.norm(asked(page, lambda: page.live.snapshot().push)) < 5.0
+
+
+def test_what_cannot_be_done_is_said_and_ends_nothing(page):
+    page.let_drive("policy")
+    asked(page, lambda: None)
+    assert "expert" in page._error
+    page.choose("solo12", "troot")
+    asked(page, lambda: None)
+    assert "troot" in page._error
+    assert page.loop.alive
+
+
+def test_another_robot_is_driven_and_drawn(page):
+    page.choose("go2", "trot")
+    assert asked(page, lambda: page.live.robot.name) == "go2"
+    assert page._scene.robot.name == "go2"
+    assert page._controls._robot.value == "go2"
+    page.choose("solo12", "trot")
+    assert asked(page, lambda: page.live.robot.name) == "solo12"
+
+
+def test_an_episode_is_opened_scrubbed_and_left_again(run_page):
+    run_page.open_episode(EpisodeId(1, 0, 1).number)
+    assert isinstance(asked(run_page, lambda: run_page.loop.source), Playback)
+    run_page.seek(50)
+    assert asked(run_page, lambda: run_page.loop.source.now) == 50
+    run_page.reset()
+    run_page.open_episode(EpisodeId(7, 0).number)
+    asked(run_page, lambda: None)
+    assert "iteration 7" in run_page._error
+    run_page.go_live()
+    assert asked(run_page, lambda: run_page.loop.source is run_page.live)
+
+
+def test_the_chosen_episode_is_that_of_the_list(run_page):
+    episodes = run_page._episodes
+    episodes._iteration.value = "1"
+    episodes._index.value = 1
+    assert episodes.chosen == EpisodeId(1, 1).number
+    episodes._query.value = "query 2"
+    assert episodes.chosen == EpisodeId(1, 1, 2).number
+    episodes._index.value = 10_000
+    assert EpisodeId.from_number(episodes.chosen).index < 10_000
+
+
+def colors_of(path):
+    """The number of colors in the middle of a picture, where the robot is."""
+    picture = Image.open(path).convert("RGB")
+    width, height = picture.size
+    middle = picture.crop((int(0.35 * width), height // 3, int(0.65 * width), 2 * height // 3))
+    return len(np.unique(np.array(middle).reshape(-1, 3), axis=0))
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_in_chromium_a_pushed_robot_recovers(page, tmp_path):
+    with Chromium(page.address, tmp_path) as browser:
+        browser.wait_for("expert drives", "solo12, trot", "real time", "hip abduction")
+        wait(lambda: asked(page, lambda: page.live.snapshot().seconds) > 1.0)
+        browser.click("Push")
+        wait(lambda: asked(page, lambda: page.live.snapshot().push is not None))
+        pushed_at = asked(page, lambda: page.live.snapshot().seconds)
+        browser.press("A")
+        wait(lambda: asked(page, lambda: page.live.snapshot().command.yaw_rate > 0.0))
+        wait(lambda: asked(page, lambda: page.live.snapshot().seconds) > pushed_at + 2.0)
+        trace = asked(page, lambda: page.live.trace)
+        since = np.degrees(trace[trace[:, 0] >= pushed_at - 0.1, 1])
+        assert np.abs(since).max() > 8.0
+        assert np.abs(since[-20:]).max() < 6.0
+        assert "fell" not in browser.text()
+        browser.press("P")
+        browser.wait_for("paused")
+        time.sleep(2.0)
+        picture = browser.screenshot(tmp_path / "page.png")
+        assert colors_of(picture) > 200  # shaded parts, marks and tiles

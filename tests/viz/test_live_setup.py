@@ -1,0 +1,129 @@
+"""What can be driven: by which policy, in which range, and by whom after another choice."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from surefoot.config import CommandBox, Config
+from surefoot.rollouts.arbiters import ExpertOnly
+from surefoot.rollouts.episodes import Episodes
+from surefoot.rollouts.jobs import Job, play_out
+from surefoot.types import Command
+from surefoot.viz import live_setup
+from surefoot.viz.live_setup import expert_setup, find_setup, start, with_choice
+from surefoot.viz.replay import standing_start
+
+
+def test_a_run_is_driven_by_its_policy_within_the_range_of_its_training(queried_run):
+    setup = find_setup(queried_run.folder)
+    low, high = setup.commands
+    assert setup.policy is not None
+    np.testing.assert_array_equal([low, high], setup.policy.command_range)
+    assert start(setup).drivers == ("policy", "expert", "guarded policy")
+    assert (setup.gait, setup.note) == ("trot", "")
+
+
+def test_a_policy_file_is_driven_as_its_run_is(queried_run):
+    setup = find_setup(queried_run.best_policy_path)
+    assert setup.policy is not None
+    assert setup.config == find_setup(queried_run.folder).config
+
+
+def test_without_a_target_the_expert_drives_both_ways():
+    setup = find_setup(None)
+    assert setup.policy is None
+    assert start(setup).drivers == ("expert",)
+    low, high = setup.commands
+    assert all(value < 0.0 for value in low)
+    assert all(value > 0.0 for value in high)
+
+
+@pytest.fixture
+def unmeasured(monkeypatch):
+    """Command gains are not measured, which would take seconds."""
+    live_setup._measured.cache_clear()
+    monkeypatch.setattr(live_setup, "calibrated", lambda robot, config, scale: (config, None))
+
+
+def test_another_gait_is_driven_by_the_expert_and_the_policy_comes_back(queried_run, unmeasured):
+    first = find_setup(queried_run.folder)
+    walk = with_choice(first, first, "solo12", "walk")
+    assert (walk.policy, walk.gait) == (None, "walk")
+    again = with_choice(first, walk, "solo12", "trot")
+    assert again is first
+    assert with_choice(first, walk, "solo12", "walk") is walk
+
+
+def test_a_larger_robot_may_walk_faster(unmeasured):
+    small = expert_setup(Config(), "solo12", "trot")
+    large = expert_setup(Config(), "go2", "trot")
+    assert large.commands[1].vx > small.commands[1].vx
+    assert large.commands[1].yaw_rate == small.commands[1].yaw_rate
+    assert large.config.safety.com_height != small.config.safety.com_height
+
+
+def test_gains_that_cannot_be_measured_are_said(monkeypatch):
+    def refuse(robot, config, scale):
+        raise ValueError("it fell")
+
+    live_setup._measured.cache_clear()
+    monkeypatch.setattr(live_setup, "calibrated", refuse)
+    assert "it fell" in expert_setup(Config(), "solo12", "walk").note
+
+
+def test_the_expert_walks_live_as_it_does_in_a_rollout_to_the_same_bits():
+    setup = find_setup(None)
+    command = Command(0.2, 0.1, -0.3)
+    box = CommandBox((0.0, 0.2), (0.0, 0.1), (-0.3, 0.0))
+    config = replace(setup.config, commands=box)
+    episodes = Episodes(standing_start(command), 0.3)
+    rollouts, _ = play_out(Job(config, episodes, ExpertOnly()))
+    simulation = start(setup)
+    simulation.set_command(command)
+    simulation.step(299)
+    np.testing.assert_array_equal(simulation.snapshot().state.q, rollouts.q[0, 299])
+
+
+def test_the_plan_that_is_drawn_begins_at_the_robot_and_stands_on_the_floor():
+    simulation = start(find_setup(None))
+    simulation.set_command(Command(0.3))
+    simulation.step(1)
+    simulation.step(450)
+    snapshot = simulation.snapshot()
+    plan = snapshot.plan
+    assert plan is not None
+    assert plan.tick == 450
+    np.testing.assert_allclose(plan.com[0], snapshot.state.com, atol=2e-3)
+    assert plan.com[-1, 0] > plan.com[0, 0] + 0.05
+    np.testing.assert_allclose(plan.footholds[:, 2], simulation.robot.foot_radius, atol=5e-3)
+    assert set(plan.legs.tolist()) == {0, 1, 2, 3}
+    left = plan.footholds[np.isin(plan.legs, (0, 2)), 1].min()
+    right = plan.footholds[np.isin(plan.legs, (1, 3)), 1].max()
+    assert left > snapshot.state.com[1] > right
+
+
+def test_no_plan_is_drawn_while_the_policy_drives(queried_run):
+    simulation = start(find_setup(queried_run.folder))
+    simulation.set_driver("expert")
+    simulation.step(60)
+    assert simulation.snapshot().plan is not None
+    simulation.set_driver("policy")
+    simulation.step(1)
+    assert simulation.snapshot().plan is None
+    simulation.set_driver("expert")
+    simulation.reset()
+    assert simulation.snapshot().plan is None
+
+
+def test_a_pushed_robot_recovers():
+    simulation = start(find_setup(None))
+    simulation.set_command(Command(0.2))
+    simulation.step(1500)
+    simulation.push(0.8, 90.0)
+    simulation.step(2000)
+    snapshot = simulation.snapshot()
+    assert snapshot.ended == ""
+    roll = np.degrees(simulation.trace[:, 1])
+    assert np.abs(roll).max() > 8.0
+    assert np.abs(roll[-25:]).max() < 6.0
