@@ -37,7 +37,7 @@ def test_joint_targets_that_the_network_would_copy_are_refused_with_the_reason(s
     [
         (lambda: History(0, 20), "0 samples, 20 ms apart; use at least one"),
         (lambda: History(5, 0), "5 samples, 0 ms apart"),
-        (lambda: History(101, 20), "at most 2000 ms in all"),
+        (lambda: History(11, 20), "at most 200 ms in all"),
         (lambda: History(parts=("gravty",)), "no part 'gravty'; did you mean 'gravity'"),
         (lambda: History(parts=("feet", "feet")), "use each of them once"),
         (lambda: Layout("own", ()), "the layout 'own' has no parts"),

@@ -87,5 +87,14 @@ def test_ticks_that_are_missing_are_named_with_what_to_do():
         derive(lacking, SPEC)
     unknown = replace(frames, elapsed=np.full(20, -1, np.int32))
     with pytest.raises(ValueError, match="episode 4 lacks ticks"):
-        RecordedPast(unknown, frames.applied, HISTORY)
+        RecordedPast(unknown, frames.applied, HISTORY).at(np.arange(20))
     assert derive(lacking, spec_of(SMALL)).shape == (19, 59)
+
+
+def test_only_the_ticks_that_are_remembered_are_needed():
+    frames = random_frames([4], each=300)
+    frames = replace(frames, kept=(frames.elapsed >= 250) | (frames.elapsed == 50))
+    needed = (frames.elapsed >= 150) | (frames.elapsed <= 50)
+    np.testing.assert_array_equal(derive(frames[needed], SPEC), derive(frames, SPEC))
+    with pytest.raises(ValueError, match="episode 4 lacks ticks"):
+        derive(frames[frames.elapsed >= 151], SPEC)

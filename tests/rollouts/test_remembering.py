@@ -9,7 +9,7 @@ import pytest
 from surefoot.config import Config
 from surefoot.learning.policy import Policy
 from surefoot.learning.samples import derive
-from surefoot.rollouts.arbiters import PolicyOnly
+from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes
 from surefoot.scenarios.disturbance import Disturbance
@@ -80,14 +80,26 @@ def test_inputs_in_a_rollout_with_takeovers_are_those_derived_from_its_recording
 
 
 @pytest.mark.parametrize("ask_always", [False, True])
-def test_inputs_are_those_derived_on_mujoco_with_noisy_sensors_and_delay(ask_always):
+def test_inputs_are_those_derived_on_mujoco_with_a_delay(ask_always):
     config = Config()
     starts = load_starts()["test"][:6:2]
-    noisy = Disturbance(delay=3)
-    episodes = Episodes(starts, DURATION, id=np.arange(3), disturbance=noisy)
+    late = Disturbance(delay=3)
+    episodes = Episodes(starts, DURATION, id=np.arange(3), disturbance=late)
     simulator = make_simulator(ROBOT, 3, config.simulation)
     rollouts = check(simulator, episodes, FakeController(0.1), ask_always)
     assert np.abs(rollouts.v[:, 100, 6:]).max() > 0.1
+
+
+def test_a_recording_has_the_kept_frames_and_two_tenths_of_a_second_before_each():
+    episodes = standing_for(0.6, batch=2)
+    rollouts = rollout(FakeSimulator(2), episodes, ExpertOnly(), FakeController(0.1))
+    keep = np.zeros((2, 600), bool)
+    keep[0, [100, 450]] = True
+    recording = rollouts.recording(keep, np.array([7, 8]))
+    assert recording.elapsed.tolist() == [*range(101), *range(250, 451)]
+    assert np.flatnonzero(recording.kept).tolist() == [100, 301]
+    assert (recording.episode == 7).all()
+    np.testing.assert_array_equal(recording.applied, rollouts.torque[0, recording.elapsed])
 
 
 def test_the_memory_goes_on_while_the_expert_drives_and_begins_anew_with_an_episode():

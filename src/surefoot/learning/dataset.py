@@ -1,7 +1,7 @@
 """A dataset: a folder of immutable HDF5 shards of recorded ticks, and a manifest.
 
 What counts as a frame, in every number and in the hash, are the ticks that a method keeps to train
-on; the ticks between them are stored beside them, because policies with a history need the past.
+on; the ticks before them are stored beside them, because policies with a history need the past.
 
 A shard counts once the manifest names it. A kill between the two leaves a file that the next
 ``append`` of that name overwrites. One process appends at a time; any number may read. Read
@@ -123,8 +123,8 @@ class Dataset:
 
         Args:
             name: Name of the shard: letters, digits, ``_``, ``-`` and dots; not ``manifest``.
-            frames: Whole episodes, none of which lies in another shard, with all their ticks if
-                policies with a history are to learn from them; may be empty.
+            frames: Whole episodes, none of which lies in another shard, as `Rollout.recording`
+                gives them; may be empty.
 
         Raises:
             DatasetError: The name is taken by other frames or is that of the manifest, or an
@@ -343,9 +343,8 @@ class Dataset:
             with self._naming(name):
                 read_shard(self.shard_path(name), of_shard, entry.format)
                 frames = Frames(**of_shard)
-                is_same = entry.ticks_sha256 in (None, digest_of_all(frames))
-                is_same = is_same and int(frames.kept.sum()) == entry.frames
-                if not is_same or episode_digests(frames) != entry.episodes:
+                found = (int(frames.kept.sum()), episode_digests(frames), digest_of_all(frames))
+                if found != (entry.frames, entry.episodes, entry.ticks_sha256 or found[2]):
                     raise OSError("its contents do not match their hash")
         return Frames(**arrays)
 

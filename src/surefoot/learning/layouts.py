@@ -23,8 +23,9 @@ from surefoot.types import IntArray
 SHORTEST_STRIDE = 20
 """[ms] Joint targets of a history are at least so far apart: at 20 ms they helped, at 1 ms the
 network copied them."""
-LONGEST_HISTORY = 2000
-"""[ms] The oldest sample of a history is at most so old, because all ticks since are kept."""
+LONGEST_HISTORY = 200
+"""[ms] The oldest sample of a history is at most so old: recordings hold the ticks of so long a
+time before each frame that is kept. All ticks would be several times the data."""
 TARGET_SIZE = 12
 """The joint targets of a sample: one for each joint."""
 

@@ -96,58 +96,61 @@ class Memory:
 
 
 class RecordedPast:
-    """What `Memory.read` would have given at ticks of recorded episodes.
+    """What `Memory.read` would have given at recorded ticks.
 
     Args:
-        frames: All ticks of each episode, from its first on.
+        frames: Ticks in the order of time within each episode, with those before a tick that is
+            asked for.
         target: ``(n, 12)`` the joint targets that were applied [rad].
         history: What is remembered.
-
-    Raises:
-        ValueError: A tick is missing.
     """
 
     def __init__(self, frames: Frames, target: Array, history: History) -> None:
+        self._frames = frames
         self._history = history
-        self._begin = _first_rows(frames)
         self._samples = samples_of(frames.state, target, history)
-        self._joints = frames.q[:, 7:]
 
     def at(self, rows: IntArray) -> Float32Array:
         """``(k, size)`` the samples of the past of some ticks.
 
         Args:
             rows: ``(k,)`` rows of the ticks.
+
+        Raises:
+            ValueError: A tick is missing.
         """
         size = self._history.sample_size
         out = np.empty((len(rows), self._history.size), np.float32)
-        first = self._begin[rows]
         for number, age in enumerate(self._history.ages.tolist()):
-            past = rows - age
+            elapsed = self._frames.elapsed[rows].astype(np.int64) - age
+            source = self._rows_at(np.maximum(elapsed, 0), rows)
             sample = out[:, number * size : (number + 1) * size]
-            sample[:] = self._samples[np.maximum(past, first)]
+            sample[:] = self._samples[source]
             if self._history.targets:
-                before = past < first
-                sample[before, size - TARGET_SIZE :] = self._joints[first[before]]
+                before = elapsed < 0
+                sample[before, size - TARGET_SIZE :] = self._frames.q[source[before], 7:]
         return out
 
+    def _rows_at(self, elapsed: IntArray, rows: IntArray) -> IntArray:
+        """``(k,)`` rows of earlier ticks of the same episodes.
 
-def _first_rows(frames: Frames) -> IntArray:
-    """``(n,)`` row of the first tick of each tick's episode.
+        Args:
+            elapsed: ``(k,)`` the ticks that are asked for, since the episodes began.
+            rows: ``(k,)`` rows of later ticks of these episodes.
 
-    Raises:
-        ValueError: A tick is missing.
-    """
-    n = len(frames)
-    begins = np.ones(n, dtype=bool)
-    begins[1:] = frames.episode[1:] != frames.episode[:-1]
-    first = np.maximum.accumulate(np.where(begins, np.arange(n), 0))
-    wrong = frames.elapsed != np.arange(n) - first
-    if wrong.any():
-        raise ValueError(
-            f"episode {frames.episode[wrong.argmax()]} lacks ticks, and a layout with a history "
-            "needs all of them, not only those that were kept: load them with "
-            "Dataset.load(all_ticks=True) or take them from Rollout.recording. Data of format 1 do "
-            "not hold them: collect again, or use policy.layout full"
+        Raises:
+            ValueError: One of them is missing.
+        """
+        frames = self._frames
+        source = np.clip(rows - (frames.elapsed[rows] - elapsed), 0, len(frames) - 1)
+        found = (frames.elapsed[source] == elapsed) & (
+            frames.episode[source] == frames.episode[rows]
         )
-    return first
+        if not found.all():
+            raise ValueError(
+                f"episode {frames.episode[rows][found.argmin()]} lacks ticks that a layout with a "
+                "history needs, which are not only those that were kept: load them with "
+                "Dataset.load(all_ticks=True) or take them from Rollout.recording. Data of format "
+                "1 do not hold them: collect again, or use policy.layout full"
+            )
+        return source

@@ -149,7 +149,7 @@ def derive(frames: Frames, spec: PolicySpec) -> Float32Array:
     """Rows ``(n, width)``: inputs and targets [rad] of the n kept frames of a recording.
 
     Args:
-        frames: Recorded ticks; for a layout with a history all ticks of each episode.
+        frames: Recorded ticks; for a layout with a history with those before the kept ones.
         spec: How inputs and targets follow from frames: layout, gaits, phase, kp and kd.
 
     Raises:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.learning.frames import Frames
+from surefoot.learning.layouts import LONGEST_HISTORY
 from surefoot.rollouts.outcome import failed
 from surefoot.scenarios.disturbance import Disturbance, join_disturbances, join_optional
 from surefoot.scenarios.starts import Starts, join_starts
@@ -227,7 +228,9 @@ class Rollout:
         return self.recording(keep, episode).kept_frames
 
     def recording(self, keep: BoolArray, episode: IntArray) -> Frames:
-        """All ticks of the episodes of which any frame is kept, and which are, episode by episode.
+        """The frames to keep and the ticks that policies remember there, episode by episode.
+
+        Those are the ticks of `LONGEST_HISTORY` before each frame that is kept, whoever drove.
 
         Args:
             keep: ``(B, T)`` True for the frames to keep; ticks that did not happen are left out.
@@ -254,7 +257,11 @@ class Rollout:
                 "the expert was not asked about some of the frames to keep: keep frames of "
                 "expert_asked only, or ask it at every tick (rollout(..., ask_always=True))"
             )
-        recorded = self.happened & np.any(keep, axis=1)[:, None]
+        # Whether a frame is kept at a tick or soon after it: a difference of running counts.
+        T = keep.shape[1]
+        count = np.zeros((len(keep), T + 1), dtype=np.int64)
+        np.cumsum(keep, axis=1, out=count[:, 1:])
+        recorded = count[:, np.minimum(np.arange(T) + LONGEST_HISTORY + 1, T)] > count[:, :T]
         robot, elapsed = np.nonzero(recorded)
         seen = self.seen[recorded]
         return Frames(

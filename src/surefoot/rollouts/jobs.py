@@ -102,8 +102,8 @@ class ChunkResult:
 
     Attributes:
         summary: How its episodes ended, and what they cost.
-        recording: All ticks of the episodes of which the job's rule keeps frames, and which it
-            keeps.
+        recording: The frames that the job's rule keeps, with the ticks that policies remember
+            there.
         trace: What a history gate learns from, if the job asks for it.
     """
 
