@@ -113,5 +113,4 @@ class TrainingConfig(Checked):
     memory: Annotated[int, Within(1, 1_000_000_000)] = 1024
     """[MB] how much memory the training samples take at most; beyond it they go through a temporary
     file. 1024 MB hold 4.5 million frames of the layout `full`, a million with a history, mirror
-    images included. While a shard is read, its frames
-    are added, usually 120 MB at most."""
+    images included. While a shard is read, its frames are added, usually 120 MB at most."""

@@ -3,8 +3,9 @@
 A frame is what the robot measured at one tick and the expert's torque there. What the network sees
 and what it should give are derived from frames when training (``samples.derive``), so that an
 observation or a gain can change without new rollouts. What a policy remembers at a frame lies in
-the ticks before it, kept or not: a recording has those too, as far back as a history may reach,
-and says which ticks the method keeps to train on. Read next: ``dataset.py``, which keeps frames on disk.
+the ticks before it, kept or not: a recording has those too, as far back as a history may reach, and
+says which ticks the method keeps to train on. Read next: ``dataset.py``, which keeps frames on
+disk.
 """
 
 from __future__ import annotations
