@@ -90,6 +90,6 @@ def test_rollouts_that_fail_are_left_out():
 
 
 def test_an_expert_that_loses_all_robots_is_an_error(policy, monkeypatch):
-    monkeypatch.setattr(imitation, "expert_states", lambda *_: concatenate([]))
+    monkeypatch.setattr(imitation, "expert_states", lambda *_, **__: concatenate([]))
     with pytest.raises(ValueError, match="the expert has lost all 60 robots"):
         imitation_error(CONFIG, policy, Workers(1))

@@ -11,9 +11,17 @@ from surefoot.evaluation.mirror_error import make_mirror
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import FIELDS
 from surefoot.learning.observation import GOAL, OBSERVATION, OBSERVATION_SIZE, network_input
+from surefoot.learning.samples import derive
 from surefoot.learning.symmetry import Mirror, Mirrored, clock_shift, mirror_error, parts_of
 from surefoot.types import JOINTS, LEGS, State
-from tests.fakes.learning import OBSERVATION_SPEC, assert_same_frames, random_frames, random_state
+from tests.fakes.learning import (
+    OBSERVATION_SPEC,
+    SMALL,
+    assert_same_frames,
+    random_frames,
+    random_state,
+    spec_of,
+)
 
 LEFT_RIGHT = make_mirror(Config(), "left_right")
 FRONT_HIND = make_mirror(Config(), "front_hind")
@@ -34,7 +42,8 @@ def test_a_mirror_applied_twice_is_the_identity(mirror):
     np.testing.assert_array_equal(twice.tick % PERIOD, FRAMES.tick % PERIOD)
     assert_same_frames(replace(twice, tick=FRAMES.tick), FRAMES)
     once = mirror.frames(FRAMES)
-    for name in set(FIELDS) - {"expert_drove", "episode", "outcome"}:
+    kept = {"expert_drove", "episode", "outcome", "gait", "kept", "elapsed"}
+    for name in set(FIELDS) - kept:
         assert (getattr(once, name) != getattr(FRAMES, name)).any(), name
 
 
@@ -51,6 +60,30 @@ def test_legs_and_joints_change_places_by_their_names(mirror):
         np.testing.assert_array_equal(image.torque[:, number], sign * FRAMES.torque[:, shown])
         np.testing.assert_array_equal(image.q[:, 7 + number], sign * FRAMES.q[:, 7 + shown])
         np.testing.assert_array_equal(image.v[:, 6 + number], sign * FRAMES.v[:, 6 + shown])
+
+
+@MIRRORS
+def test_the_history_of_the_image_is_the_mirrored_history(mirror):
+    """Part by part, with the signed permutations of the parts."""
+    spec = spec_of(replace(SMALL, layout="proprioceptive"))
+    frames = random_frames([3], each=110)
+    shape = (110, 5, 42)
+    past = derive(frames, spec)[:, 38:248].reshape(shape)
+    image = derive(mirror.frames(frames), spec)[:, 38:248].reshape(shape)
+    D = np.array(mirror.reflection)
+    expected = past.copy()
+    expected[..., :3] *= D
+    expected[..., 3:6] *= D * D.prod()
+    for start in (6, 18, 30):
+        joints = slice(start, start + 12)
+        expected[..., joints] = mirror.joint_values(past[..., joints])
+    np.testing.assert_allclose(image, expected, rtol=0, atol=1e-6)
+
+
+def test_frames_of_several_gaits_are_not_mirrored():
+    frames = replace(FRAMES, gait=np.ones(len(FRAMES), np.int8))
+    with pytest.raises(ValueError, match=r"frames are of several: use training.mirror none"):
+        LEFT_RIGHT.frames(frames)
 
 
 def test_a_command_to_the_left_becomes_one_to_the_right():
@@ -75,7 +108,8 @@ def test_the_observation_of_the_image_is_the_mirrored_observation(mirror):
     D = np.array(mirror.reflection)
     expected = inputs.copy()
     expected[:, OBSERVATION["gravity"]] *= D
-    expected[:, OBSERVATION["base_velocity"]] *= np.concatenate([D, D * D.prod()])
+    expected[:, OBSERVATION["linear_velocity"]] *= D
+    expected[:, OBSERVATION["angular_velocity"]] *= D * D.prod()
     for part in ("joint_position", "joint_velocity"):
         expected[:, OBSERVATION[part]] = mirror.joint_values(inputs[:, OBSERVATION[part]])
     feet = inputs[:, OBSERVATION["feet"]].reshape(-1, 4, 2)[:, mirror.legs]
@@ -174,12 +208,18 @@ class _Constant:
     def __init__(self, target):
         self._target = np.asarray(target, np.float32)
 
+    def reset(self, batch):
+        pass
+
     def target(self, state, tick, command):
         return np.tile(self._target, (len(state.q), 1))
 
 
 class _Hold:
     """Answers with the joints as they are."""
+
+    def reset(self, batch):
+        pass
 
     def target(self, state: State, tick, command):
         return state.q[:, 7:].astype(np.float32)

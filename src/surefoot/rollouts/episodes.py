@@ -1,8 +1,8 @@
 """What goes into a rollout and what comes out: `Episodes` to run, and the `Rollout` of them.
 
-A rollout holds everything that was measured, commanded and decided, tick by tick; `Rollout.frames`
-takes from it what a method keeps to learn from. Read `engine` next, which turns one into the
-other.
+A rollout holds everything that was measured, commanded and decided, tick by tick;
+`Rollout.recording` says which of it a method keeps to learn from. Read `engine` next, which turns
+one into the other.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.learning.frames import Frames
+from surefoot.learning.layouts import LONGEST_HISTORY
 from surefoot.rollouts.outcome import failed
 from surefoot.scenarios.disturbance import Disturbance, join_disturbances, join_optional
 from surefoot.scenarios.starts import Starts, join_starts
@@ -223,7 +224,13 @@ class Rollout:
         return line
 
     def frames(self, keep: BoolArray, episode: IntArray) -> Frames:
-        """The frames to keep, episode by episode.
+        """The frames to keep, episode by episode; the arguments are those of `recording`."""
+        return self.recording(keep, episode).kept_frames
+
+    def recording(self, keep: BoolArray, episode: IntArray) -> Frames:
+        """The frames to keep and the ticks that policies remember there, episode by episode.
+
+        Those are the ticks of `LONGEST_HISTORY` before each frame that is kept, whoever drove.
 
         Args:
             keep: ``(B, T)`` True for the frames to keep; ticks that did not happen are left out.
@@ -250,8 +257,13 @@ class Rollout:
                 "the expert was not asked about some of the frames to keep: keep frames of "
                 "expert_asked only, or ask it at every tick (rollout(..., ask_always=True))"
             )
-        robot, elapsed = np.nonzero(keep)
-        seen = self.seen[keep]
+        # Whether a frame is kept at a tick or soon after it: a difference of running counts.
+        T = keep.shape[1]
+        count = np.zeros((len(keep), T + 1), dtype=np.int64)
+        np.cumsum(keep, axis=1, out=count[:, 1:])
+        recorded = count[:, np.minimum(np.arange(T) + LONGEST_HISTORY + 1, T)] > count[:, :T]
+        robot, elapsed = np.nonzero(recorded)
+        seen = self.seen[recorded]
         return Frames(
             q=seen.q,
             v=seen.v,
@@ -260,8 +272,11 @@ class Rollout:
             contacts=seen.contacts,
             tick=self.starts.tick[robot] + elapsed,
             command=self.starts.command[robot],
-            torque=self.expert_torque[keep],
-            expert_drove=self.expert_drove[keep],
+            torque=self.expert_torque[recorded],
+            expert_drove=self.expert_drove[recorded],
             episode=episode[robot],
             outcome=self.outcome[robot].astype(np.int8),
+            kept=keep[recorded],
+            applied=self.torque[recorded],
+            elapsed=elapsed.astype(np.int32),
         )

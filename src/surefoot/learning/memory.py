@@ -1,0 +1,156 @@
+"""The memory of a policy: samples of the last ticks, online in a ring and offline from recordings.
+
+Both ways give the same bits. At the start of an episode the first sample stands for all that came
+before it, with the joint angles in place of joint targets, of which there are none yet; the target
+of that tick would be the answer itself. The memory goes on whoever drives: the target of a tick is
+that with which the policy's PD gives the torque that was commanded. Read ``policy.py`` next.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from surefoot.learning.frames import Frames
+from surefoot.learning.layouts import TARGET_SIZE, History
+from surefoot.learning.observation import Float32Array, observe
+from surefoot.types import Array, IntArray, State
+
+
+def samples_of(state: State, target: Array, history: History) -> Float32Array:
+    """``(..., sample_size)`` the samples of states, with the joint targets applied there.
+
+    Args:
+        state: States with any leading axes.
+        target: ``(..., 12)`` joint targets [rad].
+        history: The parts of a sample.
+    """
+    out = np.empty((*state.q.shape[:-1], history.sample_size), np.float32)
+    now = history.sample_size - TARGET_SIZE * history.targets
+    observe(state, history.parts, out=out[..., :now])
+    if history.targets:
+        out[..., now:] = target
+    return out
+
+
+class Memory:
+    """The last ticks of B robots, as a ring: tick n lies in row n modulo the reach.
+
+    Args:
+        history: What is remembered.
+        batch: The number of robots B.
+
+    Attributes:
+        history: What is remembered.
+        ring: ``(reach, B, sample_size)`` the samples of the last ticks.
+    """
+
+    def __init__(self, history: History, batch: int) -> None:
+        self.history = history
+        self._count = 0
+        self.ring = np.empty((history.reach, batch, history.sample_size), np.float32)
+
+    @property
+    def batch(self) -> int:
+        """The number of robots."""
+        return self.ring.shape[1]
+
+    @property
+    def begins(self) -> bool:
+        """Whether no tick has been stored yet."""
+        return self._count == 0
+
+    def rows(self) -> IntArray:
+        """``(samples,)`` rows of the ring in which the samples lie now, the oldest first."""
+        return (self._count - self.history.ages) % len(self.ring)
+
+    def next_row(self) -> int:
+        """The row of the ring that takes the sample of this tick; it counts as stored from now."""
+        row = self._count % len(self.ring)
+        self._count += 1
+        return row
+
+    def read(self, state: State) -> Float32Array:
+        """``(B, size)`` the samples of the past.
+
+        Args:
+            state: The states of this tick, which are the past too where an episode begins.
+        """
+        if self.begins:
+            self._fill(state)
+        return np.swapaxes(self.ring[self.rows()], 0, 1).reshape(self.batch, -1)
+
+    def store(self, state: State, target: Array) -> None:
+        """Remember a tick.
+
+        Args:
+            state: The states of B robots, as they measured them.
+            target: ``(B, 12)`` the joint targets that were applied [rad].
+        """
+        if self.begins:
+            self._fill(state)
+        self.ring[self.next_row()] = samples_of(state, target, self.history)
+
+    def _fill(self, state: State) -> None:
+        """Let the first states stand for all before them."""
+        self.ring[:] = samples_of(state, state.q[..., 7:], self.history)
+
+
+class RecordedPast:
+    """What `Memory.read` would have given at recorded ticks.
+
+    Args:
+        frames: Ticks in the order of time within each episode, with those before a tick that is
+            asked for.
+        target: ``(n, 12)`` the joint targets that were applied [rad].
+        history: What is remembered.
+    """
+
+    def __init__(self, frames: Frames, target: Array, history: History) -> None:
+        self._frames = frames
+        self._history = history
+        self._samples = samples_of(frames.state, target, history)
+
+    def at(self, rows: IntArray) -> Float32Array:
+        """``(k, size)`` the samples of the past of some ticks.
+
+        Args:
+            rows: ``(k,)`` rows of the ticks.
+
+        Raises:
+            ValueError: A tick is missing.
+        """
+        size = self._history.sample_size
+        out = np.empty((len(rows), self._history.size), np.float32)
+        for number, age in enumerate(self._history.ages.tolist()):
+            elapsed = self._frames.elapsed[rows].astype(np.int64) - age
+            source = self._rows_at(np.maximum(elapsed, 0), rows)
+            sample = out[:, number * size : (number + 1) * size]
+            sample[:] = self._samples[source]
+            if self._history.targets:
+                before = elapsed < 0
+                sample[before, size - TARGET_SIZE :] = self._frames.q[source[before], 7:]
+        return out
+
+    def _rows_at(self, elapsed: IntArray, rows: IntArray) -> IntArray:
+        """``(k,)`` rows of earlier ticks of the same episodes.
+
+        Args:
+            elapsed: ``(k,)`` the ticks that are asked for, since the episodes began.
+            rows: ``(k,)`` rows of later ticks of these episodes.
+
+        Raises:
+            ValueError: One of them is missing.
+        """
+        frames = self._frames
+        source = np.clip(rows - (frames.elapsed[rows] - elapsed), 0, len(frames) - 1)
+        found = (frames.elapsed[source] == elapsed) & (
+            frames.episode[source] == frames.episode[rows]
+        )
+        if not found.all():
+            raise ValueError(
+                f"episode {frames.episode[rows][found.argmin()]} lacks ticks that a layout with a "
+                "history needs, which are not only those that were kept: load them with "
+                "Dataset.load(all_ticks=True) or take them from Rollout.recording. Data of format "
+                "1 do not hold them: collect again, or use policy.layout full"
+            )
+        return source
