@@ -10,7 +10,7 @@ learning runs where there is no robotics stack. Read `rollouts.engine` next, whe
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
@@ -87,6 +87,45 @@ class State:
     def roll_pitch(self) -> Array:
         """``(..., 2)`` roll and pitch [rad]."""
         return rotations.roll_pitch(self.rotation)
+
+
+def ground_height(state: State, foot_radius: float) -> Array:
+    """The height of the ground under robots as their feet feel it ``(...)`` [m].
+
+    It is the mean height of the lowest points of the feet that are loaded. Of a robot in flight it
+    is that of the lowest foot: the one that was loaded last or will be next, so that the height
+    jumps neither where a flight begins nor where it ends; in between it is too high by the
+    clearance of that foot. Only joint angles, the orientation of the base and the contacts enter
+    into a height above it: a robot measures that without a map, and without memory.
+
+    Args:
+        state: States with any leading axes.
+        foot_radius: The radius of the foot spheres [m].
+    """
+    lowest = state.feet[..., 2] - foot_radius
+    loaded = state.contacts.sum(axis=-1)
+    total = np.where(state.contacts, lowest, 0.0).sum(axis=-1)
+    return np.where(loaded > 0, total / np.maximum(loaded, 1), lowest.min(axis=-1))
+
+
+def above_ground(state: State, foot_radius: float) -> State:
+    """The same states with all heights measured from the ground under the feet.
+
+    That ground, `ground_height`, is then z = 0: a planner, a policy or a bound that knows level
+    ground alone can be asked about a robot on a slope or on steps.
+
+    Args:
+        state: States with any leading axes.
+        foot_radius: The radius of the foot spheres [m].
+    """
+    ground = ground_height(state, foot_radius)
+    q = state.q.copy()
+    com = state.com.copy()
+    feet = state.feet.copy()
+    q[..., 2] -= ground
+    com[..., 2] -= ground
+    feet[..., 2] -= ground[..., None]
+    return replace(state, q=q, com=com, feet=feet)
 
 
 @dataclass(frozen=True)
