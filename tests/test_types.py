@@ -117,11 +117,9 @@ def test_a_foot_in_the_air_whose_numbers_have_run_away_does_not_move_the_ground(
 
 def test_heights_above_the_ground_are_those_of_a_robot_on_level_ground():
     state = random_state(5, 6)
-    raised = replace(
-        state, q=state.q.copy(), com=state.com.copy(), feet=state.feet + (0.0, 0.0, 0.7)
-    )
-    raised.q[..., 2] += 0.7
-    raised.com[..., 2] += 0.7
+    raised = replace(state, q=state.q.copy(), com=state.com.copy(), feet=state.feet.copy())
+    for heights in (raised.q[..., 2], raised.com[..., 2], raised.feet[..., 2]):
+        heights += 0.7
     level = above_ground(state, RADIUS)
     np.testing.assert_allclose(ground_height(level, RADIUS), 0.0, atol=1e-12)
     for name in ("q", "v", "com", "feet", "contacts"):
