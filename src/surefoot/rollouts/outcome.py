@@ -116,6 +116,39 @@ def strictly_stepping(
     return result
 
 
+def heights_of_swings(feet_height: Array, contacts: BoolArray, foot_radius: float) -> Array:
+    """The heights of feet above uneven ground, ``(B, T, 4)`` [m], without a map of it.
+
+    The ground of a swing is the higher one of the two places between which it is made. A foot in
+    contact, and one that never is, is on the ground.
+
+    Args:
+        feet_height: ``(B, T, 4)`` z of the foot centers, world frame [m].
+        contacts: ``(B, T, 4)`` foot contacts.
+        foot_radius: Radius of the foot spheres [m].
+    """
+    T = contacts.shape[1]
+    heights = np.full(feet_height.shape, foot_radius)
+    for b, leg in np.ndindex(len(contacts), contacts.shape[2]):
+        z = feet_height[b, :, leg]
+        for start, end in airborne(contacts[b, :, leg]):
+            ends = [z[tick] for tick in (start - 1, end) if 0 <= tick < T]
+            if ends:
+                heights[b, start:end, leg] += z[start:end] - max(ends)
+    return heights
+
+
+def airborne(contact: BoolArray) -> list[tuple[int, int]]:
+    """The first tick of each interval in which one foot is in the air, and the tick after its last.
+
+    Args:
+        contact: ``(T,)`` foot contact.
+    """
+    padded = np.concatenate([[True], contact, [True]])
+    edges = np.flatnonzero(np.diff(padded.astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
 def touchdowns(clearance: Array, contact: BoolArray) -> IntArray:
     """Ticks at which one foot touches down after a swing.
 

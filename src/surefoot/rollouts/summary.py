@@ -19,7 +19,7 @@ from surefoot.files import Shape
 from surefoot.learning.frames import Frames
 from surefoot.robots.model import RobotModel
 from surefoot.rollouts.episodes import Rollout
-from surefoot.rollouts.outcome import failed, strictly_stepping
+from surefoot.rollouts.outcome import failed, heights_of_swings, strictly_stepping
 from surefoot.rotations import heading, roll_pitch, roll_pitch_yaw, rotation, to_heading
 from surefoot.safety.gates import margin
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, Command, IntArray, to_ticks
@@ -174,6 +174,10 @@ def summarize(
     error = (velocity - rollouts.starts.command[:, None]) ** 2
     settled = proper & (np.arange(T) >= TICKS_PER_SECOND)
     torque = np.abs(rollouts.torque[:, :T]).max(axis=2)
+    feet_height = rollouts.feet[:, :T, :, 2]
+    contacts = rollouts.contacts[:, :T] & proper[..., None]
+    if rollouts.ground is not None:
+        feet_height = heights_of_swings(feet_height, contacts, robot.foot_radius)
     tilted = (np.abs(frames.state.roll_pitch) > TILTED).any(axis=1)
     near_bounds = margin(frames.state, config.safety, NEAR_ANGLE, NEAR_HEIGHT) < 1.0
     return Summary(
@@ -196,8 +200,8 @@ def summarize(
         kept_tilted=_count(tilted, frames, info.episode),
         kept_near_bounds=_count(near_bounds, frames, info.episode),
         strict=strictly_stepping(
-            rollouts.feet[:, :T, :, 2],
-            rollouts.contacts[:, :T] & proper[..., None],
+            feet_height,
+            contacts,
             robot.foot_radius,
             to_ticks(config.gait.period),
         ),

@@ -25,6 +25,7 @@ from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import rotation
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
+from surefoot.sim.terrain import APRON, CELL, POINTS, Ground, height_field, incline, is_plane
 from surefoot.sim.urdf import TRUNK, write_urdf
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
 
@@ -109,13 +110,18 @@ class BulletSimulator:
         batch: The number of robots B.
         clients: PyBullet's ``physicsClientId`` of each robot, for what the protocol does not offer;
             a reset builds a client's world anew.
-        body: PyBullet's id of the robot, in every client; the floor is body 0.
+        body: PyBullet's id of the robot, in every client; the floor is body 0, and a height field
+            comes after the robot.
         joints: PyBullet's joint indices, in the order of ``JOINTS``.
         foot_links: PyBullet's link indices of the feet, in the order of ``LEGS``.
     """
 
     def __init__(
-        self, robot: RobotModel, batch: int, config: SimulationConfig | None = None
+        self,
+        robot: RobotModel,
+        batch: int,
+        config: SimulationConfig | None = None,
+        ground: Ground | None = None,
     ) -> None:
         """Make ``batch`` robots, which stand in the nominal pose.
 
@@ -123,6 +129,8 @@ class BulletSimulator:
             robot: The robot.
             batch: The number of robots B.
             config: The settings of the contacts; the defaults if it is None.
+            ground: The ground of each robot; None is the plane z = 0. A height field takes 1.4 s
+                in every reset, and as long as seconds of walking.
 
         Raises:
             ValueError: The robot's joints have an armature, which PyBullet does not know.
@@ -153,6 +161,7 @@ class BulletSimulator:
                 ) from error
         self._friction = np.full(batch, self._config.friction)
         self._mass = np.ones(batch)
+        self._ground = ground
         self.body = self._build(0)
         self.joints, self.foot_links = self._indices(robot)
         self._q = np.zeros((batch, 19))
@@ -182,11 +191,7 @@ class BulletSimulator:
             pybullet.GEOM_PLANE, planeNormal=[0, 0, 1], physicsClientId=client
         )
         floor = pybullet.createMultiBody(0.0, plane, physicsClientId=client)
-        smooth = {"restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0}
-        friction = self._friction[row]
-        pybullet.changeDynamics(
-            floor, -1, lateralFriction=friction, **smooth, physicsClientId=client
-        )
+        self._set_friction(row, floor)
         # Without a flag for it, links of a robot do not touch each other.
         body = pybullet.loadURDF(
             str(self._urdf), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
@@ -210,7 +215,52 @@ class BulletSimulator:
             maxJointVelocity=NO_LIMIT,
             physicsClientId=client,
         )
+        if self._ground is not None:
+            self._lay(row, floor, self._ground)
         return body
+
+    def _set_friction(self, row: int, body: int) -> None:
+        """Give a part of the ground the friction of one robot's floor, and no other resistance."""
+        smooth = {"restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0}
+        friction = self._friction[row]
+        client = self.clients[row]
+        pybullet.changeDynamics(
+            body, -1, lateralFriction=friction, **smooth, physicsClientId=client
+        )
+
+    def _lay(self, row: int, floor: int, ground: Ground) -> None:
+        """Put the floor where one robot's ground is, and add its height field if it has one."""
+        client = self.clients[row]
+        terrain = ground.terrains[row]
+        x, y, z = ground.origin[row].tolist()
+        yaw = float(ground.yaw[row])
+        plane = is_plane(terrain)
+        # To rise along x is to turn about -y.
+        turn = pybullet.getQuaternionFromEuler([0.0, -incline(terrain), yaw])
+        pybullet.resetBasePositionAndOrientation(
+            floor, [x, y, z if plane else z - APRON], turn, physicsClientId=client
+        )
+        if plane:
+            return
+        heights = terrain.high * height_field(terrain.kind, terrain.seed)
+        # PyBullet divides cells along the other diagonal, and puts the middle of all heights at 0:
+        # of a field that is turned by 90 degrees the diagonals are the right ones.
+        turned = heights[:, ::-1].T
+        shape = pybullet.createCollisionShape(
+            pybullet.GEOM_HEIGHTFIELD,
+            meshScale=[CELL, CELL, 1.0],
+            heightfieldData=turned.ravel().tolist(),
+            numHeightfieldRows=POINTS,
+            numHeightfieldColumns=POINTS,
+            physicsClientId=client,
+        )
+        field = pybullet.createMultiBody(0.0, shape, physicsClientId=client)
+        middle = 0.5 * float(heights.max() + heights.min())
+        turn = pybullet.getQuaternionFromEuler([0.0, 0.0, yaw + 0.5 * np.pi])
+        pybullet.resetBasePositionAndOrientation(
+            field, [x, y, z + middle], turn, physicsClientId=client
+        )
+        self._set_friction(row, field)
 
     def _base_links(self, row: int, body: int) -> tuple[int, ...]:
         """Return PyBullet's indices of the links that are the base; see `sim.urdf`."""

@@ -1,4 +1,4 @@
-"""The MuJoCo model of a robot on a flat floor: built from its model and its contact shapes.
+"""The MuJoCo model of a robot and its ground: built from its model and its contact shapes.
 
 Friction and stiffness of the contacts are set here, and the sensors that the backend reads per tick
 in place of further computation. Read ``sim.mujoco`` next, which simulates a batch of such models.
@@ -11,14 +11,25 @@ from collections.abc import Mapping
 from typing import Any
 
 import mujoco
+import numpy as np
 import pinocchio as pin
 
 from surefoot.config import SimulationConfig
+from surefoot.config.sim import Terrain
 from surefoot.robots.canonical import BASE, KINDS, PARTS, joint_axes
 from surefoot.robots.meshes import visual_meshes
 from surefoot.robots.model import RobotModel
 from surefoot.sim.protocol import TIME_STEP
-from surefoot.types import GRAVITY, LEGS
+from surefoot.sim.terrain import (
+    APRON,
+    HALF_WIDTH,
+    POINTS,
+    Ground,
+    height_field,
+    incline,
+    is_plane,
+)
+from surefoot.types import GRAVITY, LEGS, Array
 
 logger = logging.getLogger(__name__)
 
@@ -30,6 +41,14 @@ COM = slice(16, 19)
 """The sensor of the center of mass [m]."""
 GROUND = slice(19, 22)
 """The sensor of the sum of all contact forces on the robot, world frame [N]."""
+FOOT_FORCES = slice(22, 34)
+"""On a `Ground`: the sensors of the sum of the contact forces on each foot, world frame [N]."""
+FLOOR = "floor"
+"""The plane on which a robot walks, or the one around a height field."""
+FIELD = "field"
+"""On a `Ground`: the height field of a robot. Robots of a batch have one each."""
+AWAY = -1000.0
+"""[m] The height of a height field that a robot does not need."""
 # What a contact sensor (mjSENS_CONTACT) reads, as a bit; and how it reduces the contacts to one: as
 # their sum, in the world frame.
 _FORCE_BIT = 1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value
@@ -37,9 +56,12 @@ _NET_FORCE = 3
 
 
 def build_model(
-    robot: RobotModel, config: SimulationConfig | None = None, visual: bool = False
+    robot: RobotModel,
+    config: SimulationConfig | None = None,
+    visual: bool = False,
+    ground: Ground | None = None,
 ) -> mujoco.MjModel:
-    """Build the MuJoCo model of the robot on a flat floor.
+    """Build the MuJoCo model of a robot on a flat floor, or on the ground of some robots.
 
     Links touch the floor only, never each other. There are no actuators: torques are generalized
     forces. Joints turn without limits, which would only hide a broken controller.
@@ -50,6 +72,8 @@ def build_model(
         visual: True adds the description's meshes, a floor texture, sky, light and a camera that
             follows the robot (``"track"``). Without meshes, the shapes are shown. The physics is
             the same to the bit.
+        ground: The ground of the robots that are simulated with this model; see `sim.mujoco`. As
+            compiled, it is that of the first of them. None is a floor at z = 0.
     """
     config = config or SimulationConfig()
     spec = mujoco.MjSpec()
@@ -64,12 +88,14 @@ def build_model(
         "condim": 3,
         "solref": config.solref,
     }
-    plane = mujoco.mjtGeom.mjGEOM_PLANE
-    floor = {"size": [0, 0, 0.05], "contype": 1, "conaffinity": 0, **contact}
-    spec.worldbody.add_geom(name="floor", type=plane, **floor)
+    floor = {"contype": 1, "conaffinity": 0, **contact}
+    if ground is None:
+        _add_floor(spec.worldbody, floor)
+    else:
+        _add_ground(spec, ground, floor)
     shown = not (visual and _add_meshes(spec, robot))
     _add_shapes(spec, robot, contact, group=0 if shown else 3)  # renderers hide group 3
-    _add_sensors(spec, robot)
+    _add_sensors(spec, robot, uneven=ground is not None)
     if visual:
         _decorate(spec)
 
@@ -117,6 +143,80 @@ def _add_bodies(spec: mujoco.MjSpec, robot: RobotModel) -> None:
         foot = body.add_body(name=name)
         _place(foot, placement)
         _set_inertia(foot, model, name)
+
+
+def _add_floor(body: mujoco.MjsBody, floor: Mapping[str, Any]) -> None:
+    """Add an endless plane to a body, with the settings of its contacts."""
+    plane = mujoco.mjtGeom.mjGEOM_PLANE
+    body.add_geom(name=FLOOR, type=plane, size=[0, 0, 0.05], **floor)
+
+
+def _add_ground(spec: mujoco.MjSpec, ground: Ground, floor: Mapping[str, Any]) -> None:
+    """Add a plane and, if a robot needs one, the height fields of all robots.
+
+    Both are on bodies that each simulation can put where it wants (mocap). One geom stands for all
+    fields: of a field, each simulation names its own; so the highest gives the geom its bounds.
+    """
+    planes, fields = ground_poses(ground)
+    body = spec.worldbody.add_body(name=FLOOR, mocap=True, pos=planes[0, :3], quat=planes[0, 3:])
+    _add_floor(body, floor)
+    terrains = fields_of(ground)
+    if not terrains:
+        return
+    for number, terrain in enumerate(terrains):
+        unit = height_field(terrain.kind, terrain.seed)
+        # What lies below the surface is solid down to this depth; elevations are shares of a size.
+        highest = max(terrain.high * unit.max(), 1e-6)
+        spec.add_hfield(
+            name=f"{FIELD}-{number}",
+            size=[HALF_WIDTH, HALF_WIDTH, highest, 1.0],
+            nrow=POINTS,
+            ncol=POINTS,
+            userdata=(unit / unit.max()).ravel(),
+        )
+    tallest = max(range(len(terrains)), key=lambda number: _highest(terrains[number]))
+    body = spec.worldbody.add_body(name=FIELD, mocap=True, pos=fields[0, :3], quat=fields[0, 3:])
+    body.add_geom(
+        name=FIELD, type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname=f"{FIELD}-{tallest}", **floor
+    )
+
+
+def _highest(terrain: Terrain) -> float:
+    """The height of the highest point of a height field above its lowest [m]."""
+    return terrain.high * float(height_field(terrain.kind, terrain.seed).max())
+
+
+def fields_of(ground: Ground) -> list[Terrain]:
+    """Return the terrains of a ground that are height fields, each of them once, in their order."""
+    return [terrain for terrain in dict.fromkeys(ground.terrains) if not is_plane(terrain)]
+
+
+def ground_poses(ground: Ground) -> tuple[Array, Array]:
+    """Return where the plane and the height field of each robot lie.
+
+    Args:
+        ground: The ground of B robots.
+
+    Returns:
+        Positions [m] and quaternions, wxyz, of the planes ``(B, 7)`` and of the fields ``(B, 7)``,
+        which are far away where a robot has none.
+    """
+    half = 0.5 * ground.yaw
+    zero = np.zeros_like(half)
+    heading = np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
+    fields = np.concatenate([ground.origin, heading], axis=1)
+    planes = fields.copy()
+    for row, terrain in enumerate(ground.terrains):
+        if is_plane(terrain):
+            fields[row, 2] = AWAY
+            # To rise along x is to turn about -y.
+            rise = -0.5 * incline(terrain)
+            mujoco.mju_mulQuat(
+                planes[row, 3:], heading[row], np.array([np.cos(rise), 0.0, np.sin(rise), 0.0])
+            )
+        else:
+            planes[row, 2] -= APRON
+    return planes, fields
 
 
 def _place(part: mujoco.MjsBody | mujoco.MjsGeom, placement: pin.SE3) -> None:
@@ -186,8 +286,12 @@ def _add_shapes(
             body.add_geom(type=kind.mjGEOM_CAPSULE, fromto=ends, size=size, **part)
 
 
-def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
-    """Add the sensors that the slices above name, in their order."""
+def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel, uneven: bool) -> None:
+    """Add the sensors that the slices above name, in their order.
+
+    On level ground a touch sensor says what a foot leaves to the other parts, at no cost; elsewhere
+    the forces of feet are vectors.
+    """
     site = mujoco.mjtObj.mjOBJ_SITE
     kind = mujoco.mjtSensor
     for leg in LEGS:
@@ -204,6 +308,12 @@ def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
     whole = mujoco.mjtObj.mjOBJ_XBODY
     parameters = [_FORCE_BIT, _NET_FORCE, 1]
     spec.add_sensor(type=kind.mjSENS_CONTACT, objtype=whole, objname=BASE, intprm=parameters)
+    if uneven:
+        geom = mujoco.mjtObj.mjOBJ_GEOM
+        for shape in robot.shapes[: len(LEGS)]:
+            spec.add_sensor(
+                type=kind.mjSENS_CONTACT, objtype=geom, objname=shape.link, intprm=parameters
+            )
 
 
 def _decorate(spec: mujoco.MjSpec) -> None:
@@ -232,7 +342,9 @@ def _decorate(spec: mujoco.MjSpec) -> None:
     )
     tiles = spec.add_material(name="tiles", texuniform=True, texrepeat=[2, 2], reflectance=0.05)
     tiles.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
-    spec.geom("floor").material = "tiles"
+    for name in (FLOOR, FIELD):
+        if (geom := spec.geom(name)) is not None:
+            geom.material = "tiles"
     for leg in LEGS:
         for geom in spec.body(f"{leg}_FOOT").geoms:
             geom.rgba = [0.15, 0.16, 0.18, 1.0]
