@@ -1,7 +1,7 @@
 """The contact physics of the simulators, and the ground on which robots walk in them.
 
-A terrain is data: a kind, a size and a seed, written as a text such as ``bumps:0.03``. `sim.terrain`
-makes heights of it.
+A terrain is data: a kind, a size and a seed, written as a text such as ``bumps:0.03``. The heights
+are made of it in `sim.terrain`.
 """
 
 from __future__ import annotations
@@ -98,14 +98,15 @@ def parse_terrains(text: str) -> tuple[Terrain, ...]:
 
 def _parse_terrain(text: str) -> Terrain:
     """The terrain of a text such as ``bumps:0.01..0.05@7``; the errors are those of all."""
-    kinds = get_args(TerrainKind)
+    kinds: tuple[TerrainKind, ...] = get_args(TerrainKind)
     match = _TERRAIN.fullmatch(text)
     example = "write a kind and its size, such as bumps:0.03, slope:0..10 or flat"
     if match is None:
         raise ValueError(f"terrain {shown(text)}: {example}")
-    kind = match["kind"]
-    if kind not in kinds:
-        raise ValueError(unknown("terrain", kind, kinds))
+    named: list[TerrainKind] = [kind for kind in kinds if kind == match["kind"]]
+    if not named:
+        raise ValueError(unknown("terrain", match["kind"], kinds))
+    [kind] = named
     if (match["low"] is None) != (kind == "flat"):
         reason = "has no size" if kind == "flat" else "needs a size"
         raise ValueError(f"terrain {shown(text)}: {kind} {reason}; {example}")

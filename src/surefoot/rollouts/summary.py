@@ -34,6 +34,9 @@ NEAR_HEIGHT = 0.01
 """[m] A frame with the height so close to its bound in the paper's table, or beyond it, is a
 recovery by distance."""
 
+COVERED = 0.7
+"""A robot that covers this share of the distance commanded, or more, follows its command."""
+
 NOT_RECORDED = -1
 """Stands for a count that an older version did not make."""
 
@@ -127,6 +130,19 @@ def join_summaries(parts: Sequence[Summary]) -> Summary:
     """The episodes of several summaries, one after another."""
     names = [each.name for each in fields(Summary)]
     return Summary(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def covered(summary: Summary) -> BoolArray:
+    """``(n,)`` True where a robot covered `COVERED` of the distance commanded, in its direction.
+
+    Robots that are to stand or to turn in place have no distance to cover.
+
+    Args:
+        summary: The n episodes.
+    """
+    commanded = summary.command[:, :2]
+    along = (summary.mean_velocity[:, :2] * commanded).sum(axis=1)
+    return along >= COVERED * (commanded**2).sum(axis=1)
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ def draw_ground(
     yaws = []
     for id_ in episode.tolist():
         rng = np.random.default_rng(seed_of(seed, "terrain", id_))
-        terrain = terrains[rng.integers(len(terrains))]
+        terrain = terrains[int(rng.integers(len(terrains)))]
         chosen.append(terrain.of_size(float(rng.uniform(terrain.low, terrain.high))))
         places.append(rng.uniform(-FARTHEST_PLACE, FARTHEST_PLACE, 2))
         yaws.append(rng.uniform(-np.pi, np.pi))

@@ -25,7 +25,7 @@ from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import rotation
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
-from surefoot.sim.terrain import APRON, CELL, POINTS, Ground, height_field, incline, is_plane
+from surefoot.sim.terrain import Ground
 from surefoot.sim.urdf import TRUNK, write_urdf
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
 
@@ -46,6 +46,8 @@ def _without_greeting() -> Iterator[None]:
 
 with _without_greeting():
     import pybullet
+
+    from surefoot.sim.bullet_ground import lay_ground, set_friction
 
 RUN_AWAY = 1e10
 """A robot with a larger number in its state has blown up: MuJoCo's limit (mjMAXVAL)."""
@@ -191,7 +193,8 @@ class BulletSimulator:
             pybullet.GEOM_PLANE, planeNormal=[0, 0, 1], physicsClientId=client
         )
         floor = pybullet.createMultiBody(0.0, plane, physicsClientId=client)
-        self._set_friction(row, floor)
+        friction = float(self._friction[row])
+        set_friction(client, floor, friction)
         # Without a flag for it, links of a robot do not touch each other.
         body = pybullet.loadURDF(
             str(self._urdf), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
@@ -216,51 +219,8 @@ class BulletSimulator:
             physicsClientId=client,
         )
         if self._ground is not None:
-            self._lay(row, floor, self._ground)
+            lay_ground(client, floor, self._ground[row : row + 1], friction)
         return body
-
-    def _set_friction(self, row: int, body: int) -> None:
-        """Give a part of the ground the friction of one robot's floor, and no other resistance."""
-        smooth = {"restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0}
-        friction = self._friction[row]
-        client = self.clients[row]
-        pybullet.changeDynamics(
-            body, -1, lateralFriction=friction, **smooth, physicsClientId=client
-        )
-
-    def _lay(self, row: int, floor: int, ground: Ground) -> None:
-        """Put the floor where one robot's ground is, and add its height field if it has one."""
-        client = self.clients[row]
-        terrain = ground.terrains[row]
-        x, y, z = ground.origin[row].tolist()
-        yaw = float(ground.yaw[row])
-        plane = is_plane(terrain)
-        # To rise along x is to turn about -y.
-        turn = pybullet.getQuaternionFromEuler([0.0, -incline(terrain), yaw])
-        pybullet.resetBasePositionAndOrientation(
-            floor, [x, y, z if plane else z - APRON], turn, physicsClientId=client
-        )
-        if plane:
-            return
-        heights = terrain.high * height_field(terrain.kind, terrain.seed)
-        # PyBullet divides cells along the other diagonal, and puts the middle of all heights at 0:
-        # of a field that is turned by 90 degrees the diagonals are the right ones.
-        turned = heights[:, ::-1].T
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_HEIGHTFIELD,
-            meshScale=[CELL, CELL, 1.0],
-            heightfieldData=turned.ravel().tolist(),
-            numHeightfieldRows=POINTS,
-            numHeightfieldColumns=POINTS,
-            physicsClientId=client,
-        )
-        field = pybullet.createMultiBody(0.0, shape, physicsClientId=client)
-        middle = 0.5 * float(heights.max() + heights.min())
-        turn = pybullet.getQuaternionFromEuler([0.0, 0.0, yaw + 0.5 * np.pi])
-        pybullet.resetBasePositionAndOrientation(
-            field, [x, y, z + middle], turn, physicsClientId=client
-        )
-        self._set_friction(row, field)
 
     def _base_links(self, row: int, body: int) -> tuple[int, ...]:
         """Return PyBullet's indices of the links that are the base; see `sim.urdf`."""

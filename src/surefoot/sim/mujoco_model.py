@@ -19,9 +19,11 @@ from surefoot.config.sim import Terrain
 from surefoot.robots.canonical import BASE, KINDS, PARTS, joint_axes
 from surefoot.robots.meshes import visual_meshes
 from surefoot.robots.model import RobotModel
+from surefoot.rotations import from_heading, to_heading
 from surefoot.sim.protocol import TIME_STEP
 from surefoot.sim.terrain import (
     APRON,
+    CELL,
     HALF_WIDTH,
     POINTS,
     Ground,
@@ -179,6 +181,33 @@ def _add_ground(spec: mujoco.MjSpec, ground: Ground, floor: Mapping[str, Any]) -
     body.add_geom(
         name=FIELD, type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname=f"{FIELD}-{tallest}", **floor
     )
+
+
+def keep_near(model: mujoco.MjModel, ground: Ground, points: Array, margin: float) -> None:
+    """Cut a model's height field down to what is near some points, in place.
+
+    Only pictures need it: a renderer draws a whole field, which takes long.
+
+    Args:
+        model: A model from `build_model`, of one robot.
+        ground: Its ground.
+        points: ``(n, 2)`` points of the world [m].
+        margin: What lies farther than this from all of them is cut off, about [m].
+    """
+    if not fields_of(ground):
+        return
+    turn = np.array([np.cos(ground.yaw[0]), np.sin(ground.yaw[0])])
+    local = to_heading(points - ground.origin[0, :2], turn)
+    low = np.clip((local.min(axis=0) - margin + HALF_WIDTH) / CELL, 0, POINTS - 2).astype(int)
+    high = np.clip((local.max(axis=0) + margin + HALF_WIDTH) / CELL, low + 1, POINTS - 1)
+    (left, front), (right, back) = low, high.astype(int)
+    field = model.hfield_data.reshape(POINTS, POINTS)[front : back + 1, left : right + 1].copy()
+    model.hfield_nrow[0], model.hfield_ncol[0] = field.shape
+    model.hfield_data[: field.size] = field.ravel()
+    model.hfield_size[0, :2] = 0.5 * CELL * np.array([right - left, back - front])
+    middle = CELL * 0.5 * np.array([right + left, back + front]) - HALF_WIDTH
+    body = model.body(FIELD).id
+    model.body_pos[body, :2] = ground.origin[0, :2] + from_heading(middle, turn)
 
 
 def _highest(terrain: Terrain) -> float:
