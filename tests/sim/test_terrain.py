@@ -196,7 +196,7 @@ def test_feet_stand_on_the_surface_and_the_body_does_not(backend):
     assert not simulator.body_contact.any()
     assert state.contacts.sum(axis=1).min() >= 3
     clearance = state.feet[..., 2] - ground.heights(state.feet)
-    # On a slope, or at the edge of a block, the lowest point of a sphere is not the one that touches.
+    # On a slope, or at the edge of a block, a sphere does not touch with its lowest point.
     loaded = clearance[state.contacts]
     assert loaded.min() > ROBOT.foot_radius - 2e-3
     assert loaded.max() < ROBOT.foot_radius + 6e-3
