@@ -94,6 +94,13 @@ def test_the_ground_of_a_robot_in_flight_is_under_its_lowest_foot():
     assert ground_height(state, RADIUS) == pytest.approx(0.07)
 
 
+def test_the_ground_of_a_robot_in_flight_is_where_it_was_before():
+    contacts = [[False] * 4, [False, True, False, False]]
+    state = on_feet([[0.12, 0.17, 0.09, 0.30]] * 2, contacts)
+    felt = ground_height(state, RADIUS, before=np.array([0.01, 0.02]))
+    np.testing.assert_allclose(felt, [0.01, 0.15])
+
+
 def test_the_ground_does_not_jump_as_the_last_foot_leaves_it_and_as_the_first_one_lands():
     heights = [0.12, 0.17, 0.09, 0.30]
     landed = on_feet(heights, [False, False, True, False])

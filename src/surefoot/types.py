@@ -89,23 +89,26 @@ class State:
         return rotations.roll_pitch(self.rotation)
 
 
-def ground_height(state: State, foot_radius: float) -> Array:
+def ground_height(state: State, foot_radius: float, before: Array | None = None) -> Array:
     """The height of the ground under robots as their feet feel it ``(...)`` [m].
 
-    It is the mean height of the lowest points of the feet that are loaded. Of a robot in flight it
-    is that of the lowest foot: the one that was loaded last or will be next, so that the height
-    jumps neither where a flight begins nor where it ends; in between it is too high by the
-    clearance of that foot. Only joint angles, the orientation of the base and the contacts enter
-    into a height above it: a robot measures that without a map, and without memory.
+    It is the mean height of the lowest points of the feet that are loaded. Only joint angles, the
+    orientation of the base and the contacts enter into a height above it: a robot measures that
+    without a map. In flight no foot feels anything, and the ground is where it was before. Without
+    a memory it is at the lowest foot, the one that was loaded last or will be next: that jumps
+    neither where a flight begins nor where it ends, but in between it is too high by the clearance
+    of that foot. A pronk lifts all feet by half of a leg, and falls if it is planned from there.
 
     Args:
         state: States with any leading axes.
         foot_radius: The radius of the foot spheres [m].
+        before: ``(...)`` the height before, for robots in flight [m]; None if nobody remembers it.
     """
     lowest = state.feet[..., 2] - foot_radius
     loaded = state.contacts.sum(axis=-1)
     total = np.where(state.contacts, lowest, 0.0).sum(axis=-1)
-    return np.where(loaded > 0, total / np.maximum(loaded, 1), lowest.min(axis=-1))
+    in_flight = lowest.min(axis=-1) if before is None else before
+    return np.where(loaded > 0, total / np.maximum(loaded, 1), in_flight)
 
 
 def above_ground(state: State, foot_radius: float) -> State:
@@ -118,13 +121,22 @@ def above_ground(state: State, foot_radius: float) -> State:
         state: States with any leading axes.
         foot_radius: The radius of the foot spheres [m].
     """
-    ground = ground_height(state, foot_radius)
+    return lowered(state, ground_height(state, foot_radius))
+
+
+def lowered(state: State, by: Array) -> State:
+    """The same states with everything lower.
+
+    Args:
+        state: States with any leading axes.
+        by: ``(...)`` how much [m].
+    """
     q = state.q.copy()
     com = state.com.copy()
     feet = state.feet.copy()
-    q[..., 2] -= ground
-    com[..., 2] -= ground
-    feet[..., 2] -= ground[..., None]
+    q[..., 2] -= by
+    com[..., 2] -= by
+    feet[..., 2] -= by[..., None]
     return replace(state, q=q, com=com, feet=feet)
 
 

@@ -196,6 +196,19 @@ def test_a_robot_that_covers_70_percent_of_its_distance_follows_its_command():
     assert covered(summary).tolist() == [True, False, True, True, True]
 
 
+def test_robots_in_flight_feel_the_ground_where_they_left_it():
+    """Dropped from 5 cm, a robot takes the ground to be at 0 until it lands on what is there."""
+    starts = at_rest(STANDING + np.eye(19)[2] * 0.05, np.zeros((1, 3)))
+    ground = ground_under("flat").raised(np.array([-0.02]))
+    rollouts, _ = stand_on(ground, 0.3, starts)
+    felt = rollouts.q[0, :, 2] - rollouts.seen.q[0, :, 2]
+    np.testing.assert_array_equal(felt[:100], 0.0)
+    assert felt[-1] == pytest.approx(-0.02, abs=2e-3)
+    branch = rollouts.branch(np.array([0, 0]), np.array([50, 299]), 0.1, np.array([7, 8]))
+    assert branch.ground is not None
+    np.testing.assert_allclose(branch.ground.felt, felt[[50, 299]], atol=1e-12)
+
+
 @pytest.mark.parametrize(("text", "heading"), [("slope:10", np.pi), ("slope:10", 0.0)])
 def test_the_expert_walks_straight_down_and_up_a_slope(text, heading):
     """Down, its base ends below the height at which robots on the plane have fallen."""

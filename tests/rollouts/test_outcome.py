@@ -236,33 +236,39 @@ def test_intervals_in_the_air_are_found_at_both_ends_too():
     assert airborne(np.zeros(3, bool)) == [(0, 3)]
 
 
-def one_foot(z, contact):
-    z = np.array(z, float)[None, :, None]
-    return heights_of_swings(z, np.array(contact, bool)[None, :, None], RADIUS)[0, :, 0] - RADIUS
+def one_foot(x, z, contact):
+    """The clearance of one foot with these x and z, tick by tick."""
+    feet = np.stack([np.array(x, float), np.zeros(len(x)), np.array(z, float)], axis=1)
+    return heights_of_swings(feet[None, :, None], np.array(contact)[None, :, None], RADIUS)[0, :, 0]
 
 
-def test_a_swing_is_as_high_as_it_is_above_the_higher_of_its_two_footholds():
+def test_a_swing_is_as_high_as_it_is_above_the_line_between_its_footholds():
     contact = [True, False, False, False, True]
-    clearance = one_foot([0.10, 0.12, 0.16, 0.15, 0.13], contact)
-    np.testing.assert_allclose(clearance, [0.0, -0.01, 0.03, 0.02, 0.0], atol=1e-12)
-    # Down a step, the foothold that it leaves counts.
-    clearance = one_foot([0.13, 0.15, 0.16, 0.12, 0.10], contact)
-    np.testing.assert_allclose(clearance, [0.0, 0.02, 0.03, -0.01, 0.0], atol=1e-12)
+    clearance = one_foot([0.0, 0.1, 0.2, 0.3, 0.4], [0.10, 0.12, 0.16, 0.15, 0.14], contact)
+    np.testing.assert_allclose(clearance - RADIUS, [0.0, 0.01, 0.04, 0.02, 0.0], atol=1e-12)
+    # Along a slope that it does not leave, whatever its pace, it is not high.
+    x = np.array([0.0, 0.3, 0.35, 0.39, 0.4])
+    np.testing.assert_allclose(one_foot(x, 0.2 * x, contact), RADIUS, atol=1e-12)
+    # On the spot, the ground is where it left it.
+    clearance = one_foot([0.1] * 5, [0.10, 0.12, 0.16, 0.15, 0.10], contact)
+    np.testing.assert_allclose(clearance - RADIUS, [0.0, 0.02, 0.06, 0.05, 0.0], atol=1e-12)
 
 
 def test_a_swing_at_the_end_of_an_episode_has_the_foothold_that_it_left():
-    clearance = one_foot([0.10, 0.13, 0.14], [True, False, False])
-    np.testing.assert_allclose(clearance, [0.0, 0.03, 0.04], atol=1e-12)
-    clearance = one_foot([0.14, 0.13, 0.10], [False, False, True])
-    np.testing.assert_allclose(clearance, [0.04, 0.03, 0.0], atol=1e-12)
-    np.testing.assert_array_equal(one_foot([0.2, 0.3], [False, False]), 0.0)
+    clearance = one_foot([0.0, 0.1, 0.2], [0.10, 0.13, 0.14], [True, False, False])
+    np.testing.assert_allclose(clearance - RADIUS, [0.0, 0.03, 0.04], atol=1e-12)
+    clearance = one_foot([0.0, 0.1, 0.2], [0.14, 0.13, 0.10], [False, False, True])
+    np.testing.assert_allclose(clearance - RADIUS, [0.04, 0.03, 0.0], atol=1e-12)
+    np.testing.assert_array_equal(one_foot([0.0, 0.1], [0.2, 0.3], [False, False]), RADIUS)
 
 
 def test_on_level_ground_stepping_is_judged_as_with_the_heights_themselves():
     height, contact = gait()
+    feet = np.zeros((*height.shape, 3))
     for offset in (0.0, 0.4):
-        raised = heights_of_swings(height + offset, contact, RADIUS)
+        feet[..., 2] = height + offset
+        raised = heights_of_swings(feet, contact, RADIUS)
         assert stepping(raised, contact, RADIUS).tolist() == [True]
-    flat_footed = np.full_like(height, RADIUS + 0.4)
-    still = heights_of_swings(flat_footed, contact, RADIUS)
+    feet[..., 2] = RADIUS + 0.4
+    still = heights_of_swings(feet, contact, RADIUS)
     assert stepping(still, contact, RADIUS).tolist() == [False]

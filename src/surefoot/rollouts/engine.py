@@ -32,7 +32,8 @@ from surefoot.types import (
     Controller,
     IntArray,
     State,
-    above_ground,
+    ground_height,
+    lowered,
     to_ticks,
 )
 
@@ -98,8 +99,9 @@ def rollout(
     arbiter.reset(episodes.ids)
 
     measure = make_sensors(robot, disturbance)
-    uneven = episodes.ground is not None
-    apart = uneven or measure is not None
+    # The height of the ground that robots feel; what they felt last holds through a flight.
+    felt_ground = None if episodes.ground is None else episodes.ground.felt
+    apart = felt_ground is not None or measure is not None
     recorder = _Recorder(total, B, noisy=apart, ask_always=ask_always)
     drivers = _Drivers(expert, policy, starts.command, robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)
@@ -113,7 +115,10 @@ def rollout(
         touching = simulator.body_contact
         # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
         lost = simulator.blown_up
-        felt = above_ground(state, robot.foot_radius) if uneven else state
+        felt = state
+        if felt_ground is not None:
+            felt_ground = ground_height(state, robot.foot_radius, felt_ground)
+            felt = lowered(state, felt_ground)
         if lying is not None:
             lying = np.where(touching, lying + 1, 0)
         if elapsed >= grace:
@@ -145,7 +150,7 @@ def rollout(
         if progress is not None and (elapsed + 1) % PROGRESS_TICKS == 0:
             progress(PROGRESS_TICKS)
     if safety.stepping_from is not None and to_ticks(safety.stepping_from) <= T:
-        recorder.mark_stalled(T, robot.foot_radius, uneven)
+        recorder.mark_stalled(T, robot.foot_radius, felt_ground is not None)
     return recorder.rollout(episodes, disturbance, T)
 
 
@@ -201,10 +206,11 @@ class _Recorder:
 
     def mark_stalled(self, T: int, foot_radius: float, uneven: bool) -> None:
         """Change the outcome of robots that survived, but stopped stepping within T ticks."""
-        height = _by_robot(self.truth.feet[:T, :, :, 2])
+        feet = _by_robot(self.truth.feet[:T])
+        height = feet[..., 2]
         contacts = _by_robot(self.truth.contacts[:T])
         if uneven:
-            height = heights_of_swings(height, contacts, foot_radius)
+            height = heights_of_swings(feet, contacts, foot_radius)
         stalled = ~stepping(height, contacts, foot_radius)
         self.outcome[stalled & (self.outcome == Outcome.SUCCESS)] = Outcome.STALLED
 

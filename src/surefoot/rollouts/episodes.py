@@ -226,8 +226,15 @@ class Rollout:
             id=id,
             disturbance=disturbance,
             late=self._under_way(robot, elapsed),
-            ground=None if self.ground is None else self.ground[robot],
+            ground=self._ground_from(robot, elapsed),
         )
+
+    def _ground_from(self, robot: IntArray, elapsed: IntArray) -> Ground | None:
+        """The ground of robots that go on from a tick, with what their feet felt of it there."""
+        if self.ground is None:
+            return None
+        felt = self.q[robot, elapsed, 2] - self.seen.q[robot, elapsed, 2]
+        return replace(self.ground[robot], felt=felt)
 
     def _under_way(self, robot: IntArray, elapsed: IntArray) -> Array | None:
         """``(n, delay, 12)`` torques commanded to robots before a tick that have not acted yet."""

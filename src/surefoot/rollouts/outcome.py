@@ -116,25 +116,32 @@ def strictly_stepping(
     return result
 
 
-def heights_of_swings(feet_height: Array, contacts: BoolArray, foot_radius: float) -> Array:
+def heights_of_swings(feet: Array, contacts: BoolArray, foot_radius: float) -> Array:
     """The heights of feet above uneven ground, ``(B, T, 4)`` [m], without a map of it.
 
-    The ground of a swing is the higher one of the two places between which it is made. A foot in
+    Below a swing the ground is the straight line between the two places that it connects. A foot in
     contact, and one that never is, is on the ground.
 
     Args:
-        feet_height: ``(B, T, 4)`` z of the foot centers, world frame [m].
+        feet: ``(B, T, 4, 3)`` the foot centers, world frame [m].
         contacts: ``(B, T, 4)`` foot contacts.
         foot_radius: Radius of the foot spheres [m].
     """
     T = contacts.shape[1]
-    heights = np.full(feet_height.shape, foot_radius)
+    heights = np.full(contacts.shape, foot_radius)
     for b, leg in np.ndindex(len(contacts), contacts.shape[2]):
-        z = feet_height[b, :, leg]
         for start, end in airborne(contacts[b, :, leg]):
-            ends = [z[tick] for tick in (start - 1, end) if 0 <= tick < T]
-            if ends:
-                heights[b, start:end, leg] += z[start:end] - max(ends)
+            if end - start == T:
+                continue
+            path = feet[b, start:end, leg]
+            # At either end of an episode, the place at the other end of the swing is all there is.
+            first = feet[b, start - 1 if start > 0 else end, leg]
+            last = feet[b, end if end < T else start - 1, leg]
+            way = last[:2] - first[:2]
+            square = max(float(way @ way), 1e-12)
+            share = np.clip((path[:, :2] - first[:2]) @ way / square, 0.0, 1.0)
+            ground = first[2] + share * (last[2] - first[2])
+            heights[b, start:end, leg] += path[:, 2] - ground
     return heights
 
 

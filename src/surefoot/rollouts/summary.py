@@ -193,7 +193,7 @@ def summarize(
     feet_height = rollouts.feet[:, :T, :, 2]
     contacts = rollouts.contacts[:, :T] & proper[..., None]
     if rollouts.ground is not None:
-        feet_height = heights_of_swings(feet_height, contacts, robot.foot_radius)
+        feet_height = heights_of_swings(rollouts.feet[:, :T], contacts, robot.foot_radius)
     tilted = (np.abs(frames.state.roll_pitch) > TILTED).any(axis=1)
     near_bounds = margin(frames.state, config.safety, NEAR_ANGLE, NEAR_HEIGHT) < 1.0
     return Summary(

@@ -10,7 +10,7 @@ their collision shapes of the same numbers, and `Ground.heights` is the surface 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -111,6 +111,8 @@ class Ground:
         terrains: The terrain of each robot, of one size.
         origin: ``(B, 3)`` where the middle of each terrain lies, world frame [m].
         yaw: ``(B,)`` how far each terrain is turned to the left [rad].
+        felt: ``(B,)`` the height at which each robot takes the ground to be where it begins in
+            flight, world frame [m]; 0 if none is given.
 
     Raises:
         ValueError: The fields are of different numbers of robots, a terrain has a range of sizes,
@@ -120,15 +122,20 @@ class Ground:
     terrains: tuple[Terrain, ...]
     origin: Array
     yaw: Array
+    felt: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         """Check that every robot has one ground."""
         B = len(self.terrains)
+        if len(self.felt) == 0:
+            object.__setattr__(self, "felt", np.zeros(B))
         if np.shape(self.origin) != (B, 3) or np.shape(self.yaw) != (B,):
             raise ValueError(
                 f"ground: origin {np.shape(self.origin)} and yaw {np.shape(self.yaw)} for {B} "
                 f"terrains; give ({B}, 3) and ({B},)"
             )
+        if np.shape(self.felt) != (B,):
+            raise ValueError(f"ground: felt {np.shape(self.felt)} for {B} terrains; give ({B},)")
         if not (np.isfinite(self.origin).all() and np.isfinite(self.yaw).all()):
             raise ValueError("ground: a place or a heading is not finite")
         for terrain in self.terrains:
@@ -145,7 +152,7 @@ class Ground:
         """The ground of some of the robots."""
         chosen = np.arange(len(self))[rows]
         terrains = tuple(self.terrains[row] for row in chosen)
-        return Ground(terrains, self.origin[rows], self.yaw[rows])
+        return Ground(terrains, self.origin[rows], self.yaw[rows], self.felt[rows])
 
     def raised(self, by: Array) -> Ground:
         """The same ground, higher.
@@ -182,6 +189,7 @@ def join_grounds(parts: Sequence[Ground]) -> Ground:
         tuple(terrain for part in parts for terrain in part.terrains),
         np.concatenate([part.origin for part in parts]),
         np.concatenate([part.yaw for part in parts]),
+        np.concatenate([part.felt for part in parts]),
     )
 
 
@@ -204,16 +212,16 @@ def _heights(terrain: Terrain, xy: Array) -> Array:
     """The height of a terrain above its middle's level at points ``(n, 2)`` of its own frame."""
     if is_plane(terrain):
         return np.tan(incline(terrain)) * xy[:, 0]
-    field = height_field(terrain.kind, terrain.seed)
+    unit = height_field(terrain.kind, terrain.seed)
     beyond = (np.abs(xy) > HALF_WIDTH).any(axis=1)
     cells = np.clip((xy + HALF_WIDTH) / CELL, 0.0, POINTS - 1)
     corner = np.minimum(cells.astype(int), POINTS - 2)
     x, y = (cells - corner).T
     column, row = corner.T
-    first = field[row, column]
-    last = field[row + 1, column + 1]
+    first = unit[row, column]
+    last = unit[row + 1, column + 1]
     # The diagonal of a cell goes from its first point to its last.
-    below = first + x * (field[row, column + 1] - first) + y * (last - field[row, column + 1])
-    above = first + x * (last - field[row + 1, column]) + y * (field[row + 1, column] - first)
+    below = first + x * (unit[row, column + 1] - first) + y * (last - unit[row, column + 1])
+    above = first + x * (last - unit[row + 1, column]) + y * (unit[row + 1, column] - first)
     surface = np.where(x > y, below, above)
     return np.where(beyond, -APRON, terrain.high * surface)
