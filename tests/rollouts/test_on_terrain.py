@@ -212,7 +212,7 @@ def test_robots_in_flight_feel_the_ground_where_they_left_it():
 @pytest.mark.parametrize(("text", "heading"), [("slope:10", np.pi), ("slope:10", 0.0)])
 def test_the_expert_walks_straight_down_and_up_a_slope(text, heading):
     """Down, its base ends below the height at which robots on the plane have fallen."""
-    starts = STORED["nominal"][[19]]
+    starts = STORED["nominal"][19:20]
     ground = Ground(parse_terrains(text), np.zeros((1, 3)), np.array([heading]))
     ground = put_under(ground, ROBOT, starts.q)
     episodes = Episodes(starts, 2.5, ground=ground)

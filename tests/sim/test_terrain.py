@@ -10,7 +10,8 @@ from surefoot.config import SimulationConfig
 from surefoot.config.sim import Terrain, parse_terrains
 from surefoot.robots.model import standing
 from surefoot.sim import make_simulator
-from surefoot.sim.mujoco_model import build_model, keep_near
+from surefoot.sim.mujoco_ground import keep_near
+from surefoot.sim.mujoco_model import build_model
 from surefoot.sim.terrain import (
     APRON,
     CELL,
@@ -110,7 +111,7 @@ def test_grounds_of_some_robots_and_of_several_parts():
     np.testing.assert_array_equal(ground[mask].heights(points[mask]), heights[mask])
     joined = join_grounds([ground[:2], ground[2:]])
     np.testing.assert_array_equal(joined.heights(points), heights)
-    raised = ground.raised(np.arange(6) * 0.1)
+    raised = ground.raised(0.1 * np.arange(6.0))
     np.testing.assert_allclose(raised.heights(points), heights + 0.1 * np.arange(6)[:, None])
 
 

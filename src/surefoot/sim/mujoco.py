@@ -21,18 +21,8 @@ from surefoot.config import SimulationConfig
 from surefoot.robots import rigid
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
-from surefoot.sim.mujoco_model import (
-    COM,
-    FEET,
-    FIELD,
-    FLOOR,
-    FOOT_FORCES,
-    FORCE,
-    GROUND,
-    build_model,
-    fields_of,
-    ground_poses,
-)
+from surefoot.sim.mujoco_ground import FIELD, FLOOR, fields_of, ground_poses
+from surefoot.sim.mujoco_model import COM, FEET, FOOT_FORCES, FORCE, GROUND, build_model
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
 from surefoot.sim.terrain import Ground, is_plane
 from surefoot.types import Array, BoolArray, State

@@ -7,31 +7,18 @@ in place of further computation. Read ``sim.mujoco`` next, which simulates a bat
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
-from typing import Any
 
 import mujoco
-import numpy as np
 import pinocchio as pin
 
 from surefoot.config import SimulationConfig
-from surefoot.config.sim import Terrain
 from surefoot.robots.canonical import BASE, KINDS, PARTS, joint_axes
 from surefoot.robots.meshes import visual_meshes
 from surefoot.robots.model import RobotModel
-from surefoot.rotations import from_heading, to_heading
+from surefoot.sim.mujoco_ground import FIELD, FLOOR, add_floor, add_ground, set_contact
 from surefoot.sim.protocol import TIME_STEP
-from surefoot.sim.terrain import (
-    APRON,
-    CELL,
-    HALF_WIDTH,
-    POINTS,
-    Ground,
-    height_field,
-    incline,
-    is_plane,
-)
-from surefoot.types import GRAVITY, LEGS, Array
+from surefoot.sim.terrain import Ground
+from surefoot.types import GRAVITY, LEGS
 
 logger = logging.getLogger(__name__)
 
@@ -45,12 +32,6 @@ GROUND = slice(19, 22)
 """The sensor of the sum of all contact forces on the robot, world frame [N]."""
 FOOT_FORCES = slice(22, 34)
 """On a `Ground`: the sensors of the sum of the contact forces on each foot, world frame [N]."""
-FLOOR = "floor"
-"""The plane on which a robot walks, or the one around a height field."""
-FIELD = "field"
-"""On a `Ground`: the height field of a robot. Robots of a batch have one each."""
-AWAY = -1000.0
-"""[m] The height of a height field that a robot does not need."""
 # What a contact sensor (mjSENS_CONTACT) reads, as a bit; and how it reduces the contacts to one: as
 # their sum, in the world frame.
 _FORCE_BIT = 1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value
@@ -83,20 +64,12 @@ def build_model(
     spec.compiler.fusestatic = True
     _add_bodies(spec, robot)
 
-    # Two geoms meet if the type of one is in the affinity of the other: robot and floor only.
-    # Of the friction of two geoms MuJoCo takes the larger; equal values need no rule.
-    contact = {
-        "friction": [config.friction, 0.005, 0.0001],
-        "condim": 3,
-        "solref": config.solref,
-    }
-    floor = {"contype": 1, "conaffinity": 0, **contact}
     if ground is None:
-        _add_floor(spec.worldbody, floor)
+        add_floor(spec.worldbody, config)
     else:
-        _add_ground(spec, ground, floor)
+        add_ground(spec, ground, config)
     shown = not (visual and _add_meshes(spec, robot))
-    _add_shapes(spec, robot, contact, group=0 if shown else 3)  # renderers hide group 3
+    _add_shapes(spec, robot, config, group=0 if shown else 3)  # renderers hide group 3
     _add_sensors(spec, robot, uneven=ground is not None)
     if visual:
         _decorate(spec)
@@ -145,107 +118,6 @@ def _add_bodies(spec: mujoco.MjSpec, robot: RobotModel) -> None:
         foot = body.add_body(name=name)
         _place(foot, placement)
         _set_inertia(foot, model, name)
-
-
-def _add_floor(body: mujoco.MjsBody, floor: Mapping[str, Any]) -> None:
-    """Add an endless plane to a body, with the settings of its contacts."""
-    plane = mujoco.mjtGeom.mjGEOM_PLANE
-    body.add_geom(name=FLOOR, type=plane, size=[0, 0, 0.05], **floor)
-
-
-def _add_ground(spec: mujoco.MjSpec, ground: Ground, floor: Mapping[str, Any]) -> None:
-    """Add a plane and, if a robot needs one, the height fields of all robots.
-
-    Both are on bodies that each simulation can put where it wants (mocap). One geom stands for all
-    fields: of a field, each simulation names its own; so the highest gives the geom its bounds.
-    """
-    planes, fields = ground_poses(ground)
-    body = spec.worldbody.add_body(name=FLOOR, mocap=True, pos=planes[0, :3], quat=planes[0, 3:])
-    _add_floor(body, floor)
-    terrains = fields_of(ground)
-    if not terrains:
-        return
-    for number, terrain in enumerate(terrains):
-        unit = height_field(terrain.kind, terrain.seed)
-        # What lies below the surface is solid down to this depth; elevations are shares of a size.
-        highest = max(terrain.high * unit.max(), 1e-6)
-        spec.add_hfield(
-            name=f"{FIELD}-{number}",
-            size=[HALF_WIDTH, HALF_WIDTH, highest, 1.0],
-            nrow=POINTS,
-            ncol=POINTS,
-            userdata=(unit / unit.max()).ravel(),
-        )
-    tallest = max(range(len(terrains)), key=lambda number: _highest(terrains[number]))
-    body = spec.worldbody.add_body(name=FIELD, mocap=True, pos=fields[0, :3], quat=fields[0, 3:])
-    body.add_geom(
-        name=FIELD, type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname=f"{FIELD}-{tallest}", **floor
-    )
-
-
-def keep_near(model: mujoco.MjModel, ground: Ground, points: Array, margin: float) -> None:
-    """Cut a model's height field down to what is near some points, in place.
-
-    Only pictures need it: a renderer draws a whole field, which takes long.
-
-    Args:
-        model: A model from `build_model`, of one robot.
-        ground: Its ground.
-        points: ``(n, 2)`` points of the world [m].
-        margin: What lies farther than this from all of them is cut off, about [m].
-    """
-    if not fields_of(ground):
-        return
-    turn = np.array([np.cos(ground.yaw[0]), np.sin(ground.yaw[0])])
-    local = to_heading(points - ground.origin[0, :2], turn)
-    low = np.clip((local.min(axis=0) - margin + HALF_WIDTH) / CELL, 0, POINTS - 2).astype(int)
-    high = np.clip((local.max(axis=0) + margin + HALF_WIDTH) / CELL, low + 1, POINTS - 1)
-    (left, front), (right, back) = low, high.astype(int)
-    field = model.hfield_data.reshape(POINTS, POINTS)[front : back + 1, left : right + 1].copy()
-    model.hfield_nrow[0], model.hfield_ncol[0] = field.shape
-    model.hfield_data[: field.size] = field.ravel()
-    model.hfield_size[0, :2] = 0.5 * CELL * np.array([right - left, back - front])
-    middle = CELL * 0.5 * np.array([right + left, back + front]) - HALF_WIDTH
-    body = model.body(FIELD).id
-    model.body_pos[body, :2] = ground.origin[0, :2] + from_heading(middle, turn)
-
-
-def _highest(terrain: Terrain) -> float:
-    """The height of the highest point of a height field above its lowest [m]."""
-    return terrain.high * float(height_field(terrain.kind, terrain.seed).max())
-
-
-def fields_of(ground: Ground) -> list[Terrain]:
-    """Return the terrains of a ground that are height fields, each of them once, in their order."""
-    return [terrain for terrain in dict.fromkeys(ground.terrains) if not is_plane(terrain)]
-
-
-def ground_poses(ground: Ground) -> tuple[Array, Array]:
-    """Return where the plane and the height field of each robot lie.
-
-    Args:
-        ground: The ground of B robots.
-
-    Returns:
-        Positions [m] and quaternions, wxyz, of the planes ``(B, 7)`` and of the fields ``(B, 7)``,
-        which are far away where a robot has none.
-    """
-    half = 0.5 * ground.yaw
-    zero = np.zeros_like(half)
-    heading = np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
-    fields = np.concatenate([ground.origin, heading], axis=1)
-    planes = fields.copy()
-    for row, terrain in enumerate(ground.terrains):
-        if is_plane(terrain):
-            fields[row, 2] = AWAY
-            # To rise along x is to turn about -y.
-            rise = -0.5 * incline(terrain)
-            mujoco.mju_mulQuat(
-                planes[row, 3:], heading[row], np.array([np.cos(rise), 0.0, np.sin(rise), 0.0])
-            )
-        else:
-            planes[row, 2] -= APRON
-    return planes, fields
 
 
 def _place(part: mujoco.MjsBody | mujoco.MjsGeom, placement: pin.SE3) -> None:
@@ -297,22 +169,24 @@ def _add_meshes(spec: mujoco.MjSpec, robot: RobotModel) -> bool:
 
 
 def _add_shapes(
-    spec: mujoco.MjSpec, robot: RobotModel, contact: Mapping[str, Any], group: int
+    spec: mujoco.MjSpec, robot: RobotModel, config: SimulationConfig, group: int
 ) -> None:
-    """Add the geometry that meets the floor, with MuJoCo's settings of its contacts."""
+    """Add the geometry that meets the ground."""
     kind = mujoco.mjtGeom
     for shape in robot.shapes:
         body = spec.body(shape.link)
-        part = {"name": shape.link, "contype": 0, "conaffinity": 1, "mass": 0.0, **contact}
-        part["group"] = group
+        name = shape.link
         size = [*shape.size, 0.0, 0.0][:3]
         if len(shape.size) == 3:
-            body.add_geom(type=kind.mjGEOM_BOX, pos=shape.start, size=size, **part)
+            geom = body.add_geom(type=kind.mjGEOM_BOX, name=name, pos=shape.start, size=size)
         elif shape.start == shape.end:
-            body.add_geom(type=kind.mjGEOM_SPHERE, pos=shape.start, size=size, **part)
+            geom = body.add_geom(type=kind.mjGEOM_SPHERE, name=name, pos=shape.start, size=size)
         else:
             ends = [*shape.start, *shape.end]
-            body.add_geom(type=kind.mjGEOM_CAPSULE, fromto=ends, size=size, **part)
+            geom = body.add_geom(type=kind.mjGEOM_CAPSULE, name=name, fromto=ends, size=size)
+        geom.mass = 0.0
+        geom.group = group
+        set_contact(geom, config, is_ground=False)
 
 
 def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel, uneven: bool) -> None:

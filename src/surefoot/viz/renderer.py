@@ -82,7 +82,8 @@ def pictures(
     """
     # The processes that draw import this module too, and need none of this.
     from surefoot.sim.mujoco import to_mujoco
-    from surefoot.sim.mujoco_model import build_model, keep_near
+    from surefoot.sim.mujoco_ground import keep_near
+    from surefoot.sim.mujoco_model import build_model
 
     cores = default_workers()
     most = cores if workers is None else Workers(workers).started
