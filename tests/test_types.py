@@ -1,10 +1,20 @@
 """States, commands and conversions that every room shares."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from surefoot import rotations
-from surefoot.types import JOINTS, LEGS, Command, State, to_ticks
+from surefoot.types import (
+    JOINTS,
+    LEGS,
+    Command,
+    State,
+    above_ground,
+    ground_height,
+    to_ticks,
+)
 
 
 def random_state(*shape):
@@ -59,3 +69,69 @@ def test_there_are_three_joints_a_leg_in_the_order_of_the_legs():
     for leg, name in enumerate(LEGS):
         joints = JOINTS[3 * leg : 3 * leg + 3]
         assert joints == (f"{name}_HAA", f"{name}_HFE", f"{name}_KFE")
+
+
+def on_feet(heights, contacts):
+    """A state whose foot centers are at these heights; everything else is random."""
+    state = random_state(*np.shape(heights)[:-1])
+    feet = state.feet.copy()
+    feet[..., 2] = heights
+    return State(state.q, state.v, state.com, feet, np.array(contacts, dtype=bool))
+
+
+RADIUS = 0.02
+
+
+def test_the_ground_is_the_mean_of_the_lowest_points_of_the_loaded_feet():
+    state = on_feet([0.05, 0.17, 0.09, 0.30], [True, False, True, False])
+    assert ground_height(state, RADIUS) == pytest.approx(0.05)
+    everyone = on_feet([0.02, 0.06, 0.02, 0.06], [True] * 4)
+    assert ground_height(everyone, RADIUS) == pytest.approx(0.02)
+
+
+def test_the_ground_of_a_robot_in_flight_is_under_its_lowest_foot():
+    state = on_feet([0.12, 0.17, 0.09, 0.30], [False] * 4)
+    assert ground_height(state, RADIUS) == pytest.approx(0.07)
+
+
+def test_the_ground_of_a_robot_in_flight_is_where_it_was_before():
+    contacts = [[False] * 4, [False, True, False, False]]
+    state = on_feet([[0.12, 0.17, 0.09, 0.30]] * 2, contacts)
+    felt = ground_height(state, RADIUS, before=np.array([0.01, 0.02]))
+    np.testing.assert_allclose(felt, [0.01, 0.15])
+
+
+def test_the_ground_does_not_jump_as_the_last_foot_leaves_it_and_as_the_first_one_lands():
+    heights = [0.12, 0.17, 0.09, 0.30]
+    landed = on_feet(heights, [False, False, True, False])
+    flying = on_feet(heights, [False] * 4)
+    assert ground_height(landed, RADIUS) == ground_height(flying, RADIUS)
+
+
+def test_the_ground_has_the_leading_axes_of_the_states():
+    state = random_state(5, 6)
+    ground = ground_height(state, RADIUS)
+    assert ground.shape == (5, 6)
+    for row in range(5):
+        np.testing.assert_array_equal(ground_height(state[row], RADIUS), ground[row])
+    assert ground_height(state[1, 2], RADIUS) == ground[1, 2]
+
+
+def test_a_foot_in_the_air_whose_numbers_have_run_away_does_not_move_the_ground():
+    state = on_feet([0.05, np.inf, 0.09, np.nan], [True, False, True, False])
+    assert ground_height(state, RADIUS) == pytest.approx(0.05)
+
+
+def test_heights_above_the_ground_are_those_of_a_robot_on_level_ground():
+    state = random_state(5, 6)
+    raised = replace(state, q=state.q.copy(), com=state.com.copy(), feet=state.feet.copy())
+    for heights in (raised.q[..., 2], raised.com[..., 2], raised.feet[..., 2]):
+        heights += 0.7
+    level = above_ground(state, RADIUS)
+    np.testing.assert_allclose(ground_height(level, RADIUS), 0.0, atol=1e-12)
+    for name in ("q", "v", "com", "feet", "contacts"):
+        again = getattr(above_ground(raised, RADIUS), name)
+        np.testing.assert_allclose(again, getattr(level, name), atol=1e-12)
+    # What the function was given is as it was.
+    np.testing.assert_array_equal(state.q, random_state(5, 6).q)
+    np.testing.assert_array_equal(state.feet, random_state(5, 6).feet)

@@ -10,7 +10,7 @@ learning runs where there is no robotics stack. Read `rollouts.engine` next, whe
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
@@ -89,23 +89,58 @@ class State:
         return rotations.roll_pitch(self.rotation)
 
 
-def ground_height(state: State, foot_radius: float) -> Array:
-    """The height ``(...)`` of the ground under robots [m], as far as their feet tell.
+def ground_height(state: State, foot_radius: float, before: Array | None = None) -> Array:
+    """The height of the ground under robots as their feet feel it ``(...)`` [m].
 
-    It is the mean height of the undersides of the feet that carry load. A robot in the air has the
-    underside of its lowest foot instead: what is below it is not known.
+    It is the mean height of the lowest points of the feet that are loaded. Only joint angles, the
+    orientation of the base and the contacts enter into a height above it: a robot measures that
+    without a map. In flight no foot feels anything, and the ground is where it was before. Without
+    a memory it is at the lowest foot, the one that was loaded last or will be next: that jumps
+    neither where a flight begins nor where it ends, but in between it is too high by the clearance
+    of that foot. A pronk lifts all feet by half of a leg, and falls if it is planned from there.
 
     Args:
         state: States with any leading axes.
         foot_radius: The radius of the foot spheres [m].
+        before: ``(...)`` the height before, for robots in flight [m]; None if nobody remembers it.
     """
     z = state.feet[..., 2]
     loaded = np.where(state.contacts, z, 0.0)
     # Column by column, so that the order of the sum does not depend on the shape.
     total = loaded[..., 0] + loaded[..., 1] + loaded[..., 2] + loaded[..., 3]
     count = np.count_nonzero(state.contacts, axis=-1)
-    mean = total / np.maximum(count, 1)
-    return np.where(count > 0, mean, z.min(axis=-1)) - foot_radius
+    mean = total / np.maximum(count, 1) - foot_radius
+    in_flight = z.min(axis=-1) - foot_radius if before is None else before
+    return np.where(count > 0, mean, in_flight)
+
+
+def above_ground(state: State, foot_radius: float) -> State:
+    """The same states with all heights measured from the ground under the feet.
+
+    That ground, `ground_height`, is then z = 0: a planner, a policy or a bound that knows level
+    ground alone can be asked about a robot on a slope or on steps.
+
+    Args:
+        state: States with any leading axes.
+        foot_radius: The radius of the foot spheres [m].
+    """
+    return lowered(state, ground_height(state, foot_radius))
+
+
+def lowered(state: State, by: Array) -> State:
+    """The same states with everything lower.
+
+    Args:
+        state: States with any leading axes.
+        by: ``(...)`` how much [m].
+    """
+    q = state.q.copy()
+    com = state.com.copy()
+    feet = state.feet.copy()
+    q[..., 2] -= by
+    com[..., 2] -= by
+    feet[..., 2] -= by[..., None]
+    return replace(state, q=q, com=com, feet=feet)
 
 
 @dataclass(frozen=True)

@@ -137,6 +137,21 @@ def test_a_shortened_report_has_a_name_of_its_own():
     ]
 
 
+def test_the_report_of_another_terrain_has_a_file_of_its_own():
+    trained_on = Config()
+    names = []
+    for terrain in (None, "bumps:0.03", "slope:0..10,flat@3"):
+        command = Evaluate(Path("run"), terrain=terrain)
+        names.append(command.file_name(command.as_asked(trained_on), trained_on))
+    assert names == [
+        "evaluation-test.json",
+        "evaluation-test-bumps_0.03.json",
+        "evaluation-test-slope_0..10_flat_3.json",
+    ]
+    uneven = command.as_asked(trained_on)
+    assert Evaluate(Path("run")).file_name(trained_on, uneven) == "evaluation-test-level.json"
+
+
 def test_pushes_are_measured_and_compared(surefoot, capsys, run_copy, tmp_path):
     file = tmp_path / "figures.json"
     args = ("evaluate", run_copy, "--episodes", 2, "--workers", 1, "--pushes", "--json", file)

@@ -11,6 +11,7 @@ import pytest
 from surefoot.cli.main import parse
 from surefoot.cli.options import (
     OnSimulator,
+    OnTerrain,
     OnWorkers,
     Output,
     check_option,
@@ -130,6 +131,17 @@ def test_each_command_takes_a_simulator(args):
     assert isinstance(command, OnSimulator)
     assert command.simulated(Config()) == Config(simulation=SimulationConfig("bullet"))
     assert replace(command, sim=None).simulated(Config()) == Config()
+
+
+@pytest.mark.parametrize("args", [["evaluate", "run"], ["play", "run"], ["walk"]])
+def test_each_command_takes_a_terrain(args):
+    command = parse([*args, "--terrain", "bumps:0.01..0.03,slope:10"])
+    assert isinstance(command, OnTerrain)
+    expected = SimulationConfig(terrain="bumps:0.01..0.03,slope:10")
+    assert command.on_terrain(Config()) == Config(simulation=expected)
+    assert replace(command, terrain=None).on_terrain(Config()) == Config()
+    with pytest.raises(ValueError, match="there is no terrain 'rocks'; did you mean 'blocks'"):
+        replace(command, terrain="rocks:1").on_terrain(Config())
 
 
 def test_films_that_cannot_be_made_are_no_error(capsys, monkeypatch, tmp_path):

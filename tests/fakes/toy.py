@@ -129,7 +129,7 @@ class Worlds:
         self.scripts = list(scripts)
         self.made = 0
 
-    def __call__(self, robot, batch, config):
+    def __call__(self, robot, batch, config, ground=None):
         script = self.scripts[self.made] if self.made < len(self.scripts) else {}
         self.made += 1
         return Toy(batch, **script, robot=robot)

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from surefoot.robots.geometry import lowest_points, state_of
+from surefoot.robots.geometry import POINT_DISTANCE, lowest_points, state_of, undersides
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.types import LEGS
@@ -114,3 +114,27 @@ def test_a_state_is_what_pinocchio_computes_and_who_stands_is_in_contact():
         np.testing.assert_allclose(state.feet[row], feet, atol=1e-12)
     assert state.contacts.tolist() == [[True] * 4, *[[False] * 4] * 3]
     assert (state.q is q) and (state.v is v)
+
+
+def test_the_points_below_a_robot_reach_its_lowest_points():
+    rng = np.random.default_rng(4)
+    data = ROBOT.model.createData()
+    for _ in range(5):
+        q = random_configuration(rng)
+        lowest = np.concatenate(lowest_points(ROBOT, data, q))
+        points, of_shape = undersides(ROBOT, data, q)
+        assert set(of_shape) == set(range(len(SHAPES)))
+        for number in range(len(SHAPES)):
+            own = points[of_shape == number, 2].min()
+            assert own == pytest.approx(lowest[number], abs=1e-12)
+
+
+def test_the_points_below_a_robot_leave_no_gaps():
+    data = ROBOT.model.createData()
+    q = standing(ROBOT)
+    points, of_shape = undersides(ROBOT, data, q)
+    base = next(number for number, shape in enumerate(SHAPES) if len(shape.size) == 3)
+    below = points[(of_shape == base) & (points[:, 2] < points[of_shape == base, 2].min() + 1e-9)]
+    for axis in (0, 1):
+        gaps = np.diff(np.unique(below[:, axis].round(9)))
+        assert gaps.max() <= POINT_DISTANCE

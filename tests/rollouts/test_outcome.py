@@ -7,8 +7,10 @@ from surefoot.config import Gait, SafetyConfig
 from surefoot.mpc.gaits import GAITS
 from surefoot.rollouts.outcome import (
     Outcome,
+    airborne,
     failed,
     fallen,
+    heights_of_swings,
     judged_from,
     stepping,
     strictly_stepping,
@@ -222,3 +224,51 @@ def test_fast_gaits_are_judged_no_earlier_than_configured():
 def test_standing_is_not_judged_and_neither_is_anyone_without_a_duration():
     assert judged_from(CONFIG, GAITS["stand"]) is None
     assert judged_from(SafetyConfig(stepping_from=None), Gait()) is None
+
+
+# --- uneven ground
+
+
+def test_intervals_in_the_air_are_found_at_both_ends_too():
+    contact = np.array([False, False, True, True, False, True, False])
+    assert airborne(contact) == [(0, 2), (4, 5), (6, 7)]
+    assert airborne(np.ones(3, bool)) == []
+    assert airborne(np.zeros(3, bool)) == [(0, 3)]
+
+
+def one_foot(x, z, contact):
+    """The clearance of one foot with these x and z, tick by tick."""
+    feet = np.stack([np.array(x, float), np.zeros(len(x)), np.array(z, float)], axis=1)
+    return heights_of_swings(feet[None, :, None], np.array(contact)[None, :, None], RADIUS)[0, :, 0]
+
+
+def test_a_swing_is_as_high_as_it_is_above_the_line_between_its_footholds():
+    contact = [True, False, False, False, True]
+    clearance = one_foot([0.0, 0.1, 0.2, 0.3, 0.4], [0.10, 0.12, 0.16, 0.15, 0.14], contact)
+    np.testing.assert_allclose(clearance - RADIUS, [0.0, 0.01, 0.04, 0.02, 0.0], atol=1e-12)
+    # Along a slope that it does not leave, whatever its pace, it is not high.
+    x = np.array([0.0, 0.3, 0.35, 0.39, 0.4])
+    np.testing.assert_allclose(one_foot(x, 0.2 * x, contact), RADIUS, atol=1e-12)
+    # On the spot, the ground is where it left it.
+    clearance = one_foot([0.1] * 5, [0.10, 0.12, 0.16, 0.15, 0.10], contact)
+    np.testing.assert_allclose(clearance - RADIUS, [0.0, 0.02, 0.06, 0.05, 0.0], atol=1e-12)
+
+
+def test_a_swing_at_the_end_of_an_episode_has_the_foothold_that_it_left():
+    clearance = one_foot([0.0, 0.1, 0.2], [0.10, 0.13, 0.14], [True, False, False])
+    np.testing.assert_allclose(clearance - RADIUS, [0.0, 0.03, 0.04], atol=1e-12)
+    clearance = one_foot([0.0, 0.1, 0.2], [0.14, 0.13, 0.10], [False, False, True])
+    np.testing.assert_allclose(clearance - RADIUS, [0.04, 0.03, 0.0], atol=1e-12)
+    np.testing.assert_array_equal(one_foot([0.0, 0.1], [0.2, 0.3], [False, False]), RADIUS)
+
+
+def test_on_level_ground_stepping_is_judged_as_with_the_heights_themselves():
+    height, contact = gait()
+    feet = np.zeros((*height.shape, 3))
+    for offset in (0.0, 0.4):
+        feet[..., 2] = height + offset
+        raised = heights_of_swings(feet, contact, RADIUS)
+        assert stepping(raised, contact, RADIUS).tolist() == [True]
+    feet[..., 2] = RADIUS + 0.4
+    still = heights_of_swings(feet, contact, RADIUS)
+    assert stepping(still, contact, RADIUS).tolist() == [False]

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from surefoot.config import SimulationConfig
+from surefoot.config.sim import parse_terrains
+from surefoot.scenarios.ground import put_under
 from surefoot.sim import make_simulator
 from surefoot.sim.protocol import check_positive
+from surefoot.sim.terrain import Ground
 from surefoot.testing import SimulatorContract
-from tests.fakes.robots import ROBOT, needs_pybullet
+from tests.fakes.robots import ROBOT, STANDING, needs_pybullet
 
 
 class TestMujoco(SimulatorContract):
@@ -42,3 +45,12 @@ def test_positive_numbers_are_copied():
 def test_numbers_that_are_not_positive_are_named(values, message):
     with pytest.raises(ValueError, match=message):
         check_positive("mass", np.array(values), 2)
+
+
+class TestMujocoOnBumps(SimulatorContract):
+    """What is promised of robots holds on ground of their own too."""
+
+    def make_simulator(self, batch):
+        q = np.tile(STANDING, (batch, 1))
+        ground = Ground(parse_terrains("bumps:0.02") * batch, np.zeros((batch, 3)), np.ones(batch))
+        return make_simulator(ROBOT, batch, None, put_under(ground, ROBOT, q))

@@ -4,6 +4,7 @@ import fcntl
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from PIL import Image, ImageColor
 
 import surefoot.viz.film as film_module
 from surefoot.config import SimulationConfig
+from surefoot.config.sim import parse_terrains
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
+from surefoot.sim.terrain import Ground
 from surefoot.viz.film import (
     EXPERT_COLOR,
     INK,
@@ -71,6 +74,22 @@ def test_a_film_shows_the_robot_moving(tmp_path):
     # Slow motion shows the same moments for longer, and odd sizes are padded.
     film(recording_of(walk(20)), path, size=(81, 45), speed=0.25)
     assert len(decoded(path, 2, 82, 46)) == 2
+
+
+def test_the_camera_follows_a_robot_down_a_slope():
+    q = walk(2000)
+    q[:, 2] -= np.linspace(0.0, 0.5, 2000)
+    ticks = np.array([0, 1000, 1999])
+    camera = np.zeros((3, 6))
+    ground = Ground(parse_terrains("slope:10"), np.zeros((1, 3)), np.zeros(1))
+    film_module._follow_height(camera, replace(recording_of(q), ground=ground), ticks)
+    np.testing.assert_allclose(camera[:, 2], [0.0, -0.25, -0.5], atol=0.1)
+    assert np.diff(camera[:, 2]).max() < -0.15
+    level = np.zeros((3, 6))
+    film_module._follow_height(level, recording_of(q), ticks)
+    np.testing.assert_array_equal(level, 0.0)
+    with pytest.raises(ValueError, match="ground of 2 robots for the recording of one"):
+        replace(recording_of(q), ground=ground[np.array([0, 0])])
 
 
 def test_a_film_is_the_same_to_the_byte_for_any_number_of_workers(tmp_path):

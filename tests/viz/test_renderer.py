@@ -8,8 +8,10 @@ import pytest
 
 import surefoot.viz.renderer as renderer
 from surefoot.config import SimulationConfig
+from surefoot.config.sim import parse_terrains
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
+from surefoot.sim.terrain import Ground
 from surefoot.viz.renderer import RenderingUnavailable, child_process, pictures
 
 
@@ -31,6 +33,25 @@ def test_pictures_show_each_configuration_from_its_camera():
     assert first.shape == (48, 64, 3)
     np.testing.assert_allclose(first, same, atol=2)
     assert np.abs(moved - first).mean() > 1.0
+
+
+def test_pictures_show_the_ground():
+    robot = solo12()
+    q = standing(robot)[None]
+    camera = np.array([[0.0, 0.0, 0.1, 0.8, 90.0, -10.0]])
+    place = (np.zeros((1, 3)), np.zeros(1))
+    grounds = [Ground(parse_terrains(text), *place) for text in ("flat", "slope:20", "bumps:0.1")]
+    drawn = []
+    for ground in (None, *grounds):
+        try:
+            drawn += pictures(robot, SimulationConfig(), q, camera, (64, 48), ground=ground)
+        except RenderingUnavailable as error:
+            pytest.skip(str(error))
+    plane, flat, slope, bumps = (np.array(picture).astype(int) for picture in drawn)
+    assert np.abs(flat - plane).mean() < 1.0
+    assert np.abs(slope - plane).mean() > 3.0
+    assert np.abs(bumps - plane).mean() > 3.0
+    assert np.abs(bumps - slope).mean() > 3.0
 
 
 def test_the_pictures_are_the_same_for_any_number_of_processes(monkeypatch):

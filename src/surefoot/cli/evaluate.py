@@ -5,6 +5,7 @@ It prints an `EvaluationReport` (`surefoot.evaluation.report`) and writes it as 
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +16,7 @@ import tyro
 
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
-from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
+from surefoot.cli.options import OnSimulator, OnTerrain, OnWorkers, Output, check_outputs
 from surefoot.cli.push_options import OnPushes
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
@@ -29,17 +30,19 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Evaluate(OnPushes, OnWorkers, OnSimulator):
+class Evaluate(OnPushes, OnWorkers, OnSimulator, OnTerrain):
     """Measure the robustness and tracking of a policy, and of the expert beside it.
 
     JSON keys: episodes, successes, success_rate, success_interval (Wilson, 95 %); falls, stalls,
     diverged, strict_successes; mse (successes) and settled_mse (all episodes, from 1 s on) of vx,
     vy [m^2/s^2] and yaw rate [rad^2/s^2]; max_torque [N m]; robot_seconds [s]; plans,
     invalid_plans; body_contacts (episodes in which something other than a foot touched the ground)
-    and body_contact_successes; starts, starts_hash, split, initial_states (their ids, in order),
+    and body_contact_successes; covered (successes that covered 70 % of the distance commanded);
+    starts, starts_hash, split, initial_states (their ids, in order),
     outcomes, strict and touched (one digit for each of them) and lost_at [s]; policy (its file),
-    simulator, disturbance (what disturbed the robots); success_difference, policy minus expert;
-    mirror_error_mrad (how differently the policy treats left and right, in the initial states).
+    simulator, terrain, disturbance (what disturbed the robots); success_difference, policy minus
+    expert; mirror_error_mrad (how differently the policy treats left and right, in the initial
+    states).
 
     With --pushes also: pushes, with fitted_impulse and max_impulse [N s] for each direction_deg,
     interval, their means, for each of the levels the successes of the episodes, and measured (the
@@ -120,6 +123,7 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
             **vars(robustness),
             policy=str(policy),
             simulator=config.simulation.backend,
+            terrain=config.simulation.terrain,
             disturbance={name: value for name, value, _ in disturbances(config)},
             pushes=pushes,
             mirror_error_mrad=mirror_error_in_starts(config, policy, starts),
@@ -177,7 +181,7 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
             push = replace(push, split=self.split)
         start_set = config.start_set if self.starts is None else self.starts
         asked = replace(config, evaluation=evaluation, push=push, start_set=start_set)
-        return self.simulated(asked)
+        return self.on_terrain(self.simulated(asked))
 
     def file_name(self, config: Config, trained_on: Config) -> str:
         """Name of the report in the run's folder: what differs from the run's own evaluation.
@@ -187,8 +191,10 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator):
             trained_on: The run's configuration.
         """
         parts = [self.split]
-        if config.simulation != trained_on.simulation:
+        if config.simulation.backend != trained_on.simulation.backend:
             parts.append(config.simulation.backend)
+        if config.simulation.terrain != trained_on.simulation.terrain:
+            parts.append(re.sub(r"[^\w.]+", "_", config.simulation.terrain or "level"))
         if config.start_set != trained_on.start_set:
             if config.start_set in PACKAGED:
                 parts.append(config.start_set)
@@ -256,6 +262,8 @@ def print_controller(name: str, robustness: Robustness, pushes: PushResult | Non
         f"states ({100 * low:.1f} to {100 * high:.1f} %), {robustness.falls} fell, "
         f"{robustness.stalls} stalled, {robustness.diverged} diverged"
     )
+    if robustness.covered is not None:
+        print(f"  up, and 70 % of the distance commanded: {robustness.covered}")
     if robustness.body_contacts is not None:
         print(
             f"  touched the ground with something other than a foot: {robustness.body_contacts}, "

@@ -45,6 +45,29 @@ class OnSimulator:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OnTerrain:
+    """A command whose robots walk on any ground."""
+
+    terrain: str | None = None
+    """The ground: flat, bumps:0.03, blocks:0.03, slope:10 or stairs:0.03, with a size in m or deg,
+    or several of them with commas in between; see `simulation.terrain`. Without it, the ground of
+    the configuration or of the run."""
+
+    def on_terrain(self, config: Config) -> Config:
+        """The configuration, with the ground that was asked for.
+
+        Args:
+            config: Configuration with ground of its own.
+
+        Raises:
+            ValueError: There is no such terrain, or not of that size.
+        """
+        if self.terrain is None:
+            return config
+        return replace(config, simulation=replace(config.simulation, terrain=self.terrain))
+
+
+@dataclass(frozen=True, kw_only=True)
 class OnGait:
     """A command whose robots walk in any gait."""
 

@@ -11,6 +11,7 @@ import tyro
 
 from surefoot.cli.options import (
     OnSimulator,
+    OnTerrain,
     Output,
     check_outputs,
     check_seconds,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Play(OnSimulator):
+class Play(OnSimulator, OnTerrain):
     """Film a policy from standing, or one recorded episode of a run.
 
     JSON keys: outcome; command and mean_velocity [vx m/s, vy m/s, yaw rate rad/s, in the heading
@@ -77,7 +78,7 @@ class Play(OnSimulator):
             episode = int(job.episode[0])
             out = self.out or self.target / f"episode_{episode}.mp4"
         check_outputs([report_file, *film_outputs("--out", out)], reads=[self.target])
-        job = replace(job, config=self.simulated(job.config))
+        job = replace(job, config=self.on_terrain(self.simulated(job.config)))
         rollouts, expert = play_out(job)
         report = report_episode(job, rollouts, expert, episode)
         show_record(report, self.json)
@@ -89,6 +90,7 @@ class Play(OnSimulator):
             q=rollouts.q[0, :length],
             expert_drove=None if episode is None else rollouts.expert_drove[0, :length],
             pushes=push_ticks(job, rollouts),
+            ground=rollouts.ground,
         )
         driver = "policy" if episode is None else f"episode {episode}"
         film_episode(recording, out, f"{driver}, vx {report.command[0]:.2f} m/s")

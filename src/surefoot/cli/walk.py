@@ -16,6 +16,7 @@ from surefoot.cli.options import (
     OnGait,
     OnRobot,
     OnSimulator,
+    OnTerrain,
     Output,
     check_outputs,
     check_seconds,
@@ -46,7 +47,7 @@ class WalkReport:
         command: vx, vy [m/s] and yaw rate [rad/s] that were asked for.
         mean_velocity: vx, vy [m/s] and yaw rate [rad/s] in the heading frame, from 1 s on.
         heading_drift: Heading at the end minus the heading commanded [deg].
-        base_height: Mean height of the base from 1 s on [m].
+        base_height: Mean height of the base above the ground from 1 s on [m].
         base_height_std: Standard deviation of that height [m].
         max_torque: Largest joint torque commanded [N m].
         torque_used: Largest share of a joint's torque limit commanded.
@@ -73,7 +74,7 @@ class WalkReport:
 
 
 @dataclass(frozen=True)
-class Walk(OnGait, OnRobot, OnSimulator):
+class Walk(OnGait, OnRobot, OnSimulator, OnTerrain):
     """Let the expert walk, from standing, and film it.
 
     The command gains of another robot than Solo12, and of another gait than the trot, are measured
@@ -115,7 +116,7 @@ class Walk(OnGait, OnRobot, OnSimulator):
         check_outputs([Output("--json", self.json), *film])
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
-        config = self.with_robot(self.simulated(self.config))
+        config = self.with_robot(self.on_terrain(self.simulated(self.config)))
         if not is_among(command, CommandBox()):
             config = replace(config, commands=box_around(command))
         config = suited(config)
@@ -131,7 +132,7 @@ class Walk(OnGait, OnRobot, OnSimulator):
         warn_of_divergence(rollouts)
         if self.video:
             q = rollouts.q[0, : max(int(rollouts.length[0]), 1)]
-            recording = Recording(robot, config.simulation, q)
+            recording = Recording(robot, config.simulation, q, ground=rollouts.ground)
             film_episode(recording, self.out, f"expert, vx {self.vx:.2f} m/s")
         return int(rollouts.failed[0])
 
@@ -154,7 +155,7 @@ def walk_report(
     length = int(rollouts.length[0])
     shown = max(length, 1)  # where the expert gives up at once, the initial state
     settled = settled_part(shown)
-    height = rollouts.q[0, settled, 2]
+    height = rollouts.seen.q[0, settled, 2]
     torque = np.abs(rollouts.torque[0, :length])
     rate = np.abs(rollouts.v[0, :shown, 6:])
     limited = bool(np.isfinite(robot.speed_limit).any())

@@ -44,6 +44,7 @@ class EvaluationReport(Robustness):
         mirror_error_mrad: The mean of |M pi(s) - pi(M s)| over the joints and the initial states s
             of all episodes, where M exchanges left and right [mrad]; None if robot or gait have no
             such mirror, and in files of earlier versions.
+        terrain: The ground, as `simulation.terrain`; None is level ground at z = 0.
     """
 
     policy: str
@@ -54,6 +55,7 @@ class EvaluationReport(Robustness):
     expert: ExpertReport | None = None
     success_difference: PairedDifference | None = None
     mirror_error_mrad: float | None = None
+    terrain: str | None = None
 
 
 def read_report(path: Path) -> EvaluationReport:

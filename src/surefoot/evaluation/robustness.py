@@ -28,7 +28,7 @@ from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import NOT_RECORDED, Summary
+from surefoot.rollouts.summary import NOT_RECORDED, Summary, covered
 from surefoot.scenarios.starts import StartSet, starts_of
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, PlanFunction
 from surefoot.workers import Workers
@@ -64,6 +64,8 @@ class Robustness:
         body_contacts: Number of robots that touched the ground with something other than a foot;
             None where that was not recorded.
         body_contact_successes: Number of these among the successes.
+        covered: Number of successes in which the robot covered 70 % of the distance commanded: on
+            uneven ground one may stay up and get nowhere. None in files of earlier versions.
         initial_states: Ids of the initial states in the order of the episodes, as text such as
             ``700-798,850`` (`ids` has them); empty in files of earlier versions, as are the
             next four.
@@ -95,6 +97,7 @@ class Robustness:
     invalid_plans: int
     body_contacts: int | None = field(default=None, kw_only=True)
     body_contact_successes: int | None = field(default=None, kw_only=True)
+    covered: int | None = field(default=None, kw_only=True)
     initial_states: str = field(default="", kw_only=True)
     outcomes: str = field(default="", kw_only=True)
     strict: str = field(default="", kw_only=True)
@@ -282,6 +285,7 @@ def robustness_of(summary: Summary, stored: StartSet, split: str) -> Robustness:
         invalid_plans=int(summary.invalid_plans.sum()),
         body_contacts=int(touched.sum()) if recorded else None,
         body_contact_successes=int((touched & success).sum()) if recorded else None,
+        covered=int((success & covered(summary)).sum()),
         initial_states=ids_as_text(summary.start),
         outcomes=as_digits(summary.outcome),
         strict=as_digits(summary.strict),

@@ -21,12 +21,21 @@ from surefoot.robots.model import stop_speeding
 from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.compiled import clip_torque, driver
 from surefoot.rollouts.episodes import Episodes, Rollout
-from surefoot.rollouts.outcome import Outcome, fallen, stepping
+from surefoot.rollouts.outcome import Outcome, fallen, heights_of_swings, stepping
 from surefoot.rotations import from_heading
 from surefoot.scenarios.disturbance import Disturbance, Pushes, make_sensors
 from surefoot.scenarios.torque_noise import HeldNoise
 from surefoot.sim.protocol import Simulator
-from surefoot.types import Array, BoolArray, Controller, IntArray, State, to_ticks
+from surefoot.types import (
+    Array,
+    BoolArray,
+    Controller,
+    IntArray,
+    State,
+    ground_height,
+    lowered,
+    to_ticks,
+)
 
 PROGRESS_TICKS = 100
 """[ticks] The progress of a rollout is reported this often."""
@@ -91,7 +100,10 @@ def rollout(
     arbiter.reset(episodes.ids)
 
     measure = make_sensors(robot, disturbance)
-    recorder = _Recorder(total, B, noisy=measure is not None, ask_always=ask_always)
+    # The height of the ground that robots feel; what they felt last holds through a flight.
+    felt_ground = None if episodes.ground is None else episodes.ground.felt
+    apart = felt_ground is not None or measure is not None
+    recorder = _Recorder(total, B, noisy=apart, ask_always=ask_always)
     drivers = _Drivers(expert, policy, starts.command, robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)
     # For how many ticks without a break something other than a foot has touched the ground.
@@ -104,10 +116,14 @@ def rollout(
         touching = simulator.body_contact
         # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
         lost = simulator.blown_up
+        felt = state
+        if felt_ground is not None:
+            felt_ground = ground_height(state, robot.foot_radius, felt_ground)
+            felt = lowered(state, felt_ground)
         if lying is not None:
             lying = np.where(touching, lying + 1, 0)
         if elapsed >= grace:
-            lost = lost | fallen(state, safety)
+            lost = lost | fallen(felt, safety)
             if lying is not None:
                 lost = lost | (lying >= to_ticks(safety.body_contact))
         recorder.end(lost, Outcome.FELL, elapsed)
@@ -115,8 +131,8 @@ def rollout(
             break
         _store(recorder.truth, elapsed, state)
         recorder.body_contact[elapsed] = touching
-        if measure is not None:
-            state = measure(state)
+        state = felt if measure is None else measure(felt)
+        if apart:
             _store(recorder.seen, elapsed, state)
         tick = starts.tick + elapsed
         choice = arbiter.choose(state, tick, starts.command) if elapsed < T else everyone
@@ -137,7 +153,7 @@ def rollout(
         if progress is not None and (elapsed + 1) % PROGRESS_TICKS == 0:
             progress(PROGRESS_TICKS)
     if safety.stepping_from is not None and to_ticks(safety.stepping_from) <= T:
-        recorder.mark_stalled(T, robot.foot_radius)
+        recorder.mark_stalled(T, robot.foot_radius, felt_ground is not None)
     return recorder.rollout(episodes, disturbance, T)
 
 
@@ -171,7 +187,7 @@ class _Recorder:
 
     Attributes:
         truth: The states as they are.
-        seen: The states as the robots measure them; the same object without noise.
+        seen: The states as the robots measure them; the same object without noise on level ground.
         drove: ``(ticks, B)`` True where the expert drove.
         asked: ``(ticks, B)`` True where the expert was asked and had not given up on the robot.
         torque: ``(ticks, B, 12)`` torque commanded by the driver [N m].
@@ -206,10 +222,14 @@ class _Recorder:
             self.length[ending] = elapsed
             self.active[ending] = False
 
-    def mark_stalled(self, T: int, foot_radius: float) -> None:
+    def mark_stalled(self, T: int, foot_radius: float, uneven: bool) -> None:
         """Change the outcome of robots that survived, but stopped stepping within T ticks."""
-        height = _by_robot(self.truth.feet[:T, :, :, 2])
-        stalled = ~stepping(height, _by_robot(self.truth.contacts[:T]), foot_radius)
+        feet = _by_robot(self.truth.feet[:T])
+        height = feet[..., 2]
+        contacts = _by_robot(self.truth.contacts[:T])
+        if uneven:
+            height = heights_of_swings(feet, contacts, foot_radius)
+        stalled = ~stepping(height, contacts, foot_radius)
         self.outcome[stalled & (self.outcome == Outcome.SUCCESS)] = Outcome.STALLED
 
     def rollout(self, episodes: Episodes, disturbance: Disturbance, T: int) -> Rollout:
@@ -233,6 +253,7 @@ class _Recorder:
             duration=T,
             disturbance=disturbance,
             late=episodes.late,
+            ground=episodes.ground,
         )
 
 

@@ -20,6 +20,7 @@ from surefoot.rollouts.outcome import failed
 from surefoot.scenarios.disturbance import Disturbance, join_disturbances, join_optional
 from surefoot.scenarios.starts import Starts, join_starts
 from surefoot.scenarios.starts_check import check_starts
+from surefoot.sim.terrain import Ground, join_grounds
 from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
 
 
@@ -36,11 +37,13 @@ class Episodes:
         late: ``(B, delay, 12)`` the torques under way when the episodes begin, the next to act
             first [N m]; NaN where there is none, and the first torque of the episode acts instead.
             None has none at all. `Rollout.branch` makes them.
+        ground: The ground of the B robots, on which heights are those above the loaded feet; None
+            is level ground at z = 0, from which they are measured.
 
     Raises:
         ValueError: There is nothing to simulate, no robot can begin in an initial state
-            (`check_starts`), or the number of ids, of disturbed robots or of late torques is not
-            that of the initial states.
+            (`check_starts`), or the number of ids, of disturbed robots, of late torques or of
+            grounds is not that of the initial states.
     """
 
     starts: Starts
@@ -49,6 +52,7 @@ class Episodes:
     id: IntArray | None = None
     disturbance: Disturbance | None = None
     late: Array | None = None
+    ground: Ground | None = None
 
     def __post_init__(self) -> None:
         """Check that the episodes can be simulated."""
@@ -70,6 +74,8 @@ class Episodes:
         disturbed = None if self.disturbance is None else self.disturbance.batch
         if disturbed is not None and disturbed != B:
             raise ValueError(f"a disturbance of {disturbed} robots, but there are {B}")
+        if self.ground is not None and len(self.ground) != B:
+            raise ValueError(f"the ground of {len(self.ground)} robots, but there are {B}")
         if self.late is not None:
             delay = 0 if self.disturbance is None else self.disturbance.delay
             if self.late.shape != (B, delay, 12):
@@ -84,9 +90,13 @@ class Episodes:
     def __getitem__(self, rows: slice | NDArray) -> Episodes:
         """Some of the episodes, with their ids and disturbances."""
         disturbance = None if self.disturbance is None else self.disturbance[rows]
-        late = None if self.late is None else self.late[rows]
         return replace(
-            self, starts=self.starts[rows], id=self.ids[rows], disturbance=disturbance, late=late
+            self,
+            starts=self.starts[rows],
+            id=self.ids[rows],
+            disturbance=disturbance,
+            late=None if self.late is None else self.late[rows],
+            ground=None if self.ground is None else self.ground[rows],
         )
 
     @property
@@ -102,8 +112,11 @@ def join_episodes(parts: Sequence[Episodes]) -> Episodes:
         parts: The parts, with disturbances that are drawn from one configuration.
 
     Raises:
-        ValueError: Some parts are disturbed, or have late torques, and others are not.
+        ValueError: Some parts are disturbed, have late torques or ground, and others do not.
     """
+    grounds = [part.ground for part in parts if part.ground is not None]
+    if len(grounds) not in (0, len(parts)):
+        raise ValueError(f"{len(grounds)} of {len(parts)} parts have ground of their own; give all")
     disturbances = [part.disturbance for part in parts if part.disturbance is not None]
     if len(disturbances) not in (0, len(parts)):
         raise ValueError(f"{len(disturbances)} of {len(parts)} parts are disturbed; disturb all")
@@ -113,6 +126,7 @@ def join_episodes(parts: Sequence[Episodes]) -> Episodes:
         id=np.concatenate([part.ids for part in parts]),
         disturbance=join_disturbances(disturbances) if disturbances else None,
         late=join_optional([part.late for part in parts]),
+        ground=join_grounds(grounds) if grounds else None,
     )
 
 
@@ -126,7 +140,8 @@ class Rollout:
         com: ``(B, T, 3)`` center of mass [m].
         feet: ``(B, T, 4, 3)`` foot positions [m].
         contacts: ``(B, T, 4)`` foot contacts.
-        seen: The states ``(B, T, ...)`` as the robots measured them; the same arrays without noise.
+        seen: The states ``(B, T, ...)`` as the robots measured them, on a ground of their own with
+            heights above it; the same arrays without noise on level ground.
         torque: ``(B, T, 12)`` torque commanded by the driver [N m], clipped to the motor limit.
         expert_torque: ``(B, T, 12)`` torque of the expert where it was asked [N m]; the same array
             as ``torque`` if it was asked only where it drove.
@@ -140,6 +155,7 @@ class Rollout:
         disturbance: What disturbed the robots.
         late: ``(B, delay, 12)`` the torques that were under way at the beginning, as `Episodes` has
             them; None without any.
+        ground: The ground of the robots; None is level ground at z = 0.
     """
 
     q: Array
@@ -159,6 +175,7 @@ class Rollout:
     duration: int
     disturbance: Disturbance = field(default_factory=Disturbance)
     late: Array | None = None
+    ground: Ground | None = None
 
     @property
     def failed(self) -> BoolArray:
@@ -205,8 +222,20 @@ class Rollout:
         )
         disturbance = self.disturbance[robot].after(elapsed)
         return Episodes(
-            starts, duration, id=id, disturbance=disturbance, late=self._under_way(robot, elapsed)
+            starts,
+            duration,
+            id=id,
+            disturbance=disturbance,
+            late=self._under_way(robot, elapsed),
+            ground=self._ground_from(robot, elapsed),
         )
+
+    def _ground_from(self, robot: IntArray, elapsed: IntArray) -> Ground | None:
+        """The ground of robots that go on from a tick, with what their feet felt of it there."""
+        if self.ground is None:
+            return None
+        felt = self.q[robot, elapsed, 2] - self.seen.q[robot, elapsed, 2]
+        return replace(self.ground[robot], felt=felt)
 
     def _under_way(self, robot: IntArray, elapsed: IntArray) -> Array | None:
         """``(n, delay, 12)`` torques commanded to robots before a tick that have not acted yet."""

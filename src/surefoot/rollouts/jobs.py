@@ -31,8 +31,10 @@ from surefoot.rollouts.outcome import judged_from
 from surefoot.rollouts.summary import EpisodeInfo, Summary, join_summaries, summarize
 from surefoot.rollouts.traces import Trace, trace_of
 from surefoot.scenarios.disturbance import Disturbance, draw_disturbances
+from surefoot.scenarios.ground import check_outside, draw_ground
 from surefoot.scenarios.starts import Starts
 from surefoot.sim import make_simulator
+from surefoot.sim.terrain import Ground
 from surefoot.types import BoolArray, IntArray, PlanFunction
 from surefoot.workers import Workers, map_chunks
 
@@ -200,6 +202,22 @@ def disturbance_of(job: Job) -> Disturbance:
     return draw_disturbances(job.disturbance, config.seed, job.episode, duration, friction, tail)
 
 
+def ground_of(job: Job) -> Ground | None:
+    """The ground of a job's robots: that of its episodes, or else one that is drawn.
+
+    Raises:
+        ValueError: A robot begins inside the ground of its episode.
+    """
+    robot = _robot(job.config.robot)
+    if job.episodes.ground is not None:
+        check_outside(job.episodes.ground, robot, job.starts.q)
+        return job.episodes.ground
+    terrains = job.config.simulation.terrains
+    if not terrains:
+        return None
+    return draw_ground(terrains, job.config.seed, job.episode, robot, job.starts.q)
+
+
 def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple[Rollout, Expert]:
     """Run all episodes of a job in lockstep, in this process.
 
@@ -213,12 +231,13 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
     """
     config = _own(job.config)
     robot = _robot(config.robot)
+    ground = ground_of(job)
     expert = make_expert(robot, config, job.plan or _planner(config).plan)
     fall_angle = max(config.safety.fall_angle, job.disturbance.fall_angle)
     stepping_from = judged_from(config.safety, config.gait)
     rollouts = rollout(
-        make_simulator(robot, len(job.episodes), config.simulation),
-        replace(job.episodes, disturbance=disturbance_of(job)),
+        make_simulator(robot, len(job.episodes), config.simulation, ground),
+        replace(job.episodes, disturbance=disturbance_of(job), ground=ground),
         job.arbiter,
         expert,
         _policy_of(job),

@@ -116,6 +116,46 @@ def strictly_stepping(
     return result
 
 
+def heights_of_swings(feet: Array, contacts: BoolArray, foot_radius: float) -> Array:
+    """The heights of feet above uneven ground, ``(B, T, 4)`` [m], without a map of it.
+
+    Below a swing the ground is the straight line between the two places that it connects. A foot in
+    contact, and one that never is, is on the ground.
+
+    Args:
+        feet: ``(B, T, 4, 3)`` the foot centers, world frame [m].
+        contacts: ``(B, T, 4)`` foot contacts.
+        foot_radius: Radius of the foot spheres [m].
+    """
+    T = contacts.shape[1]
+    heights = np.full(contacts.shape, foot_radius)
+    for b, leg in np.ndindex(len(contacts), contacts.shape[2]):
+        for start, end in airborne(contacts[b, :, leg]):
+            if end - start == T:
+                continue
+            path = feet[b, start:end, leg]
+            # At either end of an episode, the place at the other end of the swing is all there is.
+            first = feet[b, start - 1 if start > 0 else end, leg]
+            last = feet[b, end if end < T else start - 1, leg]
+            way = last[:2] - first[:2]
+            square = max(float(way @ way), 1e-12)
+            share = np.clip((path[:, :2] - first[:2]) @ way / square, 0.0, 1.0)
+            ground = first[2] + share * (last[2] - first[2])
+            heights[b, start:end, leg] += path[:, 2] - ground
+    return heights
+
+
+def airborne(contact: BoolArray) -> list[tuple[int, int]]:
+    """The first tick of each interval in which one foot is in the air, and the tick after its last.
+
+    Args:
+        contact: ``(T,)`` foot contact.
+    """
+    padded = np.concatenate([[True], contact, [True]])
+    edges = np.flatnonzero(np.diff(padded.astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
 def touchdowns(clearance: Array, contact: BoolArray) -> IntArray:
     """Ticks at which one foot touches down after a swing.
 

@@ -19,7 +19,7 @@ from surefoot.files import Shape
 from surefoot.learning.frames import Frames
 from surefoot.robots.model import RobotModel
 from surefoot.rollouts.episodes import Rollout
-from surefoot.rollouts.outcome import failed, strictly_stepping
+from surefoot.rollouts.outcome import failed, heights_of_swings, strictly_stepping
 from surefoot.rotations import heading, roll_pitch, roll_pitch_yaw, rotation, to_heading
 from surefoot.safety.gates import margin
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, Command, IntArray, to_ticks
@@ -33,6 +33,9 @@ recovery by distance."""
 NEAR_HEIGHT = 0.01
 """[m] A frame with the height so close to its bound in the paper's table, or beyond it, is a
 recovery by distance."""
+
+COVERED = 0.7
+"""A robot that covers this share of the distance commanded, or more, follows its command."""
 
 NOT_RECORDED = -1
 """Stands for a count that an older version did not make."""
@@ -129,6 +132,19 @@ def join_summaries(parts: Sequence[Summary]) -> Summary:
     return Summary(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
+def covered(summary: Summary) -> BoolArray:
+    """``(n,)`` True where a robot covered `COVERED` of the distance commanded, in its direction.
+
+    Robots that are to stand or to turn in place have no distance to cover.
+
+    Args:
+        summary: The n episodes.
+    """
+    commanded = summary.command[:, :2]
+    along = (summary.mean_velocity[:, :2] * commanded).sum(axis=1)
+    return along >= COVERED * (commanded**2).sum(axis=1)
+
+
 @dataclass(frozen=True)
 class EpisodeInfo:
     """What a summary says of B episodes that their rollout does not hold.
@@ -174,6 +190,10 @@ def summarize(
     error = (velocity - rollouts.starts.command[:, None]) ** 2
     settled = proper & (np.arange(T) >= TICKS_PER_SECOND)
     torque = np.abs(rollouts.torque[:, :T]).max(axis=2)
+    feet_height = rollouts.feet[:, :T, :, 2]
+    contacts = rollouts.contacts[:, :T] & proper[..., None]
+    if rollouts.ground is not None:
+        feet_height = heights_of_swings(rollouts.feet[:, :T], contacts, robot.foot_radius)
     tilted = (np.abs(frames.state.roll_pitch) > TILTED).any(axis=1)
     near_bounds = margin(frames.state, config.safety, NEAR_ANGLE, NEAR_HEIGHT) < 1.0
     return Summary(
@@ -196,8 +216,8 @@ def summarize(
         kept_tilted=_count(tilted, frames, info.episode),
         kept_near_bounds=_count(near_bounds, frames, info.episode),
         strict=strictly_stepping(
-            rollouts.feet[:, :T, :, 2],
-            rollouts.contacts[:, :T] & proper[..., None],
+            feet_height,
+            contacts,
             robot.foot_radius,
             to_ticks(config.gait.period),
         ),

@@ -18,6 +18,7 @@ PURPOSES = (
     "gate",
     "series",
     "torque",
+    "terrain",
 )
 """What is random. The index in this list is the first number of a seed's spawn key, so a new
 purpose goes to the end."""

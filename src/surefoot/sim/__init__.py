@@ -9,27 +9,35 @@ from __future__ import annotations
 from surefoot.config import SimulationConfig
 from surefoot.robots.model import RobotModel
 from surefoot.sim.protocol import Simulator
+from surefoot.sim.terrain import Ground
 
 __all__ = ["Simulator", "make_simulator"]
 
 
 def make_simulator(
-    robot: RobotModel, batch: int, config: SimulationConfig | None = None
+    robot: RobotModel,
+    batch: int,
+    config: SimulationConfig | None = None,
+    ground: Ground | None = None,
 ) -> Simulator:
     """Make a simulator of ``batch`` robots, which stand in the nominal pose.
 
     Args:
         robot: The robot.
         batch: The number of robots B.
-        config: The physics engine and its settings; the defaults if it is None.
+        config: The physics engine and its settings; the defaults if it is None. Its terrain names
+            what episodes draw their ground from (`scenarios.ground`), and lays none here.
+        ground: The ground of each robot; None is the plane z = 0.
 
     Raises:
-        ValueError: ``batch`` is not positive.
+        ValueError: ``batch`` is not positive, or the ground is that of another number of robots.
         ImportError: The physics engine is missing.
     """
     config = config or SimulationConfig()
     if batch < 1:
         raise ValueError(f"batch is {batch}; a simulator holds at least one robot")
+    if ground is not None and len(ground) != batch:
+        raise ValueError(f"the ground of {len(ground)} robots for a simulator of {batch}")
     if config.backend == "bullet":
         try:
             from surefoot.sim.bullet import BulletSimulator
@@ -38,7 +46,7 @@ def make_simulator(
                 f"the simulator 'bullet' needs PyBullet ({error}), which has wheels up to Python "
                 "3.11 only: pip install 'surefoot[pybullet]'"
             ) from error
-        return BulletSimulator(robot, batch, config)
+        return BulletSimulator(robot, batch, config, ground)
     from surefoot.sim.mujoco import MujocoSimulator
 
-    return MujocoSimulator(robot, batch, config)
+    return MujocoSimulator(robot, batch, config, ground=ground)

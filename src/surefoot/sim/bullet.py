@@ -25,6 +25,7 @@ from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import rotation
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
+from surefoot.sim.terrain import Ground
 from surefoot.sim.urdf import TRUNK, write_urdf
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
 
@@ -45,6 +46,8 @@ def _without_greeting() -> Iterator[None]:
 
 with _without_greeting():
     import pybullet
+
+    from surefoot.sim.bullet_ground import lay_ground, set_friction
 
 RUN_AWAY = 1e10
 """A robot with a larger number in its state has blown up: MuJoCo's limit (mjMAXVAL)."""
@@ -109,13 +112,18 @@ class BulletSimulator:
         batch: The number of robots B.
         clients: PyBullet's ``physicsClientId`` of each robot, for what the protocol does not offer;
             a reset builds a client's world anew.
-        body: PyBullet's id of the robot, in every client; the floor is body 0.
+        body: PyBullet's id of the robot, in every client; the floor is body 0, and a height field
+            comes after the robot.
         joints: PyBullet's joint indices, in the order of ``JOINTS``.
         foot_links: PyBullet's link indices of the feet, in the order of ``LEGS``.
     """
 
     def __init__(
-        self, robot: RobotModel, batch: int, config: SimulationConfig | None = None
+        self,
+        robot: RobotModel,
+        batch: int,
+        config: SimulationConfig | None = None,
+        ground: Ground | None = None,
     ) -> None:
         """Make ``batch`` robots, which stand in the nominal pose.
 
@@ -123,6 +131,8 @@ class BulletSimulator:
             robot: The robot.
             batch: The number of robots B.
             config: The settings of the contacts; the defaults if it is None.
+            ground: The ground of each robot; None is the plane z = 0. A height field takes 1.4 s
+                in every reset, and as long as seconds of walking.
 
         Raises:
             ValueError: The robot's joints have an armature, which PyBullet does not know.
@@ -153,6 +163,7 @@ class BulletSimulator:
                 ) from error
         self._friction = np.full(batch, self._config.friction)
         self._mass = np.ones(batch)
+        self._ground = ground
         self.body = self._build(0)
         self.joints, self.foot_links = self._indices(robot)
         self._q = np.zeros((batch, 19))
@@ -182,11 +193,8 @@ class BulletSimulator:
             pybullet.GEOM_PLANE, planeNormal=[0, 0, 1], physicsClientId=client
         )
         floor = pybullet.createMultiBody(0.0, plane, physicsClientId=client)
-        smooth = {"restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0}
-        friction = self._friction[row]
-        pybullet.changeDynamics(
-            floor, -1, lateralFriction=friction, **smooth, physicsClientId=client
-        )
+        friction = float(self._friction[row])
+        set_friction(client, floor, friction)
         # Without a flag for it, links of a robot do not touch each other.
         body = pybullet.loadURDF(
             str(self._urdf), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
@@ -210,6 +218,8 @@ class BulletSimulator:
             maxJointVelocity=NO_LIMIT,
             physicsClientId=client,
         )
+        if self._ground is not None:
+            lay_ground(client, floor, self._ground[row : row + 1], friction)
         return body
 
     def _base_links(self, row: int, body: int) -> tuple[int, ...]:

@@ -21,8 +21,10 @@ from surefoot.config import SimulationConfig
 from surefoot.robots import rigid
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
-from surefoot.sim.mujoco_model import COM, FEET, FORCE, GROUND, build_model
+from surefoot.sim.mujoco_ground import FIELD, FLOOR, fields_of, ground_poses
+from surefoot.sim.mujoco_model import COM, FEET, FOOT_FORCES, FORCE, GROUND, build_model
 from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
+from surefoot.sim.terrain import Ground, is_plane
 from surefoot.types import Array, BoolArray, State
 
 # Bad numbers in position, velocity and acceleration are neighbors in MuJoCo's list of warnings.
@@ -114,6 +116,27 @@ def _read(
     return q, v, com.copy(), feet_position, contacts, body_contact
 
 
+@njit(cache=True)
+def _rest_carries(ground: Array, feet: Array, threshold: float) -> BoolArray:
+    """``(B,)`` True where all parts but the feet carry more than a force, on any ground.
+
+    Args:
+        ground: ``(B, 3)`` force between robot and ground, either way, world frame [N].
+        feet: ``(B, 12)`` the part of it at each foot [N].
+        threshold: The force [N].
+    """
+    carries = np.empty(len(ground), np.bool_)
+    for robot in range(len(ground)):
+        square = 0.0
+        for i in range(3):
+            rest = ground[robot, i]
+            for leg in range(4):
+                rest -= feet[robot, 3 * leg + i]
+            square += rest * rest
+        carries[robot] = square > threshold * threshold
+    return carries
+
+
 class MujocoSimulator:
     """``Simulator`` on MuJoCo.
 
@@ -131,6 +154,7 @@ class MujocoSimulator:
         batch: int,
         config: SimulationConfig | None = None,
         visual: bool = False,
+        ground: Ground | None = None,
     ) -> None:
         """Make ``batch`` robots, which stand in the nominal pose.
 
@@ -139,13 +163,14 @@ class MujocoSimulator:
             batch: The number of robots B.
             config: The friction and stiffness of the contacts; the defaults if it is None.
             visual: True makes a model for pictures; see `build_model`.
+            ground: The ground of each robot; None is the plane z = 0.
         """
         if mujoco.get_mju_user_warning() is None:
             # MuJoCo's own handler writes MUJOCO_LOG.TXT into the working directory.
             mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
         self.robot = robot
         self.batch = batch
-        self.model = build_model(robot, config, visual)
+        self.model = build_model(robot, config, visual, ground)
         self._nominal_friction = (config or SimulationConfig()).friction
         # One thread: parallelism is over chunks of episodes. Persistent: each robot has its own
         # MjData, so that the kinematics of a new state serves the next tick as well.
@@ -161,7 +186,29 @@ class MujocoSimulator:
         self._variation: tuple[Array, Array] | None = None
         self._loaded = np.zeros(0, dtype=int)  # rows whose mass is not the nominal one
         self._measured: tuple[State, BoolArray] | None = None
+        self._uneven = ground is not None
+        if ground is not None:
+            self._lay(ground)
         self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, self.model.nv)))
+
+    def _lay(self, ground: Ground) -> None:
+        """Give each robot the ground that is its own; resets leave it where it is."""
+        planes, fields = ground_poses(ground)
+        position = self.simulations.expand("body_pos")
+        turn = self.simulations.expand("body_quat")
+        poses = {FLOOR: planes}
+        terrains = fields_of(ground)
+        if terrains:
+            poses[FIELD] = fields
+            chosen = self.simulations.expand("geom_dataid")
+            geom = self.model.geom(FIELD).id
+            for row, terrain in enumerate(ground.terrains):
+                if not is_plane(terrain):
+                    chosen[row, geom] = terrains.index(terrain)
+        for name, pose in poses.items():
+            body = self.model.body(name).id
+            position[:, body] = pose[:, :3]
+            turn[:, body] = pose[:, 3:]
 
     def reset(self, q: Array, v: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``. Until the first tick, foot forces are those under zero torque."""
@@ -252,6 +299,9 @@ class MujocoSimulator:
             )
             if self._loaded.size:
                 com[self._loaded] = rigid.center_of_mass(q[self._loaded], *self._nominal)
+            if self._uneven:
+                forces = sensors[:, FOOT_FORCES]
+                body_contact = _rest_carries(sensors[:, GROUND], forces, CONTACT_FORCE)
             self._measured = (State(q, v, com, feet, contacts), body_contact)
         return self._measured
 

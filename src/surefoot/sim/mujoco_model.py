@@ -1,4 +1,4 @@
-"""The MuJoCo model of a robot on a flat floor: built from its model and its contact shapes.
+"""The MuJoCo model of a robot and its ground: built from its model and its contact shapes.
 
 Friction and stiffness of the contacts are set here, and the sensors that the backend reads per tick
 in place of further computation. Read ``sim.mujoco`` next, which simulates a batch of such models.
@@ -7,8 +7,6 @@ in place of further computation. Read ``sim.mujoco`` next, which simulates a bat
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
-from typing import Any
 
 import mujoco
 import pinocchio as pin
@@ -17,7 +15,9 @@ from surefoot.config import SimulationConfig
 from surefoot.robots.canonical import BASE, KINDS, PARTS, joint_axes
 from surefoot.robots.meshes import visual_meshes
 from surefoot.robots.model import RobotModel
+from surefoot.sim.mujoco_ground import FIELD, FLOOR, add_floor, add_ground, set_contact
 from surefoot.sim.protocol import TIME_STEP
+from surefoot.sim.terrain import Ground
 from surefoot.types import GRAVITY, LEGS
 
 logger = logging.getLogger(__name__)
@@ -30,6 +30,8 @@ COM = slice(16, 19)
 """The sensor of the center of mass [m]."""
 GROUND = slice(19, 22)
 """The sensor of the sum of all contact forces on the robot, world frame [N]."""
+FOOT_FORCES = slice(22, 34)
+"""On a `Ground`: the sensors of the sum of the contact forces on each foot, world frame [N]."""
 # What a contact sensor (mjSENS_CONTACT) reads, as a bit; and how it reduces the contacts to one: as
 # their sum, in the world frame.
 _FORCE_BIT = 1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value
@@ -37,9 +39,12 @@ _NET_FORCE = 3
 
 
 def build_model(
-    robot: RobotModel, config: SimulationConfig | None = None, visual: bool = False
+    robot: RobotModel,
+    config: SimulationConfig | None = None,
+    visual: bool = False,
+    ground: Ground | None = None,
 ) -> mujoco.MjModel:
-    """Build the MuJoCo model of the robot on a flat floor.
+    """Build the MuJoCo model of a robot on a flat floor, or on the ground of some robots.
 
     Links touch the floor only, never each other. There are no actuators: torques are generalized
     forces. Joints turn without limits, which would only hide a broken controller.
@@ -50,6 +55,8 @@ def build_model(
         visual: True adds the description's meshes, a floor texture, sky, light and a camera that
             follows the robot (``"track"``). Without meshes, the shapes are shown. The physics is
             the same to the bit.
+        ground: The ground of the robots that are simulated with this model; see `sim.mujoco`. As
+            compiled, it is that of the first of them. None is a floor at z = 0.
     """
     config = config or SimulationConfig()
     spec = mujoco.MjSpec()
@@ -57,19 +64,13 @@ def build_model(
     spec.compiler.fusestatic = True
     _add_bodies(spec, robot)
 
-    # Two geoms meet if the type of one is in the affinity of the other: robot and floor only.
-    # Of the friction of two geoms MuJoCo takes the larger; equal values need no rule.
-    contact = {
-        "friction": [config.friction, 0.005, 0.0001],
-        "condim": 3,
-        "solref": config.solref,
-    }
-    plane = mujoco.mjtGeom.mjGEOM_PLANE
-    floor = {"size": [0, 0, 0.05], "contype": 1, "conaffinity": 0, **contact}
-    spec.worldbody.add_geom(name="floor", type=plane, **floor)
+    if ground is None:
+        add_floor(spec.worldbody, config)
+    else:
+        add_ground(spec, ground, config)
     shown = not (visual and _add_meshes(spec, robot))
-    _add_shapes(spec, robot, contact, group=0 if shown else 3)  # renderers hide group 3
-    _add_sensors(spec, robot)
+    _add_shapes(spec, robot, config, group=0 if shown else 3)  # renderers hide group 3
+    _add_sensors(spec, robot, uneven=ground is not None)
     if visual:
         _decorate(spec)
 
@@ -168,26 +169,32 @@ def _add_meshes(spec: mujoco.MjSpec, robot: RobotModel) -> bool:
 
 
 def _add_shapes(
-    spec: mujoco.MjSpec, robot: RobotModel, contact: Mapping[str, Any], group: int
+    spec: mujoco.MjSpec, robot: RobotModel, config: SimulationConfig, group: int
 ) -> None:
-    """Add the geometry that meets the floor, with MuJoCo's settings of its contacts."""
+    """Add the geometry that meets the ground."""
     kind = mujoco.mjtGeom
     for shape in robot.shapes:
         body = spec.body(shape.link)
-        part = {"name": shape.link, "contype": 0, "conaffinity": 1, "mass": 0.0, **contact}
-        part["group"] = group
+        name = shape.link
         size = [*shape.size, 0.0, 0.0][:3]
         if len(shape.size) == 3:
-            body.add_geom(type=kind.mjGEOM_BOX, pos=shape.start, size=size, **part)
+            geom = body.add_geom(type=kind.mjGEOM_BOX, name=name, pos=shape.start, size=size)
         elif shape.start == shape.end:
-            body.add_geom(type=kind.mjGEOM_SPHERE, pos=shape.start, size=size, **part)
+            geom = body.add_geom(type=kind.mjGEOM_SPHERE, name=name, pos=shape.start, size=size)
         else:
             ends = [*shape.start, *shape.end]
-            body.add_geom(type=kind.mjGEOM_CAPSULE, fromto=ends, size=size, **part)
+            geom = body.add_geom(type=kind.mjGEOM_CAPSULE, name=name, fromto=ends, size=size)
+        geom.mass = 0.0
+        geom.group = group
+        set_contact(geom, config, is_ground=False)
 
 
-def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
-    """Add the sensors that the slices above name, in their order."""
+def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel, uneven: bool) -> None:
+    """Add the sensors that the slices above name, in their order.
+
+    On level ground a touch sensor says what a foot leaves to the other parts, at no cost; elsewhere
+    the forces of feet are vectors.
+    """
     site = mujoco.mjtObj.mjOBJ_SITE
     kind = mujoco.mjtSensor
     for leg in LEGS:
@@ -204,6 +211,12 @@ def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel) -> None:
     whole = mujoco.mjtObj.mjOBJ_XBODY
     parameters = [_FORCE_BIT, _NET_FORCE, 1]
     spec.add_sensor(type=kind.mjSENS_CONTACT, objtype=whole, objname=BASE, intprm=parameters)
+    if uneven:
+        geom = mujoco.mjtObj.mjOBJ_GEOM
+        for shape in robot.shapes[: len(LEGS)]:
+            spec.add_sensor(
+                type=kind.mjSENS_CONTACT, objtype=geom, objname=shape.link, intprm=parameters
+            )
 
 
 def _decorate(spec: mujoco.MjSpec) -> None:
@@ -232,7 +245,9 @@ def _decorate(spec: mujoco.MjSpec) -> None:
     )
     tiles = spec.add_material(name="tiles", texuniform=True, texrepeat=[2, 2], reflectance=0.05)
     tiles.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
-    spec.geom("floor").material = "tiles"
+    for name in (FLOOR, FIELD):
+        if (geom := spec.geom(name)) is not None:
+            geom.material = "tiles"
     for leg in LEGS:
         for geom in spec.body(f"{leg}_FOOT").geoms:
             geom.rgba = [0.15, 0.16, 0.18, 1.0]

@@ -7,7 +7,7 @@ timeline are drawn here, and ffmpeg encodes the film. Next: `renderer`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +24,7 @@ from surefoot.files import check_output, write_atomic
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import heading, rotation
+from surefoot.sim.terrain import Ground
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray
 from surefoot.viz.renderer import RenderingUnavailable, child_process, pictures, view_scale
 
@@ -63,10 +64,11 @@ class Recording:
         q: ``(T, 19)`` configurations, one for each tick of 1 ms [m, unit quaternion, rad].
         expert_drove: ``(T,)`` True where the expert drove; None if the driver is not to be shown.
         pushes: Ticks at which a push begins.
+        ground: The ground of that robot; None is level ground at z = 0.
 
     Raises:
-        ValueError: ``q`` is not the recording of one robot, or the drivers or pushes do not belong
-            to that recording.
+        ValueError: ``q`` is not the recording of one robot, or the drivers, pushes or ground do not
+            belong to that recording.
     """
 
     robot: RobotModel
@@ -74,6 +76,7 @@ class Recording:
     q: Array
     expert_drove: BoolArray | None = None
     pushes: tuple[int, ...] = ()
+    ground: Ground | None = None
 
     def __post_init__(self) -> None:
         """Check that all parts have the same length."""
@@ -88,6 +91,11 @@ class Recording:
         if not all(0 <= push < len(q) for push in self.pushes):
             raise ValueError(
                 f"pushes {self.pushes} must be ticks of the recording, 0 to {len(q) - 1}"
+            )
+        if self.ground is not None and len(self.ground) != 1:
+            raise ValueError(
+                f"the ground of {len(self.ground)} robots for the recording of one: "
+                "rollout.ground[b : b + 1]"
             )
 
 
@@ -127,6 +135,7 @@ def film(
     q = recording.q
     ticks = np.arange(0, len(q), TICKS_PER_SECOND * speed / rate).astype(np.int64)
     camera = _camera(q, ticks, 0.85, 125.0, -13.0, view_scale(recording.robot))
+    _follow_height(camera, recording, ticks)
     has_timeline = recording.expert_drove is not None or bool(recording.pushes)
 
     def finished(picture: Image.Image, tick: int) -> Image.Image:
@@ -135,7 +144,7 @@ def film(
             _draw_timeline(picture, recording, tick)
         return picture
 
-    drawing = pictures(recording.robot, recording.simulation, q[ticks], camera, size, workers)
+    drawing = _pictures(recording, ticks, camera, size, workers)
     with closing(drawing):
         bar = tqdm(zip(ticks, drawing, strict=True), "film", len(ticks), leave=False, unit="frame")
         frames = (finished(picture, int(tick)) for tick, picture in bar)
@@ -169,12 +178,13 @@ def contact_sheet(recording: Recording, path: Path, frames: int = 12) -> Path:
     first = max(len(q) - ticks[-1], 0) // 2
     ticks = first + ticks[ticks < len(q)]
     camera = _camera(q, ticks, 0.78, 90.0, -7.0, view_scale(recording.robot))
+    _follow_height(camera, recording, ticks)
     camera[:] = camera.mean(axis=0)
     columns = min(len(ticks), SHEET_COLUMNS)
     rows = int(np.ceil(len(ticks) / SHEET_COLUMNS))
     sheet = Image.new("RGB", (columns * SHEET_WIDTH, rows * SHEET_HEIGHT), "white")
     large = (2 * SHEET_WIDTH, 2 * SHEET_HEIGHT)  # reduced afterwards, so that edges are smooth
-    drawing = pictures(recording.robot, recording.simulation, q[ticks], camera, large)
+    drawing = _pictures(recording, ticks, camera, large)
     for number, picture in enumerate(drawing):
         small = picture.reduce(2)
         _draw_caption(small, recording, int(ticks[number]), "")
@@ -233,6 +243,36 @@ def _camera(
     cos, sin = heading(rotation(q[0, 3:7]))
     view = [scale * AIM, scale * distance, np.degrees(np.arctan2(sin, cos)) + side, elevation]
     return np.hstack([base, np.tile(view, (len(base), 1))])
+
+
+def _follow_height(camera: Array, recording: Recording, ticks: IntArray) -> None:
+    """Let the camera rise and sink with the base of a robot on ground of its own, in place.
+
+    On level ground it stays at one height, and shows how the base moves.
+
+    Args:
+        camera: ``(n, 6)`` from `_camera`.
+        recording: What the robot did.
+        ticks: ``(n,)`` the ticks that are drawn.
+    """
+    if recording.ground is None:
+        return
+    width = SMOOTHING * TICKS_PER_SECOND
+    base = gaussian_filter1d(recording.q[:, 2], width, mode="nearest")[ticks]
+    camera[:, 2] += base - standing(recording.robot)[2]
+
+
+def _pictures(
+    recording: Recording,
+    ticks: IntArray,
+    camera: Array,
+    size: tuple[int, int],
+    workers: int | None = None,
+) -> Generator[Image.Image, None, None]:
+    """The pictures of some ticks of a recording, seen by `camera` ``(n, 6)``."""
+    q = recording.q[ticks]
+    robot = recording.robot
+    return pictures(robot, recording.simulation, q, camera, size, workers, recording.ground)
 
 
 def _draw_caption(picture: Image.Image, recording: Recording, tick: int, title: str) -> None:

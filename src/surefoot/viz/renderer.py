@@ -27,10 +27,14 @@ from surefoot.workers import Workers, default_workers
 if TYPE_CHECKING:
     from surefoot.config import SimulationConfig
     from surefoot.robots.model import RobotModel
+    from surefoot.sim.terrain import Ground
     from surefoot.types import Array
 
 TILE = 0.1
 """[m] edge of a floor square; at 0.3 m/s a step of the trot is 0.15 m long."""
+SHOWN_GROUND = 3.0
+"""[m] How far around a robot's way its uneven ground is drawn; to draw all of it takes four times
+as long."""
 LEAST_SHARE = 6
 """Pictures of a process: to start one takes as long as to draw them."""
 FIX = "on Debian or Ubuntu: `make system`, or `apt-get install libegl1 libgl1-mesa-dri`"
@@ -58,6 +62,7 @@ def pictures(
     camera: Array,
     size: tuple[int, int],
     workers: int | None = None,
+    ground: Ground | None = None,
 ) -> Generator[Image.Image, None, None]:
     """Draw configurations, and yield their pictures in order: the same for any number of processes.
 
@@ -69,6 +74,7 @@ def pictures(
         size: Width and height of a picture [pixels].
         workers: Number of processes that draw at most; None for one per core that may be used. A
             process that would draw less than six pictures is not started.
+        ground: The ground of the robot; None is a floor at z = 0.
 
     Raises:
         RenderingUnavailable: There is no OpenGL without a screen.
@@ -76,12 +82,15 @@ def pictures(
     """
     # The processes that draw import this module too, and need none of this.
     from surefoot.sim.mujoco import to_mujoco
+    from surefoot.sim.mujoco_ground import keep_near
     from surefoot.sim.mujoco_model import build_model
 
     cores = default_workers()
     most = cores if workers is None else Workers(workers).started
     count = max(min(most, len(q) // LEAST_SHARE), 1)
-    model = build_model(robot, simulation, visual=True)
+    model = build_model(robot, simulation, visual=True, ground=ground)
+    if ground is not None:
+        keep_near(model, ground, q[:, :2], SHOWN_GROUND)
     # MuJoCo computes shadows, and cuts off what is near, by this length.
     model.stat.extent = view_scale(robot)
     qpos, _ = to_mujoco(q, np.zeros((len(q), model.nv)))
