@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import (
+    TABLE_I,
     Config,
     ExpertConfig,
     Gait,
@@ -29,7 +30,7 @@ from surefoot.safety.gates import unsafe
 from surefoot.types import State
 
 MODELS = {name: load_robot(name) for name in ROBOTS}
-PAPER = SafetyConfig()
+PAPER = TABLE_I
 """The paper's Table I, which is that of Solo12."""
 
 

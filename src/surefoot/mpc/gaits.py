@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from surefoot.config import Config, Gait
-from surefoot.config.presets import all_round_rules
 from surefoot.errors import unknown
 
 GAITS: Mapping[str, Gait] = {
@@ -32,8 +31,7 @@ and in a pronk all of them. A pace rolls Solo12 by 25 degrees; with higher steps
 def with_gait(config: Config, name: str) -> Config:
     """The configuration, with a named gait, and with what follows from another gait than the trot.
 
-    That is a horizon by the gait's period, the rules that serve any gait and command, and gains of
-    1, which `scenarios.calibration` measures. The trot leaves the rest as it is.
+    That is a horizon by the gait's period; the trot leaves the rest as it is.
 
     Args:
         config: The configuration.
@@ -47,12 +45,10 @@ def with_gait(config: Config, name: str) -> Config:
     gait = GAITS[name]
     if gait.timing == Gait().timing:
         return replace(config, gait=gait)
-    expert = all_round_rules(config).expert
     expert = replace(
-        expert,
-        centroidal=replace(expert.centroidal, nodes=None),
-        kinematic=replace(expert.kinematic, nodes=None),
-        command_gain=(1.0, 1.0, 1.0),
+        config.expert,
+        centroidal=replace(config.expert.centroidal, nodes=None),
+        kinematic=replace(config.expert.kinematic, nodes=None),
     )
     return replace(config, gait=gait, expert=expert)
 
