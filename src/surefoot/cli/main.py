@@ -18,8 +18,8 @@ from surefoot.cli.compare import Compare, parse_compare
 from surefoot.cli.doctor import Doctor
 from surefoot.cli.evaluate import Evaluate, parse_evaluate
 from surefoot.cli.gate_warnings import MeasureWarnings
-from surefoot.cli.make_starts import MakeStarts, parse_make_starts
 from surefoot.cli.play import Play
+from surefoot.cli.prepare import Prepare, parse_prepare
 from surefoot.cli.progress import log_shown
 from surefoot.cli.report import Report
 from surefoot.cli.robot import ShowRobot
@@ -89,7 +89,12 @@ COMMANDS = {
         memory="--episodes or --workers",
     ),
     "robot": Entry(ShowRobot, "Check a robot's description, and draw it."),
-    "make-starts": Entry(MakeStarts, "Make a new set of initial states.", memory="--config"),
+    "prepare": Entry(
+        Prepare,
+        "Measure what a robot, a gait and a box of commands need.",
+        memory="--config",
+        resume="the same command begins again, with the gains that are measured",
+    ),
     "bench": Entry(
         Bench,
         "Measure throughput, compared with lower bounds.",
@@ -105,7 +110,7 @@ PARSERS: Mapping[str, Callable[[Sequence[str]], Subcommand]] = {
     "train": parse_train,
     "evaluate": parse_evaluate,
     "compare": parse_compare,
-    "make-starts": parse_make_starts,
+    "prepare": parse_prepare,
 }
 """Functions that read the options of commands whose defaults depend on other options."""
 

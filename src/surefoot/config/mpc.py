@@ -143,10 +143,10 @@ class ExpertConfig(Checked):
     kd: Annotated[float, Within(0.0, 1000.0)] | None = None
     """[N m s/rad] damping of the PD on a plan; None is the robot's own (Solo12: 0.05, BiConMP)."""
     command_gain: Annotated[tuple[float, float, float], Within(0.0, 10.0)] | None = None
-    """Commanded vx, vy and yaw rate are scaled by these inside the planner; None is what is measured
-    for the robot and the gait (`surefoot prepare`), and 1 where nothing was. Solo12's trot has 1.15,
-    1.08 and 1.28: it reaches only 87, 92 and 78 % of what is planned (measured at 0.1 to 0.3 m/s,
-    0.1 m/s and 0.3 rad/s in both simulators; BiConMP: 1, 1, 1)."""
+    """Commanded vx, vy and yaw rate are scaled by these inside the planner; None is what is
+    measured for the robot and the gait (`surefoot prepare`), and 1 where nothing was. Solo12's trot
+    has 1.15, 1.08 and 1.28: it reaches only 87, 92 and 78 % of what is planned (measured at 0.1 to
+    0.3 m/s, 0.1 m/s and 0.3 rad/s in both simulators; BiConMP: 1, 1, 1)."""
     hip_outward: Annotated[float, Within(-1.0, 1.0)] | None = None
     """[m] footholds lie this far outside the hip; None is the robot's own (Solo12: 0.04, BiConMP;
     others: the nominal feet, about their own center)."""

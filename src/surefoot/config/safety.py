@@ -65,8 +65,8 @@ class SafetyConfig(Checked):
     """[deg] of all twelve joints, leg by leg, in place of the three ranges above, which fit legs
     that bend apart; none uses those."""
     fall_height: Range | None = None
-    """[m] a base height outside this range is a fall; None is the robot's own (Solo12: 0.1 to 2, the
-    paper's research code)."""
+    """[m] a base height outside this range is a fall; None is the robot's own (Solo12: 0.1 to 2,
+    the paper's research code)."""
     fall_angle: Tilt = 30.0
     """[deg] roll or pitch beyond this is a fall (the paper's research code)."""
     body_contact: Seconds = 0.0

@@ -230,8 +230,8 @@ def _filled(section: Section, **own: float | tuple[float, ...] | None) -> Sectio
 def own_safety(safety: SafetyConfig, com_height: float, robot: RobotModel) -> SafetyConfig:
     """Return the bounds with a robot's own in place of None.
 
-    See `joint_bounds` for the joints; the center of mass may sink to three quarters of its height in
-    the gait, and a robot whose base is below half of that has fallen. For Solo12 these are the
+    See `joint_bounds` for the joints; the center of mass may sink to three quarters of its height
+    in the gait, and a robot whose base is below half of that has fallen. For Solo12 these are the
     paper's, `TABLE_I`.
 
     Args:

@@ -23,7 +23,7 @@ from surefoot.mpc.identity import plan_names
 from surefoot.mpc.planner import Planner
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
-from surefoot.robots.scaling import with_own_values
+from surefoot.robots.scaling import own_pushes, with_own_values
 from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, Rollout
@@ -191,7 +191,8 @@ def disturbance_of(job: Job) -> Disturbance:
         tail = duration
         duration = 0.0
     friction = config.simulation.friction
-    return draw_disturbances(job.disturbance, config.seed, job.episode, duration, friction, tail)
+    drawn = own_pushes(job.disturbance, _robot(config.robot))
+    return draw_disturbances(drawn, config.seed, job.episode, duration, friction, tail)
 
 
 def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple[Rollout, Expert]:

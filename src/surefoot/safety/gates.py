@@ -2,7 +2,7 @@
 
 A `Gate` is asked once a tick about B robots. `Bounds` applies the paper's Table I, `AnyOf` combines
 several gates, and learned gates are in ``learned.py``. `unsafe` and `margin` are the table as plain
-functions. Read next: ``monitor.py``, which adds the blocking of Algorithm 4, and `robots.bounds` for
+functions. Read next: ``monitor.py``, which adds the blocking of Algorithm 4; `robots.bounds` has
 the arithmetic.
 """
 

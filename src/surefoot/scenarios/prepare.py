@@ -20,7 +20,8 @@ import numpy as np
 from surefoot.caches import user_folder
 from surefoot.config import Config, PerturbationConfig, SafetyConfig, Split
 from surefoot.config.checked import known
-from surefoot.config.json_io import read_record, to_json
+from surefoot.config.json_io import read_record
+from surefoot.config.presets import straight_trot
 from surefoot.files import write_json
 from surefoot.mpc.gaits import gait_name
 from surefoot.mpc.schedule import stands
@@ -32,7 +33,7 @@ from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import own_safety, size_of, with_own_values
 from surefoot.scenarios.boxes import describe, largest_box, walks_enough
 from surefoot.scenarios.calibration import calibrate_command_gain, needed_axes
-from surefoot.scenarios.keys import expert_values, key_of
+from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.make import (
     SEED,
     SIZES,
@@ -112,13 +113,7 @@ def prepare(
     perturbation = perturbation or PerturbationConfig()
     robot = load_robot(config.robot)
     config = with_own_values(config, robot)
-    values = expert_values(config) | {
-        "commands": to_json(config.commands),
-        "perturbation": to_json(perturbation),
-        "seed": seed,
-        "sizes": to_json(sizes),
-    }
-    key = key_of(values)
+    key = key_of(ingredients_of(config), config.commands, perturbation, seed, sizes)
     path = Path(user_folder("prepared")) / f"{key}.npz"
     found = _find(path, key)
     if found is not None:
@@ -194,7 +189,7 @@ def measured_gain(robot: RobotModel, config: Config) -> CommandGain:
     if stands(config.gait):
         return CommandGain(NO_GAIN, ZERO, ZERO, ZERO)
     needed = needed_axes(config.commands).tolist()
-    key = key_of(expert_values(config) | {"needed": needed})
+    key = key_of(ingredients_of(config), needed)
     path = Path(user_folder("gains")) / f"{key}.json"
     if path.exists():
         try:
@@ -329,28 +324,45 @@ def completed(config: Config) -> Config:
 def with_preparation(config: Config, made: Preparation) -> Config:
     """The configuration, with gains and bounds that were measured in place of None.
 
-    Gains that are given stay, and so do bounds; joints whose bounds are given have none of the
-    measured ones.
+    Args:
+        config: The configuration; values that are given stay, and other gains are warned of.
+        made: What was measured.
+    """
+    given = config.expert.command_gain
+    if given is not None and not np.allclose(given, made.command_gain, atol=1e-6):
+        logger.warning(
+            f"expert.command_gain is {given}, but the initial states were made with "
+            f"{made.command_gain}: robots do not begin in the settled gait of this expert"
+        )
+    return _filled(config, made.command_gain, made.safety)
+
+
+def with_values_of(before: Config, config: Config) -> Config:
+    """The configuration, with what an earlier one has measured in place of None.
 
     Args:
-        config: The configuration.
-        made: What was measured.
+        before: The configuration of a run that has begun, which is to go on with the same values.
+        config: What is asked for now.
+    """
+    if config.start_set is None and not straight_trot(config):
+        config = replace(config, start_set=before.start_set)
+    return _filled(config, before.expert.command_gain, before.safety)
+
+
+def _filled(config: Config, gain: Triple | None, measured: SafetyConfig) -> Config:
+    """The configuration with measured gains and bounds, and then the robot's own values, for None.
+
+    Joints whose bounds are given in ranges have none of the measured ones.
     """
     expert = config.expert
     if expert.command_gain is None:
-        expert = replace(expert, command_gain=made.command_gain)
-    elif not np.allclose(expert.command_gain, made.command_gain, atol=1e-6):
-        logger.warning(
-            f"expert.command_gain is {expert.command_gain}, but the initial states were made with "
-            f"{made.command_gain}: robots do not begin in the settled gait of this expert"
-        )
+        expert = replace(expert, command_gain=gain)
     safety = config.safety
-    measured = made.safety
     if safety.com_height is None:
         safety = replace(safety, com_height=measured.com_height)
     if safety.roll_pitch is None:
         safety = replace(safety, roll_pitch=measured.roll_pitch)
-    given = (safety.hip_abduction, safety.hip_flexion, safety.knee)
-    if not safety.joints and given == (None, None, None):
+    ranges = (safety.hip_abduction, safety.hip_flexion, safety.knee)
+    if not safety.joints and ranges == (None, None, None):
         safety = replace(safety, joints=measured.joints)
     return with_own_values(replace(config, expert=expert, safety=safety))

@@ -33,7 +33,8 @@ from surefoot.scenarios.starts_check import check_stored_arrays
 from surefoot.types import Array, IntArray
 
 ANOTHER = (
-    "leave config.start_set out, or make a set with `surefoot prepare --out FILE` and the same options"
+    "leave --config.start-set out, or make a set with the same options and `surefoot prepare --out "
+    "FILE`"
 )
 """What to do about a set that does not fit."""
 SPLITS: tuple[Split, ...] = get_args(Split)

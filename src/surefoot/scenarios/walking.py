@@ -64,11 +64,13 @@ class Walks:
     def fallen(self, safety: SafetyConfig) -> BoolArray:
         """``(T, n)`` True where a robot has fallen."""
         q = np.ascontiguousarray(self.q.reshape(-1, 19))
-        return fallen(q[:, 2], q, safety).reshape(self.q.shape[:2])
+        lost: BoolArray = fallen(q[:, 2], q, safety)
+        return lost.reshape(self.q.shape[:2])
 
     def lost(self, safety: SafetyConfig) -> BoolArray:
         """``(n,)`` True for robots that fell, from `SafetyConfig.grace` on, as in episodes."""
-        return self.fallen(safety)[self.tick >= to_ticks(safety.grace)].any(axis=0)
+        lost: BoolArray = self.fallen(safety)[self.tick >= to_ticks(safety.grace)].any(axis=0)
+        return lost
 
     def check(self, safety: SafetyConfig, gait: str) -> None:
         """Check that no robot fell; falls count from `SafetyConfig.grace` on, as in episodes.
