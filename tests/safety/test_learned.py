@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from surefoot.config import Config, DisturbanceConfig, NoiseConfig, PolicyConfig
+from surefoot.config import TABLE_I, Config, DisturbanceConfig, NoiseConfig, PolicyConfig
 from surefoot.learning.classifier import Classifier, ClassifierQuality
 from surefoot.learning.observation import INPUT_SIZE, network_input, observation_spec
 from surefoot.rollouts.arbiters import SafetySwitch
@@ -23,7 +23,7 @@ from surefoot.types import State
 from tests.fakes.robots import ROBOT, STANDING
 
 CONFIG = Config()
-SAFETY = CONFIG.safety
+SAFETY = TABLE_I
 SPEC = observation_spec(CONFIG)
 STARTS = load_starts()["select"][np.array([0, 13, 27, 55, 99])]
 

@@ -163,7 +163,7 @@ def table_of(report: PrepareReport, kept: bool) -> list[str]:
         f"largest error:  {error} of the mean, at {report.told} commands",
         f"fell:           at {report.fell} of them",
         f"center of mass: above {low:g} m; a base below {fall:g} m has fallen",
-        f"roll, pitch:    within {safety.roll_pitch:g} deg; beyond {safety.fall_angle:g} it has fallen",
+        f"roll, pitch:    within {safety.roll_pitch:g} deg; beyond {safety.fall_angle:g} a fall",
         "joints [deg]:   " + "".join(f"{name:<22}" for name in JOINT_NAMES).rstrip(),
     ]
     rows = joint_rows(safety)

@@ -16,6 +16,7 @@ from surefoot.config import CommandBox, Config, Gait
 from surefoot.mpc.gaits import gait_name
 from surefoot.mpc.schedule import stands
 from surefoot.robots.model import RobotModel
+from surefoot.robots.scaling import with_own_values
 from surefoot.scenarios.preparation import CommandGain
 from surefoot.scenarios.walking import expert_walks
 from surefoot.types import Array, BoolArray, to_ticks
@@ -74,7 +75,7 @@ def calibrate_command_gain(
         ValueError: A robot fell, or reached too little of what was planned; the message has the
             numbers.
     """
-    config = replace(config, gait=gait)
+    config = with_own_values(replace(config, gait=gait), robot)
     told = np.array(TRIED) * (np.sqrt(scale), np.sqrt(scale), 1.0)
     gain = np.ones(3)
     if stands(gait):

@@ -107,8 +107,7 @@ class Disturbance:
         delay: The time from a torque's command to its action [ms].
         seeds: The roots of the noise of the B robots' sensors.
         torque_noise: Noise on the torques that act; None without any.
-        measured: ``(B,)`` how many ticks of each robot's noise lie before the episode [ms]; None
-            begins with the first.
+        measured: ``(B,)`` ticks of each robot's noise before the episode [ms]; None is none.
 
     Raises:
         ValueError: The fields are of different numbers of robots, a number is not finite or out of

@@ -10,6 +10,7 @@ measured. A run keeps a copy. `completed` is what commands, runs and studies cal
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -54,6 +55,8 @@ MARGIN = 10.0
 """[deg] The bounds on angles lie so far beyond what the settled gait needs."""
 LOWER = 0.02
 """[m] The bound on the height lies so far below, times the ratio of leg lengths."""
+ROUND = 1e4
+"""Bounds have four decimals."""
 NO_GAIN: Triple = (1.0, 1.0, 1.0)
 """The gains where none are measured."""
 ZERO: Triple = (0.0, 0.0, 0.0)
@@ -113,7 +116,7 @@ def prepare(
     perturbation = perturbation or PerturbationConfig()
     robot = load_robot(config.robot)
     config = with_own_values(config, robot)
-    key = key_of(ingredients_of(config), config.commands, perturbation, seed, sizes)
+    key = prepared_key(config, perturbation, seed, sizes)
     path = Path(user_folder("prepared")) / f"{key}.npz"
     found = _find(path, key)
     if found is not None:
@@ -149,6 +152,20 @@ def prepare(
     path.unlink(missing_ok=True)  # a damaged one
     save_starts(replace(starts, preparation=made), path)
     return Prepared(load_starts(path), made, path, kept=False)
+
+
+def prepared_key(
+    config: Config, perturbation: PerturbationConfig, seed: int, sizes: Mapping[Split, SplitSize]
+) -> str:
+    """SHA-256 of all that what is prepared depends on; the arguments are those of `prepare`.
+
+    Args:
+        config: The configuration, with the robot's own values in place of None.
+        perturbation: Standard deviations of the perturbed initial states.
+        seed: Root of the perturbations' randomness.
+        sizes: The size of each split.
+    """
+    return key_of(ingredients_of(config), config.commands, perturbation, seed, sizes)
 
 
 def _find(path: Path, key: str) -> Prepared | None:
@@ -234,22 +251,28 @@ def settled_bounds(robot: RobotModel, safety: SafetyConfig, walks: Walks) -> Saf
     """
     q = np.ascontiguousarray(walks.q.reshape(-1, 19))
     state = state_of(robot, q, np.ascontiguousarray(walks.v.reshape(-1, 18)))
-    low, high = known(safety.com_height, "safety.com_height")
     below = LOWER * size_of(robot).length_ratio
-    lowest = round(min(low, float(state.com[:, 2].min()) - below), 4)
-    highest = round(max(high, float(state.com[:, 2].max()) + below), 4)
-    tilt = float(np.degrees(np.abs(state.roll_pitch)).max()) + MARGIN
-    tilt = round(max(known(safety.roll_pitch, "safety.roll_pitch"), tilt), 3)
-    angles = np.degrees(q[:, 7:])
-    joints = tuple(
-        (
-            round(min(bounds[0], float(angles[:, joint].min()) - MARGIN), 3),
-            round(max(bounds[1], float(angles[:, joint].max()) + MARGIN), 3),
-        )
-        for joint, bounds in enumerate(joint_rows(safety))
-    )
-    safety = replace(safety, com_height=(lowest, highest), roll_pitch=tilt)
-    return safety if joints == joint_rows(safety) else replace(safety, joints=joints)
+    com_height = _widened(known(safety.com_height, "safety.com_height"), state.com[:, 2], below)
+    tilt = known(safety.roll_pitch, "safety.roll_pitch")
+    _, tilt = _widened((-tilt, tilt), np.abs(np.degrees(state.roll_pitch)), MARGIN)
+    angles = np.degrees(q[:, 7:]).T
+    own = joint_rows(safety)
+    joints = tuple(_widened(*row, MARGIN) for row in zip(own, angles, strict=True))
+    safety = replace(safety, com_height=com_height, roll_pitch=tilt)
+    return safety if joints == own else replace(safety, joints=joints)
+
+
+def _widened(bounds: tuple[float, float], values: Array, margin: float) -> tuple[float, float]:
+    """Bounds that are as far as they were, or a margin beyond the values, where that is farther."""
+    low, high = bounds
+    lowest = float(values.min()) - margin
+    highest = float(values.max()) + margin
+    # Rounded outward, and only where it is another number than before.
+    if lowest < low:
+        low = math.floor(lowest * ROUND) / ROUND
+    if highest > high:
+        high = math.ceil(highest * ROUND) / ROUND
+    return low, high
 
 
 def _followed(settled: Walks, up: BoolArray, period: int) -> tuple[Followed, ...]:
