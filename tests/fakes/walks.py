@@ -54,5 +54,6 @@ def fake_walks(monkeypatch, tmp_path) -> FakeWalks:
     for module in ("make", "boxes", "calibration"):
         monkeypatch.setattr(f"surefoot.scenarios.{module}.expert_walks", walks)
     monkeypatch.setattr("surefoot.scenarios.make.perturb", _perturb)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    folder = tmp_path / "cache" / "surefoot"
+    monkeypatch.setattr("surefoot.scenarios.prepare.user_folder", lambda name: str(folder / name))
     return walks

@@ -193,7 +193,20 @@ def test_bounds_that_are_configured_stay():
     assert (filled.com_height, filled.fall_height) == ((0.1, 2.0), (0.05, 3.0))
     assert len(filled.joints) == 12
     own = SafetyConfig(hip_flexion=(-10.0, 80.0))
-    assert with_own_values(Config(robot=RobotConfig("go2"), safety=own)).safety.joints == ()
+    joints = with_own_values(Config(robot=RobotConfig("go2"), safety=own)).safety.joints
+    assert [joints[3 * leg + 1] for leg in range(4)] == [(-10, 80), (-10, 80), (-80, 10), (-80, 10)]
+    assert joints[0] == filled.joints[0]
+
+
+def test_the_papers_bounds_are_heard_on_another_robot_where_they_are_given():
+    """What equals Solo12's default is no less given than anything else."""
+    filled = with_own_values(Config(robot=RobotConfig("go2"), safety=PAPER)).safety
+    assert (filled.com_height, filled.fall_height) == (PAPER.com_height, PAPER.fall_height)
+    assert filled.joints[1] == PAPER.hip_flexion
+
+
+def test_the_table_of_solo12_is_the_papers():
+    assert with_own_values(Config()).safety == PAPER
 
 
 def test_larger_robots_fall_from_higher_up():
