@@ -151,7 +151,7 @@ def run_chunk(job: Job) -> ChunkResult:
     if job.keep is not None:
         frames = rollouts.frames(job.keep(rollouts), job.episode)
     summary = summarize_job(job, rollouts, expert, frames)
-    trace = trace_of(rollouts, job.episode, job.config) if job.trace else None
+    trace = trace_of(rollouts, job.episode, _own(job.config)) if job.trace else None
     following = None if job.then is None else job.then(job, rollouts)
     if following is not None:
         more = run_chunk(following)

@@ -13,6 +13,7 @@ from pathlib import Path
 from surefoot.config import Config, PolicyConfig
 from surefoot.learning.policy import Policy, load, policy_spec
 from surefoot.robots.load import load_robot
+from surefoot.robots.scaling import with_own_values
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
 
@@ -46,7 +47,7 @@ def find_policy(target: Path) -> tuple[Path, Config]:
         run = run_of_policy(path)
     else:
         raise FileNotFoundError(f"{target}: there is no such run folder or policy file")
-    config = Config() if run is None else run.config
+    config = with_own_values(Config()) if run is None else run.config
     policy = load(path, load_robot(config.robot).name)  # fails here, not later in a worker
     if run is None:
         config = replace(config, policy=_policy_config(policy))

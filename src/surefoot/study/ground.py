@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Literal
 
 from surefoot.config import (
+    TABLE_I,
     Config,
     DisturbanceConfig,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
-    SafetyConfig,
 )
 from surefoot.config.checked import known
 from surefoot.config.json_io import changes
@@ -124,7 +124,8 @@ def common_ground(config: Config, episodes: int) -> Config:
         config: The run's configuration.
         episodes: Number of initial states.
     """
-    safety = SafetyConfig(
+    safety = replace(
+        TABLE_I,
         fall_height=config.safety.fall_height,
         fall_angle=config.safety.fall_angle,
         body_contact=config.safety.body_contact,
