@@ -13,6 +13,7 @@ from surefoot.learning.policy import Policy
 from surefoot.mpc.expert import make_expert
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import clip_torque
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import ExpertOnly, SafetySwitch
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, Rollout
@@ -25,7 +26,7 @@ from surefoot.sim import make_simulator
 from tests.fakes.learning import spec_of
 from tests.fakes.robots import BACKENDS, ROBOT, STANDING
 
-CONFIG = Config()
+CONFIG = with_own_values(Config())
 STORED = load_starts()
 LIMIT = float(ROBOT.torque_limit[0])
 
