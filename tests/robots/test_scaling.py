@@ -15,6 +15,7 @@ from surefoot.config import (
     RobotConfig,
     SafetyConfig,
 )
+from surefoot.config.checked import known
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.robot_table import ANYMAL_C, GO2, HYQ, ROBOTS, SOLO12
 from surefoot.robots.load import load_robot
@@ -213,6 +214,8 @@ def test_larger_robots_fall_from_higher_up():
     for spec in (GO2, ANYMAL_C, HYQ):
         config = with_own_values(Config(robot=RobotConfig(spec.name)))
         assert config.gait.com_height is not None
-        assert config.safety.fall_height[0] == pytest.approx(0.5 * config.gait.com_height)
-        assert config.safety.com_height[0] == pytest.approx(0.75 * config.gait.com_height)
-        assert config.safety.fall_height[1] > config.gait.com_height
+        fall_height = known(config.safety.fall_height, "fall_height")
+        com_height = known(config.safety.com_height, "com_height")
+        assert fall_height[0] == pytest.approx(0.5 * config.gait.com_height)
+        assert com_height[0] == pytest.approx(0.75 * config.gait.com_height)
+        assert fall_height[1] > config.gait.com_height

@@ -69,8 +69,8 @@ class Walks:
 
     def lost(self, safety: SafetyConfig) -> BoolArray:
         """``(n,)`` True for robots that fell, from `SafetyConfig.grace` on, as in episodes."""
-        lost: BoolArray = self.fallen(safety)[self.tick >= to_ticks(safety.grace)].any(axis=0)
-        return lost
+        counted = self.tick >= to_ticks(safety.grace)
+        return np.asarray(self.fallen(safety)[counted].any(axis=0))
 
     def check(self, safety: SafetyConfig, gait: str) -> None:
         """Check that no robot fell; falls count from `SafetyConfig.grace` on, as in episodes.
