@@ -2,7 +2,9 @@
 VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
-RUN ?= runs/demo
+# The robot of the demo: solo12, go2, go1, a1, anymal_c, hyq, or a file (docs/your-robot.md).
+ROBOT ?= solo12
+RUN ?= runs/demo$(if $(filter-out solo12,$(ROBOT)),-$(basename $(notdir $(ROBOT))))
 # After how many seconds the smoke study is interrupted.
 INTERRUPT ?= 60
 # One BLAS thread per process: the work is spread over processes, and bits depend on threads.
@@ -27,8 +29,8 @@ $(VENV)/.complete: pyproject.toml constraints.txt
 	$(BIN)/surefoot doctor
 	@touch $@
 
-demo: venv  ## train a policy with LocoSafeDAGGER, evaluate it, film it (minutes)
-	$(BIN)/surefoot train loco_safe_dagger --preset quick --run $(RUN) --resume
+demo: venv  ## train a policy with LocoSafeDAGGER, evaluate it, film it (minutes); ROBOT=go2 for another robot
+	$(BIN)/surefoot train loco_safe_dagger --preset quick --robot $(ROBOT) --run $(RUN) --resume
 	$(BIN)/surefoot evaluate $(RUN)
 	$(BIN)/surefoot play $(RUN)
 

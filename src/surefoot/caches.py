@@ -68,6 +68,26 @@ def can_be_written(folder: str) -> bool:
     return os.path.isdir(folder) and os.access(folder, os.W_OK | os.X_OK)
 
 
+def user_folder(name: str) -> str:
+    """The folder of the user's caches for what this package keeps under a name; it may not exist.
+
+    It lies below the user's home, or in a private folder where that cannot be written to.
+
+    Args:
+        name: The name of the folder.
+
+    Raises:
+        OSError: No folder can be written to.
+    """
+    own = os.path.join(_below_home("XDG_CACHE_HOME", ".cache"), "surefoot")
+    if not can_be_written(own):
+        private = _private_folder()
+        if private is None:
+            raise OSError("no folder for caches can be written to; set XDG_CACHE_HOME to one")
+        own = private
+    return os.path.join(own, name)
+
+
 def _below_home(variable: str, folder: str) -> str:
     """A folder of the user, wherever the XDG variable puts it."""
     return os.environ.get(variable) or os.path.join(os.path.expanduser("~"), folder)

@@ -98,3 +98,20 @@ def test_the_options_of_train_are_those_that_tyro_has(surefoot, capsys, monkeypa
     sizes = option_sizes(Train)
     assert flags == {name for name, size in sizes.items() if size == 0}
     assert with_values == {name for name, size in sizes.items() if size > 0}
+
+
+def test_options_keep_their_values_apart_from_what_is_positional():
+    args = [
+        "--vx",
+        "-0.5",
+        "1.0",
+        "dagger",
+        "--config.collection.impulse",
+        "0.5",
+        "1.5",
+        "--resume",
+    ]
+    arguments = sort_arguments(args, Train)
+    assert arguments.positional == ("dagger",)
+    assert arguments.options == tuple(arg for arg in args if arg != "dagger")
+    assert option_sizes(Train)["--config.safety.com-height"] == 2

@@ -17,6 +17,7 @@ from surefoot.evaluation.robustness import success_difference
 from surefoot.files import WriteError
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
+from surefoot.robots.scaling import with_own_values
 from surefoot.scenarios.starts import load_starts, save_starts
 from tests.fakes.learning import spec_of
 from tests.fakes.robots import needs_pybullet
@@ -123,7 +124,7 @@ def test_pushes_can_be_shortened(surefoot, capsys, run_copy, tmp_path):
 
 
 def test_a_shortened_report_has_a_name_of_its_own():
-    trained_on = Config()
+    trained_on = with_own_values(Config())
     commands = (
         Evaluate(Path("run"), pushes=True),
         Evaluate(Path("run"), pushes=True, push_directions=4),

@@ -115,7 +115,7 @@ def test_help_names_every_json_key(command, report):
         (("bench", "plan", "--json", "/"), "--json: '/' is a folder"),
         (("bench", "expert", "--json", "/"), "--json: '/' is a folder"),
         (("train", "dagger", "--json", "/"), "--json: '/' is a folder"),
-        (("make-starts", "set.txt"), "OUT: set.txt must end in .npz"),
+        (("prepare", "--out", "set.txt"), "--out: set.txt must end in .npz"),
         (("evaluate", "nowhere"), "no such run folder or policy file"),
         (("evaluate", ".", "--starts", "solo12-trot-v1-wid"), "did you mean 'solo12-trot-v1-wide'"),
         (("compare", "nowhere"), "holds no run"),

@@ -122,7 +122,7 @@ def test_the_workers_are_those_asked_for():
         ["bench", "plan"],
         ["walk"],
         ["gate-warnings", "run"],
-        ["make-starts", "new.npz"],
+        ["prepare"],
         ["doctor"],
     ],
 )

@@ -10,6 +10,7 @@ from surefoot.cli.options import OnRobot
 from surefoot.config import Config
 from surefoot.config.json_io import to_json
 from surefoot.config.robot_table import GO2, SOLO12
+from surefoot.robots.scaling import with_own_values
 
 
 def test_it_prints_the_table_and_writes_json(surefoot, capsys, tmp_path):
@@ -82,11 +83,11 @@ def test_lines_say_that_nothing_is_odd():
 def test_the_option_puts_the_robot_and_its_own_values_in(tmp_path):
     config = OnRobot(robot="go2").with_robot(Config())
     assert config.robot.model == "go2"
-    assert config.expert.kp == pytest.approx(27.6, rel=0.01)
-    assert OnRobot().with_robot(Config()).expert.kp == 3.0
+    assert with_own_values(config).expert.kp == pytest.approx(27.6, rel=0.01)
+    assert OnRobot().with_robot(Config()) == Config()
     file = tmp_path / "mine.json"
     file.write_text(json.dumps(to_json(GO2) | {"name": "mine"}))
-    own = OnRobot(robot=str(file)).with_robot(config)
+    own = with_own_values(OnRobot(robot=str(file)).with_robot(config))
     assert own.robot.spec is not None and own.robot.spec.name == "mine"
 
 
@@ -103,10 +104,10 @@ def test_another_robot_walks(surefoot, capsys, tmp_path):
 
 def test_a_run_of_a_robot_on_the_initial_states_of_another_is_refused(surefoot, capsys, tmp_path):
     args = ("train", "behavior_cloning", "--robot", "go2", "--run", tmp_path / "run")
-    assert surefoot(*args) == 2
+    assert surefoot(*args, "--config.start-set", "solo12-trot-v1") == 2
     error = capsys.readouterr().err
     assert (
         "'solo12-trot-v1' belong to the robot solo12, but the configuration asks for go2" in error
     )
-    assert "surefoot make-starts FILE --robot go2" in error
+    assert "leave --config.start-set out" in error
     assert not (tmp_path / "run").exists()

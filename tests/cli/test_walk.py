@@ -9,6 +9,7 @@ import pytest
 from surefoot.cli import walk
 from surefoot.cli.walk import Walk, box_around, parse_walk
 from surefoot.config import CommandBox, Config
+from surefoot.scenarios.preparation import CommandGain
 from surefoot.types import Command
 from tests.fakes.robots import needs_pybullet
 
@@ -128,7 +129,8 @@ def walked(monkeypatch) -> Callable[..., Config]:
         raise Stop
 
     monkeypatch.setattr("surefoot.rollouts.jobs.play_out", play_out)
-    monkeypatch.setattr(walk, "with_measured_gains", lambda config: config)
+    gain = CommandGain((1.1, 1.2, 1.3), (0.0,) * 3, (0.0,) * 3, (0.0,) * 3)
+    monkeypatch.setattr("surefoot.scenarios.prepare.measured_gain", lambda robot, config: gain)
 
     def attempt(*args):
         with pytest.raises(Stop):

@@ -2,7 +2,8 @@
 
 import pytest
 
-from surefoot.config import CentroidalConfig, ExpertConfig, Gait, KinematicConfig
+from surefoot.config import CentroidalConfig, Config, ExpertConfig, Gait, KinematicConfig
+from surefoot.robots.scaling import with_own_values
 
 
 @pytest.mark.parametrize(
@@ -43,6 +44,8 @@ def test_nodes_that_follow_the_gait_are_checked_with_no_others():
 
 def test_the_defaults_are_the_rules_of_the_first_initial_states():
     config = ExpertConfig()
-    assert (config.capture_deadband, config.capture_share, config.turn_compensation) == (0.1, 0, 0)
-    assert config.command_gain == (1.15, 1.08, 1.28)
+    assert (config.capture_deadband, config.command_gain) == (0.1, None)
+    own = with_own_values(Config()).expert
+    assert (own.capture_share, own.turn_compensation) == (0.0, 0.0)
+    assert own.command_gain == (1.15, 1.08, 1.28)
     assert (config.centroidal.nodes, config.kinematic.nodes) == (20, 10)

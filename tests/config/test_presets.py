@@ -21,7 +21,8 @@ from surefoot.config import (
     SafeDaggerConfig,
     SafetyConfig,
 )
-from surefoot.config.presets import all_round_rules, preset, suited
+from surefoot.config.presets import preset
+from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
 
 
@@ -101,32 +102,48 @@ def test_an_unknown_preset_or_method_names_the_nearest():
         preset("locosafedagger")
 
 
+def rules(config: Config) -> tuple[float | None, float | None]:
+    expert = with_own_values(config).expert
+    return expert.turn_compensation, expert.capture_share
+
+
 @pytest.mark.parametrize("name", ["default", "quick", "paper"])
 def test_the_presets_keep_the_experts_rules_of_the_first_initial_states(name):
-    config = preset("dagger", name)
-    assert (config.expert.turn_compensation, config.expert.capture_share) == (0.0, 0.0)
-    assert suited(config) is config
+    assert rules(preset("dagger", name)) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
-    "config", [Config(gait=Gait(period=0.4)), Config(commands=CommandBox(vy=(-0.1, 0.1)))]
+    "config",
+    [
+        Config(gait=Gait(period=0.4)),
+        Config(commands=CommandBox(vy=(-0.1, 0.1))),
+        Config(robot=RobotConfig("go2")),
+    ],
 )
-def test_other_gaits_and_commands_get_the_all_round_rules(config):
-    assert suited(config) == all_round_rules(config)
-    assert suited(config).expert.turn_compensation == 0.3
+def test_other_gaits_commands_and_robots_get_the_all_round_rules(config):
+    assert rules(config) == (0.3, 0.25)
 
 
-def test_rules_that_were_chosen_stay():
-    expert = ExpertConfig(turn_compensation=0.2)
-    config = Config(commands=CommandBox(vy=(-0.1, 0.1)), expert=expert)
-    assert suited(config) is config
+def test_rules_that_were_chosen_stay_even_where_they_are_no_others_default():
+    box = CommandBox(vy=(-0.1, 0.1))
+    assert rules(Config(commands=box, expert=ExpertConfig(turn_compensation=0.2))) == (0.2, 0.25)
+    none = ExpertConfig(turn_compensation=0.0, capture_share=0.0)
+    assert rules(Config(commands=box, expert=none)) == (0.0, 0.0)
 
 
-def test_published_rules_are_a_choice_too():
+def test_published_rules_have_neither():
     config = replace(preset("dagger", "paper"), commands=CommandBox(vy=(-0.1, 0.1)))
-    assert suited(config) is config
+    assert rules(config) == (0.0, 0.0)
 
 
-def test_another_robot_gets_the_all_round_rules():
-    config = Config(robot=RobotConfig("go2"))
-    assert suited(config) == all_round_rules(config)
+def test_the_pushes_of_a_preset_are_as_hard_for_the_mass_of_a_robot():
+    solo12 = with_own_values(preset("loco_safe_dagger"))
+    assert (solo12.collection.impulse, solo12.collection.expert_impulse) == ((0.3, 1.5), (0.5, 3))
+    assert solo12.push.resolution == 0.2
+    config = replace(preset("loco_safe_dagger"), robot=RobotConfig("go2"))
+    ratio = load_robot("go2").mass / 2.5
+    go2 = with_own_values(config)
+    assert go2.collection.impulse == pytest.approx((0.3 * ratio, 1.5 * ratio), rel=1e-3)
+    assert go2.push.resolution == pytest.approx(0.2 * ratio, rel=1e-3)
+    given = replace(config, collection=DisturbanceConfig(1, impulse=(1.0, 2.0)))
+    assert with_own_values(given).collection.impulse == (1.0, 2.0)

@@ -24,6 +24,7 @@ from surefoot.evaluation.statistics import wilson
 from surefoot.learning.classifier import Classifier
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import PolicyOnly, SafetySwitch
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out
@@ -276,7 +277,9 @@ LIMP = Policy(
     PolicyNetwork(PolicyConfig(hidden=(16, 16)), 0), spec_of(PolicyConfig()), np.zeros((2, 3))
 )
 CONFIG = replace(
-    Config(), chunk=3, evaluation=EvaluationConfig(0.9, 7, DisturbanceConfig(2, (0.5, 1.0)))
+    with_own_values(Config()),
+    chunk=3,
+    evaluation=EvaluationConfig(0.9, 7, DisturbanceConfig(2, (0.5, 1.0))),
 )
 
 

@@ -13,6 +13,7 @@ from surefoot.config.json_io import from_json, to_json
 from surefoot.evaluation.push import branch_at_push, push_recovery, pushed_job, pushed_starts
 from surefoot.evaluation.push_limits import PushResult, push_difference
 from surefoot.robots.model import standing
+from surefoot.robots.scaling import with_own_values
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
@@ -25,7 +26,7 @@ from surefoot.workers import Workers
 from tests.fakes import toy
 from tests.fakes.simulator import FakeSimulator
 
-CONFIG = Config()
+CONFIG = with_own_values(Config())
 STORED = load_starts()
 RESOLUTION = CONFIG.push.resolution
 STRONGEST = CONFIG.push.levels * RESOLUTION
@@ -420,5 +421,5 @@ def test_expert_withstands_small_pushes_and_falls_from_large_ones():
 
 
 def test_the_default_pushes_are_those_of_the_paper():
-    assert CONFIG.push == PushConfig()
+    assert CONFIG.push == PushConfig(resolution=0.2)
     assert (CONFIG.push.split, CONFIG.push.before, CONFIG.push.duration) == ("test", 2.0, 0.01)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from surefoot import methods
 from surefoot.config import (
+    TABLE_I,
     BehaviorCloningConfig,
     Config,
     DaggerConfig,
@@ -23,7 +24,6 @@ from surefoot.config import (
     LocoSafeDaggerConfig,
     PolicyConfig,
     SafeDaggerConfig,
-    SafetyConfig,
     TrainingConfig,
 )
 from surefoot.learning.frames import whole_episode
@@ -45,7 +45,7 @@ KP = 3.0  # the expert's
 KD = 0.05
 POWERS = np.array([np.linalg.matrix_power(toy.A - toy.B @ toy.K, n) for n in range(100)])
 FREE = (-1e4, 1e4)
-SAFETY = SafetyConfig(hip_abduction=FREE, hip_flexion=FREE, knee=FREE)  # roll and height decide
+SAFETY = replace(TABLE_I, hip_abduction=FREE, hip_flexion=FREE, knee=FREE)  # roll and height decide
 HEIGHT_ONLY = replace(SAFETY, roll_pitch=1e4, fall_angle=1e4)
 FIRST = ExpertData(2, 1, True, 0.2)  # 22 episodes
 COMMON = {

@@ -10,6 +10,7 @@ from surefoot.mpc.expert import make_planner
 from surefoot.mpc.gaits import GAITS, gait_name, with_gait
 from surefoot.mpc.schedule import horizon, in_stance, stands
 from surefoot.robots.model import standing
+from surefoot.robots.scaling import with_own_values
 from surefoot.robots.solo12 import solo12
 from surefoot.types import GRID, Command, State
 
@@ -76,8 +77,9 @@ def test_the_trot_changes_nothing():
 def test_another_gait_brings_its_horizon_and_rules_for_any_command(name):
     config = with_gait(Config(), name)
     assert config.gait == GAITS[name]
-    assert config.expert.command_gain == (1.0, 1.0, 1.0)
-    assert (config.expert.turn_compensation, config.expert.capture_share) == (0.3, 0.25)
+    own = with_own_values(config).expert
+    assert own.command_gain is None  # to be measured
+    assert (own.turn_compensation, own.capture_share) == (0.3, 0.25)
     N, M = horizon(config.gait, config.expert)
     assert 10 <= N <= 20 and M == N // 2
 

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 from surefoot.config import ExpertConfig, Gait, KinematicConfig
+from surefoot.config.presets import TROT_GAIN
 from surefoot.mpc.planner import PLAN_TICKS, Planner, to_heading_frame
 from surefoot.mpc.schedule import horizon
 from surefoot.robots.model import standing
@@ -255,7 +256,7 @@ def test_yaw_rate_turns_the_plan_that_way(rate):
     assert stages.motion.valid
     time = stages.contacts.dt[: horizon(Gait(), CONFIG).kinematic].sum()
     end = pin.Quaternion(stages.kinematic.q[-1, 3:7]).matrix()
-    planned = CONFIG.command_gain[2] * rate
+    planned = TROT_GAIN[2] * rate
     assert pin.rpy.matrixToRpy(end)[2] == pytest.approx(planned * time, abs=0.01)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import (
+    TABLE_I,
     Config,
     ExpertConfig,
     Gait,
@@ -14,6 +15,7 @@ from surefoot.config import (
     RobotConfig,
     SafetyConfig,
 )
+from surefoot.config.checked import known
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.robot_table import ANYMAL_C, GO2, HYQ, ROBOTS, SOLO12
 from surefoot.robots.load import load_robot
@@ -29,7 +31,7 @@ from surefoot.safety.gates import unsafe
 from surefoot.types import State
 
 MODELS = {name: load_robot(name) for name in ROBOTS}
-PAPER = SafetyConfig()
+PAPER = TABLE_I
 """The paper's Table I, which is that of Solo12."""
 
 
@@ -192,13 +194,28 @@ def test_bounds_that_are_configured_stay():
     assert (filled.com_height, filled.fall_height) == ((0.1, 2.0), (0.05, 3.0))
     assert len(filled.joints) == 12
     own = SafetyConfig(hip_flexion=(-10.0, 80.0))
-    assert with_own_values(Config(robot=RobotConfig("go2"), safety=own)).safety.joints == ()
+    joints = with_own_values(Config(robot=RobotConfig("go2"), safety=own)).safety.joints
+    assert [joints[3 * leg + 1] for leg in range(4)] == [(-10, 80), (-10, 80), (-80, 10), (-80, 10)]
+    assert joints[0] == filled.joints[0]
+
+
+def test_the_papers_bounds_are_heard_on_another_robot_where_they_are_given():
+    """What equals Solo12's default is no less given than anything else."""
+    filled = with_own_values(Config(robot=RobotConfig("go2"), safety=PAPER)).safety
+    assert (filled.com_height, filled.fall_height) == (PAPER.com_height, PAPER.fall_height)
+    assert filled.joints[1] == PAPER.hip_flexion
+
+
+def test_the_table_of_solo12_is_the_papers():
+    assert with_own_values(Config()).safety == PAPER
 
 
 def test_larger_robots_fall_from_higher_up():
     for spec in (GO2, ANYMAL_C, HYQ):
         config = with_own_values(Config(robot=RobotConfig(spec.name)))
         assert config.gait.com_height is not None
-        assert config.safety.fall_height[0] == pytest.approx(0.5 * config.gait.com_height)
-        assert config.safety.com_height[0] == pytest.approx(0.75 * config.gait.com_height)
-        assert config.safety.fall_height[1] > config.gait.com_height
+        fall_height = known(config.safety.fall_height, "fall_height")
+        com_height = known(config.safety.com_height, "com_height")
+        assert fall_height[0] == pytest.approx(0.5 * config.gait.com_height)
+        assert com_height[0] == pytest.approx(0.75 * config.gait.com_height)
+        assert fall_height[1] > config.gait.com_height

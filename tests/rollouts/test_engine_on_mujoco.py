@@ -6,13 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from surefoot.config import Config, PolicyConfig, RobotConfig
+from surefoot.config import Config, PolicyConfig, RobotConfig, SafetyConfig
 from surefoot.config.robot_table import SOLO12
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy
 from surefoot.mpc.expert import make_expert
+from surefoot.mpc.gaits import with_gait
 from surefoot.robots.load import load_robot
-from surefoot.robots.model import clip_torque
+from surefoot.robots.model import clip_torque, standing
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import ExpertOnly, SafetySwitch
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, Rollout
@@ -25,7 +27,7 @@ from surefoot.sim import make_simulator
 from tests.fakes.learning import spec_of
 from tests.fakes.robots import BACKENDS, ROBOT, STANDING
 
-CONFIG = Config()
+CONFIG = with_own_values(Config())
 STORED = load_starts()
 LIMIT = float(ROBOT.torque_limit[0])
 
@@ -200,3 +202,17 @@ def test_motors_stop_driving_joints_at_their_speed_limits_if_that_is_enforced():
         fastest.append((np.abs(rollouts.v[0, :, 6:]) / robot.speed_limit).max())
     # If not, limits are only reported. Joints may be swung a little faster by their neighbors.
     assert 1.0 < fastest[1] < 0.5 * fastest[0]
+
+
+@pytest.mark.parametrize("name", ["solo12", "go2"])
+def test_without_bounds_a_rollout_is_judged_by_its_robot_and_its_gait(name):
+    """Who is to stand does not stall, and what is given of the bounds is heard."""
+    config = with_own_values(with_gait(Config(robot=RobotConfig(name)), "stand"))
+    robot = load_robot(name)
+    simulator = make_simulator(robot, 1, config.simulation)
+    episodes = Episodes(at_rest(standing(robot), np.zeros((1, 3))), 1.7)
+    rollouts = rollout(simulator, episodes, ExpertOnly(), make_expert(robot, config))
+    assert rollouts.outcome.tolist() == [Outcome.SUCCESS]
+    given = SafetyConfig(fall_height=(0.5, 1.0))
+    again = rollout(simulator, episodes, ExpertOnly(), make_expert(robot, config), None, given)
+    assert again.outcome.tolist() == [Outcome.FELL]

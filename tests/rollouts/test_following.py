@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from surefoot.config import Config
-from surefoot.config.presets import all_round_rules
+from surefoot.config import Config, ExpertConfig
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly
@@ -14,6 +13,7 @@ from surefoot.rollouts.jobs import Job, play_out
 from surefoot.rollouts.summary import velocities
 from surefoot.scenarios.starts import at_rest
 
+ALL_ROUND = Config(expert=ExpertConfig(capture_share=0.25, turn_compensation=0.3))
 TURNS = np.array([[0.3, 0.0, 0.5], [0.3, 0.0, -1.0]])
 FAST = np.array([[0.5, 0.0, 0.0], [-0.5, 0.0, 0.0]])
 
@@ -32,7 +32,7 @@ def with_gain(config, gain):
 
 
 def test_a_robot_in_a_turn_does_not_drift_outward():
-    velocity = mean_velocity(all_round_rules(Config()), TURNS, 2.0)
+    velocity = mean_velocity(ALL_ROUND, TURNS, 2.0)
     np.testing.assert_allclose(velocity[:, :2], TURNS[:, :2], atol=0.03)
     np.testing.assert_allclose(velocity[:, 2], TURNS[:, 2], atol=0.1)
 
@@ -44,7 +44,7 @@ def test_the_rules_of_the_first_initial_states_drift_outward():
 
 def test_a_slow_robot_does_not_settle_at_a_fraction_of_its_speed():
     """It reaches 0.37 m/s by footholds that take no notice of the measured velocity."""
-    velocity = mean_velocity(with_gain(all_round_rules(Config()), 0.9), FAST, 4.0)
+    velocity = mean_velocity(with_gain(ALL_ROUND, 0.9), FAST, 4.0)
     assert (velocity[:, 0] * np.sign(FAST[:, 0]) > 0.33).all()
 
 

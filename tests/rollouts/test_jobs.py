@@ -27,7 +27,9 @@ from surefoot.types import MotionPlan
 from surefoot.workers import Workers, map_chunks
 from tests.fakes.learning import spec_of
 
-CONFIG = replace(Config(), chunk=2, evaluation=EvaluationConfig(duration=0.3, episodes=5))
+CONFIG = replace(
+    with_own_values(Config()), chunk=2, evaluation=EvaluationConfig(duration=0.3, episodes=5)
+)
 HIDDEN = PolicyConfig(hidden=(16, 16))
 STORED = load_starts()
 STANDING = standing(solo12())

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from surefoot.config import Gait, SafetyConfig
+from surefoot.config import TABLE_I, Gait, SafetyConfig
 from surefoot.mpc.gaits import GAITS
 from surefoot.rollouts.outcome import (
     Outcome,
@@ -19,7 +19,7 @@ from surefoot.rollouts.outcome import (
 from tests.fakes.robots import ROBOT
 from tests.fakes.states import state_of, turned_robot
 
-CONFIG = SafetyConfig()
+CONFIG = TABLE_I
 RADIUS = ROBOT.foot_radius
 T = 3000
 

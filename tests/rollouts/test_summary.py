@@ -9,6 +9,7 @@ import pytest
 from surefoot.config import Config
 from surefoot.files import load_arrays, save_arrays
 from surefoot.learning.frames import concatenate
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import (
     NEAR_ANGLE,
@@ -27,7 +28,7 @@ from surefoot.types import Command
 from tests.fakes.robots import ROBOT, STANDING
 from tests.fakes.rollouts import blank
 
-CONFIG = Config()
+CONFIG = with_own_values(Config())
 
 
 def rolled(degrees):

@@ -5,16 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import Config, SafetyConfig
+from surefoot.config import Config
 from surefoot.files import load_arrays, save_arrays
 from surefoot.learning.observation import INPUT_SIZE
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.traces import HORIZON, Trace, history_rows, labels_of, trace_of
 from surefoot.safety.gates import unsafe
 from surefoot.safety.learned import EVERY
 from tests.fakes.robots import STANDING
 from tests.fakes.rollouts import blank
 
-CONFIG = Config()
+CONFIG = with_own_values(Config())
 SAFETY = CONFIG.safety
 
 
@@ -132,7 +133,7 @@ def test_labels_follow_the_bounds_of_the_config():
     rollouts.com[..., 2] = 0.2
     rollouts.com[0, 600:, 2] = 0.17
     assert (labels_of(rollouts, SAFETY) <= 0).all()
-    assert (labels_of(rollouts, SafetyConfig(com_height=(0.18, 1.0)))[0, 300:600] == 1).all()
+    assert (labels_of(rollouts, replace(SAFETY, com_height=(0.18, 1.0)))[0, 300:600] == 1).all()
 
 
 # --- rows to train on

@@ -33,7 +33,7 @@ from surefoot.runs.checks import (
     warn_of_own_expert,
 )
 from surefoot.runs.run import Run, RunError
-from surefoot.scenarios.starts import load_starts, save_starts
+from surefoot.scenarios.starts import PACKAGED, load_starts, save_starts
 from surefoot.types import MotionPlan
 from tests.fakes.runs import collected_record
 
@@ -59,18 +59,25 @@ def test_a_robot_can_be_trained_on_initial_states_of_its_own(tmp_path):
     ("config", "message"),
     [
         (
-            Config(gait=Gait(period=0.4)),
+            Config(gait=Gait(period=0.4), start_set=PACKAGED[0]),
             r"'solo12-trot-v1' belong to the gait trot, but .* for a gait of period 0\.4 s, duty",
         ),
-        (with_gait(Config(), "walk"), "asks for the gait walk: make a set for it"),
         (
-            Config(robot=RobotConfig("go2")),
-            r"'solo12-trot-v1' belong to the robot solo12, .* asks for go2: make .* --robot go2`",
+            with_gait(Config(start_set=PACKAGED[0]), "walk"),
+            "asks for the gait walk: leave --config.start-set out, or make a set",
         ),
         (
-            Config(commands=CommandBox(vy=(-0.1, 0.1))),
+            Config(robot=RobotConfig("go2"), start_set=PACKAGED[0]),
+            r"'solo12-trot-v1' belong to the robot solo12, .* asks for go2: leave",
+        ),
+        (
+            Config(commands=CommandBox(vy=(-0.1, 0.1)), start_set=PACKAGED[0]),
             r"'solo12-trot-v1' are not at the commands of the configuration, vx 0 to 0\.3, "
-            r"vy -0\.1 to 0\.1, yaw rate 0 to 0: make a set at them",
+            r"vy -0\.1 to 0\.1, yaw rate 0 to 0: leave --config.start-set out",
+        ),
+        (
+            Config(robot=RobotConfig("go2")),
+            "there are no initial states for the robot go2, the gait trot and these commands yet",
         ),
         (
             Config(

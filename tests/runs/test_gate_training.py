@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from surefoot.config import (
+    TABLE_I,
     Config,
     DisturbanceConfig,
     EvaluationConfig,
     ExpertData,
     LocoSafeDaggerConfig,
     PolicyConfig,
-    SafetyConfig,
     TrainingConfig,
 )
 from surefoot.files import load_arrays
@@ -103,13 +103,13 @@ def test_a_history_network_is_used_from_the_iteration_after_its_first_data(run):
 def test_relaxing_bounds_reach_the_papers_table_in_the_last_iteration(run, i, share):
     gate = make_gate(run, i, ["relaxing"], share=rising_share(0.6, i, 5))
     assert isinstance(gate, Bounds)
-    expected = tightened(SafetyConfig(), share, 0.20)
+    expected = tightened(TABLE_I, share, 0.20)
     bounds = gate._config
     assert bounds.roll_pitch == pytest.approx(expected.roll_pitch)
     assert bounds.com_height == pytest.approx(expected.com_height)
     if i == 5:
-        assert bounds.roll_pitch == SafetyConfig().roll_pitch
-        np.testing.assert_allclose(bounds.com_height, SafetyConfig().com_height)
+        assert bounds.roll_pitch == TABLE_I.roll_pitch
+        np.testing.assert_allclose(bounds.com_height, TABLE_I.com_height)
 
 
 def test_the_method_tightens_its_bounds_by_its_own_share(tmp_path):
@@ -120,7 +120,7 @@ def test_the_method_tightens_its_bounds_by_its_own_share(tmp_path):
         assert isinstance(arbiter, SafetySwitch)
         bounds = arbiter._monitor._gate
         assert isinstance(bounds, Bounds)
-        expected = tightened(SafetyConfig(), share, 0.20).roll_pitch
+        expected = tightened(TABLE_I, share, 0.20).roll_pitch
         assert bounds._config.roll_pitch == pytest.approx(expected)
 
 

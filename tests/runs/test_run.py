@@ -14,6 +14,7 @@ from surefoot.robots.scaling import with_own_values
 from surefoot.runs.metrics import Best
 from surefoot.runs.run import RunError, create, open_run, run_of_policy
 from surefoot.runs.versions import versions
+from surefoot.scenarios.starts import load_starts, save_starts, starts_of
 from tests.fakes.learning import FLOAT32
 from tests.fakes.runs import (
     EVERY_RECORD,
@@ -48,8 +49,10 @@ def test_a_new_run_stands_in_its_folder_and_can_be_opened(tmp_path):
 
 def test_a_run_finds_its_initial_states_from_any_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    save_starts(load_starts(), tmp_path / "mine.npz")
     run = create(tmp_path / "run", replace(CONFIG, start_set="mine.npz"))
-    assert run.config.start_set == str(tmp_path / "mine.npz")
+    assert run.config.start_set == str(tmp_path / "run" / "starts.npz")
+    assert starts_of(run.config).hash == load_starts().hash
     assert create(tmp_path / "packaged", CONFIG).config.start_set == CONFIG.start_set
 
 

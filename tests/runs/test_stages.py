@@ -297,6 +297,6 @@ def test_the_policies_of_a_run_belong_to_its_robot(tmp_path, monkeypatch, go2_st
     assert mirror_error_in_starts(run.config, best, load_starts(go2_starts)["select"][:2])
     frames = run.dataset.load(run.dataset.shards)
     monkeypatch.setattr(imitation, "expert_states", lambda *_, **__: frames)
-    assert imitation.imitation_error(run.config, best, Workers(1)).starts == "go2"
+    assert imitation.imitation_error(run.config, best, Workers(1)).starts == "starts"
     with pytest.raises(PolicyFileError, match="robot 'go2', expected 'solo12'"):
         load(best, "solo12")

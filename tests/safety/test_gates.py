@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import SafetyConfig
+from surefoot.config import TABLE_I
 from surefoot.rollouts.outcome import fallen
 from surefoot.safety.gates import AnyOf, Bounds, margin, outside, tightened, unsafe
 from surefoot.types import JOINTS
@@ -13,7 +13,7 @@ from tests.fakes.gates import ScriptedGate
 from tests.fakes.robots import STANDING
 from tests.fakes.states import state_of, turned_robot
 
-CONFIG = SafetyConfig()
+CONFIG = TABLE_I
 CLOCK = np.zeros(1, int)
 COMMAND = np.zeros((1, 3))
 

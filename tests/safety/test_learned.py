@@ -6,9 +6,10 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from surefoot.config import Config, DisturbanceConfig, NoiseConfig, PolicyConfig
+from surefoot.config import TABLE_I, Config, DisturbanceConfig, NoiseConfig, PolicyConfig
 from surefoot.learning.classifier import Classifier, ClassifierQuality
 from surefoot.learning.observation import INPUT_SIZE, network_input, observation_spec
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes
@@ -22,8 +23,8 @@ from surefoot.sim import make_simulator
 from surefoot.types import State
 from tests.fakes.robots import ROBOT, STANDING
 
-CONFIG = Config()
-SAFETY = CONFIG.safety
+CONFIG = with_own_values(Config())
+SAFETY = TABLE_I
 SPEC = observation_spec(CONFIG)
 STARTS = load_starts()["select"][np.array([0, 13, 27, 55, 99])]
 

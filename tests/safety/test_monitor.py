@@ -5,14 +5,14 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from surefoot.config import HandBack, SafetyConfig
+from surefoot.config import TABLE_I, HandBack
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor
 from tests.fakes.gates import ScriptedGate
 from tests.fakes.robots import STANDING
 from tests.fakes.states import state_of, turned_robot
 
-CONFIG = SafetyConfig()
+CONFIG = TABLE_I
 NOW = state_of(STANDING), np.zeros(1, int), np.zeros((1, 3))
 EVERY: HandBack = "every_violation_restarts"
 OR: HandBack = "safe_or_blocked"

@@ -1,16 +1,16 @@
 """Command gains: measured on the robot, and on walks whose answer is known."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from surefoot.config import CommandBox, Config, ExpertConfig, Gait
+from surefoot.config.presets import TROT_GAIN
 from surefoot.mpc.gaits import GAITS, with_gait
 from surefoot.robots.model import standing
+from surefoot.robots.scaling import with_own_values
 from surefoot.robots.solo12 import solo12
 from surefoot.scenarios import calibration
-from surefoot.scenarios.calibration import calibrate_command_gain, calibrated
+from surefoot.scenarios.calibration import calibrate_command_gain
 from surefoot.scenarios.walking import Walks
 
 ROBOT = solo12()
@@ -89,12 +89,12 @@ def test_standing_needs_no_walks(monkeypatch):
 
 
 def test_the_gains_of_the_trot_come_out_as_those_of_the_first_initial_states():
-    config, measured = calibrated(ROBOT, Config())
-    assert measured.gain == pytest.approx(Config().expert.command_gain, abs=0.015)
-    assert config == replace(Config(), expert=replace(Config().expert, command_gain=measured.gain))
+    measured = calibrate_command_gain(ROBOT, Gait(), Config())
+    assert measured.gain == pytest.approx(TROT_GAIN, abs=0.015)
 
 
 def test_a_walk_reaches_what_it_is_told_with_its_gains():
     """Measured before, by other means: 0.99, 0.99 and 1.33."""
-    _, measured = calibrated(ROBOT, with_gait(Config(), "walk"))
+    config = with_gait(Config(), "walk")
+    measured = calibrate_command_gain(ROBOT, config.gait, with_own_values(config))
     assert measured.gain == pytest.approx((0.99, 0.99, 1.33), abs=0.03)

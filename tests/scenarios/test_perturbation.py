@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from surefoot.config import PerturbationConfig, SafetyConfig
+from surefoot.config import TABLE_I, PerturbationConfig, SafetyConfig
 from surefoot.robots.geometry import lowest_points
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
@@ -23,7 +23,7 @@ ROBOT = solo12()
 DATA = ROBOT.model.createData()
 STANDING = standing(ROBOT)
 CONFIG = PerturbationConfig()
-SAFETY = SafetyConfig()
+SAFETY = TABLE_I
 ALL = np.ones(4, bool)
 STANCES = [np.array(feet, bool) for feet in itertools.product([0, 1], repeat=4) if sum(feet) >= 2]
 

@@ -14,6 +14,7 @@ from surefoot.config import CommandBox, Config, Gait, PerturbationConfig, RobotC
 from surefoot.config.robot_table import GO2
 from surefoot.mpc.gaits import GAITS, with_gait
 from surefoot.mpc.schedule import in_stance
+from surefoot.robots.scaling import with_own_values
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.outcome import fallen
 from surefoot.scenarios.perturbation import acceptable, stance_feet, stance_jacobian
@@ -31,7 +32,7 @@ from surefoot.scenarios.starts import (
 from surefoot.types import State
 
 STORED = load_starts()
-CONFIG = Config()
+CONFIG = with_own_values(Config())
 ROBOT = solo12()
 PERTURBED = ("train", "select", "test")
 
@@ -538,10 +539,12 @@ def test_the_set_of_a_configuration_has_to_be_of_its_robot(tmp_path):
     for robot in (RobotConfig("go2"), RobotConfig(spec=GO2)):
         assert starts_of(Config(robot=robot, start_set=str(path))).robot == "go2"
     text = (
-        r"'dog' belong to the robot go2, but the configuration asks for a1: make a set for it "
-        r"\(`surefoot make-starts FILE --robot a1`\) .* with --config.start-set"
+        r"'dog' belong to the robot go2, but the configuration asks for a1: leave "
+        r"--config.start-set out, or make a set .* `surefoot prepare --out FILE`"
     )
     with pytest.raises(ValueError, match=text):
         starts_of(Config(robot=RobotConfig("a1"), start_set=str(path)))
     with pytest.raises(ValueError, match=r"'solo12-trot-v1' belong to the robot solo12, .* go2"):
+        starts_of(Config(robot=RobotConfig("go2"), start_set=PACKAGED[0]))
+    with pytest.raises(ValueError, match="no initial states for the robot go2, the gait trot and"):
         starts_of(Config(robot=RobotConfig("go2")))

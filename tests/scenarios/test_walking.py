@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import Config, SafetyConfig
+from surefoot.config import TABLE_I, Config
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.scenarios.walking import Walks, expert_walks
 
 ROBOT = solo12()
-SAFETY = SafetyConfig()
+SAFETY = TABLE_I
 
 
 def still(T=1000, n=2) -> Walks:

@@ -22,6 +22,7 @@ from surefoot.evaluation.statistics import paired_difference
 from surefoot.files import load_arrays
 from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_cost
 from surefoot.runs.run import create, open_run
@@ -176,9 +177,10 @@ def test_pushes_can_be_shortened(monkeypatch, runs, tmp_path):
         ("mujoco",), episodes=4, push_speeds=5, push_directions=4, push_resolution=0.5
     )
     comparison = compare(runs, measurements, Workers(1))
-    expected = replace(Config().push, speeds=5, directions=4, resolution=0.5, levels=12)
+    own = with_own_values(Config()).push
+    expected = replace(own, speeds=5, directions=4, resolution=0.5, levels=12)
     assert comparison.config.push == expected
-    assert measure(runs).config.push == Config().push
+    assert measure(runs).config.push == own
 
 
 def test_runs_are_compared_in_their_own_initial_states(monkeypatch, tmp_path):

@@ -21,6 +21,7 @@ from surefoot.learning.policy import Policy, policy_spec
 from surefoot.mpc.expert import make_expert, make_planner
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel, standing
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes
@@ -114,6 +115,7 @@ def rollout_times(config: Config, batch: int, seconds: float) -> RolloutTimes:
     timed right after.
     """
     robot = load_robot(config.robot)
+    config = with_own_values(config, robot)
     policy = standing_policy(config)
     starts = _standing(robot, batch)
     simulator = make_simulator(robot, batch, config.simulation)

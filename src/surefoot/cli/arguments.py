@@ -27,11 +27,13 @@ class Arguments:
         positional: Arguments that are neither options nor values of options.
         values: First value of each option that has one, by the option's name.
         unknown: Options that the command does not have.
+        options: All options with their values.
     """
 
     positional: tuple[str, ...]
     values: dict[str, str]
     unknown: tuple[str, ...]
+    options: tuple[str, ...]
 
 
 def sort_arguments(args: Sequence[str], command: type) -> Arguments:
@@ -45,6 +47,7 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
     positional: list[str] = []
     values: dict[str, str] = {}
     unknown: list[str] = []
+    options: list[str] = []
     position = 0
     while position < len(args):
         argument = args[position]
@@ -52,6 +55,7 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
         if not argument.startswith("-"):
             positional.append(argument)
             continue
+        options.append(argument)
         name, equals, value = argument.partition("=")
         name = name.replace("_", "-")
         if name not in sizes:
@@ -64,8 +68,9 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
         if position < last and not args[position].startswith("--"):
             values[name] = args[position]
         while position < last and not args[position].startswith("--"):
+            options.append(args[position])
             position += 1
-    return Arguments(tuple(positional), values, tuple(unknown))
+    return Arguments(tuple(positional), values, tuple(unknown), tuple(options))
 
 
 def option_sizes(command: type, prefix: str = "") -> dict[str, int]:
@@ -101,7 +106,8 @@ def _alternatives(hint: Any) -> tuple[Any, ...]:
     if get_origin(hint) is Annotated:
         return _alternatives(get_args(hint)[0])
     if get_origin(hint) in (Union, UnionType):
-        return tuple(kind for kind in get_args(hint) if kind is not type(None))
+        kinds = [kind for kind in get_args(hint) if kind is not type(None)]
+        return tuple(each for kind in kinds for each in _alternatives(kind))
     return (hint,)
 
 

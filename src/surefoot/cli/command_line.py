@@ -23,6 +23,8 @@ from tyro.constructors import (
     StructTypeInfo,
 )
 
+from surefoot.cli.arguments import sort_arguments
+
 CommandKind = TypeVar("CommandKind")
 
 _registry = ConstructorRegistry()
@@ -46,10 +48,12 @@ def read_options(
         SystemExit: Help was asked for, or an option is wrong.
     """
     description = filled(command.__doc__ or "", shutil.get_terminal_size().columns)
+    # tyro takes all that follows an option of two numbers, or None, for values of it.
+    arguments = sort_arguments(args, command)
     with _registry:
         options: CommandKind | None = tyro.cli(
             command,
-            args=args,
+            args=[*arguments.positional, *arguments.options],
             prog=program,
             description=description,
             default=default,

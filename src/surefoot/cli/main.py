@@ -21,8 +21,8 @@ from surefoot.cli.export_data import ExportData
 from surefoot.cli.fit import Fit, parse_fit
 from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.import_data import ImportData
-from surefoot.cli.make_starts import MakeStarts, parse_make_starts
 from surefoot.cli.play import Play
+from surefoot.cli.prepare import Prepare, parse_prepare
 from surefoot.cli.progress import log_shown
 from surefoot.cli.report import Report
 from surefoot.cli.robot import ShowRobot
@@ -94,10 +94,15 @@ COMMANDS = {
         memory="--episodes or --workers",
     ),
     "robot": Entry(ShowRobot, "Check a robot's description, and draw it."),
-    "make-starts": Entry(MakeStarts, "Make a new set of initial states.", memory="--config"),
     "import-data": Entry(ImportData, "Make a dataset of your own expert's or robot's logs."),
     "fit": Entry(Fit, "Train a policy on a dataset, such as an imported one."),
     "export-data": Entry(ExportData, "Write a run's dataset for Minari or LeRobot."),
+    "prepare": Entry(
+        Prepare,
+        "Measure what a robot, a gait and a box of commands need.",
+        memory="--config",
+        resume="the same command begins again, with the gains that are measured",
+    ),
     "bench": Entry(
         Bench,
         "Measure throughput, compared with lower bounds.",
@@ -114,7 +119,7 @@ PARSERS: Mapping[str, Callable[[Sequence[str]], Subcommand]] = {
     "evaluate": parse_evaluate,
     "compare": parse_compare,
     "fit": parse_fit,
-    "make-starts": parse_make_starts,
+    "prepare": parse_prepare,
 }
 """Functions that read the options of commands whose defaults depend on other options."""
 

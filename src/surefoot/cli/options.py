@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 from surefoot.cli.arguments import sort_arguments
 from surefoot.config import Backend, Config, simulated
+from surefoot.config.commands import Interval
 from surefoot.config.json_io import to_json
 from surefoot.files import WriteError, check_output, is_stream, write_json
 from surefoot.runs.layout import run_that_owns
@@ -105,19 +106,47 @@ class OnRobot:
     TOML file with one of your own; without it, the configured one. `surefoot robot` shows it."""
 
     def with_robot(self, config: Config) -> Config:
-        """The configuration, with the robot that was asked for, and its own values for None.
+        """The configuration, with the robot that was asked for.
 
         Args:
             config: Configuration with a robot of its own.
 
         Raises:
-            ValueError: There is no such robot, or its description cannot be used.
+            ValueError: There is no such robot.
         """
-        from surefoot.robots.scaling import with_own_values
+        from surefoot.robots.load import find_spec
 
-        if self.robot is not None:
-            config = replace(config, robot=replace(config.robot, model=self.robot, spec=None))
-        return with_own_values(config)
+        if self.robot is None:
+            return config
+        config = replace(config, robot=replace(config.robot, model=self.robot, spec=None))
+        find_spec(config.robot)
+        return config
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnCommands:
+    """A command about all commands of a box; each of two equal numbers closes an axis."""
+
+    vx: Interval | None = None
+    """The smallest and the largest speed forward [m/s]; without it, those of --config.commands, as
+    for the other two."""
+    vy: Interval | None = None
+    """The smallest and the largest speed to the left [m/s]."""
+    yaw_rate: Interval | None = None
+    """The smallest and the largest yaw rate to the left [rad/s]."""
+
+    def with_commands(self, config: Config) -> Config:
+        """The configuration, with the commands that were asked for.
+
+        Args:
+            config: Configuration with commands of its own.
+
+        Raises:
+            ValueError: An interval is reversed, or out of its range.
+        """
+        asked = {"vx": self.vx, "vy": self.vy, "yaw_rate": self.yaw_rate}
+        given = {name: interval for name, interval in asked.items() if interval is not None}
+        return replace(config, commands=replace(config.commands, **given))
 
 
 @dataclass(frozen=True, kw_only=True)

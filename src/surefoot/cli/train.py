@@ -12,6 +12,7 @@ import tyro
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.options import (
+    OnCommands,
     OnGait,
     OnRobot,
     OnSimulator,
@@ -23,7 +24,7 @@ from surefoot.cli.options import (
 )
 from surefoot.config import METHODS as METHOD_CONFIGS
 from surefoot.config import Config
-from surefoot.config.presets import preset, suited
+from surefoot.config.presets import preset
 from surefoot.files import write_json
 from surefoot.runs.layout import CURVES_FILE, METRICS_FILE
 
@@ -43,8 +44,11 @@ class TrainReport:
 
 
 @dataclass(frozen=True)
-class Train(OnWorkers, OnGait, OnRobot, OnSimulator):
+class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
     """Train a policy, for example with `surefoot train loco_safe_dagger`.
+
+    For another robot, another gait or other commands than Solo12's trot straight ahead, what they
+    need is prepared first, once, in less than two minutes (`surefoot prepare`).
 
     See the options of a method, and all defaults, with `surefoot train METHOD --help`.
 
@@ -74,16 +78,17 @@ class Train(OnWorkers, OnGait, OnRobot, OnSimulator):
         from surefoot.methods import METHODS
         from surefoot.runs.checks import check_config
         from surefoot.runs.metrics import line_values
-        from surefoot.runs.run import create
+        from surefoot.runs.run import config_for, create
         from surefoot.viz.plots import learning_curves
 
         workers = self.spread
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
         check_option("--run", folder / METRICS_FILE)
         check_outputs([Output("--json", self.json)], new_run=folder)
-        config = suited(self.with_robot(self.simulated(self.config)))
+        config = self.with_commands(self.with_robot(self.simulated(self.config)))
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))
+        config = config_for(folder, config)
         check_config(config)
         run = create(folder, config, self.resume)
         if self.tensorboard:

@@ -11,7 +11,6 @@ import numpy as np
 from tqdm import tqdm
 
 from surefoot.cli.command_line import read_options
-from surefoot.cli.make_starts import with_measured_gains
 from surefoot.cli.options import (
     OnGait,
     OnRobot,
@@ -28,7 +27,6 @@ from surefoot.cli.options import (
     warn_of_divergence,
 )
 from surefoot.config import CommandBox, Config
-from surefoot.config.presets import is_solo12_trot, suited
 from surefoot.types import TICKS_PER_SECOND, Command
 
 if TYPE_CHECKING:
@@ -78,7 +76,7 @@ class Walk(OnGait, OnRobot, OnSimulator, OnTerrain):
     """Let the expert walk, from standing, and film it.
 
     The command gains of another robot than Solo12, and of another gait than the trot, are measured
-    first, in a few seconds.
+    first, once, in a few seconds.
 
     JSON keys: fell, outcome; command and mean_velocity [vx m/s, vy m/s, yaw rate rad/s, in the
     heading frame, from 1 s on]; heading_drift [deg, from the heading commanded, at the end];
@@ -116,12 +114,8 @@ class Walk(OnGait, OnRobot, OnSimulator, OnTerrain):
         check_outputs([Output("--json", self.json), *film])
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
-        config = self.with_robot(self.on_terrain(self.simulated(self.config)))
-        if not is_among(command, CommandBox()):
-            config = replace(config, commands=box_around(command))
-        config = suited(config)
-        if not is_solo12_trot(config):
-            config = with_measured_gains(replace(config, commands=box_around(command)))
+        given = self.with_robot(self.on_terrain(self.simulated(self.config)))
+        config = with_gains(given, command)
         start = standing_start(command, config.robot)
         job = Job(config, Episodes(start, self.seconds), ExpertOnly())
         with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
@@ -175,6 +169,30 @@ def walk_report(
         invalid_plans=int(expert.invalid_plans[0]),
         seconds=length / TICKS_PER_SECOND,
     )
+
+
+def with_gains(config: Config, command: Command) -> Config:
+    """The configuration with the robot's own values, and gains and rules for a command.
+
+    Args:
+        config: The configuration; gains and rules that are given stay.
+        command: The command.
+
+    Raises:
+        ValueError: The robot does not walk in this gait.
+    """
+    from surefoot.robots.load import load_robot
+    from surefoot.robots.scaling import with_own_values
+    from surefoot.scenarios.prepare import measured_gain
+
+    if not is_among(command, config.commands):
+        config = replace(config, commands=box_around(command))
+    own = with_own_values(config)
+    if own.expert.command_gain is not None:
+        return own
+    around = replace(own, commands=box_around(command))
+    gain = measured_gain(load_robot(own.robot), around).gain
+    return replace(around, expert=replace(own.expert, command_gain=gain))
 
 
 def box_around(command: Command) -> CommandBox:

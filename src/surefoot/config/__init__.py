@@ -44,7 +44,7 @@ from surefoot.config.methods import (
 )
 from surefoot.config.mpc import CentroidalConfig, ExpertConfig, FootholdRule, Gait, KinematicConfig
 from surefoot.config.robots import RobotConfig
-from surefoot.config.safety import GateName, HandBack, SafetyConfig
+from surefoot.config.safety import TABLE_I, GateName, HandBack, SafetyConfig
 from surefoot.config.scenarios import (
     DisturbanceConfig,
     NoiseConfig,
@@ -56,6 +56,7 @@ from surefoot.config.sim import Backend, SimulationConfig
 
 __all__ = [
     "METHODS",
+    "TABLE_I",
     "Backend",
     "BehaviorCloningConfig",
     "BudgetConfig",
@@ -123,10 +124,11 @@ class Config(Checked):
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
-    start_set: str = "solo12-trot-v1"
+    start_set: str | None = None
     """The initial states of rollouts and evaluations: the name of a set that comes with the
-    package, or the file of one that `surefoot make-starts` has made for another gait or other
-    commands."""
+    package, or a file that `surefoot prepare --out` has written. None is the set of the configured
+    robot, gait and commands: `solo12-trot-v1` for Solo12's trot straight ahead, and else the one
+    that is prepared for them."""
     starts: TeachingSplit = "train"
     """Where all rollouts begin that are learned from, the expert's and those of iterations: in
     perturbed states (paper), or in the `nominal` ones of a settled gait cycle, ten phases at twenty

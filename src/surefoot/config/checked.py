@@ -15,10 +15,21 @@ from dataclasses import Field, dataclass, fields
 from functools import cache
 from numbers import Integral, Real
 from types import UnionType
-from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from surefoot.errors import unknown
 
+Value = TypeVar("Value")
 Annotation = Any
 """What stands behind the colon of a field: a type, or something made of types."""
 
@@ -54,7 +65,7 @@ Angle = Annotated[float, Within(0.0, 180.0)]
 """An angle that counts either way [deg]."""
 
 
-def known(value: float | None, option: str) -> float:
+def known(value: Value | None, option: str) -> Value:
     """The value of an option that may be None, which stands for the robot's own value.
 
     Args:

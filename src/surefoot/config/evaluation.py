@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar
 
-from surefoot.config.checked import Angle, Checked, Duration, Share, Within
+from surefoot.config.checked import Angle, Checked, Duration, Share, Within, known
 from surefoot.config.scenarios import DisturbanceConfig, Split
 
 
@@ -54,15 +54,16 @@ class PushConfig(Checked):
     """Share of the robots that has to survive a level (the paper's research code)."""
     fall_angle: Angle = 60.0
     """[deg] roll or pitch beyond this is a fall here (the paper's research code)."""
-    resolution: Annotated[float, Within(0.001, 100.0)] = 0.2
-    """[N s] distance between two levels; the monotone fit interpolates."""
+    resolution: Annotated[float, Within(0.001, 100.0)] | None = None
+    """[N s] distance between two levels; the monotone fit interpolates. None is the robot's own, by
+    its mass (Solo12: 0.2)."""
     levels: Annotated[int, Within(1, 10_000)] = 30
     """How many levels are tried; the strongest push is this times the resolution."""
 
     @property
     def strongest(self) -> float:
         """The strongest push [N s]."""
-        return self.levels * self.resolution
+        return self.levels * known(self.resolution, "push.resolution")
 
 
 def shortened(

@@ -142,10 +142,11 @@ class ExpertConfig(Checked):
     """[N m/rad] stiffness of the PD on a plan; None is the robot's own (Solo12: 3, BiConMP)."""
     kd: Annotated[float, Within(0.0, 1000.0)] | None = None
     """[N m s/rad] damping of the PD on a plan; None is the robot's own (Solo12: 0.05, BiConMP)."""
-    command_gain: Annotated[tuple[float, float, float], Within(0.0, 10.0)] = (1.15, 1.08, 1.28)
-    """Commanded vx, vy and yaw rate are scaled by these inside the planner: the trot reaches only
-    87, 92 and 78 % of what is planned (measured at 0.1 to 0.3 m/s, 0.1 m/s and 0.3 rad/s in both
-    simulators; BiConMP: 1, 1, 1). `scenarios.calibration` measures those of other gaits."""
+    command_gain: Annotated[tuple[float, float, float], Within(0.0, 10.0)] | None = None
+    """Commanded vx, vy and yaw rate are scaled by these inside the planner; None is what is
+    measured for the robot and the gait (`surefoot prepare`), and 1 where nothing was. Solo12's trot
+    has 1.15, 1.08 and 1.28: it reaches only 87, 92 and 78 % of what is planned (measured at 0.1 to
+    0.3 m/s, 0.1 m/s and 0.3 rad/s in both simulators; BiConMP: 1, 1, 1)."""
     hip_outward: Annotated[float, Within(-1.0, 1.0)] | None = None
     """[m] footholds lie this far outside the hip; None is the robot's own (Solo12: 0.04, BiConMP;
     others: the nominal feet, about their own center)."""
@@ -159,16 +160,17 @@ class ExpertConfig(Checked):
     capture_deadband: Annotated[float, Within(0.0, 10.0)] = 0.1
     """[m/s] excess velocity that belongs to a settled gait and moves no foothold: feedback on it
     would multiply every small bias of the walking speed by four."""
-    capture_share: Share = 0.0
+    capture_share: Share | None = None
     """The same, as a share of the commanded speed; the larger of both holds. A robot that is slower
     than its command by more than the deadband is made slower still: its feet move back, its steps
     get shorter, and it may settle at a fraction of the command. 0.25 prevents that; with 0, the
-    value of `solo12-trot-v1`, it is rare at up to 0.3 m/s."""
-    turn_compensation: Annotated[float, Within(0.0, 10.0)] = 0.0
+    value of `solo12-trot-v1`, it is rare at up to 0.3 m/s. None is what suits robot, gait and
+    commands: 0 for those of that set and for the rule `published`, 0.25 for all others."""
+    turn_compensation: Annotated[float, Within(0.0, 10.0)] | None = None
     """[s] planned besides the command (vx, vy) in a turn at the yaw rate w: this times w times
     (-vy, vx), to the left of where the robot goes. Robots drift outward by 0.29 s times w times the
     speed, whatever robot and gait; 0.3 leaves nearly nothing of it. 0 is the value of
-    `solo12-trot-v1`."""
+    `solo12-trot-v1`. None is what suits robot, gait and commands, 0 or 0.3, as above."""
     via_until: Share = 0.52
     """A swing foot is drawn to its via point up to this share of the swing (BiConMP)."""
     max_residual: Annotated[float, Within(0.0, 1000.0)] = 1e-2

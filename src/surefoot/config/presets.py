@@ -6,7 +6,7 @@ paper does, `default` is the same protocol made cheap, and `quick` is a small ru
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from surefoot.config import (
     BehaviorCloningConfig,
@@ -25,7 +25,29 @@ from surefoot.config import (
 )
 from surefoot.errors import unknown
 
+
+@dataclass(frozen=True)
+class Rules:
+    """What follows turns without drifting outward, and does not settle at a share of the command.
+
+    Attributes:
+        capture_share: As `ExpertConfig.capture_share`.
+        turn_compensation: As `ExpertConfig.turn_compensation` [s].
+    """
+
+    capture_share: float
+    turn_compensation: float
+
+
 PRESETS = ("default", "quick", "paper")
+STRAIGHT_TROT = "solo12-trot-v1"
+"""The packaged set of initial states: Solo12 trots straight ahead, at 0 to 0.3 m/s."""
+TROT_GAIN = (1.15, 1.08, 1.28)
+"""The command gains of Solo12's trot, measured in both simulators."""
+FIRST = Rules(capture_share=0.0, turn_compensation=0.0)
+"""The rules of `STRAIGHT_TROT`."""
+ALL_ROUND = Rules(capture_share=0.25, turn_compensation=0.3)
+"""The rules for any gait and any command of a box."""
 
 # Many short recoveries teach more than a few long ones: after 0.8 s the trot has settled.
 _SHORT = ExpertData(velocities=10, perturbations=2, nominal=True, duration=0.8)
@@ -87,9 +109,7 @@ def default(method: str) -> Config:
 
 def _pushes(count: int) -> DisturbanceConfig:
     """Pushes that teach: up to what the expert recovers from, which takes it beyond 30 degrees."""
-    return DisturbanceConfig(
-        count, impulse=(0.3, 1.5), gentle=0.7, expert_impulse=(0.5, 3.0), fall_angle=60.0
-    )
+    return DisturbanceConfig(count, impulse=None, gentle=0.7, expert_impulse=None, fall_angle=60.0)
 
 
 def quick(method: str) -> Config:
@@ -107,35 +127,21 @@ def published_rules(config: Config) -> Config:
     return replace(config, expert=expert)
 
 
-def all_round_rules(config: Config) -> Config:
-    """The expert's rules for any gait and any command of a box, whatever they were before.
-
-    It follows turns without drifting outward, and does not settle at a fraction of the command.
-    `Config` itself keeps the rules of the initial states `solo12-trot-v1`: trotting straight ahead.
-    """
-    expert = replace(config.expert, capture_share=0.25, turn_compensation=0.3)
-    return replace(config, expert=expert)
-
-
 def is_solo12_trot(config: Config) -> bool:
-    """Whether robot and gait are those for which the expert's defaults were measured."""
+    """Whether robot and gait are those for which the expert's first values were measured."""
     is_solo12 = config.robot.spec is None and config.robot.model == RobotConfig().model
     return is_solo12 and config.gait.timing == Gait().timing
 
 
 def straight_trot(config: Config) -> bool:
-    """Whether robot, gait and commands are those of the initial states `solo12-trot-v1`."""
+    """Whether robot, gait and commands are those of the initial states `STRAIGHT_TROT`."""
     return is_solo12_trot(config) and config.commands == CommandBox()
 
 
-def suited(config: Config) -> Config:
-    """The configuration with an expert whose rules suit its robot, its gait and its commands.
+def rules_for(config: Config) -> Rules:
+    """What the expert does in turns, and where a gait is slower than its command, unless chosen.
 
-    Those of `solo12-trot-v1` stay for Solo12's trot and commands straight ahead, up to 0.3 m/s;
-    otherwise the all-round rules come in their place, unless others were chosen: those published,
-    for example.
+    The rules of `STRAIGHT_TROT` stay for its robot, gait and commands; and BiConMP has none.
     """
-    expert = config.expert
-    chosen = expert.turn_compensation > 0.0 or expert.capture_share > 0.0
-    chosen = chosen or expert.foothold_rule == "published"
-    return config if straight_trot(config) or chosen else all_round_rules(config)
+    published = config.expert.foothold_rule == "published"
+    return FIRST if straight_trot(config) or published else ALL_ROUND

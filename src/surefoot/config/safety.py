@@ -42,27 +42,31 @@ Tilt = Annotated[float, Within(0.0, 10_000.0)]
 class SafetyConfig(Checked):
     """When the expert takes over (paper, Table I), and what counts as a fall.
 
-    The defaults are the paper's, for Solo12. Where another robot is configured, those of the height
-    and the joints that are left at their defaults give way to the robot's own.
+    None stands for the own bound of the robot, and of its settled gait where that was prepared
+    (`surefoot prepare`); see `robots.scaling.own_safety`. Solo12's are the paper's, `TABLE_I`.
     """
 
     section: ClassVar[str] = "safety"
 
-    com_height: Range = (0.15, 1.0)
-    """[m] height of the center of mass."""
-    roll_pitch: Tilt = 25.0
-    """[deg] either way."""
-    hip_abduction: Range = (-30.0, 60.0)
-    """[deg] of the left legs; mirrored for the right legs."""
-    hip_flexion: Range = (0.0, 90.0)
-    """[deg] of the front legs; mirrored for the hind legs."""
-    knee: Range = (-160.0, 0.0)
-    """[deg] of the front legs; mirrored for the hind legs."""
+    com_height: Range | None = None
+    """[m] height of the center of mass; None is the robot's own (Solo12: 0.15 to 1)."""
+    roll_pitch: Tilt | None = None
+    """[deg] either way; None is 25, or more where the settled gait needs it."""
+    hip_abduction: Range | None = None
+    """[deg] of the left legs; mirrored for the right legs; None is the robot's own (Solo12: -30 to
+    60)."""
+    hip_flexion: Range | None = None
+    """[deg] of the front legs; mirrored for the hind legs; None is the robot's own (Solo12: 0 to
+    90)."""
+    knee: Range | None = None
+    """[deg] of the front legs; mirrored for the hind legs; None is the robot's own (Solo12: -160 to
+    0)."""
     joints: tuple[Range, ...] = ()
     """[deg] of all twelve joints, leg by leg, in place of the three ranges above, which fit legs
     that bend apart; none uses those."""
-    fall_height: Range = (0.10, 2.0)
-    """[m] a base height outside this range is a fall (the paper's research code)."""
+    fall_height: Range | None = None
+    """[m] a base height outside this range is a fall; None is the robot's own (Solo12: 0.1 to 2,
+    the paper's research code)."""
     fall_angle: Tilt = 30.0
     """[deg] roll or pitch beyond this is a fall (the paper's research code)."""
     body_contact: Seconds = 0.0
@@ -84,3 +88,14 @@ class SafetyConfig(Checked):
                 f"{self.section}.joints has {len(self.joints)} ranges; give one for each of the "
                 "twelve joints, or none"
             )
+
+
+TABLE_I = SafetyConfig(
+    com_height=(0.15, 1.0),
+    roll_pitch=25.0,
+    hip_abduction=(-30.0, 60.0),
+    hip_flexion=(0.0, 90.0),
+    knee=(-160.0, 0.0),
+    fall_height=(0.10, 2.0),
+)
+"""The bounds of Solo12: the paper's Table I, and the falls of its research code."""

@@ -76,15 +76,17 @@ class DisturbanceConfig(Checked):
 
     pushes: Annotated[int, Within(0, 1000)] = 0
     """How many pushes act on the base in an episode, from any horizontal direction, at any time."""
-    impulse: Impulse = (0.5, 1.5)
-    """[N s] the smallest and the largest push."""
+    impulse: Impulse | None = (0.5, 1.5)
+    """[N s] the smallest and the largest push; None is the robot's own, by its mass (Solo12: 0.3 to
+    1.5)."""
     gentle: Share = 1.0
     """`impulse` in the first iteration is this share of what it is in the last one; in between it
     rises evenly. A policy that has not seen pushes yet is thrown by smaller ones."""
-    expert_impulse: Impulse = (0.0, 0.0)
+    expert_impulse: Impulse | None = (0.0, 0.0)
     """[N s] the smallest and the largest additional push where the expert drives in order to teach:
     early in LocoSafeDAGGER's tail and in LocoDAGGER's queries. The expert then shows how to
-    recover; it withstands stronger pushes than a policy does."""
+    recover; it withstands stronger pushes than a policy does. None is the robot's own, by its mass
+    (Solo12: 0.5 to 3)."""
     fall_angle: Angle = 0.0
     """[deg] roll or pitch beyond this is a fall, if it is more than `safety.fall_angle`: robots
     that are pushed tilt further and recover (the paper's research code allows 60 after pushes)."""

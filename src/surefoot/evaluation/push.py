@@ -17,9 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.config import Config, PushConfig
+from surefoot.config.checked import known
 from surefoot.evaluation.push_fit import refuting_counts, robots_needed
 from surefoot.evaluation.push_limits import PushResult, result_of_search
 from surefoot.evaluation.robustness import controller_title
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes, join_episodes
 from surefoot.rollouts.jobs import Job, chunks_of, disturbance_of, play_out, run_episodes
@@ -82,6 +84,7 @@ def push_recovery(
     Raises:
         ValueError: The configuration asks for more speeds than the split has.
     """
+    config = with_own_values(config)
     stored = stored or starts_of(config)
     push = config.push
     starts = pushed_starts(push, stored)
@@ -197,7 +200,7 @@ def search_levels(
     tried: list[dict[int, BoolArray]] = [{0: control} for _ in angles]
 
     def push_them(which: IntArray, level: IntArray) -> None:
-        impulses = level.astype(float) * push.resolution
+        impulses = level.astype(float) * known(push.resolution, "push.resolution")
         name = f"{title}: {len(which)} pushes"
         survived = branch.survivors(angles[which], impulses, workers, name)
         for direction, k, robots in zip(which, level.tolist(), survived, strict=True):

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.config import PushConfig
+from surefoot.config.checked import known
 from surefoot.evaluation.push_fit import (
     fitted_level,
     limit_interval,
@@ -138,8 +139,9 @@ def result_of_search(
         tried: For each direction, level -> ``(n,)`` True for the robots that survived it.
     """
     n = len(up)
+    resolution = known(push.resolution, "push.resolution")
     needed = robots_needed(push.success, n)
-    levels = tuple(tuple(k * push.resolution for k in sorted(each)) for each in tried)
+    levels = tuple(tuple(k * resolution for k in sorted(each)) for each in tried)
     successes = tuple(tuple(int(each[k].sum()) for k in sorted(each)) for each in tried)
     survived = tuple(tuple(as_digits(each[k]) for k in sorted(each)) for each in tried)
     passed = np.array(
@@ -159,8 +161,8 @@ def result_of_search(
         starts_hash=stored.hash,
         episodes=n,
         direction_deg=tuple(np.degrees(angles).round(6).tolist()),
-        max_impulse=tuple((passed * push.resolution).tolist()),
-        mean_max_impulse=float(passed.mean() * push.resolution),
+        max_impulse=tuple((passed * resolution).tolist()),
+        mean_max_impulse=float(passed.mean() * resolution),
         fitted_impulse=fitted,
         mean_fitted_impulse=float(np.mean(fitted)),
         levels=levels,

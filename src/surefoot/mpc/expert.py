@@ -12,7 +12,7 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import Config, ExpertConfig
+from surefoot.config import Config, ExpertConfig, Gait
 from surefoot.config.checked import check_values, known
 from surefoot.mpc.planner import PLAN_TICKS, Planner
 from surefoot.robots.model import RobotModel
@@ -46,8 +46,10 @@ class Expert:
         kp: The proportional gain [N m/rad].
         kd: The derivative gain [N m s/rad].
         damping: The damping of the joints of a robot that has no valid plan [N m s/rad].
+        gait: The gait that the plans are of; None if nobody knows.
 
     Attributes:
+        gait: The gait that the plans are of; None if nobody knows.
         plans: ``(B,)`` number of plans asked for since the reset.
         invalid_plans: ``(B,)`` number of those that were not valid.
 
@@ -55,13 +57,21 @@ class Expert:
         ValueError: A gain is outside the range that `ExpertConfig` allows.
     """
 
-    def __init__(self, plan: PlanFunction, kp: float, kd: float, damping: float = DAMPING) -> None:
+    def __init__(
+        self,
+        plan: PlanFunction,
+        kp: float,
+        kd: float,
+        damping: float = DAMPING,
+        gait: Gait | None = None,
+    ) -> None:
         gains = [("kp", known(kp, "expert.kp")), ("kd", known(kd, "expert.kd"))]
         check_values(ExpertConfig, gains, ExpertConfig.section)
         self._plan = plan
         self._kp = kp
         self._kd = kd
         self._damping = damping
+        self.gait = gait
         self.reset(0)
 
     def reset(self, batch: int) -> None:
@@ -233,4 +243,6 @@ def make_expert(robot: RobotModel, config: Config, plan: PlanFunction | None = N
         plan = make_planner(robot, config).plan
     expert = own_expert(config.expert, robot)
     damping = own_values(robot).policy_kd
-    return Expert(plan, known(expert.kp, "expert.kp"), known(expert.kd, "expert.kd"), damping)
+    kp = known(expert.kp, "expert.kp")
+    kd = known(expert.kd, "expert.kd")
+    return Expert(plan, kp, kd, damping, config.gait)

@@ -112,7 +112,8 @@ def planned_velocity(config: ExpertConfig, command: Command) -> Command:
     if config.turn_compensation:
         inward = config.turn_compensation * w
         command = Command(vx - inward * vy, vy + inward * vx, w)
-    return Command(*np.multiply(config.command_gain, command))
+    gain = known(config.command_gain, "expert.command_gain")
+    return Command(*np.multiply(gain, command))
 
 
 def excess_velocity(config: ExpertConfig, measured: Array, command: Command) -> Array:

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 from surefoot.config import Config, Gait
 from surefoot.config.gait_table import GAITS, gait_name
-from surefoot.config.presets import all_round_rules
 from surefoot.errors import unknown
 
 __all__ = ["GAITS", "gait_name", "with_gait"]
@@ -20,8 +19,7 @@ __all__ = ["GAITS", "gait_name", "with_gait"]
 def with_gait(config: Config, name: str) -> Config:
     """The configuration, with a named gait, and with what follows from another gait than the trot.
 
-    That is a horizon by the gait's period, the rules that serve any gait and command, and gains of
-    1, which `scenarios.calibration` measures. The trot leaves the rest as it is.
+    That is a horizon by the gait's period; the trot leaves the rest as it is.
 
     Args:
         config: The configuration.
@@ -35,11 +33,9 @@ def with_gait(config: Config, name: str) -> Config:
     gait = GAITS[name]
     if gait.timing == Gait().timing:
         return replace(config, gait=gait)
-    expert = all_round_rules(config).expert
     expert = replace(
-        expert,
-        centroidal=replace(expert.centroidal, nodes=None),
-        kinematic=replace(expert.kinematic, nodes=None),
-        command_gain=(1.0, 1.0, 1.0),
+        config.expert,
+        centroidal=replace(config.expert.centroidal, nodes=None),
+        kinematic=replace(config.expert.kinematic, nodes=None),
     )
     return replace(config, gait=gait, expert=expert)

@@ -106,7 +106,7 @@ class Planner:
         self, robot: RobotModel, gait: Gait, config: ExpertConfig, friction: float
     ) -> None:
         gait = own_gait(gait, robot)
-        config = own_expert(config, robot)
+        config = own_expert(config, robot, gait)
         self._robot = robot
         self._gait = gait
         self._config = config

@@ -16,28 +16,58 @@ import numpy as np
 import pinocchio as pin
 
 from surefoot.config import (
+    TABLE_I,
     Config,
+    DisturbanceConfig,
     ExpertConfig,
     Gait,
     KinematicConfig,
     PolicyConfig,
+    PushConfig,
     RobotConfig,
     SafetyConfig,
 )
 from surefoot.config.checked import known
+from surefoot.config.presets import (
+    ALL_ROUND,
+    FIRST,
+    STRAIGHT_TROT,
+    TROT_GAIN,
+    is_solo12_trot,
+    rules_for,
+    straight_trot,
+)
 from surefoot.config.robot_table import ROBOTS, SOLO12
+from surefoot.robots.bounds import FRONT_HIND, LEFT_RIGHT, mirrored
 from surefoot.robots.canonical import joint_axes
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel, standing
 from surefoot.types import LEGS, Array
 
-Section = TypeVar("Section", Gait, ExpertConfig, KinematicConfig, PolicyConfig)
+Section = TypeVar(
+    "Section",
+    Gait,
+    ExpertConfig,
+    KinematicConfig,
+    PolicyConfig,
+    SafetyConfig,
+    DisturbanceConfig,
+    PushConfig,
+)
 REFERENCE_MASS = 2.5
 """[kg] The mass of Solo12."""
 REFERENCE_LEG = 0.2229
 """[m] The height of Solo12's hips above its feet in the nominal pose."""
 COM_SHARE = 0.92
 """The height of the center of mass in a gait, over that in the nominal pose (measured)."""
+PUSH = (0.3, 1.5)
+"""[N s] The smallest and the largest push of a Solo12 that teach: 0.12 to 0.6 m/s."""
+EXPERT_PUSH = (0.5, 3.0)
+"""[N s] The smallest and the largest push of a Solo12 that the expert shows how to recover from."""
+PUSH_LEVEL = 0.2
+"""[N s] The distance between two levels of the pushes that a Solo12 is tested with."""
+OWN_BOUNDS = ("com_height", "roll_pitch", "hip_abduction", "hip_flexion", "knee", "fall_height")
+"""The bounds of `SafetyConfig` that may be None."""
 DIGITS = 4
 """Significant digits that a scaled number keeps: enough for a gain, and readable in a file."""
 
@@ -148,9 +178,25 @@ def own_gait(gait: Gait, robot: RobotModel) -> Gait:
     return _filled(gait, com_height=own.com_height, step_height=own.step_height)
 
 
-def own_expert(expert: ExpertConfig, robot: RobotModel) -> ExpertConfig:
-    """Return an expert's configuration with the robot's own values in place of None."""
+def own_height(gait: Gait, robot: RobotModel) -> float:
+    """Return the height of the center of mass in a gait [m]: the gait's, or the robot's own."""
+    return own_values(robot).com_height if gait.com_height is None else gait.com_height
+
+
+def own_expert(expert: ExpertConfig, robot: RobotModel, gait: Gait | None = None) -> ExpertConfig:
+    """Return an expert's configuration with the robot's own values in place of None.
+
+    Command gains that are neither given nor measured are those of Solo12's trot for that, and else
+    1. Rules that are not given are Solo12's first ones for it, and the all-round ones for others.
+
+    Args:
+        expert: The configuration.
+        robot: The robot.
+        gait: The gait; None is a trot.
+    """
     own = own_values(robot)
+    is_solo12 = robot.spec == SOLO12
+    trots = gait is None or gait.timing == Gait().timing
     expert = replace(expert, kinematic=own_kinematic(expert.kinematic, robot))
     return _filled(
         expert,
@@ -158,6 +204,8 @@ def own_expert(expert: ExpertConfig, robot: RobotModel) -> ExpertConfig:
         kd=own.kd,
         capture_time=own.capture_time,
         hip_outward=own.hip_outward,
+        command_gain=TROT_GAIN if is_solo12 and trots else (1.0, 1.0, 1.0),
+        **vars(FIRST if is_solo12 and trots else ALL_ROUND),
     )
 
 
@@ -173,18 +221,18 @@ def own_policy(policy: PolicyConfig, robot: RobotModel) -> PolicyConfig:
     return _filled(policy, kp=own.policy_kp, kd=own.policy_kd)
 
 
-def _filled(section: Section, **own: float | None) -> Section:
+def _filled(section: Section, **own: float | tuple[float, ...] | None) -> Section:
     """Return a part of a configuration with these values in its fields that are None."""
     missing = {name: value for name, value in own.items() if vars(section)[name] is None}
     return replace(section, **missing)
 
 
 def own_safety(safety: SafetyConfig, com_height: float, robot: RobotModel) -> SafetyConfig:
-    """Return the bounds for a robot; Solo12's are the defaults, and others have their own.
+    """Return the bounds with a robot's own in place of None.
 
-    What is not at its default stays. See `joint_bounds` for the joints; the center of mass may sink
-    to three quarters of its height in the gait, and a robot whose base is below half of that has
-    fallen. For Solo12 these are the paper's bounds.
+    See `joint_bounds` for the joints; the center of mass may sink to three quarters of its height
+    in the gait, and a robot whose base is below half of that has fallen. For Solo12 these are the
+    paper's, `TABLE_I`.
 
     Args:
         safety: The bounds that are configured.
@@ -192,18 +240,45 @@ def own_safety(safety: SafetyConfig, com_height: float, robot: RobotModel) -> Sa
         robot: The robot.
     """
     if robot.spec == SOLO12:
+        return _filled(safety, **{name: vars(TABLE_I)[name] for name in OWN_BOUNDS})
+    safety = _filled(
+        safety,
+        com_height=(round(0.75 * com_height, 6), max(1.0, 5.0 * com_height)),
+        roll_pitch=TABLE_I.roll_pitch,
+        fall_height=(round(0.5 * com_height, 6), max(2.0, 10.0 * com_height)),
+    )
+    if safety.joints:
         return safety
-    default = SafetyConfig()
-    if safety.com_height == default.com_height:
-        low = round(0.75 * com_height, 6)
-        safety = replace(safety, com_height=(low, max(1.0, 5.0 * com_height)))
-    if safety.fall_height == default.fall_height:
-        low = round(0.5 * com_height, 6)
-        safety = replace(safety, fall_height=(low, max(2.0, 10.0 * com_height)))
-    ranges = (safety.hip_abduction, safety.hip_flexion, safety.knee)
-    if not safety.joints and ranges == (default.hip_abduction, default.hip_flexion, default.knee):
-        safety = replace(safety, joints=joint_bounds(robot))
-    return safety
+    rows = list(joint_bounds(robot))
+    for leg in range(4):
+        given = (
+            (LEFT_RIGHT[leg], safety.hip_abduction),
+            (FRONT_HIND[leg], safety.hip_flexion),
+            (FRONT_HIND[leg], safety.knee),
+        )
+        for joint, (sign, bounds) in enumerate(given):
+            if bounds is not None:
+                rows[3 * leg + joint] = mirrored(sign, bounds)
+    return replace(safety, joints=tuple(rows))
+
+
+def own_pushes(config: DisturbanceConfig, robot: RobotModel) -> DisturbanceConfig:
+    """Return the disturbances with pushes of the robot's own size in place of None.
+
+    Those of Solo12 teach the most; the same change of velocity takes an impulse by the mass.
+    """
+    ratio = size_of(robot).mass_ratio
+    return _filled(
+        config,
+        impulse=_by_mass(PUSH, ratio),
+        expert_impulse=_by_mass(EXPERT_PUSH, ratio),
+    )
+
+
+def _by_mass(impulse: tuple[float, float], ratio: float) -> tuple[float, float]:
+    """The impulses [N s] that change the velocity of a robot as these do that of a Solo12."""
+    low, high = (_scaled(None, value, ratio) for value in impulse)
+    return low, high
 
 
 def joint_bounds(robot: RobotModel) -> tuple[tuple[float, float], ...]:
@@ -264,10 +339,12 @@ def straight_knees(robot: RobotModel) -> Array:
 
 
 def with_own_values(config: Config, robot: RobotModel | None = None) -> Config:
-    """Return the configuration with the robot's own values in place of None.
+    """Return the configuration with what follows from its robot, gait and commands for None.
 
-    A file that the configuration names as its robot is read, and its spec takes the file's place:
-    what comes back depends on no file but the robot's description.
+    What has to be measured stays None: the command gains of all but Solo12's trot, and the initial
+    states of all but its trot straight ahead (`scenarios.prepare`). A file that the configuration
+    names as its robot is read, and its spec takes the file's place: what comes back depends on no
+    file but the robot's description.
 
     Args:
         config: The configuration.
@@ -275,13 +352,27 @@ def with_own_values(config: Config, robot: RobotModel | None = None) -> Config:
     """
     robot = robot or load_robot(config.robot)
     gait = own_gait(config.gait, robot)
+    expert = _filled(config.expert, **vars(rules_for(config)))
+    expert = own_expert(expert, robot, gait)
+    if config.expert.command_gain is None and not is_solo12_trot(config):
+        expert = replace(expert, command_gain=None)
+    start_set = config.start_set
+    if start_set is None and straight_trot(config):
+        start_set = STRAIGHT_TROT
+    level = _scaled(None, PUSH_LEVEL, size_of(robot).mass_ratio)
+    disturbance = own_pushes(config.evaluation.disturbance, robot)
     return replace(
         config,
         robot=_own_robot(config.robot, robot),
         gait=gait,
-        expert=own_expert(config.expert, robot),
+        expert=expert,
         policy=own_policy(config.policy, robot),
         safety=own_safety(config.safety, known(gait.com_height, "gait.com_height"), robot),
+        start_set=start_set,
+        collection=own_pushes(config.collection, robot),
+        pretraining=own_pushes(config.pretraining, robot),
+        evaluation=replace(config.evaluation, disturbance=disturbance),
+        push=_filled(config.push, resolution=level),
     )
 
 

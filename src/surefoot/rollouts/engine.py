@@ -10,18 +10,25 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import SafetyConfig
-from surefoot.robots.model import stop_speeding
+from surefoot.config import Gait, SafetyConfig
+from surefoot.robots.model import RobotModel, stop_speeding
+from surefoot.robots.scaling import own_height, own_safety
 from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.compiled import clip_torque, driver
 from surefoot.rollouts.episodes import Episodes, Rollout
-from surefoot.rollouts.outcome import Outcome, fallen, heights_of_swings, stepping
+from surefoot.rollouts.outcome import (
+    Outcome,
+    fallen,
+    heights_of_swings,
+    judged_from,
+    stepping,
+)
 from surefoot.rotations import from_heading
 from surefoot.scenarios.disturbance import Disturbance, Pushes, make_sensors
 from surefoot.scenarios.torque_noise import HeldNoise
@@ -59,7 +66,8 @@ def rollout(
         arbiter: Decides at every tick who drives.
         expert: Drives where the arbiter says so, and during the tail.
         policy: Drives elsewhere; None if the arbiter never asks for one.
-        safety: The bounds beyond which a robot has fallen; None uses the defaults.
+        safety: The bounds beyond which a robot has fallen, with the robot's own for None. Without
+            any they are all its own, and stepping is judged by the gait of the expert.
         ask_always: Ask the expert at every tick for the torque that it would apply there, even
             where the policy drives (DAGGER). It then plans on its grid, and a takeover continues
             its current plan.
@@ -72,7 +80,6 @@ def rollout(
         ValueError: The number of robots is not that of the episodes, the policy is one of another
             robot, torques are not ``(B, 12)``, or the arbiter asks for a policy and there is none.
     """
-    safety = safety or SafetyConfig()
     disturbance = episodes.disturbance or Disturbance()
     starts = episodes.starts
     B = len(starts)
@@ -87,6 +94,7 @@ def rollout(
             f"a policy of the robot {policy.robot!r} for a simulator of {name!r}; use a policy "
             "that was trained on this robot"
         )
+    safety = _own_safety(safety, robot, expert)
     T = to_ticks(episodes.duration)
     total = T + to_ticks(episodes.tail)
     grace = to_ticks(safety.grace)
@@ -180,6 +188,32 @@ class _OfOneRobot(Protocol):
     def robot(self) -> object:
         """The name of the robot."""
         ...
+
+
+@runtime_checkable
+class _InOneGait(Protocol):
+    """A controller that says in which gait it walks, as the package's expert does."""
+
+    @property
+    def gait(self) -> object:
+        """The gait."""
+        ...
+
+
+def _own_safety(safety: SafetyConfig | None, robot: RobotModel, expert: Controller) -> SafetyConfig:
+    """The bounds, with the robot's own in place of None; without any, judged by the expert's gait.
+
+    Args:
+        safety: The bounds that were given, if any were.
+        robot: The robot.
+        expert: The expert.
+    """
+    gait = expert.gait if isinstance(expert, _InOneGait) else None
+    walked = gait if isinstance(gait, Gait) else Gait()
+    own = own_safety(safety or SafetyConfig(), own_height(walked, robot), robot)
+    if safety is not None or gait is None:
+        return own
+    return replace(own, stepping_from=judged_from(own, walked))
 
 
 class _Recorder:

@@ -23,7 +23,7 @@ from surefoot.mpc.identity import plan_names
 from surefoot.mpc.planner import Planner
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
-from surefoot.robots.scaling import with_own_values
+from surefoot.robots.scaling import own_pushes, with_own_values
 from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, Rollout
@@ -159,7 +159,7 @@ def run_chunk(job: Job) -> ChunkResult:
     if job.keep is not None:
         recording = rollouts.recording(job.keep(rollouts), job.episode)
     summary = summarize_job(job, rollouts, expert, recording.kept_frames)
-    trace = trace_of(rollouts, job.episode, job.config) if job.trace else None
+    trace = trace_of(rollouts, job.episode, _own(job.config)) if job.trace else None
     following = None if job.then is None else job.then(job, rollouts)
     if following is not None:
         more = run_chunk(following)
@@ -199,7 +199,8 @@ def disturbance_of(job: Job) -> Disturbance:
         tail = duration
         duration = 0.0
     friction = config.simulation.friction
-    return draw_disturbances(job.disturbance, config.seed, job.episode, duration, friction, tail)
+    drawn = own_pushes(job.disturbance, _robot(config.robot))
+    return draw_disturbances(drawn, config.seed, job.episode, duration, friction, tail)
 
 
 def ground_of(job: Job) -> Ground | None:

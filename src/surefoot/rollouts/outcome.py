@@ -7,14 +7,13 @@ IV-F). All of it is array code over B robots. Read `engine` next for where they 
 from __future__ import annotations
 
 from enum import IntEnum
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
 from surefoot.config import Gait, SafetyConfig
 from surefoot.mpc.schedule import stands
-from surefoot.safety.gates import outside
+from surefoot.robots import bounds
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, State, to_ticks
 
 AIRBORNE = 40
@@ -41,15 +40,7 @@ def failed(outcome: IntArray) -> BoolArray:
 
 def fallen(state: State, config: SafetyConfig) -> BoolArray:
     """``(B,)`` True where base height, roll or pitch is that of a robot that has fallen."""
-    return outside(state.q[:, 2], state.q, *_fall_bounds(config))
-
-
-@lru_cache
-def _fall_bounds(config: SafetyConfig) -> tuple[Array, Array]:
-    """Bounds ``(3,)`` of the base's height [m], roll and pitch [rad]."""
-    low, high = config.fall_height
-    angle = np.radians(config.fall_angle)
-    return np.array([low, -angle, -angle]), np.array([high, angle, angle])
+    return bounds.fallen(state.q[:, 2], state.q, config)
 
 
 def judged_from(safety: SafetyConfig, gait: Gait) -> float | None:

@@ -34,7 +34,7 @@ from surefoot.runs.budget import SECONDS_PER_SOLVE, first_allowance
 from surefoot.runs.metrics import Collected
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import draw_starts, expert_rollouts
-from surefoot.scenarios.starts import SPLITS, StartSet, starts_of
+from surefoot.scenarios.starts import ANOTHER, SPLITS, StartSet, starts_of
 from surefoot.types import PlanFunction
 
 Parameters = TypeVar("Parameters", bound=MethodConfig)
@@ -150,14 +150,11 @@ def _check_stored(config: Config, stored: StartSet) -> None:
     Raises:
         ValueError: They are at other commands, or there are too few of them.
     """
-    for split in SPLITS:
-        commands = stored.commands(split)
-        if not np.allclose(commands, config.commands.spread(len(commands)), atol=1e-9):
-            raise ValueError(
-                f"the initial states {stored.name!r} are not at the commands of the configuration, "
-                f"{_box(config.commands)}: make a set at them (`surefoot make-starts FILE` with "
-                "the same --config.commands) and name its file with --config.start-set"
-            )
+    if not _at_the_commands(config.commands, stored):
+        raise ValueError(
+            f"the initial states {stored.name!r} are not at the commands of the configuration, "
+            f"{_box(config.commands)}: {ANOTHER}"
+        )
     available = len(stored["select"])
     if config.evaluation.episodes > available:
         raise ValueError(
@@ -171,6 +168,16 @@ def _check_stored(config: Config, stored: StartSet) -> None:
         draw_starts(config, method, 1)
     else:
         expert_rollouts(config, method.data)
+
+
+def _at_the_commands(box: CommandBox, stored: StartSet) -> bool:
+    """Whether initial states are at the commands of a box, but for those that robots fell at."""
+    if stored.preparation is not None:
+        return stored.preparation.commands == box
+    return all(
+        np.allclose(stored.commands(split), box.spread(stored.shape[split][2]), atol=1e-9)
+        for split in SPLITS
+    )
 
 
 def _box(commands: CommandBox) -> str:

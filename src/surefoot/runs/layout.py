@@ -11,6 +11,8 @@ from pathlib import Path
 
 CONFIG_FILE = "config.json"
 """File in a run's folder that makes the folder a run."""
+STARTS_FILE = "starts.npz"
+"""File of the run's own copy of its initial states, if these do not come with the package."""
 METRICS_FILE = "metrics.jsonl"
 """File of the metrics: one line for each stage that is done."""
 EXPERT_FILE = "expert.json"
@@ -23,6 +25,7 @@ KEPT_POLICY_FILE = "policy.safetensors"
 """The best policy, where a study keeps no other file of the policies."""
 OWN = {
     CONFIG_FILE,
+    STARTS_FILE,
     METRICS_FILE,
     EXPERT_FILE,
     LOCK_FILE,
@@ -36,6 +39,10 @@ OWN = {
     "gates",
 }
 """Names of a run's own files and folders, in its folder."""
+
+
+class RunError(ValueError):
+    """A run folder cannot be used as asked."""
 
 
 def run_that_owns(path: Path, new_run: Path | None = None) -> Path | None:

@@ -16,11 +16,12 @@ from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.observation import ObservationSpec
 from surefoot.learning.policy import Policy, load, policy_spec
 from surefoot.learning.policy_header import JointLimits, SafetyBounds
+from surefoot.robots.bounds import table_bounds
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
+from surefoot.robots.scaling import with_own_values
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
-from surefoot.safety.gates import bounds_of
 from surefoot.types import Array
 
 logger = logging.getLogger(__name__)
@@ -53,7 +54,7 @@ def find_policy(target: Path) -> tuple[Path, Config]:
         run = run_of_policy(path)
     else:
         raise FileNotFoundError(f"{target}: there is no such run folder or policy file")
-    config = Config() if run is None else run.config
+    config = with_own_values(Config()) if run is None else run.config
     policy = load(path, load_robot(config.robot).name)  # fails here, not later in a worker
     if run is None:
         config = replace(config, policy=_policy_config(policy))
@@ -144,6 +145,6 @@ def safety_bounds(config: Config) -> SafetyBounds:
     Args:
         config: Its `safety`; values of its robot's own are in place (`with_own_values`).
     """
-    low, high = bounds_of(config.safety)
+    low, high = table_bounds(config.safety)
     height, roll, pitch, *joints = zip(low.tolist(), high.tolist(), strict=True)
     return SafetyBounds(height, roll, pitch, tuple(joints))

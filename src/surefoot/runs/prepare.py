@@ -8,6 +8,7 @@ for bit.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Literal
 
 from surefoot.config import Config, IterativeConfig
@@ -18,6 +19,7 @@ from surefoot.robots.load import find_spec
 from surefoot.runs.budget import first_allowance
 from surefoot.runs.episode_ids import iteration_of_shard
 from surefoot.runs.run import Run, RunError
+from surefoot.scenarios.starts import PACKAGED, load_starts
 
 Shared = Literal["data", "policy"]
 """What two runs begin with alike: their first data, or also the policy trained on it."""
@@ -46,7 +48,7 @@ def first_stage(config: Config, shared: Shared) -> list[Any]:
     Returns:
         JSON values, which are equal for two runs that begin with the same bits.
     """
-    values = to_json(config)
+    values = to_json(config) | {"start_set": _start_set(config)}
     method = config.method
     fixed = [values[section] for section in DATA_SECTIONS]
     fixed.append(first_allowance(config))
@@ -60,6 +62,14 @@ def first_stage(config: Config, shared: Shared) -> list[Any]:
     if shared == "data":
         return fixed
     return [*fixed, *trained, values["policy"], values["training"]]
+
+
+def _start_set(config: Config) -> str | None:
+    """What tells the initial states of a configuration from others; each run has its own copy."""
+    name = config.start_set
+    if name is None or name in PACKAGED or not Path(name).exists():
+        return name
+    return load_starts(name).hash
 
 
 def copy_first_stage(source: Run, target: Run, shared: Shared) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
@@ -22,13 +22,21 @@ from surefoot.config.json_text import read_file
 from surefoot.files import is_left_over, lock_file, write_atomic, write_json
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.precision import PrecisionChoice
-from surefoot.robots.scaling import with_own_values
+from surefoot.runs.initial_states import (
+    begun_config,
+    check_starts,
+    keep_starts,
+    resumed_config,
+    with_own_starts,
+)
 from surefoot.runs.layout import (
     CONFIG_FILE,
     EXPERT_FILE,
     KEPT_POLICY_FILE,
     LOCK_FILE,
     METRICS_FILE,
+    STARTS_FILE,
+    RunError,
 )
 from surefoot.runs.metrics import (
     Best,
@@ -43,15 +51,10 @@ from surefoot.runs.metrics import (
     stage_of,
 )
 from surefoot.runs.precision import choose_for_run, with_precision_of
-from surefoot.runs.versions import versions
+from surefoot.runs.versions import changed_versions, versions
 from surefoot.scenarios.seeds import seed_of
-from surefoot.scenarios.starts import PACKAGED
 
 Record = TypeVar("Record", bound=StageRecord)
-
-
-class RunError(ValueError):
-    """A run folder cannot be used as asked."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +66,14 @@ class Setup:
         versions: Version of Python, the processor and each package by name, when it was begun.
         precision: The number format that all its trainings multiply in; None in runs of versions
             that did not write it down.
+        starts_hash: The hash of its initial states; empty in runs of versions that did not write it
+            down.
     """
 
     config: Config
     versions: dict[str, str] = field(default_factory=dict)
     precision: PrecisionChoice | None = None
+    starts_hash: str = ""
 
 
 class Run:
@@ -263,8 +269,8 @@ class Run:
 def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
     """Create a run in a folder, or resume the one that is there; it belongs to this process.
 
-    A new run whose precision is `auto` first measures, for less than a second, which one is faster.
-    What it writes of the configuration has the robot's own values in place of None.
+    A new run whose precision is `auto` first measures, for less than a second, which one is faster;
+    what else is None in its configuration is filled in (`runs.initial_states`).
 
     Args:
         folder: Folder of the run, new or empty, or with a run to resume.
@@ -273,13 +279,9 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
 
     Raises:
         WriteError: The folder cannot be written to.
-        RunError: The folder holds a run and ``resume`` is False, or a run with another config, or
-            something else.
+        RunError: The folder holds something else, or a run that is another one or not to resume.
         ValueError: The configured device is not there, or lacks the configured precision.
     """
-    config = with_own_values(config)
-    if config.start_set not in PACKAGED:  # whatever folder the run is resumed from
-        config = replace(config, start_set=str(Path(config.start_set).resolve()))
     folder = Path(folder)
     path = folder / CONFIG_FILE
     _check_folder(folder, resume)
@@ -288,21 +290,40 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
     for part in [*folder.glob(".*"), *folder.glob("*/.*")]:
         if is_left_over(part):
             part.unlink()
+    run.config = config_for(folder, config)
     if path.exists():
         before = open_run(folder)
-        if before.has_begun and before.precision is None:
-            config = with_precision_of(config, before.config)
-        if before.config != config and before.has_begun:  # if not, nothing would be lost
+        begun = before.has_begun  # if not, nothing would be lost
+        if begun and before.precision is None:
+            run.config = with_precision_of(run.config, before.config)
+        if begun and before.config != run.config:
             raise RunError(
                 f"{folder} holds a run with another configuration ({path}); resume it with the "
                 "options it was started with, or choose another folder with --run"
             )
-        if before.config == config:
+        if before.config == run.config:
+            check_starts(folder, before.config, read_setup(folder).starts_hash)
             warn_of_versions(before)
             return before
-    run.precision = choose_for_run(config)
-    write_json(path, Setup(config, versions(config.simulation.backend), run.precision))
+    run.config, written, starts_hash = keep_starts(folder, run.config)
+    run.precision = choose_for_run(run.config)
+    used = versions(written.simulation.backend)
+    write_json(path, Setup(written, used, run.precision, starts_hash))
     return run
+
+
+def config_for(folder: Path, config: Config) -> Config:
+    """The configuration of a run that is to begin in a folder, or to go on there.
+
+    Raises:
+        RunError: The run's config cannot be read.
+        ValueError: The robot does not walk in this gait, or not at these commands.
+    """
+    if (folder / CONFIG_FILE).exists():
+        before = open_run(folder)
+        if before.has_begun:
+            return resumed_config(config, before.config, read_setup(folder).starts_hash)
+    return begun_config(config)
 
 
 def open_run(folder: Path | str) -> Run:
@@ -313,7 +334,7 @@ def open_run(folder: Path | str) -> Run:
     """
     folder = Path(folder)
     setup = read_setup(folder)
-    return Run(folder, setup.config, setup.precision)
+    return Run(folder, with_own_starts(folder, setup.config), setup.precision)
 
 
 def run_of_policy(policy: Path) -> Run | None:
@@ -328,7 +349,7 @@ def run_of_policy(policy: Path) -> Run | None:
 
 
 def read_setup(folder: Path) -> Setup:
-    """The configuration and the versions that a run was started with.
+    """The configuration and the versions that a run was started with, as they are in its file.
 
     Raises:
         RunError: There is no run, or its config cannot be read.
@@ -347,13 +368,7 @@ def read_setup(folder: Path) -> Setup:
 
 def warn_of_versions(run: Run) -> None:
     """Warn if a run was begun with other versions than these."""
-    before = read_setup(run.folder).versions
-    now = versions(run.config.simulation.backend)
-    differences = [
-        f"{name} {before.get(name)}, now {now.get(name)}"
-        for name in before | now
-        if before.get(name) != now.get(name)
-    ]
+    differences = changed_versions(read_setup(run.folder).versions, run.config.simulation.backend)
     if differences:
         warnings.warn(
             f"{run.folder} was begun with other versions ({'; '.join(differences)}); what follows "
@@ -370,8 +385,9 @@ def _check_folder(folder: Path, resume: bool) -> None:
     """
     path = folder / CONFIG_FILE
     if folder.exists() and not path.exists():
-        # A kill in the very first moment leaves an empty folder, or a lock or temporary file in it.
-        foreign = [p for p in folder.iterdir() if not is_left_over(p) and p.name != LOCK_FILE]
+        # A kill in the very first moment leaves no more than a lock, initial states, or parts.
+        early = (LOCK_FILE, STARTS_FILE)
+        foreign = [p for p in folder.iterdir() if not is_left_over(p) and p.name not in early]
         if foreign:
             raise RunError(
                 f"{folder} is not empty and holds no run (no {path.name}); choose another folder "

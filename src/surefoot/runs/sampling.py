@@ -19,6 +19,7 @@ from surefoot.config import (
     IterativeConfig,
     TeachingSplit,
 )
+from surefoot.config.checked import known
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.rollouts.arbiters import ExpertOnly
@@ -51,7 +52,7 @@ def disturbance_in(config: Config, i: int, iterations: int) -> DisturbanceConfig
     """
     collection = config.collection
     share = rising_share(collection.gentle, i, iterations)
-    low, high = collection.impulse
+    low, high = known(collection.impulse, "collection.impulse")
     return replace(collection, impulse=(share * low, share * high))
 
 

@@ -6,6 +6,7 @@ They are written into a run's ``config.json`` and compared when it is resumed (`
 from __future__ import annotations
 
 import platform
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -31,6 +32,21 @@ def versions(backend: Backend = "mujoco") -> dict[str, str]:
         except PackageNotFoundError:
             by_name[name] = "missing"
     return by_name
+
+
+def changed_versions(before: Mapping[str, str], backend: Backend) -> list[str]:
+    """What has another version now, in words.
+
+    Args:
+        before: The versions of earlier, by name.
+        backend: Name of the simulator.
+    """
+    now = versions(backend)
+    return [
+        f"{name} {before.get(name)}, now {now.get(name)}"
+        for name in dict.fromkeys([*before, *now])
+        if before.get(name) != now.get(name)
+    ]
 
 
 def processor() -> str:

@@ -12,10 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from surefoot.config import Config, Gait
+from surefoot.config import CommandBox, Config, Gait
 from surefoot.mpc.gaits import gait_name
 from surefoot.mpc.schedule import stands
 from surefoot.robots.model import RobotModel
+from surefoot.robots.scaling import with_own_values
+from surefoot.scenarios.preparation import CommandGain
 from surefoot.scenarios.walking import expert_walks
 from surefoot.types import Array, BoolArray, to_ticks
 
@@ -30,24 +32,6 @@ LEAST_SHARE = 0.4
 FAR = 1.5
 """A larger gain is measured again with the gain itself: a gait that is so far from what is planned
 is not proportional to it."""
-
-
-@dataclass(frozen=True)
-class CommandGain:
-    """By how much the commands of a gait are scaled inside the planner, and what was measured.
-
-    Attributes:
-        gain: The gains of vx, vy and yaw rate, as `ExpertConfig.command_gain`.
-        told: vx [m/s], vy [m/s] and yaw rate [rad/s] that the robots were told, each way.
-        forward: The mean of each that was reached at the positive command, with gains of 1; where
-            one came out large, with that gain.
-        backward: The mean of each that was reached at the negative command.
-    """
-
-    gain: tuple[float, float, float]
-    told: tuple[float, float, float]
-    forward: tuple[float, float, float]
-    backward: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -91,13 +75,13 @@ def calibrate_command_gain(
         ValueError: A robot fell, or reached too little of what was planned; the message has the
             numbers.
     """
-    config = replace(config, gait=gait)
+    config = with_own_values(replace(config, gait=gait), robot)
     told = np.array(TRIED) * (np.sqrt(scale), np.sqrt(scale), 1.0)
     gain = np.ones(3)
     if stands(gait):
         return CommandGain(_triple(gain), _triple(told), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     reached = _reached(robot, config, told, gain)
-    _check_moved(reached, _needed(config), gait_name(gait))
+    _check_moved(reached, needed_axes(config.commands), gait_name(gait))
     usable = reached.up & (reached.share >= LEAST_SHARE)
     gain = 1.0 / np.where(usable, reached.share, 1.0)
     if gain.max() > FAR:
@@ -109,9 +93,8 @@ def calibrate_command_gain(
     )
 
 
-def _needed(config: Config) -> BoolArray:
+def needed_axes(box: CommandBox) -> BoolArray:
     """``(3,)`` True for the axes along which there are commands."""
-    box = config.commands
     return np.array([axis != (0.0, 0.0) for axis in (box.vx, box.vy, box.yaw_rate)])
 
 
@@ -131,7 +114,7 @@ def _reached(robot: RobotModel, config: Config, told: Array, gain: Array) -> _Re
     config = replace(config, expert=replace(config.expert, command_gain=(x, y, z)))
     command = np.concatenate([np.diag(told), -np.diag(told)])
     walks = expert_walks(robot, config, command, to_ticks(SECONDS))
-    walks.of(np.tile(_needed(config), 2)).check(config.safety, gait_name(config.gait))
+    walks.of(np.tile(needed_axes(config.commands), 2)).check(config.safety, gait_name(config.gait))
     # Whole periods, so that a gait's sway cancels.
     period = to_ticks(config.gait.period)
     counted = max((to_ticks(SECONDS) - to_ticks(SETTLED)) // period, 1) * period
@@ -157,21 +140,6 @@ def _check_moved(reached: _Reached, needed: BoolArray, gait: str) -> None:
         f"reached {reached.forward[axis]:.3f}, and of the opposite {reached.backward[axis]:.3f} "
         f"{unit}, in {SECONDS:g} s; close that axis of the commands, or use another gait"
     )
-
-
-def calibrated(robot: RobotModel, config: Config, scale: float = 1.0) -> tuple[Config, CommandGain]:
-    """The configuration with the measured gains of its gait, and the measurement.
-
-    Args:
-        robot: The robot.
-        config: The configuration.
-        scale: The robot's leg length over Solo12's.
-
-    Raises:
-        ValueError: The robot does not walk in this gait.
-    """
-    measured = calibrate_command_gain(robot, config.gait, config, scale)
-    return replace(config, expert=replace(config.expert, command_gain=measured.gain)), measured
 
 
 def _triple(values: Array) -> tuple[float, float, float]:

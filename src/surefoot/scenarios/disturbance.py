@@ -2,8 +2,7 @@
 
 `draw_disturbances` fixes the disturbances of each episode by its id, independent of the worker that
 computes it. What a robot measures is what its policy, its expert and its safety monitor see, and
-what is recorded to learn from; falls and tracking errors are judged by the truth. The numbers are
-those of `surefoot.config.DisturbanceConfig`.
+what is recorded to learn from; falls and tracking errors are judged by the truth.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import DisturbanceConfig, NoiseConfig
+from surefoot.config.checked import known
 from surefoot.config.scenarios import LONGEST_DELAY, LONGEST_PUSH
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import center_of_mass, feet, integrate, legs_of, masses_of
@@ -107,8 +107,7 @@ class Disturbance:
         delay: The time from a torque's command to its action [ms].
         seeds: The roots of the noise of the B robots' sensors.
         torque_noise: Noise on the torques that act; None without any.
-        measured: ``(B,)`` how many ticks of each robot's noise lie before the episode [ms]; None
-            begins with the first.
+        measured: ``(B,)`` ticks of each robot's noise before the episode [ms]; None is none.
 
     Raises:
         ValueError: The fields are of different numbers of robots, a number is not finite or out of
@@ -314,10 +313,11 @@ def _draw(
     rng = np.random.default_rng(drawing)
     friction = rng.uniform(*config.friction)
     mass = rng.uniform(*config.mass)
-    size = rng.uniform(*config.impulse, config.pushes)
+    size = rng.uniform(*known(config.impulse, "impulse"), config.pushes)
     tick = rng.integers(0, max(to_ticks(duration), 1), config.pushes)
-    if tail > 0.0 and config.expert_impulse[1] > 0.0:
-        size = np.append(size, rng.uniform(*config.expert_impulse))
+    extra = known(config.expert_impulse, "expert_impulse")
+    if tail > 0.0 and extra[1] > 0.0:
+        size = np.append(size, rng.uniform(*extra))
         early = rng.integers(0, to_ticks(min(tail, EARLY)))
         tick = np.append(tick, to_ticks(duration) + early)
     angle = rng.uniform(0.0, 2.0 * np.pi, len(size))

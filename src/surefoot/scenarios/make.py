@@ -2,9 +2,8 @@
 
 At each command of a box the expert walks until its gait has settled. The states at the replanning
 instants of the next gait cycle are the nominal initial states; they are perturbed
-contact-consistently (paper, III-B) for the other splits. A set is made once, with the command
-``surefoot make-starts``, and never changed. Next: `surefoot.scenarios.walking`,
-`surefoot.scenarios.perturbation` and `surefoot.scenarios.starts`.
+contact-consistently (paper, III-B) for the other splits. `surefoot.scenarios.prepare` puts both in
+order, and keeps the set. Next: `surefoot.scenarios.walking` and `surefoot.scenarios.perturbation`.
 """
 
 from __future__ import annotations
@@ -18,20 +17,21 @@ from tqdm import tqdm
 
 from surefoot.config import Config, Gait, PerturbationConfig, Split
 from surefoot.config.robot_table import SOLO12
-from surefoot.mpc.gaits import gait_name
 from surefoot.mpc.schedule import grid_cycle, in_stance
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import size_of, with_own_values
 from surefoot.scenarios.perturbation import perturb
 from surefoot.scenarios.starts import SPLITS, Starts, StartSet
-from surefoot.scenarios.walking import expert_walks
+from surefoot.scenarios.walking import Walks, expert_walks
 from surefoot.types import GRID, Array, IntArray, to_ticks
 
 SEED = 20240711
 """Root of the perturbations' randomness: any number, but the stored sets depend on it."""
 SETTLE = 2.0
 """How long the expert walks at least before a gait cycle is recorded [s]."""
+SURVIVED = 3.0
+"""How long it has to walk at a command at least [s]."""
 SETTLE_PERIODS = 2
 """How many gait periods it walks at least before that."""
 
@@ -78,15 +78,17 @@ class GaitCycle:
 def make_starts(
     name: str,
     config: Config,
+    cycles: Mapping[int, GaitCycle],
     perturbation: PerturbationConfig,
     seed: int = SEED,
     sizes: Mapping[Split, SplitSize] = SIZES,
 ) -> StartSet:
-    """Make a set of initial states, in minutes.
+    """Make a set of initial states from settled gait cycles, in seconds.
 
     Args:
         name: The name of the set.
-        config: The robot, the gait, the commands, the expert, the simulator and the fall bounds.
+        config: The robot, the gait and the fall bounds.
+        cycles: A settled gait cycle for each number of commands that a split has.
         perturbation: Standard deviations of the perturbations, before their projection, for a robot
             of Solo12's size; another robot's are those of `sized`.
         seed: Root of the perturbations' randomness.
@@ -96,14 +98,11 @@ def make_starts(
         The set; `save_starts` writes it.
 
     Raises:
-        ValueError: A robot fell before its gait had settled, or a state has no acceptable neighbor:
-            the perturbation is too large.
+        ValueError: A state has no acceptable neighbor: the perturbation is too large.
     """
     robot = load_robot(config.robot)
     config = with_own_values(config, robot)
     perturbation = sized(perturbation, robot)
-    counts = sorted({size.velocities for size in sizes.values()})
-    cycles = {count: settled_cycle(config, config.commands.spread(count)) for count in counts}
     grid: dict[str, Starts] = {}
     shape: dict[str, tuple[int, int, int]] = {}
     first_id = 0
@@ -111,10 +110,9 @@ def make_starts(
         cycle = cycles[sizes[split].velocities]
         repeats = sizes[split].perturbations
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
-        if split == "nominal":
-            starts = _nominal(cycle, repeats)
-        else:
-            starts = _perturbed(_nominal(cycle, repeats), config, perturbation, rng)
+        starts = _nominal(cycle, repeats)
+        if split != "nominal":
+            starts = _perturbed(starts, config, perturbation, rng, f"{split} states")
         starts.q[:, :2] = 0.0
         grid[split] = replace(starts, id=first_id + np.arange(len(starts)))
         shape[split] = (repeats, len(cycle.q), len(cycle.command))
@@ -158,7 +156,7 @@ def sized(perturbation: PerturbationConfig, robot: RobotModel) -> PerturbationCo
     )
 
 
-def settled_cycle(config: Config, command: Array) -> GaitCycle:
+def settle(config: Config, command: Array) -> Walks:
     """Let the expert walk at n commands until its gait has settled, and for one more cycle.
 
     Args:
@@ -166,20 +164,26 @@ def settled_cycle(config: Config, command: Array) -> GaitCycle:
         command: ``(n, 3)`` vx, vy [m/s] and yaw rate [rad/s].
 
     Returns:
-        The states at the replanning instants of the last cycle.
-
-    Raises:
-        ValueError: A robot fell.
+        What all robots did, tick by tick, those that fell too.
     """
-    robot = load_robot(config.robot)
-    instants = cycle_instants(config.gait)
-    end = int(instants[-1]) + GRID
-    with tqdm(total=end, desc=f"{len(command)} commands", unit="ms") as bar:
-        walks = expert_walks(robot, config, command, end, GRID, bar.update)
-    walks.check(config.safety, gait_name(config.gait))
-    cycle = walks.since(int(instants[0]))
+    end = max(int(cycle_instants(config.gait)[-1]) + GRID, to_ticks(SURVIVED))
+    with tqdm(total=end, desc=f"walking at {len(command)} commands", unit="ms", leave=False) as bar:
+        return expert_walks(load_robot(config.robot), config, command, end, 1, bar.update)
+
+
+def cycle_of(walks: Walks, gait: Gait, robots: IntArray) -> GaitCycle:
+    """The states at the replanning instants of a settled gait cycle.
+
+    Args:
+        walks: What `settle` returned.
+        gait: The gait.
+        robots: ``(n,)`` which of the robots, and of their commands.
+    """
+    instants = cycle_instants(gait)
+    cycle = walks.at(instants)
     # Of clocks at which gait and grid lie as they do, the smallest.
-    return GaitCycle(cycle.q, cycle.v, instants % grid_cycle(config.gait), command)
+    clock = instants % grid_cycle(gait)
+    return GaitCycle(cycle.q[:, robots], cycle.v[:, robots], clock, cycle.command[robots])
 
 
 def cycle_instants(gait: Gait) -> IntArray:
@@ -210,13 +214,17 @@ def _nominal(cycle: GaitCycle, repeats: int) -> Starts:
 
 
 def _perturbed(
-    starts: Starts, config: Config, perturbation: PerturbationConfig, rng: np.random.Generator
+    starts: Starts,
+    config: Config,
+    perturbation: PerturbationConfig,
+    rng: np.random.Generator,
+    title: str,
 ) -> Starts:
     """A random neighbor of each of the initial states, drawn in their order."""
     robot = load_robot(config.robot)
     q = np.empty_like(starts.q)
     v = np.empty_like(starts.v)
-    for row in tqdm(range(len(starts)), desc="perturbed states"):
+    for row in tqdm(range(len(starts)), desc=title, leave=False):
         stance = in_stance(config.gait, int(starts.tick[row]))
         q[row], v[row] = perturb(
             robot, starts.q[row], starts.v[row], stance, perturbation, config.safety, rng

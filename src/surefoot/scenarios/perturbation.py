@@ -13,9 +13,9 @@ import numpy as np
 import pinocchio as pin
 
 from surefoot.config import PerturbationConfig, SafetyConfig
+from surefoot.robots.bounds import fallen
 from surefoot.robots.geometry import lowest_points
 from surefoot.robots.model import RobotModel
-from surefoot.rotations import roll_pitch_yaw
 from surefoot.types import Array, BoolArray
 
 ATTEMPTS = 1000
@@ -135,11 +135,8 @@ def acceptable(
     feet, rest = lowest_points(robot, data, q)
     if stance is not None:
         feet = feet[~stance]
-    roll, pitch, _ = roll_pitch_yaw(q[3:7])
-    low, high = safety.fall_height
     return bool(
         feet.min(initial=np.inf) >= -config.max_penetration
         and rest.min() > 0.0
-        and low < q[2] < high
-        and max(abs(roll), abs(pitch)) < np.radians(safety.fall_angle)
+        and not fallen(q[None, 2], q[None], safety)[0]
     )

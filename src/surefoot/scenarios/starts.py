@@ -22,15 +22,23 @@ from numpy.typing import NDArray
 
 from surefoot.config import Config, Gait, Split
 from surefoot.config.json_text import read_file
+from surefoot.config.presets import STRAIGHT_TROT, straight_trot
 from surefoot.config.robot_table import SOLO12
 from surefoot.errors import unknown
 from surefoot.files import parse_npz, write_atomic
 from surefoot.mpc.gaits import GAITS, gait_name
+from surefoot.scenarios.preparation import Preparation, read_preparation, text_of
+from surefoot.scenarios.spread import along_one_axis, spread_cells
 from surefoot.scenarios.starts_check import check_stored_arrays
 from surefoot.types import Array, IntArray
 
+ANOTHER = (
+    "leave --config.start-set out, or make a set with the same options and `surefoot prepare --out "
+    "FILE`"
+)
+"""What to do about a set that does not fit."""
 SPLITS: tuple[Split, ...] = get_args(Split)
-PACKAGED = ("solo12-trot-v1", "solo12-trot-v1-wide")
+PACKAGED = (STRAIGHT_TROT, "solo12-trot-v1-wide")
 """The sets that come with the package: Solo12 trots forward at 0 to 0.3 m/s. The first set is
 perturbed with the paper's standard deviations, the second with 1.5 times those."""
 
@@ -111,6 +119,7 @@ class StartSet:
         shape: The numbers of perturbations, phases and velocities of each split.
         gait: The gait whose clock they have; of its heights a set knows nothing.
         robot: The name of the robot they belong to.
+        preparation: What was measured when they were made; None of older sets.
     """
 
     name: str
@@ -118,6 +127,7 @@ class StartSet:
     shape: dict[str, tuple[int, int, int]]
     gait: Gait = field(default_factory=Gait)
     robot: str = SOLO12.name
+    preparation: Preparation | None = None
 
     def __getitem__(self, split: str) -> Starts:
         """All initial states of a split.
@@ -134,7 +144,7 @@ class StartSet:
     def first(self, split: str, n: int) -> Starts:
         """The first n initial states of a split: of any n, evenly spread over phases and speeds.
 
-        They are whole perturbations, and of the next one the first cells of `_spread_cells`; they
+        They are whole perturbations, and of the next one the first cells of `spread_cells`; they
         come in the order in which they are stored. So n states are among any larger number of them.
 
         Raises:
@@ -147,7 +157,7 @@ class StartSet:
                 f"{n} episodes asked for, the starts {self.name!r} hold {len(starts)} in "
                 f"{split!r}; use 1 to {len(starts)}"
             )
-        cells = _spread_cells(*self.shape[split][1:])
+        cells = spread_cells(*self.shape[split][1:])
         whole, rest = divmod(n, len(cells))
         begun = whole * len(cells)
         return starts[np.concatenate([np.arange(begun), begun + np.sort(cells[:rest])])]
@@ -184,7 +194,7 @@ class StartSet:
                 f"{n} velocities asked for, the starts {self.name!r} hold {available} in "
                 f"{split!r}; use 1 to {available}"
             )
-        if not _along_one_axis(self.commands(split)):
+        if not along_one_axis(self.commands(split)):
             return np.arange(n)
         return np.round(np.linspace(0, available - 1, n)).astype(np.int64)
 
@@ -222,60 +232,44 @@ class StartSet:
         return int(self.hash[:8], 16)
 
 
-def _along_one_axis(commands: Array) -> bool:
-    """Whether commands ``(n, 3)`` differ in one number at most, and that one does not fall."""
-    steps = np.diff(commands, axis=0)
-    return bool((steps >= 0.0).all() and steps.any(axis=0).sum() <= 1)
-
-
-def _spread_cells(phases: int, velocities: int) -> IntArray:
-    """``(phases x velocities,)`` rows of one perturbation, each once, in an order that spreads.
-
-    Among the first n, for any n, the numbers of states of two phases, or of two velocities, differ
-    by at most one, and both are spread over their range.
-
-    Args:
-        phases: Number of phases.
-        velocities: Number of velocities.
-    """
-    n = np.arange(phases * velocities)
-    # Diagonals of the grid: each takes every phase and every velocity in turn. One ends where it
-    # would repeat itself, and the next is shifted.
-    shift = n // math.lcm(phases, velocities)
-    # Multiples of the powers of 1 / 1.3247, modulo 1, fill the unit square evenly (Roberts, 2018).
-    phase = _ranks(phases, 0.7548776662466927)[n % phases]
-    velocity = _ranks(velocities, 0.5698402909980532)[(n + shift) % velocities]
-    return phase * velocities + velocity
-
-
-def _ranks(n: int, step: float) -> IntArray:
-    """``(n,)`` the numbers below n in an order whose beginnings are spread: ranks of multiples."""
-    return np.argsort(np.argsort(np.arange(n) * step % 1.0))
-
-
 def starts_of(config: Config) -> StartSet:
     """The set of initial states of a configuration.
 
     Raises:
-        FileNotFoundError: There is no such set, nor such a file.
-        ValueError: The file is not a set of initial states, or is one of another robot or gait.
+        FileNotFoundError: There is no such file.
+        ValueError: No set is named and none is packaged; or the file is not a set of initial
+            states, or is one of another robot or gait.
     """
     # Here, so that the command line does not wait for Pinocchio.
+    from surefoot.robots.identity import description_hash
     from surefoot.robots.load import find_spec
 
-    stored = load_starts(config.start_set)
-    robot = find_spec(config.robot).name
-    if robot != stored.robot:
+    name = config.start_set
+    if name is None and straight_trot(config):
+        name = STRAIGHT_TROT
+    spec = find_spec(config.robot)
+    if name is None:
+        raise ValueError(
+            f"there are no initial states for the robot {spec.name}, {_described(config.gait)} and "
+            "these commands yet: `surefoot.scenarios.prepare.completed` makes them, as do the "
+            "commands `surefoot prepare` and `surefoot train`"
+        )
+    stored = load_starts(name)
+    if spec.name != stored.robot:
         raise ValueError(
             f"the initial states {stored.name!r} belong to the robot {stored.robot}, but the "
-            f"configuration asks for {robot}: make a set for it (`surefoot make-starts FILE "
-            f"--robot {robot}`) and name its file with --config.start-set"
+            f"configuration asks for {spec.name}: {ANOTHER}"
+        )
+    made = stored.preparation
+    if made is not None and made.description != description_hash(spec):
+        raise ValueError(
+            f"the initial states {stored.name!r} belong to another description of the robot "
+            f"{spec.name} than the configuration has: {ANOTHER}"
         )
     if config.gait.timing != stored.gait.timing:
         raise ValueError(
             f"the initial states {stored.name!r} belong to {_described(stored.gait)}, but the "
-            f"configuration asks for {_described(config.gait)}: make a set for it "
-            "(`surefoot make-starts FILE --gait NAME`) and name its file with --config.start-set"
+            f"configuration asks for {_described(config.gait)}: {ANOTHER}"
         )
     return stored
 
@@ -325,6 +319,7 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
         shapes = check_stored_arrays(arrays, len(SPLITS))
         gait = _gait_from(arrays["gait"]) if "gait" in arrays else Gait()
         robot = str(arrays["robot"]) if "robot" in arrays else SOLO12.name
+        made = read_preparation(str(arrays["prepared"])) if "prepared" in arrays else None
     except ValueError as error:
         raise ValueError(f"{source} is not a set of starts ({error}); write it again") from error
     bounds = np.cumsum([0, *(math.prod(shape) for shape in shapes)])
@@ -341,7 +336,9 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
         split: everything[slice(start, stop)]
         for split, start, stop in zip(SPLITS, bounds[:-1], bounds[1:], strict=True)
     }
-    return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)), gait, robot)
+    if made is not None:  # whatever its file is called, a run's own copy too
+        name = f"{robot}-{gait_name(gait)}-{made.key[:8]}"
+    return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)), gait, robot, made)
 
 
 def check_unused(path: Path) -> None:
@@ -376,6 +373,8 @@ def save_starts(starts: StartSet, path: Path) -> None:
         arrays["gait"] = np.array(starts.gait.timing)
     if starts.robot != SOLO12.name:
         arrays["robot"] = np.array(starts.robot)
+    if starts.preparation is not None:
+        arrays["prepared"] = np.array(text_of(starts.preparation))
     try:
         check_stored_arrays(arrays, len(SPLITS))
     except ValueError as error:

@@ -26,6 +26,8 @@ GAIT_NUMBERS = 6
 """The numbers of a gait in a stored set: period, duty factor and four offsets."""
 LONGEST_NAME = 40
 """The characters of the longest name that a robot may have (`RobotSpec.name`)."""
+LONGEST_TEXT = 100_000
+"""The characters of the longest record of a preparation; one of thirty commands takes 6000."""
 LATEST = int(np.iinfo(np.int16).max)
 """[ms] The last tick that a stored set can hold."""
 
@@ -44,7 +46,7 @@ def check_stored_arrays(arrays: Mapping[str, NDArray], splits: int) -> list[tupl
         ValueError: One is missing, has another shape or type, or numbers that no state has.
     """
     names = ("q", "v", "tick", "command", "shapes")
-    if arrays.keys() - {"gait", "robot"} != set(names):
+    if arrays.keys() - {"gait", "robot", "prepared"} != set(names):
         raise ValueError(f"it has the arrays {sorted(arrays)}, expected {sorted(names)}"[:300])
     if arrays["shapes"].shape != (splits, 3) or arrays["shapes"].dtype.kind not in "iu":
         raise ValueError(f"shapes must be ({splits}, 3) integers: one row for each split")
@@ -72,6 +74,9 @@ def check_stored_arrays(arrays: Mapping[str, NDArray], splits: int) -> list[tupl
     robot = arrays.get("robot", np.array("solo12"))
     if robot.shape != () or robot.dtype.kind != "U" or not 1 <= len(str(robot)) <= LONGEST_NAME:
         raise ValueError(f"robot is no name of 1 to {LONGEST_NAME} characters")
+    prepared = arrays.get("prepared", np.array("{}"))
+    if prepared.shape != () or prepared.dtype.kind != "U" or len(str(prepared)) > LONGEST_TEXT:
+        raise ValueError(f"prepared is no text of at most {LONGEST_TEXT} characters")
     check_unit_quaternions(arrays["q"])
     return shapes
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from surefoot.config import Config, SafetyConfig
 from surefoot.mpc.expert import make_expert
+from surefoot.robots.bounds import fallen
 from surefoot.robots.model import RobotModel, clip_torque, standing, stop_speeding
-from surefoot.rotations import heading, roll_pitch, rotation, to_heading
+from surefoot.rotations import heading, rotation, to_heading
 from surefoot.sim import make_simulator
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, to_ticks
 
@@ -42,6 +43,11 @@ class Walks:
         rows = self.tick >= tick
         return replace(self, tick=self.tick[rows], q=self.q[rows], v=self.v[rows])
 
+    def at(self, ticks: IntArray) -> Walks:
+        """The part of the walks at some ticks of the gait clock."""
+        rows = np.isin(self.tick, ticks)
+        return replace(self, tick=self.tick[rows], q=self.q[rows], v=self.v[rows])
+
     def of(self, robots: BoolArray) -> Walks:
         """The walks of some of the robots, given by ``(n,)`` True for each of them."""
         return replace(self, q=self.q[:, robots], v=self.v[:, robots], command=self.command[robots])
@@ -57,12 +63,14 @@ class Walks:
 
     def fallen(self, safety: SafetyConfig) -> BoolArray:
         """``(T, n)`` True where a robot has fallen."""
-        low, high = safety.fall_height
-        height = self.q[..., 2]
-        tilt = np.abs(roll_pitch(rotation(self.q[..., 3:7]))).max(axis=-1)
-        # Numbers that are not finite, of a simulation that has run away, are no robot's.
-        up = (low < height) & (height < high) & (tilt < np.radians(safety.fall_angle))
-        return ~up
+        q = np.ascontiguousarray(self.q.reshape(-1, 19))
+        lost: BoolArray = fallen(q[:, 2], q, safety)
+        return lost.reshape(self.q.shape[:2])
+
+    def lost(self, safety: SafetyConfig) -> BoolArray:
+        """``(n,)`` True for robots that fell, from `SafetyConfig.grace` on, as in episodes."""
+        counted = self.tick >= to_ticks(safety.grace)
+        return np.asarray(self.fallen(safety)[counted].any(axis=0))
 
     def check(self, safety: SafetyConfig, gait: str) -> None:
         """Check that no robot fell; falls count from `SafetyConfig.grace` on, as in episodes.

@@ -14,12 +14,13 @@ from pathlib import Path
 from typing import Literal
 
 from surefoot.config import (
+    TABLE_I,
     Config,
     DisturbanceConfig,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
-    SafetyConfig,
 )
+from surefoot.config.checked import known
 from surefoot.config.json_io import changes
 from surefoot.config.methods import IterativeConfig
 from surefoot.methods import METHODS
@@ -27,7 +28,7 @@ from surefoot.rollouts.jobs import PLANNER
 from surefoot.runs.accounting import run_cost
 from surefoot.runs.metrics import Collected, Trained, Validated
 from surefoot.runs.policies import find_policy
-from surefoot.runs.run import Run, RunError, open_run
+from surefoot.runs.run import Run, RunError, open_run, read_setup
 from surefoot.scenarios.starts import starts_of
 from surefoot.study.records import Row
 
@@ -123,7 +124,8 @@ def common_ground(config: Config, episodes: int) -> Config:
         config: The run's configuration.
         episodes: Number of initial states.
     """
-    safety = SafetyConfig(
+    safety = replace(
+        TABLE_I,
         fall_height=config.safety.fall_height,
         fall_angle=config.safety.fall_angle,
         body_contact=config.safety.body_contact,
@@ -143,6 +145,12 @@ def common_ground(config: Config, episodes: int) -> Config:
     )
 
 
+def _same_starts(run: Run, other: Run) -> bool:
+    """Whether two runs have the same initial states, in whatever files."""
+    own = [read_setup(each.folder).starts_hash for each in (run, other)]
+    return own[0] != "" and own[0] == own[1]
+
+
 def check_comparable(run: Run, first: Run) -> None:
     """Check that two runs were made on the same ground, with the packaged set and expert.
 
@@ -150,6 +158,8 @@ def check_comparable(run: Run, first: Run) -> None:
         ValueError: Physics, gait, expert, falls, evaluation, pushes or initial states differ.
     """
     ground = common_ground(run.config, 1)
+    if _same_starts(run, first):  # each run has its own copy
+        ground = replace(ground, start_set=first.config.start_set)
     for name, value, other in changes(ground, common_ground(first.config, 1)):
         raise ValueError(
             f"{run.folder} has {name} {value}, {first.folder} has {other}: they cannot be compared"
@@ -178,7 +188,7 @@ def label_of(run: Run) -> str:
         parts.append(f"alpha {method.alpha:g}")
     if isinstance(method, LocoSafeDaggerConfig):
         parts.append(" + ".join(method.gates))
-    if collection.pushes or collection.expert_impulse[1]:
+    if collection.pushes or known(collection.expert_impulse, "expert_impulse")[1]:
         parts.append("pushes")
     plain = DisturbanceConfig()
     if (

@@ -23,9 +23,10 @@ from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
 from surefoot.robots.scaling import with_own_values
-from surefoot.runs.layout import KEPT_POLICY_FILE
+from surefoot.runs.layout import KEPT_POLICY_FILE, STARTS_FILE
 from surefoot.runs.metrics import Best, StageRecord
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, read_setup
+from surefoot.scenarios.prepare import with_values_of
 from surefoot.study.cells import Cell, cell_config, cells_of, measurements_of
 
 Record = TypeVar("Record")
@@ -246,6 +247,9 @@ def save_run(folder: Path, cell: Cell, run: Run) -> None:
     """
     results = results_folder(folder, cell)
     write_json(results / CONFIG_FILE, read_setup(run.folder))
+    starts = run.folder / STARTS_FILE
+    if starts.exists() and not (results / STARTS_FILE).exists():
+        write_atomic(results / STARTS_FILE, starts.read_bytes())
     write_atomic(results / run.metrics_path.name, run.metrics_path.read_bytes())
 
 
@@ -312,6 +316,7 @@ def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
     metrics: tuple[StageRecord, ...] = ()
     if (results / CONFIG_FILE).exists():
         run = open_run(results)
+        config = with_values_of(run.config, run_config(setup, cell))
         if with_own_values(run.config) != config:
             raise StudyError(
                 f"{results} holds results of another configuration than {folder / STUDY_FILE} asks "

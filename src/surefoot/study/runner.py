@@ -17,6 +17,7 @@ from surefoot.config.study import StudyConfig
 from surefoot.runs.checks import check_config
 from surefoot.runs.precision import choose_for_run
 from surefoot.runs.versions import versions
+from surefoot.scenarios.prepare import completed
 from surefoot.study.cells import StudyJob, find_job, jobs_of, trained_configs
 from surefoot.study.checkout import check_out, checkout_root, clean_commit
 from surefoot.study.pools import make_pool
@@ -90,7 +91,7 @@ def check_cells(study: StudyConfig) -> None:
         if cell.seed != study.seeds[0] or cell.training > 0:
             continue
         try:
-            check_config(config)
+            check_config(completed(config))
         except ValueError as error:
             raise StudyError(f"{cell.technique} in the setting {cell.setting}: {error}") from error
 

@@ -28,7 +28,7 @@ from surefoot.methods import METHODS
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import StageRecord, Trained
 from surefoot.runs.prepare import copy_first_stage
-from surefoot.runs.run import create, open_run
+from surefoot.runs.run import config_for, create, open_run
 from surefoot.runs.stages import collect_data, train_policy
 from surefoot.runs.versions import versions
 from surefoot.study.cells import Cell, StudyJob, find_job, measurements_of
@@ -182,7 +182,8 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
     cell = job.cell
     for name in measurements_of(setup.study, cell):
         measurement = setup.study.measurement(name)
-        config = measured_config(run_config(setup, cell), measurement)
+        config = config_for(run_folder(folder, cell), run_config(setup, cell))
+        config = measured_config(config, measurement)
         before = read_tests(folder, cell, name)
         done = () if before is None else before.policies
         wanted = _policies_of(folder, setup.study, cell, measurement)

@@ -1,0 +1,29 @@
+"""What tells one robot from another: a hash of its spec and of the content of its description.
+
+Two robots may have one name. What was made for one of them, such as initial states, keeps the hash.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+
+from surefoot.config.json_io import to_json
+from surefoot.config.robots import RobotSpec
+from surefoot.robots.description import find_urdf
+
+
+def description_hash(spec: RobotSpec) -> str:
+    """SHA-256 of a robot's spec and of the bytes of its URDF, wherever that lies.
+
+    Args:
+        spec: The robot.
+
+    Raises:
+        ValueError: There is no such description.
+        ImportError: The package ``example-robot-data`` is missing.
+    """
+    sha = hashlib.sha256(json.dumps(to_json(replace(spec, urdf="-"))).encode())
+    sha.update(find_urdf(spec).read_bytes())
+    return sha.hexdigest()

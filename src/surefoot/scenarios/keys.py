@@ -1,0 +1,107 @@
+"""Keys of what is prepared once and kept: a SHA-256 over all that it depends on.
+
+Two configurations that differ in anything that decides the bits of a set of initial states have two
+keys; what has no part in it, such as the method or the seed of a run, has none in the key either.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import surefoot
+from surefoot.config import Config, ExpertConfig, Gait, SimulationConfig
+from surefoot.config.json_io import to_json
+from surefoot.robots.identity import description_hash
+from surefoot.robots.load import find_spec
+
+VERSION = 1
+"""Changes with what is kept and how it is made; another one makes everything anew."""
+PACKAGES = ("surefoot", "numpy", "pin", "numba")
+"""Packages that decide what the expert does."""
+SIMULATORS = {"mujoco": "mujoco", "bullet": "pybullet"}
+"""The package of each simulator."""
+ROOMS = ("mpc", "robots", "scenarios", "sim")
+"""Folders of the package whose code decides it too, while somebody changes that code."""
+
+
+@dataclass(frozen=True)
+class Ingredients:
+    """What decides how the expert walks.
+
+    Attributes:
+        version: `VERSION`.
+        versions: Name and version of each package.
+        code: SHA-256 of the package's own code.
+        robot: SHA-256 of the robot's spec and description.
+        torque_limit: The torque limit of all joints, if it is one [N m].
+        enforce_speed_limit: Whether motors stop at the joints' speed limits.
+        simulation: The simulator.
+        gait: The gait.
+        expert: The expert.
+        fall_height: Base heights that are no fall [m].
+        fall_angle: Roll or pitch beyond this is a fall [deg].
+        grace: Falls count from here on [s].
+    """
+
+    version: int
+    versions: tuple[tuple[str, str], ...]
+    code: str
+    robot: str
+    torque_limit: float | None
+    enforce_speed_limit: bool
+    simulation: SimulationConfig
+    gait: Gait
+    expert: ExpertConfig
+    fall_height: tuple[float, float] | None
+    fall_angle: float
+    grace: float
+
+
+def ingredients_of(config: Config) -> Ingredients:
+    """What decides how the expert of a configuration walks.
+
+    Args:
+        config: The configuration, with the robot's own values in place of None.
+    """
+    names = (*PACKAGES, SIMULATORS[config.simulation.backend])
+    return Ingredients(
+        version=VERSION,
+        versions=tuple((name, _version(name)) for name in names),
+        code=code_hash(),
+        robot=description_hash(find_spec(config.robot)),
+        torque_limit=config.robot.torque_limit,
+        enforce_speed_limit=config.robot.enforce_speed_limit,
+        simulation=config.simulation,
+        gait=config.gait,
+        expert=config.expert,
+        fall_height=config.safety.fall_height,
+        fall_angle=config.safety.fall_angle,
+        grace=config.safety.grace,
+    )
+
+
+def key_of(*records: object) -> str:
+    """SHA-256 of records, or of JSON values."""
+    return hashlib.sha256(json.dumps([to_json(each) for each in records]).encode()).hexdigest()
+
+
+def code_hash() -> str:
+    """SHA-256 of the package's code that decides how the expert walks."""
+    sha = hashlib.sha256()
+    for room in ROOMS:
+        for path in sorted((Path(surefoot.__file__).parent / room).glob("*.py")):
+            sha.update(path.name.encode())
+            sha.update(path.read_bytes())
+    return sha.hexdigest()
+
+
+def _version(name: str) -> str:
+    """The version of a package; empty if it is not there."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""

@@ -1,0 +1,391 @@
+"""Prepare a robot, a gait and a box of commands: everything that runs on them need, made once.
+
+In this order: the command gains (`calibration`), the settled gait at commands all over the box, the
+safety bounds that it stays within, and initial states in four splits (`make`). All of it is one
+file, kept below the user's caches under a SHA-256 of what it depends on (`keys`), and written whole
+or not at all; it takes seconds, and an interrupted one begins again, with the gains that it has
+measured. A run keeps a copy. `completed` is what commands, runs and studies call.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.caches import user_folder
+from surefoot.config import Config, PerturbationConfig, SafetyConfig, Split
+from surefoot.config.checked import known
+from surefoot.config.json_io import read_record
+from surefoot.config.presets import straight_trot
+from surefoot.files import write_json
+from surefoot.mpc.gaits import gait_name
+from surefoot.mpc.schedule import stands
+from surefoot.robots.bounds import joint_rows
+from surefoot.robots.geometry import state_of
+from surefoot.robots.identity import description_hash
+from surefoot.robots.load import load_robot
+from surefoot.robots.model import RobotModel
+from surefoot.robots.scaling import own_safety, size_of, with_own_values
+from surefoot.scenarios.boxes import describe, largest_box, walks_enough
+from surefoot.scenarios.calibration import calibrate_command_gain, needed_axes
+from surefoot.scenarios.keys import ingredients_of, key_of
+from surefoot.scenarios.make import (
+    SEED,
+    SIZES,
+    SURVIVED,
+    GaitCycle,
+    SplitSize,
+    cycle_instants,
+    cycle_of,
+    make_starts,
+    settle,
+)
+from surefoot.scenarios.preparation import CommandGain, Followed, Preparation, Triple
+from surefoot.scenarios.starts import StartSet, load_starts, save_starts
+from surefoot.scenarios.walking import Walks
+from surefoot.types import Array, BoolArray, IntArray, to_ticks
+
+MARGIN = 10.0
+"""[deg] The bounds on angles lie so far beyond what the settled gait needs."""
+LOWER = 0.02
+"""[m] The bound on the height lies so far below, times the ratio of leg lengths."""
+ROUND = 1e4
+"""Bounds have four decimals."""
+NO_GAIN: Triple = (1.0, 1.0, 1.0)
+"""The gains where none are measured."""
+ZERO: Triple = (0.0, 0.0, 0.0)
+"""What was reached where nothing was measured."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What a robot, a gait and a box of commands need.
+
+    Attributes:
+        starts: The initial states.
+        made: The command gains, the bounds, and what else was measured.
+        path: The file that holds all of it.
+        kept: Whether it was there already.
+    """
+
+    starts: StartSet
+    made: Preparation
+    path: Path
+    kept: bool
+
+    @property
+    def command_gain(self) -> Triple:
+        """The gains of vx, vy and yaw rate, as `ExpertConfig.command_gain`."""
+        return self.made.command_gain
+
+    @property
+    def safety(self) -> SafetyConfig:
+        """The bounds: the robot's own table, joined with what the settled gait needs."""
+        return self.made.safety
+
+
+def prepare(
+    config: Config,
+    perturbation: PerturbationConfig | None = None,
+    seed: int = SEED,
+    sizes: Mapping[Split, SplitSize] = SIZES,
+) -> Prepared:
+    """Make what a robot, a gait and a box of commands need, or find what was made before.
+
+    Args:
+        config: The robot, the gait, the commands, the expert and the simulator. Gains that are not
+            None stay.
+        perturbation: Standard deviations of the perturbed initial states, for a robot of Solo12's
+            size; None is the paper's.
+        seed: Root of the perturbations' randomness.
+        sizes: The size of each split.
+
+    Raises:
+        ValueError: The robot does not walk in this gait, or not at the commands of the box; the
+            message has the numbers, and the largest box that it walks.
+        WriteError: The file cannot be written.
+    """
+    perturbation = perturbation or PerturbationConfig()
+    robot = load_robot(config.robot)
+    config = with_own_values(config, robot)
+    key = prepared_key(config, perturbation, seed, sizes)
+    path = Path(user_folder("prepared")) / f"{key}.npz"
+    found = _find(path, key)
+    if found is not None:
+        return found
+    began = time.perf_counter()
+    logger.info(
+        f"{robot.name}, {gait_name(config.gait)}, {describe(config.commands)}: made once, in less "
+        f"than two minutes, and kept in {path}"
+    )
+    gain = _gain_of(robot, config)
+    config = replace(config, expert=replace(config.expert, command_gain=gain.gain))
+    counts = {size.velocities for size in sizes.values()}
+    spread = {count: config.commands.spread(count) for count in sorted(counts)}
+    commands, first = np.unique(np.concatenate(list(spread.values())), axis=0, return_index=True)
+    commands = commands[np.argsort(first)]
+    walks = settle(config, commands)
+    up = ~walks.lost(config.safety)
+    if not walks_enough(up):
+        raise ValueError(_refusal(robot, config, commands, up))
+    settled = walks.since(int(cycle_instants(config.gait)[0]))
+    made = Preparation(
+        key=key,
+        description=description_hash(robot.spec),
+        commands=config.commands,
+        gain=gain,
+        safety=settled_bounds(robot, _own_bounds(robot, config), settled.of(up)),
+        followed=_followed(settled, up, to_ticks(config.gait.period)),
+        seconds=0.0,
+    )
+    cycles = {count: _cycle(settled, up, config, each) for count, each in spread.items()}
+    starts = make_starts(key[:8], config, cycles, perturbation, seed, sizes)
+    made = replace(made, seconds=round(time.perf_counter() - began, 1))
+    path.unlink(missing_ok=True)  # a damaged one
+    save_starts(replace(starts, preparation=made), path)
+    return Prepared(load_starts(path), made, path, kept=False)
+
+
+def prepared_key(
+    config: Config, perturbation: PerturbationConfig, seed: int, sizes: Mapping[Split, SplitSize]
+) -> str:
+    """SHA-256 of all that what is prepared depends on; the arguments are those of `prepare`.
+
+    Args:
+        config: The configuration, with the robot's own values in place of None.
+        perturbation: Standard deviations of the perturbed initial states.
+        seed: Root of the perturbations' randomness.
+        sizes: The size of each split.
+    """
+    return key_of(ingredients_of(config), config.commands, perturbation, seed, sizes)
+
+
+def _find(path: Path, key: str) -> Prepared | None:
+    """What was prepared before under a key; None if nothing, or what cannot be read."""
+    if not path.exists():
+        return None
+    try:
+        starts = load_starts(path)
+    except (OSError, ValueError) as error:
+        logger.warning(f"{path} is made again: it cannot be read ({error})")
+        return None
+    if starts.preparation is None or starts.preparation.key != key:
+        logger.warning(f"{path} is made again: it holds something else than its name says")
+        return None
+    return Prepared(starts, starts.preparation, path, kept=True)
+
+
+def _gain_of(robot: RobotModel, config: Config) -> CommandGain:
+    """The command gains: those that are given, or those that are measured."""
+    given = config.expert.command_gain
+    if given is not None:
+        return CommandGain(given, ZERO, ZERO, ZERO)
+    return measured_gain(robot, config)
+
+
+def measured_gain(robot: RobotModel, config: Config) -> CommandGain:
+    """The command gains of a robot and a gait, measured in seconds, or those that were before.
+
+    Args:
+        robot: The robot.
+        config: The gait, the expert, the commands, the simulator and the fall bounds.
+
+    Raises:
+        ValueError: The robot does not walk in this gait; the message has the numbers.
+    """
+    config = with_own_values(config, robot)
+    config = replace(config, expert=replace(config.expert, command_gain=None))
+    if stands(config.gait):
+        return CommandGain(NO_GAIN, ZERO, ZERO, ZERO)
+    needed = needed_axes(config.commands).tolist()
+    key = key_of(ingredients_of(config), needed)
+    path = Path(user_folder("gains")) / f"{key}.json"
+    if path.exists():
+        try:
+            return read_record(path, CommandGain)
+        except ValueError as error:
+            logger.warning(f"the command gains are measured again ({error})")
+    ratio = size_of(robot).length_ratio
+    gain = calibrate_command_gain(robot, config.gait, config, ratio)
+    write_json(path, gain)
+    return gain
+
+
+def _refusal(robot: RobotModel, config: Config, commands: Array, up: BoolArray) -> str:
+    """Why a box cannot be prepared, and which one can."""
+    name = gait_name(config.gait)
+    fell = "; ".join(", ".join(f"{x:.3g}" for x in command) for command in commands[~up][:4])
+    text = (
+        f"the gait {name} does not walk {robot.name} at these commands: of {len(up)} that are "
+        f"spread over {describe(config.commands)}, it survives {up.sum()} for {SURVIVED:g} s, and "
+        f"falls at (vx, vy, yaw rate) {fell}{'; ...' if (~up).sum() > 4 else ''}"
+    )
+    logger.info("%s; looking for the largest box that it walks", text)
+    box = largest_box(robot, config)
+    if box is None:
+        return f"{text}. It falls on the spot, too: use another gait"
+    return f"{text}. The largest box that works: {describe(box)}"
+
+
+def _own_bounds(robot: RobotModel, config: Config) -> SafetyConfig:
+    """The robot's own bounds in a gait, with the falls that are configured."""
+    height = known(config.gait.com_height, "gait.com_height")
+    return own_safety(SafetyConfig(fall_height=config.safety.fall_height), height, robot)
+
+
+def settled_bounds(robot: RobotModel, safety: SafetyConfig, walks: Walks) -> SafetyConfig:
+    """Bounds widened until a settled gait stays within them, with a margin.
+
+    Args:
+        robot: The robot.
+        safety: The robot's own bounds.
+        walks: What the robots did, settled.
+    """
+    q = np.ascontiguousarray(walks.q.reshape(-1, 19))
+    state = state_of(robot, q, np.ascontiguousarray(walks.v.reshape(-1, 18)))
+    below = LOWER * size_of(robot).length_ratio
+    com_height = _widened(known(safety.com_height, "safety.com_height"), state.com[:, 2], below)
+    tilt = known(safety.roll_pitch, "safety.roll_pitch")
+    _, tilt = _widened((-tilt, tilt), np.abs(np.degrees(state.roll_pitch)), MARGIN)
+    angles = np.degrees(q[:, 7:]).T
+    own = joint_rows(safety)
+    joints = tuple(_widened(*row, MARGIN) for row in zip(own, angles, strict=True))
+    safety = replace(safety, com_height=com_height, roll_pitch=tilt)
+    return safety if joints == own else replace(safety, joints=joints)
+
+
+def _widened(bounds: tuple[float, float], values: Array, margin: float) -> tuple[float, float]:
+    """Bounds that are as far as they were, or a margin beyond the values, where that is farther."""
+    low, high = bounds
+    lowest = float(values.min()) - margin
+    highest = float(values.max()) + margin
+    # Rounded outward, and only where it is another number than before.
+    if lowest < low:
+        low = math.floor(lowest * ROUND) / ROUND
+    if highest > high:
+        high = math.ceil(highest * ROUND) / ROUND
+    return low, high
+
+
+def _followed(settled: Walks, up: BoolArray, period: int) -> tuple[Followed, ...]:
+    """What the expert made of each command, over whole gait periods.
+
+    Args:
+        settled: What the robots did, settled.
+        up: ``(n,)`` True for robots that have not fallen.
+        period: The gait period [ms].
+    """
+    # Whole periods, so that a gait's sway cancels.
+    ticks = len(settled.tick) // period * period
+    last = settled.since(int(settled.tick[-1]) + 1 - ticks)
+    rows = zip(settled.command, last.mean_velocity, up, strict=True)
+    return tuple(
+        Followed(_triple(command), _triple(velocity) if stays else ZERO, not stays)
+        for command, velocity, stays in rows
+    )
+
+
+def _cycle(settled: Walks, up: BoolArray, config: Config, commands: Array) -> GaitCycle:
+    """The settled cycle at some of the commands; the nearest one takes the place of one that fell.
+
+    Args:
+        settled: What the robots did, settled.
+        up: ``(n,)`` True for robots that have not fallen.
+        config: The gait and the box.
+        commands: ``(m, 3)`` the commands.
+    """
+    box = config.commands
+    width = np.ptp([box.vx, box.vy, box.yaw_rate], axis=1)
+    away = (commands[:, None] - settled.command) / np.where(width > 0.0, width, 1.0)
+    distance = np.where(up, np.linalg.norm(away, axis=2), np.inf)
+    nearest: IntArray = distance.argmin(axis=1)
+    return cycle_of(settled, config.gait, nearest)
+
+
+def _triple(values: Array) -> Triple:
+    """Three numbers, rounded to four digits."""
+    x, y, z = (round(float(value), 4) + 0.0 for value in values)
+    return x, y, z
+
+
+def completed(config: Config) -> Config:
+    """The configuration with everything that its robot, gait and commands need, for None.
+
+    What follows from the robot is filled in (`with_own_values`); what has to be measured, the
+    command gains and the initial states, is prepared where it is not packaged, given or kept.
+    Values that are given stay.
+
+    Args:
+        config: The configuration.
+
+    Raises:
+        ValueError: The robot does not walk in this gait, or not at the commands of the box.
+    """
+    own = with_own_values(config)
+    if own.start_set is None:
+        prepared = prepare(config)
+        return with_preparation(replace(config, start_set=str(prepared.path)), prepared.made)
+    if config.start_set is None:
+        return own
+    made = load_starts(config.start_set).preparation
+    if made is not None:
+        return with_preparation(config, made)
+    if own.expert.command_gain is None:  # a set of an earlier version
+        gain = measured_gain(load_robot(own.robot), own)
+        return replace(own, expert=replace(own.expert, command_gain=gain.gain))
+    return own
+
+
+def with_preparation(config: Config, made: Preparation) -> Config:
+    """The configuration, with gains and bounds that were measured in place of None.
+
+    Args:
+        config: The configuration; values that are given stay, and other gains are warned of.
+        made: What was measured.
+    """
+    given = config.expert.command_gain
+    if given is not None and not np.allclose(given, made.command_gain, atol=1e-6):
+        logger.warning(
+            f"expert.command_gain is {given}, but the initial states were made with "
+            f"{made.command_gain}: robots do not begin in the settled gait of this expert"
+        )
+    return _filled(config, made.command_gain, made.safety)
+
+
+def with_values_of(before: Config, config: Config) -> Config:
+    """The configuration, with what an earlier one has measured in place of None.
+
+    Args:
+        before: The configuration of a run that has begun, which is to go on with the same values.
+        config: What is asked for now.
+    """
+    if config.start_set is None and not straight_trot(config):
+        config = replace(config, start_set=before.start_set)
+    return _filled(config, before.expert.command_gain, before.safety)
+
+
+def _filled(config: Config, gain: Triple | None, measured: SafetyConfig) -> Config:
+    """The configuration with measured gains and bounds, and then the robot's own values, for None.
+
+    Joints whose bounds are given in ranges have none of the measured ones.
+    """
+    expert = config.expert
+    if expert.command_gain is None:
+        expert = replace(expert, command_gain=gain)
+    safety = config.safety
+    if safety.com_height is None:
+        safety = replace(safety, com_height=measured.com_height)
+    if safety.roll_pitch is None:
+        safety = replace(safety, roll_pitch=measured.roll_pitch)
+    ranges = (safety.hip_abduction, safety.hip_flexion, safety.knee)
+    if not safety.joints and ranges == (None, None, None):
+        safety = replace(safety, joints=measured.joints)
+    return with_own_values(replace(config, expert=expert, safety=safety))

@@ -1,0 +1,41 @@
+"""Bounds on how a robot stands: falls and the joints of the table, for all who ask."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from surefoot.config import TABLE_I, SafetyConfig
+from surefoot.robots.bounds import fallen, joint_rows, table_bounds
+from surefoot.robots.model import standing
+from surefoot.robots.solo12 import solo12
+
+Q = standing(solo12())
+
+
+def tilted(angle: float) -> np.ndarray:
+    q = Q.copy()
+    q[3:7] = [np.sin(angle / 2), 0.0, 0.0, np.cos(angle / 2)]
+    return q
+
+
+def test_a_robot_that_lies_flies_tilts_or_is_not_a_number_has_fallen():
+    heights = np.array([0.24, 0.09, 2.1, np.nan, 0.24, 0.24])
+    q = np.array([Q, Q, Q, Q, tilted(np.radians(29.0)), tilted(np.radians(31.0))])
+    assert fallen(heights, q, TABLE_I).tolist() == [False, True, True, True, False, True]
+
+
+def test_three_ranges_are_those_of_a_left_front_leg_and_mirrored_for_the_others():
+    rows = joint_rows(TABLE_I)
+    assert rows[:3] == ((-30, 60), (0, 90), (-160, 0))
+    assert rows[3:6] == ((-60, 30), (0, 90), (-160, 0))
+    assert rows[9:] == ((-60, 30), (-90, 0), (0, 160))
+    own = tuple((float(n), float(n + 1)) for n in range(12))
+    assert joint_rows(replace(TABLE_I, joints=own)) == own
+
+
+def test_bounds_that_are_nobodys_yet_are_an_error_that_says_what_to_do():
+    with pytest.raises(ValueError, match=r"safety\.roll_pitch is None, .* `sf.with_own_values`"):
+        table_bounds(SafetyConfig())
+    with pytest.raises(ValueError, match=r"safety\.fall_height is None"):
+        fallen(np.array([0.2]), Q[None], SafetyConfig())

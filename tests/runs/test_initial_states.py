@@ -1,0 +1,100 @@
+"""A run's own initial states: copied when it begins, its own from then on, compared on resume."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from surefoot.config import CommandBox, Config, RobotConfig
+from surefoot.runs.prepare import first_stage
+from surefoot.runs.run import RunError, config_for, create, open_run
+from surefoot.scenarios import prepare as module
+from surefoot.scenarios.starts import load_starts, starts_of
+from tests.fakes.learning import FLOAT32
+from tests.fakes.runs import collected_record
+from tests.fakes.walks import SMALL, fake_walks
+
+__all__ = ["fake_walks"]
+GO2 = Config(
+    robot=RobotConfig("go2"), commands=CommandBox(vx=(-0.2, 0.6)), training=FLOAT32, seed=5
+)
+
+
+@pytest.fixture
+def small_sets(fake_walks, monkeypatch) -> None:
+    whole = module.prepare
+    monkeypatch.setattr(module, "prepare", lambda config: whole(config, sizes=SMALL))
+
+
+@pytest.fixture
+def begun(small_sets, tmp_path):
+    """A run of a robot without a packaged set, that has collected."""
+    run = create(tmp_path / "run", GO2)
+    run.append_metrics(collected_record(0))
+    return run
+
+
+def test_a_run_keeps_a_copy_and_all_that_was_measured(begun):
+    values = json.loads((begun.folder / "config.json").read_text())
+    assert values["config"]["start_set"] == "starts.npz"
+    stored = starts_of(begun.config)
+    assert values["starts_hash"] == stored.hash
+    assert stored.preparation is not None
+    assert begun.config.expert.command_gain == stored.preparation.command_gain
+    assert begun.config.safety.joints == stored.preparation.safety.joints
+    assert open_run(begun.folder).config == begun.config
+
+
+def test_a_run_is_resumed_and_moved_without_what_is_kept_elsewhere(begun, tmp_path, monkeypatch):
+    shutil.rmtree(tmp_path / "cache")
+    monkeypatch.setattr(module, "prepare", None)  # not to be called
+    assert config_for(begun.folder, GO2) == begun.config
+    assert create(begun.folder, GO2, resume=True).config == begun.config
+    hash = starts_of(begun.config).hash
+    moved = begun.folder.rename(tmp_path / "moved")
+    assert starts_of(open_run(moved).config).hash == hash
+    assert starts_of(create(moved, GO2, resume=True).config).hash == hash
+
+
+def test_a_resumed_run_may_be_asked_for_with_the_same_states_in_another_file(begun, tmp_path):
+    copy = tmp_path / "copy.npz"
+    shutil.copy(begun.folder / "starts.npz", copy)
+    again = create(begun.folder, replace(GO2, start_set=str(copy)), resume=True)
+    assert again.config == begun.config
+
+
+def test_other_initial_states_are_refused_on_resume(begun):
+    other = module.prepare(replace(GO2, commands=CommandBox(vx=(-0.2, 0.5))))
+    (begun.folder / "starts.npz").write_bytes(other.path.read_bytes())
+    with pytest.raises(RunError, match="was begun with other initial states"):
+        create(begun.folder, GO2, resume=True)
+    (begun.folder / "starts.npz").unlink()
+    with pytest.raises(RunError, match=r"the initial states of .* cannot be read"):
+        create(begun.folder, GO2, resume=True)
+    asked = replace(GO2, start_set=str(other.path))
+    with pytest.raises(RunError, match="holds a run with another configuration"):
+        create(begun.folder, asked, resume=True)
+
+
+def test_a_run_that_has_not_begun_takes_the_new_states(small_sets, tmp_path):
+    first = create(tmp_path / "run", GO2)
+    box = CommandBox(vx=(-0.2, 0.5))
+    second = create(tmp_path / "run", replace(GO2, commands=box), resume=True)
+    stored = load_starts(second.folder / "starts.npz")
+    assert stored.preparation is not None
+    assert stored.preparation.commands == box
+    assert first.config.start_set == second.config.start_set
+
+
+def test_two_runs_with_their_own_copies_begin_alike(small_sets, tmp_path):
+    runs = [create(tmp_path / name, GO2) for name in ("a", "b")]
+    one, other = (first_stage(run.config, "data") for run in runs)
+    assert runs[0].config.start_set != runs[1].config.start_set
+    assert one == other
+
+
+def test_a_packaged_set_is_not_copied(tmp_path):
+    run = create(tmp_path / "run", Config(training=FLOAT32))
+    assert not (run.folder / "starts.npz").exists()
+    assert run.config.start_set == "solo12-trot-v1"

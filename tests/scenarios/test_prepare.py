@@ -1,0 +1,327 @@
+"""What a robot, a gait and a box need: measured once, kept whole, refused with numbers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import surefoot.files
+from surefoot.config import (
+    TABLE_I,
+    CommandBox,
+    Config,
+    ExpertConfig,
+    PerturbationConfig,
+    RobotConfig,
+    SafetyConfig,
+    SimulationConfig,
+)
+from surefoot.config.checked import known
+from surefoot.config.presets import TROT_GAIN
+from surefoot.config.robot_table import GO2
+from surefoot.mpc.gaits import with_gait
+from surefoot.robots.geometry import state_of
+from surefoot.robots.load import load_robot
+from surefoot.robots.scaling import with_own_values
+from surefoot.safety.gates import unsafe
+from surefoot.scenarios import prepare as module
+from surefoot.scenarios.make import SEED, SIZES, cycle_instants, settle
+from surefoot.scenarios.prepare import (
+    completed,
+    measured_gain,
+    prepare,
+    prepared_key,
+    settled_bounds,
+    with_preparation,
+    with_values_of,
+)
+from surefoot.scenarios.starts import load_starts, starts_of
+from surefoot.scenarios.walking import Walks
+from tests.fakes.walks import SMALL, FakeWalks, fake_walks
+
+__all__ = ["fake_walks"]
+GO2_TROT = Config(robot=RobotConfig("go2"), commands=CommandBox(vx=(-0.2, 0.6)))
+PERTURBATION = PerturbationConfig()
+
+
+def made(config: Config = GO2_TROT) -> module.Prepared:
+    return prepare(config, sizes=SMALL)
+
+
+def kept_files(tmp_path, kind: str = "prepared") -> list:
+    return list((tmp_path / "cache" / "surefoot").glob(f"{kind}/*"))
+
+
+def test_what_is_prepared_is_made_once_and_found_again(fake_walks, tmp_path):
+    first = made()
+    assert not first.kept
+    assert first.command_gain == pytest.approx((1.25, 1.25, 1.25))
+    assert first.path.stem == first.made.key
+    assert [path.name for path in kept_files(tmp_path)] == [first.path.name]
+    assert (len(first.starts["nominal"]), len(first.starts["train"])) == (30, 60)
+    asked = len(fake_walks.asked)
+    again = made()
+    assert again.kept
+    assert (again.starts.hash, again.made) == (first.starts.hash, first.made)
+    assert len(fake_walks.asked) == asked
+
+
+def test_robots_begin_at_the_commands_of_the_box_and_reach_them_with_the_gains(fake_walks):
+    first = made()
+    np.testing.assert_array_equal(first.starts.commands("nominal"), GO2_TROT.commands.spread(3))
+    np.testing.assert_allclose(first.made.tracking_error, 0.0, atol=1e-4)
+
+
+def test_what_is_prepared_is_of_the_robot_the_gait_and_the_description(fake_walks):
+    starts = made().starts
+    assert starts.robot == "go2"
+    assert starts.name.startswith("go2-trot-")
+    other = replace(GO2, foot_radius=0.03)
+    with pytest.raises(ValueError, match="belong to another description of the robot go2"):
+        starts_of(replace(GO2_TROT, robot=RobotConfig(spec=other), start_set=str(made().path)))
+
+
+CHANGES = {
+    "robot": replace(GO2_TROT, robot=RobotConfig("a1")),
+    "spec": replace(GO2_TROT, robot=RobotConfig(spec=replace(GO2, foot_radius=0.03))),
+    "limit": replace(GO2_TROT, robot=RobotConfig("go2", torque_limit=20.0)),
+    "gait": with_gait(GO2_TROT, "walk"),
+    "height": replace(GO2_TROT, gait=replace(GO2_TROT.gait, com_height=0.28)),
+    "box": replace(GO2_TROT, commands=CommandBox(vx=(-0.2, 0.7))),
+    "expert": replace(GO2_TROT, expert=ExpertConfig(kp=30.0)),
+    "gain": replace(GO2_TROT, expert=ExpertConfig(command_gain=(1.0, 1.0, 1.0))),
+    "simulator": replace(GO2_TROT, simulation=SimulationConfig(backend="bullet")),
+    "friction": replace(GO2_TROT, simulation=SimulationConfig(friction=0.7)),
+    "falls": replace(GO2_TROT, safety=SafetyConfig(fall_angle=40.0)),
+}
+
+
+def key(config=GO2_TROT, perturbation=PERTURBATION, seed=SEED, sizes=SIZES) -> str:
+    return prepared_key(with_own_values(config), perturbation, seed, sizes)
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_the_key_changes_with_each_ingredient(name):
+    assert key(CHANGES[name]) != key()
+
+
+def test_the_key_changes_with_the_perturbation_the_seed_and_the_sizes():
+    wide = replace(PERTURBATION, velocity=0.3)
+    keys = {key(), key(perturbation=wide), key(seed=1), key(sizes=SMALL)}
+    assert len(keys) == 4
+
+
+def test_the_key_changes_with_the_code_and_the_versions_of_the_planner(monkeypatch):
+    before = key()
+    with monkeypatch.context() as patch:
+        patch.setattr("surefoot.scenarios.keys.code_hash", lambda: "other")
+        assert key() != before
+    monkeypatch.setattr("surefoot.scenarios.keys.version", lambda name: "0")
+    assert key() != before
+
+
+def test_the_key_changes_with_the_content_of_the_description_but_not_with_its_place(tmp_path):
+    from surefoot.robots.description import find_urdf
+
+    content = find_urdf(GO2).read_bytes()
+    paths = [tmp_path / "a.urdf", tmp_path / "b.urdf", tmp_path / "c.urdf"]
+    for path, text in zip(paths, (content, content, content + b"<!-- -->"), strict=True):
+        path.write_bytes(text)
+    keys = [
+        key(replace(GO2_TROT, robot=RobotConfig(spec=replace(GO2, urdf=str(path)))))
+        for path in paths
+    ]
+    assert keys[0] == keys[1] != keys[2]
+
+
+def test_the_key_takes_no_notice_of_what_has_no_part_in_it():
+    assert key(replace(GO2_TROT, seed=7, chunk=3)) == key()
+
+
+def test_a_killed_preparation_leaves_nothing_half(fake_walks, tmp_path, monkeypatch):
+    def killed(*_):
+        raise SystemExit
+
+    with monkeypatch.context() as patch:
+        patch.setattr(surefoot.files.Path, "unlink", lambda *_, **__: None)
+        patch.setattr(module, "make_starts", killed)
+        with pytest.raises(SystemExit):
+            made()
+    assert kept_files(tmp_path) == []
+    asked = len(fake_walks.asked)
+    with monkeypatch.context() as patch:
+        patch.setattr(surefoot.files.Path, "unlink", lambda *_, **__: None)
+        patch.setattr(surefoot.files.os, "replace", killed)
+        with pytest.raises(SystemExit):
+            made()
+    assert all(path.name.endswith(".tmp") for path in kept_files(tmp_path))
+    assert len(fake_walks.asked) == asked + 1  # the gains were kept
+    assert not made().kept
+    assert made().kept
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"x" * 1000])
+def test_a_damaged_file_is_made_again(fake_walks, content):
+    first = made()
+    first.path.write_bytes(content)
+    again = made()
+    assert not again.kept
+    assert again.starts.hash == first.starts.hash
+
+
+def test_a_file_under_another_name_is_made_again(fake_walks):
+    first = made()
+    other = made(CHANGES["box"])
+    first.path.write_bytes(other.path.read_bytes())
+    assert made().starts.hash == first.starts.hash
+
+
+def test_damaged_gains_are_measured_again(fake_walks, tmp_path):
+    robot = load_robot("go2")
+    first = measured_gain(robot, GO2_TROT)
+    [path] = kept_files(tmp_path, "gains")
+    path.write_text("{")
+    assert measured_gain(robot, GO2_TROT) == first
+
+
+def test_a_box_that_is_too_large_is_refused_with_the_largest_that_works(fake_walks):
+    fake_walks.limit = 0.5
+    config = replace(GO2_TROT, commands=CommandBox(vx=(-0.3, 1.0), yaw_rate=(-0.5, 0.5)))
+    text = (
+        r"the gait trot does not walk go2 at these commands: of 3 .* it survives 2 for 3 s, and "
+        r"falls at .* 1, 0, 0\. The largest box that works: --vx -0\.3 0\.4 --vy 0 0 --yaw-rate "
+        r"-0\.5 0\.5"
+    )
+    with pytest.raises(ValueError, match=text):
+        made(config)
+
+
+def test_a_gait_that_falls_on_the_spot_is_refused(fake_walks):
+    with pytest.raises(ValueError, match="the gait trot does not carry the robot: 2 of 2 fell"):
+        fake_walks.limit = -1.0
+        made()
+    given = replace(GO2_TROT, expert=ExpertConfig(command_gain=(1.0, 1.0, 1.0)))
+    with pytest.raises(ValueError, match="It falls on the spot, too: use another gait"):
+        made(given)
+
+
+def test_a_command_at_which_a_robot_falls_gives_its_place_to_the_nearest(fake_walks, monkeypatch):
+    monkeypatch.setattr("surefoot.scenarios.boxes.LEAST_SURVIVED", 0.5)
+    fake_walks.limit = 0.5
+    prepared = made()
+    commands = prepared.starts.commands("nominal")
+    np.testing.assert_allclose(commands[:, 0], [-0.2, 0.2, 0.2])
+    fell = {each.command[0]: each.fell for each in prepared.made.followed}
+    assert fell == {-0.2: False, 0.2: False, 0.6: True}
+
+
+# --- bounds
+
+
+@pytest.fixture(scope="module")
+def trot() -> Walks:
+    """Go2 trots in simulation, settled."""
+    config = with_own_values(GO2_TROT)
+    config = replace(config, expert=replace(config.expert, command_gain=(1.07, 1.04, 1.21)))
+    command = np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.0], [-0.2, 0.1, 0.3], [0.3, 0.1, -0.3]])
+    walks = settle(config, command)
+    return walks.since(int(cycle_instants(config.gait)[0]))
+
+
+def test_a_settled_gait_never_fires_its_bounds(trot):
+    robot = load_robot("go2")
+    own = with_own_values(GO2_TROT).safety
+    bounds = settled_bounds(robot, own, trot.of(np.array([True, True, True, False])))
+    state = state_of(robot, trot.q.reshape(-1, 19), trot.v.reshape(-1, 18))
+    assert not unsafe(state, bounds).any()  # at the command that was left out, neither
+    lowest = known(bounds.com_height, "com_height")[0]
+    assert lowest <= known(own.com_height, "com_height")[0]
+    for (low, high), (lower, higher) in zip(own.joints, bounds.joints, strict=True):
+        assert lower <= low and high <= higher
+
+
+def test_bounds_are_widened_by_ten_degrees_and_two_centimeters_where_a_gait_needs_it():
+    robot = load_robot("solo12")
+    walks = FakeWalks()(robot, with_own_values(Config()), np.zeros((1, 3)), 3)
+    walks.q[1, 0, 7] = np.radians(80.0)
+    walks.q[:, :, 2] -= 0.12
+    bounds = settled_bounds(robot, TABLE_I, walks)
+    assert bounds.joints[0] == pytest.approx((-30.0, 90.0))
+    assert bounds.joints[1:] == ((0.0, 90.0), (-160.0, 0.0), *bounds.joints[3:])
+    state = state_of(robot, walks.q[:, 0], walks.v[:, 0])
+    assert bounds.com_height == pytest.approx((state.com[:, 2].min() - 0.02, 1.0), abs=2e-4)
+    assert bounds.roll_pitch == TABLE_I.roll_pitch
+
+
+def test_the_bounds_of_a_gait_within_the_papers_table_are_the_papers():
+    robot = load_robot("solo12")
+    walks = FakeWalks()(robot, with_own_values(Config()), np.zeros((1, 3)), 3)
+    assert settled_bounds(robot, TABLE_I, walks) == TABLE_I
+
+
+# --- whole configurations
+
+
+def test_the_packaged_set_needs_no_measuring(monkeypatch):
+    monkeypatch.setattr(module, "prepare", None)  # not to be called
+    config = completed(Config())
+    assert config.start_set == "solo12-trot-v1"
+    assert config.expert.command_gain == TROT_GAIN
+    assert config.safety == TABLE_I
+    assert completed(config) == config
+
+
+@pytest.fixture
+def small_sets(fake_walks, monkeypatch) -> FakeWalks:
+    whole = module.prepare
+    monkeypatch.setattr(module, "prepare", lambda config: whole(config, sizes=SMALL))
+    return fake_walks
+
+
+def test_another_robot_gets_what_was_measured_and_all_of_it(small_sets):
+    config = completed(GO2_TROT)
+    stored = starts_of(config)
+    assert stored.preparation is not None
+    assert config.expert.command_gain == stored.preparation.command_gain
+    assert config.safety.joints == stored.preparation.safety.joints
+    assert config.expert.turn_compensation == 0.3
+    assert completed(config) == config
+
+
+def test_values_that_are_given_are_heard_even_if_they_are_a_default_elsewhere(small_sets):
+    safety = SafetyConfig(com_height=(0.15, 1.0), hip_flexion=(0.0, 90.0))
+    expert = ExpertConfig(command_gain=TROT_GAIN)
+    config = completed(replace(GO2_TROT, safety=safety, expert=expert))
+    assert config.expert.command_gain == TROT_GAIN
+    assert config.safety.com_height == (0.15, 1.0)
+    assert config.safety.joints[1] == (0.0, 90.0)
+    assert config.safety.joints[7] == (-90.0, 0.0)
+
+
+def test_gains_of_another_expert_than_that_of_the_states_are_warned_of(small_sets, caplog):
+    path = str(completed(GO2_TROT).start_set)
+    gains = ExpertConfig(command_gain=(1.0, 1.0, 1.0))
+    config = completed(replace(GO2_TROT, start_set=path, expert=gains))
+    assert config.expert.command_gain == (1.0, 1.0, 1.0)
+    assert "but the initial states were made with (1.25, 1.25, 1.25)" in caplog.text
+
+
+def test_a_file_of_initial_states_brings_its_gains_and_bounds(small_sets, monkeypatch):
+    whole = completed(GO2_TROT)
+    monkeypatch.setattr(module, "prepare", None)
+    assert completed(replace(GO2_TROT, start_set=whole.start_set)) == whole
+
+
+def test_what_a_run_has_measured_is_kept_when_it_goes_on(small_sets, monkeypatch):
+    whole = completed(GO2_TROT)
+    monkeypatch.setattr(module, "prepare", None)
+    assert with_values_of(whole, GO2_TROT) == whole
+    other = with_values_of(whole, replace(GO2_TROT, safety=SafetyConfig(roll_pitch=20.0)))
+    assert other.safety.roll_pitch == 20.0
+
+
+def test_a_preparation_survives_its_file(fake_walks):
+    prepared = made()
+    assert load_starts(prepared.path).preparation == prepared.made
+    config = with_preparation(replace(GO2_TROT, start_set=str(prepared.path)), prepared.made)
+    assert config.commands == prepared.made.commands
