@@ -189,7 +189,7 @@ def to_heading(x: float, y: float, cos: float, sin: float) -> tuple[float, float
     return _multiply_add(x, cos, y * sin), _multiply_add(x, -sin, y * cos)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _fill_row(q: Array, v: Array, com: Array, feet: Array, row: Float32Array) -> None:
     """Fill the first 42 numbers of a row with all parts of one robot's observation."""
     X, Y, Z = rigid.rotation(q)

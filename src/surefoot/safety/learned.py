@@ -4,6 +4,10 @@
 `History` is the paper's future work: it predicts from the last 100 ms that the bounds will be left
 within 0.3 s, so that the expert takes over earlier. It is trained on the traces of
 rollouts (``rollouts/traces.py``): what robots measured while a policy drove.
+
+Both need the full state with the height and the linear velocity of the base, as the bounds need the
+height of the center of mass: they watch a robot in training, whose state is known. Which layout the
+policy has makes no difference to them; on a robot without an estimator they have no input.
 """
 
 from __future__ import annotations
