@@ -13,6 +13,7 @@ from surefoot.config import (
     PerturbationConfig,
     RobotConfig,
     SafetyConfig,
+    SimulationConfig,
 )
 from surefoot.config.checked import Checked, Rising, Within
 from surefoot.config.robot_table import GO2, ROBOTS
@@ -95,6 +96,9 @@ def configs(kind) -> st.SearchStrategy:
         values["model"] = st.sampled_from(tuple(ROBOTS))
     if kind is SafetyConfig:
         values["joints"] = st.sampled_from(((), ((-90.0, 90.0),) * 12))
+    if kind is SimulationConfig:
+        texts = ("flat", "bumps:0.03", "slope:0..10@7,stairs:0.02")
+        values["terrain"] = st.sampled_from((None, *texts))
     for name, hint in field_hints(kind).items():
         if name not in values:
             values[name] = values_of(hint)
