@@ -26,8 +26,16 @@ NO_VALUES: Array = np.zeros(len(JOINTS))
 NO_VALUES.setflags(write=False)
 
 
-class Stale(Exception):  # noqa: N818
+class RobotFault(Exception):  # noqa: N818
+    """The robot cannot be driven."""
+
+
+class Stale(RobotFault):
     """The robot has not been heard of for too long."""
+
+
+class Latched(RobotFault):
+    """The robot's bridge damps the joints, whatever it is told."""
 
 
 class BaseEstimate(NamedTuple):
@@ -47,7 +55,7 @@ class Sensors(NamedTuple):
 
     Attributes:
         time_ns: When, by the robot's clock [ns].
-        sequence: The number of the measurement; it rises by one with each.
+        sequence: The number of the measurement; it rises with each.
         joint_position: ``(12,)`` joint angles [rad].
         joint_velocity: ``(12,)`` joint rates [rad/s].
         joint_torque: ``(12,)`` joint torques [N m].
@@ -101,7 +109,8 @@ class RobotInterface(Protocol):
         """The newest measurement.
 
         Raises:
-            Stale: The newest is older than the robot may be silent, or it says that it is latched.
+            Stale: The newest is older than the robot may be silent.
+            Latched: The bridge says that it is latched, and why.
         """
         ...
 

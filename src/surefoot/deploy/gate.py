@@ -1,0 +1,67 @@
+"""The gate of the paper's Table I at run time: bounds on height, tilt and joints of one robot.
+
+`safety.gates` has the same table for a batch of simulated robots; a test holds both together. The
+expert drives from a violation on, at least for T_block, until the state is safe (the rule
+`safe_and_blocked`). Read `handover` next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from surefoot.deploy.faults import roll_pitch
+from surefoot.deploy.interfaces import Sensors
+from surefoot.types import Array
+
+
+@dataclass(frozen=True)
+class BoundsGate:
+    """Calls a state unsafe that is outside a table of bounds.
+
+    Attributes:
+        low: ``(15,)`` lower bounds of the base height [m], roll, pitch and the joints [rad].
+        high: ``(15,)`` upper bounds.
+    """
+
+    low: Array
+    high: Array
+
+    def unsafe(self, sensors: Sensors) -> bool:
+        """Whether a state is unsafe; the height counts where something measures it.
+
+        Args:
+            sensors: What the robot measures.
+        """
+        angles = np.concatenate((roll_pitch(sensors.orientation), sensors.joint_position))
+        inside = bool(((angles >= self.low[1:]) & (angles <= self.high[1:])).all())
+        if sensors.base is not None:
+            inside = inside and bool(self.low[0] <= sensors.base.height <= self.high[0])
+        return not inside
+
+
+class Blocking:
+    """Who drives: the expert from a violation on, until its block is over and the state is safe.
+
+    Args:
+        block: T_block [ticks].
+    """
+
+    def __init__(self, block: int) -> None:
+        self._block = block
+        self._blocked_for = -1  # ticks since the takeover; -1: the policy drives
+
+    def is_blocked(self, unsafe: bool) -> bool:
+        """Whether the expert has to drive in this tick; ask once a tick.
+
+        Args:
+            unsafe: What the gate says.
+        """
+        if self._blocked_for >= 0:
+            self._blocked_for += 1
+            if not unsafe and self._blocked_for >= self._block:
+                self._blocked_for = -1
+        elif unsafe:
+            self._blocked_for = 0
+        return self._blocked_for >= 0
