@@ -10,6 +10,7 @@ import numpy as np
 import tyro
 
 from surefoot.cli.options import (
+    OnHardware,
     OnSimulator,
     Output,
     check_outputs,
@@ -27,13 +28,13 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Play(OnSimulator):
+class Play(OnHardware, OnSimulator):
     """Film a policy from standing, or one recorded episode of a run.
 
     JSON keys: outcome; command and mean_velocity [vx m/s, vy m/s, yaw rate rad/s, in the heading
     frame, from 1 s on]; seconds [s, until the end]; max_torque [N m]; drove_last [expert or
     policy]; takeovers and expert_share [before the tail]; pushes [s, when each began]; episode [id,
-    or null].
+    or null]; latched [what would have switched an actual robot off, with --profile].
     """
 
     target: Annotated[Path, tyro.conf.Positional]
@@ -77,7 +78,7 @@ class Play(OnSimulator):
             episode = int(job.episode[0])
             out = self.out or self.target / f"episode_{episode}.mp4"
         check_outputs([report_file, *film_outputs("--out", out)], reads=[self.target])
-        job = replace(job, config=self.simulated(job.config))
+        job = replace(job, config=self.with_profile(self.simulated(job.config)))
         rollouts, expert = play_out(job)
         report = report_episode(job, rollouts, expert, episode)
         show_record(report, self.json)
