@@ -29,6 +29,7 @@ FaultKind = Literal[
     "saturated torque",
     "operator lost",
     "posture",
+    "gate",
     "expert",
     "defect",
 ]

@@ -52,6 +52,11 @@ class Blocking:
         self._block = block
         self._blocked_for = -1  # ticks since the takeover; -1: the policy drives
 
+    @property
+    def blocked(self) -> bool:
+        """Whether the expert had to drive in the tick before."""
+        return self._blocked_for >= 0
+
     def is_blocked(self, unsafe: bool) -> bool:
         """Whether the expert has to drive in this tick; ask once a tick.
 
@@ -64,4 +69,4 @@ class Blocking:
                 self._blocked_for = -1
         elif unsafe:
             self._blocked_for = 0
-        return self._blocked_for >= 0
+        return self.blocked

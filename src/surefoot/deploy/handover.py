@@ -92,9 +92,7 @@ class ExpertDriver:
         patience: How long the robot may be without a valid plan [ticks].
     """
 
-    def __init__(
-        self, link: PlanLink, kp: float, kd: float, latency: int, patience: int
-    ) -> None:
+    def __init__(self, link: PlanLink, kp: float, kd: float, latency: int, patience: int) -> None:
         self._link = link
         self._kp = np.full(len(JOINTS), kp)
         self._kd = np.full(len(JOINTS), kd)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -78,8 +77,7 @@ class Sensors(NamedTuple):
     faults: int = 0
 
 
-@dataclass(frozen=True)
-class JointCommand:
+class JointCommand(NamedTuple):
     """What the twelve motors are to do: tau = torque + kp (position - q) + kd (velocity - dq).
 
     Attributes:
@@ -98,7 +96,14 @@ class JointCommand:
 
 
 class RobotInterface(Protocol):
-    """A robot, wherever it is."""
+    """A robot, wherever it is.
+
+    Attributes:
+        round_trip_ns: From the sending of the newest command that the robot had to the arrival of
+            the newest measurement [ns]; 0 if that is not known.
+    """
+
+    round_trip_ns: int
 
     @property
     def description(self) -> Description:

@@ -198,7 +198,9 @@ def unpack(data: bytes) -> Packet:
     end = _HEADER.size + size
     if zlib.crc32(data[:end]) != _CRC.unpack_from(data, end)[0]:
         raise Refused("a wrong checksum")
-    return Packet(kind, *numbers, data[_HEADER.size : end])
+    number, session, sequence, time_ns, echo_ns = numbers
+    body = data[_HEADER.size : end]
+    return Packet(kind, number, session, sequence, time_ns, echo_ns, body)
 
 
 def pack_command(values: Sequence[float]) -> bytes:

@@ -120,7 +120,7 @@ class UdpRobot:
         if not self._commands and self._clock() - self._greeted_ns >= GREETING:
             self.greet()
         period = 1.0 / self.description.rate_hz
-        if self._lockstep:
+        if self._lockstep and self._commands:
             self._wait_for_the_tick()
         elif self.state is None or self._clock() - self.heard_ns > 0.5 * period * NANOSECONDS:
             self._channel.wait(period)
