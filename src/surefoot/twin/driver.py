@@ -156,14 +156,11 @@ class TwinDriver:
         """A quaternion with a small random rotation."""
         if deviation == 0.0:
             return orientation.tolist()
-        x, y, z = 0.5 * self._rng.normal(0.0, deviation, 3)
-        qx, qy, qz, qw = orientation
-        turned = orientation + (
-            qw * x + qy * z - qz * y,
-            qw * y - qx * z + qz * x,
-            qw * z + qx * y - qy * x,
-            -qx * x - qy * y - qz * z,
-        )
+        half = 0.5 * self._rng.normal(0.0, deviation, 3)
+        vector = orientation[:3]
+        turned = orientation.copy()
+        turned[:3] += orientation[3] * half + np.cross(vector, half)
+        turned[3] -= vector @ half
         return (turned / np.linalg.norm(turned)).tolist()
 
 
