@@ -25,9 +25,11 @@ from surefoot.cli.play import Play
 from surefoot.cli.progress import log_shown
 from surefoot.cli.report import Report
 from surefoot.cli.robot import ShowRobot
+from surefoot.cli.run import RunPolicy
 from surefoot.cli.streams import failure_of, lasting_output
 from surefoot.cli.study import Study
 from surefoot.cli.train import Train, parse_train
+from surefoot.cli.twin import RunTwin
 from surefoot.cli.walk import Walk, parse_walk
 from surefoot.errors import unknown
 from surefoot.files import WriteError
@@ -94,6 +96,8 @@ COMMANDS = {
     ),
     "robot": Entry(ShowRobot, "Check a robot's description, and draw it."),
     "make-starts": Entry(MakeStarts, "Make a new set of initial states.", memory="--config"),
+    "run": Entry(RunPolicy, "Drive a robot behind a bridge, and fail safely."),
+    "twin": Entry(RunTwin, "Simulate a robot behind a bridge."),
     "bench": Entry(
         Bench,
         "Measure throughput, compared with lower bounds.",

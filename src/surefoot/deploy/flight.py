@@ -6,6 +6,8 @@ Read `recorder` for what is kept of it.
 from __future__ import annotations
 
 import gc
+import logging
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,6 +18,10 @@ from surefoot.deploy.recorder import save_flight
 from surefoot.deploy.timing import Times
 from surefoot.types import TICKS_PER_SECOND
 
+logger = logging.getLogger(__name__)
+
+PRIORITY = 50
+"""The priority among preferred processes: in the middle, below the kernel's own."""
 LAST_WORDS = 20
 """So often a robot is told to damp its joints, since datagrams may be lost."""
 
@@ -97,6 +103,17 @@ def report_of(runtime: Runtime, recording: str = "") -> FlightReport:
         round_trip=runtime.round_trips.times,
         recording=recording,
     )
+
+
+def prefer_process() -> None:
+    """Ask the system to run this process before all others, and to keep its memory.
+
+    Without the right to that (CAP_SYS_NICE), or on another system than Linux, it warns.
+    """
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except (AttributeError, OSError) as error:
+        logger.warning("this process is not preferred (%s); its ticks may be late", error)
 
 
 @contextmanager

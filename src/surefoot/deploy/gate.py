@@ -7,12 +7,14 @@ expert drives from a violation on, at least for T_block, until the state is safe
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from surefoot.deploy.faults import roll_pitch
 from surefoot.deploy.interfaces import Sensors
+from surefoot.rotations import rotation
 from surefoot.types import Array
 
 
@@ -21,12 +23,16 @@ class BoundsGate:
     """Calls a state unsafe that is outside a table of bounds.
 
     Attributes:
-        low: ``(15,)`` lower bounds of the base height [m], roll, pitch and the joints [rad].
+        low: ``(15,)`` lower bounds of the height of the center of mass [m], and of roll, pitch and
+            the joints [rad].
         high: ``(15,)`` upper bounds.
+        com_in_base: Gives the center of mass ``(n, 3)``, base frame [m], for joint angles
+            ``(n, 12)`` [rad].
     """
 
     low: Array
     high: Array
+    com_in_base: Callable[[Array], Array]
 
     def unsafe(self, sensors: Sensors) -> bool:
         """Whether a state is unsafe; the height counts where something measures it.
@@ -37,7 +43,10 @@ class BoundsGate:
         angles = np.concatenate((roll_pitch(sensors.orientation), sensors.joint_position))
         inside = bool(((angles >= self.low[1:]) & (angles <= self.high[1:])).all())
         if sensors.base is not None:
-            inside = inside and bool(self.low[0] <= sensors.base.height <= self.high[0])
+            up = rotation(sensors.orientation)[2]
+            com = self.com_in_base(sensors.joint_position[None])[0]
+            height = sensors.base.height + float(up @ com)
+            inside = inside and bool(self.low[0] <= height <= self.high[0])
         return not inside
 
 

@@ -54,7 +54,7 @@ class Bounds:
 
     def __init__(self, config: SafetyConfig) -> None:
         self._config = config
-        self._low, self._high = _bounds(config)
+        self._low, self._high = bounds_of(config)
 
     def reset(self, batch: int) -> None:
         """Do nothing: this gate has no memory."""
@@ -91,7 +91,7 @@ def unsafe(state: State, config: SafetyConfig) -> BoolArray:
         state: States of B robots.
         config: The table.
     """
-    low, high = _bounds(config)
+    low, high = bounds_of(config)
     return outside(state.com[:, 2], state.q, low, high)
 
 
@@ -107,7 +107,7 @@ def margin(state: State, config: SafetyConfig, angle: float, height: float) -> A
         angle: Unit of the distance to a bound on an angle [rad].
         height: Unit of the distance to a bound on the height [m].
     """
-    low, high = _bounds(config)
+    low, high = bounds_of(config)
     values = np.column_stack([state.com[:, 2], state.roll_pitch, state.q[:, 7:]])
     unit = np.append(height, np.full(len(low) - 1, angle))
     return (np.minimum(values - low, high - values) / unit).min(axis=1)
@@ -162,10 +162,13 @@ def _roll_pitch(up: rigid.Vector) -> tuple[float, float]:
 
 
 @lru_cache
-def _bounds(config: SafetyConfig) -> tuple[Array, Array]:
+def bounds_of(config: SafetyConfig) -> tuple[Array, Array]:
     """Lower and upper bounds ``(15,)`` of the center of mass's height [m] and the angles [rad].
 
     The angles are roll, pitch, and the three joints of every leg.
+
+    Args:
+        config: The table.
     """
     rows = [(-config.roll_pitch, config.roll_pitch)] * 2
     rows += config.joints or _mirrored(config)
