@@ -75,7 +75,9 @@ class Play(OnHardware, OnSimulator):
         outputs = [report_file, Output("--log", self.log, SUFFIXES)]
         check_outputs(outputs, reads=[self.target])
         if self.log is not None and self.episode is not None:
-            raise ValueError("--log has what a policy measured that drives alone; leave out --episode")
+            raise ValueError(
+                "--log has what a policy measured that drives alone; leave out --episode"
+            )
         if self.episode is None:
             job = self.policy_job()
             episode = None

@@ -90,7 +90,8 @@ def beyond_position(profile: HardwareProfile, q: Array) -> BoolArray:
     """
     low, high = position_limits(profile).T
     joints = q[..., 7:]
-    return ((joints < low) | (joints > high)).any(axis=-1)
+    beyond: BoolArray = (joints < low) | (joints > high)
+    return beyond.any(axis=-1)
 
 
 def beyond_speed(profile: HardwareProfile, v: Array) -> BoolArray:
