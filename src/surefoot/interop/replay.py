@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from surefoot.learning.memory import recorded_histories
 
 from surefoot.deploy.description import PolicyDescription
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
@@ -17,6 +16,7 @@ from surefoot.deploy.policy import BASE_PARTS, OnnxPolicy, state_of_base
 from surefoot.interop.differences import Numbers
 from surefoot.interop.pipeline_runner import PipelineRunner
 from surefoot.interop.sensor_log import SensorLog
+from surefoot.learning.memory import recorded_histories
 from surefoot.learning.observation import Float32Array, goal, observe
 from surefoot.learning.policy import Policy
 from surefoot.types import Array, Command, State
