@@ -58,6 +58,21 @@ def limits_of(description: Description) -> Limits:
     )
 
 
+def missing_base(policy: DeployedPolicy, sensors: Sensors) -> str | None:
+    """Why a policy cannot be asked about a robot at all; None if it can.
+
+    Args:
+        policy: The policy.
+        sensors: What the robot measures.
+    """
+    if policy.needs_base and sensors.base is None:
+        return (
+            "the policy needs height and linear velocity of the base, which nothing measures; "
+            "train one without them"
+        )
+    return None
+
+
 def misfit_of(policy: DeployedPolicy, sensors: Sensors, margin: float) -> str | None:
     """Why a policy must not take over in a posture; None if it may.
 
@@ -66,11 +81,6 @@ def misfit_of(policy: DeployedPolicy, sensors: Sensors, margin: float) -> str | 
         sensors: What the robot measures.
         margin: How far beyond the initial states trained on an angle may be [rad].
     """
-    if policy.needs_base and sensors.base is None:
-        return (
-            "the policy needs height and linear velocity of the base, which nothing measures; "
-            "train one without them"
-        )
     angles = np.concatenate((roll_pitch(sensors.orientation), sensors.joint_position))
     low, high = policy.start_range
     beyond = np.maximum(low - angles, angles - high)

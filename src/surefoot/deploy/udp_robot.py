@@ -44,6 +44,7 @@ class UdpRobot:
         state: What the bridge said last; None before it said anything.
         round_trip_ns: From the sending of the newest command that the bridge had to the arrival of
             the newest state [ns]; it contains up to a tick of waiting at the bridge.
+        lockstep: Whether the bridge ticks once for each command.
         heard_ns: When the newest state arrived [ns].
         refused: How many datagrams were not from the bridge, not of this session, or old.
     """
@@ -58,7 +59,7 @@ class UdpRobot:
         self._channel = channel
         self._peer = peer
         self._clock = clock
-        self._lockstep = lockstep
+        self.lockstep = lockstep
         self._description: Description | None = None
         self._robot_id = 0
         self._session = 0
@@ -120,13 +121,13 @@ class UdpRobot:
         if not self._commands and self._clock() - self._greeted_ns >= GREETING:
             self.greet()
         period = 1.0 / self.description.rate_hz
-        if self._lockstep and self._commands:
+        if self.lockstep and self._commands:
             self._wait_for_the_tick()
         elif self.state is None or self._clock() - self.heard_ns > 0.5 * period * NANOSECONDS:
             self._channel.wait(period)
             self._drain()
         silent = (self._clock() - self.heard_ns) / NANOSECONDS
-        limit = LOCKSTEP_PATIENCE if self._lockstep else self.description.state_timeout
+        limit = LOCKSTEP_PATIENCE if self.lockstep else self.description.state_timeout
         if silent >= limit or self._sensors is None or self.state is None:
             raise Stale(f"the bridge has been silent for {1e3 * silent:.1f} ms")
         if self.state.status == protocol.LATCHED:
