@@ -35,6 +35,8 @@ class RunTwin:
     """A hardware profile of the robot (solo12: odri), or a JSON or TOML file with one."""
     seconds: float | None = None
     """End after so much time of the robot [s]; without it, when it is interrupted."""
+    realtime: bool = False
+    """Ask the system to run this process before all others (Linux, needs the right to)."""
     watch: bool = False
     """Print once a second of the robot's time where it is, and how its bridge is."""
     config: TwinConfig = field(default_factory=TwinConfig)
@@ -42,6 +44,7 @@ class RunTwin:
     def __call__(self) -> int:
         """Serve until the time is over."""
         from surefoot.deploy.bridge import UdpChannel
+        from surefoot.deploy.flight import prefer_process
         from surefoot.deploy.udp_robot import address_text
         from surefoot.robots.load import load_robot
         from surefoot.twin.serve import make_twin
@@ -50,6 +53,8 @@ class RunTwin:
         twin = make_twin(load_robot(self.robot), self.config, channel, self.profile)
         name = twin.bridge.description.robot
         print(f"the twin of {name} listens at {address_text(channel.address)}", flush=True)
+        if self.realtime:
+            prefer_process()
         twin.serve(self.lockstep, self._watching(twin))
         return 0
 
