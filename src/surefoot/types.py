@@ -89,6 +89,25 @@ class State:
         return rotations.roll_pitch(self.rotation)
 
 
+def ground_height(state: State, foot_radius: float) -> Array:
+    """The height ``(...)`` of the ground under robots [m], as far as their feet tell.
+
+    It is the mean height of the undersides of the feet that carry load. A robot in the air has the
+    underside of its lowest foot instead: what is below it is not known.
+
+    Args:
+        state: States with any leading axes.
+        foot_radius: The radius of the foot spheres [m].
+    """
+    z = state.feet[..., 2]
+    loaded = np.where(state.contacts, z, 0.0)
+    # Column by column, so that the order of the sum does not depend on the shape.
+    total = loaded[..., 0] + loaded[..., 1] + loaded[..., 2] + loaded[..., 3]
+    count = np.count_nonzero(state.contacts, axis=-1)
+    mean = total / np.maximum(count, 1)
+    return np.where(count > 0, mean, z.min(axis=-1)) - foot_radius
+
+
 @dataclass(frozen=True)
 class MotionPlan:
     """A plan as arrays, one row for each tick, row 0 at the tick at which the plan was made.

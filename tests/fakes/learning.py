@@ -9,20 +9,24 @@ import torch
 from surefoot.config import Config, PolicyConfig, TrainingConfig
 from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.observation import INPUT_SIZE, ObservationSpec, network_input
-from surefoot.learning.policy import PolicySpec, pd, policy_spec
+from surefoot.learning.observation import (
+    GaitTiming,
+    ObservationSpec,
+    network_input,
+)
+from surefoot.learning.policy import pd, policy_spec
 from surefoot.types import State
 
 SMALL = PolicyConfig(hidden=(64, 64))
 FLOAT32 = TrainingConfig(precision="float32")
 """A precision by its name: nothing is measured, and the bits are the same everywhere."""
-OBSERVATION_SPEC = ObservationSpec("circle", 500)
+TROT = GaitTiming("trot", 500)
+OBSERVATION_SPEC = ObservationSpec("circle", (TROT,))
 
 
-def spec_of(config, period_ticks=500):
-    """The policy spec of a `PolicyConfig`, for a gait of that period [ms]."""
-    spec = policy_spec(Config(policy=config))
-    return PolicySpec(ObservationSpec(config.phase, period_ticks), spec.kp, spec.kd)
+def spec_of(config):
+    """The policy spec of a `PolicyConfig`, for a trot of Solo12."""
+    return policy_spec(Config(policy=config))
 
 
 SPEC = spec_of(SMALL)
@@ -107,8 +111,9 @@ def toy_frames(episodes, each=100):
 def trained_network(config=SMALL, seed=0) -> Any:
     """A network with normalizers, BatchNorm statistics and biases that are not the initial ones."""
     torch.manual_seed(seed)
-    network = PolicyNetwork(config, seed)
-    inputs = torch.randn(500, INPUT_SIZE) * torch.rand(INPUT_SIZE) * 3 + torch.randn(INPUT_SIZE)
+    size = spec_of(config).observation.input_size
+    network = PolicyNetwork(config, seed, size)
+    inputs = torch.randn(500, size) * torch.rand(size) * 3 + torch.randn(size)
     network.set_normalizers(inputs.double().mean(0), inputs.double().std(0, correction=0))
     optimizer = torch.optim.Adam(network.parameters(), lr=1e-2)
     for _ in range(20):

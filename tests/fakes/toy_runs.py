@@ -27,7 +27,7 @@ from surefoot.config import (
     TrainingConfig,
 )
 from surefoot.learning.frames import whole_episode
-from surefoot.learning.observation import ObservationSpec, network_input
+from surefoot.learning.observation import network_input
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.episode_ids import EPISODES_PER_ITERATION
@@ -35,6 +35,7 @@ from surefoot.runs.run import Run, create
 from surefoot.types import State
 from surefoot.workers import Workers
 from tests.fakes import toy
+from tests.fakes.learning import OBSERVATION_SPEC
 from tests.fakes.toy import plan
 
 LIMIT = 2.7
@@ -169,8 +170,7 @@ def alarms(classifier, rollouts, alarm):
     """(B, T) True where a classifier's network, in float64 by hand, is beyond the alarm's."""
     clock = rollouts.starts.tick[:, None] + np.arange(rollouts.q.shape[1])
     state = State(rollouts.q, rollouts.v, rollouts.com, rollouts.feet, rollouts.contacts)
-    spec = ObservationSpec("circle", 500)
-    x = rows = network_input(state, clock, rollouts.starts.command[:, None], spec)
+    x = rows = network_input(state, clock, rollouts.starts.command[:, None], OBSERVATION_SPEC)
     for weight, bias in classifier.layers[:-1]:
         x = np.maximum(x.astype(float) @ weight + bias, 0.0)
     weight, bias = classifier.layers[-1]

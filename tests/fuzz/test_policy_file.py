@@ -32,7 +32,7 @@ def load_and_ask(path: Path) -> None:
     policy = load(path)
     assert all(array.isfinite().all() for layer in policy.network.folded() for array in layer)
     spec = policy.spec
-    assert 0 < spec.kp <= 10_000 and 0 <= spec.kd <= 1000 and spec.observation.period_ticks >= 1
+    assert 0 < spec.kp <= 10_000 and 0 <= spec.kd <= 1000 and (spec.observation.periods >= 1).all()
     assert np.isfinite(policy.command_range).all()
     policy.torque(STATE, np.arange(3), np.zeros((3, 3)), np.ones(3, bool))
 

@@ -31,6 +31,7 @@ from surefoot.learning.policy import (
     save,
     target_of,
 )
+from surefoot.learning.policy_header import JointLimits, SafetyBounds
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out
@@ -42,6 +43,9 @@ from tests.fuzz.tensors import contents, sealed
 SMALL = PolicyConfig(hidden=(32, 16), kp=2.5, kd=0.07)
 SPEC = spec_of(SMALL)
 COMMANDS = [[0.0, -0.1, 0.0], [0.3, 0.1, 0.0]]
+BLIND = replace(SMALL, layout="proprioceptive")
+LIMITS = JointLimits((2.7,) * 12, (None,) * 12, ((-1.0, None),) * 12)
+BOUNDS = SafetyBounds((0.15, 1.0), (-0.4, 0.4), (-0.4, 0.4), ((-1.0, 1.0),) * 12)
 
 
 def make_policy(config=SMALL, **kwargs):
@@ -259,26 +263,36 @@ def test_a_policy_comes_back_from_its_file_to_the_bit(tmp_path):
 def test_the_header_and_the_hash_of_a_file(tmp_path):
     """Files of this format are read by other programs: keys, their order and the hash are fixed."""
     path = tmp_path / "policy.safetensors"
-    policy = make_policy(provenance={"run": "demo"})
+    policy = make_policy(BLIND, provenance={"run": "demo"}, limits=LIMITS, bounds=BOUNDS)
     save(policy, path)
     with safe_open(path, framework="np") as file:
         header = json.loads(file.metadata()["surefoot"])
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     sha256 = header.pop("sha256")
     assert list(header.items()) == [
-        ("format", 2),
+        ("format", 3),
         ("robot", "solo12"),
         ("rate", 1000),
         ("joints", list(JOINTS)),
-        ("observation", [["base_height", 1], ["gravity", 3], ["base_velocity", 6],
-                         ["joint_position", 12], ["joint_velocity", 12], ["feet", 8]]),
+        ("limits", {"torque": [2.7] * 12, "speed": [None] * 12, "position": [[-1.0, None]] * 12}),
+        ("gaits", [{"name": "trot", "period_ticks": 500, "duty": 0.6,
+                    "offsets": [0.0, 0.5, 0.5, 0.0]}]),
+        ("command_range", COMMANDS),
+        ("bounds", {"com_height": [0.15, 1.0], "roll": [-0.4, 0.4], "pitch": [-0.4, 0.4],
+                    "joints": [[-1.0, 1.0]] * 12}),
+        ("layout", "proprioceptive"),
+        ("observation", [["gravity", 3], ["angular_velocity", 3], ["joint_position", 12],
+                         ["joint_velocity", 12], ["feet", 8]]),
+        ("history", {"samples": 5, "stride": 20, "targets": True,
+                     "parts": ["gravity", "angular_velocity", "joint_position",
+                               "joint_velocity"]}),
+        ("height", "absolute"),
+        ("foot_radius", 0.0),
         ("goal", [["phase", 2], ["command", 3]]),
+        ("phase", "circle"),
         ("hidden", [32, 16]),
         ("kp", 2.5),
         ("kd", 0.07),
-        ("phase", "circle"),
-        ("period_ticks", 500),
-        ("command_range", COMMANDS),
         ("provenance", {"run": "demo"}),
     ]  # fmt: skip
     assert set(tensors) == set(policy.network.state_dict())
@@ -326,11 +340,11 @@ def rewrite(path, change):
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("observation", [["height", 1], ["quaternion", 4]]),
-        ("goal", [["phase", 1], ["command", 3]]),
         ("joints", ["a", "b"]),
         ("rate", 500),
         ("format", 1),
+        ("format", True),
+        ("format", None),
     ],
 )
 def test_a_file_with_another_interface_is_refused(tmp_path, key, value):
@@ -341,7 +355,91 @@ def test_a_file_with_another_interface_is_refused(tmp_path, key, value):
         load(path)
 
 
-@pytest.mark.parametrize("key", ["hidden", "kp", "provenance", "command_range"])
+def test_a_file_of_a_newer_version_is_refused_with_what_to_do(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    rewrite(path, lambda header: header.update(format=4))
+    with pytest.raises(
+        PolicyFileError, match=r"format 4, which a newer .* expected 2 to 3; update"
+    ):
+        load(path)
+
+
+def test_a_permuted_joint_order_is_refused_with_what_to_do(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    joints = [*JOINTS[3:6], *JOINTS[:3], *JOINTS[6:]]
+    rewrite(path, lambda header: header.update(joints=joints))
+    with pytest.raises(PolicyFileError, match=r"joints in another order.*do not rename them"):
+        load(path)
+
+
+def test_a_policy_of_another_layout_is_refused(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(BLIND), path)
+    assert load(path, layout="proprioceptive").spec == spec_of(BLIND)
+    with pytest.raises(PolicyFileError, match="layout 'proprioceptive', expected 'full'; load a"):
+        load(path, layout="full")
+
+
+def as_format_2(path, **changes):
+    """The file as earlier versions wrote it."""
+    tensors, header = contents(path)
+    for key in ("limits", "bounds", "layout", "history", "height", "foot_radius", "gaits"):
+        del header[key]
+    header |= {"format": 2, "period_ticks": 500, "observation": FORMER, **changes}
+    path.write_bytes(sealed(tensors, header))
+
+
+FORMER = [
+    ["base_height", 1],
+    ["gravity", 3],
+    ["base_velocity", 6],
+    ["joint_position", 12],
+    ["joint_velocity", 12],
+    ["feet", 8],
+]
+
+
+def test_a_file_of_format_2_is_a_full_policy_of_a_trot(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    policy = make_policy(provenance={"run": "old"})
+    save(policy, path)
+    as_format_2(path)
+    loaded = load(path, "solo12", "full")
+    assert loaded.spec == SPEC
+    assert (loaded.limits, loaded.bounds) == (None, None)
+    assert loaded.provenance == {"run": "old"}
+    np.testing.assert_array_equal(loaded.target(*arguments(9)), policy.target(*arguments(9)))
+    with pytest.raises(PolicyFileError, match="layout 'full', expected 'proprioceptive'; load a"):
+        load(path, layout="proprioceptive")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"period_ticks": None}, "period_ticks is None, expected int"),
+        ({"period_ticks": 0}, "period_ticks is 0; use"),
+        ({"period_ticks": 10_001}, "period_ticks is 10001; use 1 to 10000 ms"),
+        ({"phase": "square"}, "there is no header.phase 'square'"),
+        ({"observation": FORMER[1:]}, "observation is .*, expected"),
+        ({"goal": [["phase", 1]]}, "goal is .*, expected"),
+        ({"layout": "full"}, "layout"),
+    ],
+    ids=str,
+)
+def test_a_wrong_header_of_format_2_is_refused(tmp_path, changes, message):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    as_format_2(path, **changes)
+    with pytest.raises(PolicyFileError, match=f"{COMPLETE}.*{message}"):
+        load(path)
+
+
+COMPLETE = "is not a complete policy"
+
+
+@pytest.mark.parametrize("key", ["hidden", "kp", "provenance", "command_range", "layout"])
 def test_a_file_with_an_incomplete_header_is_refused(tmp_path, key):
     path = tmp_path / "policy.safetensors"
     save(make_policy(), path)
@@ -384,7 +482,8 @@ def test_a_file_without_a_header_is_refused(tmp_path):
         load(path)
 
 
-COMPLETE = "is not a complete policy"
+GAIT = {"name": "trot", "period_ticks": 500}
+WIDE = {"com_height": [0, 1], "roll": [-1, 1], "pitch": [-1, 1], "joints": [[-1, 1]] * 12}
 
 
 @pytest.mark.parametrize(
@@ -398,10 +497,27 @@ COMPLETE = "is not a complete policy"
         ({"kp": 0}, f"{COMPLETE}.*kp is 0.0; use 0.01 to 10000"),
         ({"kd": -1}, f"{COMPLETE}.*kd is -1.*; use"),
         ({"phase": "square"}, f"{COMPLETE} .there is no header.phase 'square'"),
-        ({"period_ticks": None}, f"{COMPLETE}.*period_ticks is None, expected int"),
-        ({"period_ticks": 0}, f"{COMPLETE}.*period_ticks is 0; use"),
-        ({"period_ticks": 10_001}, f"{COMPLETE}.*period_ticks is 10001; use 1 to 10000 ms"),
-        ({"period_ticks": 2**62}, f"{COMPLETE}.*period_ticks is .*; use"),
+        ({"gaits": []}, f"{COMPLETE}.*0 gaits; use 1 to 16"),
+        ({"gaits": [{**GAIT, "period_ticks": None}]}, f"{COMPLETE}.*period_ticks is None"),
+        ({"gaits": [{**GAIT, "period_ticks": 0}]}, f"{COMPLETE}.*period_ticks is 0; use"),
+        ({"gaits": [{**GAIT, "period_ticks": 2**62}]}, f"{COMPLETE}.*period_ticks is .*; use"),
+        ({"gaits": [{**GAIT, "duty": None}]}, f"{COMPLETE}.*duty nan"),
+        ({"gaits": [GAIT, GAIT]}, f"{COMPLETE}.*goal is .*, expected .*gait"),
+        ({"observation": [["height", 1]]}, f"{COMPLETE}.*no part 'height'"),
+        ({"observation": [["gravity", 4]]}, f"{COMPLETE}.*observation is .*expected"),
+        ({"observation": [["gravity", 3]] * 2}, f"{COMPLETE}.*use each of them once"),
+        ({"observation": []}, f"{COMPLETE}.*has no parts"),
+        ({"observation": [["gravity", 3]]}, f"{COMPLETE}.*mean has shape .47.*expected .8"),
+        ({"goal": [["phase", 1], ["command", 3]]}, f"{COMPLETE}.*goal is .*, expected"),
+        ({"history": {"samples": 5, "stride": 1}}, f"{COMPLETE}.*would copy"),
+        ({"history": {"samples": 10**9}}, f"{COMPLETE}.*at most 2000 ms"),
+        ({"history": {"parts": ["x"]}}, f"{COMPLETE}.*a history: there is no part 'x'"),
+        ({"history": {}}, f"{COMPLETE}.*mean has shape .47.*expected .257"),
+        ({"height": "tall"}, f"{COMPLETE}.*there is no header.height 'tall'"),
+        ({"foot_radius": -1}, f"{COMPLETE}.*foot_radius is -1.0; use 0 to 1"),
+        ({"limits": {"torque": [], "speed": [], "position": []}}, f"{COMPLETE}.*limits.torque has"),
+        ({"bounds": {**WIDE, "roll": [1, -1]}}, f"{COMPLETE}.*bounds has 1.0 to -1.0"),
+        ({"bounds": {**WIDE, "joints": [[0, 1]]}}, f"{COMPLETE}.*bounds.joints has 1 values"),
         ({"command_range": [[0, 0, None], [1, 1, 1]]}, f"{COMPLETE}.*command_range is .*nan"),
         ({"command_range": [[0, 0, 2], [1, 1, 1]]}, f"{COMPLETE}.*command_range is"),
         ({"command_range": [[0, 0], [1, 1]]}, f"{COMPLETE}.*command_range.*expected 3 values"),

@@ -107,12 +107,12 @@ def gates_of(run: Run, iteration: int) -> dict[str, Gate]:
         iteration: The iteration whose history network is asked.
     """
     from surefoot.learning.classifier import load_classifier
-    from surefoot.learning.observation import observation_spec
+    from surefoot.learning.observation import state_spec
     from surefoot.safety.gates import Bounds, tightened
     from surefoot.safety.learned import History
 
     config = run.config
-    spec = observation_spec(config)
+    spec = state_spec(config)
     network = load_classifier(run.gate_path("history", iteration), History.row_size)
     height = known(config.gait.com_height, "gait.com_height")
     tight = tightened(config.safety, TIGHTENED, height)

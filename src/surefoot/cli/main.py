@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from surefoot.cli.bench import Bench
+from surefoot.cli.check import Check
 from surefoot.cli.command_line import read_options
 from surefoot.cli.compare import Compare, parse_compare
 from surefoot.cli.doctor import Doctor
 from surefoot.cli.evaluate import Evaluate, parse_evaluate
+from surefoot.cli.export import Export
 from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.make_starts import MakeStarts, parse_make_starts
 from surefoot.cli.play import Play
@@ -79,6 +81,8 @@ COMMANDS = {
         resume="with --json FILE the same command goes on where it ended",
     ),
     "play": Entry(Play, "Film a policy, or a recorded episode of a run.", memory="--seconds"),
+    "export": Entry(Export, "Write a policy to an ONNX file that says all about itself."),
+    "check": Entry(Check, "Verify an exported policy, and replay what a robot logged."),
     "study": Entry(
         Study,
         "Run many trainings and measurements, and see how far they are.",

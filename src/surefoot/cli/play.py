@@ -55,11 +55,16 @@ class Play(OnHardware, OnSimulator):
     out: Path | None = None
     """The film to write; without it, play.mp4 or episode_ID.mp4 in the run's folder, or play.mp4
     beside the policy."""
+    log: Path | None = None
+    """Write what the robot measured and was commanded to this file, .npz or .csv, tick by tick;
+    `surefoot check` replays it."""
     json: Path | None = None
     """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
         """Play, print, film; 1 if the robot fell, or the expert gave up."""
+        from surefoot.interop.sensor_log import SUFFIXES, log_of, write_log
+        from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
         from surefoot.rollouts.jobs import play_out
         from surefoot.viz.film import Recording
@@ -67,7 +72,10 @@ class Play(OnHardware, OnSimulator):
 
         check_seconds(self.seconds)
         report_file = Output("--json", self.json)
-        check_outputs([report_file], reads=[self.target])
+        outputs = [report_file, Output("--log", self.log, SUFFIXES)]
+        check_outputs(outputs, reads=[self.target])
+        if self.log is not None and self.episode is not None:
+            raise ValueError("--log has what a policy measured that drives alone; leave out --episode")
         if self.episode is None:
             job = self.policy_job()
             episode = None
@@ -77,9 +85,12 @@ class Play(OnHardware, OnSimulator):
             job = self.recorded_job(self.episode)
             episode = int(job.episode[0])
             out = self.out or self.target / f"episode_{episode}.mp4"
-        check_outputs([report_file, *film_outputs("--out", out)], reads=[self.target])
+        check_outputs([*outputs, *film_outputs("--out", out)], reads=[self.target])
         job = replace(job, config=self.with_profile(self.simulated(job.config)))
         rollouts, expert = play_out(job)
+        if self.log is not None and job.policy is not None:
+            policy = load(job.policy) if isinstance(job.policy, Path) else job.policy
+            write_log(log_of(rollouts, 0, policy.spec), self.log)
         report = report_episode(job, rollouts, expert, episode)
         show_record(report, self.json)
         warn_of_divergence(rollouts)

@@ -17,6 +17,8 @@ from surefoot.config.commands import CommandBox
 from surefoot.config.evaluation import EvaluationConfig, PushConfig
 from surefoot.config.learning import (
     Device,
+    HeightRule,
+    LayoutName,
     MirrorChoice,
     MirrorName,
     NumberFormat,
@@ -71,8 +73,10 @@ __all__ = [
     "Gait",
     "GateName",
     "HandBack",
+    "HeightRule",
     "IterativeConfig",
     "KinematicConfig",
+    "LayoutName",
     "LocoDaggerConfig",
     "LocoSafeDaggerConfig",
     "MethodConfig",

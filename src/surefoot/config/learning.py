@@ -10,6 +10,16 @@ from surefoot.config.checked import Checked, Within
 Phase = Literal["circle", "fraction"]
 """How the network sees the phase of the gait: as its sine and cosine, or as a share of the period.
 """
+LayoutName = Literal["full", "proprioceptive", "full_history"]
+"""Names of the layouts of the observation.
+
+- `full`: the whole state, as the paper's policies see it.
+- `proprioceptive`: what a robot measures on board, so neither the height of the base nor its linear
+  velocity, but what it measured and which joint targets it applied 20, 40, .. 100 ms ago.
+- `full_history`: the whole state, and the same history.
+"""
+HeightRule = Literal["absolute", "above_feet"]
+"""How the height of the base is measured: above z = 0, or above the feet that carry load."""
 Schedule = Literal["constant", "cosine"]
 """Names of the schedules of the learning rate."""
 NumberFormat = Literal["float32", "bfloat16"]
@@ -52,6 +62,11 @@ class PolicyConfig(Checked):
     phase: Phase = "circle"
     """What the network sees of the gait clock: the sine and the cosine of the phase, or the phase
     itself, which jumps from 1 to 0 (paper)."""
+    layout: LayoutName = "full"
+    """What the network sees of the robot: `full` (paper), `proprioceptive`, or `full_history`."""
+    height: HeightRule = "absolute"
+    """How the network sees the height of the base: `absolute`, or `above_feet`, which also holds on
+    uneven ground."""
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,9 @@ def read_export(
     """
     path = Path(path)
     if not path.exists():
-        raise FileNotFoundError(f"there is no file {path}; `surefoot export POLICY --onnx` makes it")
+        raise FileNotFoundError(
+            f"there is no file {path}; `surefoot export POLICY --onnx` makes it"
+        )
     content = _content(path)
     metadata = _metadata(path, content)
     if KEY not in metadata:
@@ -130,7 +132,7 @@ def _content(path: Path) -> bytes:
     return content
 
 
-def _session(content: bytes) -> Any:
+def open_session(content: bytes) -> Any:
     """A session of a graph, on one core."""
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime
@@ -145,7 +147,7 @@ def _session(content: bytes) -> Any:
 def _metadata(path: Path, content: bytes) -> dict[str, str]:
     """The metadata of a file."""
     try:
-        return dict(_session(content).get_modelmeta().custom_metadata_map)
+        return dict(open_session(content).get_modelmeta().custom_metadata_map)
     except Exception as error:  # whatever ONNX Runtime makes of a damaged file
         reason = " ".join(str(error).split())[:200]
         raise ExportFileError(f"{path} is not a whole ONNX file ({reason}); {_AGAIN}") from error
@@ -228,7 +230,7 @@ def _check_sizes(description: PolicyDescription, content: bytes) -> None:
     Raises:
         ValueError: It does not.
     """
-    session = _session(content)
+    session = open_session(content)
     sizes = [session.get_inputs(), session.get_outputs()]
     shapes = [[tensor.shape[-1:] for tensor in tensors] for tensors in sizes]
     expected = [[[description.spec.input_size]], [[len(JOINTS)]]]
@@ -332,7 +334,9 @@ class OnnxPolicy:
         now = spec.observation_size
         if spec.layout.history is not None:
             if self._memory is None:
-                raise ValueError("a policy with a history: call reset(sensors) before its first tick")
+                raise ValueError(
+                    "a policy with a history: call reset(sensors) before its first tick"
+                )
             now -= spec.layout.history.size
             out[:, now : spec.observation_size] = self._memory.read(state)
         observe(state, spec.layout.parts, out=out[:, :now])
@@ -370,9 +374,9 @@ class OnnxPolicy:
                     "motion capture, or train with the layout `proprioceptive`"
                 )
             base = BaseEstimate(0.0, np.zeros(3))
-        q = np.concatenate(
-            [[0.0, 0.0, base.height], sensors.orientation, sensors.joint_position]
-        )[None]
+        q = np.concatenate([[0.0, 0.0, base.height], sensors.orientation, sensors.joint_position])[
+            None
+        ]
         v = np.concatenate([base.velocity, sensors.angular_velocity, sensors.joint_velocity])[None]
         return state_of_base(self.description, q, v)
 

@@ -109,10 +109,16 @@ def hypotheses(log: SensorLog) -> Iterator[Hypothesis]:
                 yield Hypothesis(term, "frame", text, _with(term, turned))
     quat = log.orientation
     yield Hypothesis(
-        "orientation", "order", "w comes first instead of last", _with("orientation", quat[:, [3, 0, 1, 2]])
+        "orientation",
+        "order",
+        "w comes first instead of last",
+        _with("orientation", quat[:, [3, 0, 1, 2]]),
     )
     yield Hypothesis(
-        "orientation", "order", "w is taken to come first", _with("orientation", quat[:, [1, 2, 3, 0]])
+        "orientation",
+        "order",
+        "w is taken to come first",
+        _with("orientation", quat[:, [1, 2, 3, 0]]),
     )
     yield Hypothesis(
         "orientation",
@@ -124,8 +130,12 @@ def hypotheses(log: SensorLog) -> Iterator[Hypothesis]:
         first = int(log.tick[0])
         slow = first + (log.tick - first) * factor
         fast = first + (log.tick - first) // factor
-        yield Hypothesis("phase", "rate", f"the gait clock runs {factor} times too fast", _with("tick", slow))
-        yield Hypothesis("phase", "rate", f"the gait clock runs {factor} times too slowly", _with("tick", fast))
+        yield Hypothesis(
+            "phase", "rate", f"the gait clock runs {factor} times too fast", _with("tick", slow)
+        )
+        yield Hypothesis(
+            "phase", "rate", f"the gait clock runs {factor} times too slowly", _with("tick", fast)
+        )
 
 
 _JOINT_TERMS = ("joint_position", "joint_velocity")
@@ -268,7 +278,11 @@ def _spin(turn: Array, dt: Array) -> Array:
     step = np.swapaxes(turn[:-1], -1, -2) @ turn[1:]
     # Small angles: the skew part of the step is the sine of the angle times the axis.
     axis = np.stack(
-        [step[:, 2, 1] - step[:, 1, 2], step[:, 0, 2] - step[:, 2, 0], step[:, 1, 0] - step[:, 0, 1]],
+        [
+            step[:, 2, 1] - step[:, 1, 2],
+            step[:, 0, 2] - step[:, 2, 0],
+            step[:, 1, 0] - step[:, 0, 1],
+        ],
         axis=1,
     )
     return axis / 2.0 / dt[:, None]

@@ -10,7 +10,8 @@ sensors, and `docs/export.md` for the keys.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ from surefoot.learning.policy import Policy
 from surefoot.robots.model import RobotModel
 from surefoot.robots.profile import position_limits, speed_limits
 from surefoot.robots.rigid import legs_of, masses_of
+from surefoot.rotations import roll_pitch, rotation
 from surefoot.scenarios.starts import StartSet
 from surefoot.types import JOINTS, TICKS_PER_SECOND
 
@@ -117,7 +119,9 @@ def describe(
         robot=robot.name,
         joints=JOINTS,
         source_joints=tuple(
-            pattern.replace("{leg}", leg) for leg in robot.spec.legs for pattern in robot.spec.joints
+            pattern.replace("{leg}", leg)
+            for leg in robot.spec.legs
+            for pattern in robot.spec.joints
         ),
         rate_hz=TICKS_PER_SECOND,
         kp=(policy.spec.kp,) * len(JOINTS),
@@ -148,8 +152,6 @@ def start_range(stored: StartSet, split: str) -> StartRange:
         stored: The set.
         split: The split that rollouts began in; the settled gait cycle belongs to it too.
     """
-    from surefoot.rotations import roll_pitch, rotation
-
     q = np.concatenate([stored["nominal"].q, stored[split].q])
     angles = np.column_stack([roll_pitch(rotation(q[:, 3:7])), q[:, 7:]])
     pairs = np.column_stack([angles.min(axis=0), angles.max(axis=0)]).tolist()
@@ -181,13 +183,19 @@ def network_model(policy: Policy) -> OnnxModel:
     return model
 
 
-def write_onnx(model: OnnxModel, description: PolicyDescription, path: Path) -> PolicyDescription:
+def write_onnx(
+    model: OnnxModel,
+    description: PolicyDescription,
+    path: Path,
+    further: Mapping[str, str] | None = None,
+) -> PolicyDescription:
     """Write a model with its description to one file, whole or not at all.
 
     Args:
         model: The ONNX model.
         description: What the file is to say; its hash is filled in.
         path: The file.
+        further: Further keys of the metadata.
 
     Returns:
         The description, with the hash of the file.
@@ -196,7 +204,8 @@ def write_onnx(model: OnnxModel, description: PolicyDescription, path: Path) -> 
         WriteError: The disk is full, or read-only.
     """
     values = to_json(description) | {"sha256": NO_HASH}
-    texts = {**mjlab_keys(description), KEY: json.dumps(values, allow_nan=False)}
+    texts = {**mjlab_keys(description), **(further or {})}
+    texts[KEY] = json.dumps(values, allow_nan=False)
     del model.metadata_props[:]
     for key, text in texts.items():
         entry = model.metadata_props.add()
@@ -206,8 +215,6 @@ def write_onnx(model: OnnxModel, description: PolicyDescription, path: Path) -> 
     digest = sha256(content).hexdigest()
     place = content.index(f'"sha256": "{NO_HASH}"'.encode()) + len('"sha256": "')
     write_atomic(path, content[:place] + digest.encode() + content[place + len(digest) :])
-    from dataclasses import replace
-
     return replace(description, sha256=digest)
 
 

@@ -13,12 +13,12 @@ import json
 from collections.abc import Mapping
 
 import numpy as np
+from surefoot.learning.layouts import History
 
 from surefoot.deploy.description import PolicyDescription
 from surefoot.deploy.kinematics import LEG_JOINTS, KinematicTable
 from surefoot.interop.onnx_builder import DOUBLE, INT32, INT64, SINGLE, GraphBuilder
 from surefoot.interop.onnx_file import INPUT, OUTPUT, OnnxModel, network_model
-from surefoot.learning.layouts import History
 from surefoot.learning.policy import Policy
 from surefoot.types import JOINTS, LEGS
 
@@ -255,7 +255,7 @@ def _goal(graph: GraphBuilder, policy: Policy, measured: Mapping[str, str]) -> l
 
 
 def _begun(graph: GraphBuilder, parts: Mapping[str, str], history: History) -> str:
-    """``(1, reach, sample_size)`` the memory; this tick's sample throughout if an episode begins."""
+    """``(1, reach, sample_size)`` the memory; all of it this sample where an episode begins."""
     names = [*history.parts, "joint_position"] if history.targets else [*history.parts]
     first = graph.cast(graph.joined([parts[name] for name in names]), SINGLE)
     first = graph.shaped(first, 1, 1, history.sample_size)

@@ -1,11 +1,6 @@
-"""Replays a log through PyTorch, ONNX and the runtime, and names the first term that differs.
+"""Replays a log: the network's input in each row, by the package's reference and by the runtime.
 
-What the sensors say is turned into the network's input anew (`learning.observation`, the
-reference), and compared with what the runtime makes of it, with what the network was given on the
-robot, and, through the network, with the joint targets that the robot was commanded. Where a log
-has neither input nor targets, its sensors are compared with each other: joint rates with the
-derivative of the joint angles, the rate of turn with that of the orientation. Read `differences`
-for the words, and `hypotheses` for logs that have targets only.
+Read `check_log` next, which compares them with each other and with what was logged.
 """
 
 from __future__ import annotations
@@ -14,26 +9,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from surefoot.learning.memory import recorded_histories
 
-from surefoot.deploy.description import PolicyDescription, input_slices
+from surefoot.deploy.description import PolicyDescription
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
 from surefoot.deploy.policy import BASE_PARTS, OnnxPolicy, state_of_base
-from surefoot.interop.differences import explain, first_beyond, largest
+from surefoot.interop.pipeline_runner import PipelineRunner
 from surefoot.interop.sensor_log import SensorLog
-from surefoot.learning.memory import recorded_histories
 from surefoot.learning.observation import Float32Array, goal, observe
-from surefoot.rotations import rotation
-from surefoot.types import TICKS_PER_SECOND, Array, Command, State
+from surefoot.learning.policy import Policy
+from surefoot.types import Array, Command, State
 
 Network = Callable[[Float32Array], Float32Array]
 """A network, ``(n, inputs)`` to ``(n, 12)`` joint targets [rad]."""
 
-INPUT_TOLERANCE = 1e-4
-"""How much a number of the network's input may differ, in its unit."""
-TARGET_TOLERANCE = 1e-4
-"""[rad] How much joint targets may differ that were logged."""
-NETWORK_TOLERANCE = 1e-5
-"""[rad] How much the targets of PyTorch, ONNX and runtime may differ on the same input."""
 NO_VALUES = np.zeros(12)
 
 
@@ -51,23 +40,6 @@ class Finding:
     term: str
     kind: str
     text: str
-
-
-@dataclass(frozen=True)
-class ReplayReport:
-    """What a replay has shown.
-
-    Attributes:
-        rows: Number of rows of the log.
-        compared: What was compared, in words.
-        largest: Largest difference of each comparison, in the order of `compared`.
-        findings: What differs, the first term first; empty if all agrees.
-    """
-
-    rows: int
-    compared: tuple[str, ...]
-    largest: tuple[float, ...]
-    findings: tuple[Finding, ...]
 
 
 def states_of(log: SensorLog, description: PolicyDescription) -> State:
@@ -168,54 +140,40 @@ def run_runtime(policy: OnnxPolicy, log: SensorLog) -> tuple[Float32Array, Array
     return inputs, targets, applied
 
 
-def replay(
-    log: SensorLog, policy: OnnxPolicy, network: Network, torch: Network | None = None
-) -> ReplayReport:
-    """Compare a log with what the policy makes of it.
+def run_pipeline(runner: PipelineRunner, log: SensorLog) -> tuple[Float32Array, Array]:
+    """Run a whole pipeline through a log, row by row.
 
     Args:
+        runner: The pipeline.
         log: The log.
-        policy: The policy, as the loop on the robot runs it.
-        network: The network of its file.
-        torch: The network of the policy file that was exported, in PyTorch, if it is at hand.
 
-    Raises:
-        ValueError: The layout needs what the log does not have.
+    Returns:
+        ``(T, inputs)`` the network's inputs, and the targets ``(T, 12)`` [rad].
     """
-    from surefoot.interop.hypotheses import explain_sensors, explain_targets
+    runner.reset()
+    inputs = []
+    targets = []
+    for row in range(len(log)):
+        command = Command(*log.command[row].tolist())
+        target, seen = runner.run(sensors_of(log, row), int(log.tick[row]), command)
+        inputs.append(seen)
+        targets.append(target)
+    return np.array(inputs), np.array(targets)
 
-    description = policy.description
-    comparison = _Comparison()
-    check_clock(log, description, comparison)
-    inputs, targets, applied = run_runtime(policy, log)
-    kept = applied if log.joint_target is None else clipped(policy, log, log.joint_target)
-    # The runtime's history has its own targets, the log's those of whoever drove.
-    own = reference_inputs(log, description, applied)
-    reference = own if log.joint_target is None else reference_inputs(log, description, kept)
-    turn = rotation(log.orientation)
-    comparison.terms("the runtime's input", own, inputs, description, turn)
-    outputs = network(own)
-    comparison.network("the runtime's targets and ONNX", outputs, targets)
-    if torch is not None:
-        comparison.network("ONNX and PyTorch", torch(own), outputs)
-    if log.network_input is not None:
-        given = np.asarray(log.network_input, np.float32)
-        if given.shape != reference.shape:
-            raise ValueError(
-                f"the log has a network input of {given.shape[1]} numbers, and the layout "
-                f"{description.layout!r} has {reference.shape[1]}; it is a log of another layout"
-            )
-        comparison.terms("the input that was logged", reference, given, description, turn)
-    if log.joint_target is not None:
-        answers = clipped(policy, log, network(reference))
-        error, _ = largest(answers, kept)
-        comparison.add("the joint targets that were logged", error)
-        if first_beyond(answers, kept, TARGET_TOLERANCE) >= 0 and not comparison.findings:
-            comparison.findings.append(explain_targets(log, policy, network, kept))
-    if not comparison.findings:
-        comparison.findings += explain_sensors(log)
-        comparison.add("the sensors with each other", 0.0)
-    return comparison.report(len(log))
+
+def torch_network_of(policy: Policy) -> Network:
+    """The network of a policy as PyTorch computes it, without folding anything.
+
+    Args:
+        policy: The policy.
+    """
+    import torch
+
+    def run(inputs: Float32Array) -> Float32Array:
+        with torch.no_grad():
+            return policy.network(torch.from_numpy(inputs)).numpy()
+
+    return run
 
 
 def clipped(policy: OnnxPolicy, log: SensorLog, targets: Array) -> Array:
@@ -228,111 +186,3 @@ def clipped(policy: OnnxPolicy, log: SensorLog, targets: Array) -> Array:
     """
     rows = range(len(log))
     return np.array([policy.applied(targets[row], sensors_of(log, row)) for row in rows])
-
-
-def check_clock(log: SensorLog, description: PolicyDescription, comparison: _Comparison) -> None:
-    """Compare time, gait clock and rate of a log.
-
-    Args:
-        log: The log.
-        description: The policy, for its rate.
-        comparison: Where findings go.
-    """
-    step = float(np.median(np.diff(log.time_ns))) / 1e9
-    expected = 1.0 / description.rate_hz
-    comparison.add("rate", abs(step - expected) * description.rate_hz)
-    if abs(step - expected) > 0.1 * expected:
-        comparison.findings.append(
-            Finding(
-                "time_ns",
-                "rate",
-                f"rate: the rows are {1000 * step:.3g} ms apart, and the policy runs at "
-                f"{description.rate_hz} Hz; run it at its own rate",
-            )
-        )
-    ticks = float(np.median(np.diff(log.tick)))
-    passed = step * TICKS_PER_SECOND
-    if abs(ticks - passed) > 0.1 * passed:
-        comparison.findings.append(
-            Finding(
-                "tick",
-                "rate",
-                f"rate: the gait clock goes on by {ticks:g} ms a row, and the time by "
-                f"{passed:.3g} ms; count it in milliseconds",
-            )
-        )
-
-
-class _Comparison:
-    """What has been compared so far, and what was found."""
-
-    def __init__(self) -> None:
-        self.compared: list[str] = []
-        self.largest: list[float] = []
-        self.findings: list[Finding] = []
-
-    def add(self, what: str, error: float) -> None:
-        """Note a comparison."""
-        self.compared.append(what)
-        self.largest.append(error)
-
-    def terms(
-        self,
-        what: str,
-        expected: Float32Array,
-        given: Float32Array,
-        description: PolicyDescription,
-        turn: Array,
-    ) -> None:
-        """Compare inputs of the network, term by term, and explain the first that differs."""
-        self.add(what, float(np.abs(expected - given).max()))
-        for name, where in input_slices(description.spec).items():
-            wanted = expected[:, where].astype(float)
-            found = given[:, where].astype(float)
-            row = first_beyond(wanted, found, INPUT_TOLERANCE)
-            if row < 0:
-                continue
-            names = component_names(name, wanted.shape[1])
-            frame = turn if name in ("angular_velocity", "linear_velocity", "gravity") else None
-            kind, text = explain(wanted, found, names, rotation=frame)
-            self.findings.append(
-                Finding(name, kind, f"{name}: {what} differs from row {row} on; {text}")
-            )
-            return
-
-    def network(self, what: str, expected: Array, given: Array) -> None:
-        """Compare targets of the same network on the same input."""
-        error, row = largest(expected, given)
-        self.add(what, error)
-        if error > NETWORK_TOLERANCE:
-            text = f"network: {what} differ by up to {error:.3g} rad, most in row {row}"
-            self.findings.append(
-                Finding("network", "network", f"{text}; export the policy again, or the policy "
-                        "file is not the one that was exported")
-            )
-
-    def report(self, rows: int) -> ReplayReport:
-        """All of it."""
-        return ReplayReport(
-            rows, tuple(self.compared), tuple(self.largest), tuple(self.findings)
-        )
-
-
-def component_names(term: str, size: int) -> tuple[str, ...]:
-    """What the numbers of a term are called.
-
-    Args:
-        term: Name of the term.
-        size: The number of its numbers.
-    """
-    from surefoot.types import JOINTS, LEGS
-
-    if term in ("joint_position", "joint_velocity"):
-        return JOINTS
-    if term == "feet":
-        return tuple(f"{leg} {axis}" for leg in LEGS for axis in "xy")
-    if term == "command":
-        return ("vx", "vy", "yaw_rate")
-    if size == 3:
-        return ("x", "y", "z")
-    return tuple(str(place) for place in range(size))

@@ -18,9 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config.json_text import read_file
+from surefoot.deploy.recorder import Flight, load_flight
 from surefoot.errors import shown
 from surefoot.files import parse_npz, write_atomic
-from surefoot.learning.observation import Float32Array, ObservationSpec
+from surefoot.learning.memory import recorded_histories
+from surefoot.learning.observation import Float32Array, network_input
 from surefoot.learning.policy import PolicySpec, target_of
 from surefoot.rollouts.episodes import Rollout
 from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, IntArray, ground_height
@@ -41,6 +43,8 @@ _COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "joint_target": JOINTS,
 }
 """The components of each field; that of `network_input` are numbers from 0 on."""
+DRIVE = 2
+"""The mode of a flight in which the robot is driven."""
 _OPTIONAL = ("base_height", "linear_velocity", "joint_target", "network_input")
 _INTEGERS = ("time_ns", "tick")
 
@@ -116,22 +120,68 @@ def log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
         ValueError: Its episode had fewer than two ticks.
     """
     T = int(rollouts.length[robot])
+    seen = spec.observation
     state = rollouts.seen[robot, :T]
     ground = 0.0
-    if spec.observation.height == "above_feet":
-        ground = ground_height(state, spec.observation.foot_radius)
+    if seen.height == "above_feet":
+        ground = ground_height(state, seen.foot_radius)
     elapsed = np.arange(T)
+    tick = rollouts.starts.tick[robot] + elapsed
+    command = np.tile(rollouts.starts.command[robot], (T, 1))
+    target = target_of(rollouts.torque[robot, :T], state.q, state.v, spec)
+    past = None
+    if seen.layout.history is not None:
+        begin = np.zeros(T, dtype=np.int64)
+        past = recorded_histories(state, target, begin, elapsed, seen.layout.history)
     return SensorLog(
         time_ns=elapsed * (10**9 // TICKS_PER_SECOND),
-        tick=rollouts.starts.tick[robot] + elapsed,
-        command=np.tile(rollouts.starts.command[robot], (T, 1)),
+        tick=tick,
+        command=command,
         joint_position=state.q[:, 7:].copy(),
         joint_velocity=state.v[:, 6:].copy(),
         orientation=state.q[:, 3:7].copy(),
         angular_velocity=state.v[:, 3:6].copy(),
         base_height=state.q[:, 2] - ground,
         linear_velocity=state.v[:, :3].copy(),
-        joint_target=target_of(rollouts.torque[robot, :T], state.q, state.v, spec),
+        joint_target=target,
+        network_input=network_input(state, tick, command, seen, history=past),
+    )
+
+
+def log_of_flight(flight: Flight) -> SensorLog:
+    """What a runtime recorded while the policy drove, until the expert or a fault took over.
+
+    Args:
+        flight: The last seconds of a robot.
+
+    Raises:
+        ValueError: The policy did not drive, or had begun to before the first row, so that its gait
+            clock is not known.
+    """
+    driven = (flight.mode == DRIVE) & ~flight.expert_drove
+    driven &= np.isfinite(flight.position).all(axis=1)
+    if not driven.any():
+        raise ValueError("it is a flight in which no policy drove")
+    first = int(driven.argmax())
+    if first == 0:
+        raise ValueError(
+            "it is a flight in which the policy drove from before its first row, so that its gait "
+            "clock is not known; record one in which it begins"
+        )
+    rows = slice(first, first + int(np.append(~driven[first:], True).argmax()))
+    measured = bool(np.isfinite(flight.base[rows]).all())
+    time_ns = flight.robot_time_ns[rows]
+    return SensorLog(
+        time_ns=time_ns,
+        tick=(time_ns - time_ns[0]) * TICKS_PER_SECOND // 10**9,
+        command=flight.command[rows],
+        joint_position=flight.joint_position[rows],
+        joint_velocity=flight.joint_velocity[rows],
+        orientation=flight.orientation[rows],
+        angular_velocity=flight.angular_velocity[rows],
+        base_height=flight.base[rows, 0] if measured else None,
+        linear_velocity=flight.base[rows, 1:] if measured else None,
+        joint_target=flight.position[rows],
     )
 
 
@@ -153,7 +203,7 @@ def write_log(log: SensorLog, path: Path) -> None:
 
 
 def read_log(path: Path) -> SensorLog:
-    """Read a log.
+    """Read a log, or the flight that a runtime recorded.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -165,6 +215,8 @@ def read_log(path: Path) -> SensorLog:
             arrays = _from_csv(content.decode())
         else:
             arrays = parse_npz(content)
+        if "robot_time_ns" in arrays:
+            return log_of_flight(load_flight(path))
         known = {field.name for field in fields(SensorLog)}
         unknown = arrays.keys() - known
         missing = known - set(_OPTIONAL) - arrays.keys()

@@ -27,12 +27,12 @@ LEAST_SCALE = 1e-7
 
 
 class PolicyNetwork(nn.Module):
-    """A map from ``(n, 47)`` observation and goal to ``(n, 12)`` joint targets [rad].
+    """A map from ``(n, inputs)`` observation and goal to ``(n, 12)`` joint targets [rad].
 
     Args:
         config: Sizes of the hidden layers.
         seed: Seed of the initial weights (Kaiming normal); PyTorch's global generator is untouched.
-        inputs: Number of inputs; by default those of a policy.
+        inputs: Number of inputs; by default those of the layout `full`.
         outputs: Number of outputs; by default the joints.
     """
 
@@ -66,8 +66,8 @@ class PolicyNetwork(nn.Module):
         """Center and scale every input from now on; an input that is constant gets scale 1.
 
         Args:
-            mean: ``(47,)`` means of observation and goal, float64.
-            deviation: ``(47,)`` standard deviations of observation and goal, float64.
+            mean: ``(inputs,)`` means of observation and goal, float64.
+            deviation: ``(inputs,)`` standard deviations of observation and goal, float64.
         """
         constant = deviation <= 1e-6 * mean.abs().clamp(min=1.0)
         self.mean.copy_(mean)
@@ -75,7 +75,7 @@ class PolicyNetwork(nn.Module):
         self.has_normalisers.fill_(True)
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """Joint targets ``(n, 12)`` [rad] for ``(n, 47)`` observation and goal."""
+        """Joint targets ``(n, 12)`` [rad] for ``(n, inputs)`` observation and goal."""
         x = (inputs - self.mean) / self.scale
         for linear, norm in zip(self.linear, self.norm, strict=False):
             x = torch.relu(norm(linear(x)))
@@ -113,16 +113,17 @@ class PolicyNetwork(nn.Module):
         return layers
 
 
-def tensor_kinds(hidden: Sequence[int]) -> Iterator[TensorKind]:
+def tensor_kinds(hidden: Sequence[int], inputs: int = INPUT_SIZE) -> Iterator[TensorKind]:
     """What the state of a policy's network consists of, without making one.
 
     Args:
         hidden: Units of the hidden layers.
+        inputs: Number of inputs.
     """
-    yield TensorKind("mean", (INPUT_SIZE,))
-    yield TensorKind("scale", (INPUT_SIZE,), least=LEAST_SCALE)
+    yield TensorKind("mean", (inputs,))
+    yield TensorKind("scale", (inputs,), least=LEAST_SCALE)
     yield TensorKind("has_normalisers", (), torch.bool)
-    for index, (before, after) in enumerate(pairwise((INPUT_SIZE, *hidden, len(JOINTS)))):
+    for index, (before, after) in enumerate(pairwise((inputs, *hidden, len(JOINTS)))):
         yield TensorKind(f"linear.{index}.weight", (after, before))
         yield TensorKind(f"linear.{index}.bias", (after,))
     for index, units in enumerate(hidden):
@@ -133,20 +134,23 @@ def tensor_kinds(hidden: Sequence[int]) -> Iterator[TensorKind]:
 
 
 @torch.no_grad()
-def network_from_tensors(config: PolicyConfig, tensors: Mapping[str, Tensor]) -> PolicyNetwork:
+def network_from_tensors(
+    config: PolicyConfig, tensors: Mapping[str, Tensor], inputs: int = INPUT_SIZE
+) -> PolicyNetwork:
     """The network of a policy, in ``eval()`` mode, from the tensors of a file.
 
     Args:
         config: Sizes of the hidden layers.
         tensors: Its state, by name.
+        inputs: Number of inputs.
 
     Raises:
         ValueError: The tensors are not those of such a network, or the network would answer with
             numbers that are not finite.
     """
     # The network takes the memory that its configuration asks for, hence only once that is checked.
-    check_tensors(tensors, tensor_kinds(config.hidden))
-    network = PolicyNetwork(config)
+    check_tensors(tensors, tensor_kinds(config.hidden, inputs))
+    network = PolicyNetwork(config, inputs=inputs)
     network.load_state_dict(dict(tensors))
     for layer in network.eval().folded():
         if not all(array.isfinite().all() for array in layer):

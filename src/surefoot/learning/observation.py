@@ -1,23 +1,29 @@
-"""What the policy sees: 42 numbers about the robot's state and 5 about its goal, as named slices.
+"""What the policy sees: numbers about the robot's state, its past and its goal, as named parts.
 
 Nothing in them tells where the robot is or which way is north: turning or shifting the whole robot
-leaves every number unchanged. Positions and headings enter only relative to the robot itself.
-The network's input is the observation followed by the goal. Read next: ``policy.py``.
+leaves every number unchanged. Positions and headings enter only relative to the robot itself. The
+network's input is the observation, with the history at its end, followed by the goal. In the layout
+`full` of one gait that is 42 numbers about the state and 5 about the goal, which gates and traces
+see too, whatever the policy sees. Read next: ``memory.py`` for the history, then ``policy.py``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import Config, Phase
-from surefoot.errors import unknown
+from surefoot.config import Config, Gait, HeightRule, Phase
+from surefoot.config.gait_table import gait_name
+from surefoot.config.robot_table import ROBOTS
+from surefoot.errors import shown, unknown
+from surefoot.learning.layouts import GOAL_PARTS, LAYOUTS, PARTS, Layout
 from surefoot.rotations import to_heading
-from surefoot.types import Array, IntArray, State, to_ticks
+from surefoot.types import Array, IntArray, State, ground_height, to_ticks
 
 Float32Array = NDArray[np.float32]
 """Arrays of the type that networks take and give."""
@@ -25,108 +31,227 @@ Float32Array = NDArray[np.float32]
 
 LONGEST_PERIOD = 10_000
 """[ms] The longest gait period, which is that of `Gait.period`."""
+MOST_GAITS = 16
+"""A policy has at most so many gaits, because each has a table with a row for each tick."""
+
+
+@dataclass(frozen=True)
+class GaitTiming:
+    """A gait, as a policy file names it.
+
+    Attributes:
+        name: Its name; `custom` for one without.
+        period_ticks: The period [ms].
+        duty: Share of the period in which a foot stands.
+        offsets: ``(4,)`` phase offsets of FL, FR, HL, HR in periods.
+
+    Raises:
+        ValueError: The period is not between 1 ms and `LONGEST_PERIOD`, or a share not in 0 to 1.
+    """
+
+    name: str
+    period_ticks: int
+    duty: float = Gait().duty
+    offsets: tuple[float, float, float, float] = Gait().offsets
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        # A table has a row for each tick of it: `ObservationSpec.phases`.
+        if not 1 <= self.period_ticks <= LONGEST_PERIOD:
+            raise ValueError(f"period_ticks is {self.period_ticks}; use 1 to {LONGEST_PERIOD} ms")
+        if not all(0.0 <= share <= 1.0 for share in (self.duty, *self.offsets)):
+            raise ValueError(
+                f"a gait with duty {self.duty} and offsets {self.offsets}; use shares from 0 to 1"
+            )
 
 
 @dataclass(frozen=True)
 class ObservationSpec:
-    """How a state, a tick and a command become a network's input: layout, phase and period.
+    """How states, ticks and commands become a network's input.
 
     Attributes:
         phase: How the network sees the gait clock, as `PolicyConfig.phase`.
-        period_ticks: Gait period [ms].
+        gaits: The gaits, each with its own period; with several, the goal says which one is meant.
+        layout: What the network sees of the robot, now and in the past.
+        height: How the height of the base is measured, as `PolicyConfig.height`.
+        foot_radius: Radius of the foot spheres [m], for a height above the feet.
 
     Raises:
-        ValueError: The phase is unknown, or the period is not between 1 ms and `LONGEST_PERIOD`.
+        ValueError: The phase or the height rule is unknown, there is no gait or there are too many,
+            or the radius is not a length.
     """
 
-    observation_sizes: ClassVar[dict[str, int]] = {
-        "base_height": 1,
-        "gravity": 3,
-        "base_velocity": 6,
-        "joint_position": 12,
-        "joint_velocity": 12,
-        "feet": 8,
-    }
-    """Base height [m]; direction of gravity in the base frame; linear and angular velocity of the
-    base in its own frame [m/s, rad/s]; joint angles [rad] and rates [rad/s]; x, y of the four feet
-    relative to the center of mass in the heading frame [m]. The paper lists all of them but the
-    height of the base, which is an additional input here."""
-    goal_sizes: ClassVar[dict[str, int]] = {"phase": 2, "command": 3}
-    """Gait phase, as sine and cosine, or as a fraction of the period and a zero; vx, vy [m/s] and
-    yaw rate [rad/s] in the heading frame."""
-
     phase: Phase
-    period_ticks: int
+    gaits: tuple[GaitTiming, ...]
+    layout: Layout = LAYOUTS["full"]
+    height: HeightRule = "absolute"
+    foot_radius: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check both fields."""
+        """Check all fields."""
         if self.phase not in get_args(Phase):
             raise ValueError(unknown("phase", str(self.phase), get_args(Phase)))
-        # A table has a row for each tick of it: `phases`.
-        if not 1 <= self.period_ticks <= LONGEST_PERIOD:
-            raise ValueError(f"period_ticks is {self.period_ticks}; use 1 to {LONGEST_PERIOD} ms")
+        if self.height not in get_args(HeightRule):
+            raise ValueError(unknown("height", str(self.height), get_args(HeightRule)))
+        if not 1 <= len(self.gaits) <= MOST_GAITS:
+            raise ValueError(f"a policy of {len(self.gaits)} gaits; use 1 to {MOST_GAITS}")
+        if not 0.0 <= self.foot_radius <= 1.0:
+            raise ValueError(f"foot_radius is {self.foot_radius}; use 0 to 1 m")
+
+    @cached_property
+    def observation_sizes(self) -> dict[str, int]:
+        """Names and sizes of the parts of the observation, in their order."""
+        sizes = {name: PARTS[name].size for name in self.layout.parts}
+        if self.layout.history is not None:
+            sizes["history"] = self.layout.history.size
+        return sizes
+
+    @cached_property
+    def goal_sizes(self) -> dict[str, int]:
+        """Names and sizes of the parts of the goal, in their order."""
+        sizes = {name: part.size for name, part in GOAL_PARTS.items()}
+        if len(self.gaits) > 1:
+            sizes["gait"] = len(self.gaits)
+        return sizes
+
+    @cached_property
+    def observation_size(self) -> int:
+        """Numbers of the observation, the history included."""
+        return sum(self.observation_sizes.values())
+
+    @cached_property
+    def goal_size(self) -> int:
+        """Numbers of the goal."""
+        return sum(self.goal_sizes.values())
+
+    @property
+    def input_size(self) -> int:
+        """Numbers of the network's input."""
+        return self.observation_size + self.goal_size
 
     @cached_property
     def phases(self) -> Float32Array:
-        """``(period_ticks, 2)`` what the network sees of the gait clock at each tick of a cycle."""
-        within = np.arange(self.period_ticks)
-        if self.phase == "circle":
-            angle = within * (2.0 * np.pi / self.period_ticks)
-            columns = (np.sin(angle), np.cos(angle))
-        else:
-            columns = (within / self.period_ticks, np.zeros(self.period_ticks))
-        return np.stack(columns, axis=-1).astype(np.float32)
+        """``(gaits, longest period, 2)`` what the network sees of the clock at each tick.
+
+        Rows beyond the period of a shorter gait are zero.
+        """
+        longest = max(gait.period_ticks for gait in self.gaits)
+        table = np.zeros((len(self.gaits), longest, 2), np.float32)
+        for number, gait in enumerate(self.gaits):
+            within = np.arange(gait.period_ticks)
+            if self.phase == "circle":
+                angle = within * (2.0 * np.pi / gait.period_ticks)
+                columns = (np.sin(angle), np.cos(angle))
+            else:
+                columns = (within / gait.period_ticks, np.zeros(gait.period_ticks))
+            table[number, : gait.period_ticks] = np.stack(columns, axis=-1)
+        return table
+
+    @cached_property
+    def periods(self) -> IntArray:
+        """``(gaits,)`` the periods [ms]."""
+        return np.array([gait.period_ticks for gait in self.gaits])
+
+
+def gait_timing(gait: Gait) -> GaitTiming:
+    """The timing of a configured gait, with the gait's name."""
+    return GaitTiming(gait_name(gait), to_ticks(gait.period), gait.duty, gait.offsets)
 
 
 def observation_spec(config: Config) -> ObservationSpec:
-    """What a configuration says about the network's input."""
-    return ObservationSpec(config.policy.phase, to_ticks(config.gait.period))
+    """What a configuration says about the input of its policies.
+
+    Raises:
+        ValueError: The height is to be that above the feet, and the robot's own description, which
+            has their radius, is not in the configuration.
+    """
+    policy = config.policy
+    radius = 0.0
+    if policy.height == "above_feet":
+        robot = config.robot.spec or ROBOTS.get(config.robot.model)
+        if robot is None:
+            raise ValueError(
+                f"policy.height is above_feet, but of {config.robot.model} nothing is known yet: "
+                "load the robot first, and put its spec into robot.spec"
+            )
+        radius = robot.foot_radius
+    gaits = (gait_timing(config.gait),)
+    return ObservationSpec(policy.phase, gaits, LAYOUTS[policy.layout], policy.height, radius)
 
 
-def _slices(sizes: dict[str, int]) -> dict[str, slice]:
-    """Consecutive slices of the given sizes."""
-    slices = {}
+def state_spec(config: Config) -> ObservationSpec:
+    """What gates and traces see in every run: the full state and the goal, without a history.
+
+    They watch a robot in training, whose true state is known; a policy may see less.
+    """
+    return ObservationSpec(config.policy.phase, (gait_timing(config.gait),))
+
+
+def slices(sizes: Mapping[str, int]) -> dict[str, slice]:
+    """Consecutive slices of the given sizes, by name."""
+    result = {}
     start = 0
     for name, size in sizes.items():
-        slices[name] = slice(start, start + size)
+        result[name] = slice(start, start + size)
         start += size
-    return slices
+    return result
 
 
-OBSERVATION = _slices(ObservationSpec.observation_sizes)
-"""Where each part of the observation lies in it."""
-OBSERVATION_SIZE = sum(ObservationSpec.observation_sizes.values())
-GOAL = _slices(ObservationSpec.goal_sizes)
-"""Where each part of the goal lies in it."""
-GOAL_SIZE = sum(ObservationSpec.goal_sizes.values())
+_FULL = {name: part.size for name, part in PARTS.items()}
+_GOAL = {name: part.size for name, part in GOAL_PARTS.items()}
+OBSERVATION = slices(_FULL)
+"""Where each part lies in the observation of the layout `full`."""
+OBSERVATION_SIZE = sum(_FULL.values())
+GOAL = slices(_GOAL)
+"""Where each part lies in the goal of one gait."""
+GOAL_SIZE = sum(_GOAL.values())
 INPUT_SIZE = OBSERVATION_SIZE + GOAL_SIZE
+"""Numbers that gates and traces see, and a policy of the layout `full` and one gait."""
 
 
-def observe(state: State, out: Float32Array | None = None) -> Float32Array:
-    """The observation of one robot, or of any batch of robots.
+def observe(
+    state: State,
+    parts: Iterable[str] = tuple(PARTS),
+    ground: Array | float = 0.0,
+    out: Float32Array | None = None,
+) -> Float32Array:
+    """Parts of the observation of one robot, or of any batch of robots, side by side.
 
     Args:
         state: States with any leading axes.
-        out: ``(..., 42)`` array to write into.
+        parts: Names of the parts, from `PARTS`; by default all of them.
+        ground: ``(...)`` height above which that of the base is measured [m].
+        out: ``(..., n)`` array to write into.
 
     Returns:
-        ``(..., 42)`` float32, laid out as ``OBSERVATION``.
+        ``(..., n)`` float32; ``n`` is 42 for all parts.
     """
+    parts = tuple(parts)
+    columns = [_part(state, name, ground) for name in parts]
+    if out is None:
+        size = sum(PARTS[name].size for name in parts)
+        out = np.empty((*state.q.shape[:-1], size), np.float32)
+    return np.concatenate(columns, axis=-1, out=out)
+
+
+def _part(state: State, name: str, ground: Array | float) -> Array:
+    """``(..., size)`` one part of the observation."""
     q = state.q
     v = state.v
-    if out is None:
-        out = np.empty((*q.shape[:-1], OBSERVATION_SIZE), np.float32)
-    feet = state.feet[..., :2] - state.com[..., None, :2]
-    feet = to_heading(feet, state.heading[..., None, :])
-    parts = {
-        "base_height": q[..., 2:3],
-        "gravity": -state.rotation[..., 2, :],
-        "base_velocity": v[..., :6],
+    if name == "base_height":
+        return (q[..., 2] - ground)[..., None]
+    if name == "gravity":
+        return -state.rotation[..., 2, :]
+    if name == "feet":
+        feet = state.feet[..., :2] - state.com[..., None, :2]
+        feet = to_heading(feet, state.heading[..., None, :])
+        return feet.reshape(*q.shape[:-1], 8)
+    return {
+        "linear_velocity": v[..., :3],
+        "angular_velocity": v[..., 3:6],
         "joint_position": q[..., 7:],
         "joint_velocity": v[..., 6:],
-        "feet": feet.reshape(*q.shape[:-1], 8),
-    }
-    return np.concatenate([parts[name] for name in OBSERVATION], axis=-1, out=out)
+    }[name]
 
 
 def goal(
@@ -134,24 +259,28 @@ def goal(
     command: Array,
     spec: ObservationSpec,
     out: Float32Array | None = None,
+    gait: IntArray | int = 0,
 ) -> Float32Array:
-    """The goal: how far the gait cycle is, and where to go.
+    """The goal: how far the gait cycle is, where to go, and of several gaits which one.
 
     Args:
         tick: ``(...)`` gait clock [ms].
         command: ``(..., 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
-        spec: The gait period, and how the phase is given.
-        out: ``(..., 5)`` array to write into.
+        spec: The gaits, and how the phase is given.
+        out: ``(..., goal_size)`` array to write into.
+        gait: ``(...)`` which of the gaits each robot is to walk, as its place in `spec.gaits`.
 
     Returns:
-        ``(..., 5)`` float32, laid out as ``GOAL``; exactly periodic in ``tick``.
+        ``(..., goal_size)`` float32, laid out as ``GOAL``; exactly periodic in ``tick``.
     """
     command = np.asarray(command)
     if out is None:
-        shape = np.broadcast_shapes(np.shape(tick), command.shape[:-1])
-        out = np.empty((*shape, GOAL_SIZE), np.float32)
-    out[..., GOAL["phase"]] = spec.phases[np.asarray(tick) % spec.period_ticks]
+        shape = np.broadcast_shapes(np.shape(tick), command.shape[:-1], np.shape(gait))
+        out = np.empty((*shape, spec.goal_size), np.float32)
+    out[..., GOAL["phase"]] = spec.phases[gait, np.asarray(tick) % spec.periods[gait]]
     out[..., GOAL["command"]] = command
+    if len(spec.gaits) > 1:
+        out[..., GOAL_SIZE:] = np.arange(len(spec.gaits)) == np.asarray(gait)[..., None]
     return out
 
 
@@ -161,6 +290,8 @@ def network_input(
     command: Array,
     spec: ObservationSpec,
     out: Float32Array | None = None,
+    history: Float32Array | None = None,
+    gait: IntArray | int = 0,
 ) -> Float32Array:
     """Observation and goal side by side, as the network takes them.
 
@@ -168,14 +299,30 @@ def network_input(
         state: States with any leading axes.
         tick: ``(...)`` gait clock [ms].
         command: ``(..., 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
-        spec: The gait period, and how the phase is given.
-        out: ``(..., 47)`` array to write into.
+        spec: Layout, gaits, and how phase and height are given.
+        out: ``(..., input_size)`` array to write into.
+        history: ``(..., history.size)`` samples of the past, from ``memory.py``.
+        gait: ``(...)`` which of the gaits each robot is to walk, as its place in `spec.gaits`.
 
     Returns:
-        ``(..., 47)`` float32: first ``OBSERVATION``, then ``GOAL``.
+        ``(..., input_size)`` float32: the layout's parts, its history, then the goal.
+
+    Raises:
+        ValueError: The layout has a history and none is given, or the other way round.
     """
+    if (history is None) != (spec.layout.history is None):
+        raise ValueError(
+            f"the layout {shown(spec.layout.name)} has "
+            f"{'no' if history is not None else 'a'} history; "
+            f"give {'none' if history is not None else 'it'}"
+        )
     if out is None:
-        out = np.empty((*state.q.shape[:-1], INPUT_SIZE), np.float32)
-    observe(state, out[..., :OBSERVATION_SIZE])
-    goal(tick, command, spec, out[..., OBSERVATION_SIZE:])
+        out = np.empty((*state.q.shape[:-1], spec.input_size), np.float32)
+    ground = 0.0 if spec.height == "absolute" else ground_height(state, spec.foot_radius)
+    now = spec.observation_size
+    if history is not None:
+        now -= history.shape[-1]
+        out[..., now : spec.observation_size] = history
+    observe(state, spec.layout.parts, ground, out[..., :now])
+    goal(tick, command, spec, out[..., spec.observation_size :], gait)
     return out

@@ -3,8 +3,9 @@
 Observation and goal (``observation.py``) are normalized inside the network; 3 x 512 units with
 BatchNorm and ReLU give twelve joint targets a, and the joints get tau = kp (a - q) - kd qdot at
 1 kHz. Training inverts that law: `target_of` turns an expert's torque into what the network learns.
-A policy file holds all that running it needs: weights, normalizers, layouts, gains, rate, gait
-period and provenance. Read next: ``train.py``.
+A policy whose layout has a history remembers the last ticks, and has to be told of every one
+(`Policy.observe`), whoever drove. A policy file holds all that running it needs, and all that it
+was trained for (``policy_header.py``). Read next: ``train.py``.
 """
 
 from __future__ import annotations
@@ -20,30 +21,31 @@ import numpy as np
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from surefoot.config import Config, Phase, PolicyConfig
+from surefoot.config import Config, PolicyConfig
 from surefoot.config.checked import check_values, known
-from surefoot.config.json_io import Plain, from_json, to_json
+from surefoot.config.json_io import Plain, to_json
 from surefoot.config.robot_table import tuning_of
-from surefoot.errors import shown
+from surefoot.learning.memory import Memory
 from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork, network_from_tensors
 from surefoot.learning.observation import (
-    INPUT_SIZE,
     Float32Array,
     ObservationSpec,
     network_input,
     observation_spec,
 )
 from surefoot.learning.onnx_graph import onnx_graph, runner
-from surefoot.learning.tensor_file import (
-    Header,
-    is_intact,
-    read_tensor_file,
-    write_tensor_file,
+from surefoot.learning.policy_header import (
+    FORMAT,
+    JointLimits,
+    PolicyFileError,
+    PolicyHeader,
+    SafetyBounds,
+    check_interface,
+    layout_keys,
+    read_header,
 )
+from surefoot.learning.tensor_file import is_intact, read_tensor_file, write_tensor_file
 from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray, State
-
-FORMAT = 2
-"""Version of the policy file."""
 
 
 @dataclass(frozen=True)
@@ -110,9 +112,10 @@ def target_of(torque: Array, q: Array, v: Array, spec: PolicySpec) -> Array:
 
 
 class Policy:
-    """A trained network as a ``Controller`` of B robots at 1 kHz. It has no memory.
+    """A trained network as a ``Controller`` of B robots at 1 kHz.
 
-    A robot's torque does not depend on the other robots in the batch, nor on their number.
+    A robot's torque does not depend on the other robots in the batch, nor on their number. It has
+    no memory, unless the layout has a history: then `observe` has to follow every tick.
 
     Args:
         network: The network; a copy is kept, so training it further does not change the policy.
@@ -120,6 +123,11 @@ class Policy:
         command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
         robot: Name of the robot.
         provenance: Anything that JSON can hold about the origin of the policy.
+        limits: Limits of the robot's joints; None if unknown.
+        bounds: The safety bounds that it was trained under; None if unknown.
+
+    Raises:
+        ValueError: The network has another number of inputs than the layout.
     """
 
     def __init__(
@@ -129,13 +137,27 @@ class Policy:
         command_range: ArrayLike,
         robot: str = "solo12",
         provenance: Mapping[str, Plain] | None = None,
+        limits: JointLimits | None = None,
+        bounds: SafetyBounds | None = None,
     ) -> None:
+        inputs = spec.observation.input_size
+        if len(network.mean) != inputs:
+            raise ValueError(
+                f"a network of {len(network.mean)} inputs for the layout "
+                f"{spec.observation.layout.name!r}, which has {inputs}; make it with "
+                f"PolicyNetwork(config, inputs={inputs})"
+            )
         self.network = copy.deepcopy(network).eval()
         self.spec = spec
         self.command_range = np.array(command_range, float).reshape(2, 3)
         self.robot = robot
         self.provenance = dict(provenance or {})
+        self.limits = limits
+        self.bounds = bounds
         self._batch = 0
+        self._memory: Memory | None = None
+        self.gait: IntArray | int = 0
+        """``(B,)`` which of the spec's gaits each robot is to walk; all the first after a reset."""
 
     def __getstate__(self) -> dict[str, object]:
         """What other processes get: all but the session, which they make themselves."""
@@ -143,27 +165,59 @@ class Policy:
 
     @cached_property
     def forward(self) -> Callable[[Float32Array], Float32Array]:
-        """The network alone, ``(n, 47)`` inputs to ``(n, 12)`` joint targets [rad]."""
+        """The network alone, ``(n, inputs)`` to ``(n, 12)`` joint targets [rad]."""
         layers = [(weight.numpy(), bias.numpy()) for weight, bias in self.network.folded()]
         return runner(onnx_graph(layers))
 
     def reset(self, batch: int) -> None:
-        """Prepare for ``batch`` robots."""
+        """Forget everything, and prepare for ``batch`` robots."""
+        history = self.spec.observation.layout.history
         self._batch = batch
+        self._memory = None if history is None else Memory(history, batch)
+        self.gait = 0
 
     def target(self, state: State, tick: IntArray, command: Array) -> Float32Array:
-        """Joint targets ``(B, 12)`` [rad]; the arguments are those of ``torque``."""
+        """Joint targets ``(B, 12)`` [rad]; the arguments are those of ``torque``.
+
+        Raises:
+            ValueError: The layout has a history, and `reset` has not prepared for B robots.
+        """
         batch = len(state.q)
-        inputs = np.zeros((max(batch, MINIMUM_ROWS), INPUT_SIZE), np.float32)
+        spec = self.spec.observation
+        inputs = np.zeros((max(batch, MINIMUM_ROWS), spec.input_size), np.float32)
         with np.errstate(over="ignore", invalid="ignore"):  # for a robot that has blown up
-            network_input(state, tick, command, self.spec.observation, inputs[:batch])
+            history = self._remembered(state)
+            network_input(state, tick, command, spec, inputs[:batch], history, self.gait)
         return self.forward(inputs)[:batch]
+
+    def _remembered(self, state: State) -> Float32Array | None:
+        """The history of the robots; None if the layout has none."""
+        if self.spec.observation.layout.history is None:
+            return None
+        if self._memory is None or self._memory.batch != len(state.q):
+            raise ValueError(
+                f"a policy with a history is asked about {len(state.q)} robots, but was made ready "
+                f"for {self._batch}: call reset({len(state.q)}) where the episode begins"
+            )
+        return self._memory.read(state)
 
     def torque(self, state: State, tick: IntArray, command: Array, mask: BoolArray) -> Array:
         """Torques ``(B, 12)`` [N m], before any clipping; rows outside the mask are arbitrary."""
         if not mask.any():
             return np.zeros((len(mask), len(JOINTS)))
         return pd(self.target(state, tick, command), state.q, state.v, self.spec)
+
+    def observe(self, state: State, tick: IntArray, torque: Array) -> None:
+        """Remember a tick, if the layout has a history; to be called once at the end of every tick.
+
+        Args:
+            state: The states of B robots, as they measured them.
+            tick: ``(B,)`` gait clock [ms].
+            torque: ``(B, 12)`` the torques that were commanded, by whoever drove, clipped [N m].
+        """
+        if self._memory is not None:
+            with np.errstate(over="ignore", invalid="ignore"):
+                self._memory.store(state, target_of(torque, state.q, state.v, self.spec))
 
     @property
     def diverged(self) -> BoolArray:
@@ -186,51 +240,6 @@ def check_command(policy: Policy, command: ArrayLike) -> bool:
     return inside
 
 
-class PolicyFileError(ValueError):
-    """A policy file is damaged, or made for something else than asked for."""
-
-
-_Command = tuple[float, float, float]
-"""vx, vy [m/s], yaw rate [rad/s], as JSON keeps them."""
-
-
-@dataclass(frozen=True)
-class _Header:
-    """The header of a policy file, with its keys.
-
-    Attributes:
-        format: Version of the file.
-        robot: Name of the robot.
-        rate: Ticks of the policy in a second [Hz].
-        joints: Names of the joints, in the order of the outputs.
-        observation: Names and sizes of the parts of the observation.
-        goal: Names and sizes of the parts of the goal.
-        hidden: Units of the hidden layers.
-        kp: Proportional gain of the PD [N m/rad].
-        kd: Derivative gain of the PD [N m s/rad].
-        phase: How the network sees the gait clock.
-        period_ticks: Gait period [ms].
-        command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
-        provenance: Anything about the origin of the policy.
-        sha256: Hash of the file's contents.
-    """
-
-    format: int
-    robot: str
-    rate: int
-    joints: tuple[str, ...]
-    observation: tuple[tuple[str, int], ...]
-    goal: tuple[tuple[str, int], ...]
-    hidden: tuple[int, ...]
-    kp: float
-    kd: float
-    phase: Phase
-    period_ticks: int
-    command_range: tuple[_Command, _Command]
-    provenance: Header
-    sha256: str
-
-
 def save(policy: Policy, path: Path | str) -> None:
     """Write the policy to one self-contained safetensors file, whole or not at all.
 
@@ -238,24 +247,30 @@ def save(policy: Policy, path: Path | str) -> None:
         WriteError: The disk is full, or read-only.
     """
     header = {
-        **_interface(policy.robot),
+        "format": FORMAT,
+        "robot": policy.robot,
+        "rate": TICKS_PER_SECOND,
+        "joints": list(JOINTS),
+        "limits": to_json(policy.limits),
+        "gaits": to_json(policy.spec.observation.gaits),
+        "command_range": policy.command_range.tolist(),
+        "bounds": to_json(policy.bounds),
+        **layout_keys(policy.spec.observation),
         "hidden": policy.network.hidden,
         "kp": policy.spec.kp,
         "kd": policy.spec.kd,
-        "phase": policy.spec.observation.phase,
-        "period_ticks": policy.spec.observation.period_ticks,
-        "command_range": policy.command_range.tolist(),
         "provenance": to_json(policy.provenance),
     }
     write_tensor_file(path, policy.network.state_dict(), header)
 
 
-def load(path: Path | str, robot: str | None = None) -> Policy:
-    """Read a policy file; nothing in it is ever run.
+def load(path: Path | str, robot: str | None = None, layout: str | None = None) -> Policy:
+    """Read a policy file, of this format or of format 2; nothing in it is ever run.
 
     Args:
         path: The file.
         robot: Name of the robot that the policy has to be made for; None takes that of any.
+        layout: Name of the layout that it has to have; None takes any.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -274,19 +289,14 @@ def load(path: Path | str, robot: str | None = None) -> Policy:
             f"{path} is not a whole surefoot policy file ({error}); copy it again, or delete "
             "it in its run's folder: `surefoot train ... --resume` trains it again, bit for bit"
         ) from error
-    interface = _interface(robot or "")
-    if robot is None:
-        del interface["robot"]
-    for key, expected in interface.items():
-        if header.get(key) != expected:
-            raise PolicyFileError(
-                f"{path} has {key} {shown(header.get(key))}, expected {expected!r}; load a policy "
-                "made for this, or train one"
-            )
+    try:
+        check_interface(header, robot, layout)
+    except ValueError as error:
+        raise PolicyFileError(f"{path} {error}") from error
     try:
         if not is_intact(tensors, header):
             raise ValueError("its contents do not match their hash")
-        return _policy(tensors, from_json(_Header, header, "header"))
+        return _policy(tensors, read_header(header))
     except ValueError as error:
         raise PolicyFileError(
             f"{path} is not a complete policy ({error}); copy it again, or delete it in its run's "
@@ -294,7 +304,7 @@ def load(path: Path | str, robot: str | None = None) -> Policy:
         ) from error
 
 
-def _policy(tensors: Mapping[str, Tensor], header: _Header) -> Policy:
+def _policy(tensors: Mapping[str, Tensor], header: PolicyHeader) -> Policy:
     """The policy that a file holds.
 
     Raises:
@@ -304,18 +314,14 @@ def _policy(tensors: Mapping[str, Tensor], header: _Header) -> Policy:
     low, high = np.array(header.command_range)
     if not (np.isfinite(low) & np.isfinite(high) & (low <= high)).all():
         raise ValueError(f"command_range is {low.tolist()} to {high.tolist()}; use a finite range")
-    spec = PolicySpec(ObservationSpec(header.phase, header.period_ticks), header.kp, header.kd)
-    network = network_from_tensors(config, tensors)
-    return Policy(network, spec, header.command_range, header.robot, header.provenance)
-
-
-def _interface(robot: str) -> dict[str, object]:
-    """What a file and the program that runs it must agree on, as JSON gives it back."""
-    return {
-        "format": FORMAT,
-        "robot": robot,
-        "rate": TICKS_PER_SECOND,
-        "joints": list(JOINTS),
-        "observation": [list(item) for item in ObservationSpec.observation_sizes.items()],
-        "goal": [list(item) for item in ObservationSpec.goal_sizes.items()],
-    }
+    spec = PolicySpec(header.spec, header.kp, header.kd)
+    network = network_from_tensors(config, tensors, spec.observation.input_size)
+    return Policy(
+        network,
+        spec,
+        header.command_range,
+        header.robot,
+        header.provenance,
+        header.limits,
+        header.bounds,
+    )

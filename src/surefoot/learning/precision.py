@@ -18,7 +18,6 @@ import torch
 
 from surefoot.config import NumberFormat, TrainingConfig
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.samples import WIDTH
 from surefoot.learning.step import (
     TrainingStep,
     choose_device,
@@ -27,6 +26,7 @@ from surefoot.learning.step import (
     make_optimizer,
     torch_threads,
 )
+from surefoot.types import JOINTS
 
 SECONDS = 0.4
 """How long steps are timed, in both formats together [s]."""
@@ -112,7 +112,8 @@ def step_seconds(
     """
     clock = time.process_time if device.type == "cpu" else time.perf_counter
     batch = min(config.batch, MOST_ROWS)
-    rows = torch.randn(batch, WIDTH, generator=torch.Generator().manual_seed(0)).to(device)
+    width = len(network.mean) + len(JOINTS)
+    rows = torch.randn(batch, width, generator=torch.Generator().manual_seed(0)).to(device)
     steps: dict[NumberFormat, TrainingStep] = {}
     times: dict[NumberFormat, list[float]] = {}
     with torch_threads(config.threads):

@@ -17,8 +17,7 @@ from torch import Tensor
 from surefoot.config import Device, NumberFormat, TrainingConfig
 from surefoot.errors import unknown
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.observation import INPUT_SIZE
-from surefoot.learning.samples import WIDTH
+from surefoot.types import JOINTS
 
 
 def choose_device(name: Device) -> torch.device:
@@ -105,12 +104,13 @@ class TrainingStep:
         self._network = network
         self._optimizer = optimizer
         self._bfloat16 = precision == "bfloat16"
-        self._rows = torch.zeros(batch, WIDTH, device=device)
+        self._inputs = len(network.mean)
+        self._rows = torch.zeros(batch, self._inputs + len(JOINTS), device=device)
         self._loss = torch.zeros((), dtype=torch.float64, device=device)
         self._launch = self._capture() if device.type == "cuda" else self._compute
 
     def __call__(self, rows: Tensor) -> None:
-        """Train on ``(batch, 59)`` inputs and targets."""
+        """Train on ``(batch, inputs + 12)`` inputs and targets."""
         self._rows.copy_(rows)
         self._launch()
 
@@ -126,8 +126,8 @@ class TrainingStep:
 
     def _compute(self) -> None:
         """Take the step on the rows that are on the device."""
-        inputs = self._rows[:, :INPUT_SIZE]
-        targets = self._rows[:, INPUT_SIZE:]
+        inputs = self._rows[:, : self._inputs]
+        targets = self._rows[:, self._inputs :]
         self._optimizer.zero_grad()
         with torch.autocast(self.device.type, torch.bfloat16, self._bfloat16, cache_enabled=False):
             outputs = self._network(inputs)

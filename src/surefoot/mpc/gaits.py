@@ -7,26 +7,14 @@ and command gains of its own, follows from its timing (`schedule.horizon`) or is
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 from surefoot.config import Config, Gait
+from surefoot.config.gait_table import GAITS, gait_name
 from surefoot.config.presets import all_round_rules
 from surefoot.errors import unknown
 
-GAITS: Mapping[str, Gait] = {
-    "trot": Gait(),
-    "walk": Gait(period=1.0, duty=0.8, offsets=(0.5, 0.0, 0.25, 0.75)),
-    "crawl": Gait(period=1.6, duty=0.85, offsets=(0.5, 0.0, 0.25, 0.75)),
-    "amble": Gait(period=0.5, duty=0.6, offsets=(0.0, 0.5, 0.75, 0.25)),
-    "pace": Gait(period=0.3, duty=0.5, offsets=(0.0, 0.5, 0.0, 0.5), step_height=0.06),
-    "bound": Gait(period=0.3, duty=0.5, offsets=(0.0, 0.0, 0.5, 0.5)),
-    "pronk": Gait(period=0.5, duty=0.6, offsets=(0.0, 0.0, 0.0, 0.0)),
-    "stand": Gait(period=0.5, duty=1.0, offsets=(0.0, 0.0, 0.0, 0.0)),
-}
-"""The gaits by name. In a walk and a crawl one leg swings at a time, in an amble the legs follow
-each other, in a trot, a pace and a bound the legs of a diagonal, a side and an end swing together,
-and in a pronk all of them. A pace rolls Solo12 by 25 degrees; with higher steps it falls."""
+__all__ = ["GAITS", "gait_name", "with_gait"]
 
 
 def with_gait(config: Config, name: str) -> Config:
@@ -55,11 +43,3 @@ def with_gait(config: Config, name: str) -> Config:
         command_gain=(1.0, 1.0, 1.0),
     )
     return replace(config, gait=gait, expert=expert)
-
-
-def gait_name(gait: Gait) -> str:
-    """The name of a gait, by its timing alone; `custom` for one that has none."""
-    for name, known in GAITS.items():
-        if known.timing == gait.timing:
-            return name
-    return "custom"

@@ -4,20 +4,30 @@ Between two runs of a network, whose weights fill the cache of a core, each of n
 a small array costs 5 us instead of 1. These functions make the same operations in the same order
 in one call: `driver` around a trained policy's network, `clip_torque` for every torque. The numpy
 forms are the reference, which training and deployment use: `learning.observation.network_input`,
-`learning.policy.pd`, `robots.model.clip_torque`. The results are the same to the bit, on a
-processor that fuses multiplications and additions as numpy does. Read `engine` next.
+`learning.memory.Memory`, `learning.policy.pd`, `robots.model.clip_torque`. The results are the same
+to the bit, on a processor that fuses multiplications and additions as numpy does. Read `engine`
+next.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
+from surefoot.learning.memory import Memory
 from surefoot.learning.network import MINIMUM_ROWS
-from surefoot.learning.observation import INPUT_SIZE, Float32Array
+from surefoot.learning.observation import (
+    INPUT_SIZE,
+    OBSERVATION,
+    OBSERVATION_SIZE,
+    Float32Array,
+    ObservationSpec,
+    goal,
+)
 from surefoot.learning.policy import Policy
 from surefoot.robots import rigid
 from surefoot.types import Array, BoolArray, Controller, IntArray, State
@@ -25,11 +35,17 @@ from surefoot.types import Array, BoolArray, Controller, IntArray, State
 
 def driver(policy: Controller) -> Controller:
     """Return what drives as a controller does: a trained policy compiled, any other as it is."""
-    return CompiledPolicy(policy) if type(policy) is Policy else policy
+    if type(policy) is not Policy:
+        return policy
+    spec = policy.spec.observation
+    is_full = spec == ObservationSpec(spec.phase, spec.gaits[:1])
+    return CompiledPolicy(policy) if is_full else CompiledLayout(policy)
 
 
 class CompiledPolicy:
-    """A trained policy, whose observation and PD are compiled; see `learning.policy.Policy`.
+    """A trained policy of the layout `full` and one gait, whose observation and PD are compiled.
+
+    See `learning.policy.Policy`.
 
     Args:
         policy: The policy.
@@ -37,7 +53,7 @@ class CompiledPolicy:
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
-        self._phases = policy.spec.observation.phases
+        self._phases = policy.spec.observation.phases[0]
 
     def reset(self, batch: int) -> None:
         """Prepare for ``batch`` robots."""
@@ -58,6 +74,91 @@ class CompiledPolicy:
     def diverged(self) -> BoolArray:
         """``(B,)`` all False: a policy always answers."""
         return self._policy.diverged
+
+
+class CompiledLayout:
+    """A trained policy of any other layout, which may remember; see `learning.policy.Policy`.
+
+    Args:
+        policy: The policy.
+    """
+
+    def __init__(self, policy: Policy) -> None:
+        spec = policy.spec.observation
+        self._policy = policy
+        self._columns = _columns(spec.layout.parts)
+        # A radius below 0 stands for a height that is absolute.
+        self._radius = spec.foot_radius if spec.height == "above_feet" else -1.0
+        history = spec.layout.history
+        self._history = history
+        self._sample_columns = _columns(() if history is None else history.parts)
+
+    def reset(self, batch: int) -> None:
+        """Forget everything, and prepare for ``batch`` robots."""
+        self._policy.reset(batch)
+        spec = self._policy.spec.observation
+        # The rows beyond the robots stay zero.
+        self._inputs = np.zeros((max(batch, MINIMUM_ROWS), spec.input_size), np.float32)
+        self._memory = None if self._history is None else Memory(self._history, batch)
+
+    def torque(self, state: State, tick: IntArray, command: Array, mask: BoolArray) -> Array:
+        """Torques ``(B, 12)`` [N m], before any clipping, as `Policy.torque` gives them."""
+        spec = self._policy.spec.observation
+        _fill_parts(
+            state.q,
+            state.v,
+            state.com,
+            state.feet,
+            state.contacts,
+            self._radius,
+            self._columns,
+            self._inputs,
+        )
+        if self._memory is not None:
+            self._begin(self._memory, state)
+            now = spec.observation_size - self._memory.history.size
+            _fill_history(self._memory.ring, self._memory.rows(), now, self._inputs)
+        gait = np.broadcast_to(np.asarray(self._policy.gait), tick.shape)
+        goal(tick, command, spec, self._inputs[: len(tick), spec.observation_size :], gait)
+        target = self._policy.forward(self._inputs)
+        return _pd(target, state.q, state.v, self._policy.spec.kp, self._policy.spec.kd)
+
+    def observe(self, state: State, tick: IntArray, torque: Array) -> None:
+        """Remember a tick, as `Policy.observe` does."""
+        if self._memory is not None:
+            self._begin(self._memory, state)
+            row = self._memory.next_row()
+            self._store(state, torque, self._memory.ring[row : row + 1], is_torque=True)
+
+    def _begin(self, memory: Memory, state: State) -> None:
+        """Let the first states stand for all before them, if no tick has been stored yet."""
+        if memory.begins:
+            self._store(state, state.q[:, 7:], memory.ring, is_torque=False)
+
+    def _store(self, state: State, values: Array, rows: Float32Array, is_torque: bool) -> None:
+        """Write the samples of states, with torques or joint targets, into rows of the ring."""
+        spec = self._policy.spec
+        _fill_samples(
+            state.q,
+            state.v,
+            state.com,
+            state.feet,
+            values,
+            (spec.kp, spec.kd) if is_torque else (0.0, 0.0),
+            self._sample_columns,
+            rows,
+        )
+
+    @property
+    def diverged(self) -> BoolArray:
+        """``(B,)`` all False: a policy always answers."""
+        return self._policy.diverged
+
+
+def _columns(parts: Sequence[str]) -> IntArray:
+    """Return where the numbers of some parts lie in the observation of the layout `full`."""
+    columns = [np.arange(OBSERVATION[name].start, OBSERVATION[name].stop) for name in parts]
+    return np.concatenate([np.zeros(0, dtype=np.int64), *columns])
 
 
 def _build_multiply_add(typingctx: Any, a: Any, b: Any, c: Any) -> Any:
@@ -89,6 +190,112 @@ def to_heading(x: float, y: float, cos: float, sin: float) -> tuple[float, float
 
 
 @njit(cache=True, error_model="numpy")
+def _fill_row(q: Array, v: Array, com: Array, feet: Array, row: Float32Array) -> None:
+    """Fill the first 42 numbers of a row with all parts of one robot's observation."""
+    X, Y, Z = rigid.rotation(q)
+    row[0] = q[2]
+    for i in range(3):
+        row[1 + i] = -Z[i]
+    for i in range(6):
+        row[4 + i] = v[i]
+    for i in range(12):
+        row[10 + i] = q[7 + i]
+        row[22 + i] = v[6 + i]
+    cos, sin = heading(X[0], Y[0])
+    for leg in range(4):
+        dx = feet[leg, 0] - com[0]
+        dy = feet[leg, 1] - com[1]
+        row[34 + 2 * leg], row[35 + 2 * leg] = to_heading(dx, dy, cos, sin)
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_parts(
+    q: Array,
+    v: Array,
+    com: Array,
+    feet: Array,
+    contacts: BoolArray,
+    radius: float,
+    columns: IntArray,
+    out: Float32Array,
+) -> None:
+    """Fill the beginnings of B rows with the parts that lie in some columns of a whole row."""
+    row = np.empty(OBSERVATION_SIZE, np.float32)
+    for robot in range(len(q)):
+        _fill_row(q[robot], v[robot], com[robot], feet[robot], row)
+        if radius >= 0.0:
+            row[0] = q[robot, 2] - ground(feet[robot], contacts[robot], radius)
+        for i in range(len(columns)):
+            out[robot, i] = row[columns[i]]
+
+
+@njit(cache=True, error_model="numpy")
+def ground(feet: Array, contacts: BoolArray, radius: float) -> float:
+    """Return the height of the ground under one robot [m], as `types.ground_height` gives it."""
+    total = 0.0
+    count = 0
+    lowest = feet[0, 2]
+    for leg in range(4):
+        if contacts[leg]:
+            total += feet[leg, 2]
+            count += 1
+        if feet[leg, 2] < lowest or np.isnan(feet[leg, 2]):
+            lowest = feet[leg, 2]
+    return (total / count if count > 0 else lowest) - radius
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_samples(
+    q: Array,
+    v: Array,
+    com: Array,
+    feet: Array,
+    values: Array,
+    gains: tuple[float, float],
+    columns: IntArray,
+    out: Float32Array,
+) -> None:
+    """Fill rows ``(r, B, size)`` of the memory, all alike, as `memory.samples_of` does.
+
+    Args:
+        q: ``(B, 19)`` configurations.
+        v: ``(B, 18)`` velocities.
+        com: ``(B, 3)`` center of mass [m].
+        feet: ``(B, 4, 3)`` foot positions [m].
+        values: ``(B, 12)`` torques [N m]; without gains, joint targets [rad].
+        gains: kp and kd of the PD, with which torques become targets; zeros without.
+        columns: Where the parts of a sample lie in a whole row.
+        out: The rows to fill.
+    """
+    kp, kd = gains
+    size = len(columns)
+    row = np.empty(OBSERVATION_SIZE, np.float32)
+    for robot in range(len(q)):
+        _fill_row(q[robot], v[robot], com[robot], feet[robot], row)
+        for i in range(size):
+            out[0, robot, i] = row[columns[i]]
+        for i in range(out.shape[2] - size):
+            target = values[robot, i]
+            if kp > 0.0:
+                target = (target + kd * v[robot, 6 + i]) / kp + q[robot, 7 + i]
+            out[0, robot, size + i] = target
+    for tick in range(1, len(out)):
+        out[tick] = out[0]
+
+
+@njit(cache=True)
+def _fill_history(ring: Float32Array, rows: IntArray, start: int, out: Float32Array) -> None:
+    """Write the samples in some rows of the memory into the inputs, from a column on."""
+    size = ring.shape[2]
+    for number in range(len(rows)):
+        sample = ring[rows[number]]
+        begin = start + number * size
+        for robot in range(len(sample)):
+            for i in range(size):
+                out[robot, begin + i] = sample[robot, i]
+
+
+@njit(cache=True, error_model="numpy")
 def _fill_inputs(
     q: Array,
     v: Array,
@@ -112,21 +319,8 @@ def _fill_inputs(
         out: The network's inputs.
     """
     for robot in range(len(q)):
-        X, Y, Z = rigid.rotation(q[robot])
         row = out[robot]
-        row[0] = q[robot, 2]
-        for i in range(3):
-            row[1 + i] = -Z[i]
-        for i in range(6):
-            row[4 + i] = v[robot, i]
-        for i in range(12):
-            row[10 + i] = q[robot, 7 + i]
-            row[22 + i] = v[robot, 6 + i]
-        cos, sin = heading(X[0], Y[0])
-        for leg in range(4):
-            dx = feet[robot, leg, 0] - com[robot, 0]
-            dy = feet[robot, leg, 1] - com[robot, 1]
-            row[34 + 2 * leg], row[35 + 2 * leg] = to_heading(dx, dy, cos, sin)
+        _fill_row(q[robot], v[robot], com[robot], feet[robot], row)
         phase = tick[robot] % len(phases)
         row[42] = phases[phase, 0]
         row[43] = phases[phase, 1]

@@ -87,6 +87,7 @@ def rollout(
     if policy is not None:
         policy = driver(policy)
         policy.reset(B)
+    remembering = policy if isinstance(policy, Remembering) else None
     arbiter.reset(episodes.ids)
 
     measure = make_sensors(robot, disturbance)
@@ -120,6 +121,8 @@ def rollout(
         tick = starts.tick + elapsed
         choice = arbiter.choose(state, tick, starts.command) if elapsed < T else everyone
         torque = drivers.torque(state, tick, choice, elapsed, recorder)
+        if remembering is not None:  # whoever drove
+            remembering.observe(state, tick, torque)
         if elapsed == 0:
             line.extend(_before_the_first(episodes, disturbance.delay, torque))
         line.append(torque)
@@ -136,6 +139,21 @@ def rollout(
     if safety.stepping_from is not None and to_ticks(safety.stepping_from) <= T:
         recorder.mark_stalled(T, robot.foot_radius)
     return recorder.rollout(episodes, disturbance, T)
+
+
+@runtime_checkable
+class Remembering(Protocol):
+    """A controller with a memory, as a policy whose layout has a history."""
+
+    def observe(self, state: State, tick: IntArray, torque: Array) -> None:
+        """Remember a tick; called at the end of every tick, whoever drove in it.
+
+        Args:
+            state: The states of B robots, as they measured them.
+            tick: ``(B,)`` gait clock [ms].
+            torque: ``(B, 12)`` the torques that were commanded, clipped [N m].
+        """
+        ...
 
 
 @runtime_checkable

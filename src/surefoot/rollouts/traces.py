@@ -1,8 +1,9 @@
 """What a history gate learns from: what robots saw while a policy drove, and what became of it.
 
 `trace_of` makes a `Trace` of a rollout; runs store one per chunk. `history_rows` turns traces into
-rows to train a classifier on. Read `safety.learned` next for the gate, and `runs.gate_training` for
-its training.
+rows to train a classifier on. They hold the full state, whatever the policy sees: a history gate
+watches a robot in training, whose true state is known. Read `safety.learned` next for the gate, and
+`runs.gate_training` for its training.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from surefoot.config import Config, SafetyConfig
 from surefoot.config.safety import HISTORY_HORIZON
 from surefoot.files import Shape
-from surefoot.learning.observation import INPUT_SIZE, network_input, observation_spec
+from surefoot.learning.observation import INPUT_SIZE, network_input, state_spec
 from surefoot.rollouts.episodes import Rollout
 from surefoot.safety.gates import unsafe
 from surefoot.safety.learned import EVERY, SAMPLES
@@ -65,7 +66,7 @@ def trace_of(rollouts: Rollout, episode: IntArray, config: Config) -> Trace:
         rollouts.seen[:, at],
         rollouts.starts.tick[:, None] + at,
         rollouts.starts.command[:, None],
-        observation_spec(config),
+        state_spec(config),
     )
     label = labels_of(rollouts, config.safety)[:, at].reshape(B, -1)
     return Trace(episode, inputs, label)

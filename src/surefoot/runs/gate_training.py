@@ -21,7 +21,7 @@ from surefoot.config import GateName
 from surefoot.config.checked import known
 from surefoot.files import load_arrays
 from surefoot.learning.classifier import digest, fit_classifier, load_classifier, save_classifier
-from surefoot.learning.observation import INPUT_SIZE, observation_spec
+from surefoot.learning.observation import state_spec
 from surefoot.learning.policy import Policy, load
 from surefoot.learning.samples import derive, held_out
 from surefoot.robots.load import find_spec
@@ -87,10 +87,10 @@ def make_gate(
             gates.append(Bounds(tightened(safety, share, height)))
         elif name == "classifier":
             classifier = load_classifier(run.gate_path(name, i - 1), Deviation.row_size)
-            gates.append(Deviation(classifier, observation_spec(run.config), alarm))
+            gates.append(Deviation(classifier, state_spec(run.config), alarm))
         elif name == "history" and history_can_be_trained(run, i - 1):
             classifier = load_classifier(run.gate_path(name, i - 1), History.row_size)
-            gates.append(History(classifier, observation_spec(run.config), alarm))
+            gates.append(History(classifier, state_spec(run.config), alarm))
     if not gates:
         # Before there is anything to learn from, the paper's bounds take the network's place.
         gates = [Bounds(safety)]
@@ -179,7 +179,7 @@ def _inputs_and_targets(
         if len(frames):
             rows.append(derive(frames, policy.spec))
             episode.append(frames.episode)
-    inputs, targets = np.split(np.concatenate(rows), [INPUT_SIZE], axis=1)
+    inputs, targets = np.split(np.concatenate(rows), [policy.spec.observation.input_size], axis=1)
     return inputs, targets, np.concatenate(episode)
 
 

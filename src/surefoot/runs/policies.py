@@ -7,14 +7,20 @@ The commands and the comparison of methods take either. Read `runs.run` for a ru
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import replace
 from pathlib import Path
 
-from surefoot.config import Config, PolicyConfig
+from surefoot.config import Config, LayoutName, PolicyConfig
+from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.policy import Policy, load, policy_spec
+from surefoot.learning.policy_header import JointLimits, SafetyBounds
 from surefoot.robots.load import load_robot
+from surefoot.robots.model import RobotModel
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
+from surefoot.safety.gates import bounds_of
+from surefoot.types import Array
 
 logger = logging.getLogger(__name__)
 
@@ -35,7 +41,7 @@ def find_policy(target: Path) -> tuple[Path, Config]:
         RunError: The folder holds no finished run.
         FileNotFoundError: There is neither a folder nor a file.
         PolicyFileError: The file is damaged, or of another robot, layout or version.
-        ValueError: The policy is of another gait period, gain or phase than the configuration.
+        ValueError: The policy has another gait period, gain, phase or layout than configured.
     """
     if target.is_dir():
         run: Run | None = open_run(target)
@@ -63,9 +69,20 @@ def find_policy(target: Path) -> tuple[Path, Config]:
 
 
 def _policy_config(policy: Policy) -> PolicyConfig:
-    """The configuration that a policy was trained with, as its file tells."""
+    """The configuration that a policy was trained with, as its file tells.
+
+    Raises:
+        ValueError: No configuration names its layout.
+    """
     spec = policy.spec
-    return PolicyConfig(policy.network.hidden, spec.kp, spec.kd, spec.observation.phase)
+    seen = spec.observation
+    names: list[LayoutName] = [name for name, known in LAYOUTS.items() if known == seen.layout]
+    if not names:
+        raise ValueError(
+            f"the policy's layout {seen.layout.name!r} is none of {', '.join(LAYOUTS)}: run it "
+            "with `surefoot.rollouts.engine.rollout`, which takes any policy"
+        )
+    return PolicyConfig(policy.network.hidden, spec.kp, spec.kd, seen.phase, names[0], seen.height)
 
 
 def _check_fit(path: Path, policy: Policy, config: Config, source: str) -> None:
@@ -78,19 +95,20 @@ def _check_fit(path: Path, policy: Policy, config: Config, source: str) -> None:
         source: Where the configuration comes from, for the message.
 
     Raises:
-        ValueError: The policy is of another gait period, gain or phase than the configuration.
+        ValueError: The policy has another gait period, gain, phase or layout than configured.
     """
     trained = policy.spec
     asked = policy_spec(config)
+    seen = trained.observation
+    asked_to_see = asked.observation
     pairs = (
-        (
-            "a gait period [ms]",
-            trained.observation.period_ticks,
-            asked.observation.period_ticks,
-        ),
+        ("a gait period [ms]", seen.periods.tolist(), asked_to_see.periods.tolist()),
         ("kp [N m/rad]", trained.kp, asked.kp),
         ("kd [N m s/rad]", trained.kd, asked.kd),
-        ("a phase given as", trained.observation.phase, asked.observation.phase),
+        ("a phase given as", seen.phase, asked_to_see.phase),
+        ("the layout", seen.layout.name, asked_to_see.layout.name),
+        ("a history", seen.layout.history, asked_to_see.layout.history),
+        ("a height that is", seen.height, asked_to_see.height),
     )
     for name, trained_for, configured in pairs:
         if trained_for != configured:
@@ -98,3 +116,28 @@ def _check_fit(path: Path, policy: Policy, config: Config, source: str) -> None:
                 f"{path} was trained for {name} {trained_for}, {source} has {configured}: play or "
                 "evaluate it in the folder of the run that trained it, or train one for this"
             )
+
+
+def joint_limits(robot: RobotModel) -> JointLimits:
+    """The limits of a robot's joints as a policy file holds them: None where there is no limit."""
+    return JointLimits(
+        _finite(robot.torque_limit),
+        _finite(robot.speed_limit),
+        tuple((_finite(pair)[0], _finite(pair)[1]) for pair in robot.position_limit),
+    )
+
+
+def _finite(values: Array) -> tuple[float | None, ...]:
+    """The numbers, with None in place of those that are not finite."""
+    return tuple(value if math.isfinite(value) else None for value in values.tolist())
+
+
+def safety_bounds(config: Config) -> SafetyBounds:
+    """The safety bounds of a configuration as a policy file holds them.
+
+    Args:
+        config: Its `safety`; values of its robot's own are in place (`with_own_values`).
+    """
+    low, high = bounds_of(config.safety)
+    height, roll, pitch, *joints = zip(low.tolist(), high.tolist(), strict=True)
+    return SafetyBounds(height, roll, pitch, tuple(joints))

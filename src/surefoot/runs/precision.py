@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from surefoot.config import Config, TrainingConfig
 from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.observation import observation_spec
 from surefoot.learning.precision import PrecisionChoice, choose_precision
 from surefoot.learning.step import choose_device, has_bfloat16
 
@@ -21,7 +22,8 @@ def choose_for_run(config: Config) -> PrecisionChoice:
     Raises:
         ValueError: The configured device is not there, or lacks the configured precision.
     """
-    return choose_precision(PolicyNetwork(config.policy), config.training)
+    network = PolicyNetwork(config.policy, inputs=observation_spec(config).input_size)
+    return choose_precision(network, config.training)
 
 
 def kept_precision(training: TrainingConfig, choice: PrecisionChoice | None) -> TrainingConfig:

@@ -107,5 +107,13 @@ def _copy_policy(source: Run, target: Run) -> None:
     """Copy the policy of iteration 0; its file says that it belongs to the target."""
     policy = load(source.policy_path(0), find_spec(source.config.robot).name)
     provenance = policy.provenance | {"run": target.folder.name, "method": target.method}
-    copied = Policy(policy.network, policy.spec, policy.command_range, policy.robot, provenance)
+    copied = Policy(
+        policy.network,
+        policy.spec,
+        policy.command_range,
+        policy.robot,
+        provenance,
+        policy.limits,
+        policy.bounds,
+    )
     save(copied, target.policy_path(0))

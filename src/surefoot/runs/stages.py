@@ -22,7 +22,7 @@ from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, policy_spec, save
 from surefoot.learning.symmetry import Mirrored
 from surefoot.learning.train import FitResult, fit
-from surefoot.robots.load import find_spec
+from surefoot.robots.load import find_spec, load_robot
 from surefoot.rollouts.jobs import Job, expert_name
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_cost
@@ -31,6 +31,7 @@ from surefoot.runs.checks import check_expert, remember_expert
 from surefoot.runs.collecting import Limit, run_and_store
 from surefoot.runs.episode_ids import end_of_iteration
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
+from surefoot.runs.policies import joint_limits, safety_bounds
 from surefoot.runs.precision import kept_precision
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import pretraining_rollouts, series_order
@@ -204,7 +205,8 @@ def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bo
     """Fit a network under a progress bar; it resumes from the checkpoint if there is one."""
     config = run.config
     if iteration == 0 or fresh:
-        network = PolicyNetwork(config.policy, run.torch_seed("network", 0))
+        inputs = policy_spec(config).observation.input_size
+        network = PolicyNetwork(config.policy, run.torch_seed("network", 0), inputs)
     else:
         before = run.policy_path(iteration - 1)
         network = load(before, find_spec(config.robot).name).network
@@ -238,8 +240,16 @@ def _save_policy(run: Run, iteration: int, data: Dataset, result: FitResult) -> 
         "seed": config.seed,
         "dataset_hash": data.hash,
     }
-    robot = find_spec(config.robot).name
-    policy = Policy(result.network, policy_spec(config), result.command_range, robot, provenance)
+    robot = load_robot(config.robot)
+    policy = Policy(
+        result.network,
+        policy_spec(config),
+        result.command_range,
+        robot.name,
+        provenance,
+        joint_limits(robot),
+        safety_bounds(config),
+    )
     save(policy, run.policy_path(iteration))
 
 

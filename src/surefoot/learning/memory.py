@@ -1,0 +1,119 @@
+"""The memory of a policy: samples of the last ticks, online in a ring and offline from recordings.
+
+Both ways give the same bits. At the start of an episode the first sample stands for all that came
+before it, with the joint angles in place of joint targets, of which there are none yet; the target
+of that tick would be the answer itself. The memory goes on whoever drives: the target of a tick is
+that with which the policy's PD gives the torque that was commanded. Read ``policy.py`` next.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from surefoot.learning.layouts import TARGET_SIZE, History
+from surefoot.learning.observation import Float32Array, observe
+from surefoot.types import Array, IntArray, State
+
+
+def samples_of(state: State, target: Array, history: History) -> Float32Array:
+    """``(..., sample_size)`` the samples of states, with the joint targets applied there.
+
+    Args:
+        state: States with any leading axes.
+        target: ``(..., 12)`` joint targets [rad].
+        history: The parts of a sample.
+    """
+    out = np.empty((*state.q.shape[:-1], history.sample_size), np.float32)
+    now = history.sample_size - TARGET_SIZE * history.targets
+    observe(state, history.parts, out=out[..., :now])
+    if history.targets:
+        out[..., now:] = target
+    return out
+
+
+class Memory:
+    """The last ticks of B robots, as a ring: tick n lies in row n modulo the reach.
+
+    Args:
+        history: What is remembered.
+        batch: The number of robots B.
+
+    Attributes:
+        history: What is remembered.
+        ring: ``(reach, B, sample_size)`` the samples of the last ticks.
+    """
+
+    def __init__(self, history: History, batch: int) -> None:
+        self.history = history
+        self._count = 0
+        self._ages = history.stride * np.arange(history.samples, 0, -1)
+        self.ring = np.empty((history.reach, batch, history.sample_size), np.float32)
+
+    @property
+    def batch(self) -> int:
+        """The number of robots."""
+        return self.ring.shape[1]
+
+    @property
+    def begins(self) -> bool:
+        """Whether no tick has been stored yet."""
+        return self._count == 0
+
+    def rows(self) -> IntArray:
+        """``(samples,)`` rows of the ring in which the samples lie now, the oldest first."""
+        return (self._count - self._ages) % len(self.ring)
+
+    def next_row(self) -> int:
+        """The row of the ring that takes the sample of this tick; it counts as stored from now."""
+        row = self._count % len(self.ring)
+        self._count += 1
+        return row
+
+    def read(self, state: State) -> Float32Array:
+        """``(B, size)`` the samples of the past.
+
+        Args:
+            state: The states of this tick, which are the past too where an episode begins.
+        """
+        if self.begins:
+            self._fill(state)
+        return np.swapaxes(self.ring[self.rows()], 0, 1).reshape(self.batch, -1)
+
+    def store(self, state: State, target: Array) -> None:
+        """Remember a tick.
+
+        Args:
+            state: The states of B robots, as they measured them.
+            target: ``(B, 12)`` the joint targets that were applied [rad].
+        """
+        if self.begins:
+            self._fill(state)
+        self.ring[self.next_row()] = samples_of(state, target, self.history)
+
+    def _fill(self, state: State) -> None:
+        """Let the first states stand for all before them."""
+        self.ring[:] = samples_of(state, state.q[..., 7:], self.history)
+
+
+def recorded_histories(
+    state: State, target: Array, begin: IntArray, rows: IntArray, history: History
+) -> Float32Array:
+    """``(k, size)`` what `Memory.read` would have given at some of n recorded ticks.
+
+    Args:
+        state: The n states, all ticks of each episode in their order.
+        target: ``(n, 12)`` the joint targets that were applied [rad].
+        begin: ``(n,)`` row of the first tick of each tick's episode.
+        rows: ``(k,)`` rows of the ticks that are asked for.
+        history: What is remembered.
+    """
+    samples = samples_of(state, target, history)
+    first = begin[rows]
+    result = np.empty((len(rows), history.samples, history.sample_size), np.float32)
+    for number, age in enumerate(range(history.reach, 0, -history.stride)):
+        source = np.maximum(rows - age, first)
+        result[:, number] = samples[source]
+        if history.targets:
+            before = rows - age < first
+            result[before, number, -TARGET_SIZE:] = state.q[first[before], 7:]
+    return result.reshape(len(rows), -1)

@@ -1,0 +1,278 @@
+"""The header of a policy file: what it says besides the weights, and what it must agree on.
+
+Format 3 names everything that running a policy needs, and everything it was trained for: robot,
+joint order and limits, gaits, commands, safety bounds, layout, gains and rate. `read_header` also
+takes format 2, whose policies saw the layout `full` and walked one gait. Read ``policy.py`` next,
+which saves and loads.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from surefoot.config import HeightRule, Phase
+from surefoot.config.json_io import from_json, to_json
+from surefoot.errors import shown
+from surefoot.learning.layouts import PARTS, STORED_FORMER, History, Layout
+from surefoot.learning.observation import GaitTiming, ObservationSpec
+from surefoot.learning.tensor_file import Header
+from surefoot.types import JOINTS, TICKS_PER_SECOND
+
+FORMAT = 3
+"""Version of the policy file."""
+OLDEST_FORMAT = 2
+"""The oldest version that is read."""
+
+Pair = tuple[float, float]
+"""The smallest and the largest value."""
+MaybePair = tuple[float | None, float | None]
+"""The same, where either may be unknown."""
+CommandTriple = tuple[float, float, float]
+"""vx, vy [m/s], yaw rate [rad/s], as JSON keeps them."""
+
+
+class PolicyFileError(ValueError):
+    """A policy file is damaged, or made for something else than asked for."""
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """The limits of a robot's twelve joints, in the order of ``JOINTS``; None where unknown.
+
+    Attributes:
+        torque: ``(12,)`` largest torques [N m].
+        speed: ``(12,)`` largest rates [rad/s].
+        position: ``(12, 2)`` smallest and largest angles [rad].
+
+    Raises:
+        ValueError: There are not twelve of one of them.
+    """
+
+    torque: tuple[float | None, ...]
+    speed: tuple[float | None, ...]
+    position: tuple[MaybePair, ...]
+
+    def __post_init__(self) -> None:
+        """Check the numbers of joints."""
+        for name in ("torque", "speed", "position"):
+            _check_twelve(f"limits.{name}", getattr(self, name))
+
+
+@dataclass(frozen=True)
+class SafetyBounds:
+    """The bounds within which a policy was taught; beyond them the expert took over.
+
+    Attributes:
+        com_height: Height of the center of mass above the ground [m].
+        roll: Roll [rad].
+        pitch: Pitch [rad].
+        joints: ``(12, 2)`` joint angles [rad], in the order of ``JOINTS``.
+
+    Raises:
+        ValueError: There are not twelve joints, or a pair does not rise.
+    """
+
+    com_height: Pair
+    roll: Pair
+    pitch: Pair
+    joints: tuple[Pair, ...]
+
+    def __post_init__(self) -> None:
+        """Check the pairs."""
+        _check_twelve("bounds.joints", self.joints)
+        for low, high in (self.com_height, self.roll, self.pitch, *self.joints):
+            if not -math.inf < low <= high < math.inf:
+                raise ValueError(
+                    f"bounds has {low} to {high}; the first must not exceed the second"
+                )
+
+
+def _check_twelve(name: str, values: tuple[Any, ...]) -> None:
+    """Check that there is a value for each joint.
+
+    Raises:
+        ValueError: There is not.
+    """
+    if len(values) != len(JOINTS):
+        raise ValueError(f"{name} has {len(values)} values; use one for each of the 12 joints")
+
+
+@dataclass(frozen=True)
+class PolicyHeader:
+    """The header of a policy file of format 3, with its keys.
+
+    Attributes:
+        format: Version of the file.
+        robot: Name of the robot.
+        rate: Ticks of the policy in a second [Hz].
+        joints: Names of the joints, in the order of inputs and outputs.
+        limits: Limits of these joints; None if unknown.
+        gaits: The gaits, each with its period.
+        command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
+        bounds: The safety bounds trained under; None if unknown.
+        layout: Name of the layout.
+        observation: Names and sizes of the parts of the present observation.
+        history: What is remembered; None for nothing.
+        height: How the height of the base is measured.
+        foot_radius: Radius of the foot spheres [m], for a height above the feet.
+        goal: Names and sizes of the parts of the goal.
+        phase: How the network sees the gait clock.
+        hidden: Units of the hidden layers.
+        kp: Proportional gain of the PD [N m/rad].
+        kd: Derivative gain of the PD [N m s/rad].
+        provenance: Anything about the origin of the policy.
+        sha256: Hash of the file's contents.
+    """
+
+    format: int
+    robot: str
+    rate: int
+    joints: tuple[str, ...]
+    limits: JointLimits | None
+    gaits: tuple[GaitTiming, ...]
+    command_range: tuple[CommandTriple, CommandTriple]
+    bounds: SafetyBounds | None
+    layout: str
+    observation: tuple[tuple[str, int], ...]
+    history: History | None
+    height: HeightRule
+    foot_radius: float
+    goal: tuple[tuple[str, int], ...]
+    phase: Phase
+    hidden: tuple[int, ...]
+    kp: float
+    kd: float
+    provenance: Header
+    sha256: str
+
+    @property
+    def spec(self) -> ObservationSpec:
+        """How states, ticks and commands become the network's input.
+
+        Raises:
+            ValueError: A value is out of range, or the sizes are those of no such layout.
+        """
+        layout = Layout(self.layout, tuple(name for name, _ in self.observation), self.history)
+        spec = ObservationSpec(self.phase, self.gaits, layout, self.height, self.foot_radius)
+        present = [(name, PARTS[name].size) for name in layout.parts]
+        for key, stored, expected in (
+            ("observation", self.observation, present),
+            ("goal", self.goal, list(spec.goal_sizes.items())),
+        ):
+            if list(stored) != expected:
+                raise ValueError(f"{key} is {shown(stored)}, expected {expected}")
+        return spec
+
+
+def layout_keys(spec: ObservationSpec) -> Header:
+    """What a header says about a layout."""
+    layout = spec.layout
+    history = layout.history
+    return {
+        "layout": layout.name,
+        "observation": [[name, PARTS[name].size] for name in layout.parts],
+        "history": None if history is None else to_json(history),
+        "height": spec.height,
+        "foot_radius": spec.foot_radius,
+        "goal": [list(item) for item in spec.goal_sizes.items()],
+        "phase": spec.phase,
+    }
+
+
+def check_interface(header: Header, robot: str | None, layout: str | None) -> None:
+    """Check what a file and the program that runs it must agree on.
+
+    Args:
+        header: The header, as it was read.
+        robot: Name of the robot that the policy has to be made for; None takes that of any.
+        layout: Name of the layout that it has to have; None takes any.
+
+    Raises:
+        ValueError: They do not agree; the message says in what, and what to do.
+    """
+    version = header.get("format")
+    if isinstance(version, int) and version > FORMAT:
+        raise ValueError(
+            f"has format {shown(version)}, which a newer version of surefoot has written, expected "
+            f"{OLDEST_FORMAT} to {FORMAT}; update surefoot, or save the policy with this version"
+        )
+    if type(version) is not int or version < OLDEST_FORMAT:
+        raise ValueError(
+            f"has format {shown(version)}, expected {OLDEST_FORMAT} to {FORMAT}; load it with the "
+            "version of surefoot that wrote it, or train one"
+        )
+    joints = header.get("joints")
+    if joints != list(JOINTS) and isinstance(joints, list) and _same_names(joints):
+        raise ValueError(
+            f"has joints in another order, {shown(joints)}, expected {list(JOINTS)}; its weights "
+            "belong to its own order, so do not rename them: save it again with surefoot, whose "
+            "policies all have the expected order"
+        )
+    expected: Header = {"joints": list(JOINTS), "rate": TICKS_PER_SECOND}
+    if robot is not None:
+        expected["robot"] = robot
+    if layout is not None and version > OLDEST_FORMAT:
+        expected["layout"] = layout
+    elif layout not in (None, "full"):
+        raise ValueError(f"has layout 'full', expected {layout!r}; {_OTHERWISE}")
+    for key, value in expected.items():
+        if header.get(key) != value:
+            raise ValueError(
+                f"has {key} {shown(header.get(key))}, expected {value!r}; {_OTHERWISE}"
+            )
+
+
+_OTHERWISE = "load a policy made for this, or train one"
+
+
+def _same_names(joints: list[Any]) -> bool:
+    """Whether these are the names of the joints, in any order."""
+    return all(isinstance(name, str) for name in joints) and sorted(joints) == sorted(JOINTS)
+
+
+def read_header(header: Header) -> PolicyHeader:
+    """The header of a file of format 3, or of format 2 with what was the same for all of those.
+
+    Args:
+        header: The header, as it was read and checked by `check_interface`.
+
+    Raises:
+        ValueError: A key is missing or unknown, or a value is of the wrong type or out of range.
+    """
+    if header["format"] == OLDEST_FORMAT:
+        header = _from_former(header)
+    return from_json(PolicyHeader, header, "header")
+
+
+def _from_former(header: Header) -> Header:
+    """The header of format 2 as one of format 3.
+
+    Raises:
+        ValueError: It is not the layout that all such files have.
+    """
+    former = dict(header)
+    observation = [[name, PARTS[name].size] for name in PARTS if name != "angular_velocity"]
+    for item in observation:
+        if item[0] in STORED_FORMER:
+            item[:] = [STORED_FORMER[str(item[0])], 6]
+    if former.pop("observation", None) != observation:
+        raise ValueError(
+            f"observation is {shown(header.get('observation'))}, expected {observation}"
+        )
+    period = former.pop("period_ticks", None)
+    if type(period) is not int:
+        raise ValueError(f"header.period_ticks is {shown(period)}, expected int")
+    gait = GaitTiming("trot", period)
+    full = layout_keys(ObservationSpec("circle", (gait,)))
+    if "phase" not in former:
+        raise ValueError("header lacks phase")
+    full["phase"] = former["phase"]
+    if former.pop("goal", None) != full["goal"]:
+        raise ValueError(f"goal is {shown(header.get('goal'))}, expected {full['goal']}")
+    new = {**full, "gaits": to_json((gait,)), "limits": None, "bounds": None}
+    del former["phase"]
+    if unexpected := former.keys() & new.keys():
+        raise ValueError(f"format {OLDEST_FORMAT} has no {', '.join(sorted(unexpected))}")
+    return former | new
