@@ -372,13 +372,13 @@ def test_a_policy_that_raises_is_a_fault():
 
 def test_a_posture_that_was_not_trained_on_is_not_driven_from():
     policy = ToyPolicy()
-    policy.start_range = policy.start_range + 0.5
+    policy.start_range[:, 0] += 0.5  # the robot would have to lean
     world = World(policy=policy, config=RuntimeConfig(stand=0.05, settle=0.1))
     world.run(500)
     assert len(policy.asked) == 10  # before it stood up
     assert world.runtime.fault is not None
     assert world.runtime.fault.kind == "posture"
-    assert "FL_HFE is 0.800 rad; the initial states trained on have 1.100" in (
+    assert "roll is 0.000 rad; the initial states trained on have 0.300" in (
         world.runtime.fault.detail
     )
 

@@ -18,7 +18,7 @@ from enum import IntEnum
 
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.faults import Fault, FaultKind, FaultTests
-from surefoot.deploy.fit import check_robot, limits_of, misfit_of, missing_base
+from surefoot.deploy.fit import check_robot, limits_of, misfit_of, missing_base, posture_of
 from surefoot.deploy.gate import Blocking, BoundsGate
 from surefoot.deploy.handover import ExpertDriver, NoPlan
 from surefoot.deploy.interfaces import (
@@ -126,6 +126,7 @@ class Runtime:
         self._missed_in_a_row = 0
         self._last_time_ns: int | None = None
         self._stand_from: Array = policy.nominal
+        self._stand_to = posture_of(policy)
         self._begun_ns = 0  # when the mode began, by the robot's clock
         self._late_work = False
         self._expert_drives = False
@@ -265,7 +266,7 @@ class Runtime:
             share = min(self._gait_clock(sensors) / to_ticks(self.config.stand), 1.0)
             weight = 0.5 - 0.5 * math.cos(math.pi * share)
             return JointCommand(
-                position=self._stand_from + weight * (policy.nominal - self._stand_from),
+                position=self._stand_from + weight * (self._stand_to - self._stand_from),
                 kp=self.config.stand_kp * policy.kp,
                 kd=self.config.stand_kd * policy.kd,
             )

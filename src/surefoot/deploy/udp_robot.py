@@ -65,6 +65,7 @@ class UdpRobot:
         self._session = 0
         self._sequence = 0
         self._newest = 0  # sequence of the newest datagram of the bridge
+        self._read = 0  # what of them has been read
         self._bridges_clock = 0
         self._greeted_ns = 0
         self._sensors: Sensors | None = None
@@ -87,6 +88,10 @@ class UdpRobot:
         if self._description is None:
             raise Stale(f"no bridge answers at {address_text(self._peer)}; is it running?")
         return self._description
+
+    def robot_clock(self) -> int:
+        """The robot's clock in the newest state [ns]; it is a `Clock` that stops with the robot."""
+        return self._bridges_clock
 
     def connect(self, seconds: float = 2.0) -> Description:
         """Ask the bridge what its robot is, and wait for the answer.
@@ -123,9 +128,10 @@ class UdpRobot:
         period = 1.0 / self.description.rate_hz
         if self.lockstep and self._commands:
             self._wait_for_the_tick()
-        elif self.state is None or self._clock() - self.heard_ns > 0.5 * period * NANOSECONDS:
+        elif self._newest == self._read:
             self._channel.wait(period)
             self._drain()
+        self._read = self._newest
         silent = (self._clock() - self.heard_ns) / NANOSECONDS
         limit = LOCKSTEP_PATIENCE if self.lockstep else self.description.state_timeout
         if silent >= limit or self._sensors is None or self.state is None:
