@@ -75,6 +75,8 @@ class Play(OnHardware, OnSimulator):
         report_file = Output("--json", self.json)
         outputs = [report_file, Output("--log", self.log, SUFFIXES)]
         check_outputs(outputs, reads=[self.target])
+        if self.target.suffix == ".npz":
+            return self.film_flight()
         if self.log is not None and self.episode is not None:
             raise ValueError(
                 "--log has what a policy measured that drives alone; leave out --episode"

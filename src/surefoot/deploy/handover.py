@@ -18,7 +18,7 @@ from surefoot.rotations import rotation
 from surefoot.types import GRID, JOINTS, TICKS_PER_SECOND, Array, Command, MotionPlan
 
 
-class NoPlan(Exception):  # noqa: N818
+class NoPlan(RuntimeError):  # noqa: N818
     """The planner has failed, and nobody can take over."""
 
 

@@ -25,7 +25,7 @@ NO_VALUES: Array = np.zeros(len(JOINTS))
 NO_VALUES.setflags(write=False)
 
 
-class RobotFault(Exception):  # noqa: N818
+class RobotFault(RuntimeError):  # noqa: N818
     """The robot cannot be driven."""
 
 

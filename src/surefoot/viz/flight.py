@@ -13,7 +13,7 @@ from surefoot.deploy.recorder import Flight
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
 from surefoot.rotations import rotation
-from surefoot.types import TICKS_PER_SECOND, Array
+from surefoot.types import TICKS_PER_SECOND, Array, IntArray
 from surefoot.viz.film import Recording
 
 
@@ -44,7 +44,7 @@ def recording_of(flight: Flight) -> Recording:
     return Recording(robot, SimulationConfig(), q, flight.expert_drove[rows])
 
 
-def _path(velocity: Array, orientation: Array, time_ns: Array) -> Array:
+def _path(velocity: Array, orientation: Array, time_ns: IntArray) -> Array:
     """The horizontal positions ``(n, 2)`` [m] to which measured velocities lead.
 
     Args:
