@@ -79,7 +79,8 @@ def sealed(draw: st.DrawFn) -> bytes:
         special = st.sampled_from([math.nan, math.inf, -math.inf, -1.0, 0.0, 1e308])
         values = draw(st.lists(st.one_of(special, st.floats()), min_size=60, max_size=60))
         body = draw(st.one_of(st.just(body), st.just(protocol.pack_command(values))))
-    return protocol.pack(Packet(kind, *(draw(NUMBERS) for _ in range(5)), body))
+    names = ("robot_id", "session", "sequence", "time_ns", "echo_ns")
+    return protocol.pack(Packet(kind=kind, body=body, **{name: draw(NUMBERS) for name in names}))
 
 
 def test_sealed_datagrams_of_any_content_are_read_or_refused():

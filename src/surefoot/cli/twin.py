@@ -43,14 +43,16 @@ class RunTwin:
 
     def __call__(self) -> int:
         """Serve until the time is over."""
+        from surefoot.config import RobotConfig
         from surefoot.deploy.bridge import UdpChannel
         from surefoot.deploy.flight import prefer_process
         from surefoot.deploy.udp_robot import address_text
         from surefoot.robots.load import load_robot
         from surefoot.twin.serve import make_twin
 
+        robot = RobotConfig(model=self.robot, profile=self.profile)
         channel = UdpChannel(self.host, self.port)
-        twin = make_twin(load_robot(self.robot), self.config, channel, self.profile)
+        twin = make_twin(load_robot(robot), self.config, channel)
         name = twin.bridge.description.robot
         print(f"the twin of {name} listens at {address_text(channel.address)}", flush=True)
         if self.realtime:
