@@ -7,6 +7,7 @@ next, which runs such a file, and `docs/export.md` for the keys.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -154,7 +155,7 @@ class PolicyDescription:
     start_range: StartRange | None
     delay_ms: int
     kinematics: KinematicTable
-    provenance: dict[str, Any]
+    provenance: Mapping[str, Any]
     policy_sha256: str
     sha256: str = NO_HASH
 
@@ -190,14 +191,29 @@ class PolicyDescription:
         layout = Layout(self.layout, tuple(part.name for part in self.observation), history)
         radius = self.kinematics.foot_radius if self.height == "above_feet" else 0.0
         spec = ObservationSpec(self.phase, self.gaits, layout, self.height, radius)
-        for name, own in layout_terms(spec).items():
-            if getattr(self, name) != own:
-                raise ValueError(f"{name} is not as in this version of surefoot")
+        own = layout_terms(spec)
+        if LayoutTerms(self.observation, self.history, self.goal) != own:
+            raise ValueError("has parts of the observation that are not as in this version")
         return spec
 
 
-def layout_terms(spec: ObservationSpec) -> dict[str, Any]:
-    """The fields `observation`, `history` and `goal` of a description.
+@dataclass(frozen=True)
+class LayoutTerms:
+    """The parts of a network's input, as they are described.
+
+    Attributes:
+        observation: The parts of the observation, in order.
+        history: What is remembered; None for nothing.
+        goal: The parts of the goal.
+    """
+
+    observation: tuple[TermDescription, ...]
+    history: HistoryDescription | None
+    goal: tuple[TermDescription, ...]
+
+
+def layout_terms(spec: ObservationSpec) -> LayoutTerms:
+    """The parts of a network's input.
 
     Args:
         spec: The layout, as the package knows it.
@@ -214,11 +230,7 @@ def layout_terms(spec: ObservationSpec) -> dict[str, Any]:
         unit = "1" if part is None else part.unit
         frame = "gait" if part is None else part.frame
         goal.append(TermDescription(name, size, unit, frame))
-    return {
-        "observation": _terms(spec.layout.parts),
-        "history": described,
-        "goal": tuple(goal),
-    }
+    return LayoutTerms(_terms(spec.layout.parts), described, tuple(goal))
 
 
 def _terms(names: tuple[str, ...]) -> tuple[TermDescription, ...]:

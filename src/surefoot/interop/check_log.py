@@ -16,8 +16,8 @@ import numpy as np
 
 from surefoot.deploy.description import PolicyDescription, input_slices
 from surefoot.deploy.policy import ExportFile, OnnxPolicy
-from surefoot.interop.differences import explain, first_beyond, largest
-from surefoot.interop.hypotheses import explain_sensors, explain_targets
+from surefoot.interop.differences import Numbers, explain, first_beyond, largest
+from surefoot.interop.hypotheses import explain_sensors, explain_targets, explain_term
 from surefoot.interop.pipeline_runner import PipelineRunner
 from surefoot.interop.replay import (
     Finding,
@@ -133,6 +133,7 @@ def _compare_logged(
                 "layout"
             )
         comparison.terms("the input that was logged", reference, given)
+        _explain_better(comparison, policy, given, kept)
     if log.joint_target is not None:
         answers = clipped(policy, log, network(reference))
         comparison.add("the joint targets that were logged", largest(answers, kept)[0])
@@ -141,6 +142,20 @@ def _compare_logged(
             comparison.findings.append(explain_targets(log, policy, network, kept))
     if not comparison.findings:
         comparison.findings += explain_sensors(log)
+
+
+def _explain_better(
+    comparison: _Comparison, policy: OnnxPolicy, given: Float32Array, kept: Array
+) -> None:
+    """Look in the sensors for what explains a term that no order, sign or scale of it does."""
+    if not comparison.findings or comparison.findings[-1].kind != "unknown":
+        return
+    term = comparison.findings[-1].term
+    where = input_slices(policy.description.spec)[term]
+    found = explain_term(comparison.log, policy, where, given, kept)
+    if found is not None:
+        text = f"{found.term}: the {term} that was logged is another one, and the same if "
+        comparison.findings[-1] = Finding(found.term, found.kind, text + found.text)
 
 
 class _Comparison:
@@ -199,7 +214,7 @@ class _Comparison:
             self.findings.append(Finding(name, kind, text))
             return
 
-    def network(self, what: str, expected: Array, given: Array) -> None:
+    def network(self, what: str, expected: Numbers, given: Numbers) -> None:
         """Compare targets of the same network on the same input."""
         error, row = largest(expected, given)
         self.add(what, error)

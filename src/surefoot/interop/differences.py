@@ -12,7 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from surefoot.learning.observation import Float32Array
 from surefoot.types import Array
+
+Numbers = Array | Float32Array
+"""Numbers of either length."""
 
 MOST_DELAY = 5
 """[rows] Recordings are shifted by at most so much."""
@@ -31,7 +35,7 @@ class Explanation(NamedTuple):
     text: str
 
 
-def largest(expected: Array, given: Array) -> tuple[float, int]:
+def largest(expected: Numbers, given: Numbers) -> tuple[float, int]:
     """The largest difference of two recordings ``(T, n)``, and its row."""
     error = np.abs(given - expected).max(axis=1)
     row = int(error.argmax())

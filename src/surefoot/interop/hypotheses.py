@@ -8,16 +8,18 @@ the angles, and the rate of turn that of the orientation. Read `replay` next.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.interop.differences import DEGREES, explain, largest
 from surefoot.interop.replay import Finding, Network, clipped, reference_inputs
 from surefoot.interop.sensor_log import SensorLog
+from surefoot.learning.observation import Float32Array
 from surefoot.rotations import rotation
 from surefoot.types import JOINTS, LEGS, Array
 
@@ -84,18 +86,9 @@ def hypotheses(log: SensorLog) -> Iterator[Hypothesis]:
                 term, "sign", f"the sign of {which} differs", _times(term, [*places], -1.0)
             )
         every = [*range(len(names))]
-        for factor, text in (
-            (DEGREES, "it is 57.3 times as large (degrees for radians?)"),
-            (1.0 / DEGREES, "it is 1/57.3 times as large (radians for degrees?)"),
-            (0.1, "it is a tenth"),
-            (10.0, "it is ten times as large"),
-            (0.5, "it is half as large"),
-            (2.0, "it is twice as large"),
-            (0.05, "it is 1/20 times as large (scaled as for another policy?)"),
-            (0.25, "it is 1/4 times as large (scaled as for another policy?)"),
-        ):
+        for factor, text in _SCALES.items():
             yield Hypothesis(
-                term, "scale", f"its scale differs: {text}", _times(term, every, factor)
+                term, "scale", f"its scale differs: it is {text}", _times(term, every, factor)
             )
     turn = rotation(log.orientation)
     for term in ("angular_velocity", "linear_velocity"):
@@ -138,6 +131,13 @@ def hypotheses(log: SensorLog) -> Iterator[Hypothesis]:
         )
 
 
+_SCALES: Mapping[float, str] = {
+    DEGREES: "57.3 times as large (degrees for radians?)",
+    1.0 / DEGREES: "1/57.3 times as large (radians for degrees?)",
+    **{factor: f"{factor:g} times as large" for factor in (2.0, 4.0, 10.0, 20.0)},
+    **{1.0 / factor: f"1/{factor:g} times as large" for factor in (2.0, 4.0, 10.0, 20.0)},
+}
+"""Factors that other policies have, and those of other units."""
 _JOINT_TERMS = ("joint_position", "joint_velocity")
 
 
@@ -165,7 +165,7 @@ def _orders() -> Iterator[tuple[str, str, list[int]]]:
     yield "order", "its order differs: knee first in each leg", reverse
 
 
-def _with(term: str, values: Array) -> Callable[[SensorLog], SensorLog]:
+def _with(term: str, values: NDArray) -> Callable[[SensorLog], SensorLog]:
     """A change to these values of a term."""
     return lambda log: replace(log, **{term: values})
 
@@ -201,37 +201,58 @@ def explain_targets(log: SensorLog, policy: OnnxPolicy, network: Network, kept: 
     """
     short = log.first(MOST_ROWS)
     kept = kept[: len(short)]
-    before = _error(short, short, policy, network, kept)
-    best: tuple[float, Hypothesis] | None = None
-    for hypothesis in hypotheses(short):
-        changed = hypothesis.change(short)
-        error = _error(changed, short, policy, network, kept)
-        if best is None or error < best[0]:
-            best = (error, hypothesis)
-    if best is not None and best[0] <= LIKELY * before:
-        _, found = best
-        return Finding(
-            found.term,
-            found.kind,
-            f"{found.term}: the robot was commanded other joint targets than the policy gives for "
-            f"these sensors, by up to {before:.3g} rad, and the same if {found.text}",
-        )
-    return Finding(
-        "joint_target",
-        "unknown",
-        f"joint_target: the robot was commanded other joint targets than the policy gives for "
-        f"these sensors, by up to {before:.3g} rad, and no change of one term explains it; log "
-        "the network's input (network_input), which names the term",
+
+    def error(changed: SensorLog) -> float:
+        answers = network(reference_inputs(changed, policy.description, kept))
+        # Torques were clipped by what the motors measured, however the network was fed.
+        return largest(clipped(policy, short, answers), kept)[0]
+
+    before = error(short)
+    what = (
+        "the robot was commanded other joint targets than the policy gives for these sensors, by "
+        f"up to {before:.3g} rad"
     )
+    found = _most_likely(short, error)
+    if found is not None:
+        text = f"{found.term}: {what}, and the same if {found.text}"
+        return Finding(found.term, found.kind, text)
+    advice = "log the network's input (network_input), which names the term"
+    text = f"joint_target: {what}, and no change of one term explains it; {advice}"
+    return Finding("joint_target", "unknown", text)
 
 
-def _error(
-    changed: SensorLog, log: SensorLog, policy: OnnxPolicy, network: Network, kept: Array
-) -> float:
-    """How far the targets that were applied are from the network's on a changed log [rad]."""
-    answers = network(reference_inputs(changed, policy.description, kept))
-    # Torques were clipped by what the motors measured, however the network's input was wired.
-    return largest(clipped(policy, log, answers), kept)[0]
+def explain_term(
+    log: SensorLog, policy: OnnxPolicy, term: slice, given: Float32Array, kept: Array
+) -> Hypothesis | None:
+    """Which hypothesis makes a part of the network's input what it was; None if none does.
+
+    Args:
+        log: The log.
+        policy: Gives the layout.
+        term: Where the part lies in the input.
+        given: ``(T, inputs)`` what the network was given.
+        kept: ``(T, 12)`` the joint targets that were applied [rad].
+    """
+    short = log.first(MOST_ROWS)
+    rows = slice(len(short))
+
+    def error(changed: SensorLog) -> float:
+        inputs = reference_inputs(changed, policy.description, kept[rows])
+        return largest(inputs[:, term], given[rows, term])[0]
+
+    return _most_likely(short, error)
+
+
+def _most_likely(log: SensorLog, error: Callable[[SensorLog], float]) -> Hypothesis | None:
+    """The hypothesis that leaves the smallest error, if that is small; None otherwise.
+
+    Args:
+        log: The log.
+        error: How far a log, changed as a hypothesis says, is from what was seen.
+    """
+    errors = [(error(each.change(log)), each) for each in hypotheses(log)]
+    least, best = min(errors, key=lambda pair: pair[0])
+    return best if least <= LIKELY * error(log) else None
 
 
 def explain_sensors(log: SensorLog) -> list[Finding]:
@@ -255,7 +276,10 @@ def explain_sensors(log: SensorLog) -> list[Finding]:
     for term, source, expected, given, names in pairs:
         size = max(np.sqrt(np.mean(expected**2)), np.sqrt(np.mean(given**2)))
         error = np.sqrt(np.mean((given - expected) ** 2))
-        if size < LEAST_RATE or error <= CONSISTENT * size:
+        if size < LEAST_RATE:
+            continue
+        if error <= CONSISTENT * size:
+            findings += _opposite(term, source, expected, given, names)
             continue
         frame = turn[1:] if term == "angular_velocity" else None
         kind, text = explain(expected, given, names, CONSISTENT, frame)
@@ -271,6 +295,20 @@ def explain_sensors(log: SensorLog) -> list[Finding]:
             )
         ]
     return findings
+
+
+def _opposite(
+    term: str, source: str, expected: Array, given: Array, names: Sequence[str]
+) -> list[Finding]:
+    """Single rates, of little weight among all of them, that have the opposite sign."""
+    size = np.sqrt(np.mean(expected**2, axis=0))
+    error = np.sqrt(np.mean((given + expected) ** 2, axis=0))
+    places = np.flatnonzero((size > LEAST_RATE) & (error <= CONSISTENT * size))
+    if not len(places):
+        return []
+    which = ", ".join(names[place] for place in places.tolist())
+    text = f"{term}: it is not {source}; the sign of {which} differs"
+    return [Finding(term, "sign", text)]
 
 
 def _spin(turn: Array, dt: Array) -> Array:

@@ -112,6 +112,7 @@ def describe(
             [np.maximum(position[:, 0], low), np.minimum(position[:, 1], high)]
         )
     spec = policy.spec.observation
+    terms = layout_terms(spec)
     low, high = policy.command_range.tolist()
     return PolicyDescription(
         format=EXPORT_FORMAT,
@@ -127,7 +128,9 @@ def describe(
         kp=(policy.spec.kp,) * len(JOINTS),
         kd=(policy.spec.kd,) * len(JOINTS),
         layout=spec.layout.name,
-        **layout_terms(spec),
+        observation=terms.observation,
+        history=terms.history,
+        goal=terms.goal,
         phase=spec.phase,
         height=spec.height,
         gaits=spec.gaits,

@@ -13,12 +13,12 @@ import json
 from collections.abc import Mapping
 
 import numpy as np
-from surefoot.learning.layouts import History
 
 from surefoot.deploy.description import PolicyDescription
 from surefoot.deploy.kinematics import LEG_JOINTS, KinematicTable
 from surefoot.interop.onnx_builder import DOUBLE, INT32, INT64, SINGLE, GraphBuilder
 from surefoot.interop.onnx_file import INPUT, OUTPUT, OnnxModel, network_model
+from surefoot.learning.layouts import History
 from surefoot.learning.policy import Policy
 from surefoot.types import JOINTS, LEGS
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from surefoot.deploy.interfaces import Sensors
 from surefoot.deploy.policy import ExportFile, open_session
@@ -23,16 +24,18 @@ class PipelineRunner:
 
     Args:
         file: The exported file of a pipeline.
+        gait: Which of several gaits it is to walk, as its place among those of the file.
 
     Raises:
         ValueError: It holds the network alone.
     """
 
-    def __init__(self, file: ExportFile) -> None:
+    def __init__(self, file: ExportFile, gait: int = 0) -> None:
         if file.description.kind != "pipeline":
             raise ValueError(f"{file.path} holds the network alone; `deploy.policy.load` runs it")
         self._names = input_names(file.description)
         self._session: Any = open_session(file.content)
+        self._gait = gait
         self._output = f"{output_name(file.description)}.pos"
         self._memory: Float32Array | None = None
         if file.description.history is not None:
@@ -63,11 +66,13 @@ class PipelineRunner:
         if sensors.base is not None:
             values["base_position"] = (0.0, 0.0, sensors.base.height)
             values["linear_velocity"] = sensors.base.velocity
-        feed: dict[str, Any] = {
+        feed: dict[str, NDArray] = {
             name: np.array([values[part]], np.float32)
             for part, name in self._names.items()
             if part in values
         }
+        if "gait" in self._names:
+            feed[self._names["gait"]] = np.array([[self._gait]], np.float32)
         feed[self._names["tick"]] = np.array([[tick]], np.int32)
         outputs = [self._output, INPUT]
         if self._memory is not None:

@@ -9,13 +9,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from surefoot.learning.memory import recorded_histories
 
 from surefoot.deploy.description import PolicyDescription
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
 from surefoot.deploy.policy import BASE_PARTS, OnnxPolicy, state_of_base
+from surefoot.interop.differences import Numbers
 from surefoot.interop.pipeline_runner import PipelineRunner
 from surefoot.interop.sensor_log import SensorLog
+from surefoot.learning.memory import recorded_histories
 from surefoot.learning.observation import Float32Array, goal, observe
 from surefoot.learning.policy import Policy
 from surefoot.types import Array, Command, State
@@ -176,7 +177,7 @@ def torch_network_of(policy: Policy) -> Network:
     return run
 
 
-def clipped(policy: OnnxPolicy, log: SensorLog, targets: Array) -> Array:
+def clipped(policy: OnnxPolicy, log: SensorLog, targets: Numbers) -> Array:
     """``(T, 12)`` joint targets that the motors could follow: those of the clipped torques [rad].
 
     Args:
@@ -184,5 +185,6 @@ def clipped(policy: OnnxPolicy, log: SensorLog, targets: Array) -> Array:
         log: What was measured.
         targets: ``(T, 12)`` joint targets [rad].
     """
+    wanted = np.asarray(targets, float)
     rows = range(len(log))
-    return np.array([policy.applied(targets[row], sensors_of(log, row)) for row in rows])
+    return np.array([policy.applied(wanted[row], sensors_of(log, row)) for row in rows])

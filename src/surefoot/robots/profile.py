@@ -90,7 +90,7 @@ def beyond_position(profile: HardwareProfile, q: Array) -> BoolArray:
     """
     low, high = position_limits(profile).T
     joints = q[..., 7:]
-    return ((joints < low) | (joints > high)).any(axis=-1)
+    return np.asarray(((joints < low) | (joints > high)).any(axis=-1))
 
 
 def beyond_speed(profile: HardwareProfile, v: Array) -> BoolArray:
@@ -100,4 +100,4 @@ def beyond_speed(profile: HardwareProfile, v: Array) -> BoolArray:
         profile: The profile.
         v: ``(..., 18)`` velocities.
     """
-    return (np.abs(v[..., 6:]) > speed_limits(profile)).any(axis=-1)
+    return np.asarray((np.abs(v[..., 6:]) > speed_limits(profile)).any(axis=-1))

@@ -190,15 +190,3 @@ def _mirrored(config: SafetyConfig) -> list[tuple[float, float]]:
             low, high = sorted(sign * bound for bound in bounds)
             rows.append((low, high))
     return rows
-
-
-def bounds_of(config: SafetyConfig) -> tuple[Array, Array]:
-    """Lower and upper bounds ``(15,)``: height of the center of mass [m], and angles [rad].
-
-    The angles are roll, pitch and the twelve joints.
-
-    Args:
-        config: The table.
-    """
-    low, high = _bounds(config)
-    return low.copy(), high.copy()
