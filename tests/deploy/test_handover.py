@@ -53,8 +53,8 @@ class Link:
         self.requests.append(request)
         self.coming.append((self.now + self.takes, (request.tick, plan)))
 
-    def answer(self):
-        if self.coming and self.coming[0][0] <= self.now:
+    def answer(self, seconds=0.0):
+        if self.coming and (seconds or self.coming[0][0] <= self.now):
             return self.coming.pop(0)[1]
         return None
 
@@ -104,6 +104,17 @@ def test_a_plan_that_comes_late_begins_at_the_row_of_its_tick():
     assert torques[:20] == [None] * 20
     assert torques[20:] == [float(tick) for tick in range(20, 100)]
     assert driver.late == driver.plans > 0
+
+
+def test_in_lockstep_the_robot_waits_for_a_planner_of_any_speed():
+    torques = []
+    for takes in (0, 3, 500):
+        link = Link(takes, valid=lambda number: number != 0)
+        driver = ExpertDriver(link, 3.0, 0.05, 8, 60, lockstep=True)
+        torques.append(drive(driver, link, 10, 200))
+        assert driver.late == 0
+    assert torques[0] == torques[1] == torques[2]
+    assert torques[0][16:] == [float(tick) for tick in range(26, 210)]
 
 
 def test_after_an_invalid_plan_the_old_one_goes_on():

@@ -163,6 +163,7 @@ class RunPolicy:
             known(expert.expert.kd, "expert.kd"),
             self.config.plan_latency,
             self.config.plan_patience,
+            self.lockstep,
         )
         return Safeguard(BoundsGate(low, high, partial(com_in_base, table)), driver)
 

@@ -106,7 +106,7 @@ class UdpRobot:
         while not self.connected and self._clock() - begun < seconds * NANOSECONDS:
             self.greet()
             self._channel.wait(0.02)
-            self._drain()
+            self.take()
         if not self.connected:
             raise Stale(
                 f"no bridge answers at {address_text(self._peer)} within {seconds:g} s: it is not "
@@ -122,7 +122,7 @@ class UdpRobot:
 
     def read(self) -> Sensors:
         """See `RobotInterface`; waits for a new state, but no longer than a tick."""
-        self._drain()
+        self.take()
         if not self._commands and self._clock() - self._greeted_ns >= GREETING:
             self.greet()
         period = 1.0 / self.description.rate_hz
@@ -130,7 +130,7 @@ class UdpRobot:
             self._wait_for_the_tick()
         elif self._newest == self._read:
             self._channel.wait(period)
-            self._drain()
+            self.take()
         self._read = self._newest
         silent = (self._clock() - self.heard_ns) / NANOSECONDS
         limit = LOCKSTEP_PATIENCE if self.lockstep else self.description.state_timeout
@@ -167,7 +167,7 @@ class UdpRobot:
         begun = self._clock()
         while not self._is_done() and self._clock() - begun < LOCKSTEP_PATIENCE * NANOSECONDS:
             self._channel.wait(0.2)
-            self._drain()
+            self.take()
             if self._commands and self._clock() - begun > 0.2 * NANOSECONDS:
                 self._channel.send(self._last_sent, self._peer)
 
@@ -186,7 +186,7 @@ class UdpRobot:
         self._last_sent = protocol.pack(packet)
         self._channel.send(self._last_sent, self._peer)
 
-    def _drain(self) -> None:
+    def take(self) -> None:
         """Take all datagrams that have come; of the states the newest counts."""
         while True:
             received = self._channel.receive()
@@ -200,7 +200,7 @@ class UdpRobot:
                 if packet.kind == protocol.DESCRIPTION:
                     self._meet(packet)
                 elif packet.kind == protocol.STATE:
-                    self._take(packet)
+                    self._believe(packet)
                 else:
                     raise protocol.Refused("no datagram of a bridge")
             except protocol.Refused:
@@ -219,7 +219,7 @@ class UdpRobot:
         self._session = packet.session
         self._bridges_clock = packet.time_ns
 
-    def _take(self, packet: Packet) -> None:
+    def _believe(self, packet: Packet) -> None:
         """Take a state over, if it is of this session and the newest."""
         if packet.session != self._session or packet.robot_id != self._robot_id:
             raise protocol.Refused("another session")

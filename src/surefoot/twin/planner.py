@@ -44,10 +44,10 @@ class PlannerProcess:
         except OSError as error:
             raise NoPlan("the planner's process has ended") from error
 
-    def answer(self) -> tuple[int, MotionPlan] | None:
+    def answer(self, seconds: float = 0.0) -> tuple[int, MotionPlan] | None:
         """See `PlanLink`."""
         try:
-            return self._receive() if self._pipe.poll() else None
+            return self._receive() if self._pipe.poll(seconds) else None
         except OSError as error:
             raise NoPlan("the planner's process has ended") from error
 
