@@ -199,7 +199,7 @@ class World:
                 break
             self.robot.greet()
             self.tick()
-            self.robot._drain()
+            self.robot.take()
         self.runtime = Runtime(
             self.robot,
             self.policy,

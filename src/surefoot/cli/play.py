@@ -38,7 +38,8 @@ class Play(OnHardware, OnSimulator):
     """
 
     target: Annotated[Path, tyro.conf.Positional]
-    """The folder of a run, of which the best policy is played, or a policy file."""
+    """The folder of a run, of which the best policy is played; or a policy file; or the flight.npz
+    that `surefoot run` has recorded."""
     vx: float = 0.2
     """The commanded forward speed [m/s]."""
     vy: float = 0.0
@@ -74,6 +75,8 @@ class Play(OnHardware, OnSimulator):
         report_file = Output("--json", self.json)
         outputs = [report_file, Output("--log", self.log, SUFFIXES)]
         check_outputs(outputs, reads=[self.target])
+        if self.target.suffix == ".npz":
+            return self.film_flight()
         if self.log is not None and self.episode is not None:
             raise ValueError(
                 "--log has what a policy measured that drives alone; leave out --episode"
@@ -107,6 +110,20 @@ class Play(OnHardware, OnSimulator):
         driver = "policy" if episode is None else f"episode {episode}"
         film_episode(recording, out, f"{driver}, vx {report.command[0]:.2f} m/s")
         return int(rollouts.failed[0])
+
+    def film_flight(self) -> int:
+        """Say why a robot was given up, and film its last ten seconds; 1 if there was a fault."""
+        from surefoot.deploy.recorder import load_flight
+        from surefoot.viz.flight import recording_of
+
+        out = self.out or self.target.with_suffix(".mp4")
+        check_outputs(film_outputs("--out", out), reads=[self.target])
+        flight = load_flight(self.target)
+        recording = recording_of(flight)
+        fault = str(flight.fault)
+        print(f"{fault}: {flight.detail}" if fault else "no fault")
+        film_episode(recording, out, f"{flight.robot}, {fault or 'no fault'}")
+        return int(bool(fault))
 
     def policy_job(self) -> Job:
         """One robot that stands, and is then driven by the policy.

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from surefoot.deploy.loop import Safeguard
     from surefoot.deploy.operator import Operator
     from surefoot.deploy.policy import OnnxPolicy
+    from surefoot.deploy.udp_robot import UdpRobot
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class RunPolicy:
         outputs = [Output("--recording", self.recording, (".npz",)), Output("--json", self.json)]
         check_outputs(outputs, reads=[self.policy])
         peer = parse_address(self.robot)
-        operator = self.operator(command)
+        self.check_start()
         policy = load(self.policy)
         expert = expert_config(policy) if self.expert else None
         # Any local address is heard from the loopback interface only if the bridge is there too.
@@ -102,6 +103,7 @@ class RunPolicy:
                 safeguard = self.safeguard(policy, planner, expert)
             closing.callback(robot.close)
             robot.connect()
+            operator = self.operator(command, robot)
             runtime = Runtime(robot, policy, operator, self.config, safeguard=safeguard)
             if self.realtime:
                 prefer_process()
@@ -109,28 +111,33 @@ class RunPolicy:
         show_record(report, self.json)
         return int(bool(report.fault))
 
-    def operator(self, command: Command) -> Operator:
-        """Who starts and stops the robot.
-
-        Args:
-            command: The velocity asked for at first.
+    def check_start(self) -> None:
+        """Check the options that say when the robot starts and stops.
 
         Raises:
-            ValueError: The options contradict each other.
+            ValueError: They contradict each other.
         """
-        from surefoot.deploy.operator import Scripted, Terminal
-
         if self.start != (self.seconds is not None):
             raise ValueError(
                 "--start and --seconds belong together: without a terminal, a robot that starts by "
                 "itself has to stop by itself"
             )
+        for seconds in (self.seconds, self.heartbeat):
+            if seconds is not None:
+                check_seconds(seconds)
+
+    def operator(self, command: Command, robot: UdpRobot) -> Operator:
+        """Who starts and stops the robot.
+
+        Args:
+            command: The velocity asked for at first.
+            robot: The robot, by whose clock the time runs.
+        """
+        from surefoot.deploy.operator import Scripted, Terminal
+
         if self.seconds is not None:
-            check_seconds(self.seconds)
-            return Scripted(command, self.seconds)
-        if self.heartbeat is not None:
-            check_seconds(self.heartbeat)
-        print("the robot is damped; type start, stop, vx 0.2, vy 0.1 or yaw 0.5")
+            return Scripted(command, self.seconds, robot.robot_clock)
+        print("the robot is damped; type start, stop, vx 0.2, vy 0.1 or yaw 0.5", flush=True)
         return Terminal(command, self.heartbeat)
 
     def safeguard(self, policy: OnnxPolicy, link: PlanLink, expert: Config) -> Safeguard:
@@ -156,6 +163,7 @@ class RunPolicy:
             known(expert.expert.kd, "expert.kd"),
             self.config.plan_latency,
             self.config.plan_patience,
+            self.lockstep,
         )
         return Safeguard(BoundsGate(low, high, partial(com_in_base, table)), driver)
 

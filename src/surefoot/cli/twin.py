@@ -35,21 +35,28 @@ class RunTwin:
     """A hardware profile of the robot (solo12: odri), or a JSON or TOML file with one."""
     seconds: float | None = None
     """End after so much time of the robot [s]; without it, when it is interrupted."""
+    realtime: bool = False
+    """Ask the system to run this process before all others (Linux, needs the right to)."""
     watch: bool = False
     """Print once a second of the robot's time where it is, and how its bridge is."""
     config: TwinConfig = field(default_factory=TwinConfig)
 
     def __call__(self) -> int:
         """Serve until the time is over."""
+        from surefoot.config import RobotConfig
         from surefoot.deploy.bridge import UdpChannel
+        from surefoot.deploy.flight import prefer_process
         from surefoot.deploy.udp_robot import address_text
         from surefoot.robots.load import load_robot
         from surefoot.twin.serve import make_twin
 
+        robot = RobotConfig(model=self.robot, profile=self.profile)
         channel = UdpChannel(self.host, self.port)
-        twin = make_twin(load_robot(self.robot), self.config, channel, self.profile)
+        twin = make_twin(load_robot(robot), self.config, channel)
         name = twin.bridge.description.robot
         print(f"the twin of {name} listens at {address_text(channel.address)}", flush=True)
+        if self.realtime:
+            prefer_process()
         twin.serve(self.lockstep, self._watching(twin))
         return 0
 

@@ -10,7 +10,11 @@ import numpy as np
 from surefoot.deploy.faults import Limits, roll_pitch
 from surefoot.deploy.interfaces import DeployedPolicy, Sensors
 from surefoot.deploy.protocol import Description
-from surefoot.types import JOINTS
+from surefoot.types import JOINTS, Array
+
+INSIDE = 0.25
+"""How far within the range of a joint the standing posture is, as a share of that range: the weight
+of the robot bends its legs further."""
 
 
 class WrongRobotError(ValueError):
@@ -58,6 +62,36 @@ def limits_of(description: Description) -> Limits:
     )
 
 
+def missing_base(policy: DeployedPolicy, sensors: Sensors) -> str | None:
+    """Why a policy cannot be asked about a robot at all; None if it can.
+
+    Args:
+        policy: The policy.
+        sensors: What the robot measures.
+    """
+    if policy.needs_base and sensors.base is None:
+        return (
+            "the policy needs height and linear velocity of the base, which nothing measures; "
+            "train one without them"
+        )
+    return None
+
+
+def posture_of(policy: DeployedPolicy) -> Array:
+    """The joint angles ``(12,)`` in which a robot is to stand before the policy drives [rad].
+
+    They are the nominal ones, as far as the initial states trained on reach: those of a gait may
+    have its legs bent further than the nominal posture.
+
+    Args:
+        policy: The policy.
+    """
+    low, high = policy.start_range[:, 2:]
+    known = np.isfinite(low) & np.isfinite(high)
+    inside = INSIDE * np.where(known, high - low, 0.0)
+    return np.clip(policy.nominal, low + inside, high - inside)
+
+
 def misfit_of(policy: DeployedPolicy, sensors: Sensors, margin: float) -> str | None:
     """Why a policy must not take over in a posture; None if it may.
 
@@ -66,11 +100,6 @@ def misfit_of(policy: DeployedPolicy, sensors: Sensors, margin: float) -> str | 
         sensors: What the robot measures.
         margin: How far beyond the initial states trained on an angle may be [rad].
     """
-    if policy.needs_base and sensors.base is None:
-        return (
-            "the policy needs height and linear velocity of the base, which nothing measures; "
-            "train one without them"
-        )
     angles = np.concatenate((roll_pitch(sensors.orientation), sensors.joint_position))
     low, high = policy.start_range
     beyond = np.maximum(low - angles, angles - high)

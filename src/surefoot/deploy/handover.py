@@ -17,8 +17,11 @@ from surefoot.deploy.interfaces import JointCommand, Sensors
 from surefoot.rotations import rotation
 from surefoot.types import GRID, JOINTS, TICKS_PER_SECOND, Array, Command, MotionPlan
 
+LOCKSTEP_PATIENCE = 10.0
+"""[s] A robot in lockstep waits so long for a plan."""
 
-class NoPlan(Exception):  # noqa: N818
+
+class NoPlan(RuntimeError):  # noqa: N818
     """The planner has failed, and nobody can take over."""
 
 
@@ -50,8 +53,11 @@ class PlanLink(Protocol):
         """
         ...
 
-    def answer(self) -> tuple[int, MotionPlan] | None:
+    def answer(self, seconds: float = 0.0) -> tuple[int, MotionPlan] | None:
         """A plan, and the tick at which it takes effect; None if there is none.
+
+        Args:
+            seconds: How long to wait for one [s]; only a robot in lockstep waits.
 
         Raises:
             NoPlan: The planner's process has ended.
@@ -90,14 +96,26 @@ class ExpertDriver:
         kd: The damping of the PD on a plan [N m s/rad].
         latency: How long before it takes effect a plan is asked for [ticks].
         patience: How long the robot may be without a valid plan [ticks].
+        lockstep: Whether the robot waits for its plans. Each then takes effect at its tick, however
+            long the planner takes, and the same flight has the same bits.
     """
 
-    def __init__(self, link: PlanLink, kp: float, kd: float, latency: int, patience: int) -> None:
+    def __init__(
+        self,
+        link: PlanLink,
+        kp: float,
+        kd: float,
+        latency: int,
+        patience: int,
+        lockstep: bool = False,
+    ) -> None:
         self._link = link
         self._kp = np.full(len(JOINTS), kp)
         self._kd = np.full(len(JOINTS), kd)
         self._latency = latency
         self._patience = patience
+        self._lockstep = lockstep
+        self._outstanding = 0  # requests without an answer
         self.plans = 0
         self.late = 0
         self.release()
@@ -127,6 +145,7 @@ class ExpertDriver:
         if self._asked_for is None or (effect % GRID == 0 and effect > self._asked_for):
             q, v = expected(sensors, self._latency)
             self._link.ask(PlanRequest(effect, q, v, command))
+            self._outstanding += 1
             self._asked_for = effect
         if self._next is not None and self._next[0] <= tick:
             self._followed = self._next
@@ -149,10 +168,16 @@ class ExpertDriver:
 
     def _receive(self, tick: int, begun: int) -> None:
         """Take the plans that have come, and ask anew where a first one is not valid."""
-        while True:
-            answer = self._link.answer()
+        seconds = 0.0
+        if self._lockstep:
+            if self._asked_for is None or tick < self._asked_for:
+                return
+            seconds = LOCKSTEP_PATIENCE
+        while self._outstanding:
+            answer = self._link.answer(seconds)
             if answer is None:
                 return
+            self._outstanding -= 1
             start, plan = answer
             if start < begun:
                 continue  # of an earlier takeover

@@ -25,7 +25,7 @@ NO_VALUES: Array = np.zeros(len(JOINTS))
 NO_VALUES.setflags(write=False)
 
 
-class RobotFault(Exception):  # noqa: N818
+class RobotFault(RuntimeError):  # noqa: N818
     """The robot cannot be driven."""
 
 
@@ -101,9 +101,12 @@ class RobotInterface(Protocol):
     Attributes:
         round_trip_ns: From the sending of the newest command that the robot had to the arrival of
             the newest measurement [ns]; 0 if that is not known.
+        lockstep: Whether the robot's time stands still until a command comes: no deadline can be
+            missed then.
     """
 
     round_trip_ns: int
+    lockstep: bool
 
     @property
     def description(self) -> Description:

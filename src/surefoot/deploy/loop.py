@@ -18,7 +18,7 @@ from enum import IntEnum
 
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.faults import Fault, FaultKind, FaultTests
-from surefoot.deploy.fit import check_robot, limits_of, misfit_of
+from surefoot.deploy.fit import check_robot, limits_of, misfit_of, missing_base, posture_of
 from surefoot.deploy.gate import Blocking, BoundsGate
 from surefoot.deploy.handover import ExpertDriver, NoPlan
 from surefoot.deploy.interfaces import (
@@ -40,6 +40,8 @@ logger = logging.getLogger(__name__)
 
 MICROSECOND = 1e-3
 """[us] A nanosecond."""
+FIRST_ANSWERS = 10
+"""So often a policy is asked before the robot stands up."""
 
 
 class Mode(IntEnum):
@@ -124,10 +126,13 @@ class Runtime:
         self._missed_in_a_row = 0
         self._last_time_ns: int | None = None
         self._stand_from: Array = policy.nominal
+        self._stand_to = posture_of(policy)
         self._begun_ns = 0  # when the mode began, by the robot's clock
         self._late_work = False
         self._expert_drives = False
         self._warned = False
+        self._asked = False
+        self._steady = False
 
     @property
     def over(self) -> bool:
@@ -191,6 +196,8 @@ class Runtime:
         if wrong is not None:
             return wrong
         if self.mode == Mode.DAMP:
+            since = sensors.time_ns - (self._last_time_ns or 0)
+            self._steady = since < 1.5 * self._period_ns
             self._last_time_ns = sensors.time_ns
             return None
         if wish.lost:
@@ -218,10 +225,11 @@ class Runtime:
                 self.stop()
             return
         if self.mode == Mode.DAMP:
-            self._begin(Mode.STAND, sensors)
-            self._missed_in_a_row = 0
-            self._late_work = False
-            self._stand_from = sensors.joint_position.copy()
+            if self._is_ready(sensors):
+                self._begin(Mode.STAND, sensors)
+                self._missed_in_a_row = 0
+                self._late_work = False
+                self._stand_from = sensors.joint_position.copy()
             return
         standing = to_ticks(self.config.stand)
         if self.mode != Mode.STAND or self._gait_clock(sensors) < standing:
@@ -233,6 +241,22 @@ class Runtime:
         elif self._gait_clock(sensors) >= standing + to_ticks(self.config.settle):
             self._give_up("posture", misfit)
 
+    def _is_ready(self, sensors: Sensors) -> bool:
+        """Whether the robot may stand up: the policy has been asked, and states come steadily."""
+        if not self._asked:
+            self._asked = True
+            missing = missing_base(self._policy, sensors)
+            if missing is not None:
+                self._give_up("posture", missing)
+                return False
+            # A first answer takes long, where code is compiled or memory is fetched; meanwhile the
+            # robot's states pile up.
+            self._policy.reset(sensors)
+            for tick in range(FIRST_ANSWERS):
+                self._policy.target(sensors, tick, Command())
+            return False
+        return self._steady
+
     def _command(self, sensors: Sensors, velocity: Command) -> JointCommand | None:
         """What the joints are to do in this tick; None leaves them damped."""
         if self.mode == Mode.DAMP:
@@ -242,7 +266,7 @@ class Runtime:
             share = min(self._gait_clock(sensors) / to_ticks(self.config.stand), 1.0)
             weight = 0.5 - 0.5 * math.cos(math.pi * share)
             return JointCommand(
-                position=self._stand_from + weight * (policy.nominal - self._stand_from),
+                position=self._stand_from + weight * (self._stand_to - self._stand_from),
                 kp=self.config.stand_kp * policy.kp,
                 kd=self.config.stand_kd * policy.kd,
             )
@@ -329,7 +353,7 @@ class Runtime:
         work_ns = self._clock() - measured
         if command is not None:
             self.work.add(work_ns * MICROSECOND)
-            self._late_work = work_ns > self._period_ns
+            self._late_work = work_ns > self._period_ns and not self._robot.lockstep
         round_trip = self._robot.round_trip_ns * MICROSECOND
         if command is not None:
             self.round_trips.add(round_trip)

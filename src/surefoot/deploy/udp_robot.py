@@ -44,6 +44,7 @@ class UdpRobot:
         state: What the bridge said last; None before it said anything.
         round_trip_ns: From the sending of the newest command that the bridge had to the arrival of
             the newest state [ns]; it contains up to a tick of waiting at the bridge.
+        lockstep: Whether the bridge ticks once for each command.
         heard_ns: When the newest state arrived [ns].
         refused: How many datagrams were not from the bridge, not of this session, or old.
     """
@@ -58,12 +59,13 @@ class UdpRobot:
         self._channel = channel
         self._peer = peer
         self._clock = clock
-        self._lockstep = lockstep
+        self.lockstep = lockstep
         self._description: Description | None = None
         self._robot_id = 0
         self._session = 0
         self._sequence = 0
         self._newest = 0  # sequence of the newest datagram of the bridge
+        self._read = 0  # what of them has been read
         self._bridges_clock = 0
         self._greeted_ns = 0
         self._sensors: Sensors | None = None
@@ -87,6 +89,10 @@ class UdpRobot:
             raise Stale(f"no bridge answers at {address_text(self._peer)}; is it running?")
         return self._description
 
+    def robot_clock(self) -> int:
+        """The robot's clock in the newest state [ns]; it is a `Clock` that stops with the robot."""
+        return self._bridges_clock
+
     def connect(self, seconds: float = 2.0) -> Description:
         """Ask the bridge what its robot is, and wait for the answer.
 
@@ -100,7 +106,7 @@ class UdpRobot:
         while not self.connected and self._clock() - begun < seconds * NANOSECONDS:
             self.greet()
             self._channel.wait(0.02)
-            self._drain()
+            self.take()
         if not self.connected:
             raise Stale(
                 f"no bridge answers at {address_text(self._peer)} within {seconds:g} s: it is not "
@@ -116,17 +122,18 @@ class UdpRobot:
 
     def read(self) -> Sensors:
         """See `RobotInterface`; waits for a new state, but no longer than a tick."""
-        self._drain()
+        self.take()
         if not self._commands and self._clock() - self._greeted_ns >= GREETING:
             self.greet()
         period = 1.0 / self.description.rate_hz
-        if self._lockstep and self._commands:
+        if self.lockstep and self._commands:
             self._wait_for_the_tick()
-        elif self.state is None or self._clock() - self.heard_ns > 0.5 * period * NANOSECONDS:
+        elif self._newest == self._read:
             self._channel.wait(period)
-            self._drain()
+            self.take()
+        self._read = self._newest
         silent = (self._clock() - self.heard_ns) / NANOSECONDS
-        limit = LOCKSTEP_PATIENCE if self._lockstep else self.description.state_timeout
+        limit = LOCKSTEP_PATIENCE if self.lockstep else self.description.state_timeout
         if silent >= limit or self._sensors is None or self.state is None:
             raise Stale(f"the bridge has been silent for {1e3 * silent:.1f} ms")
         if self.state.status == protocol.LATCHED:
@@ -160,7 +167,7 @@ class UdpRobot:
         begun = self._clock()
         while not self._is_done() and self._clock() - begun < LOCKSTEP_PATIENCE * NANOSECONDS:
             self._channel.wait(0.2)
-            self._drain()
+            self.take()
             if self._commands and self._clock() - begun > 0.2 * NANOSECONDS:
                 self._channel.send(self._last_sent, self._peer)
 
@@ -179,7 +186,7 @@ class UdpRobot:
         self._last_sent = protocol.pack(packet)
         self._channel.send(self._last_sent, self._peer)
 
-    def _drain(self) -> None:
+    def take(self) -> None:
         """Take all datagrams that have come; of the states the newest counts."""
         while True:
             received = self._channel.receive()
@@ -193,7 +200,7 @@ class UdpRobot:
                 if packet.kind == protocol.DESCRIPTION:
                     self._meet(packet)
                 elif packet.kind == protocol.STATE:
-                    self._take(packet)
+                    self._believe(packet)
                 else:
                     raise protocol.Refused("no datagram of a bridge")
             except protocol.Refused:
@@ -212,7 +219,7 @@ class UdpRobot:
         self._session = packet.session
         self._bridges_clock = packet.time_ns
 
-    def _take(self, packet: Packet) -> None:
+    def _believe(self, packet: Packet) -> None:
         """Take a state over, if it is of this session and the newest."""
         if packet.session != self._session or packet.robot_id != self._robot_id:
             raise protocol.Refused("another session")

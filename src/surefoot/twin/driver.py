@@ -17,7 +17,7 @@ from surefoot.config.twin import TwinConfig
 from surefoot.deploy.bridge import Measurement
 from surefoot.deploy.protocol import Description
 from surefoot.robots.model import RobotModel, clip_torque, standing
-from surefoot.robots.profile import load_profile, position_limits, speed_limits
+from surefoot.robots.profile import position_limits, speed_limits
 from surefoot.rotations import rotation
 from surefoot.sim import make_simulator
 from surefoot.sim.protocol import TIME_STEP
@@ -31,8 +31,8 @@ SETTLING = 1500
 """[ticks] A robot that lies has come to rest after so long."""
 MARGIN = 0.05
 """[rad] A folded joint stays so far within its limits."""
-FOLDED = (0.0, 1.5, 1.55)
-"""The joints of a leg of a robot that lies, as multiples of the nominal ones."""
+FOLDED = (0.0, 1.25, 2.55)
+"""[rad] The joints of a leg of a robot that lies, in the directions of the nominal ones."""
 
 
 class TwinDriver:
@@ -128,12 +128,13 @@ class TwinDriver:
         """Fold the legs, and let the robot come to rest on its belly."""
         q = standing(self._robot)
         low, high = self._robot.position_limit.T
-        folded = np.clip(q[7:] * np.tile(FOLDED, len(LEGS)), low + MARGIN, high - MARGIN)
+        folded = np.copysign(np.tile(FOLDED, len(LEGS)), q[7:])
+        folded = np.clip(folded, low + MARGIN, high - MARGIN)
         q[7:] = folded
         self.place(q, np.zeros(18))
         hold = np.zeros((5, len(JOINTS)))
         hold[0] = folded
-        hold[2] = self._robot.torque_limit  # one radian off takes all of it
+        hold[2] = 5.0 * self._robot.torque_limit  # 0.2 rad off take all of it
         hold[3] = damping_of(self._robot)
         for _ in range(SETTLING):
             self._step(hold)
@@ -176,18 +177,12 @@ def damping_of(robot: RobotModel) -> float:
     return round(float(robot.torque_limit.min()) / 13.5, 3)
 
 
-def description_of(
-    robot: RobotModel, config: TwinConfig, profile: str | None = None
-) -> Description:
+def description_of(robot: RobotModel, config: TwinConfig) -> Description:
     """What the bridge of a twin says of its robot.
 
     Args:
-        robot: The robot.
+        robot: The robot; with a hardware profile, its limits and timeouts hold instead.
         config: The timeouts.
-        profile: The name or the file of a hardware profile, whose limits and timeouts hold instead.
-
-    Raises:
-        ValueError: There is no such profile, or it belongs to another robot.
     """
     low, high = robot.position_limit.T
     description = Description(
@@ -203,9 +198,9 @@ def description_of(
         speed=tuple(robot.speed_limit.tolist()),
         torque=tuple(robot.torque_limit.tolist()),
     )
-    if profile is None:
+    limits = robot.profile
+    if limits is None:
         return description
-    limits = load_profile(profile, robot.name)
     low, high = position_limits(limits).T
     return description._replace(
         rate_hz=limits.rate,

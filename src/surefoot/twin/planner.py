@@ -12,8 +12,8 @@ from surefoot.config import Config
 from surefoot.deploy.handover import NoPlan, PlanRequest
 from surefoot.types import Command, MotionPlan
 
-READY_WITHIN = 120.0
-"""[s] Loading the planner and compiling its code takes no longer, even where nothing is cached."""
+READY_WITHIN = 600.0
+"""[s] Loading the planner and compiling its code takes minutes where nothing is cached."""
 
 
 class PlannerProcess:
@@ -44,10 +44,10 @@ class PlannerProcess:
         except OSError as error:
             raise NoPlan("the planner's process has ended") from error
 
-    def answer(self) -> tuple[int, MotionPlan] | None:
+    def answer(self, seconds: float = 0.0) -> tuple[int, MotionPlan] | None:
         """See `PlanLink`."""
         try:
-            return self._receive() if self._pipe.poll() else None
+            return self._receive() if self._pipe.poll(seconds) else None
         except OSError as error:
             raise NoPlan("the planner's process has ended") from error
 
@@ -69,7 +69,7 @@ def _plan(config: Config, pipe: Connection) -> None:
     """Answer requests until the other side has gone; what this process runs."""
     import numpy as np
 
-    from surefoot.mpc.planner import make_planner
+    from surefoot.mpc.expert import make_planner
     from surefoot.robots.geometry import state_of
     from surefoot.robots.load import load_robot
     from surefoot.robots.model import standing

@@ -50,18 +50,13 @@ def make_twin(
     robot: RobotModel,
     config: TwinConfig | None = None,
     channel: Channel | None = None,
-    profile: str | None = None,
 ) -> Twin:
     """A simulated robot behind a bridge.
 
     Args:
-        robot: The robot.
+        robot: The robot, with a hardware profile or without.
         config: How it differs from the one trained on; the defaults if it is None.
         channel: Carries the datagrams; any free port of the loopback interface if it is None.
-        profile: The name or the file of a hardware profile, whose limits and timeouts hold.
-
-    Raises:
-        ValueError: There is no such profile, or it belongs to another robot.
     """
     config = config or TwinConfig()
     noise, link = np.random.default_rng(config.seed).spawn(2)
@@ -73,5 +68,5 @@ def make_twin(
     way = UdpChannel() if channel is None else channel
     if config.link != LinkConfig():
         way = DisturbedChannel(way, config.link, clock, link)
-    bridge = Bridge(driver, way, description_of(robot, config, profile), clock)
+    bridge = Bridge(driver, way, description_of(robot, config), clock)
     return Twin(bridge, driver, way)
