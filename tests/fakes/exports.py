@@ -98,7 +98,7 @@ def smooth_log(T=300, yaw=0.8):
     )
 
 
-def answered_log(policy, T=300):
+def answered_log(policy, T=160):
     """A smooth log with the network's input and the joint targets of an `OnnxPolicy`."""
     log = smooth_log(T)
     inputs, _, applied = run_runtime(policy, log)

@@ -64,6 +64,8 @@ def random_frames(episodes, each=5, seed=0):
                 expert_drove=rng.random(each) < 0.5,
                 episode=np.full(each, episode),
                 outcome=np.full(each, episode % 4, np.int8),
+                applied=rng.normal(size=(each, 12)),
+                elapsed=np.arange(each, dtype=np.int32),
             )
         )
     return concatenate(parts)

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import warnings
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 import surefoot.learning.dataset as module
 from surefoot.files import WriteError, write_atomic
 from surefoot.learning.dataset import Dataset, DatasetError
-from surefoot.learning.frames import PART, concatenate
+from surefoot.learning.frames import FRAME_FIELDS, PART, concatenate, sorted_by_episode
 from tests.fakes.killed import Killed
 from tests.fakes.learning import assert_same_frames, random_frames
 
@@ -219,8 +220,70 @@ def test_a_manifest_that_is_unreadable_or_of_another_format_is_refused(tmp_path)
     with pytest.raises(DatasetError, match=r"manifest\.json is not readable \("):
         data.load()
     (tmp_path / "manifest.json").write_text(json.dumps(manifest | {"format": 99}))
-    with pytest.raises(DatasetError, match="has format 99, this version reads format 1"):
+    with pytest.raises(DatasetError, match="has format 99, this version reads formats 1 to 2"):
         data.append("b", random_frames([2]))
+
+
+def half_kept(episodes):
+    """Recordings of which every other tick is kept."""
+    frames = random_frames(episodes)
+    return replace(frames, kept=frames.elapsed % 2 == 0)
+
+
+def test_frames_are_the_kept_ticks_and_all_ticks_are_there_too(tmp_path):
+    recording = half_kept([3, 1])
+    data = Dataset(tmp_path)
+    data.append("a", recording)
+    kept = Dataset(tmp_path / "kept")
+    kept.append("a", recording.kept_frames)
+    assert (data.frames, data.hash) == (kept.frames, kept.hash) == (6, recording.hash)
+    assert_same_frames(data.load(), sorted_by_episode(recording.kept_frames))
+    assert_same_frames(data.load(all_ticks=True), sorted_by_episode(recording))
+    assert_same_frames(data.only([3]).load(all_ticks=True), half_kept([3]))
+    assert [len(part) for part in data.parts(all_ticks=True)] == [10]
+
+
+def test_a_changed_tick_that_is_not_kept_is_noticed(tmp_path):
+    data = Dataset(tmp_path)
+    data.append("a", half_kept([1]))
+    with h5py.File(data.shard_path("a"), "r+") as file:
+        file["applied"][1, 0] += 1.0  # pyright: ignore
+    with pytest.raises(DatasetError, match="contents do not match their hash"):
+        data.load()
+
+
+def as_format_1(folder, name):
+    """The shard and its manifest as earlier versions wrote them."""
+    path = folder / f"{name}.h5"
+    frames = Dataset(folder).load([name])
+    with h5py.File(path, "w") as file:
+        file.attrs["format"] = 1
+        for field in FRAME_FIELDS:
+            file.create_dataset(field, data=getattr(frames, field))
+    manifest = json.loads((folder / "manifest.json").read_text())
+    del manifest["shards"][name]["ticks"], manifest["shards"][name]["ticks_sha256"]
+    manifest["format"] = 1
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+
+
+def test_data_of_format_1_are_read_and_go_on_in_format_2(tmp_path):
+    frames = random_frames([1])
+    data = Dataset(tmp_path)
+    data.append("a", frames)
+    before = data.hash
+    as_format_1(tmp_path, "a")
+    old = Dataset(tmp_path)
+    assert (old.hash, old.frames) == (before, 5)
+    loaded = old.load()
+    assert loaded.kept.all()
+    assert (loaded.elapsed == -1).all()
+    np.testing.assert_array_equal(np.isnan(loaded.applied[:, 0]), ~frames.expert_drove)
+    old.append("b", half_kept([2]))
+    assert old.frames == 8
+    assert len(Dataset(tmp_path).load(all_ticks=True)) == 10
+    old.shard_path("a").unlink()  # collected again, it has all ticks
+    old.append("a", frames)
+    assert_same_frames(Dataset(tmp_path).load(["a"]), frames)
 
 
 def test_an_unknown_shard_is_an_error_that_names_the_shards(tmp_path):
@@ -382,11 +445,11 @@ def test_a_manifest_that_is_a_pipe_or_nested_without_end_is_refused(stored):
 def test_more_frames_than_the_shards_have_room_for_are_refused_before_there_is_memory(
     stored, monkeypatch
 ):
-    change_manifest(stored, lambda values: values["shards"]["b"].update(frames=10**9))
+    change_manifest(stored, lambda values: values["shards"]["b"].update(ticks=10**9))
     monkeypatch.setattr(module, "uninitialized_arrays", None)
-    with pytest.raises(DatasetError, match=r"b\.h5 is .*too few for 1000000000 frames"):
+    with pytest.raises(DatasetError, match=r"b\.h5 is .*too few for 1000000000 ticks"):
         stored.load()
-    with pytest.raises(DatasetError, match=r"b\.h5 is .*too few for 1000000000 frames"):
+    with pytest.raises(DatasetError, match=r"b\.h5 is .*too few for 1000000000 ticks"):
         stored.load(["b"])
 
 

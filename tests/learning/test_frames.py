@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.learning.frames import Frames, concatenate
+from surefoot.learning.frames import FRAME_FIELDS, concatenate
 from tests.fakes.learning import assert_same_frames, random_frames
 
 
@@ -32,8 +32,20 @@ def test_an_array_of_another_shape_type_or_length_is_refused(field, value):
         replace(random_frames([1]), **{field: value})
 
 
-@pytest.mark.parametrize("field", list(Frames.__dataclass_fields__))
-def test_the_hash_sees_every_array(field):
+@pytest.mark.parametrize("field", ["applied", "elapsed"])
+def test_the_hash_of_frames_is_what_it_was_before_the_past_was_recorded(field):
+    frames = random_frames([1, 2])
+    assert replace(frames, **{field: getattr(frames, field) + 1}).hash == frames.hash
+
+
+def test_ticks_that_are_not_kept_do_not_count_in_the_hash():
+    frames = random_frames([1, 2])
+    kept = frames.elapsed > 1
+    assert replace(frames, kept=kept).hash == frames[kept].hash != frames.hash
+
+
+@pytest.mark.parametrize("field", [*FRAME_FIELDS, "gait", "kept"])
+def test_the_hash_sees_every_array_of_a_frame(field):
     frames = random_frames([1, 2])
     array = getattr(frames, field).copy()
     array[3] = ~array[3] if array.dtype == bool else array[3] + 1

@@ -1,13 +1,14 @@
 """One HDF5 file of frames: assembled in memory, and read only as far as it is what it should be."""
 
 import os
+from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
 
-from surefoot.learning.frames import FIELDS, Frames, uninitialized_arrays
-from surefoot.learning.shard import BYTES_PER_FRAME, check_size, read_shard, shard_content
+from surefoot.learning.frames import FIELDS, FRAME_FIELDS, Frames, uninitialized_arrays
+from surefoot.learning.shard import check_size, read_shard, row_size, shard_content
 from tests.fakes.learning import assert_same_frames, random_frames
 
 FRAMES = random_frames([1, 2])
@@ -30,7 +31,7 @@ def test_frames_come_back_to_the_bit(tmp_path):
 def test_a_shard_is_a_plain_file_of_hdf5(tmp_path):
     (tmp_path / "a.h5").write_bytes(shard_content(FRAMES))
     with h5py.File(tmp_path / "a.h5") as file:
-        assert file.attrs["format"] == 1
+        assert file.attrs["format"] == 2
         assert set(file) == set(FIELDS)
         for name, (shape, dtype) in FIELDS.items():
             np.testing.assert_array_equal(file[name], getattr(FRAMES, name))
@@ -42,22 +43,31 @@ def test_no_file_is_written_while_a_shard_is_assembled(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     content = shard_content(FRAMES)
     assert list(tmp_path.iterdir()) == []
-    assert len(FRAMES) * BYTES_PER_FRAME < len(content) < len(FRAMES) * BYTES_PER_FRAME + 20_000
+    assert len(FRAMES) * row_size() < len(content) < len(FRAMES) * row_size() + 20_000
 
 
 def test_a_file_that_older_versions_wrote_is_read(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.attrs["format"] = 1
-        for name in FIELDS:
+        for name in FRAME_FIELDS:
             file.create_dataset(name, data=getattr(FRAMES, name))
-    assert_same_frames(read(tmp_path / "a.h5"), FRAMES)
+    arrays = uninitialized_arrays(10)
+    read_shard(tmp_path / "a.h5", arrays, format=1)
+    drove = FRAMES.expert_drove[:, None]
+    elapsed = np.full(10, -1, np.int32)
+    applied = np.where(drove, FRAMES.torque, np.nan)
+    assert_same_frames(Frames(**arrays), replace(FRAMES, elapsed=elapsed, applied=applied))
+
+
+def test_bytes_of_a_tick():
+    assert (row_size(1), row_size()) == (558, 660)
 
 
 def test_more_frames_than_a_file_has_room_for_are_refused(tmp_path):
     path = tmp_path / "a.h5"
     path.write_bytes(shard_content(FRAMES))
     check_size(path, 10)
-    with pytest.raises(OSError, match="too few for 1000000000 frames"):
+    with pytest.raises(OSError, match="too few for 1000000000 ticks"):
         check_size(path, 10**9)
     with pytest.raises(OSError, match="q has shape"):
         read(path, 11)
@@ -83,6 +93,6 @@ def test_arrays_without_a_block_of_their_own_size_are_refused(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         for name in FIELDS:
             file.create_dataset(name, getattr(FRAMES, name).shape, getattr(FRAMES, name).dtype)
-        file["padding"] = np.zeros(10 * BYTES_PER_FRAME, np.int8)
+        file["padding"] = np.zeros(10 * row_size(), np.int8)
     with pytest.raises(OSError, match="q has no block of its size in the file"):
         read(tmp_path / "a.h5")

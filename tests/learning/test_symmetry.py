@@ -34,7 +34,8 @@ def test_a_mirror_applied_twice_is_the_identity(mirror):
     np.testing.assert_array_equal(twice.tick % PERIOD, FRAMES.tick % PERIOD)
     assert_same_frames(replace(twice, tick=FRAMES.tick), FRAMES)
     once = mirror.frames(FRAMES)
-    for name in set(FIELDS) - {"expert_drove", "episode", "outcome"}:
+    kept = {"expert_drove", "episode", "outcome", "gait", "kept", "elapsed"}
+    for name in set(FIELDS) - kept:
         assert (getattr(once, name) != getattr(FRAMES, name)).any(), name
 
 
@@ -75,7 +76,8 @@ def test_the_observation_of_the_image_is_the_mirrored_observation(mirror):
     D = np.array(mirror.reflection)
     expected = inputs.copy()
     expected[:, OBSERVATION["gravity"]] *= D
-    expected[:, OBSERVATION["base_velocity"]] *= np.concatenate([D, D * D.prod()])
+    expected[:, OBSERVATION["linear_velocity"]] *= D
+    expected[:, OBSERVATION["angular_velocity"]] *= D * D.prod()
     for part in ("joint_position", "joint_velocity"):
         expected[:, OBSERVATION[part]] = mirror.joint_values(inputs[:, OBSERVATION[part]])
     feet = inputs[:, OBSERVATION["feet"]].reshape(-1, 4, 2)[:, mirror.legs]
@@ -174,12 +176,18 @@ class _Constant:
     def __init__(self, target):
         self._target = np.asarray(target, np.float32)
 
+    def reset(self, batch):
+        pass
+
     def target(self, state, tick, command):
         return np.tile(self._target, (len(state.q), 1))
 
 
 class _Hold:
     """Answers with the joints as they are."""
+
+    def reset(self, batch):
+        pass
 
     def target(self, state: State, tick, command):
         return state.q[:, 7:].astype(np.float32)

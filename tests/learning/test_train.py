@@ -384,9 +384,9 @@ def test_ten_times_more_data_than_memory_learns_as_well(tmp_path, monkeypatch):
     sizes = []
     original = train_module.TrainingSamples
 
-    def small(limit, folder):
+    def small(limit, folder, width):
         sizes.append(limit)
-        return original(len(frames) * WIDTH * 4 // 10, folder)
+        return original(len(frames) * WIDTH * 4 // 10, folder, width)
 
     monkeypatch.setattr(train_module, "TrainingSamples", small)
     blocks = run(stored(tmp_path, frames), 12, config=config)

@@ -6,18 +6,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from surefoot import rotations
-from surefoot.learning.network import MINIMUM_ROWS
-from surefoot.learning.observation import network_input
-from surefoot.learning.policy import Policy
+from surefoot.config import PolicyConfig
+from surefoot.learning.layouts import LAYOUTS, History, Layout
+from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork
+from surefoot.learning.observation import GaitTiming, ObservationSpec, network_input
+from surefoot.learning.policy import Policy, PolicySpec
 from surefoot.robots import model
 from surefoot.rollouts.compiled import (
+    CompiledLayout,
     CompiledPolicy,
     clip_torque,
     driver,
+    ground,
     heading,
     to_heading,
 )
-from surefoot.types import State
+from surefoot.types import State, ground_height
 from tests.fakes.drivers import FakeController
 from tests.fakes.learning import SMALL, spec_of, trained_network
 
@@ -76,6 +80,72 @@ def test_a_base_whose_axis_is_vertical_has_yaw_0_in_both_forms():
     everyone = np.ones(2, bool)
     expected = POLICY.torque(state, tick, command, everyone)
     np.testing.assert_array_equal(compiled.torque(state, tick, command, everyone), expected)
+
+
+TROT = GaitTiming("trot", 500)
+BLIND = LAYOUTS["proprioceptive"]
+SPECS = [
+    ObservationSpec("circle", (TROT,), BLIND),
+    ObservationSpec("fraction", (TROT,), LAYOUTS["full_history"], "above_feet", 0.02),
+    ObservationSpec("circle", (TROT, GaitTiming("walk", 1000)), height="above_feet"),
+    ObservationSpec("circle", (TROT,), Layout("own", ("feet",), History(2, 3, targets=False))),
+]
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.layout.name)
+@pytest.mark.parametrize("batch", [1, 11])
+def test_a_compiled_layout_gives_the_same_torques_to_the_bit_over_many_ticks(spec, batch):
+    config = PolicyConfig(hidden=(16,))
+    policy = Policy(
+        PolicyNetwork(config, inputs=spec.input_size), PolicySpec(spec, 2.0, 0.1), np.zeros((2, 3))
+    )
+    compiled = driver(policy)
+    assert isinstance(compiled, CompiledLayout)
+    compiled.reset(batch)
+    reference = Policy(policy.network, policy.spec, policy.command_range)
+    reference.reset(batch)
+    gait = np.arange(batch) % len(spec.gaits)
+    policy.gait = gait
+    reference.gait = gait
+    everyone = np.ones(batch, bool)
+    rng = np.random.default_rng(0)
+    for number in range(130):
+        state, tick, command = random_moment(number, batch)
+        if rng.random() < 0.5:  # else the expert drives
+            torque = compiled.torque(state, tick, command, everyone)
+            expected = reference.torque(state, tick, command, everyone)
+            np.testing.assert_array_equal(torque, expected)
+        applied = rng.normal(size=(batch, 12))
+        compiled.observe(state, tick, applied)
+        reference.observe(state, tick, applied)
+
+
+def test_the_memory_of_a_robot_does_not_depend_on_the_batch():
+    policy = Policy(
+        PolicyNetwork(PolicyConfig(), inputs=253), PolicySpec(SPECS[0], 2.0, 0.1), np.zeros((2, 3))
+    )
+    torques = {}
+    for batch in (3, 12):
+        compiled = driver(policy)
+        assert isinstance(compiled, CompiledLayout)
+        compiled.reset(batch)
+        for number in range(110):
+            state, tick, command = random_moment(number, 12)
+            part = state[:batch]
+            torque = compiled.torque(part, tick[:batch], command[:batch], np.ones(batch, bool))
+            compiled.observe(part, tick[:batch], np.clip(torque, -2.7, 2.7))
+        torques[batch] = torque
+    np.testing.assert_array_equal(torques[3], torques[12][:3])
+
+
+@settings(max_examples=50, deadline=None)
+@given(SEEDS)
+def test_the_height_of_the_ground_has_the_bits_of_the_array_function(seed):
+    state = random_moment(seed, 20)[0]
+    state.feet[3, 1, 2] = np.nan
+    expected = ground_height(state, 0.02)
+    actual = [ground(state.feet[i], state.contacts[i], 0.02) for i in range(20)]
+    np.testing.assert_array_equal(actual, expected)
 
 
 def test_only_a_trained_policy_is_compiled():

@@ -317,7 +317,8 @@ class OnnxPolicy:
         inputs = self._inputs(state, tick, command)
         target = self._forward(inputs)[0].astype(float)
         if self._memory is not None:
-            self._memory.store(state, self.applied(target, sensors)[None])
+            applied = self.applied(target, sensors.joint_position, sensors.joint_velocity)
+            self._memory.store(state, applied[None])
         return target
 
     def inputs(self, sensors: Sensors, tick: int, command: Command) -> Float32Array:
@@ -343,17 +344,18 @@ class OnnxPolicy:
         goal(tick, np.array(command, float), spec, out[:, spec.observation_size :], self.gait)
         return out
 
-    def applied(self, target: Array, sensors: Sensors) -> Array:
-        """The targets ``(12,)`` that the motors can follow: those of the clipped torques [rad].
+    def applied(self, target: Array, joint_position: Array, joint_velocity: Array) -> Array:
+        """The targets ``(..., 12)`` that the motors can follow: those of the clipped torques [rad].
 
         Args:
-            target: ``(12,)`` joint targets [rad].
-            sensors: What the robot measures at that instant.
+            target: ``(..., 12)`` joint targets [rad].
+            joint_position: ``(..., 12)`` measured joint angles [rad].
+            joint_velocity: ``(..., 12)`` measured joint rates [rad/s].
         """
-        damping = self.kd * sensors.joint_velocity
-        torque = self.kp * (target - sensors.joint_position) - damping
+        damping = self.kd * joint_velocity
+        torque = self.kp * (target - joint_position) - damping
         torque = np.clip(torque, -self._torque_limit, self._torque_limit)
-        return (torque + damping) / self.kp + sensors.joint_position
+        return (torque + damping) / self.kp + joint_position
 
     def state(self, sensors: Sensors) -> State:
         """The state ``(1, ...)`` of a robot that measures this, at the origin of the world.

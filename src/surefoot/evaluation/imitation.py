@@ -18,7 +18,6 @@ import numpy as np
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.evaluation.mirror_error import MRAD, mirror_error_mrad
 from surefoot.learning.frames import Frames, concatenate
-from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import load
 from surefoot.learning.samples import derive
 from surefoot.robots.load import find_spec
@@ -82,13 +81,15 @@ def imitation_error(config: Config, policy: Path, workers: Workers) -> Imitation
         ValueError: The expert has lost all robots.
     """
     imitator = load(policy, find_spec(config.robot).name)
-    frames = expert_states(config, workers)
+    recording = expert_states(config, workers, all_ticks=imitator.spec.remembers)
+    frames = recording.kept_frames
     if not len(frames):
         raise ValueError(
             f"the expert has lost all {ROLLOUTS} robots, each pushed once by {IMPULSE[0]} to "
             f"{IMPULSE[1]} N s: there is nothing to compare a policy with"
         )
-    inputs, targets = np.split(derive(frames, imitator.spec), [INPUT_SIZE], axis=1)
+    rows = derive(recording, imitator.spec)
+    inputs, targets = np.split(rows, [imitator.spec.observation.input_size], axis=1)
     deviation = np.abs(imitator.forward(inputs) - targets).mean(axis=1, dtype=np.float64)
     stored = starts_of(config)
     return ImitationError(
@@ -102,12 +103,13 @@ def imitation_error(config: Config, policy: Path, workers: Workers) -> Imitation
     )
 
 
-def expert_states(config: Config, workers: Workers) -> Frames:
+def expert_states(config: Config, workers: Workers, all_ticks: bool = False) -> Frames:
     """The states that a pushed expert visits, with its torques.
 
     Args:
         config: Robot, simulator, gait and expert; methods and seeds do not matter.
         workers: Processes that run the expert.
+        all_ticks: Whether to give all ticks, not only the kept ones, for policies that remember.
     """
     same_for_all_methods = Config(
         seed=starts_of(config).seed,
@@ -120,11 +122,11 @@ def expert_states(config: Config, workers: Workers) -> Frames:
         commands=config.commands,
         start_set=config.start_set,
     )
-    return _expert_states(same_for_all_methods, workers)
+    return _expert_states(same_for_all_methods, workers, all_ticks)
 
 
 @lru_cache(maxsize=4)
-def _expert_states(config: Config, workers: Workers) -> Frames:
+def _expert_states(config: Config, workers: Workers, all_ticks: bool) -> Frames:
     """The same of a configuration in which all else is the default."""
     starts = starts_of(config).first("select", ROLLOUTS)
     job = Job(
@@ -136,6 +138,8 @@ def _expert_states(config: Config, workers: Workers) -> Frames:
     )
     title = f"{config.simulation.backend}, expert: pushed select starts"
     results = map_chunks(run_chunk, chunks_of(job), workers, title)
+    if all_ticks:
+        return concatenate([result.recording for result in results])
     return concatenate([result.frames for result in results])
 
 

@@ -139,7 +139,7 @@ def _compare_logged(
         comparison.add("the joint targets that were logged", largest(answers, kept)[0])
         beyond = first_beyond(answers, kept, TARGET_TOLERANCE) >= 0
         if beyond and not comparison.findings:
-            comparison.findings.append(explain_targets(log, policy, network, kept))
+            comparison.findings.append(explain_targets(log, policy, network, log.joint_target))
     if not comparison.findings:
         comparison.findings += explain_sensors(log)
 

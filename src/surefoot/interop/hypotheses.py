@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.interop.differences import DEGREES, explain, largest
-from surefoot.interop.replay import Finding, Network, clipped, reference_inputs
+from surefoot.interop.replay import Finding, Network, reference_inputs
 from surefoot.interop.sensor_log import SensorLog
 from surefoot.learning.observation import Float32Array
 from surefoot.rotations import rotation
@@ -190,27 +190,31 @@ MOST_ROWS = 400
 """Hypotheses are tried on so many rows: a few of them settle it."""
 
 
-def explain_targets(log: SensorLog, policy: OnnxPolicy, network: Network, kept: Array) -> Finding:
+def explain_targets(
+    log: SensorLog, policy: OnnxPolicy, network: Network, targets: Array
+) -> Finding:
     """Which hypothesis makes the network answer as the robot was commanded.
 
     Args:
         log: The log.
-        policy: Gives the layout, the gains and the limits.
+        policy: Gives the layout.
         network: The network.
-        kept: ``(T, 12)`` the joint targets that were applied [rad].
+        targets: ``(T, 12)`` the joint targets that were logged [rad].
     """
     short = log.first(MOST_ROWS)
-    kept = kept[: len(short)]
+    targets = targets[: len(short)]
 
     def error(changed: SensorLog) -> float:
-        answers = network(reference_inputs(changed, policy.description, kept))
-        # Torques were clipped by what the motors measured, however the network was fed.
-        return largest(clipped(policy, short, answers), kept)[0]
+        answers = network(reference_inputs(changed, policy.description, targets))
+        # Some targets may have been clipped by what the motors measured, others not.
+        return float(np.median(np.abs(answers - targets)))
 
-    before = error(short)
+    most = float(
+        np.abs(network(reference_inputs(short, policy.description, targets)) - targets).max()
+    )
     what = (
         "the robot was commanded other joint targets than the policy gives for these sensors, by "
-        f"up to {before:.3g} rad"
+        f"up to {most:.3g} rad"
     )
     found = _most_likely(short, error)
     if found is not None:

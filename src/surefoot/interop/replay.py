@@ -130,15 +130,13 @@ def run_runtime(policy: OnnxPolicy, log: SensorLog) -> tuple[Float32Array, Array
     T = len(log)
     inputs = np.empty((T, policy.spec.input_size), np.float32)
     targets = np.empty((T, 12))
-    applied = np.empty((T, 12))
     policy.reset(sensors_of(log, 0))
     for row in range(T):
         sensors = sensors_of(log, row)
         command = Command(*log.command[row].tolist())
         inputs[row] = policy.inputs(sensors, int(log.tick[row]), command)
         targets[row] = policy.target(sensors, int(log.tick[row]), command)
-        applied[row] = policy.applied(targets[row], sensors)
-    return inputs, targets, applied
+    return inputs, targets, clipped(policy, log, targets)
 
 
 def run_pipeline(runner: PipelineRunner, log: SensorLog) -> tuple[Float32Array, Array]:
@@ -185,6 +183,4 @@ def clipped(policy: OnnxPolicy, log: SensorLog, targets: Numbers) -> Array:
         log: What was measured.
         targets: ``(T, 12)`` joint targets [rad].
     """
-    wanted = np.asarray(targets, float)
-    rows = range(len(log))
-    return np.array([policy.applied(wanted[row], sensors_of(log, row)) for row in rows])
+    return policy.applied(np.asarray(targets, float), log.joint_position, log.joint_velocity)

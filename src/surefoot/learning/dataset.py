@@ -1,4 +1,7 @@
-"""A dataset: a folder of immutable HDF5 shards of frames, and a manifest.
+"""A dataset: a folder of immutable HDF5 shards of recorded ticks, and a manifest.
+
+What counts as a frame, in every number and in the hash, are the ticks that a method keeps to train
+on; the ticks between them are stored beside them, because policies with a history need the past.
 
 A shard counts once the manifest names it. A kill between the two leaves a file that the next
 ``append`` of that name overwrites. One process appends at a time; any number may read. Read
@@ -23,12 +26,13 @@ from surefoot.files import write_atomic, write_json
 from surefoot.learning.frames import (
     Frames,
     combine_digests,
+    digest_of_all,
     episode_digests,
     sorted_by_episode,
     uninitialized_arrays,
     whole_episode,
 )
-from surefoot.learning.shard import FORMAT, check_size, read_shard, shard_content
+from surefoot.learning.shard import FORMAT, STORED, check_size, read_shard, shard_content
 from surefoot.types import BoolArray, IntArray
 
 
@@ -41,14 +45,28 @@ class ShardEntry:
     """What the manifest says about a shard.
 
     Attributes:
-        frames: Number of frames.
-        sha256: Hash of all its arrays.
-        episodes: Hash of each episode's arrays, by the episode's id as text.
+        frames: Number of kept frames.
+        sha256: Hash of all of them.
+        episodes: Hash of each episode's kept frames, by the episode's id as text.
+        ticks: Number of all ticks; None in format 1, whose files hold the kept frames alone.
+        ticks_sha256: Hash of all arrays of all ticks; None in format 1.
     """
 
     frames: int
     sha256: str
     episodes: dict[str, str]
+    ticks: int | None = None
+    ticks_sha256: str | None = None
+
+    @property
+    def rows(self) -> int:
+        """Number of ticks in the file."""
+        return self.frames if self.ticks is None else self.ticks
+
+    @property
+    def format(self) -> int:
+        """Version of the file."""
+        return 1 if self.ticks is None else FORMAT
 
 
 @dataclass(frozen=True)
@@ -105,7 +123,8 @@ class Dataset:
 
         Args:
             name: Name of the shard: letters, digits, ``_``, ``-`` and dots; not ``manifest``.
-            frames: Whole episodes, none of which lies in another shard; may be empty.
+            frames: Whole episodes, none of which lies in another shard, with all their ticks if
+                policies with a history are to learn from them; may be empty.
 
         Raises:
             DatasetError: The name is taken by other frames or is that of the manifest, or an
@@ -123,8 +142,8 @@ class Dataset:
         shards = self._shards()
         if name in shards:
             if shards[name].episodes == digests:
-                if not self.shard_path(name).exists():  # lost since; nothing else changes
-                    write_atomic(self.shard_path(name), shard_content(frames))
+                if not self.shard_path(name).exists():  # lost since; no frame changes
+                    self._write(name, frames, digests, shards)
                 return
             raise DatasetError(
                 f"{self.shard_path(name)} already holds other frames under the name {name!r}; "
@@ -136,31 +155,46 @@ class Dataset:
                     f"episode {min(shared, key=int)} of {name!r} is already in shard {other!r} of "
                     f"{self.folder}; give every episode of a dataset an id of its own"
                 )
+        self._write(name, frames, digests, shards)
+
+    def _write(
+        self, name: str, frames: Frames, digests: dict[str, str], shards: dict[str, ShardEntry]
+    ) -> None:
+        """Write the file of a shard, and then the manifest with its entry."""
         write_atomic(self.shard_path(name), shard_content(frames))
-        shards[name] = ShardEntry(len(frames), combine_digests(digests), digests)
+        kept = int(frames.kept.sum())
+        total = combine_digests(digests)
+        shards[name] = ShardEntry(kept, total, digests, len(frames), digest_of_all(frames))
         write_json(self._manifest, Manifest(FORMAT, dict(sorted(shards.items()))))
 
-    def load(self, shards: Sequence[str] | None = None) -> Frames:
+    def load(self, shards: Sequence[str] | None = None, all_ticks: bool = False) -> Frames:
         """Frames of the named shards, or of all, in the order of their episode ids.
 
         Every shard is checked against its hash in the manifest.
+
+        Args:
+            shards: Names of the shards; None for all.
+            all_ticks: Whether to give all recorded ticks, not only the kept frames.
 
         Raises:
             DatasetError: There is no such shard, or a file is missing, cut short or changed.
         """
         frames = self._read(self._ordered(shards))
-        return self._kept_frames(sorted_by_episode(frames))
+        return self._chosen(sorted_by_episode(frames), all_ticks)
 
-    def parts(self) -> Iterator[Frames]:
+    def parts(self, all_ticks: bool = False) -> Iterator[Frames]:
         """The frames shard by shard, one in memory at a time, in the order of first episodes.
 
         Every shard is checked against its hash in the manifest.
+
+        Args:
+            all_ticks: Whether to give all recorded ticks, not only the kept frames.
 
         Raises:
             DatasetError: A file is missing, cut short or changed.
         """
         for name, entry in self._ordered().items():
-            yield self._kept_frames(self._read({name: entry}))
+            yield self._chosen(self._read({name: entry}), all_ticks)
 
     @property
     def shards(self) -> tuple[str, ...]:
@@ -219,7 +253,7 @@ class Dataset:
         try:
             values = parse_json(read_file(self._manifest))
             version = values.get("format") if isinstance(values, dict) else FORMAT
-            if version == FORMAT:
+            if version in STORED and not isinstance(version, bool):
                 manifest = from_json(Manifest, values, "the manifest")
                 _check_entries(manifest.shards)
                 return manifest.shards
@@ -229,8 +263,8 @@ class Dataset:
                 "delete it: `surefoot train ... --resume` collects again, to the same bits"
             ) from error
         raise DatasetError(
-            f"{self._manifest} has format {shown(version)}, this version reads format {FORMAT}; "
-            "use the version of surefoot that wrote it"
+            f"{self._manifest} has format {shown(version)}, this version reads formats 1 to "
+            f"{FORMAT}; use the version of surefoot that wrote it"
         )
 
     def _undamaged(self, shards: dict[str, ShardEntry]) -> dict[str, ShardEntry]:
@@ -260,9 +294,11 @@ class Dataset:
         chosen = zip(entry.episodes.items(), kept, strict=True)
         return {episode: digest for (episode, digest), keep in chosen if keep}
 
-    def _kept_frames(self, frames: Frames) -> Frames:
+    def _chosen(self, frames: Frames, all_ticks: bool) -> Frames:
         """The frames, sorted by episode, of those episodes that are not left out."""
-        return frames[self._keeps(frames.episode)] if self._leaves_out else frames
+        if self._leaves_out:
+            frames = frames[self._keeps(frames.episode)]
+        return frames if all_ticks else frames.kept_frames
 
     @property
     def _leaves_out(self) -> bool:
@@ -297,16 +333,19 @@ class Dataset:
         """
         for name, entry in entries.items():
             with self._naming(name):
-                check_size(self.shard_path(name), entry.frames)
-        arrays = uninitialized_arrays(sum(entry.frames for entry in entries.values()))
+                check_size(self.shard_path(name), entry.rows, entry.format)
+        arrays = uninitialized_arrays(sum(entry.rows for entry in entries.values()))
         start = 0
         for name, entry in entries.items():
-            part = slice(start, start + entry.frames)
+            part = slice(start, start + entry.rows)
             start = part.stop
             of_shard = {key: array[part] for key, array in arrays.items()}
             with self._naming(name):
-                read_shard(self.shard_path(name), of_shard)
-                if episode_digests(Frames(**of_shard)) != entry.episodes:
+                read_shard(self.shard_path(name), of_shard, entry.format)
+                frames = Frames(**of_shard)
+                is_same = entry.ticks_sha256 in (None, digest_of_all(frames))
+                is_same = is_same and int(frames.kept.sum()) == entry.frames
+                if not is_same or episode_digests(frames) != entry.episodes:
                     raise OSError("its contents do not match their hash")
         return Frames(**arrays)
 
@@ -336,6 +375,11 @@ def _check_entries(shards: Mapping[str, ShardEntry]) -> None:
         if not min(entry.frames, 1) <= len(entry.episodes) <= entry.frames:
             raise ValueError(
                 f"shard {name!r} has {entry.frames} frames and {len(entry.episodes)} episodes"
+            )
+        if entry.rows < entry.frames or (entry.ticks is None) != (entry.ticks_sha256 is None):
+            raise ValueError(
+                f"shard {name!r} has {entry.frames} frames and {entry.ticks} ticks with the hash "
+                f"{shown(entry.ticks_sha256)}"
             )
         for episode in entry.episodes:
             if not re.fullmatch(r"0|-?[1-9]\d{0,18}", episode, re.ASCII):

@@ -2,8 +2,9 @@
 
 A frame is what the robot measured at one tick and the expert's torque there. What the network sees
 and what it should give are derived from frames when training (``samples.derive``), so that an
-observation or a gain can change without new rollouts. Read next: ``dataset.py``, which keeps frames
-on disk.
+observation or a gain can change without new rollouts. What a policy remembers at a frame lies in
+the ticks before it, kept or not: a recording has all ticks of its episodes, and says which of them
+the method keeps to train on. Read next: ``dataset.py``, which keeps frames on disk.
 """
 
 from __future__ import annotations
@@ -11,13 +12,16 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.types import Array, BoolArray, IntArray, State
 
-FIELDS: dict[str, tuple[tuple[int, ...], str]] = {
+Fields = dict[str, tuple[tuple[int, ...], str]]
+"""Arrays by name: the shape of one frame's part of each, and the type on disk."""
+FRAME_FIELDS: Fields = {
     "q": ((19,), "<f8"),
     "v": ((18,), "<f8"),
     "com": ((3,), "<f8"),
@@ -30,7 +34,16 @@ FIELDS: dict[str, tuple[tuple[int, ...], str]] = {
     "episode": ((), "<i8"),
     "outcome": ((), "|i1"),
 }
-"""Shape of one frame's part of each array, and the type on disk."""
+"""What a frame is, and what its hash is of; shards of format 1 hold no more."""
+FIELDS: Fields = FRAME_FIELDS | {
+    "gait": ((), "|i1"),
+    "kept": ((), "|b1"),
+    "applied": ((12,), "<f8"),
+    "elapsed": ((), "<i4"),
+}
+"""All arrays of a recording."""
+UNKNOWN: Any = None
+"""Stands for an array that follows from the others; `Frames` puts it in."""
 PART = 1_000_000_000_000
 """Part n of an episode, from 1 on, has this many times n more than the episode as its id."""
 
@@ -51,6 +64,9 @@ def whole_episode(episode: IntArray) -> IntArray:
 class Frames:
     """n recorded ticks of any robots, in the order of time within each episode.
 
+    Where nothing is said about the last four arrays, all are kept, the expert drove, in the first
+    gait, and it is unknown how long each episode had lasted.
+
     Attributes:
         q: ``(n, 19)`` configuration [m, unit quaternion, rad].
         v: ``(n, 18)`` velocity [m/s, rad/s], base part in the base frame.
@@ -63,6 +79,10 @@ class Frames:
         expert_drove: ``(n,)`` True where that torque was applied, not only recorded.
         episode: ``(n,)`` id of the episode, or of a part of one (`whole_episode`).
         outcome: ``(n,)`` int8, how the frame's episode ended.
+        gait: ``(n,)`` int8, which of the run's gaits the robot was to walk.
+        kept: ``(n,)`` True for ticks to train on; the others are only the past of those.
+        applied: ``(n, 12)`` the torque that was commanded by whoever drove [N m], clipped.
+        elapsed: ``(n,)`` int32, ticks since the episode began; -1 where that is unknown.
 
     Raises:
         ValueError: An array has the wrong shape, or a type that would lose digits.
@@ -79,10 +99,22 @@ class Frames:
     expert_drove: BoolArray
     episode: IntArray
     outcome: NDArray[np.int8]
+    gait: NDArray[np.int8] = UNKNOWN
+    kept: BoolArray = UNKNOWN
+    applied: Array = UNKNOWN
+    elapsed: NDArray[np.int32] = UNKNOWN
 
     def __post_init__(self) -> None:
-        """Check shapes, and bring every array to its type on disk."""
+        """Fill in what is not given, check shapes, and bring every array to its type on disk."""
         n = len(self.q)
+        for name, value in (
+            ("gait", np.zeros(n, np.int8)),
+            ("kept", np.ones(n, dtype=bool)),
+            ("applied", self.torque),
+            ("elapsed", np.full(n, -1, np.int32)),
+        ):
+            if getattr(self, name) is UNKNOWN:
+                object.__setattr__(self, name, value)
         for name, (shape, dtype) in FIELDS.items():
             array = np.asarray(getattr(self, name))
             if array.shape != (n, *shape) or not np.can_cast(array.dtype, dtype):
@@ -105,13 +137,18 @@ class Frames:
         return State(self.q, self.v, self.com, self.feet, self.contacts)
 
     @property
+    def kept_frames(self) -> Frames:
+        """The ticks to train on."""
+        return self if self.kept.all() else self[self.kept]
+
+    @property
     def hash(self) -> str:
-        """SHA-256 of all arrays, episode by episode, as `Dataset.hash`."""
+        """SHA-256 of the kept frames, episode by episode, as `Dataset.hash`."""
         return combine_digests(episode_digests(sorted_by_episode(self)))
 
     @property
     def command_range(self) -> Array:
-        """``(2, 3)`` smallest and largest vx, vy [m/s] and yaw rate [rad/s] among the frames."""
+        """``(2, 3)`` smallest and largest vx, vy [m/s] and yaw rate [rad/s] among all ticks."""
         return np.stack([self.command.min(0), self.command.max(0)])
 
 
@@ -134,17 +171,37 @@ def sorted_by_episode(frames: Frames) -> Frames:
 
 
 def episode_digests(frames: Frames) -> dict[str, str]:
-    """Episode id -> SHA-256 of that episode's arrays; frames sorted by episode."""
+    """Episode id -> SHA-256 of that episode's kept frames; frames sorted by episode.
+
+    It is the hash of `FRAME_FIELDS`, as it was before there were others, and of the gait where that
+    is not the first.
+    """
+    frames = frames.kept_frames
     ids, starts, counts = np.unique(frames.episode, return_index=True, return_counts=True)
     digests = {}
     for episode, start, count in zip(ids.tolist(), starts, counts, strict=True):
         sha = hashlib.sha256()
-        for name in FIELDS:
-            array = np.ascontiguousarray(getattr(frames, name)[start : start + count])
-            sha.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
-            sha.update(array.data)
+        part = slice(start, start + count)
+        names = [*FRAME_FIELDS, "gait"] if frames.gait[part].any() else [*FRAME_FIELDS]
+        for name in names:
+            _add(sha, name, getattr(frames, name)[part])
         digests[str(episode)] = sha.hexdigest()
     return digests
+
+
+def digest_of_all(frames: Frames) -> str:
+    """SHA-256 of all arrays of all ticks, in their order."""
+    sha = hashlib.sha256()
+    for name in FIELDS:
+        _add(sha, name, getattr(frames, name))
+    return sha.hexdigest()
+
+
+def _add(sha: Any, name: str, array: NDArray) -> None:
+    """Add an array to a hash, with its name, type and shape."""
+    array = np.ascontiguousarray(array)
+    sha.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+    sha.update(array.data)
 
 
 def combine_digests(digests: dict[str, str]) -> str:

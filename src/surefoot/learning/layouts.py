@@ -14,8 +14,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from surefoot.config import LayoutName
 from surefoot.errors import shown, unknown
+from surefoot.types import IntArray
 
 SHORTEST_STRIDE = 20
 """[ms] Joint targets of a history are at least so far apart: at 20 ms they helped, at 1 ms the
@@ -101,6 +104,11 @@ class History:
     def reach(self) -> int:
         """How old the oldest sample is [ms]."""
         return self.samples * self.stride
+
+    @property
+    def ages(self) -> IntArray:
+        """``(samples,)`` how old each sample is [ms], the oldest first."""
+        return self.stride * np.arange(self.samples, 0, -1)
 
     @property
     def sample_size(self) -> int:

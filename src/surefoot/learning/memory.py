@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from surefoot.learning.frames import Frames
 from surefoot.learning.layouts import TARGET_SIZE, History
 from surefoot.learning.observation import Float32Array, observe
 from surefoot.types import Array, IntArray, State
@@ -46,7 +47,6 @@ class Memory:
     def __init__(self, history: History, batch: int) -> None:
         self.history = history
         self._count = 0
-        self._ages = history.stride * np.arange(history.samples, 0, -1)
         self.ring = np.empty((history.reach, batch, history.sample_size), np.float32)
 
     @property
@@ -61,7 +61,7 @@ class Memory:
 
     def rows(self) -> IntArray:
         """``(samples,)`` rows of the ring in which the samples lie now, the oldest first."""
-        return (self._count - self._ages) % len(self.ring)
+        return (self._count - self.history.ages) % len(self.ring)
 
     def next_row(self) -> int:
         """The row of the ring that takes the sample of this tick; it counts as stored from now."""
@@ -95,25 +95,59 @@ class Memory:
         self.ring[:] = samples_of(state, state.q[..., 7:], self.history)
 
 
-def recorded_histories(
-    state: State, target: Array, begin: IntArray, rows: IntArray, history: History
-) -> Float32Array:
-    """``(k, size)`` what `Memory.read` would have given at some of n recorded ticks.
+class RecordedPast:
+    """What `Memory.read` would have given at ticks of recorded episodes.
 
     Args:
-        state: The n states, all ticks of each episode in their order.
+        frames: All ticks of each episode, from its first on.
         target: ``(n, 12)`` the joint targets that were applied [rad].
-        begin: ``(n,)`` row of the first tick of each tick's episode.
-        rows: ``(k,)`` rows of the ticks that are asked for.
         history: What is remembered.
+
+    Raises:
+        ValueError: A tick is missing.
     """
-    samples = samples_of(state, target, history)
-    first = begin[rows]
-    result = np.empty((len(rows), history.samples, history.sample_size), np.float32)
-    for number, age in enumerate(range(history.reach, 0, -history.stride)):
-        source = np.maximum(rows - age, first)
-        result[:, number] = samples[source]
-        if history.targets:
-            before = rows - age < first
-            result[before, number, -TARGET_SIZE:] = state.q[first[before], 7:]
-    return result.reshape(len(rows), -1)
+
+    def __init__(self, frames: Frames, target: Array, history: History) -> None:
+        self._history = history
+        self._begin = _first_rows(frames)
+        self._samples = samples_of(frames.state, target, history)
+        self._joints = frames.q[:, 7:]
+
+    def at(self, rows: IntArray) -> Float32Array:
+        """``(k, size)`` the samples of the past of some ticks.
+
+        Args:
+            rows: ``(k,)`` rows of the ticks.
+        """
+        size = self._history.sample_size
+        out = np.empty((len(rows), self._history.size), np.float32)
+        first = self._begin[rows]
+        for number, age in enumerate(self._history.ages.tolist()):
+            past = rows - age
+            sample = out[:, number * size : (number + 1) * size]
+            sample[:] = self._samples[np.maximum(past, first)]
+            if self._history.targets:
+                before = past < first
+                sample[before, size - TARGET_SIZE :] = self._joints[first[before]]
+        return out
+
+
+def _first_rows(frames: Frames) -> IntArray:
+    """``(n,)`` row of the first tick of each tick's episode.
+
+    Raises:
+        ValueError: A tick is missing.
+    """
+    n = len(frames)
+    begins = np.ones(n, dtype=bool)
+    begins[1:] = frames.episode[1:] != frames.episode[:-1]
+    first = np.maximum.accumulate(np.where(begins, np.arange(n), 0))
+    wrong = frames.elapsed != np.arange(n) - first
+    if wrong.any():
+        raise ValueError(
+            f"episode {frames.episode[wrong.argmax()]} lacks ticks, and a layout with a history "
+            "needs all of them, not only those that were kept: load them with "
+            "Dataset.load(all_ticks=True) or take them from Rollout.recording. Data of format 1 do "
+            "not hold them: collect again, or use policy.layout full"
+        )
+    return first

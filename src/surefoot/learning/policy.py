@@ -65,6 +65,11 @@ class PolicySpec:
     kp: float
     kd: float
 
+    @property
+    def remembers(self) -> bool:
+        """Whether the layout has a history, for which all ticks of an episode are needed."""
+        return self.observation.layout.history is not None
+
     def __post_init__(self) -> None:
         """Check the gains: training divides by kp, and files hold only such gains."""
         gains = [
@@ -192,7 +197,7 @@ class Policy:
 
     def _remembered(self, state: State) -> Float32Array | None:
         """The history of the robots; None if the layout has none."""
-        if self.spec.observation.layout.history is None:
+        if not self.spec.remembers:
             return None
         if self._memory is None or self._memory.batch != len(state.q):
             raise ValueError(

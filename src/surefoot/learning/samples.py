@@ -1,10 +1,11 @@
 """Training samples: what the network sees and what it should answer, in bounded memory.
 
-A row is 47 inputs (``observation.network_input``) and 12 targets (``policy.target_of``), float32,
-derived from raw frames. Rows stay in memory up to a limit. Beyond it they go through a temporary
-file without a name, which vanishes with the process, and an epoch reads it in random blocks: as
-many as fit are mixed row by row, then the next. A minibatch then holds rows of blocks from all over
-the data, and every row comes once an epoch. Read next: ``train.py``.
+A row is the inputs (``observation.network_input``, 47 in the layout `full`) and 12 targets
+(``policy.target_of``), float32, derived from raw frames. Rows stay in memory up to a limit. Beyond
+it they go through a temporary file without a name, which vanishes with the process, and an epoch
+reads it in random blocks: as many as fit are mixed row by row, then the next. A minibatch then
+holds rows of blocks from all over the data, and every row comes once an epoch. Read next:
+``train.py``.
 """
 
 from __future__ import annotations
@@ -21,29 +22,32 @@ from torch import Tensor
 
 from surefoot.files import writing
 from surefoot.learning.frames import Frames, whole_episode
+from surefoot.learning.memory import RecordedPast
 from surefoot.learning.observation import INPUT_SIZE, Float32Array, network_input
 from surefoot.learning.policy import PolicySpec, target_of
 from surefoot.types import JOINTS, BoolArray, IntArray
 
 WIDTH = INPUT_SIZE + len(JOINTS)
-"""Numbers in a row: inputs, then targets."""
+"""Numbers in a row of the layout `full`: inputs, then targets."""
 BLOCK = 256
-"""Rows that are read together: a quarter of a second of one robot, 60 kB."""
+"""Rows that are read together: a quarter of a second of one robot, 60 kB in the layout `full`."""
 ROWS_AT_A_TIME = 16384
 """Rows that are derived, summed or validated together, to bound the memory."""
 
 
 class TrainingSamples:
-    """n rows ``(n, 59)``, of which at most ``limit`` bytes are in memory at a time.
+    """n rows ``(n, width)``, of which at most ``limit`` bytes are in memory at a time.
 
     Args:
         limit: Memory [bytes]; at least one block is held.
         folder: Folder of the temporary file, if one is needed; by default the system's.
+        width: Numbers in a row.
     """
 
-    def __init__(self, limit: int, folder: Path | None = None) -> None:
-        blocks = max(1, limit // (BLOCK * WIDTH * 4))
-        self._memory = torch.empty(blocks * BLOCK, WIDTH)  # takes up only what is written to it
+    def __init__(self, limit: int, folder: Path | None = None, width: int = WIDTH) -> None:
+        self._block_size = BLOCK * width * 4
+        blocks = max(1, limit // self._block_size)
+        self._memory = torch.empty(blocks * BLOCK, width)  # takes up only what is written to it
         self._file: BufferedRandom | None = None
         self._folder = folder
         self._count = 0
@@ -57,7 +61,7 @@ class TrainingSamples:
         return self._file is None
 
     def append(self, rows: Float32Array) -> None:
-        """Add rows ``(k, 59)``.
+        """Add rows ``(k, width)``.
 
         Raises:
             WriteError: The disk is full.
@@ -108,7 +112,7 @@ class TrainingSamples:
             for block in blocks[first : first + capacity]:
                 start = end
                 end += min(BLOCK, self._count - block * BLOCK)
-                self._file.seek(block * BLOCK * WIDTH * 4)
+                self._file.seek(block * self._block_size)
                 self._file.readinto(self._memory[start:end].numpy().data)
             yield self._memory[:end]
 
@@ -123,7 +127,7 @@ class TrainingSamples:
         return full * (capacity // batch) + rest // batch
 
     def moments(self) -> tuple[Tensor, Tensor]:
-        """Mean and standard deviation ``(59,)`` of every column, float64."""
+        """Mean and standard deviation ``(width,)`` of every column, float64."""
         # In parts, because a sum in float64 first makes a copy in float64.
         total = sum(
             part.sum(0, dtype=torch.float64)
@@ -142,33 +146,70 @@ class TrainingSamples:
 
 
 def derive(frames: Frames, spec: PolicySpec) -> Float32Array:
-    """Rows ``(n, 59)``: inputs and targets [rad] of raw frames.
+    """Rows ``(n, width)``: inputs and targets [rad] of the n kept frames of a recording.
 
     Args:
-        frames: n recorded ticks.
-        spec: How inputs and targets follow from frames: gait period, phase, kp and kd.
+        frames: Recorded ticks; for a layout with a history all ticks of each episode.
+        spec: How inputs and targets follow from frames: layout, gaits, phase, kp and kd.
 
     Raises:
-        ValueError: A number is not finite.
+        ValueError: A number is not finite, a tick is missing that a history needs, or a frame is of
+            a gait that the policies do not have.
     """
-    rows = np.empty((len(frames), WIDTH), np.float32)
-    for start in range(0, len(frames), ROWS_AT_A_TIME):
-        part = frames[start : start + ROWS_AT_A_TIME]
-        out = rows[start : start + ROWS_AT_A_TIME]
+    seen = spec.observation
+    history = seen.layout.history
+    if len(frames) and frames.gait.max() >= len(seen.gaits):
+        raise ValueError(
+            f"frames of {frames.gait.max() + 1} gaits for a policy of {len(seen.gaits)}; give the "
+            "policy all gaits of the data"
+        )
+    past = None
+    if history is not None and len(frames):
         with np.errstate(over="ignore", invalid="ignore"):  # such frames are named below
-            inputs = out[:, :INPUT_SIZE]
-            network_input(part.state, part.tick, part.command, spec.observation, inputs)
-            out[:, INPUT_SIZE:] = target_of(part.torque, part.q, part.v, spec)
-        finite = np.ones(len(part), bool)
-        for array in (part.q, part.v, part.com, part.feet, part.command, part.torque, out):
-            finite &= np.isfinite(array).reshape(len(part), -1).all(1)
-        if not finite.all():
-            bad = int(np.argmin(finite))
-            raise ValueError(
-                f"frame {start + bad} (episode {part.episode[bad]}, tick {part.tick[bad]}) holds "
-                "numbers that are not finite; leave that episode out"
-            )
+            applied = target_of(frames.applied, frames.q, frames.v, spec)
+            past = RecordedPast(frames, applied, history)
+    kept = np.flatnonzero(frames.kept)
+    frames = frames.kept_frames
+    rows = np.empty((len(frames), seen.input_size + len(JOINTS)), np.float32)
+    for start in range(0, len(frames), ROWS_AT_A_TIME):
+        some = slice(start, start + ROWS_AT_A_TIME)
+        part = frames[some]
+        with np.errstate(over="ignore", invalid="ignore"):
+            _fill(part, spec, rows[some], None if past is None else past.at(kept[some]))
+        _check_finite(part, rows[some], start)
     return rows
+
+
+def _fill(frames: Frames, spec: PolicySpec, out: Float32Array, past: Float32Array | None) -> None:
+    """Write inputs and targets of frames into rows."""
+    seen = spec.observation
+    inputs = out[:, : seen.input_size]
+    gait = frames.gait.astype(np.int64) if len(seen.gaits) > 1 else 0
+    network_input(frames.state, frames.tick, frames.command, seen, inputs, past, gait)
+    out[:, seen.input_size :] = target_of(frames.torque, frames.q, frames.v, spec)
+
+
+def _check_finite(frames: Frames, rows: Float32Array, start: int) -> None:
+    """Check that all numbers of frames, and of what is derived from them, are finite.
+
+    Args:
+        frames: The frames.
+        rows: What is derived from them.
+        start: Number of the first of them, for the message.
+
+    Raises:
+        ValueError: One is not.
+    """
+    finite = np.ones(len(frames), bool)
+    arrays = (frames.q, frames.v, frames.com, frames.feet, frames.command, frames.torque, rows)
+    for array in arrays:
+        finite &= np.isfinite(array).reshape(len(frames), -1).all(1)
+    if not finite.all():
+        bad = int(np.argmin(finite))
+        raise ValueError(
+            f"frame {start + bad} (episode {frames.episode[bad]}, tick {frames.tick[bad]}) holds "
+            "numbers that are not finite; leave that episode out"
+        )
 
 
 def held_out(episode: IntArray, share: float) -> BoolArray:

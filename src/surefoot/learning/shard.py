@@ -14,14 +14,18 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.learning.frames import FIELDS, Frames
+from surefoot.learning.frames import FIELDS, FRAME_FIELDS, Fields, Frames
 
-FORMAT = 1
-"""Version of the shards and of the manifest."""
-BYTES_PER_FRAME = sum(
-    int(np.prod(shape, initial=1)) * np.dtype(dtype).itemsize for shape, dtype in FIELDS.values()
-)
-"""Size of one frame in a file and in memory [B]."""
+FORMAT = 2
+"""Version of the shards and of the manifest. Format 1 holds the kept frames alone."""
+STORED: dict[int, Fields] = {1: FRAME_FIELDS, 2: FIELDS}
+"""The arrays of a shard, by its format."""
+
+
+def row_size(format: int = FORMAT) -> int:
+    """Size of one tick in a file of that format and in memory [B]."""
+    fields = STORED[format].values()
+    return sum(int(np.prod(shape, initial=1)) * np.dtype(dtype).itemsize for shape, dtype in fields)
 
 
 def shard_content(frames: Frames) -> bytes:
@@ -29,7 +33,7 @@ def shard_content(frames: Frames) -> bytes:
 
     It is assembled in memory: HDF5 ends the process if it finds the disk full at the wrong moment.
     """
-    size = len(frames) * BYTES_PER_FRAME + 65_536
+    size = len(frames) * row_size() + 65_536
     with h5py.File("shard", "w", driver="core", backing_store=False, block_size=size) as file:
         file.attrs["format"] = FORMAT
         for name in FIELDS:
@@ -38,12 +42,13 @@ def shard_content(frames: Frames) -> bytes:
         return file.id.get_file_image()
 
 
-def check_size(path: Path, frames: int) -> None:
-    """Check that a file is large enough for so many frames, before there is memory for them.
+def check_size(path: Path, rows: int, format: int = FORMAT) -> None:
+    """Check that a file is large enough for so many ticks, before there is memory for them.
 
     Args:
         path: The file.
-        frames: Number of frames that it is said to hold.
+        rows: Number of ticks that it is said to hold.
+        format: Version of the file.
 
     Raises:
         OSError: It is missing, too small, or not a regular file.
@@ -51,24 +56,29 @@ def check_size(path: Path, frames: int) -> None:
     if path.exists() and not path.is_file():  # reading a pipe would wait
         raise OSError("it is not a regular file")
     size = path.stat().st_size
-    if frames * BYTES_PER_FRAME > size:
-        raise OSError(f"it has {size} bytes, too few for {frames} frames")
+    if rows * row_size(format) > size:
+        raise OSError(f"it has {size} bytes, too few for {rows} ticks")
 
 
-def read_shard(path: Path, arrays: Mapping[str, NDArray]) -> None:
+def read_shard(path: Path, arrays: Mapping[str, NDArray], format: int = FORMAT) -> None:
     """Fill arrays from a shard.
+
+    A shard of format 1 has the kept frames alone. The torque that was applied is known where the
+    expert drove, and not a number elsewhere.
 
     Args:
         path: The file.
-        arrays: Arrays for all frames of the shard, as `uninitialized_arrays` makes them.
+        arrays: Arrays for all ticks of the shard, as `uninitialized_arrays` makes them.
+        format: Version of the file.
 
     Raises:
         OSError: The file is missing or damaged, or holds anything but these arrays.
     """
-    check_size(path, len(arrays["q"]))
+    check_size(path, len(arrays["q"]), format)
     try:
         with h5py.File(path, "r") as file:
-            for name, array in arrays.items():
+            for name in STORED[format]:
+                array = arrays[name]
                 stored = _block(file, name, path.stat().st_size)
                 if stored.shape != array.shape or stored.dtype != array.dtype:
                     raise OSError(
@@ -81,6 +91,11 @@ def read_shard(path: Path, arrays: Mapping[str, NDArray]) -> None:
         raise
     except Exception as error:  # whatever HDF5 makes of a damaged file
         raise OSError(str(error)) from error
+    if format == 1:
+        arrays["gait"][:] = 0
+        arrays["kept"][:] = True
+        arrays["elapsed"][:] = -1
+        arrays["applied"][:] = np.where(arrays["expert_drove"][:, None], arrays["torque"], np.nan)
 
 
 def _block(file: h5py.File, name: str, size: int) -> h5py.Dataset:

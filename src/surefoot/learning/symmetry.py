@@ -99,13 +99,25 @@ class Mirror:
         return State(q, v, state.com * self._point, feet, state.contacts[..., self.legs])
 
     def frames(self, frames: Frames) -> Frames:
-        """The frames of the image; each keeps its episode, so that both are held out together."""
+        """The frames of the image; each keeps its episode, so that both are held out together.
+
+        What was applied at each tick is mirrored too, so that a history is the image's.
+
+        Raises:
+            ValueError: The frames are of several gaits, which are shifted differently.
+        """
+        if len(frames) and frames.gait.any():
+            raise ValueError(
+                "a mirror shifts the clock of one gait, but the frames are of several: use "
+                "training.mirror none, or frames of the first gait"
+            )
         return replace(
             frames,
             **vars(self.state(frames.state)),
             tick=self.tick(frames.tick),
             command=self.command(frames.command),
             torque=self.joint_values(frames.torque),
+            applied=self.joint_values(frames.applied),
         )
 
 
@@ -128,13 +140,20 @@ class Mirrored:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-def parts_of(data: Frames | Dataset | Mirrored) -> Iterator[tuple[Frames, ...]]:
-    """The data in parts: each as it was recorded, followed by its mirror image if there is one."""
+def parts_of(
+    data: Frames | Dataset | Mirrored, all_ticks: bool = False
+) -> Iterator[tuple[Frames, ...]]:
+    """The data in parts: each as it was recorded, followed by its mirror image if there is one.
+
+    Args:
+        data: Whole episodes.
+        all_ticks: Whether to give all ticks of a dataset, not only the kept frames.
+    """
     mirror = None
     if isinstance(data, Mirrored):
         mirror = data.mirror
         data = data.data
-    for part in data.parts() if isinstance(data, Dataset) else [data]:
+    for part in data.parts(all_ticks) if isinstance(data, Dataset) else [data]:
         yield (part,) if mirror is None else (part, mirror.frames(part))
 
 
@@ -175,6 +194,8 @@ def mirror_error(
 ) -> float:
     """The mean of |M pi(s) - pi(M s)| over n states and the joints [rad].
 
+    A policy that remembers answers as if an episode began in each state.
+
     Args:
         policy: The policy pi.
         mirror: The mirror M.
@@ -182,6 +203,8 @@ def mirror_error(
         tick: ``(n,)`` gait clock [ms].
         command: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
     """
+    policy.reset(len(tick))
     expected = mirror.joint_values(policy.target(state, tick, command))
+    policy.reset(len(tick))
     image = policy.target(mirror.state(state), mirror.tick(tick), mirror.command(command))
     return float(np.abs(expected - image).mean(dtype=np.float64))

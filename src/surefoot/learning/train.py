@@ -28,10 +28,9 @@ from surefoot.learning.checkpoint import Losses, load_checkpoint, save_checkpoin
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.observation import INPUT_SIZE, OBSERVATION_SIZE
 from surefoot.learning.policy import PolicySpec
 from surefoot.learning.precision import choose_precision
-from surefoot.learning.samples import ROWS_AT_A_TIME, WIDTH, TrainingSamples, derive, held_out
+from surefoot.learning.samples import ROWS_AT_A_TIME, TrainingSamples, derive, held_out
 from surefoot.learning.step import (
     TrainingStep,
     choose_device,
@@ -41,7 +40,7 @@ from surefoot.learning.step import (
     torch_threads,
 )
 from surefoot.learning.symmetry import Mirrored, parts_of
-from surefoot.types import Array
+from surefoot.types import JOINTS, Array
 
 Progress = Callable[[int, int, float, float], None]
 """``progress(epoch, epochs, train_loss, validation_loss)`` after each epoch, counted from 1."""
@@ -121,8 +120,9 @@ def fit(
             the same kind of device, resumes from it.
 
     Raises:
-        ValueError: There are too few frames, no epochs, a negative seed, a number that is not
-            finite, no such device, the device cannot multiply in the precision, or the data are
+        ValueError: The network has not as many inputs as the layout, there are too few frames, no
+            epochs, a negative seed, a number that is not finite, no such device, the device cannot
+            multiply in the precision, a tick is missing that a history needs, or the data are
             mirrored although the training is not, or the other way round.
         FloatingPointError: The loss is not finite.
         DatasetError: A shard is damaged.
@@ -138,6 +138,11 @@ def fit(
         raise ValueError(
             f"training.mirror is {config.mirror}, but the data are {type(data).__name__}: give "
             "`Mirrored` data (surefoot.learning.symmetry) if and only if there is a mirror"
+        )
+    if len(network.mean) != spec.observation.input_size:
+        raise ValueError(
+            f"a network of {len(network.mean)} inputs for a layout of "
+            f"{spec.observation.input_size}; make it with PolicyNetwork(config, inputs=...)"
         )
     device = choose_device(config.device)
     samples = split_samples(data, config, spec)
@@ -155,14 +160,15 @@ def fit(
     with torch_threads(config.threads):
         if not network.has_normalisers:
             mean, deviation = samples.training.moments()
-            network.set_normalizers(mean[:INPUT_SIZE], deviation[:INPUT_SIZE])
+            inputs = spec.observation.input_size
+            network.set_normalizers(mean[:inputs], deviation[:inputs])
         optimizer = make_optimizer(network, config, device)
         if checkpoint is not None:
             losses = load_checkpoint(checkpoint, key, network, optimizer)
         step = TrainingStep(network, optimizer, config.batch, precision, device)
         for epoch in range(len(losses), passes):
             network.train()
-            scale = config.input_noise * network.scale[:OBSERVATION_SIZE]
+            scale = config.input_noise * network.scale[: spec.observation.observation_size]
             train_loss = _train_epoch(step, samples.training, config, seed, epoch, steps, scale)
             losses.append((train_loss, _validate(network, samples.validation, device)))
             if not np.isfinite(train_loss):
@@ -205,17 +211,19 @@ def split_samples(
     folder = recorded.folder if isinstance(recorded, Dataset) else None
     limit = config.memory * 1_000_000
     validation_limit = round(limit * config.validation)
-    validation = TrainingSamples(validation_limit, folder)
-    training = TrainingSamples(limit - validation_limit, folder)
+    width = spec.observation.input_size + len(JOINTS)
+    validation = TrainingSamples(validation_limit, folder, width)
+    training = TrainingSamples(limit - validation_limit, folder, width)
     lowest = np.full(3, np.inf)
     highest = np.full(3, -np.inf)
     frames = 0
-    for images in parts_of(data):
-        frames += len(images[0])
-        for part in images:
-            if not len(part):
+    for images in parts_of(data, all_ticks=spec.remembers):
+        frames += int(images[0].kept.sum())
+        for recorded in images:
+            if not recorded.kept.any():
                 continue
-            rows = derive(part, spec)
+            rows = derive(recorded, spec)
+            part = recorded.kept_frames
             is_held_out = held_out(part.episode, config.validation)
             training.append(rows[~is_held_out])
             validation.append(rows[is_held_out])
@@ -264,7 +272,7 @@ def _train_epoch(
         seed: Seed of the whole fit.
         epoch: Number of the epoch, from 0.
         steps: Number of steps of the whole fit.
-        noise: ``(42,)`` standard deviation of the noise on the observation, on the device.
+        noise: ``(observation_size,)`` standard deviation of the noise, on the device.
     """
     batches = samples.batches(config.batch)
     first = epoch * batches
@@ -276,8 +284,8 @@ def _train_epoch(
             share = 0.5 * (1 + math.cos(math.pi * number / steps))
             step.set_learning_rate(config.learning_rate * share)
         if config.input_noise > 0.0:
-            drawn = torch.randn(config.batch, OBSERVATION_SIZE, generator=noise_source)
-            rows[:, :OBSERVATION_SIZE] += drawn.to(step.device) * noise
+            drawn = torch.randn(config.batch, len(noise), generator=noise_source)
+            rows[:, : len(noise)] += drawn.to(step.device) * noise
         step(rows)
     return step.take_loss() / count
 
@@ -285,7 +293,7 @@ def _train_epoch(
 def _minibatches(
     samples: TrainingSamples, batch: int, order: torch.Generator, device: torch.device
 ) -> Iterator[Tensor]:
-    """``(batch, 59)`` rows in random order, copied; a buffer's incomplete last one is dropped."""
+    """``(batch, width)`` rows in random order, copied; an incomplete last one is dropped."""
     for buffer in samples.buffers(order):
         whole = len(buffer) // batch
         permutation = torch.randperm(len(buffer), generator=order)[: whole * batch]
@@ -298,15 +306,16 @@ def _minibatches(
 def _validate(network: PolicyNetwork, samples: TrainingSamples, device: torch.device) -> float:
     """Mean L1 in eval mode and float32 [rad]; NaN without any rows."""
     network.eval()
+    inputs = len(network.mean)
     total = torch.zeros((), dtype=torch.float64, device=device)
     for buffer in samples.buffers():
         for part in buffer.split(ROWS_AT_A_TIME):
             rows = part.to(device)
-            error = network(rows[:, :INPUT_SIZE]) - rows[:, INPUT_SIZE:]
+            error = network(rows[:, :inputs]) - rows[:, inputs:]
             total += error.abs().sum(dtype=torch.float64)
     if not len(samples):
         return float("nan")
-    return total.item() / (len(samples) * (WIDTH - INPUT_SIZE))
+    return total.item() / (len(samples) * len(JOINTS))
 
 
 def _generator(seed: int, epoch: int, stream: int = 0) -> torch.Generator:

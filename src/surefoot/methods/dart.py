@@ -25,7 +25,6 @@ import numpy as np
 
 from surefoot.config import DartConfig
 from surefoot.learning.frames import concatenate, sorted_by_episode
-from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import load
 from surefoot.learning.samples import derive, held_out
 from surefoot.robots.load import find_spec
@@ -130,7 +129,8 @@ def learner_error(run: Run, i: int) -> Array:
     """
     policy = load(run.policy_path(i), find_spec(run.config.robot).name)
     share = run.config.training.validation
-    held = [frames[held_out(frames.episode, share)] for frames in dataset_of(run, i).parts()]
+    parts = dataset_of(run, i).parts(all_ticks=policy.spec.remembers)
+    held = [frames[held_out(frames.episode, share)] for frames in parts]
     # In one order, however D is cut into shards: the last digits of a sum depend on it.
     frames = sorted_by_episode(concatenate(held))
     if not len(frames):
@@ -138,7 +138,9 @@ def learner_error(run: Run, i: int) -> Array:
             f"{run.folder} has no frame held out to fit the noise to; use a larger "
             "training.validation, or more rollouts"
         )
-    inputs, targets = np.split(derive(frames, policy.spec), [INPUT_SIZE], axis=1)
+    inputs, targets = np.split(
+        derive(frames, policy.spec), [policy.spec.observation.input_size], axis=1
+    )
     # None of the parts is too small for the policy to be exact.
     parts = np.array_split(inputs, math.ceil(len(inputs) / ROWS_AT_ONCE))
     answers = np.concatenate([policy.forward(part) for part in parts])

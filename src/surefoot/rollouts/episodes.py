@@ -1,8 +1,8 @@
 """What goes into a rollout and what comes out: `Episodes` to run, and the `Rollout` of them.
 
-A rollout holds everything that was measured, commanded and decided, tick by tick; `Rollout.frames`
-takes from it what a method keeps to learn from. Read `engine` next, which turns one into the
-other.
+A rollout holds everything that was measured, commanded and decided, tick by tick;
+`Rollout.recording` says which of it a method keeps to learn from. Read `engine` next, which turns
+one into the other.
 """
 
 from __future__ import annotations
@@ -223,7 +223,11 @@ class Rollout:
         return line
 
     def frames(self, keep: BoolArray, episode: IntArray) -> Frames:
-        """The frames to keep, episode by episode.
+        """The frames to keep, episode by episode; the arguments are those of `recording`."""
+        return self.recording(keep, episode).kept_frames
+
+    def recording(self, keep: BoolArray, episode: IntArray) -> Frames:
+        """All ticks of the episodes of which any frame is kept, and which are, episode by episode.
 
         Args:
             keep: ``(B, T)`` True for the frames to keep; ticks that did not happen are left out.
@@ -250,8 +254,9 @@ class Rollout:
                 "the expert was not asked about some of the frames to keep: keep frames of "
                 "expert_asked only, or ask it at every tick (rollout(..., ask_always=True))"
             )
-        robot, elapsed = np.nonzero(keep)
-        seen = self.seen[keep]
+        recorded = self.happened & np.any(keep, axis=1)[:, None]
+        robot, elapsed = np.nonzero(recorded)
+        seen = self.seen[recorded]
         return Frames(
             q=seen.q,
             v=seen.v,
@@ -260,8 +265,11 @@ class Rollout:
             contacts=seen.contacts,
             tick=self.starts.tick[robot] + elapsed,
             command=self.starts.command[robot],
-            torque=self.expert_torque[keep],
-            expert_drove=self.expert_drove[keep],
+            torque=self.expert_torque[recorded],
+            expert_drove=self.expert_drove[recorded],
             episode=episode[robot],
             outcome=self.outcome[robot].astype(np.int8),
+            kept=keep[recorded],
+            applied=self.torque[recorded],
+            elapsed=elapsed.astype(np.int32),
         )

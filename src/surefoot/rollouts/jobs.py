@@ -102,13 +102,19 @@ class ChunkResult:
 
     Attributes:
         summary: How its episodes ended, and what they cost.
-        frames: The frames that the job's rule keeps.
+        recording: All ticks of the episodes of which the job's rule keeps frames, and which it
+            keeps.
         trace: What a history gate learns from, if the job asks for it.
     """
 
     summary: Summary
-    frames: Frames
+    recording: Frames
     trace: Trace | None
+
+    @property
+    def frames(self) -> Frames:
+        """The frames that the job's rule keeps."""
+        return self.recording.kept_frames
 
 
 def expert_name(job: Job) -> str:
@@ -147,17 +153,17 @@ def chunks_of(job: Job) -> list[Job]:
 def run_chunk(job: Job) -> ChunkResult:
     """Run the episodes of one chunk in this process, and those that follow from them."""
     rollouts, expert = play_out(job)
-    frames = concatenate([])
+    recording = concatenate([])
     if job.keep is not None:
-        frames = rollouts.frames(job.keep(rollouts), job.episode)
-    summary = summarize_job(job, rollouts, expert, frames)
+        recording = rollouts.recording(job.keep(rollouts), job.episode)
+    summary = summarize_job(job, rollouts, expert, recording.kept_frames)
     trace = trace_of(rollouts, job.episode, job.config) if job.trace else None
     following = None if job.then is None else job.then(job, rollouts)
     if following is not None:
         more = run_chunk(following)
         summary = join_summaries([summary, more.summary])
-        frames = concatenate([frames, more.frames])
-    return ChunkResult(summary, frames, trace)
+        recording = concatenate([recording, more.recording])
+    return ChunkResult(summary, recording, trace)
 
 
 def summarize_job(job: Job, rollouts: Rollout, expert: Expert, frames: Frames) -> Summary:

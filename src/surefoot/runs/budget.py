@@ -116,9 +116,9 @@ def affordable_part(result: ChunkResult, left: int) -> ChunkResult:
             trace, episode=trace.episode[rows], inputs=trace.inputs[rows], label=trace.label[rows]
         )
     summary = result.summary
-    frames = result.frames
+    recording = result.recording
     return ChunkResult(
         summary[np.isin(whole_episode(summary.episode), chosen)],
-        frames[np.isin(whole_episode(frames.episode), chosen)],
+        recording[np.isin(whole_episode(recording.episode), chosen)],
         trace,
     )

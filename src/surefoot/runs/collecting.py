@@ -107,7 +107,7 @@ def run_and_store(
     with closing(results):  # whatever goes wrong here, the workers end with it
         for number, result in results:
             done.add(names[number])
-            teaches = teaches or len(result.frames) > 0
+            teaches = teaches or bool(result.recording.kept.any())
             if teaches and result.summary.ticks.any():
                 _store(run, names[number], result)
             else:
@@ -203,7 +203,7 @@ def _store(run: Run, name: str, result: ChunkResult) -> None:
     if result.trace is not None:
         save_arrays(run.trace_path(name), result.trace)
     save_arrays(run.summary_path(name), result.summary)
-    run.dataset.append(name, result.frames)
+    run.dataset.append(name, result.recording)
 
 
 def _stored_shards(run: Run, job: Job) -> set[str]:

@@ -21,7 +21,7 @@ from surefoot.config import GateName
 from surefoot.config.checked import known
 from surefoot.files import load_arrays
 from surefoot.learning.classifier import digest, fit_classifier, load_classifier, save_classifier
-from surefoot.learning.observation import state_spec
+from surefoot.learning.observation import network_input, state_spec
 from surefoot.learning.policy import Policy, load
 from surefoot.learning.samples import derive, held_out
 from surefoot.robots.load import find_spec
@@ -153,7 +153,7 @@ def deviation_samples(run: Run, i: int, unsafe_share: float) -> GateSamples:
         unsafe_share: Share of the held-out pre-training frames beyond tau.
     """
     policy = load(run.policy_path(i), find_spec(run.config.robot).name)
-    inputs, targets, episode = _inputs_and_targets(run, i, policy)
+    rows, inputs, targets, episode = _rows_of_frames(run, i, policy)
     held = held_out(episode, run.config.training.validation)
     first = run.gate_trained("classifier", 0)
     sigma = targets.std(axis=0, dtype=np.float64) if first is None else np.array(first.sigma)
@@ -166,21 +166,31 @@ def deviation_samples(run: Run, i: int, unsafe_share: float) -> GateSamples:
     else:
         tau = first.tau
     judges = held & (episode % 2 > 0)
-    return GateSamples(inputs, deviation > tau, judges, tau, tuple(sigma.tolist()))
+    return GateSamples(rows, deviation > tau, judges, tau, tuple(sigma.tolist()))
 
 
-def _inputs_and_targets(
+def _rows_of_frames(
     run: Run, i: int, policy: Policy
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
-    """Inputs ``(n, 47)``, targets ``(n, 12)`` [rad] and episodes ``(n,)`` of the frames of D."""
-    rows = []
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+    """What gate and policy see of the frames of D, and what the policy should answer.
+
+    Returns:
+        Rows ``(n, 47)`` of the gate, inputs ``(n, inputs)`` of the policy, targets ``(n, 12)``
+        [rad], and episodes ``(n,)``.
+    """
+    full = state_spec(run.config)
+    derived = []
+    seen = []
     episode = []
-    for frames in dataset_of(run, i).parts():
+    for recording in dataset_of(run, i).parts(all_ticks=policy.spec.remembers):
+        frames = recording.kept_frames
         if len(frames):
-            rows.append(derive(frames, policy.spec))
+            derived.append(derive(recording, policy.spec))
+            seen.append(network_input(frames.state, frames.tick, frames.command, full))
             episode.append(frames.episode)
-    inputs, targets = np.split(np.concatenate(rows), [policy.spec.observation.input_size], axis=1)
-    return inputs, targets, np.concatenate(episode)
+    size = policy.spec.observation.input_size
+    inputs, targets = np.split(np.concatenate(derived), [size], axis=1)
+    return np.concatenate(seen), inputs, targets, np.concatenate(episode)
 
 
 def _is_trained(run: Run, kind: LearnedGate, i: int) -> bool:

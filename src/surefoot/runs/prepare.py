@@ -100,7 +100,7 @@ def _copy_data(source: Run, target: Run) -> None:
         if source.trace_path(name).exists():
             write_atomic(target.trace_path(name), source.trace_path(name).read_bytes())
         write_atomic(target.summary_path(name), source.summary_path(name).read_bytes())
-        target.dataset.append(name, source.dataset.load([name]))
+        target.dataset.append(name, source.dataset.load([name], all_ticks=True))
 
 
 def _copy_policy(source: Run, target: Run) -> None:
