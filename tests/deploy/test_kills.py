@@ -9,7 +9,7 @@ from surefoot.deploy.bridge import Bridge, UdpChannel, serve
 from surefoot.deploy.flight import fly
 from surefoot.deploy.recorder import load_flight
 from tests.fakes.bridge_process import PATIENT, make_runtime
-from tests.fakes.bridge_world import ToyDriver
+from tests.fakes.bridge_world import Clock, ToyDriver
 
 PROGRAM = [sys.executable, "-m", "tests.fakes.bridge_process"]
 LONGEST = 60.0
@@ -18,7 +18,7 @@ LONGEST = 60.0
 
 def test_a_runtime_that_is_killed_leaves_latched_damping():
     channel = UdpChannel()
-    driver = ToyDriver(time.monotonic_ns)
+    driver = ToyDriver(Clock())
     bridge = Bridge(driver, channel, PATIENT)
     end = time.monotonic() + LONGEST
     with subprocess.Popen([*PROGRAM, "runtime", str(channel.address[1])]) as runtime:

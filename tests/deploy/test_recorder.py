@@ -13,7 +13,7 @@ from tests.fakes.bridge_world import World
 
 
 def record(tick: int) -> TickRecord:
-    return TickRecord(tick, 10 * tick, 2, tick % 2 == 0, Command(tick, 0.0, 0.5), 1.5, 2.5)
+    return TickRecord(tick, 10 * tick, 2, tick % 2 == 0, Command(tick, 0.0, 0.5), 7, 1.5, 2.5)
 
 
 def test_a_tick_is_kept_with_all_that_was_measured_and_commanded():
@@ -37,6 +37,7 @@ def test_a_tick_is_kept_with_all_that_was_measured_and_commanded():
     for name in JointCommand._fields:
         np.testing.assert_array_equal(getattr(flight, name)[0], getattr(command, name))
         assert np.isnan(getattr(flight, name)[1]).all()
+    assert flight.gait_tick.tolist() == [7, 7]
     assert flight.work_us.tolist() == [1.5, 1.5]
     assert flight.round_trip_us.tolist() == [2.5, 2.5]
 

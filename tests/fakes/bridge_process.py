@@ -7,14 +7,13 @@ Timeouts are long: the machine that runs the tests may be busy.
 """
 
 import sys
-import time
 
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.bridge import Bridge, UdpChannel, serve
 from surefoot.deploy.flight import fly
 from surefoot.deploy.loop import Runtime
 from surefoot.deploy.udp_robot import UdpRobot
-from tests.fakes.bridge_world import TOY, ToyDriver, ToyOperator, ToyPolicy
+from tests.fakes.bridge_world import TOY, Clock, ToyDriver, ToyOperator, ToyPolicy
 
 PATIENT = TOY._replace(command_timeout=1.0, command_age=30.0, state_timeout=1.0)
 """The toy, on a busy machine."""
@@ -32,7 +31,7 @@ def main() -> None:
     if sys.argv[1] == "bridge":
         channel = UdpChannel()
         print(channel.address[1], flush=True)
-        serve(Bridge(ToyDriver(time.monotonic_ns), channel, PATIENT))
+        serve(Bridge(ToyDriver(Clock()), channel, PATIENT))
     else:
         fly(make_runtime(int(sys.argv[2])), None)
 
