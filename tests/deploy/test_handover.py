@@ -197,6 +197,11 @@ def test_a_gate_with_an_expert_hands_over_and_back():
     first = stiffness.index(3.0)
     assert set(stiffness[first : first + 92]) == {3.0}
     assert set(stiffness[first + 92 :]) == {2.0}
+    # The expert's ticks are in the policy's history: 1 N m more with each, as its plan says.
+    assert len(world.policy.remembered) == 92
+    np.testing.assert_allclose(
+        np.diff([torque[0] for torque in world.policy.remembered]), 1, atol=0.5
+    )
     drove = runtime.recorder.flight().expert_drove
     assert drove.sum() == 92
 

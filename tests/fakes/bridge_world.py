@@ -144,9 +144,13 @@ class ToyPolicy:
         self.needs_base = True
         self.asked: list[tuple[int, Command]] = []
         self.resets = 0
+        self.remembered: list[np.ndarray] = []
 
     def reset(self, sensors: Sensors) -> None:
         self.resets += 1
+
+    def remember(self, sensors: Sensors, torque: np.ndarray) -> None:
+        self.remembered.append(torque)
 
     def target(self, sensors: Sensors, tick: int, command: Command) -> np.ndarray:
         self.asked.append((tick, command))

@@ -64,6 +64,8 @@ class Play(OnHardware, OnSimulator):
 
     def __call__(self) -> int:
         """Play, print, film; 1 if the robot fell, or the expert gave up."""
+        if self.target.suffix == ".npz":
+            return self.film_flight()
         from surefoot.interop.sensor_log import SUFFIXES, log_of, write_log
         from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
@@ -75,8 +77,6 @@ class Play(OnHardware, OnSimulator):
         report_file = Output("--json", self.json)
         outputs = [report_file, Output("--log", self.log, SUFFIXES)]
         check_outputs(outputs, reads=[self.target])
-        if self.target.suffix == ".npz":
-            return self.film_flight()
         if self.log is not None and self.episode is not None:
             raise ValueError(
                 "--log has what a policy measured that drives alone; leave out --episode"

@@ -41,7 +41,7 @@ class Measurement(NamedTuple):
         joint_velocity: Twelve joint rates [rad/s].
         joint_torque: Twelve joint torques [N m].
         orientation: Unit quaternion xyzw, base frame to world frame.
-        angular_velocity: Of the base, base frame [rad/s].
+        angular_velocity: Angular velocity of the base, base frame [rad/s].
         acceleration: Specific force at the base, base frame [m/s^2].
         base: Height [m] and linear velocity in the base frame [m/s]; None if nothing measures them.
         faults: Bits of the driver's faults; anything but 0 latches the bridge for good.

@@ -94,6 +94,15 @@ class JointCommand(NamedTuple):
     velocity: Array = NO_VALUES
     torque: Array = NO_VALUES
 
+    def torque_at(self, sensors: Sensors) -> Array:
+        """The torques ``(12,)`` that the motors are to apply, before they clip them [N m].
+
+        Args:
+            sensors: What the robot measures.
+        """
+        stiff = self.kp * (self.position - sensors.joint_position)
+        return self.torque + (stiff + self.kd * (self.velocity - sensors.joint_velocity))
+
 
 class RobotInterface(Protocol):
     """A robot, wherever it is.
@@ -175,5 +184,14 @@ class DeployedPolicy(Protocol):
             sensors: What the robot measures now.
             tick: The gait clock [ms].
             command: The velocity that is asked for.
+        """
+        ...
+
+    def remember(self, sensors: Sensors, torque: Array) -> None:
+        """Take a tick into the history in which another drove; called instead of `target`.
+
+        Args:
+            sensors: What the robot measured at that tick.
+            torque: ``(12,)`` the joint torques that were commanded [N m].
         """
         ...

@@ -176,8 +176,8 @@ class Runtime:
         wish = self._operator.wish()
         wrong = self._wrong(sensors, wish)
         command: JointCommand | None = None
+        velocity = self._within_range(wish.command)
         if wrong is None:
-            velocity = self._within_range(wish.command)
             self._change_mode(sensors, wish)
             if not self.over:
                 command = self._command(sensors, velocity)
@@ -188,7 +188,7 @@ class Runtime:
             self._give_up(*wrong)
         elif command is not None:
             self._robot.write(command)
-        self._record(sensors, command, wish.command, (begun, measured))
+        self._record(sensors, command, velocity, (begun, measured))
 
     def _wrong(self, sensors: Sensors, wish: Wish) -> tuple[FaultKind, str] | None:
         """The first thing that is wrong."""
@@ -275,6 +275,7 @@ class Runtime:
         command = self._experts(sensors, tick, velocity)
         if command is not None:
             self.expert_ticks += 1
+            policy.remember(sensors, command.torque_at(sensors))
             return command
         if self.over:
             return None
@@ -363,6 +364,7 @@ class Runtime:
             self.mode,
             self._expert_drives,
             velocity,
+            self._gait_clock(sensors) if self.mode == Mode.DRIVE else -1,
             work_ns * MICROSECOND,
             round_trip,
         )

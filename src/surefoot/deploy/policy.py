@@ -321,6 +321,19 @@ class OnnxPolicy:
             self._memory.store(state, applied[None])
         return target
 
+    def remember(self, sensors: Sensors, torque: Array) -> None:
+        """Take a tick into the history in which another drove; to be called instead of `target`.
+
+        Args:
+            sensors: What the robot measured at that tick.
+            torque: ``(12,)`` the joint torques that were commanded [N m].
+        """
+        if self._memory is None:
+            return
+        target = (torque + self.kd * sensors.joint_velocity) / self.kp + sensors.joint_position
+        applied = self.applied(target, sensors.joint_position, sensors.joint_velocity)
+        self._memory.store(self.state(sensors), applied[None])
+
     def inputs(self, sensors: Sensors, tick: int, command: Command) -> Float32Array:
         """The network's input ``(inputs,)`` at this instant; nothing is remembered of it.
 

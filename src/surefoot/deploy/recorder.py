@@ -51,6 +51,7 @@ class Flight:
         torque: ``(n, 12)`` feed-forward torques commanded [N m].
         work_us: ``(n,)`` from the measurement to the written command [us].
         round_trip_us: ``(n,)`` from a command to the state that knows of it [us].
+        gait_tick: ``(n,)`` the gait clock [ms]; -1 where the robot was not driven.
     """
 
     shapes: ClassVar[Mapping[str, Shape]] = {
@@ -94,7 +95,8 @@ class Flight:
     kd: Array
     torque: Array
     work_us: Array
-    round_trip_us: Array = field(default_factory=lambda: np.zeros(0))
+    round_trip_us: Array
+    gait_tick: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 class TickRecord(NamedTuple):
@@ -106,6 +108,7 @@ class TickRecord(NamedTuple):
         mode: 0 damped, 1 standing up, 2 driven.
         expert_drove: Whether the expert drove.
         command: The velocity asked for.
+        gait_tick: The gait clock [ms]; -1 where the robot is not driven.
         work_us: From the measurement to the written command [us].
         round_trip_us: From a command to the state that knows of it [us].
     """
@@ -115,12 +118,13 @@ class TickRecord(NamedTuple):
     mode: int
     expert_drove: bool
     command: Command
+    gait_tick: int
     work_us: float
     round_trip_us: float
 
 
 # A row of the ring holds all numbers of a tick side by side, so that a tick is a few writes.
-_INTEGERS = ("tick", "time_ns", "robot_time_ns", "mode", "expert_drove")
+_INTEGERS = ("tick", "time_ns", "robot_time_ns", "mode", "expert_drove", "gait_tick")
 _WIDTHS = {
     "command": 3,
     "joint_position": _JOINTS,
@@ -173,6 +177,7 @@ class FlightRecorder:
             sensors.time_ns,
             record.mode,
             record.expert_drove,
+            record.gait_tick,
         )
         base = _NO_BASE
         if sensors.base is not None:

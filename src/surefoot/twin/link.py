@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from surefoot.config.twin import LinkConfig
-from surefoot.deploy.bridge import Address, Channel
+from surefoot.deploy.bridge import MOST_DATAGRAMS, Address, Channel
 
 _Waiting = tuple[int, int, bytes, Address]
 """When a datagram is due [ns], its number, its bytes, and its sender or receiver."""
@@ -46,7 +46,7 @@ class DisturbedChannel:
     def receive(self) -> tuple[bytes, Address] | None:
         """See `Channel`."""
         self._flush()
-        while True:
+        for _ in range(MOST_DATAGRAMS):
             received = self._channel.receive()
             if received is None:
                 break
