@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.deploy.policy import load, read_export
+from surefoot.deploy.export_file import read_export
+from surefoot.deploy.policy import load
 from surefoot.interop.check_log import check_log, check_pipeline
 from surefoot.interop.replay import torch_network_of
 from surefoot.rotations import rotation

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.deploy.description import PolicyDescription, input_slices
-from surefoot.deploy.policy import ExportFile, OnnxPolicy
+from surefoot.deploy.export_file import ExportFile
+from surefoot.deploy.policy import OnnxPolicy
 from surefoot.interop.differences import Numbers, explain, first_beyond, largest
 from surefoot.interop.hypotheses import explain_sensors, explain_targets, explain_term
 from surefoot.interop.pipeline_runner import PipelineRunner
