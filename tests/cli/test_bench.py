@@ -4,9 +4,10 @@ import json
 
 import pytest
 
-from surefoot.bench import end_to_end, engine, plan, train
+from surefoot.bench import end_to_end, engine, loop, plan, train
 from surefoot.bench.end_to_end import BoundedTime, EndToEndSpeed, EvaluationSpeed
 from surefoot.bench.engine import EngineSpeed
+from surefoot.bench.loop import LoopTimes
 from surefoot.bench.plan import PlanTimes, StageTimes, Times
 from surefoot.bench.train import TrainSpeed
 from surefoot.config import Config, simulated
@@ -19,6 +20,7 @@ NODES = (20, 10)
 PLAN = PlanTimes(5, NODES, TIMES, 9.0, TIMES, 8.0, NODES, TIMES, 7.0, TIMES, 6.0)
 ENGINE = EngineSpeed(20, 6e4, 7.5e4, 1.25, 1.9, 0.8, 0.9)
 TRAIN = TrainSpeed(256, 4.0, 6.0, 10.0, "float32", 1.0, 0.4, 3.0, 1.25)
+LOOP = LoopTimes(5000, 200.0, 300.0, 190.0, 250.0, 120.0, 50.0, 90.0)
 EVALUATION = EvaluationSpeed(100, 2, 5.0, 4.0, 1.25)
 STAGE = BoundedTime(4.0, 2.0)
 END_TO_END = EndToEndSpeed("dagger", 2, 13.0, STAGE, STAGE, STAGE, 1.0, 2.0, 7.5e4, 3.0, 99)
@@ -26,6 +28,7 @@ RECORDS = {
     "plan": PLAN,
     "engine": ENGINE,
     "train": TRAIN,
+    "loop": LOOP,
     "evaluation": EVALUATION,
     "end_to_end": END_TO_END,
 }
@@ -46,6 +49,7 @@ def calls(monkeypatch) -> list[tuple]:
     replace_function(plan, "plan")
     replace_function(engine, "engine")
     replace_function(train, "train")
+    replace_function(loop, "loop")
     replace_function(end_to_end, "evaluation")
     replace_function(end_to_end, "end_to_end")
     return made
@@ -61,11 +65,12 @@ def test_without_a_name_everything_is_measured(surefoot, calls, capsys, tmp_path
         ("plan", config),
         ("engine", config),
         ("train", config),
+        ("loop", config),
         ("evaluation", config, Workers(3)),
         ("end_to_end", run, Workers(3)),
     ]
     figures = json.loads(file.read_text())
-    assert list(figures) == ["plan", "engine", "train", "evaluation", "end_to_end"]
+    assert list(figures) == ["plan", "engine", "train", "loop", "evaluation", "end_to_end"]
     assert figures["plan"]["half_warm_plan_ms"]["stages"]["inverse_dynamics"] == 0.4
     assert figures["engine"]["floor_robot_ms_per_s"] == 7.5e4
     assert figures["end_to_end"]["collect"] == {"seconds": 4.0, "floor_seconds": 2.0}

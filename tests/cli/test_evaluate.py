@@ -276,3 +276,17 @@ def test_policies_that_do_not_fit_are_refused(surefoot, capsys, tmp_path, run_fo
     for name, message in (("cut", "not a whole"), ("other", "robot"), ("layout", "observation")):
         assert surefoot("evaluate", tmp_path / f"{name}.safetensors") == 2
         assert message in capsys.readouterr().err
+
+
+def test_an_evaluation_under_a_hardware_profile_counts_latches(
+    surefoot, capsys, run_copy, tmp_path
+):
+    file = tmp_path / "figures.json"
+    args = ("evaluate", run_copy, "--episodes", 4, "--workers", 1, "--json", file)
+    assert surefoot(*args, "--profile", "odri", "--no-expert") == 0
+    report = read_report(file)
+    assert report.latching is not None
+    assert report.latching.profile == "odri"
+    assert len(report.latching.latches) == 4
+    assert report.max_torque <= 1.8
+    assert "under the profile odri: " in capsys.readouterr().out

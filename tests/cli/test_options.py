@@ -10,6 +10,7 @@ import pytest
 
 from surefoot.cli.main import parse
 from surefoot.cli.options import (
+    OnHardware,
     OnSimulator,
     OnTerrain,
     OnWorkers,
@@ -170,3 +171,14 @@ def test_nothing_is_written_beside_a_stream(monkeypatch, tmp_path):
     film_episode(recording, pipe, "title")
     assert films == [pipe]
     assert list(tmp_path.iterdir()) == [pipe]
+
+
+def test_a_hardware_profile_is_put_into_the_configuration():
+    config = Config()
+    assert OnHardware().with_profile(config) is config
+    assert OnHardware(profile="odri").with_profile(config).robot.profile == "odri"
+    with pytest.raises(ValueError, match="did you mean 'odri'"):
+        OnHardware(profile="ordi").with_profile(config)
+    go2 = replace(config, robot=replace(config.robot, model="go2"))
+    with pytest.raises(ValueError, match="belongs to the robot solo12, not to go2"):
+        OnHardware(profile="odri").with_profile(go2)

@@ -11,8 +11,6 @@ from surefoot.config.json_io import from_json, to_json
 from surefoot.evaluation.robustness import (
     Robustness,
     evaluate,
-    ids_as_text,
-    ids_from_text,
     mean_error,
     robustness_of,
     success_difference,
@@ -109,28 +107,6 @@ def test_body_contact_that_was_not_recorded_is_none_and_not_zero():
     assert robustness.body_contacts is None
     assert robustness.body_contact_successes is None
     assert robustness.touched == ""
-
-
-@pytest.mark.parametrize(
-    ("ids", "text"),
-    [
-        ([], ""),
-        ([5], "5"),
-        ([5, 6, 7], "5-7"),
-        ([7, 6, 5], "7,6,5"),
-        ([0, 10, 11, 3, 3], "0,10-11,3,3"),
-        ([-1, -1], "-1,-1"),
-    ],
-)
-def test_ids_are_short_text(ids, text):
-    assert ids_as_text(np.array(ids, np.int64)) == text
-    assert ids_from_text(text).tolist() == ids
-
-
-@pytest.mark.parametrize("text", ["a", "1,", "1-", "1--2", "1 - 2", "1..2"])
-def test_text_that_names_no_ids_is_an_error(text):
-    with pytest.raises(ValueError, match="no list of ids"):
-        ids_from_text(text)
 
 
 @pytest.mark.parametrize(

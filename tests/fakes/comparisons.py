@@ -118,7 +118,7 @@ def pretend_measurements(monkeypatch, stop_after=1000) -> list[tuple]:
     return calls
 
 
-def measure(runs, path=None, simulators=BOTH, pushes=True, **options) -> Comparison:
+def measure(runs, path=None, simulators=BOTH, pushes=True, profile=None, **options) -> Comparison:
     """Compare runs from four initial states."""
-    measurements = Measurements(simulators, episodes=4, pushes=pushes)
+    measurements = Measurements(simulators, episodes=4, pushes=pushes, profile=profile)
     return compare(runs, measurements, Workers(1), path, **options)

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from surefoot.config import TABLE_I, PerturbationConfig, SafetyConfig
+from surefoot.config import TABLE_I, PerturbationConfig, RobotConfig, SafetyConfig
 from surefoot.robots.geometry import lowest_points
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
@@ -240,3 +240,18 @@ def test_a_foot_that_touched_down_deep_does_not_forbid_all_neighbors():
     rng = np.random.default_rng(0)
     moved, _ = perturb(ROBOT, q, np.zeros(18), np.ones(4, bool), CONFIG, SAFETY, rng)
     assert (moved[7:] != q[7:]).all()
+
+
+def test_with_a_hardware_profile_joints_beyond_its_ranges_are_not_acceptable():
+    limited = solo12(RobotConfig(profile="odri"))
+    inside = STANDING.copy()
+    inside[2] += 0.1
+    beyond = inside.copy()
+    beyond[7] = 0.95  # ODRI allows 0.9 rad
+    for robot, q, expected in (
+        (ROBOT, inside, True),
+        (ROBOT, beyond, True),
+        (limited, inside, True),
+        (limited, beyond, False),
+    ):
+        assert acceptable(robot, DATA, q, CONFIG, SAFETY) == expected

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import pytest
 
+from surefoot.evaluation.latching import latching_of
 from surefoot.study.records import Measured
 from surefoot.study.tables import BEGIN, END, comparison_tables, page_with, share_cell
 from tests.fakes.comparisons import measure, pretend_measurements
+from tests.fakes.rollouts import summary_of
 
 
 def cells(text: str) -> list[list[str]]:
@@ -118,3 +120,25 @@ def test_a_page_without_a_place_for_the_tables_is_an_error(tmp_path, text):
     path.write_text(text)
     with pytest.raises(ValueError, match="no place for the tables"):
         page_with("new", path)
+
+
+def test_under_a_hardware_profile_latches_have_columns(monkeypatch, runs):
+    pretend_measurements(monkeypatch)
+    plain = measure(runs)
+    assert "would have latched" not in comparison_tables(plain)
+    limited = measure(runs, profile="odri")
+    assert limited.config.robot.profile == "odri"
+    row = limited.rows[1]
+    evaluation = row.results["mujoco"].evaluation
+    assert evaluation is not None
+    latching = latching_of(
+        summary_of([0, 0, 1, 0], latch=[0, 1, 1, 2], latch_tick=[-1, 0, 9, 9], start=[5, 6, 7, 8]),
+        "odri",
+    )
+    measured = replace(row.results["mujoco"], evaluation=replace(evaluation, latching=latching))
+    rows = list(limited.rows)
+    rows[1] = replace(row, results={**row.results, "mujoco": measured})
+    text = comparison_tables(replace(limited, rows=tuple(rows)))
+    assert "would have latched, of them successes | initial states outside the profile" in text
+    assert "| 3, 2 | 1 |" in text
+    assert "Torques are clipped to the hardware profile odri" in text

@@ -15,14 +15,15 @@ from surefoot.files import write_json
 if TYPE_CHECKING:
     from surefoot.bench.end_to_end import EndToEndSpeed, EvaluationSpeed
     from surefoot.bench.engine import EngineSpeed
+    from surefoot.bench.loop import LoopTimes
     from surefoot.bench.plan import PlanTimes
     from surefoot.bench.train import TrainSpeed
     from surefoot.workers import Workers
 
-    Flat = EngineSpeed | TrainSpeed | EvaluationSpeed
+    Flat = EngineSpeed | TrainSpeed | LoopTimes | EvaluationSpeed
     Speed = PlanTimes | Flat | EndToEndSpeed
 
-Measure = Literal["plan", "engine", "train", "evaluation", "end_to_end"]
+Measure = Literal["plan", "engine", "train", "loop", "evaluation", "end_to_end"]
 """What `surefoot bench` measures without a name, in this order."""
 
 
@@ -30,24 +31,25 @@ Measure = Literal["plan", "engine", "train", "evaluation", "end_to_end"]
 class Bench(OnWorkers, OnSimulator):
     """Measure throughput, compared with lower bounds.
 
-    Without a name, it measures plan, engine, train, evaluation and end_to_end in a few minutes.
-    `surefoot bench expert` measures what the expert survives, in an hour.
+    Without a name, it measures plan, engine, train, loop, evaluation and end_to_end in a few
+    minutes. `surefoot bench expert` measures what the expert survives, in an hour.
 
     JSON keys: one for each measurement. The keys below it are the fields of the records `PlanTimes`
-    (plan), `EngineSpeed` (engine), `TrainSpeed` (train), `EvaluationSpeed` (evaluation) and
-    `EndToEndSpeed` (end_to_end) of `surefoot.bench`; `floor_` marks a lower bound.
+    (plan), `EngineSpeed` (engine), `TrainSpeed` (train), `LoopTimes` (loop), `EvaluationSpeed`
+    (evaluation) and `EndToEndSpeed` (end_to_end) of `surefoot.bench`; `floor_` marks a lower bound.
 
     JSON keys of expert: `cells`, one object for each simulator, horizon and set of rules, and
     `lost_by_all`, the initial states that all of them lose (`surefoot.study.records.Survey`).
     """
 
     what: Annotated[
-        Literal["all", "plan", "engine", "train", "evaluation", "end_to_end", "expert"],
+        Literal["all", "plan", "engine", "train", "loop", "evaluation", "end_to_end", "expert"],
         tyro.conf.Positional,
         tyro.conf.arg(metavar="[WHAT]"),
     ] = "all"
-    """What to measure: `plan`, `engine` or `train` (a training step), on one core; `evaluation` or
-    `end_to_end` (a whole run), on all workers; `all` of these; or `expert`."""
+    """What to measure: `plan`, `engine`, `train` (a training step) or `loop` (a tick on the robot),
+    on one core; `evaluation` or `end_to_end` (a whole run), on all workers; `all` of these; or
+    `expert`."""
     preset: str = "quick"
     """The preset of loco_safe_dagger that end_to_end trains."""
     episodes: int = 1000
@@ -92,6 +94,7 @@ def measure_speed(name: Measure, config: Config, workers: Workers) -> Speed:
     """
     from surefoot.bench.end_to_end import bench_end_to_end, bench_evaluation
     from surefoot.bench.engine import bench_engine
+    from surefoot.bench.loop import bench_loop
     from surefoot.bench.plan import bench_plan
     from surefoot.bench.train import bench_train
 
@@ -102,6 +105,8 @@ def measure_speed(name: Measure, config: Config, workers: Workers) -> Speed:
             return bench_engine(config)
         case "train":
             return bench_train(config)
+        case "loop":
+            return bench_loop(config)
         case "evaluation":
             return bench_evaluation(config, workers)
         case "end_to_end":

@@ -15,14 +15,14 @@ import tyro
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.evaluate import own_disturbance
-from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
+from surefoot.cli.options import OnHardware, OnSimulator, OnWorkers, Output, check_outputs
 from surefoot.cli.push_options import OnPushes
 from surefoot.config import Backend, DisturbanceConfig, SimulationConfig
 from surefoot.files import write_atomic
 
 
 @dataclass(frozen=True)
-class Compare(OnPushes, OnWorkers, OnSimulator):
+class Compare(OnPushes, OnWorkers, OnHardware, OnSimulator):
     """Compare the policies of several runs, and the expert, on the same ground.
 
     All are measured in both simulators, from the same `test` initial states: their robustness,
@@ -97,6 +97,7 @@ class Compare(OnPushes, OnWorkers, OnSimulator):
             self.push_resolution,
             self.starts,
             self.disturbance,
+            self.profile,
         )
         comparison = compare(
             self.runs,

@@ -16,7 +16,14 @@ import tyro
 
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
-from surefoot.cli.options import OnSimulator, OnTerrain, OnWorkers, Output, check_outputs
+from surefoot.cli.options import (
+    OnHardware,
+    OnSimulator,
+    OnTerrain,
+    OnWorkers,
+    Output,
+    check_outputs,
+)
 from surefoot.cli.push_options import OnPushes
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
@@ -24,13 +31,14 @@ from surefoot.files import WriteError, write_json
 from surefoot.scenarios.starts import PACKAGED, load_starts, starts_of
 
 if TYPE_CHECKING:
+    from surefoot.evaluation.latching import Latching
     from surefoot.evaluation.push_limits import PushResult
     from surefoot.evaluation.report import EvaluationReport
     from surefoot.evaluation.robustness import Robustness, VelocityError
 
 
 @dataclass(frozen=True)
-class Evaluate(OnPushes, OnWorkers, OnSimulator, OnTerrain):
+class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
     """Measure the robustness and tracking of a policy, and of the expert beside it.
 
     JSON keys: episodes, successes, success_rate, success_interval (Wilson, 95 %); falls, stalls,
@@ -38,8 +46,9 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator, OnTerrain):
     vy [m^2/s^2] and yaw rate [rad^2/s^2]; max_torque [N m]; robot_seconds [s]; plans,
     invalid_plans; body_contacts (episodes in which something other than a foot touched the ground)
     and body_contact_successes; covered (successes that covered 70 % of the distance commanded);
-    starts, starts_hash, split, initial_states (their ids, in order),
-    outcomes, strict and touched (one digit for each of them) and lost_at [s]; policy (its file),
+    starts, starts_hash, split, initial_states (their ids, in order), outcomes, strict and touched
+    (one digit for each of them) and lost_at [s]; latching (under a hardware profile: which robots
+    would have switched themselves off, and which initial states lie outside it); policy (its file),
     simulator, terrain, disturbance (what disturbed the robots); success_difference, policy minus
     expert; mirror_error_mrad (how differently the policy treats left and right, in the initial
     states).
@@ -181,7 +190,7 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator, OnTerrain):
             push = replace(push, split=self.split)
         start_set = config.start_set if self.starts is None else self.starts
         asked = replace(config, evaluation=evaluation, push=push, start_set=start_set)
-        return self.on_terrain(self.simulated(asked))
+        return self.on_terrain(self.with_profile(self.simulated(asked)))
 
     def file_name(self, config: Config, trained_on: Config) -> str:
         """Name of the report in the run's folder: what differs from the run's own evaluation.
@@ -195,6 +204,8 @@ class Evaluate(OnPushes, OnWorkers, OnSimulator, OnTerrain):
             parts.append(config.simulation.backend)
         if config.simulation.terrain != trained_on.simulation.terrain:
             parts.append(re.sub(r"[^\w.]+", "_", config.simulation.terrain or "level"))
+        if config.robot.profile != trained_on.robot.profile and config.robot.profile is not None:
+            parts.append(f"profile_{Path(config.robot.profile).stem}")
         if config.start_set != trained_on.start_set:
             if config.start_set in PACKAGED:
                 parts.append(config.start_set)
@@ -269,6 +280,8 @@ def print_controller(name: str, robustness: Robustness, pushes: PushResult | Non
             f"  touched the ground with something other than a foot: {robustness.body_contacts}, "
             f"of them {robustness.body_contact_successes} among the successes"
         )
+    if robustness.latching is not None:
+        print(f"  {_latching_line(robustness.latching)}")
     print(f"  velocity MSE vx, vy, yaw rate (successes): {_numbers(robustness.mse)}")
     print(f"  velocity MSE vx, vy, yaw rate (all, from 1 s on): {_numbers(robustness.settled_mse)}")
     if pushes is not None:
@@ -288,6 +301,18 @@ def print_differences(report: EvaluationReport) -> None:
         low, high = report.push_difference.interval
         difference = report.push_difference.difference
         print(f"policy minus expert: {difference:+.2f} N s ({low:+.2f} to {high:+.2f})")
+
+
+def _latching_line(latching: Latching) -> str:
+    """How many robots would have switched themselves off."""
+    line = (
+        f"under the profile {latching.profile}: {latching.latched} would have latched "
+        f"(joint position {latching.by_position}, speed {latching.by_speed}, torque "
+        f"{latching.by_torque}), {latching.latched_successes} of them among the successes"
+    )
+    if latching.outside:
+        line += f"; {latching.outside} initial states lie outside it: {latching.outside_states}"
+    return line
 
 
 def _numbers(mse: VelocityError) -> str:

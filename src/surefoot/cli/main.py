@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from surefoot.cli.bench import Bench
+from surefoot.cli.check import Check
 from surefoot.cli.command_line import read_options
 from surefoot.cli.compare import Compare, parse_compare
 from surefoot.cli.doctor import Doctor
 from surefoot.cli.evaluate import Evaluate, parse_evaluate
+from surefoot.cli.export import Export
 from surefoot.cli.export_data import ExportData
 from surefoot.cli.fit import Fit, parse_fit
 from surefoot.cli.gate_warnings import MeasureWarnings
@@ -26,9 +28,11 @@ from surefoot.cli.prepare import Prepare, parse_prepare
 from surefoot.cli.progress import log_shown
 from surefoot.cli.report import Report
 from surefoot.cli.robot import ShowRobot
+from surefoot.cli.run import RunPolicy
 from surefoot.cli.streams import failure_of, lasting_output
 from surefoot.cli.study import Study
 from surefoot.cli.train import Train, parse_train
+from surefoot.cli.twin import RunTwin
 from surefoot.cli.view import View
 from surefoot.cli.walk import Walk, parse_walk
 from surefoot.errors import unknown
@@ -82,6 +86,8 @@ COMMANDS = {
     ),
     "play": Entry(Play, "Film a policy, or a recorded episode of a run.", memory="--seconds"),
     "view": Entry(View, "Drive a robot in the browser, or scrub a run's episodes."),
+    "export": Entry(Export, "Write a policy to an ONNX file that says all about itself."),
+    "check": Entry(Check, "Verify an exported policy, and replay what a robot logged."),
     "study": Entry(
         Study,
         "Run many trainings and measurements, and see how far they are.",
@@ -103,6 +109,8 @@ COMMANDS = {
         memory="--config",
         resume="the same command begins again, with the gains that are measured",
     ),
+    "run": Entry(RunPolicy, "Drive a robot behind a bridge, and fail safely."),
+    "twin": Entry(RunTwin, "Simulate a robot behind a bridge."),
     "bench": Entry(
         Bench,
         "Measure throughput, compared with lower bounds.",

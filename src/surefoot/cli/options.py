@@ -150,6 +150,33 @@ class OnCommands:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OnHardware:
+    """A command whose robots have the limits of an actual robot."""
+
+    profile: str | None = None
+    """The hardware profile: odri for solo12, or a JSON or TOML file with one of your own. Torques
+    are clipped to it, and robots that would have switched themselves off are counted; without it,
+    that of the configuration."""
+
+    def with_profile(self, config: Config) -> Config:
+        """The configuration, with the hardware profile that was asked for.
+
+        Args:
+            config: Configuration with a robot of its own.
+
+        Raises:
+            ValueError: There is no such profile, or it belongs to another robot.
+        """
+        from surefoot.robots.load import find_spec
+        from surefoot.robots.profile import load_profile
+
+        if self.profile is None:
+            return config
+        load_profile(self.profile, find_spec(config.robot).name)
+        return replace(config, robot=replace(config.robot, profile=self.profile))
+
+
+@dataclass(frozen=True, kw_only=True)
 class OnWorkers:
     """A command whose rollouts are spread over processes; the results do not depend on them."""
 

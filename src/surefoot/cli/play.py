@@ -10,6 +10,7 @@ import numpy as np
 import tyro
 
 from surefoot.cli.options import (
+    OnHardware,
     OnSimulator,
     OnTerrain,
     Output,
@@ -28,17 +29,18 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Play(OnSimulator, OnTerrain):
+class Play(OnHardware, OnSimulator, OnTerrain):
     """Film a policy from standing, or one recorded episode of a run.
 
     JSON keys: outcome; command and mean_velocity [vx m/s, vy m/s, yaw rate rad/s, in the heading
     frame, from 1 s on]; seconds [s, until the end]; max_torque [N m]; drove_last [expert or
     policy]; takeovers and expert_share [before the tail]; pushes [s, when each began]; episode [id,
-    or null].
+    or null]; latched [what would have switched an actual robot off, with --profile].
     """
 
     target: Annotated[Path, tyro.conf.Positional]
-    """The folder of a run, of which the best policy is played, or a policy file."""
+    """The folder of a run, of which the best policy is played; or a policy file; or the flight.npz
+    that `surefoot run` has recorded."""
     vx: float = 0.2
     """The commanded forward speed [m/s]."""
     vy: float = 0.0
@@ -55,11 +57,18 @@ class Play(OnSimulator, OnTerrain):
     out: Path | None = None
     """The film to write; without it, play.mp4 or episode_ID.mp4 in the run's folder, or play.mp4
     beside the policy."""
+    log: Path | None = None
+    """Write what the robot measured and was commanded to this file, .npz or .csv, tick by tick;
+    `surefoot check` replays it."""
     json: Path | None = None
     """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
         """Play, print, film; 1 if the robot fell, or the expert gave up."""
+        if self.target.suffix == ".npz":
+            return self.film_flight()
+        from surefoot.interop.sensor_log import SUFFIXES, log_of, write_log
+        from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
         from surefoot.rollouts.jobs import play_out
         from surefoot.viz.film import Recording
@@ -67,7 +76,12 @@ class Play(OnSimulator, OnTerrain):
 
         check_seconds(self.seconds)
         report_file = Output("--json", self.json)
-        check_outputs([report_file], reads=[self.target])
+        outputs = [report_file, Output("--log", self.log, SUFFIXES)]
+        check_outputs(outputs, reads=[self.target])
+        if self.log is not None and self.episode is not None:
+            raise ValueError(
+                "--log has what a policy measured that drives alone; leave out --episode"
+            )
         if self.episode is None:
             job = self.policy_job()
             episode = None
@@ -77,9 +91,12 @@ class Play(OnSimulator, OnTerrain):
             job = self.recorded_job(self.episode)
             episode = int(job.episode[0])
             out = self.out or self.target / f"episode_{episode}.mp4"
-        check_outputs([report_file, *film_outputs("--out", out)], reads=[self.target])
-        job = replace(job, config=self.on_terrain(self.simulated(job.config)))
+        check_outputs([*outputs, *film_outputs("--out", out)], reads=[self.target])
+        job = replace(job, config=self.on_terrain(self.with_profile(self.simulated(job.config))))
         rollouts, expert = play_out(job)
+        if self.log is not None and job.policy is not None:
+            policy = load(job.policy) if isinstance(job.policy, Path) else job.policy
+            write_log(log_of(rollouts, 0, policy.spec), self.log)
         report = report_episode(job, rollouts, expert, episode)
         show_record(report, self.json)
         warn_of_divergence(rollouts)
@@ -95,6 +112,20 @@ class Play(OnSimulator, OnTerrain):
         driver = "policy" if episode is None else f"episode {episode}"
         film_episode(recording, out, f"{driver}, vx {report.command[0]:.2f} m/s")
         return int(rollouts.failed[0])
+
+    def film_flight(self) -> int:
+        """Say why a robot was given up, and film its last ten seconds; 1 if there was a fault."""
+        from surefoot.deploy.recorder import load_flight
+        from surefoot.viz.flight import recording_of
+
+        out = self.out or self.target.with_suffix(".mp4")
+        check_outputs(film_outputs("--out", out), reads=[self.target])
+        flight = load_flight(self.target)
+        recording = recording_of(flight)
+        fault = str(flight.fault)
+        print(f"{fault}: {flight.detail}" if fault else "no fault")
+        film_episode(recording, out, f"{flight.robot}, {fault or 'no fault'}")
+        return int(bool(fault))
 
     def policy_job(self) -> Job:
         """One robot that stands, and is then driven by the policy.

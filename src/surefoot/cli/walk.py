@@ -13,6 +13,7 @@ from tqdm import tqdm
 from surefoot.cli.command_line import read_options
 from surefoot.cli.options import (
     OnGait,
+    OnHardware,
     OnRobot,
     OnSimulator,
     OnTerrain,
@@ -54,6 +55,8 @@ class WalkReport:
         plans: Number of MPC solves.
         invalid_plans: Number of them that were not valid.
         seconds: Time until the end [s].
+        latched: What would have switched an actual robot off, and when, in words; empty if nothing,
+            None without a hardware profile.
     """
 
     fell: bool
@@ -69,10 +72,11 @@ class WalkReport:
     plans: int
     invalid_plans: int
     seconds: float
+    latched: str | None = None
 
 
 @dataclass(frozen=True)
-class Walk(OnGait, OnRobot, OnSimulator, OnTerrain):
+class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
     """Let the expert walk, from standing, and film it.
 
     The command gains of another robot than Solo12, and of another gait than the trot, are measured
@@ -81,7 +85,8 @@ class Walk(OnGait, OnRobot, OnSimulator, OnTerrain):
     JSON keys: fell, outcome; command and mean_velocity [vx m/s, vy m/s, yaw rate rad/s, in the
     heading frame, from 1 s on]; heading_drift [deg, from the heading commanded, at the end];
     base_height and base_height_std [m, from 1 s on]; max_torque [N m]; torque_used and speed_used
-    [largest share of a joint's limit]; plans, invalid_plans; seconds [s, until the end].
+    [largest share of a joint's limit]; plans, invalid_plans; seconds [s, until the end]; latched
+    [what would have switched an actual robot off, with --profile].
     """
 
     vx: float = 0.2
@@ -114,8 +119,8 @@ class Walk(OnGait, OnRobot, OnSimulator, OnTerrain):
         check_outputs([Output("--json", self.json), *film])
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
-        given = self.with_robot(self.on_terrain(self.simulated(self.config)))
-        config = with_gains(given, command)
+        given = self.with_profile(self.with_robot(self.simulated(self.config)))
+        config = with_gains(self.on_terrain(given), command)
         start = standing_start(command, config.robot)
         job = Job(config, Episodes(start, self.seconds), ExpertOnly())
         with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
@@ -142,6 +147,7 @@ def walk_report(
         command: The velocity that was asked for.
         robot: The robot, for its limits.
     """
+    from surefoot.rollouts.latching import latched_in_words
     from surefoot.rollouts.outcome import Outcome
     from surefoot.rollouts.summary import heading_drift, settled_part, velocities
 
@@ -168,6 +174,7 @@ def walk_report(
         plans=int(expert.plans[0]),
         invalid_plans=int(expert.invalid_plans[0]),
         seconds=length / TICKS_PER_SECOND,
+        latched=None if robot.profile is None else latched_in_words(rollouts, robot.profile),
     )
 
 

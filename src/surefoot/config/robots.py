@@ -153,3 +153,7 @@ class RobotConfig(Checked):
     enforce_speed_limit: bool = False
     """Whether motors give no torque that would turn a joint faster than its speed limit allows; if
     not, a limit that is exceeded is only reported."""
+    profile: str | None = None
+    """The name of a hardware profile of the robot (solo12: odri), or a JSON or TOML file with a
+    `HardwareProfile`: torques are clipped to it, and an evaluation counts the robots that would
+    have switched themselves off. None has the limits of the robot alone."""

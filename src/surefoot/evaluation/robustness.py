@@ -8,7 +8,6 @@ the intervals.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,6 +15,8 @@ import numpy as np
 
 from surefoot.config import Config
 from surefoot.errors import shown
+from surefoot.evaluation.ids import count_ids, ids_as_text, ids_from_text
+from surefoot.evaluation.latching import Latching, latching_of
 from surefoot.evaluation.statistics import (
     Interval,
     PairedDifference,
@@ -76,6 +77,7 @@ class Robustness:
             empty where that was not recorded.
         lost_at: When the robot fell or the expert gave up on it [s], for each episode with one of
             these two outcomes, in the order of the episodes.
+        latching: Which robots would have switched themselves off; None without a hardware profile.
     """
 
     starts: str
@@ -103,6 +105,7 @@ class Robustness:
     strict: str = field(default="", kw_only=True)
     touched: str = field(default="", kw_only=True)
     lost_at: tuple[float, ...] = field(default=(), kw_only=True)
+    latching: Latching | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check that each episode has one outcome, and one initial state if those were kept.
@@ -124,8 +127,7 @@ class Robustness:
                 )
         if not self.initial_states:
             return
-        # Counted without making them: a few characters may name more than the memory holds.
-        count = sum(len(part) for part in _ranges(self.initial_states))
+        count = count_ids(self.initial_states)
         if not count == self.episodes == len(self.outcomes):
             raise ValueError(
                 f"initial_states must name one state for each of {self.episodes} episodes, and "
@@ -163,45 +165,6 @@ def success_difference(a: Robustness, b: Robustness) -> PairedDifference | None:
         return None
     check_paired(a, b, ("initial_states",))
     return paired_difference(a.succeeded, b.succeeded)
-
-
-def ids_as_text(ids: IntArray) -> str:
-    """Ids in their order as text in which consecutive ones are a range: ``700-798,850``.
-
-    Args:
-        ids: ``(n,)`` ids.
-    """
-    if not len(ids):
-        return ""
-    ends = np.flatnonzero(np.diff(ids) != 1) + 1
-    ranges = [part.tolist() for part in np.split(ids, ends)]
-    return ",".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in ranges)
-
-
-def ids_from_text(text: str) -> IntArray:
-    """The ids ``(n,)`` of a text; undoes `ids_as_text`.
-
-    Raises:
-        ValueError: The text is no list of ids and of ranges.
-    """
-    parts = [np.arange(part.start, part.stop) for part in _ranges(text)]
-    return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
-
-
-def _ranges(text: str) -> list[range]:
-    """The ids and ranges of ids that a text names.
-
-    Raises:
-        ValueError: The text is no list of ids and of ranges.
-    """
-    ranges = []
-    for part in text.split(",") if text else ():
-        match = re.fullmatch(r"(-?\d{1,18})(?:-(\d{1,18}))?", part, re.ASCII)
-        if match is None:
-            raise ValueError(f"{shown(text)} is no list of ids such as 700-798,850")
-        first, last = match.groups()
-        ranges.append(range(int(first), int(last or first) + 1))
-    return ranges
 
 
 def evaluate(
@@ -242,7 +205,7 @@ def evaluate(
     )
     title = f"{controller_title(config, policy)}: {split} starts"
     summary = run_episodes(job, workers, title)
-    return robustness_of(summary, stored, split), summary
+    return robustness_of(summary, stored, split, config.robot.profile), summary
 
 
 def controller_title(config: Config, policy: Path | None) -> str:
@@ -251,13 +214,16 @@ def controller_title(config: Config, policy: Path | None) -> str:
     return f"{config.simulation.backend}, {controller}"
 
 
-def robustness_of(summary: Summary, stored: StartSet, split: str) -> Robustness:
+def robustness_of(
+    summary: Summary, stored: StartSet, split: str, profile: str | None = None
+) -> Robustness:
     """The paper's figures of n episodes.
 
     Args:
         summary: The n episodes.
         stored: The set of initial states from which they began.
         split: The split of that set.
+        profile: The hardware profile of the robot in them; None if it had none.
     """
     n = len(summary.outcome)
     success = summary.outcome == Outcome.SUCCESS
@@ -291,6 +257,7 @@ def robustness_of(summary: Summary, stored: StartSet, split: str) -> Robustness:
         strict=as_digits(summary.strict),
         touched=as_digits(touched) if recorded else "",
         lost_at=tuple((summary.ticks[lost] / TICKS_PER_SECOND).tolist()),
+        latching=None if profile is None else latching_of(summary, profile),
     )
 
 

@@ -57,7 +57,7 @@ def runner(model: bytes) -> Callable[[Float32Array], Float32Array]:
     """A function that computes a model on one core of this process: one thread, so the same bits.
 
     Args:
-        model: A serialized model with one ``input`` and one output.
+        model: A serialized model with one input and one output.
 
     Returns:
         The function, ``(n, inputs)`` to ``(n, outputs)``.
@@ -71,7 +71,9 @@ def runner(model: bytes) -> Callable[[Float32Array], Float32Array]:
     options.inter_op_num_threads = 1
     options.log_severity_level = 3  # errors only
     session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    input_name = session.get_inputs()[0].name
     width = session.get_inputs()[0].shape[1]
+    output_name = session.get_outputs()[0].name
     outputs = session.get_outputs()[0].shape[1]
     bound = np.empty((0, width), np.float32)
     target = np.empty((0, outputs), np.float32)
@@ -80,13 +82,13 @@ def runner(model: bytes) -> Callable[[Float32Array], Float32Array]:
     def run(inputs: Float32Array) -> Float32Array:
         nonlocal bound, target
         if len(inputs) > LARGEST_BOUND:
-            return np.asarray(session.run(None, {"input": inputs})[0])
+            return np.asarray(session.run(None, {input_name: inputs})[0])
         if inputs.shape != bound.shape:
             bound = np.empty((len(inputs), width), np.float32)
             target = np.empty((len(inputs), outputs), np.float32)
             for bind, name, array in (
-                (binding.bind_input, "input", bound),
-                (binding.bind_output, "target", target),
+                (binding.bind_input, input_name, bound),
+                (binding.bind_output, output_name, target),
             ):
                 bind(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
         bound[:] = inputs

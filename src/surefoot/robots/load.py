@@ -21,6 +21,7 @@ from surefoot.errors import unknown
 from surefoot.robots.canonical import canonical_model, joint_axes
 from surefoot.robots.description import Description, read_description
 from surefoot.robots.model import RobotModel, Shape, standing
+from surefoot.robots.profile import load_profile, torque_limits
 from surefoot.types import LEGS, Array
 
 SUFFIXES = (".json", ".toml")
@@ -49,16 +50,21 @@ def load_robot(robot: RobotConfig | RobotSpec | str | Path = "solo12") -> RobotM
     spec = find_spec(robot)
     description = read_description(spec)
     model = canonical_model(description, spec)
+    profile = None if config.profile is None else load_profile(config.profile, spec.name)
+    torque_limit = _torque_limits(description, spec, config.torque_limit)
+    if profile is not None:
+        torque_limit = np.minimum(torque_limit, torque_limits(profile))
     loaded = RobotModel(
         spec=spec,
         urdf=description.path,
         model=model,
         nominal=_nominal(model, spec),
-        torque_limit=_torque_limits(description, spec, config.torque_limit),
+        torque_limit=torque_limit,
         speed_limit=_speed_limits(description, spec),
         position_limit=_position_limits(description, spec),
         shapes=contact_shapes(model, spec),
         enforce_speed_limit=config.enforce_speed_limit,
+        profile=profile,
     )
     _check_pose(loaded)
     if spec.nominal_height is None:

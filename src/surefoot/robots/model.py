@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from surefoot.config.profiles import HardwareProfile
 from surefoot.config.robots import RobotSpec
 from surefoot.types import JOINTS, LEGS, Array
 
@@ -42,13 +43,14 @@ class RobotModel:
         urdf: The path of the robot's description.
         model: The Pinocchio model with a free-flyer base, from `canonical_model`; nq is 19, nv 18.
         nominal: ``(19,)`` nominal configuration [m, unit quaternion, rad].
-        torque_limit: ``(12,)`` torque limits at the joints [N m].
+        torque_limit: ``(12,)`` torque limits at the joints [N m], within those of the profile.
         speed_limit: ``(12,)`` speed limits of the joints [rad/s]; infinite where there is none.
         position_limit: ``(12, 2)`` smallest and largest angles of the joints [rad]; infinite where
             there is none.
         shapes: What can touch the ground, the same in every simulator; the feet come first, in the
             order of ``LEGS``.
         enforce_speed_limit: Whether motors stop driving joints beyond their speed limits.
+        profile: What the electronics of an actual robot allow; None if nothing is known of them.
         feet: ``(4,)`` ids of the foot frames, in the order of ``LEGS``.
         hips: ``(4,)`` ids of the HFE joints, in the order of ``LEGS``.
 
@@ -65,6 +67,7 @@ class RobotModel:
     position_limit: Array
     shapes: tuple[Shape, ...]
     enforce_speed_limit: bool = False
+    profile: HardwareProfile | None = None
     feet: tuple[int, ...] = field(init=False)
     hips: tuple[int, ...] = field(init=False)
 

@@ -379,12 +379,14 @@ def with_own_values(config: Config, robot: RobotModel | None = None) -> Config:
 def _own_robot(robot: RobotConfig, model: RobotModel) -> RobotConfig:
     """The robot's configuration, with its spec where a file was named, and its torque limit.
 
-    A limit that is the same for all joints is written as one number, as it always was.
+    A limit that is the same for all joints is written as one number, as it always was; that of a
+    hardware profile is not the robot's own, and is not written.
     """
     spec = robot.spec
     if spec is None and robot.model not in ROBOTS:
         spec = model.spec
     limit = robot.torque_limit
-    if limit is None and (model.torque_limit == model.torque_limit[0]).all():
+    same = (model.torque_limit == model.torque_limit[0]).all()
+    if limit is None and model.profile is None and same:
         limit = float(model.torque_limit[0])
     return replace(robot, model=model.name, spec=spec, torque_limit=limit)

@@ -19,6 +19,7 @@ from surefoot.files import Shape
 from surefoot.learning.frames import Frames
 from surefoot.robots.model import RobotModel
 from surefoot.rollouts.episodes import Rollout
+from surefoot.rollouts.latching import first_latches
 from surefoot.rollouts.outcome import failed, heights_of_swings, strictly_stepping
 from surefoot.rotations import heading, roll_pitch, roll_pitch_yaw, rotation, to_heading
 from surefoot.safety.gates import margin
@@ -73,6 +74,9 @@ class Summary:
         max_torque: ``(n,)`` largest joint torque commanded [N m].
         contact_ticks: ``(n,)`` number of ticks, tail included, in which something other than a foot
             touched the ground [ms]; -1 where that was not recorded.
+        latch: ``(n,)`` values of `Latch`: what would have switched the robot off before the tail;
+            -1 without a hardware profile.
+        latch_tick: ``(n,)`` when that was [ms]; -1 where it was not.
         shapes: Shapes of the arrays that are not ``(n,)``.
     """
 
@@ -107,14 +111,16 @@ class Summary:
     mse: Array
     settled_mse: Array
     max_torque: Array
-    # Summaries of older versions lack it.
+    # Summaries of older versions lack these.
     contact_ticks: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    latch: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    latch_tick: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
-        """Mark contacts that were not recorded."""
-        if len(self.contact_ticks) == 0:
-            missing = np.full(len(self.episode), NOT_RECORDED)
-            object.__setattr__(self, "contact_ticks", missing)
+        """Mark what was not recorded."""
+        for name in ("contact_ticks", "latch", "latch_tick"):
+            if len(getattr(self, name)) == 0:
+                object.__setattr__(self, name, np.full(len(self.episode), NOT_RECORDED))
 
     @property
     def failed(self) -> BoolArray:
@@ -173,7 +179,7 @@ def summarize(
         rollouts: What happened in them.
         frames: The frames that are kept.
         info: What the rollout does not hold.
-        robot: The robot; its foot radius is needed.
+        robot: The robot; its foot radius and its hardware profile are needed.
         config: Gives the gait period, the grace, and the bounds that define a recovery.
     """
     B = len(rollouts.length)
@@ -195,6 +201,10 @@ def summarize(
     if rollouts.ground is not None:
         feet_height = heights_of_swings(rollouts.feet[:, :T], contacts, robot.foot_radius)
     tilted = (np.abs(frames.state.roll_pitch) > TILTED).any(axis=1)
+    latch = np.full(B, NOT_RECORDED)
+    latch_tick = np.full(B, NOT_RECORDED)
+    if robot.profile is not None:
+        latch, latch_tick = first_latches(rollouts, robot.profile)
     near_bounds = margin(frames.state, config.safety, NEAR_ANGLE, NEAR_HEIGHT) < 1.0
     return Summary(
         episode=info.episode,
@@ -226,6 +236,8 @@ def summarize(
         settled_mse=_mean(error, settled),
         max_torque=np.where(proper, torque, 0.0).max(axis=1),
         contact_ticks=(rollouts.body_contact & happened).sum(axis=1),
+        latch=latch,
+        latch_tick=latch_tick,
     )
 
 

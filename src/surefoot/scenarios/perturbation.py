@@ -16,6 +16,7 @@ from surefoot.config import PerturbationConfig, SafetyConfig
 from surefoot.robots.bounds import fallen
 from surefoot.robots.geometry import lowest_points
 from surefoot.robots.model import RobotModel
+from surefoot.robots.profile import beyond_position
 from surefoot.types import Array, BoolArray
 
 ATTEMPTS = 1000
@@ -124,7 +125,7 @@ def acceptable(
     """True if only feet meet the ground, not too deep, and the robot has not fallen.
 
     Args:
-        robot: The model of the robot.
+        robot: The model of the robot; with a hardware profile, joints have to be within its ranges.
         data: Its data.
         q: ``(19,)`` configuration [m, unit quaternion, rad].
         config: How deep a foot may be in the ground.
@@ -135,6 +136,8 @@ def acceptable(
     feet, rest = lowest_points(robot, data, q)
     if stance is not None:
         feet = feet[~stance]
+    if robot.profile is not None and beyond_position(robot.profile, q):
+        return False
     return bool(
         feet.min(initial=np.inf) >= -config.max_penetration
         and rest.min() > 0.0

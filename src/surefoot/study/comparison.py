@@ -22,6 +22,8 @@ from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.push_limits import push_difference
 from surefoot.evaluation.robustness import evaluate, success_difference
 from surefoot.files import write_json
+from surefoot.robots.load import find_spec
+from surefoot.robots.profile import load_profile
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import starts_of
 from surefoot.study.ground import EXPERT, WhichPolicy, common_ground, open_comparable_runs, rows_of
@@ -53,6 +55,7 @@ class Measurements:
         starts: Name of the set of initial states, or its file; None is the set of the runs.
         disturbance: What disturbs the robots; None takes what disturbs the first run's own
             evaluation.
+        profile: Hardware profile of the robots, or its file; None takes the runs' own.
     """
 
     simulators: tuple[Backend, ...] = get_args(Backend)
@@ -63,6 +66,7 @@ class Measurements:
     push_resolution: float | None = None
     starts: str | None = None
     disturbance: DisturbanceConfig | None = None
+    profile: str | None = None
 
 
 def compare(
@@ -147,7 +151,11 @@ def _config_of(config: Config, measurements: Measurements) -> Config:
     if measurements.disturbance is not None:
         evaluation = replace(evaluation, disturbance=measurements.disturbance)
     start_set = config.start_set if measurements.starts is None else measurements.starts
-    return replace(ground, push=push, evaluation=evaluation, start_set=start_set)
+    robot = ground.robot
+    if measurements.profile is not None:
+        load_profile(measurements.profile, find_spec(robot).name)  # fails here, not later
+        robot = replace(robot, profile=measurements.profile)
+    return replace(ground, robot=robot, push=push, evaluation=evaluation, start_set=start_set)
 
 
 def baseline_label(rows: Sequence[Row], baseline: Path | None) -> str | None:

@@ -42,6 +42,8 @@ RESULTS = (
     "push [N s]",
     "least, most",
 )
+LATCHING = ("would have latched, of them successes", "initial states outside the profile")
+"""Further columns of robots with a hardware profile."""
 DIFFERENCES = (
     "simulator",
     "method",
@@ -98,8 +100,15 @@ def comparison_tables(comparison: Comparison) -> str:
         for row in comparison.rows
         if simulator in row.results
     ]
+    profile = comparison.config.robot.profile
     results = [
-        (simulator, row.label, *robustness_cells(each.evaluation), *push_cells(each.pushes))
+        (
+            simulator,
+            row.label,
+            *robustness_cells(each.evaluation),
+            *push_cells(each.pushes),
+            *(latching_cells(each.evaluation) if profile else []),
+        )
         for simulator, row, each in measured
     ]
     differences = [
@@ -115,7 +124,7 @@ def comparison_tables(comparison: Comparison) -> str:
     return "\n\n".join(
         [
             _about_results(comparison, [each for _, _, each in measured]),
-            markdown(RESULTS, results),
+            markdown((*RESULTS, *LATCHING) if profile else RESULTS, results),
             _about_differences(comparison),
             markdown(DIFFERENCES, differences),
             _about_costs(comparison),
@@ -141,7 +150,19 @@ def _about_results(comparison: Comparison, measured: Sequence[Measured]) -> str:
         "MSE of vx, vy [m²/s²] and yaw rate [rad²/s²], in "
         f"thousandths. Push: the impulse that {share:.0f} % of "
         f"{', '.join(robots) or 'the robots'} survive, mean of all directions; "
-        "least and most of a direction."
+        f"least and most of a direction.{_about_profile(comparison)}"
+    )
+
+
+def _about_profile(comparison: Comparison) -> str:
+    """What the hardware profile does, if there is one."""
+    profile = comparison.config.robot.profile
+    if profile is None:
+        return ""
+    return (
+        f" Torques are clipped to the hardware profile {profile}; would have latched: episodes in "
+        "which an actual robot would have switched itself off by its own limits, and which go on "
+        "here."
     )
 
 
@@ -214,6 +235,14 @@ def push_cells(pushes: PushResult | None) -> list[str]:
         f"{pushes.mean_fitted_impulse:.2f} ({low:.2f} to {high:.2f})",
         f"{min(impulses):.2f}, {max(impulses):.2f}",
     ]
+
+
+def latching_cells(evaluation: Robustness | None) -> list[str]:
+    """The two cells of robots with a hardware profile."""
+    if evaluation is None or evaluation.latching is None:
+        return ["-"] * 2
+    latching = evaluation.latching
+    return [f"{latching.latched}, {latching.latched_successes}", str(latching.outside)]
 
 
 def difference_cells(differences: Differences) -> list[str]:

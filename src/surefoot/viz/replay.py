@@ -20,6 +20,7 @@ from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.jobs import Job, disturbance_of, expert_name, play_out, summarize_job
+from surefoot.rollouts.latching import latched_in_words
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import settled_part, velocities
 from surefoot.runs.checks import check_expert
@@ -47,6 +48,8 @@ class EpisodeReport:
         takeovers: Number of times that the expert took over before the tail.
         expert_share: Share of the time before the tail that the expert drove.
         pushes: Times at which a push began [s].
+        latched: What would have switched an actual robot off, and when, in words; empty if nothing,
+            None without a hardware profile.
     """
 
     outcome: str
@@ -59,6 +62,7 @@ class EpisodeReport:
     takeovers: int
     expert_share: float
     pushes: tuple[float, ...]
+    latched: str | None = None
 
 
 def standing_start(command: Command, robot: RobotConfig | None = None) -> Starts:
@@ -188,6 +192,7 @@ def report_episode(
     length = int(rollouts.length[0])
     shown = max(length, 1)  # of an expert that gives up at once, the start
     velocity = velocities(rollouts)[0, settled_part(shown)].mean(axis=0)
+    profile = load_robot(job.config.robot).profile
     return EpisodeReport(
         outcome=Outcome(int(rollouts.outcome[0])).name,
         command=tuple(job.starts.command[0].tolist()),
@@ -199,6 +204,7 @@ def report_episode(
         takeovers=int(summary.takeovers[0]),
         expert_share=float(summary.expert_ticks[0] / max(summary.proper_ticks[0], 1)),
         pushes=tuple(tick / TICKS_PER_SECOND for tick in push_ticks(job, rollouts)),
+        latched=None if profile is None else latched_in_words(rollouts, profile),
     )
 
 

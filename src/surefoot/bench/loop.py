@@ -1,0 +1,198 @@
+"""Speed of the loop on the robot: a tick from the datagram that comes to the one that goes.
+
+The bridge is fed by hand in the same thread over real UDP on the loopback interface, so that
+nothing waits: a tick is reading, looking for faults, observing, the network, and writing. Both
+times are measured on the wall clock and on the processor's clock of this thread: on a busy machine
+the former holds what others take.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from surefoot.bench.engine import standing_policy
+from surefoot.config import Config
+from surefoot.config.deploy import RuntimeConfig
+from surefoot.deploy.bridge import Bridge, Measurement, UdpChannel
+from surefoot.deploy.loop import Mode, Runtime
+from surefoot.deploy.operator import Scripted
+from surefoot.deploy.policy import OnnxPolicy, load
+from surefoot.deploy.protocol import Description
+from surefoot.deploy.udp_robot import UdpRobot
+from surefoot.interop.onnx_file import describe, network_model, write_onnx
+from surefoot.learning.observation import Float32Array
+from surefoot.learning.onnx_graph import runner
+from surefoot.learning.policy import save
+from surefoot.robots.load import load_robot
+from surefoot.robots.model import standing
+from surefoot.types import GRAVITY, JOINTS, Array, Command
+
+TICK_NS = 1_000_000
+"""[ns] The length of a tick."""
+WARMING = 200
+"""Ticks before those that are measured: the robot stands up in ten of them."""
+
+
+@dataclass(frozen=True)
+class LoopTimes:
+    """How long ticks take [us].
+
+    Attributes:
+        ticks: The number of ticks.
+        tick_median: Wall time of a tick, median.
+        tick_p99: Wall time of a tick, 99th percentile; at most 300 are wanted.
+        tick_processor_median: Processor time of a tick, median.
+        tick_processor_p99: Processor time of a tick, 99th percentile.
+        policy_median: Processor time of observation and network, median.
+        network_median: Processor time of the network alone, median.
+        network_p99: Wall time of the network alone, 99th percentile; less than 100 are wanted.
+    """
+
+    ticks: int
+    tick_median: float
+    tick_p99: float
+    tick_processor_median: float
+    tick_processor_p99: float
+    policy_median: float
+    network_median: float
+    network_p99: float
+
+
+class _Still:
+    """A driver of a robot that stands, whatever it is told."""
+
+    def __init__(self, measurement: Measurement) -> None:
+        self.measurement = measurement
+
+    def read(self) -> Measurement:
+        """The same as ever."""
+        return self.measurement
+
+    def write(self, command: object) -> None:
+        """Nothing moves."""
+
+
+def bench_loop(config: Config, ticks: int = 5000) -> LoopTimes:
+    """Measure the ticks of the loop with a policy of the configured network.
+
+    Args:
+        config: The robot, and the policy's network and layout.
+        ticks: The number of ticks.
+    """
+    policy = standing_policy(config)
+    robot = load_robot(config.robot)
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "policy.safetensors"
+        exported = file.with_suffix(".onnx")
+        save(policy, file)
+        write_onnx(network_model(policy), describe(policy, file, robot, config), exported)
+        deployed = load(exported)
+        network = runner(exported.read_bytes())
+    return loop_times(deployed, network, standing(robot), ticks)
+
+
+def loop_times(
+    policy: OnnxPolicy, forward: Callable[[Float32Array], Float32Array], q: Array, ticks: int
+) -> LoopTimes:
+    """Measure the ticks of the loop with a policy.
+
+    Args:
+        policy: The policy.
+        forward: Its network alone.
+        q: ``(19,)`` how the robot stands.
+        ticks: The number of ticks.
+    """
+    times = {"now": 0}
+
+    def clock() -> int:
+        return times["now"]
+
+    zeros = (0.0,) * len(JOINTS)
+    still = Measurement(
+        joint_position=q[7:].tolist(),
+        joint_velocity=zeros,
+        joint_torque=zeros,
+        orientation=(0.0, 0.0, 0.0, 1.0),
+        angular_velocity=(0.0, 0.0, 0.0),
+        acceleration=(0.0, 0.0, GRAVITY),
+        base=(float(q[2]), 0.0, 0.0, 0.0),
+    )
+    channel = UdpChannel()
+    robots = UdpChannel()
+    bridge = Bridge(_Still(still), channel, _description(policy), clock)
+    robot = UdpRobot(robots, channel.address, clock)
+
+    def next_state() -> None:
+        times["now"] += TICK_NS
+        bridge.tick()
+
+    while robot.state is None:
+        robot.greet()
+        channel.wait(0.1)
+        next_state()
+        robots.wait(0.1)
+        robot.take()
+    config = RuntimeConfig(stand=0.01, posture=1.0)
+    runtime = Runtime(robot, policy, Scripted(Command(), None, clock), config, clock)
+    for _ in range(WARMING):
+        next_state()
+        runtime.tick()
+    if runtime.mode != Mode.DRIVE:
+        raise RuntimeError(f"the policy does not drive in the benchmark: {runtime.fault}")
+    wall, processor = _measured(runtime.tick, ticks, next_state)
+    if runtime.fault is not None:
+        raise RuntimeError(f"the robot was given up in the benchmark: {runtime.fault}")
+    sensors = robot.read()
+    _, asked = _measured(lambda: policy.target(sensors, 0, Command()), ticks)
+    inputs = policy.inputs(sensors, 0, Command())[None]
+    network_wall, network = _measured(lambda: forward(inputs), ticks)
+    robot.close()
+    bridge.close()
+    return LoopTimes(
+        ticks=ticks,
+        tick_median=float(np.median(wall)),
+        tick_p99=float(np.percentile(wall, 99)),
+        tick_processor_median=float(np.median(processor)),
+        tick_processor_p99=float(np.percentile(processor, 99)),
+        policy_median=float(np.median(asked)),
+        network_median=float(np.median(network)),
+        network_p99=float(np.percentile(network_wall, 99)),
+    )
+
+
+def _measured(
+    function: Callable[[], object], repeats: int, before: Callable[[], object] | None = None
+) -> tuple[Array, Array]:
+    """Wall times and processor times ``(repeats,)`` of calls [us].
+
+    Args:
+        function: What is called.
+        repeats: The number of calls.
+        before: Called before each, untimed.
+    """
+    wall = np.zeros(repeats)
+    processor = np.zeros(repeats)
+    for number in range(repeats):
+        if before is not None:
+            before()
+        used = time.thread_time_ns()
+        begun = time.perf_counter_ns()
+        function()
+        wall[number] = time.perf_counter_ns() - begun
+        processor[number] = time.thread_time_ns() - used
+    return wall / 1e3, processor / 1e3
+
+
+def _description(policy: OnnxPolicy) -> Description:
+    """A bridge's description that fits a policy, without limits."""
+    free = (np.inf,) * len(JOINTS)
+    below = (-np.inf,) * len(JOINTS)
+    return Description(
+        policy.robot, policy.joints, policy.rate_hz, 0.02, 0.04, 1.0, 0.2, below, free, free, free
+    )

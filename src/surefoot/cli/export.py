@@ -1,0 +1,75 @@
+"""The command export: a policy as ONNX files that say all about themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from surefoot.cli.options import OnHardware, Output, check_outputs
+
+SUFFIX = ".onnx"
+
+
+@dataclass(frozen=True)
+class Export(OnHardware):
+    """Write a policy to ONNX files, which need NumPy and ONNX Runtime only to run.
+
+    Both files say in their metadata for which robot, joints, gains, rate, gait, commands, limits,
+    initial states and observation the policy was made; `surefoot check FILE` verifies one, and
+    docs/export.md lists the keys. With --profile the limits are those of the hardware profile.
+    """
+
+    target: Annotated[Path, tyro.conf.Positional]
+    """The folder of a run, of which the best policy is exported, or a policy file."""
+    onnx: Path | None = None
+    """Write the network, with its normalizers, to this file: observation in, joint targets out."""
+    pipeline: Path | None = None
+    """Write all from the sensors to the joint targets to this file, with exploy's input names."""
+    starts: str | None = None
+    """The name of the set of initial states that the policy was trained from, or a file; without
+    it, that of the run. Of a policy file outside of any run it is unknown."""
+
+    def __call__(self) -> int:
+        """Write the files."""
+        from surefoot.interop.onnx_file import describe, network_model, write_onnx
+        from surefoot.interop.onnx_pipeline import exploy_keys, pipeline_model
+        from surefoot.learning.policy import load
+        from surefoot.robots.load import load_robot
+        from surefoot.runs.policies import find_policy
+        from surefoot.runs.run import run_of_policy
+        from surefoot.scenarios.starts import load_starts, starts_of
+
+        if self.onnx is None and self.pipeline is None:
+            raise ValueError("nothing to write; name a file with --onnx or with --pipeline")
+        outputs = [
+            Output("--onnx", self.onnx, (SUFFIX,)),
+            Output("--pipeline", self.pipeline, (SUFFIX,)),
+        ]
+        check_outputs(outputs, reads=[self.target])
+        path, config = find_policy(self.target)
+        config = self.with_profile(config)
+        robot = load_robot(config.robot)
+        policy = load(path, robot.name)
+        stored = None
+        if self.starts is not None:
+            stored = load_starts(self.starts)
+        elif run_of_policy(path) is not None:
+            stored = starts_of(config)
+        description = describe(policy, path, robot, config, stored)
+        if self.onnx is not None:
+            written = write_onnx(network_model(policy), description, self.onnx)
+            print(f"{self.onnx}: the network, SHA-256 {written.sha256}")
+        if self.pipeline is not None:
+            whole = replace(description, kind="pipeline")
+            model = pipeline_model(policy, whole)
+            written = write_onnx(model, whole, self.pipeline, exploy_keys(whole))
+            print(f"{self.pipeline}: the whole pipeline, SHA-256 {written.sha256}")
+        if stored is None:
+            print(
+                "the initial states that it was trained from are unknown, so that a runtime cannot "
+                "tell from which postures it may begin; name them with --starts"
+            )
+        return 0

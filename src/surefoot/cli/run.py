@@ -1,0 +1,190 @@
+"""The command run: drives a robot behind a bridge with an exported policy."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from surefoot.cli.options import (
+    Output,
+    check_outputs,
+    check_seconds,
+    check_velocity,
+    show_record,
+)
+from surefoot.config.deploy import RuntimeConfig
+from surefoot.types import TICKS_PER_SECOND, Command
+
+if TYPE_CHECKING:
+    from surefoot.config import Config
+    from surefoot.deploy.handover import PlanLink
+    from surefoot.deploy.loop import Safeguard
+    from surefoot.deploy.operator import Operator
+    from surefoot.deploy.policy import OnnxPolicy
+    from surefoot.deploy.udp_robot import UdpRobot
+
+
+@dataclass(frozen=True)
+class RunPolicy:
+    """Drive a robot behind a bridge with an exported policy, and give it up at the first fault.
+
+    The robot is damped until you say start: it then stands up in two seconds, and walks. Type
+    `start`, `stop`, `vx 0.2`, `vy 0.1` or `yaw 0.5`, each with the enter key. The end of the input
+    counts as a lost operator.
+
+    JSON keys: fault and detail [empty if the operator ended it]; seconds and expert_seconds
+    [driven, s]; takeovers; ticks; missed [ticks without a command in time]; work [count, median,
+    p99, p999, longest us, from a measurement to the written command]; round_trip [the same, from a
+    command to the state that knows of it]; recording [the file with the last ten seconds].
+    """
+
+    policy: Annotated[Path, tyro.conf.Positional]
+    """The ONNX file that `surefoot export` wrote."""
+    robot: str
+    """The bridge, such as udp://127.0.0.1:5151."""
+    vx: float = 0.0
+    """The forward speed asked for at first [m/s]."""
+    vy: float = 0.0
+    """The speed to the left asked for at first [m/s]."""
+    yaw_rate: float = 0.0
+    """The yaw rate to the left asked for at first [rad/s]."""
+    start: bool = False
+    """Start at once, without a terminal; needs --seconds."""
+    seconds: float | None = None
+    """Stop after so long, standing up included [s]; with --start only."""
+    heartbeat: float | None = None
+    """Damp the robot if no line has come for so long [s]; an empty one will do."""
+    expert: bool = False
+    """Let the expert take over outside of the safety bounds, with a planner in another process; it
+    needs the whole package, and height and velocity of the base."""
+    lockstep: bool = False
+    """The robot is a twin in lockstep."""
+    realtime: bool = False
+    """Ask the system to run this process before all others (Linux, needs the right to)."""
+    recording: Path = Path("flight.npz")
+    """The file for the last ten seconds, which is written after any fault; `surefoot play` films
+    it."""
+    keep: bool = False
+    """Write that file without a fault too."""
+    json: Path | None = None
+    """Write the report to this file, as JSON."""
+    config: RuntimeConfig = field(default_factory=RuntimeConfig)
+
+    def __call__(self) -> int:
+        """Drive until the robot is given up or stopped; 1 after a fault."""
+        from surefoot.deploy.bridge import UdpChannel
+        from surefoot.deploy.flight import fly, prefer_process
+        from surefoot.deploy.loop import Runtime
+        from surefoot.deploy.policy import load
+        from surefoot.deploy.udp_robot import UdpRobot, parse_address
+        from surefoot.twin.planner import PlannerProcess
+
+        command = Command(self.vx, self.vy, self.yaw_rate)
+        check_velocity(command)
+        outputs = [Output("--recording", self.recording, (".npz",)), Output("--json", self.json)]
+        check_outputs(outputs, reads=[self.policy])
+        peer = parse_address(self.robot)
+        self.check_start()
+        policy = load(self.policy)
+        expert = expert_config(policy) if self.expert else None
+        # Any local address is heard from the loopback interface only if the bridge is there too.
+        local = "127.0.0.1" if peer[0] in ("127.0.0.1", "localhost") else "0.0.0.0"
+        robot = UdpRobot(UdpChannel(local), peer, lockstep=self.lockstep)
+        with ExitStack() as closing:
+            safeguard = None
+            if expert is not None:
+                planner = PlannerProcess(expert)
+                closing.callback(planner.close)
+                safeguard = self.safeguard(policy, planner, expert)
+            closing.callback(robot.close)
+            robot.connect()
+            operator = self.operator(command, robot)
+            runtime = Runtime(robot, policy, operator, self.config, safeguard=safeguard)
+            if self.realtime:
+                prefer_process()
+            report = fly(runtime, self.recording, self.keep)
+        show_record(report, self.json)
+        return int(bool(report.fault))
+
+    def check_start(self) -> None:
+        """Check the options that say when the robot starts and stops.
+
+        Raises:
+            ValueError: They contradict each other.
+        """
+        if self.start != (self.seconds is not None):
+            raise ValueError(
+                "--start and --seconds belong together: without a terminal, a robot that starts by "
+                "itself has to stop by itself"
+            )
+        for seconds in (self.seconds, self.heartbeat):
+            if seconds is not None:
+                check_seconds(seconds)
+
+    def operator(self, command: Command, robot: UdpRobot) -> Operator:
+        """Who starts and stops the robot.
+
+        Args:
+            command: The velocity asked for at first.
+            robot: The robot, by whose clock the time runs.
+        """
+        from surefoot.deploy.operator import Scripted, Terminal
+
+        if self.seconds is not None:
+            return Scripted(command, self.seconds, robot.robot_clock)
+        print("the robot is damped; type start, stop, vx 0.2, vy 0.1 or yaw 0.5", flush=True)
+        return Terminal(command, self.heartbeat)
+
+    def safeguard(self, policy: OnnxPolicy, link: PlanLink, expert: Config) -> Safeguard:
+        """The safety bounds, and the expert that takes over outside of them.
+
+        Args:
+            policy: The policy, for the robot's masses.
+            link: The way to the planner.
+            expert: The robot, its bounds and its expert.
+        """
+        from surefoot.config.checked import known
+        from surefoot.deploy.gate import BoundsGate
+        from surefoot.deploy.handover import ExpertDriver
+        from surefoot.deploy.kinematics import com_in_base
+        from surefoot.deploy.loop import Safeguard
+        from surefoot.robots.bounds import table_bounds
+
+        low, high = table_bounds(expert.safety)
+        table = policy.description.kinematics
+        driver = ExpertDriver(
+            link,
+            known(expert.expert.kp, "expert.kp"),
+            known(expert.expert.kd, "expert.kd"),
+            self.config.plan_latency,
+            self.config.plan_patience,
+            self.lockstep,
+        )
+        return Safeguard(BoundsGate(low, high, partial(com_in_base, table)), driver)
+
+
+def expert_config(policy: OnnxPolicy) -> Config:
+    """The expert of a policy's robot, in the policy's first gait and over its commands.
+
+    Args:
+        policy: The policy.
+    """
+    from surefoot.cli.make_starts import with_measured_gains
+    from surefoot.config import CommandBox, Config, Gait, RobotConfig
+    from surefoot.config.presets import is_solo12_trot, suited
+    from surefoot.robots.scaling import with_own_values
+
+    timing = policy.spec.gaits[0]
+    low, high = policy.command_range.tolist()
+    config = Config(
+        robot=RobotConfig(model=policy.robot),
+        gait=Gait(timing.period_ticks / TICKS_PER_SECOND, timing.duty, timing.offsets),
+        commands=CommandBox(*zip(low, high, strict=True)),
+    )
+    config = with_own_values(suited(config))
+    return config if is_solo12_trot(config) else with_measured_gains(config)

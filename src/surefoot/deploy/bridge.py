@@ -1,0 +1,368 @@
+"""The bridge: a robot's driver behind datagrams, with a watchdog of its own.
+
+It runs in the driver's own environment and needs the standard library and `protocol.py` beside it
+only; copy both files. The bridge damps the joints until a first command comes, and again, for the
+rest of the session, once the commands stop, are too old, are broken, or the runtime asks for it
+(`Bridge` says what ends a session). A driver's fault latches for good. Read `protocol` first.
+
+    serve(Bridge(MyDriver(), UdpChannel(), description))
+"""
+
+from __future__ import annotations
+
+import math
+import secrets
+import select
+import socket
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import NamedTuple, Protocol
+
+if __package__:
+    from surefoot.deploy import protocol
+else:  # copied, with protocol.py beside it
+    import protocol  # pyright: ignore
+
+Address = tuple[str, int]
+"""A host and a port."""
+JOINTS = 12
+MOST_DATAGRAMS = 64
+"""So many datagrams are read in a tick, so that a flood does not delay the driver."""
+RELEASE = 1.0
+"""[s] A latched bridge greets a new runtime after so long a silence of the former one."""
+
+
+class Measurement(NamedTuple):
+    """What a driver measures: joint values in the description's order, SI units.
+
+    Attributes:
+        joint_position: Twelve joint angles [rad].
+        joint_velocity: Twelve joint rates [rad/s].
+        joint_torque: Twelve joint torques [N m].
+        orientation: Unit quaternion xyzw, base frame to world frame.
+        angular_velocity: Angular velocity of the base, base frame [rad/s].
+        acceleration: Specific force at the base, base frame [m/s^2].
+        base: Height [m] and linear velocity in the base frame [m/s]; None if nothing measures them.
+        faults: Bits of the driver's faults; anything but 0 latches the bridge for good.
+    """
+
+    joint_position: Sequence[float]
+    joint_velocity: Sequence[float]
+    joint_torque: Sequence[float]
+    orientation: Sequence[float]
+    angular_velocity: Sequence[float]
+    acceleration: Sequence[float]
+    base: Sequence[float] | None = None
+    faults: int = 0
+
+
+class Driver(Protocol):
+    """What a bridge needs of a robot's driver; neither method may wait for long."""
+
+    def read(self) -> Measurement:
+        """What the robot measures now."""
+        ...
+
+    def write(self, command: Sequence[float]) -> None:
+        """Command the motors: tau = torque + kp (position - q) + kd (velocity - dq).
+
+        Args:
+            command: Sixty numbers: positions, velocities, kp, kd and torques of the twelve joints.
+        """
+        ...
+
+
+class Channel(Protocol):
+    """Carries datagrams, and never waits."""
+
+    def receive(self) -> tuple[bytes, Address] | None:
+        """A datagram and its sender; None if there is none."""
+        ...
+
+    def send(self, data: bytes, to: Address) -> None:
+        """Send a datagram, which may be lost."""
+        ...
+
+    def wait(self, seconds: float) -> None:
+        """Wait until there may be a datagram, or for so long."""
+        ...
+
+    def close(self) -> None:
+        """Give the channel up."""
+        ...
+
+
+class UdpChannel:
+    """A channel on UDP; on the loopback interface unless told otherwise.
+
+    Args:
+        host: The address of the interface to listen on.
+        port: The port to listen on; 0 takes any that is free.
+    """
+
+    def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.bind((host, port))
+        self.address: Address = self._socket.getsockname()
+
+    def receive(self) -> tuple[bytes, Address] | None:
+        """See `Channel`."""
+        try:
+            return self._socket.recvfrom(protocol.LONGEST + 1)
+        except OSError:  # none is there, or an earlier one found nobody
+            return None
+
+    def send(self, data: bytes, to: Address) -> None:
+        """See `Channel`."""
+        with suppress(OSError):
+            self._socket.sendto(data, to)
+
+    def wait(self, seconds: float) -> None:
+        """See `Channel`."""
+        select.select([self._socket], [], [], seconds)
+
+    def close(self) -> None:
+        """See `Channel`."""
+        self._socket.close()
+
+
+class Bridge:
+    """Passes commands on to a driver, and damps the joints as soon as that is not safe.
+
+    The first runtime that says hello is pinned: datagrams of others are counted and ignored. A
+    session ends when another hello is granted. A bridge that is idle grants one after its peer has
+    been silent for `RELEASE`, and so does a latched one, unless the driver latched it.
+
+    Args:
+        driver: The robot's driver.
+        channel: Carries the datagrams.
+        description: The robot, and the timeouts.
+        clock: Gives the time [ns]; it never goes backwards.
+    """
+
+    def __init__(
+        self,
+        driver: Driver,
+        channel: Channel,
+        description: protocol.Description,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.description = description
+        self.status = protocol.IDLE
+        self.cause = protocol.NO_CAUSE
+        self.refused = 0
+        self.foreign = 0
+        self.old = 0
+        self.commands = 0
+        self.accepted = 0
+        self.peer: Address | None = None
+        self._driver = driver
+        self._channel = channel
+        self._clock = clock
+        self._robot_id = protocol.robot_id(
+            description.robot, description.joints, description.rate_hz
+        )
+        self._session = 0
+        self._sequence = 0  # of the newest datagram of the peer
+        self._sent = 0
+        self._heard_at = 0
+        self._commanded_at = 0
+        self._answered = 0  # the clock in the state that the newest command answers
+        self._peers_clock = 0
+        self._damping = (0.0,) * 36 + (description.damping,) * JOINTS + (0.0,) * JOINTS
+        self._command: Sequence[float] = self._damping
+        self._measured = driver.read()
+
+    def tick(self) -> None:
+        """Read the datagrams, watch over them, serve the driver, and say what it measured."""
+        self.receive()
+        self.advance()
+
+    def receive(self) -> None:
+        """Read the datagrams that have come."""
+        now = self._clock()
+        for _ in range(MOST_DATAGRAMS):
+            received = self._channel.receive()
+            if received is None:
+                return
+            self._take(*received, now)
+
+    def advance(self) -> None:
+        """Watch over the commands, serve the driver, and say what it measured."""
+        self._watch(self._clock())
+        driving = self.status == protocol.DRIVING
+        # Whatever the driver raises, the joints are damped, as far as it still obeys.
+        try:
+            self._driver.write(self._command if driving else self._damping)
+        except Exception:
+            self._latch(protocol.DRIVER)
+        try:
+            self._measured = self._driver.read()
+        except Exception:
+            self._latch(protocol.DRIVER)
+        if self._measured.faults:
+            self._latch(protocol.DRIVER)
+        self.report()
+
+    def report(self) -> None:
+        """Tell the peer what was measured last, and how the bridge is."""
+        if self.peer is None:
+            return
+        measured = self._measured
+        values = [value for part in measured[:6] for value in part]
+        values += measured.base or (0.0,) * 4
+        state = protocol.State(
+            self.status,
+            self.cause,
+            int(measured.base is not None),
+            measured.faults & 0xFFFFFFFF,
+            self.refused & 0xFFFFFFFF,
+            self.foreign & 0xFFFFFFFF,
+            self.old & 0xFFFFFFFF,
+            self.commands,
+            values,
+        )
+        self._send(protocol.STATE, protocol.pack_state(state))
+
+    def close(self) -> None:
+        """Damp the joints, and give the channel up."""
+        self._latch(protocol.DRIVER)
+        with suppress(Exception):
+            self._driver.write(self._damping)
+        self._channel.close()
+
+    def _take(self, data: bytes, sender: Address, now: int) -> None:
+        """Do what a datagram says, if it is one that counts."""
+        try:
+            packet = protocol.unpack(data)
+        except protocol.Refused:
+            self.refused += 1
+            return
+        if packet.kind == protocol.HELLO:
+            self._greet(sender, packet, now)
+        elif sender != self.peer:
+            self.foreign += 1
+        elif packet.session != self._session or packet.sequence <= self._sequence:
+            self.old += 1
+        elif packet.robot_id != self._robot_id or packet.echo_ns > now:
+            self.refused += 1
+        elif packet.kind == protocol.COMMAND:
+            self._obey(packet, now)
+        elif packet.kind == protocol.DAMP:
+            self._accept(packet, now)
+            self._latch(protocol.ASKED)
+        else:
+            self.refused += 1
+
+    def _greet(self, sender: Address, hello: protocol.Packet, now: int) -> None:
+        """Answer a hello with the description, and begin a session where none is going on."""
+        silent = now - self._heard_at >= RELEASE * 1e9
+        fresh = sender == self.peer and self.status == protocol.IDLE and self._sequence == 0
+        if fresh:  # it asks again because the answer was lost
+            pass
+        elif self.peer is None or (silent and self.status != protocol.DRIVING):
+            self.peer = sender
+            self._session = secrets.randbits(64) | 1
+            self._sequence = 0
+            self.commands = 0
+            if self.cause != protocol.DRIVER:
+                self.status = protocol.IDLE
+                self.cause = protocol.NO_CAUSE
+        elif sender != self.peer:
+            self.foreign += 1
+            return
+        else:
+            self.old += 1
+            return
+        self._heard_at = now
+        self._peers_clock = hello.time_ns
+        self._send(protocol.DESCRIPTION, protocol.pack_description(self.description))
+
+    def _accept(self, packet: protocol.Packet, now: int) -> None:
+        """Note that the peer is alive."""
+        self.accepted += 1
+        self._sequence = packet.sequence
+        self._heard_at = now
+        self._peers_clock = packet.time_ns
+
+    def _obey(self, packet: protocol.Packet, now: int) -> None:
+        """Take a command over, unless it is broken."""
+        self._accept(packet, now)
+        if self.status == protocol.LATCHED:
+            return
+        command = protocol.unpack_command(packet.body)
+        if not all(map(math.isfinite, command)) or min(command[24:48]) < 0.0:
+            self._latch(protocol.BAD_COMMAND)
+            return
+        self.commands += 1
+        self.status = protocol.DRIVING
+        self._command = command
+        self._commanded_at = now
+        self._answered = packet.echo_ns
+
+    def _watch(self, now: int) -> None:
+        """Latch if the commands have stopped, or answer states that are too old."""
+        if self.status != protocol.DRIVING:
+            return
+        if now - self._commanded_at >= self.description.command_timeout * 1e9:
+            self._latch(protocol.SILENCE)
+        elif now - self._answered >= self.description.command_age * 1e9:
+            self._latch(protocol.OLD_STATE)
+
+    def _latch(self, cause: int) -> None:
+        """Damp the joints from now on; a driver's fault takes the place of any other cause."""
+        if self.status != protocol.LATCHED or cause == protocol.DRIVER:
+            self.status = protocol.LATCHED
+            self.cause = cause
+
+    def _send(self, kind: int, body: bytes) -> None:
+        """Send a datagram to the peer."""
+        if self.peer is None:
+            return
+        self._sent += 1
+        now = self._clock()
+        packet = protocol.Packet(
+            kind, self._robot_id, self._session, self._sent, now, self._peers_clock, body
+        )
+        self._channel.send(protocol.pack(packet), self.peer)
+
+
+def serve(bridge: Bridge, running: Callable[[], bool] = lambda: True) -> None:
+    """Tick at the robot's rate until told otherwise; time that this process lost is not made up.
+
+    Args:
+        bridge: The bridge.
+        running: Asked before every tick; False ends it.
+    """
+    period = 1.0 / bridge.description.rate_hz
+    due = time.monotonic()
+    try:
+        while running():
+            bridge.tick()
+            due = max(due + period, time.monotonic() - period)
+            time.sleep(max(due - time.monotonic(), 0.0))
+    finally:
+        bridge.close()
+
+
+def serve_lockstep(bridge: Bridge, channel: Channel, running: Callable[[], bool]) -> None:
+    """Tick once for each command, so that a simulated robot waits for the runtime.
+
+    Args:
+        bridge: The bridge; its clock has to be the simulated one.
+        channel: The channel of the bridge.
+        running: Asked before every tick, and ten times a second; False ends it.
+    """
+    try:
+        while running():
+            channel.wait(0.1)
+            accepted = bridge.accepted
+            bridge.receive()
+            if bridge.accepted != accepted:
+                bridge.advance()
+            else:
+                bridge.report()
+    finally:
+        bridge.close()

@@ -1,0 +1,169 @@
+"""What is wrong with a robot: each test of a measurement that lets the runtime give it up.
+
+`FaultTests.of` looks at one measurement per tick and names the first thing that is wrong. Faults
+that are not seen in a measurement (silence, deadlines, the operator) are the loop's. Read `loop`
+next.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from surefoot.config.deploy import RuntimeConfig
+from surefoot.deploy.interfaces import Sensors
+from surefoot.types import JOINTS, Array
+
+FaultKind = Literal[
+    "stale state",
+    "latched bridge",
+    "not a number",
+    "driver",
+    "missed deadlines",
+    "tilt",
+    "joint limit",
+    "joint speed",
+    "saturated torque",
+    "operator lost",
+    "posture",
+    "gate",
+    "expert",
+    "defect",
+]
+"""Names of the faults."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Why the runtime gave the robot up.
+
+    Attributes:
+        kind: The name of the fault.
+        detail: What was measured, and what is allowed.
+        tick: The tick since the runtime was started.
+    """
+
+    kind: FaultKind
+    detail: str
+    tick: int
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the joints may do.
+
+    Attributes:
+        low: ``(12,)`` smallest angles [rad].
+        high: ``(12,)`` largest angles [rad].
+        speed: ``(12,)`` largest rates [rad/s].
+        torque: ``(12,)`` largest torques [N m].
+    """
+
+    low: Array
+    high: Array
+    speed: Array
+    torque: Array
+
+
+def roll_pitch(orientation: Array) -> tuple[float, float]:
+    """Roll and pitch [rad] of a base, with plain numbers, since one robot needs no arrays.
+
+    Args:
+        orientation: ``(4,)`` unit quaternion xyzw.
+    """
+    x, y, z, w = orientation.tolist()
+    roll = math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+    sine = 2.0 * (w * y - x * z)
+    return roll, math.asin(min(max(sine, -1.0), 1.0))
+
+
+class FaultTests:
+    """Tests every measurement; torques are judged over time.
+
+    Args:
+        limits: What the joints may do.
+        config: The limits of the tests.
+        rate_hz: How many measurements come in a second [Hz].
+    """
+
+    def __init__(self, limits: Limits, config: RuntimeConfig, rate_hz: int) -> None:
+        self._limits = limits
+        self._tilt = math.radians(config.tilt)
+        self._saturated_from = config.saturation_share * limits.torque
+        self._patience = round(config.saturation * rate_hz)
+        self._saturated = np.zeros(len(JOINTS), dtype=np.int64)  # ticks without a break
+
+    def broken(self, sensors: Sensors) -> tuple[FaultKind, str] | None:
+        """What makes a measurement useless, whoever drives; None if nothing does.
+
+        Args:
+            sensors: The measurement.
+        """
+        if not is_finite(sensors):
+            parts = zip(Sensors._fields[2:8], sensors[2:8], strict=True)
+            wrong = [name for name, values in parts if not np.isfinite(values).all()]
+            return "not a number", f"{', '.join(wrong) or 'base'} of the sensors"
+        norm = float(sensors.orientation @ sensors.orientation)
+        if not 0.9 < norm < 1.1:
+            return "not a number", f"the orientation has the length {math.sqrt(norm):.3g}, not 1"
+        if sensors.faults:
+            return "driver", f"the driver reports the bits {sensors.faults:#x}"
+        return None
+
+    def unsafe(self, sensors: Sensors) -> tuple[FaultKind, str] | None:
+        """What a robot that is being driven must not do; None if all is well. Ask once a tick.
+
+        Args:
+            sensors: The measurement.
+        """
+        limits = self._limits
+        roll, pitch = roll_pitch(sensors.orientation)
+        if max(abs(roll), abs(pitch)) > self._tilt:
+            roll_deg = math.degrees(roll)
+            pitch_deg = math.degrees(pitch)
+            return "tilt", (
+                f"roll {roll_deg:.1f}, pitch {pitch_deg:.1f} of {math.degrees(self._tilt):.1f} deg"
+            )
+        q = sensors.joint_position
+        outside = (q < limits.low) | (q > limits.high)
+        if outside.any():
+            joint = int(outside.argmax())
+            return "joint limit", (
+                f"{JOINTS[joint]} at {q[joint]:.3f} of {limits.low[joint]:.3f} to "
+                f"{limits.high[joint]:.3f} rad"
+            )
+        rate = np.abs(sensors.joint_velocity)
+        fast = rate > limits.speed
+        if fast.any():
+            joint = int(fast.argmax())
+            return "joint speed", (
+                f"{JOINTS[joint]} at {rate[joint]:.1f} of {limits.speed[joint]:.1f} rad/s"
+            )
+        saturated = np.abs(sensors.joint_torque) >= self._saturated_from
+        self._saturated = np.where(saturated, self._saturated + 1, 0)
+        longest = int(self._saturated.argmax())
+        if self._saturated[longest] > self._patience:
+            return "saturated torque", (
+                f"{JOINTS[longest]} at its {limits.torque[longest]:.2f} N m for more than "
+                f"{self._patience} ticks"
+            )
+        return None
+
+
+def is_finite(sensors: Sensors) -> bool:
+    """Whether all numbers of a measurement are finite.
+
+    Args:
+        sensors: The measurement.
+    """
+    # One sum instead of six tests: what is not finite stays so in a sum. An overflow of finite
+    # numbers is no measurement either.
+    total = 0.0
+    for values in sensors[2:8]:
+        total += float(values.sum())
+    if sensors.base is not None:
+        total += sensors.base.height + float(sensors.base.velocity.sum())
+    return math.isfinite(total)

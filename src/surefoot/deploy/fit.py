@@ -1,0 +1,113 @@
+"""Whether a policy may drive a robot: names, joint order, rate, and the posture it begins in.
+
+Read `loop` next.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from surefoot.deploy.faults import Limits, roll_pitch
+from surefoot.deploy.interfaces import DeployedPolicy, Sensors
+from surefoot.deploy.protocol import Description
+from surefoot.types import JOINTS, Array
+
+INSIDE = 0.25
+"""How far within the range of a joint the standing posture is, as a share of that range: the weight
+of the robot bends its legs further."""
+
+
+class WrongRobotError(ValueError):
+    """A policy was made for another robot, joint order or rate than the bridge's."""
+
+
+def check_robot(policy: DeployedPolicy, description: Description) -> None:
+    """Check that a policy was made for a robot.
+
+    Args:
+        policy: The policy.
+        description: What the bridge says of its robot.
+
+    Raises:
+        WrongRobotError: Robot, joint order or rate differ.
+    """
+    if policy.robot != description.robot:
+        raise WrongRobotError(
+            f"the policy was made for the robot {policy.robot}, and the bridge serves "
+            f"{description.robot}"
+        )
+    for number, (own, bridges) in enumerate(zip(policy.joints, description.joints, strict=True)):
+        if own != bridges:
+            raise WrongRobotError(
+                f"joint {number} is {own} for the policy and {bridges} for the bridge; the bridge "
+                "has to give the joints in the policy's order"
+            )
+    if policy.rate_hz != description.rate_hz:
+        raise WrongRobotError(
+            f"the policy runs at {policy.rate_hz} Hz, and the bridge at {description.rate_hz} Hz"
+        )
+
+
+def limits_of(description: Description) -> Limits:
+    """What a bridge says that the joints may do.
+
+    Args:
+        description: What the bridge says of its robot.
+    """
+    return Limits(
+        np.array(description.position_low),
+        np.array(description.position_high),
+        np.array(description.speed),
+        np.array(description.torque),
+    )
+
+
+def missing_base(policy: DeployedPolicy, sensors: Sensors) -> str | None:
+    """Why a policy cannot be asked about a robot at all; None if it can.
+
+    Args:
+        policy: The policy.
+        sensors: What the robot measures.
+    """
+    if policy.needs_base and sensors.base is None:
+        return (
+            "the policy needs height and linear velocity of the base, which nothing measures; "
+            "train one without them"
+        )
+    return None
+
+
+def posture_of(policy: DeployedPolicy) -> Array:
+    """The joint angles ``(12,)`` in which a robot is to stand before the policy drives [rad].
+
+    They are the nominal ones, as far as the initial states trained on reach: those of a gait may
+    have its legs bent further than the nominal posture.
+
+    Args:
+        policy: The policy.
+    """
+    low, high = policy.start_range[:, 2:]
+    known = np.isfinite(low) & np.isfinite(high)
+    inside = INSIDE * np.where(known, high - low, 0.0)
+    return np.clip(policy.nominal, low + inside, high - inside)
+
+
+def misfit_of(policy: DeployedPolicy, sensors: Sensors, margin: float) -> str | None:
+    """Why a policy must not take over in a posture; None if it may.
+
+    Args:
+        policy: The policy.
+        sensors: What the robot measures.
+        margin: How far beyond the initial states trained on an angle may be [rad].
+    """
+    angles = np.concatenate((roll_pitch(sensors.orientation), sensors.joint_position))
+    low, high = policy.start_range
+    beyond = np.maximum(low - angles, angles - high)
+    worst = int(beyond.argmax())
+    if beyond[worst] <= margin:
+        return None
+    name = ("roll", "pitch", *JOINTS)[worst]
+    return (
+        f"{name} is {angles[worst]:.3f} rad; the initial states trained on have "
+        f"{low[worst]:.3f} to {high[worst]:.3f}"
+    )

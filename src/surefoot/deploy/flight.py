@@ -1,0 +1,131 @@
+"""One flight: ticks until the robot is damped for good, and what is to be said of it afterwards.
+
+Read `recorder` for what is kept of it.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from surefoot.deploy.loop import Runtime
+from surefoot.deploy.recorder import save_flight
+from surefoot.deploy.timing import Times
+from surefoot.types import TICKS_PER_SECOND
+
+logger = logging.getLogger(__name__)
+
+PRIORITY = 50
+"""The priority among preferred processes: in the middle, below the kernel's own."""
+LAST_WORDS = 20
+"""So often a robot is told to damp its joints, since datagrams may be lost."""
+
+
+@dataclass(frozen=True)
+class FlightReport:
+    """What happened on a robot.
+
+    Attributes:
+        fault: The name of the fault that ended it; empty if the operator did.
+        detail: What was measured, and what is allowed.
+        seconds: How long the policy or the expert drove [s].
+        expert_seconds: How long the expert did [s].
+        takeovers: How often the expert took over.
+        ticks: How many ticks there were, those before and after driving included.
+        missed: How many ticks of the robot had no command in time.
+        work: Times from a measurement to the written command.
+        round_trip: Times from a command to the state that knows of it.
+        recording: The file with the last ten seconds; empty if none was written.
+    """
+
+    fault: str
+    detail: str
+    seconds: float
+    expert_seconds: float
+    takeovers: int
+    ticks: int
+    missed: int
+    work: Times
+    round_trip: Times
+    recording: str
+
+
+def fly(runtime: Runtime, recording: Path | None, always: bool = False) -> FlightReport:
+    """Tick until the robot is damped for good; it is damped too if this is interrupted.
+
+    Args:
+        runtime: The loop.
+        recording: The file for the last ten seconds, which are written after a fault; None writes
+            none.
+        always: Whether they are written without a fault too.
+
+    Raises:
+        WriteError: The recording cannot be written; the robot is damped before it is tried.
+    """
+    try:
+        with _without_pauses():
+            while not runtime.over:
+                runtime.tick()
+    except KeyboardInterrupt:
+        runtime.stop()
+    finally:
+        for _ in range(LAST_WORDS):
+            runtime.damp()
+    written = recording is not None and (always or runtime.fault is not None)
+    report = report_of(runtime, str(recording) if written else "")
+    if recording is not None and written:
+        save_flight(recording, runtime.recorder.flight(report.fault, report.detail))
+    return report
+
+
+def report_of(runtime: Runtime, recording: str = "") -> FlightReport:
+    """What is to be said of a flight.
+
+    Args:
+        runtime: The loop, which has ended.
+        recording: The file with the last ten seconds.
+    """
+    fault = runtime.fault
+    return FlightReport(
+        fault="" if fault is None else fault.kind,
+        detail="" if fault is None else fault.detail,
+        seconds=runtime.driven / TICKS_PER_SECOND,
+        expert_seconds=runtime.expert_ticks / TICKS_PER_SECOND,
+        takeovers=runtime.takeovers,
+        ticks=runtime.ticks,
+        missed=runtime.missed,
+        work=runtime.work.times,
+        round_trip=runtime.round_trips.times,
+        recording=recording,
+    )
+
+
+def prefer_process() -> None:
+    """Ask the system to run this process before all others, and to keep its memory.
+
+    Without the right to that (CAP_SYS_NICE), or on another system than Linux, it warns.
+    """
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except (AttributeError, OSError) as error:
+        logger.warning("this process is not preferred (%s); its ticks may be late", error)
+
+
+@contextmanager
+def _without_pauses() -> Iterator[None]:
+    """A context in which Python does not stop to look for garbage."""
+    was_enabled = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        if was_enabled:
+            gc.enable()

@@ -1,0 +1,81 @@
+"""The gate of the paper's Table I at run time: bounds on height, tilt and joints of one robot.
+
+`safety.gates` has the same table for a batch of simulated robots; a test holds both together. The
+expert drives from a violation on, at least for T_block, until the state is safe (the rule
+`safe_and_blocked`). Read `handover` next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from surefoot.deploy.faults import roll_pitch
+from surefoot.deploy.interfaces import Sensors
+from surefoot.rotations import rotation
+from surefoot.types import Array
+
+
+@dataclass(frozen=True)
+class BoundsGate:
+    """Calls a state unsafe that is outside a table of bounds.
+
+    Attributes:
+        low: ``(15,)`` lower bounds of the height of the center of mass [m], and of roll, pitch and
+            the joints [rad].
+        high: ``(15,)`` upper bounds.
+        com_in_base: Gives the center of mass ``(n, 3)``, base frame [m], for joint angles
+            ``(n, 12)`` [rad].
+    """
+
+    low: Array
+    high: Array
+    com_in_base: Callable[[Array], Array]
+
+    def unsafe(self, sensors: Sensors) -> bool:
+        """Whether a state is unsafe; the height counts where something measures it.
+
+        Args:
+            sensors: What the robot measures.
+        """
+        angles = np.concatenate((roll_pitch(sensors.orientation), sensors.joint_position))
+        inside = bool(((angles >= self.low[1:]) & (angles <= self.high[1:])).all())
+        if sensors.base is not None:
+            up = rotation(sensors.orientation)[2]
+            com = self.com_in_base(sensors.joint_position[None])[0]
+            height = sensors.base.height + float(up @ com)
+            inside = inside and bool(self.low[0] <= height <= self.high[0])
+        return not inside
+
+
+class Blocking:
+    """Who drives: the expert from a violation on, until its block is over and the state is safe.
+
+    Args:
+        block: T_block [ticks].
+    """
+
+    def __init__(self, block: int) -> None:
+        self._block = block
+        self._blocked_for = -1  # ticks since the takeover; -1: the policy drives
+
+    @property
+    def blocked(self) -> bool:
+        """Whether the expert had to drive in the tick before."""
+        return self._blocked_for >= 0
+
+    def is_blocked(self, unsafe: bool) -> bool:
+        """Whether the expert has to drive in this tick; ask once a tick.
+
+        Args:
+            unsafe: What the gate says.
+        """
+        if self._blocked_for >= 0:
+            self._blocked_for += 1
+            if not unsafe and self._blocked_for >= self._block:
+                self._blocked_for = -1
+        elif unsafe:
+            self._blocked_for = 0
+        return self.blocked

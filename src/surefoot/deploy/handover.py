@@ -1,0 +1,208 @@
+"""The expert at run time: its plans come from another process, a few milliseconds late.
+
+A plan is asked for `latency` ticks before it is to take effect, and for the state that is expected
+then: joints and base go on as they move. Row k of the plan belongs to the tick k after that. New
+plans are asked for so that they take effect on the 50-ms grid; at a takeover one is asked for at
+once, and the policy drives until it is there. Read `loop` next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from surefoot.deploy.interfaces import JointCommand, Sensors
+from surefoot.rotations import rotation
+from surefoot.types import GRID, JOINTS, TICKS_PER_SECOND, Array, Command, MotionPlan
+
+LOCKSTEP_PATIENCE = 10.0
+"""[s] A robot in lockstep waits so long for a plan."""
+
+
+class NoPlan(RuntimeError):  # noqa: N818
+    """The planner has failed, and nobody can take over."""
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """What a planner is asked.
+
+    Attributes:
+        tick: The gait clock at which the plan takes effect [ms].
+        q: ``(19,)`` the configuration expected then; the base is above the origin.
+        v: ``(18,)`` the velocity expected then, base part in the base frame.
+        command: The velocity that is asked for.
+    """
+
+    tick: int
+    q: Array
+    v: Array
+    command: Command
+
+
+class PlanLink(Protocol):
+    """The way to a planner in another process; neither method may wait."""
+
+    def ask(self, request: PlanRequest) -> None:
+        """Ask for a plan.
+
+        Raises:
+            NoPlan: The planner's process has ended.
+        """
+        ...
+
+    def answer(self, seconds: float = 0.0) -> tuple[int, MotionPlan] | None:
+        """A plan, and the tick at which it takes effect; None if there is none.
+
+        Args:
+            seconds: How long to wait for one [s]; only a robot in lockstep waits.
+
+        Raises:
+            NoPlan: The planner's process has ended.
+        """
+        ...
+
+
+def expected(sensors: Sensors, ticks: int) -> tuple[Array, Array]:
+    """Configuration ``(19,)`` and velocity ``(18,)`` after some ticks, if all goes on as it moves.
+
+    Args:
+        sensors: What the robot measures now, with an estimate of its base.
+        ticks: How far ahead [ms].
+
+    Raises:
+        NoPlan: Nothing measures height and velocity of the base, which a plan needs.
+    """
+    if sensors.base is None:
+        raise NoPlan("nothing measures the height and the velocity of the base, which a plan needs")
+    seconds = ticks / TICKS_PER_SECOND
+    R = rotation(sensors.orientation)
+    v = np.concatenate((sensors.base.velocity, sensors.angular_velocity, sensors.joint_velocity))
+    q = np.zeros(19)
+    q[2] = sensors.base.height + seconds * float(R[2] @ sensors.base.velocity)
+    q[3:7] = _turned(sensors.orientation, seconds * sensors.angular_velocity)
+    q[7:] = sensors.joint_position + seconds * sensors.joint_velocity
+    return q, v
+
+
+class ExpertDriver:
+    """Drives with plans, and asks for the next ones in time.
+
+    Args:
+        link: The way to the planner.
+        kp: The stiffness of the PD on a plan [N m/rad].
+        kd: The damping of the PD on a plan [N m s/rad].
+        latency: How long before it takes effect a plan is asked for [ticks].
+        patience: How long the robot may be without a valid plan [ticks].
+        lockstep: Whether the robot waits for its plans. Each then takes effect at its tick, however
+            long the planner takes, and the same flight has the same bits.
+    """
+
+    def __init__(
+        self,
+        link: PlanLink,
+        kp: float,
+        kd: float,
+        latency: int,
+        patience: int,
+        lockstep: bool = False,
+    ) -> None:
+        self._link = link
+        self._kp = np.full(len(JOINTS), kp)
+        self._kd = np.full(len(JOINTS), kd)
+        self._latency = latency
+        self._patience = patience
+        self._lockstep = lockstep
+        self._outstanding = 0  # requests without an answer
+        self.plans = 0
+        self.late = 0
+        self.release()
+
+    def release(self) -> None:
+        """Forget all plans: the policy drives again."""
+        self._followed: tuple[int, MotionPlan] | None = None
+        self._next: tuple[int, MotionPlan] | None = None
+        self._asked_for: int | None = None  # the tick of the newest request
+        self._begun: int | None = None
+
+    def command(self, sensors: Sensors, tick: int, command: Command) -> JointCommand | None:
+        """What the expert commands in this tick; None as long as it waits for its first plan.
+
+        Args:
+            sensors: What the robot measures.
+            tick: The gait clock [ms].
+            command: The velocity that is asked for.
+
+        Raises:
+            NoPlan: There has been no valid plan for too long.
+        """
+        if self._begun is None:
+            self._begun = tick
+        self._receive(tick, self._begun)
+        effect = tick + self._latency
+        if self._asked_for is None or (effect % GRID == 0 and effect > self._asked_for):
+            q, v = expected(sensors, self._latency)
+            self._link.ask(PlanRequest(effect, q, v, command))
+            self._outstanding += 1
+            self._asked_for = effect
+        if self._next is not None and self._next[0] <= tick:
+            self._followed = self._next
+            self._next = None
+        if self._followed is None:
+            if tick - self._begun > self._patience:
+                raise NoPlan(f"no valid plan came within {self._patience} ms")
+            return None
+        start, plan = self._followed
+        row = tick - start
+        if row >= len(plan.torque):
+            raise NoPlan(f"no valid plan followed one that has ended after {row} ms")
+        return JointCommand(
+            position=plan.joint_position[row],
+            kp=self._kp,
+            kd=self._kd,
+            velocity=plan.joint_velocity[row],
+            torque=plan.torque[row],
+        )
+
+    def _receive(self, tick: int, begun: int) -> None:
+        """Take the plans that have come, and ask anew where a first one is not valid."""
+        seconds = 0.0
+        if self._lockstep:
+            if self._asked_for is None or tick < self._asked_for:
+                return
+            seconds = LOCKSTEP_PATIENCE
+        while self._outstanding:
+            answer = self._link.answer(seconds)
+            if answer is None:
+                return
+            self._outstanding -= 1
+            start, plan = answer
+            if start < begun:
+                continue  # of an earlier takeover
+            self.plans += 1
+            self.late += start < tick
+            if plan.valid:
+                self._next = answer
+            elif self._followed is None:
+                self._asked_for = None
+
+
+def _turned(orientation: Array, turn: Array) -> Array:
+    """A quaternion ``(4,)`` xyzw after a rotation by a vector in its own frame [rad]."""
+    angle = float(np.sqrt(turn @ turn))
+    half = 0.5 * angle
+    scale = 0.5 if angle < 1e-9 else np.sin(half) / angle
+    x, y, z = scale * turn
+    w = np.cos(half)
+    qx, qy, qz, qw = orientation
+    product = np.array(
+        [
+            qw * x + qx * w + qy * z - qz * y,
+            qw * y - qx * z + qy * w + qz * x,
+            qw * z + qx * y - qy * x + qz * w,
+            qw * w - qx * x - qy * y - qz * z,
+        ]
+    )
+    return product / np.sqrt(product @ product)

@@ -1,0 +1,197 @@
+"""What the runtime, a robot and a policy file agree on: five numbers a joint, and four methods.
+
+A joint's motor applies tau = torque + kp (position - q) + kd (velocity - dq). Joints come in the
+order of `surefoot.types.JOINTS`; SI units, radians, quaternions xyzw. Read `loop` next, which
+drives a robot with a policy, and `udp_robot` for a robot behind a bridge.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from surefoot.deploy.protocol import Description
+from surefoot.types import JOINTS, Array, Command
+
+Clock = Callable[[], int]
+"""A clock gives the time [ns]; it never goes backwards, and its zero means nothing."""
+wall_clock: Clock = time.monotonic_ns
+"""The clock of this machine."""
+
+NO_VALUES: Array = np.zeros(len(JOINTS))
+NO_VALUES.setflags(write=False)
+
+
+class RobotFault(RuntimeError):  # noqa: N818
+    """The robot cannot be driven."""
+
+
+class Stale(RobotFault):
+    """The robot has not been heard of for too long."""
+
+
+class Latched(RobotFault):
+    """The robot's bridge damps the joints, whatever it is told."""
+
+
+class BaseEstimate(NamedTuple):
+    """What no sensor on board measures: it comes from an estimator or from motion capture.
+
+    Attributes:
+        height: The height of the base above the ground [m].
+        velocity: ``(3,)`` linear velocity of the base, base frame [m/s].
+    """
+
+    height: float
+    velocity: Array
+
+
+class Sensors(NamedTuple):
+    """What the robot measured at one instant.
+
+    Attributes:
+        time_ns: When, by the robot's clock [ns].
+        sequence: The number of the measurement; it rises with each.
+        joint_position: ``(12,)`` joint angles [rad].
+        joint_velocity: ``(12,)`` joint rates [rad/s].
+        joint_torque: ``(12,)`` joint torques [N m].
+        orientation: ``(4,)`` unit quaternion xyzw, base frame to world frame.
+        angular_velocity: ``(3,)`` of the base, base frame [rad/s].
+        acceleration: ``(3,)`` specific force at the base, base frame [m/s^2].
+        base: Height and linear velocity of the base; None if nothing measures them.
+        faults: Bits of what the driver calls faulty; 0 is none.
+    """
+
+    time_ns: int
+    sequence: int
+    joint_position: Array
+    joint_velocity: Array
+    joint_torque: Array
+    orientation: Array
+    angular_velocity: Array
+    acceleration: Array
+    base: BaseEstimate | None = None
+    faults: int = 0
+
+
+class JointCommand(NamedTuple):
+    """What the twelve motors are to do: tau = torque + kp (position - q) + kd (velocity - dq).
+
+    Attributes:
+        position: ``(12,)`` joint targets [rad].
+        kp: ``(12,)`` stiffness [N m/rad].
+        kd: ``(12,)`` damping [N m s/rad].
+        velocity: ``(12,)`` targets of the rates [rad/s].
+        torque: ``(12,)`` feed-forward torques [N m].
+    """
+
+    position: Array
+    kp: Array
+    kd: Array
+    velocity: Array = NO_VALUES
+    torque: Array = NO_VALUES
+
+    def torque_at(self, sensors: Sensors) -> Array:
+        """The torques ``(12,)`` that the motors are to apply, before they clip them [N m].
+
+        Args:
+            sensors: What the robot measures.
+        """
+        stiff = self.kp * (self.position - sensors.joint_position)
+        return self.torque + (stiff + self.kd * (self.velocity - sensors.joint_velocity))
+
+
+class RobotInterface(Protocol):
+    """A robot, wherever it is.
+
+    Attributes:
+        round_trip_ns: From the sending of the newest command that the robot had to the arrival of
+            the newest measurement [ns]; 0 if that is not known.
+        lockstep: Whether the robot's time stands still until a command comes: no deadline can be
+            missed then.
+    """
+
+    round_trip_ns: int
+    lockstep: bool
+
+    @property
+    def description(self) -> Description:
+        """The joint names in order, the rate, the limits and the timeouts."""
+        ...
+
+    def read(self) -> Sensors:
+        """The newest measurement.
+
+        Raises:
+            Stale: The newest is older than the robot may be silent.
+            Latched: The bridge says that it is latched, and why.
+        """
+        ...
+
+    def write(self, command: JointCommand) -> None:
+        """Give the motors their command until the next one."""
+        ...
+
+    def damp(self) -> None:
+        """Let the joints be damped only, from now on; works after any error, any number of times.
+
+        The robot latches it: no later command of this session moves a joint.
+        """
+        ...
+
+    def close(self) -> None:
+        """Damp the joints, and give the robot free."""
+        ...
+
+
+class DeployedPolicy(Protocol):
+    """A policy as its exported file describes it.
+
+    Attributes:
+        robot: The name of the robot.
+        joints: The names of the twelve joints, in order.
+        rate_hz: How often it is to be asked [Hz].
+        kp: ``(12,)`` stiffness of the joints [N m/rad].
+        kd: ``(12,)`` damping of the joints [N m s/rad].
+        command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
+        nominal: ``(12,)`` joint angles of the standing robot [rad].
+        start_range: ``(2, 14)`` smallest and largest roll, pitch and joint angles of the initial
+            states trained on [rad].
+        needs_base: Whether it asks for the height and the linear velocity of the base.
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    rate_hz: int
+    kp: Array
+    kd: Array
+    command_range: Array
+    nominal: Array
+    start_range: Array
+    needs_base: bool
+
+    def reset(self, sensors: Sensors) -> None:
+        """Begin an episode: forget everything, and fill a history with this measurement."""
+        ...
+
+    def target(self, sensors: Sensors, tick: int, command: Command) -> Array:
+        """The joint targets ``(12,)`` [rad].
+
+        Args:
+            sensors: What the robot measures now.
+            tick: The gait clock [ms].
+            command: The velocity that is asked for.
+        """
+        ...
+
+    def remember(self, sensors: Sensors, torque: Array) -> None:
+        """Take a tick into the history in which another drove; called instead of `target`.
+
+        Args:
+            sensors: What the robot measured at that tick.
+            torque: ``(12,)`` the joint torques that were commanded [N m].
+        """
+        ...

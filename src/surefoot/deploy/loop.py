@@ -1,0 +1,381 @@
+"""The loop on the robot: DAMP, STAND, DRIVE, and back to DAMP for good at the first fault.
+
+    DAMP --operator starts--> STAND (own gains, 2 s) --posture fits--> DRIVE
+      ^----------- any fault, latched; or the operator stops ------------'
+
+A tick reads one measurement, looks for faults, asks whoever drives, and writes one command. The
+policy drives; where a gate calls a state unsafe the expert does, or, without one, the robot is
+given up. Nothing that happens in a tick leaves the robot undamped: an exception is a fault too.
+Read `faults`, `handover` and `recorder` next.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+from surefoot.config.deploy import RuntimeConfig
+from surefoot.deploy.faults import Fault, FaultKind, FaultTests
+from surefoot.deploy.fit import check_robot, limits_of, misfit_of, missing_base, posture_of
+from surefoot.deploy.gate import Blocking, BoundsGate
+from surefoot.deploy.handover import ExpertDriver, NoPlan
+from surefoot.deploy.interfaces import (
+    Clock,
+    DeployedPolicy,
+    JointCommand,
+    Latched,
+    RobotInterface,
+    Sensors,
+    Stale,
+    wall_clock,
+)
+from surefoot.deploy.operator import Operator, Wish
+from surefoot.deploy.recorder import FlightRecorder, TickRecord
+from surefoot.deploy.timing import Histogram
+from surefoot.types import Array, Command, to_ticks
+
+logger = logging.getLogger(__name__)
+
+MICROSECOND = 1e-3
+"""[us] A nanosecond."""
+FIRST_ANSWERS = 10
+"""So often a policy is asked before the robot stands up."""
+
+
+class Mode(IntEnum):
+    """What the runtime does with the robot."""
+
+    DAMP = 0
+    STAND = 1
+    DRIVE = 2
+
+
+@dataclass(frozen=True)
+class Safeguard:
+    """Who takes over from the policy, and when.
+
+    Attributes:
+        gate: Says which states are unsafe; None asks no gate.
+        expert: Drives where the gate calls a state unsafe; without one the robot is given up there.
+    """
+
+    gate: BoundsGate | None = None
+    expert: ExpertDriver | None = None
+
+
+class Runtime:
+    """Drives one robot with one policy; a fault damps it for good.
+
+    Args:
+        robot: The robot.
+        policy: The policy.
+        operator: Starts and stops it.
+        config: How it stands up, and the limits of the faults; the defaults if it is None.
+        clock: Gives the time [ns].
+        safeguard: Gate and expert.
+
+    Attributes:
+        mode: What it does with the robot.
+        fault: Why it was given up; None as long as it is not.
+        stopped: Whether the operator has stopped it.
+        ticks: How many ticks there were.
+        driven: How many of them the policy or the expert drove.
+        expert_ticks: How many of them the expert drove.
+        takeovers: How often the expert took over.
+        missed: How many ticks of the robot had no command in time.
+        work: Times from a measurement to the written command.
+        round_trips: Times from a command to the state that knows of it.
+
+    Raises:
+        WrongRobotError: The policy is for another robot, joint order or rate.
+    """
+
+    def __init__(
+        self,
+        robot: RobotInterface,
+        policy: DeployedPolicy,
+        operator: Operator,
+        config: RuntimeConfig | None = None,
+        clock: Clock = wall_clock,
+        safeguard: Safeguard | None = None,
+    ) -> None:
+        description = robot.description
+        check_robot(policy, description)
+        self.config = config or RuntimeConfig()
+        self.mode = Mode.DAMP
+        self.fault: Fault | None = None
+        self.stopped = False
+        self.ticks = 0
+        self.driven = 0
+        self.expert_ticks = 0
+        self.takeovers = 0
+        self.missed = 0
+        self.work = Histogram()
+        self.round_trips = Histogram()
+        self.recorder = FlightRecorder(policy.robot, policy.rate_hz)
+        self._robot = robot
+        self._policy = policy
+        self._operator = operator
+        self._clock = clock
+        self._safeguard = safeguard or Safeguard()
+        self._period_ns = 1e9 / policy.rate_hz
+        self._tests = FaultTests(limits_of(description), self.config, policy.rate_hz)
+        self._blocking = Blocking(round(self.config.block * policy.rate_hz))
+        self._missed_in_a_row = 0
+        self._last_time_ns: int | None = None
+        self._stand_from: Array = policy.nominal
+        self._stand_to = posture_of(policy)
+        self._begun_ns = 0  # when the mode began, by the robot's clock
+        self._late_work = False
+        self._expert_drives = False
+        self._warned = False
+        self._asked = False
+        self._steady = False
+
+    @property
+    def over(self) -> bool:
+        """Whether the robot is damped for good."""
+        return self.fault is not None or self.stopped
+
+    def tick(self) -> Mode:
+        """Read, look for faults, ask whoever drives, and write."""
+        self.ticks += 1
+        if self.over:
+            self._robot.damp()  # again, since a datagram may be lost
+            return self.mode
+        begun = self._clock()
+        try:
+            sensors = self._robot.read()
+            self._serve(sensors, begun)
+        except Latched as error:
+            self._give_up("latched bridge", str(error))
+        except Stale as error:
+            self._give_up("stale state", str(error))
+        except NoPlan as error:
+            self._give_up("expert", str(error))
+        except Exception as error:
+            logger.exception("the runtime has a defect, or what it was given has one")
+            self._give_up("defect", repr(error))
+        return self.mode
+
+    def stop(self) -> None:
+        """Damp the robot for good, without a fault, as if the operator had said so."""
+        self.stopped = True
+        self.damp()
+
+    def damp(self) -> None:
+        """Damp the joints."""
+        self.mode = Mode.DAMP
+        self._robot.damp()
+
+    def _serve(self, sensors: Sensors, begun: int) -> None:
+        """Do what a measurement asks for, and record it."""
+        measured = self._clock()
+        wish = self._operator.wish()
+        wrong = self._wrong(sensors, wish)
+        command: JointCommand | None = None
+        velocity = self._within_range(wish.command)
+        if wrong is None:
+            self._change_mode(sensors, wish)
+            if not self.over:
+                command = self._command(sensors, velocity)
+        if command is not None and not is_finite(command):
+            wrong = ("not a number", "the joint targets of " + self._driver)
+            command = None
+        if wrong is not None:
+            self._give_up(*wrong)
+        elif command is not None:
+            self._robot.write(command)
+        self._record(sensors, command, velocity, (begun, measured))
+
+    def _wrong(self, sensors: Sensors, wish: Wish) -> tuple[FaultKind, str] | None:
+        """The first thing that is wrong."""
+        wrong = self._tests.broken(sensors)
+        if wrong is not None:
+            return wrong
+        if self.mode == Mode.DAMP:
+            since = sensors.time_ns - (self._last_time_ns or 0)
+            self._steady = since < 1.5 * self._period_ns
+            self._last_time_ns = sensors.time_ns
+            return None
+        if wish.lost:
+            return "operator lost", wish.lost
+        if self._last_time_ns is not None:
+            skipped = round((sensors.time_ns - self._last_time_ns) / self._period_ns) - 1
+            self._miss(max(skipped, int(self._late_work)))
+        self._last_time_ns = sensors.time_ns
+        if self._missed_in_a_row >= self.config.missed_deadlines:
+            return "missed deadlines", (
+                f"{self._missed_in_a_row} ticks in a row had no command in time; "
+                f"{self.config.missed_deadlines} are a fault"
+            )
+        return self._tests.unsafe(sensors)
+
+    def _miss(self, ticks: int) -> None:
+        """Count missed deadlines; a tick that misses none ends a row of them."""
+        self.missed += ticks
+        self._missed_in_a_row = self._missed_in_a_row + ticks if ticks else 0
+
+    def _change_mode(self, sensors: Sensors, wish: Wish) -> None:
+        """Do what the operator wants, and let the policy drive once the robot stands."""
+        if not wish.go:
+            if self.mode != Mode.DAMP or wish.lost:
+                self.stop()
+            return
+        if self.mode == Mode.DAMP:
+            if self._is_ready(sensors):
+                self._begin(Mode.STAND, sensors)
+                self._missed_in_a_row = 0
+                self._late_work = False
+                self._stand_from = sensors.joint_position.copy()
+            return
+        standing = to_ticks(self.config.stand)
+        if self.mode != Mode.STAND or self._gait_clock(sensors) < standing:
+            return
+        misfit = misfit_of(self._policy, sensors, self.config.posture)
+        if misfit is None:
+            self._policy.reset(sensors)
+            self._begin(Mode.DRIVE, sensors)
+        elif self._gait_clock(sensors) >= standing + to_ticks(self.config.settle):
+            self._give_up("posture", misfit)
+
+    def _is_ready(self, sensors: Sensors) -> bool:
+        """Whether the robot may stand up: the policy has been asked, and states come steadily."""
+        if not self._asked:
+            self._asked = True
+            missing = missing_base(self._policy, sensors)
+            if missing is not None:
+                self._give_up("posture", missing)
+                return False
+            # A first answer takes long, where code is compiled or memory is fetched; meanwhile the
+            # robot's states pile up.
+            self._policy.reset(sensors)
+            for tick in range(FIRST_ANSWERS):
+                self._policy.target(sensors, tick, Command())
+            return False
+        return self._steady
+
+    def _command(self, sensors: Sensors, velocity: Command) -> JointCommand | None:
+        """What the joints are to do in this tick; None leaves them damped."""
+        if self.mode == Mode.DAMP:
+            return None
+        policy = self._policy
+        if self.mode == Mode.STAND:
+            share = min(self._gait_clock(sensors) / to_ticks(self.config.stand), 1.0)
+            weight = 0.5 - 0.5 * math.cos(math.pi * share)
+            return JointCommand(
+                position=self._stand_from + weight * (self._stand_to - self._stand_from),
+                kp=self.config.stand_kp * policy.kp,
+                kd=self.config.stand_kd * policy.kd,
+            )
+        tick = self._gait_clock(sensors)
+        self.driven += 1
+        command = self._experts(sensors, tick, velocity)
+        if command is not None:
+            self.expert_ticks += 1
+            policy.remember(sensors, command.torque_at(sensors))
+            return command
+        if self.over:
+            return None
+        target = policy.target(sensors, tick, velocity)
+        return JointCommand(position=target, kp=policy.kp, kd=policy.kd)
+
+    def _experts(self, sensors: Sensors, tick: int, velocity: Command) -> JointCommand | None:
+        """What the expert commands, where it has to drive; None lets the policy drive."""
+        gate = self._safeguard.gate
+        self._expert_drives = False
+        if gate is None:
+            return None
+        unsafe = gate.unsafe(sensors)
+        expert = self._safeguard.expert
+        if expert is None:
+            if unsafe:
+                self._give_up("gate", "the gate calls the state unsafe, and there is no expert")
+            return None
+        was_blocked = self._blocking.blocked
+        if not self._blocking.is_blocked(unsafe):
+            if was_blocked:
+                expert.release()
+            return None
+        self.takeovers += not was_blocked
+        command = expert.command(sensors, tick, velocity)
+        self._expert_drives = command is not None
+        return command
+
+    @property
+    def _driver(self) -> str:
+        """Who drives, in words."""
+        if self.mode == Mode.STAND:
+            return "standing up"
+        return "the expert" if self._expert_drives else "the policy"
+
+    def _within_range(self, command: Command) -> Command:
+        """The command, moved into the range that the policy was trained on."""
+        low, high = self._policy.command_range.tolist()
+        inside = Command(*(min(max(v, a), b) for v, a, b in zip(command, low, high, strict=True)))
+        if inside != command and not self._warned:
+            self._warned = True
+            logger.warning(
+                "the command %s lies outside of what the policy was trained on, %s to %s; %s is "
+                "used instead",
+                tuple(command),
+                low,
+                high,
+                tuple(inside),
+            )
+        return inside
+
+    def _begin(self, mode: Mode, sensors: Sensors) -> None:
+        """Begin a mode; its clock is the robot's, so that lost ticks do not slow a gait down."""
+        self.mode = mode
+        self._begun_ns = sensors.time_ns
+
+    def _gait_clock(self, sensors: Sensors) -> int:
+        """The ticks since the mode began [ms]."""
+        return round((sensors.time_ns - self._begun_ns) * 1e-6)
+
+    def _give_up(self, kind: FaultKind, detail: str) -> None:
+        """Latch a fault and damp the joints; only the first one counts."""
+        if self.fault is None:
+            self.fault = Fault(kind, detail, self.ticks)
+        self.damp()
+
+    def _record(
+        self,
+        sensors: Sensors,
+        command: JointCommand | None,
+        velocity: Command,
+        times: tuple[int, int],
+    ) -> None:
+        """Count and record a tick."""
+        begun, measured = times
+        work_ns = self._clock() - measured
+        if command is not None:
+            self.work.add(work_ns * MICROSECOND)
+            self._late_work = work_ns > self._period_ns and not self._robot.lockstep
+        round_trip = self._robot.round_trip_ns * MICROSECOND
+        if command is not None:
+            self.round_trips.add(round_trip)
+        record = TickRecord(
+            self.ticks,
+            begun,
+            self.mode,
+            self._expert_drives,
+            velocity,
+            self._gait_clock(sensors) if self.mode == Mode.DRIVE else -1,
+            work_ns * MICROSECOND,
+            round_trip,
+        )
+        self.recorder.add(record, sensors, command)
+
+
+def is_finite(command: JointCommand) -> bool:
+    """Whether all numbers of a command are finite.
+
+    Args:
+        command: The command.
+    """
+    total = command.position.sum() + command.velocity.sum() + command.torque.sum()
+    return math.isfinite(total)

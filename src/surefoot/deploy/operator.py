@@ -1,0 +1,144 @@
+"""The operator: starts and stops the robot, says where to go, and shows that somebody is there.
+
+A robot only stands up after a start, and is damped when the operator says stop or is lost: their
+terminal has closed, or the promised sign of life does not come. Read `loop` next.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import select
+import sys
+from typing import NamedTuple, Protocol
+
+from surefoot.deploy.interfaces import Clock, wall_clock
+from surefoot.types import Command
+
+LONGEST_LINE = 200
+"""[B] No line of an operator is longer."""
+
+
+class Wish(NamedTuple):
+    """What the operator wants now.
+
+    Attributes:
+        go: Whether the robot is to stand up and walk; False damps it.
+        command: The velocity that is asked for.
+        lost: Why nobody is there any more; empty as long as somebody is.
+    """
+
+    go: bool
+    command: Command
+    lost: str = ""
+
+
+class Operator(Protocol):
+    """Somebody who watches over the robot."""
+
+    def wish(self) -> Wish:
+        """What the operator wants now; asked once a tick, and must not wait."""
+        ...
+
+
+class Scripted:
+    """An operator who is always there, starts at once and stops after a time.
+
+    Args:
+        command: The velocity that is asked for.
+        seconds: How long the robot is to be driven, standing up included; None does not end.
+        clock: Gives the time [ns].
+    """
+
+    def __init__(
+        self, command: Command, seconds: float | None = None, clock: Clock = wall_clock
+    ) -> None:
+        self.command = command
+        self._seconds = seconds
+        self._clock = clock
+        self._begun: int | None = None
+
+    def wish(self) -> Wish:
+        """See `Operator`."""
+        now = self._clock()
+        if self._begun is None:
+            self._begun = now
+        over = self._seconds is not None and now - self._begun >= self._seconds * 1e9
+        return Wish(not over, self.command)
+
+
+class Terminal:
+    """An operator at a terminal: lines of text on the standard input.
+
+    `start` stands the robot up and lets it walk, `stop` damps it; `vx 0.2`, `vy 0.1` and `yaw 0.5`
+    change the command; any other line, as an empty one, is a sign of life.
+
+    Args:
+        command: The velocity that is asked for at first.
+        heartbeat: How often a line has to come [s]; None asks for none, and only the end of the
+            input is a loss.
+        clock: Gives the time [ns].
+        descriptor: The file descriptor to read from.
+    """
+
+    def __init__(
+        self,
+        command: Command,
+        heartbeat: float | None = None,
+        clock: Clock = wall_clock,
+        descriptor: int | None = None,
+    ) -> None:
+        self._wish = Wish(False, command)
+        self._heartbeat = heartbeat
+        self._clock = clock
+        self._descriptor = sys.stdin.fileno() if descriptor is None else descriptor
+        self._alive_ns = clock()
+        self._text = b""
+
+    def wish(self) -> Wish:
+        """See `Operator`."""
+        if not self._wish.lost:
+            self._listen()
+        return self._wish
+
+    def _listen(self) -> None:
+        """Take the lines that have come."""
+        now = self._clock()
+        while select.select([self._descriptor], [], [], 0.0)[0]:
+            part = os.read(self._descriptor, LONGEST_LINE)
+            if not part:
+                self._wish = self._wish._replace(go=False, lost="the operator's input has ended")
+                return
+            self._alive_ns = now
+            *lines, self._text = (self._text + part).split(b"\n")
+            self._text = self._text[-LONGEST_LINE:]
+            for line in lines:
+                self._wish = obey(self._wish, line.decode(errors="replace"))
+        silent = (now - self._alive_ns) / 1e9
+        if self._heartbeat is not None and self._wish.go and silent > self._heartbeat:
+            lost = f"the operator has given no sign of life for {silent:.2f} s"
+            self._wish = self._wish._replace(go=False, lost=lost)
+
+
+def obey(wish: Wish, line: str) -> Wish:
+    """What the operator wants after a line; a line that means nothing changes nothing.
+
+    Args:
+        wish: What the operator wanted before.
+        line: The line.
+    """
+    words = line.lower().split()
+    if words == ["start"]:
+        return wish._replace(go=True)
+    if words == ["stop"]:
+        return wish._replace(go=False)
+    names = {"vx": "vx", "vy": "vy", "yaw": "yaw_rate"}
+    if len(words) != 2 or words[0] not in names:
+        return wish
+    try:
+        value = float(words[1])
+    except ValueError:
+        return wish
+    if not math.isfinite(value):
+        return wish
+    return wish._replace(command=wish.command._replace(**{names[words[0]]: value}))

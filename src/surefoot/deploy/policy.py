@@ -1,0 +1,225 @@
+"""Runs an exported policy on what a robot measures: NumPy and ONNX Runtime only.
+
+`load` reads a file and refuses what must not run (`export_file`). `OnnxPolicy` then turns
+measurements into the network's input, keeps the history, and asks the network. Read `description`
+for what a file says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.deploy.description import ExportFileError, PolicyDescription, start_limits
+from surefoot.deploy.export_file import read_export
+from surefoot.deploy.interfaces import BaseEstimate, Sensors
+from surefoot.deploy.kinematics import com_in_base, feet_in_base
+from surefoot.learning.memory import Memory
+from surefoot.learning.observation import Float32Array, goal, observe
+from surefoot.learning.onnx_graph import runner
+from surefoot.rotations import rotation
+from surefoot.types import Array, Command, State
+
+BASE_PARTS = ("base_height", "linear_velocity")
+"""Parts of an observation that nothing on board measures."""
+
+
+def load(
+    path: Path | str,
+    robot: str | None = None,
+    joints: tuple[str, ...] | None = None,
+    layout: str | None = None,
+) -> OnnxPolicy:
+    """Read a policy that `surefoot export POLICY --onnx FILE` wrote; see `read_export`.
+
+    Args:
+        path: The file.
+        robot: Name of the robot that it has to be made for; None takes that of any.
+        joints: ``(12,)`` names of the robot's joints, in the order in which it sends them; None is
+            the order of `JOINTS`.
+        layout: Name of the layout that it has to have; None takes any.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ExportFileError: It cannot be run, or must not be run on this robot.
+    """
+    file = read_export(path, robot, joints, layout)
+    if file.description.kind != "network":
+        raise ExportFileError(
+            f"{file.path} holds the whole {file.description.kind}, and this runs the network "
+            "alone; give it the file of `surefoot export POLICY --onnx FILE`"
+        )
+    return OnnxPolicy(file.description, runner(file.content))
+
+
+class OnnxPolicy:
+    """A policy of one robot, as the loop on the robot runs it.
+
+    Args:
+        description: What the file says.
+        forward: The network, ``(n, inputs)`` to ``(n, 12)`` joint targets [rad].
+
+    Attributes:
+        description: What the file says.
+        spec: How measurements become the network's input.
+        robot: The name of the robot.
+        joints: The names of the twelve joints, in order.
+        rate_hz: How often it is to be asked [Hz].
+        kp: ``(12,)`` stiffness of the joints [N m/rad].
+        kd: ``(12,)`` damping of the joints [N m s/rad].
+        command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
+        nominal: ``(12,)`` joint angles of the standing robot [rad].
+        start_range: ``(2, 14)`` smallest and largest roll, pitch and joint angles of the initial
+            states trained on [rad]; infinite if unknown.
+        needs_base: Whether it asks for the height or the linear velocity of the base.
+        gait: Which of the gaits it is to walk, as its place among those of the file.
+    """
+
+    def __init__(
+        self, description: PolicyDescription, forward: Callable[[Float32Array], Float32Array]
+    ) -> None:
+        self.description = description
+        self.spec = description.spec
+        self.robot = description.robot
+        self.joints = description.joints
+        self.rate_hz = description.rate_hz
+        self.kp = np.array(description.kp)
+        self.kd = np.array(description.kd)
+        self.command_range = np.array(description.command_range)
+        self.nominal = np.array(description.nominal)
+        self.start_range = start_limits(description.start_range)
+        asked = set(self.spec.layout.parts)
+        if self.spec.layout.history is not None:
+            asked |= set(self.spec.layout.history.parts)
+        self._base_parts = tuple(part for part in BASE_PARTS if part in asked)
+        self.needs_base = bool(self._base_parts)
+        self.gait = 0
+        self._torque_limit = np.array(description.torque_limit)
+        self._forward = forward
+        self._memory: Memory | None = None
+
+    def reset(self, sensors: Sensors) -> None:
+        """Begin an episode: forget everything, and let this measurement stand for all before it.
+
+        Args:
+            sensors: What the robot measures now.
+
+        Raises:
+            ValueError: The layout needs what the robot does not measure.
+        """
+        history = self.spec.layout.history
+        self._memory = None if history is None else Memory(history, 1)
+        if self._memory is not None:
+            self._memory.read(self.state(sensors))
+        else:
+            self.state(sensors)
+
+    def target(self, sensors: Sensors, tick: int, command: Command) -> Array:
+        """The joint targets ``(12,)`` [rad]; to be asked once in every tick.
+
+        Args:
+            sensors: What the robot measures now.
+            tick: The gait clock [ms].
+            command: The velocity that is asked for.
+
+        Raises:
+            ValueError: The layout needs what the robot does not measure.
+        """
+        state = self.state(sensors)
+        inputs = self._inputs(state, tick, command)
+        target = self._forward(inputs)[0].astype(float)
+        if self._memory is not None:
+            applied = self.applied(target, sensors.joint_position, sensors.joint_velocity)
+            self._memory.store(state, applied[None])
+        return target
+
+    def remember(self, sensors: Sensors, torque: Array) -> None:
+        """Take a tick into the history in which another drove; to be called instead of `target`.
+
+        Args:
+            sensors: What the robot measured at that tick.
+            torque: ``(12,)`` the joint torques that were commanded [N m].
+        """
+        if self._memory is None:
+            return
+        target = (torque + self.kd * sensors.joint_velocity) / self.kp + sensors.joint_position
+        applied = self.applied(target, sensors.joint_position, sensors.joint_velocity)
+        self._memory.store(self.state(sensors), applied[None])
+
+    def inputs(self, sensors: Sensors, tick: int, command: Command) -> Float32Array:
+        """The network's input ``(inputs,)`` at this instant; nothing is remembered of it.
+
+        The arguments are those of `target`.
+        """
+        return self._inputs(self.state(sensors), tick, command)[0]
+
+    def _inputs(self, state: State, tick: int, command: Command) -> Float32Array:
+        """``(1, inputs)`` the network's input."""
+        spec = self.spec
+        out = np.empty((1, spec.input_size), np.float32)
+        now = spec.observation_size
+        if spec.layout.history is not None:
+            if self._memory is None:
+                raise ValueError(
+                    "a policy with a history: call reset(sensors) before its first tick"
+                )
+            now -= spec.layout.history.size
+            out[:, now : spec.observation_size] = self._memory.read(state)
+        observe(state, spec.layout.parts, out=out[:, :now])
+        goal(tick, np.array(command, float), spec, out[:, spec.observation_size :], self.gait)
+        return out
+
+    def applied(self, target: Array, joint_position: Array, joint_velocity: Array) -> Array:
+        """The targets ``(..., 12)`` that the motors can follow: those of the clipped torques [rad].
+
+        Args:
+            target: ``(..., 12)`` joint targets [rad].
+            joint_position: ``(..., 12)`` measured joint angles [rad].
+            joint_velocity: ``(..., 12)`` measured joint rates [rad/s].
+        """
+        damping = self.kd * joint_velocity
+        torque = self.kp * (target - joint_position) - damping
+        torque = np.clip(torque, -self._torque_limit, self._torque_limit)
+        return (torque + damping) / self.kp + joint_position
+
+    def state(self, sensors: Sensors) -> State:
+        """The state ``(1, ...)`` of a robot that measures this, at the origin of the world.
+
+        Args:
+            sensors: What the robot measures. Height and linear velocity of the base are zero where
+                neither the robot measures nor the layout needs them.
+
+        Raises:
+            ValueError: The layout needs what the robot does not measure.
+        """
+        base = sensors.base
+        if base is None:
+            if self.needs_base:
+                raise ValueError(
+                    f"the layout {self.spec.layout.name!r} needs {' and '.join(self._base_parts)}, "
+                    "and the sensors have no estimate of the base: give one, of an estimator or of "
+                    "motion capture, or train with the layout `proprioceptive`"
+                )
+            base = BaseEstimate(0.0, np.zeros(3))
+        q = np.concatenate([[0.0, 0.0, base.height], sensors.orientation, sensors.joint_position])[
+            None
+        ]
+        v = np.concatenate([base.velocity, sensors.angular_velocity, sensors.joint_velocity])[None]
+        return state_of_base(self.description, q, v)
+
+
+def state_of_base(description: PolicyDescription, q: Array, v: Array) -> State:
+    """The states of robots with these configurations and velocities, by the table of a file.
+
+    Args:
+        description: What the file says.
+        q: ``(n, 19)`` configurations.
+        v: ``(n, 18)`` velocities.
+    """
+    table = description.kinematics
+    turn = np.swapaxes(rotation(q[:, 3:7]), -1, -2)
+    feet = feet_in_base(table, q[:, 7:]) @ turn + q[:, None, :3]
+    com = (com_in_base(table, q[:, 7:])[:, None] @ turn)[:, 0] + q[:, :3]
+    return State(q, v, com, feet, np.zeros((len(q), 4), dtype=bool))

@@ -1,0 +1,284 @@
+"""The datagrams between the runtime and a bridge: fixed sizes, little-endian, checked by a CRC.
+
+A datagram is a header, a body whose size its kind decides, and the CRC-32 of both. The header names
+the protocol and its version, the kind, the robot, the session, the sequence number, the sender's
+clock, and the clock of the datagram that it answers. What differs from that by one bit is refused.
+
+The runtime says HELLO; the bridge answers with its DESCRIPTION and the number of a new session,
+which every COMMAND and DAMP must carry, and sends a STATE every tick. The module needs the standard
+library only: it is copied with `bridge.py` into a driver's own environment. Read `bridge` next.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import zlib
+from collections.abc import Sequence
+from typing import NamedTuple
+
+MAGIC = b"SFBR"
+VERSION = 1
+HELLO = 1
+DESCRIPTION = 2
+COMMAND = 3
+DAMP = 4
+STATE = 5
+
+IDLE = 0
+"""The bridge damps the joints, and waits for a first command."""
+DRIVING = 1
+"""The bridge passes commands on."""
+LATCHED = 2
+"""The bridge damps the joints, whatever it is told in this session."""
+
+NO_CAUSE = 0
+SILENCE = 1
+OLD_STATE = 2
+BAD_COMMAND = 3
+ASKED = 4
+DRIVER = 5
+CAUSES = (
+    "none",
+    "no command came in time",
+    "the commands answered states that were too old",
+    "a command was not finite, or had a negative gain",
+    "the runtime asked for it",
+    "the driver reported a fault",
+)
+"""Why a bridge is latched, in words."""
+
+JOINTS = 12
+_HEADER = struct.Struct("<4sBBHQQQQQ")
+_CRC = struct.Struct("<I")
+_COMMAND = struct.Struct("<60d")
+_STATE = struct.Struct("<BBBxIIIIQ50d")
+_NAME = 40
+_DESCRIPTION = struct.Struct(f"<{_NAME}s{JOINTS * _NAME}sI4d48d")
+_SIZES = {
+    HELLO: 0,
+    DESCRIPTION: _DESCRIPTION.size,
+    COMMAND: _COMMAND.size,
+    DAMP: 0,
+    STATE: _STATE.size,
+}
+LONGEST = _HEADER.size + max(_SIZES.values()) + _CRC.size
+"""[B] No datagram is longer."""
+
+
+class Refused(ValueError):  # noqa: N818
+    """Bytes that are no datagram of this protocol."""
+
+
+class Packet(NamedTuple):
+    """A datagram.
+
+    Attributes:
+        kind: What it is: HELLO, DESCRIPTION, COMMAND, DAMP or STATE.
+        robot_id: Which robot, as `robot_id` numbers it; HELLO may have any.
+        session: The number of the session; 0 in a HELLO.
+        sequence: It rises with every datagram of a session, in each direction.
+        time_ns: The sender's clock [ns].
+        echo_ns: The other side's clock in the newest datagram that the sender had [ns].
+        body: The bytes that belong to the kind.
+    """
+
+    kind: int
+    robot_id: int
+    session: int
+    sequence: int
+    time_ns: int
+    echo_ns: int
+    body: bytes = b""
+
+
+class State(NamedTuple):
+    """The body of a STATE.
+
+    Attributes:
+        status: IDLE, DRIVING or LATCHED.
+        cause: Why it is latched: an index of `CAUSES`.
+        has_base: 1 if height and linear velocity of the base are measured, else 0.
+        faults: Bits of the driver's faults.
+        refused: How many datagrams were none of this protocol, or not for this robot.
+        foreign: How many came from others than the pinned peer.
+        old: How many had an old session or sequence number.
+        commands: How many commands were accepted in this session.
+        values: ``(50,)`` joint positions, velocities, torques (12 each), orientation xyzw (4),
+            angular velocity (3), acceleration (3), height and linear velocity of the base (4).
+    """
+
+    status: int
+    cause: int
+    has_base: int
+    faults: int
+    refused: int
+    foreign: int
+    old: int
+    commands: int
+    values: Sequence[float]
+
+
+class Description(NamedTuple):
+    """What a bridge says of its robot.
+
+    Attributes:
+        robot: The name of the robot.
+        joints: The names of its twelve joints, in the order of all messages.
+        rate_hz: How often the bridge reads and writes its driver [Hz].
+        command_timeout: How long the runtime may be silent [s].
+        command_age: How old the state may be that a command answers [s].
+        state_timeout: How long the bridge may be silent [s].
+        damping: The damping of the joints of a robot that is latched [N m s/rad].
+        position_low: ``(12,)`` smallest joint angles [rad].
+        position_high: ``(12,)`` largest joint angles [rad].
+        speed: ``(12,)`` largest joint rates [rad/s].
+        torque: ``(12,)`` largest joint torques [N m].
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    rate_hz: int
+    command_timeout: float
+    command_age: float
+    state_timeout: float
+    damping: float
+    position_low: tuple[float, ...]
+    position_high: tuple[float, ...]
+    speed: tuple[float, ...]
+    torque: tuple[float, ...]
+
+
+def robot_id(robot: str, joints: Sequence[str], rate_hz: int) -> int:
+    """The number of a robot: names, joint order and rate decide it.
+
+    Args:
+        robot: The name of the robot.
+        joints: The names of its joints, in order.
+        rate_hz: The rate of its commands [Hz].
+    """
+    text = "\n".join([robot, *joints, str(rate_hz)])
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
+
+
+def pack(packet: Packet) -> bytes:
+    """The bytes of a datagram.
+
+    Args:
+        packet: The datagram.
+
+    Raises:
+        ValueError: The body has not the size that belongs to the kind.
+    """
+    kind, number, session, sequence, time_ns, echo_ns, body = packet
+    if _SIZES.get(kind) != len(body):
+        raise ValueError(f"a datagram of kind {kind} has a body of {len(body)} bytes")
+    header = _HEADER.pack(MAGIC, VERSION, kind, 0, number, session, sequence, time_ns, echo_ns)
+    content = header + body
+    return content + _CRC.pack(zlib.crc32(content))
+
+
+def unpack(data: bytes) -> Packet:
+    """The datagram that bytes are.
+
+    Args:
+        data: The bytes, of any length and origin.
+
+    Raises:
+        Refused: They are no datagram of this protocol and version.
+    """
+    if len(data) < _HEADER.size + _CRC.size:
+        raise Refused("too short")
+    magic, version, kind, zero, *numbers = _HEADER.unpack_from(data)
+    if magic != MAGIC or version != VERSION or zero != 0:
+        raise Refused("another protocol or version")
+    size = _SIZES.get(kind)
+    if size is None or len(data) != _HEADER.size + size + _CRC.size:
+        raise Refused("another size than its kind has")
+    end = _HEADER.size + size
+    if zlib.crc32(data[:end]) != _CRC.unpack_from(data, end)[0]:
+        raise Refused("a wrong checksum")
+    number, session, sequence, time_ns, echo_ns = numbers
+    body = data[_HEADER.size : end]
+    return Packet(kind, number, session, sequence, time_ns, echo_ns, body)
+
+
+def pack_command(values: Sequence[float]) -> bytes:
+    """The body of a COMMAND.
+
+    Args:
+        values: ``(60,)`` positions, velocities, kp, kd and torques of the twelve joints.
+    """
+    return _COMMAND.pack(*values)
+
+
+def unpack_command(body: bytes) -> tuple[float, ...]:
+    """The sixty numbers of a COMMAND; undoes `pack_command`.
+
+    Args:
+        body: The body of a COMMAND.
+    """
+    return _COMMAND.unpack(body)
+
+
+def pack_state(state: State) -> bytes:
+    """The body of a STATE.
+
+    Args:
+        state: What the bridge has to say.
+    """
+    return _STATE.pack(*state[:-1], *state.values)
+
+
+def unpack_state(body: bytes) -> State:
+    """What a bridge said; undoes `pack_state`.
+
+    Args:
+        body: The body of a STATE.
+    """
+    numbers = _STATE.unpack(body)
+    return State(*numbers[:8], values=numbers[8:])
+
+
+def pack_description(description: Description) -> bytes:
+    """The body of a DESCRIPTION.
+
+    Args:
+        description: What a bridge says of its robot.
+
+    Raises:
+        ValueError: A name is longer than 40 bytes, or there are not twelve joints.
+    """
+    if len(description.joints) != JOINTS:
+        raise ValueError(f"{description.robot} has {len(description.joints)} joints, not {JOINTS}")
+    names = [name.encode() for name in (description.robot, *description.joints)]
+    long = [name for name in names if len(name) > _NAME]
+    if long:
+        raise ValueError(f"the name {long[0]!r} is longer than {_NAME} bytes")
+    joints = b"".join(name.ljust(_NAME, b"\0") for name in names[1:])
+    numbers = [*description[3:7]]
+    for values in description[7:]:
+        numbers += values
+    return _DESCRIPTION.pack(names[0], joints, description.rate_hz, *numbers)
+
+
+def unpack_description(body: bytes) -> Description:
+    """What a bridge said of its robot; undoes `pack_description`.
+
+    Args:
+        body: The body of a DESCRIPTION.
+
+    Raises:
+        Refused: A name is no text.
+    """
+    robot, joints, rate_hz, *numbers = _DESCRIPTION.unpack(body)
+    try:
+        names = tuple(
+            joints[start : start + _NAME].rstrip(b"\0").decode()
+            for start in range(0, JOINTS * _NAME, _NAME)
+        )
+        name = robot.rstrip(b"\0").decode()
+    except UnicodeDecodeError as error:
+        raise Refused("a name that is no text") from error
+    limits = [tuple(numbers[start : start + JOINTS]) for start in range(4, 52, JOINTS)]
+    return Description(name, names, rate_hz, *numbers[:4], *limits)

@@ -1,0 +1,259 @@
+"""The flight recorder: the last ten seconds, every tick, written whole when the robot is given up.
+
+A `Flight` says what was measured and commanded, who drove, how long it took, and why it ended. It
+holds arrays only, and reading one runs nothing. `surefoot play FLIGHT.npz` films it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.deploy.interfaces import JointCommand, Sensors
+from surefoot.files import Shape, load_arrays, save_arrays
+from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, Command, IntArray
+
+SECONDS = 10
+"""[s] How much is kept."""
+_JOINTS = len(JOINTS)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """The last ticks before a robot was given up, the oldest first.
+
+    Attributes:
+        robot: ``()`` the name of the robot.
+        fault: ``()`` the name of the fault; empty if there was none.
+        detail: ``()`` what was measured, and what is allowed.
+        tick: ``(n,)`` the ticks since the runtime was started.
+        time_ns: ``(n,)`` the runtime's clock when the tick began [ns].
+        robot_time_ns: ``(n,)`` the robot's clock in the measurement [ns].
+        mode: ``(n,)`` 0 damped, 1 standing up, 2 driven.
+        expert_drove: ``(n,)`` True where the expert drove.
+        command: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s] asked for.
+        joint_position: ``(n, 12)`` measured angles [rad].
+        joint_velocity: ``(n, 12)`` measured rates [rad/s].
+        joint_torque: ``(n, 12)`` measured torques [N m].
+        orientation: ``(n, 4)`` unit quaternion xyzw.
+        angular_velocity: ``(n, 3)`` of the base, base frame [rad/s].
+        acceleration: ``(n, 3)`` specific force at the base, base frame [m/s^2].
+        base: ``(n, 4)`` height [m] and linear velocity [m/s] of the base; NaN where not measured.
+        position: ``(n, 12)`` joint targets commanded [rad]; NaN where nothing was.
+        velocity: ``(n, 12)`` rates commanded [rad/s].
+        kp: ``(n, 12)`` stiffness commanded [N m/rad].
+        kd: ``(n, 12)`` damping commanded [N m s/rad].
+        torque: ``(n, 12)`` feed-forward torques commanded [N m].
+        work_us: ``(n,)`` from the measurement to the written command [us].
+        round_trip_us: ``(n,)`` from a command to the state that knows of it [us].
+        gait_tick: ``(n,)`` the gait clock [ms]; -1 where the robot was not driven.
+    """
+
+    shapes: ClassVar[Mapping[str, Shape]] = {
+        "robot": (),
+        "fault": (),
+        "detail": (),
+        "command": ("n", 3),
+        "joint_position": ("n", _JOINTS),
+        "joint_velocity": ("n", _JOINTS),
+        "joint_torque": ("n", _JOINTS),
+        "orientation": ("n", 4),
+        "angular_velocity": ("n", 3),
+        "acceleration": ("n", 3),
+        "base": ("n", 4),
+        "position": ("n", _JOINTS),
+        "velocity": ("n", _JOINTS),
+        "kp": ("n", _JOINTS),
+        "kd": ("n", _JOINTS),
+        "torque": ("n", _JOINTS),
+    }
+
+    robot: NDArray[np.str_]
+    fault: NDArray[np.str_]
+    detail: NDArray[np.str_]
+    tick: IntArray
+    time_ns: IntArray
+    robot_time_ns: IntArray
+    mode: NDArray[np.int8]
+    expert_drove: NDArray[np.bool_]
+    command: Array
+    joint_position: Array
+    joint_velocity: Array
+    joint_torque: Array
+    orientation: Array
+    angular_velocity: Array
+    acceleration: Array
+    base: Array
+    position: Array
+    velocity: Array
+    kp: Array
+    kd: Array
+    torque: Array
+    work_us: Array
+    round_trip_us: Array
+    gait_tick: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+
+
+class TickRecord(NamedTuple):
+    """What the recorder keeps of a tick besides measurement and command of the joints.
+
+    Attributes:
+        tick: The tick since the runtime was started.
+        time_ns: The runtime's clock when the tick began [ns].
+        mode: 0 damped, 1 standing up, 2 driven.
+        expert_drove: Whether the expert drove.
+        command: The velocity asked for.
+        gait_tick: The gait clock [ms]; -1 where the robot is not driven.
+        work_us: From the measurement to the written command [us].
+        round_trip_us: From a command to the state that knows of it [us].
+    """
+
+    tick: int
+    time_ns: int
+    mode: int
+    expert_drove: bool
+    command: Command
+    gait_tick: int
+    work_us: float
+    round_trip_us: float
+
+
+# A row of the ring holds all numbers of a tick side by side, so that a tick is a few writes.
+_INTEGERS = ("tick", "time_ns", "robot_time_ns", "mode", "expert_drove", "gait_tick")
+_WIDTHS = {
+    "command": 3,
+    "joint_position": _JOINTS,
+    "joint_velocity": _JOINTS,
+    "joint_torque": _JOINTS,
+    "orientation": 4,
+    "angular_velocity": 3,
+    "acceleration": 3,
+    "base": 4,
+    "position": _JOINTS,
+    "velocity": _JOINTS,
+    "kp": _JOINTS,
+    "kd": _JOINTS,
+    "torque": _JOINTS,
+    "work_us": 1,
+    "round_trip_us": 1,
+}
+_NO_BASE = (np.nan,) * 4
+_NO_COMMAND = np.full(5 * _JOINTS, np.nan)
+
+
+class FlightRecorder:
+    """Keeps the last ten seconds.
+
+    Args:
+        robot: The name of the robot.
+        rate_hz: The number of ticks in a second [Hz].
+    """
+
+    def __init__(self, robot: str, rate_hz: int = TICKS_PER_SECOND) -> None:
+        self._robot = robot
+        self._size = SECONDS * rate_hz
+        self._integers = np.zeros((self._size, len(_INTEGERS)), dtype=np.int64)
+        self._numbers = np.zeros((self._size, sum(_WIDTHS.values())))
+        self._count = 0
+
+    def add(self, record: TickRecord, sensors: Sensors, command: JointCommand | None) -> None:
+        """Keep a tick in place of the oldest one.
+
+        Args:
+            record: When it was, who drove, and how long it took.
+            sensors: What was measured.
+            command: What the joints were commanded; None if nothing.
+        """
+        row = self._count % self._size
+        self._count += 1
+        self._integers[row] = (
+            record.tick,
+            record.time_ns,
+            sensors.time_ns,
+            record.mode,
+            record.expert_drove,
+            record.gait_tick,
+        )
+        base = _NO_BASE
+        if sensors.base is not None:
+            base = (sensors.base.height, *sensors.base.velocity)
+        commanded = (_NO_COMMAND,)
+        if command is not None:
+            commanded = (
+                command.position,
+                command.velocity,
+                command.kp,
+                command.kd,
+                command.torque,
+            )
+        np.concatenate(
+            (
+                record.command,
+                sensors.joint_position,
+                sensors.joint_velocity,
+                sensors.joint_torque,
+                sensors.orientation,
+                sensors.angular_velocity,
+                sensors.acceleration,
+                base,
+                *commanded,
+                (record.work_us, record.round_trip_us),
+            ),
+            out=self._numbers[row],
+        )
+
+    def flight(self, fault: str = "", detail: str = "") -> Flight:
+        """What has been kept, the oldest tick first.
+
+        Args:
+            fault: The name of the fault that ended it; empty if there was none.
+            detail: What was measured, and what is allowed.
+        """
+        first = max(self._count - self._size, 0)
+        rows = np.arange(first, self._count) % self._size
+        arrays: dict[str, NDArray] = dict(zip(_INTEGERS, self._integers[rows].T, strict=True))
+        ends = np.cumsum(list(_WIDTHS.values()))
+        parts = np.split(self._numbers[rows], ends[:-1], axis=1)
+        for (name, width), part in zip(_WIDTHS.items(), parts, strict=True):
+            arrays[name] = part if width > 1 else part[:, 0]
+        arrays["mode"] = arrays["mode"].astype(np.int8)
+        arrays["expert_drove"] = arrays["expert_drove"].astype(np.bool_)
+        arrays |= {
+            "robot": np.array(self._robot),
+            "fault": np.array(fault),
+            "detail": np.array(detail),
+        }
+        return Flight(**{entry.name: arrays[entry.name] for entry in fields(Flight)})
+
+
+def save_flight(path: Path, flight: Flight) -> None:
+    """Write a flight to an npz file, whole or not at all.
+
+    Args:
+        path: The file.
+        flight: The flight.
+
+    Raises:
+        WriteError: The disk is full, or read-only.
+    """
+    save_arrays(path, flight)
+
+
+def load_flight(path: Path) -> Flight:
+    """Read a flight; nothing in it is run.
+
+    Args:
+        path: The file.
+
+    Raises:
+        ValueError: The file is missing, damaged, or no flight.
+    """
+    try:
+        return load_arrays(path, Flight)
+    except ValueError as error:
+        raise ValueError(f"{path} is no recorded flight: {error.__cause__ or error}") from error

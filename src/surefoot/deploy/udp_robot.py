@@ -1,0 +1,276 @@
+"""A robot behind a bridge, as the runtime sees it: `RobotInterface` over the datagrams.
+
+`connect` asks the bridge what its robot is. From then on `read` takes the newest STATE, and `write`
+sends a COMMAND that names the state it answers. Read `loop` next.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from surefoot.deploy import protocol
+from surefoot.deploy.bridge import Address, Channel
+from surefoot.deploy.interfaces import (
+    BaseEstimate,
+    Clock,
+    JointCommand,
+    Latched,
+    Sensors,
+    Stale,
+    wall_clock,
+)
+from surefoot.deploy.protocol import Description, Packet, State
+
+GREETING = 100_000_000
+"""[ns] Until the first command, the bridge is greeted so often, or another runtime could come."""
+LOCKSTEP_PATIENCE = 5.0
+"""[s] A robot in lockstep may be silent for so long: nothing moves meanwhile."""
+NANOSECONDS = 1e9
+
+
+class UdpRobot:
+    """A robot behind a bridge.
+
+    Args:
+        channel: Carries the datagrams.
+        peer: The address of the bridge.
+        clock: Gives the time [ns].
+        lockstep: Whether the bridge ticks once for each command, and so has to be waited for.
+
+    Attributes:
+        state: What the bridge said last; None before it said anything.
+        round_trip_ns: From the sending of the newest command that the bridge had to the arrival of
+            the newest state [ns]; it contains up to a tick of waiting at the bridge.
+        lockstep: Whether the bridge ticks once for each command.
+        heard_ns: When the newest state arrived [ns].
+        refused: How many datagrams were not from the bridge, not of this session, or old.
+    """
+
+    def __init__(
+        self, channel: Channel, peer: Address, clock: Clock = wall_clock, lockstep: bool = False
+    ) -> None:
+        self.state: State | None = None
+        self.round_trip_ns = 0
+        self.heard_ns = clock()
+        self.refused = 0
+        self._channel = channel
+        self._peer = peer
+        self._clock = clock
+        self.lockstep = lockstep
+        self._description: Description | None = None
+        self._robot_id = 0
+        self._session = 0
+        self._sequence = 0
+        self._newest = 0  # sequence of the newest datagram of the bridge
+        self._read = 0  # what of them has been read
+        self._bridges_clock = 0
+        self._greeted_ns = 0
+        self._sensors: Sensors | None = None
+        self._commands = 0
+        self._last_sent = b""
+        self._damped = False
+
+    @property
+    def connected(self) -> bool:
+        """Whether the bridge has described its robot and begun a session."""
+        return self._description is not None
+
+    @property
+    def description(self) -> Description:
+        """See `RobotInterface`.
+
+        Raises:
+            Stale: The bridge has not answered yet.
+        """
+        if self._description is None:
+            raise Stale(f"no bridge answers at {address_text(self._peer)}; is it running?")
+        return self._description
+
+    def robot_clock(self) -> int:
+        """The robot's clock in the newest state [ns]; it is a `Clock` that stops with the robot."""
+        return self._bridges_clock
+
+    def connect(self, seconds: float = 2.0) -> Description:
+        """Ask the bridge what its robot is, and wait for the answer.
+
+        Args:
+            seconds: How long to wait.
+
+        Raises:
+            Stale: The bridge does not answer: there is none, or it serves another runtime.
+        """
+        begun = self._clock()
+        while not self.connected and self._clock() - begun < seconds * NANOSECONDS:
+            self.greet()
+            self._channel.wait(0.02)
+            self.take()
+        if not self.connected:
+            raise Stale(
+                f"no bridge answers at {address_text(self._peer)} within {seconds:g} s: it is not "
+                "running, or it serves another runtime; a bridge that a driver's fault has latched "
+                "has to be started anew"
+            )
+        return self.description
+
+    def greet(self) -> None:
+        """Say hello to the bridge; it answers with its description."""
+        self._greeted_ns = self._clock()
+        self._post(protocol.HELLO, b"")
+
+    def read(self) -> Sensors:
+        """See `RobotInterface`; waits for a new state, but no longer than a tick."""
+        self.take()
+        if not self._commands and self._clock() - self._greeted_ns >= GREETING:
+            self.greet()
+        period = 1.0 / self.description.rate_hz
+        if self.lockstep and self._commands:
+            self._wait_for_the_tick()
+        elif self._newest == self._read:
+            self._channel.wait(period)
+            self.take()
+        self._read = self._newest
+        silent = (self._clock() - self.heard_ns) / NANOSECONDS
+        limit = LOCKSTEP_PATIENCE if self.lockstep else self.description.state_timeout
+        if silent >= limit or self._sensors is None or self.state is None:
+            raise Stale(f"the bridge has been silent for {1e3 * silent:.1f} ms")
+        if self.state.status == protocol.LATCHED:
+            cause = protocol.CAUSES[min(self.state.cause, len(protocol.CAUSES) - 1)]
+            bits = f" (bits {self._sensors.faults:#x})" if self._sensors.faults else ""
+            raise Latched(f"the bridge is latched: {cause}{bits}")
+        return self._sensors
+
+    def write(self, command: JointCommand) -> None:
+        """See `RobotInterface`."""
+        if self._damped:
+            return
+        numbers = (command.position, command.velocity, command.kp, command.kd, command.torque)
+        self._commands += 1
+        self._post(protocol.COMMAND, np.concatenate(numbers).astype("<f8").tobytes())
+
+    def damp(self) -> None:
+        """See `RobotInterface`."""
+        self._damped = True
+        with suppress(Exception):
+            self._post(protocol.DAMP, b"")
+
+    def close(self) -> None:
+        """See `RobotInterface`."""
+        for _ in range(3):  # one may be lost
+            self.damp()
+        self._channel.close()
+
+    def _wait_for_the_tick(self) -> None:
+        """Wait for the state that the last command has to lead to, and repeat the command."""
+        begun = self._clock()
+        while not self._is_done() and self._clock() - begun < LOCKSTEP_PATIENCE * NANOSECONDS:
+            self._channel.wait(0.2)
+            self.take()
+            if self._commands and self._clock() - begun > 0.2 * NANOSECONDS:
+                self._channel.send(self._last_sent, self._peer)
+
+    def _is_done(self) -> bool:
+        """Whether a state has come to which all commands have led."""
+        return self.state is not None and self.state.commands >= self._commands
+
+    def _post(self, kind: int, body: bytes) -> None:
+        """Send a datagram to the bridge."""
+        self._sequence += 1
+        now = self._clock()
+        session = 0 if kind == protocol.HELLO else self._session
+        packet = Packet(
+            kind, self._robot_id, session, self._sequence, now, self._bridges_clock, body
+        )
+        self._last_sent = protocol.pack(packet)
+        self._channel.send(self._last_sent, self._peer)
+
+    def take(self) -> None:
+        """Take all datagrams that have come; of the states the newest counts."""
+        while True:
+            received = self._channel.receive()
+            if received is None:
+                return
+            data, sender = received
+            try:
+                packet = protocol.unpack(data)
+                if sender != self._peer:
+                    raise protocol.Refused("a stranger")
+                if packet.kind == protocol.DESCRIPTION:
+                    self._meet(packet)
+                elif packet.kind == protocol.STATE:
+                    self._believe(packet)
+                else:
+                    raise protocol.Refused("no datagram of a bridge")
+            except protocol.Refused:
+                self.refused += 1
+
+    def _meet(self, packet: Packet) -> None:
+        """Begin the session that a bridge grants; only one is begun."""
+        description = protocol.unpack_description(packet.body)
+        number = protocol.robot_id(description.robot, description.joints, description.rate_hz)
+        if number != packet.robot_id:
+            raise protocol.Refused("the description of another robot")
+        if self._description is not None:
+            return
+        self._description = description
+        self._robot_id = number
+        self._session = packet.session
+        self._bridges_clock = packet.time_ns
+
+    def _believe(self, packet: Packet) -> None:
+        """Take a state over, if it is of this session and the newest."""
+        if packet.session != self._session or packet.robot_id != self._robot_id:
+            raise protocol.Refused("another session")
+        if packet.sequence <= self._newest:
+            raise protocol.Refused("an old state")
+        state = protocol.unpack_state(packet.body)
+        now = self._clock()
+        self._newest = packet.sequence
+        self._bridges_clock = packet.time_ns
+        self.state = state
+        self.heard_ns = now
+        self.round_trip_ns = now - packet.echo_ns
+        values = np.array(state.values)
+        base = BaseEstimate(state.values[46], values[47:50]) if state.has_base else None
+        self._sensors = Sensors(
+            time_ns=packet.time_ns,
+            sequence=packet.sequence,
+            joint_position=values[:12],
+            joint_velocity=values[12:24],
+            joint_torque=values[24:36],
+            orientation=values[36:40],
+            angular_velocity=values[40:43],
+            acceleration=values[43:46],
+            base=base,
+            faults=state.faults,
+        )
+
+
+def address_text(address: Address) -> str:
+    """An address as `parse_address` takes it.
+
+    Args:
+        address: Host and port.
+    """
+    return f"udp://{address[0]}:{address[1]}"
+
+
+def parse_address(text: str) -> Address:
+    """The host and the port of a bridge.
+
+    Args:
+        text: The address, such as udp://127.0.0.1:5151.
+
+    Raises:
+        ValueError: It is no such address.
+    """
+    parts = urlsplit(text)
+    try:
+        port = parts.port
+    except ValueError:
+        port = None
+    if parts.scheme != "udp" or not parts.hostname or not port or parts.path:
+        raise ValueError(f"{text!r} is no address of a bridge; use udp://127.0.0.1:PORT")
+    return parts.hostname, port

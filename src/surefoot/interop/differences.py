@@ -1,0 +1,170 @@
+"""How two recordings of the same numbers differ: another order, sign, scale, frame, or time.
+
+What was wired wrongly on a robot is mostly one of these. `explain` tries them one after the other,
+the simplest first, and says in words which one makes the two agree. Read `replay` for the
+recordings that are compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from surefoot.learning.observation import Float32Array
+from surefoot.types import Array
+
+Numbers = Array | Float32Array
+"""Numbers of either length."""
+
+MOST_DELAY = 5
+"""[rows] Recordings are shifted by at most so much."""
+DEGREES = 180.0 / np.pi
+
+
+class Explanation(NamedTuple):
+    """In what two recordings differ.
+
+    Attributes:
+        kind: `order`, `sign`, `scale`, `frame`, `time` or `unknown`.
+        text: The same in words.
+    """
+
+    kind: str
+    text: str
+
+
+def largest(expected: Numbers, given: Numbers) -> tuple[float, int]:
+    """The largest difference of two recordings ``(T, n)``, and its row."""
+    error = np.abs(given - expected).max(axis=1)
+    row = int(error.argmax())
+    return float(error[row]), row
+
+
+def first_beyond(expected: Array, given: Array, tolerance: float) -> int:
+    """The first row of two recordings ``(T, n)`` that differs by more than a tolerance; -1 if none.
+
+    Args:
+        expected: One recording.
+        given: The other.
+        tolerance: How much each number may differ.
+    """
+    beyond = (np.abs(given - expected) > tolerance).any(axis=1)
+    return int(beyond.argmax()) if beyond.any() else -1
+
+
+def explain(
+    expected: Array,
+    given: Array,
+    names: Sequence[str],
+    tolerance: float = 1e-4,
+    rotation: Array | None = None,
+) -> Explanation:
+    """In what one recording differs from another.
+
+    Args:
+        expected: ``(T, n)`` what the numbers should be.
+        given: ``(T, n)`` what they are.
+        names: ``(n,)`` what the columns are called.
+        tolerance: The share of its size that may remain of the difference.
+        rotation: ``(T, 3, 3)`` base frame to world frame, if frames are to be tried for three
+            columns.
+    """
+    if rotation is not None and expected.shape[1] == 3:
+        for turn, text in (
+            (rotation, "in the world frame instead of the base frame"),
+            (np.swapaxes(rotation, -1, -2), "turned from the world frame to the base frame twice"),
+        ):
+            turned = (turn @ expected[..., None])[..., 0]
+            if _agree(turned, given, tolerance) and not _agree(expected, given, tolerance):
+                return Explanation("frame", f"it is {text}")
+    matches = [_match(expected, given[:, i], i, tolerance) for i in range(len(names))]
+    found = [match for match in matches if match is not None]
+    if len(found) == len(names):
+        return _in_words(found, names)
+    for delay in (*range(1, MOST_DELAY + 1), *range(-1, -MOST_DELAY - 1, -1)):
+        early = given[:delay] if delay < 0 else given[delay:]
+        late = expected[-delay:] if delay < 0 else expected[:-delay]
+        if len(early) > 1 and _agree(late, early, tolerance):
+            when = "later" if delay > 0 else "earlier"
+            return Explanation("time", f"it comes {abs(delay)} rows {when}")
+    error, row = largest(expected, given)
+    return Explanation("unknown", f"it differs by up to {error:.3g}, most in row {row}")
+
+
+class _Match(NamedTuple):
+    """The column of the expected numbers that a given one is, times a factor."""
+
+    column: int
+    factor: float
+
+
+def _match(expected: Array, given: Array, place: int, tolerance: float) -> _Match | None:
+    """The column and the factor that make a given column; its own place first, then factor 1."""
+    others = [column for column in range(expected.shape[1]) if column != place]
+    for factor in (1.0, -1.0):
+        if _agree(factor * expected[:, place], given, tolerance):
+            return _Match(place, factor)
+    scale = _factor(expected[:, place], given)
+    if scale and _agree(scale * expected[:, place], given, tolerance):
+        return _Match(place, scale)
+    for column in others:
+        for factor in (1.0, -1.0):
+            if _agree(factor * expected[:, column], given, tolerance):
+                return _Match(column, factor)
+    for column in others:
+        scale = _factor(expected[:, column], given)
+        if scale and _agree(scale * expected[:, column], given, tolerance):
+            return _Match(column, scale)
+    return None
+
+
+def _factor(expected: Array, given: Array) -> float:
+    """The factor by which one column is most nearly the other; 0 if it is zero."""
+    square = float(expected @ expected)
+    return float(expected @ given) / square if square > 0.0 else 0.0
+
+
+def _agree(expected: Array, given: Array, tolerance: float) -> bool:
+    """Whether the root mean square of a difference is a small share of that of the numbers."""
+    size = np.sqrt(np.mean(given**2))
+    return bool(np.sqrt(np.mean((given - expected) ** 2)) <= tolerance * max(size, 1e-3))
+
+
+def _in_words(matches: Sequence[_Match], names: Sequence[str]) -> Explanation:
+    """The matches of all columns as an explanation."""
+    moved = [i for i, match in enumerate(matches) if match.column != i]
+    flipped = [i for i, match in enumerate(matches) if match.factor < 0.0]
+    scaled = [i for i, match in enumerate(matches) if abs(abs(match.factor) - 1.0) > 1e-9]
+    if moved:
+        pairs = ", ".join(f"{names[i]} holds {names[matches[i].column]}" for i in moved[:4])
+        return Explanation("order", f"its order differs: {pairs}{_rest(moved, 4)}")
+    if scaled:
+        factors = np.array([matches[i].factor for i in scaled])
+        factor = float(np.median(factors))
+        alike = np.allclose(factors, factor, rtol=0.1)
+        which = "" if len(scaled) == len(names) else f" of {_listed(scaled, names)}"
+        text = f"its scale{which} differs: it is {factor:.4g} times as large"
+        if not alike:
+            text = f"its scale{which} differs"
+        elif abs(factor / DEGREES - 1.0) < 0.02:
+            text += " (degrees for radians?)"
+        elif abs(factor * DEGREES - 1.0) < 0.02:
+            text += " (radians for degrees?)"
+        return Explanation("scale", text)
+    if flipped:
+        return Explanation("sign", f"the sign of {_listed(flipped, names)} differs")
+    return Explanation("unknown", "it differs by less than can be told")
+
+
+def _listed(places: Sequence[int], names: Sequence[str]) -> str:
+    """The names of some columns."""
+    if len(places) == len(names):
+        return "all of it"
+    return ", ".join(names[place] for place in places[:4]) + _rest(places, 4)
+
+
+def _rest(places: Sequence[int], shown: int) -> str:
+    """How many more there are than are shown."""
+    return f" and {len(places) - shown} more" if len(places) > shown else ""

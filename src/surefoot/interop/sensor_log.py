@@ -1,0 +1,310 @@
+"""Logs of what a robot measured, row by row, and of what its policy answered: npz or CSV.
+
+An npz file holds one array for each field of `SensorLog`; a CSV file one column for each number,
+named `field.component`, such as `joint_position.FL_HAA`. `docs/export.md` lists them. Read `replay`
+next, which runs a policy on a log.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from io import BytesIO, StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.config.json_text import read_file
+from surefoot.deploy.recorder import Flight, load_flight
+from surefoot.errors import shown
+from surefoot.files import parse_npz, write_atomic
+from surefoot.learning.layouts import TARGET_SIZE, History
+from surefoot.learning.memory import samples_of
+from surefoot.learning.observation import Float32Array, network_input
+from surefoot.learning.policy import PolicySpec, target_of
+from surefoot.rollouts.episodes import Rollout
+from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, IntArray, State, ground_height
+
+SUFFIXES = (".npz", ".csv")
+"""The endings of logs."""
+_AXES = ("x", "y", "z")
+_COMPONENTS: Mapping[str, tuple[str, ...]] = {
+    "time_ns": (),
+    "tick": (),
+    "command": ("vx", "vy", "yaw_rate"),
+    "joint_position": JOINTS,
+    "joint_velocity": JOINTS,
+    "orientation": (*_AXES, "w"),
+    "angular_velocity": _AXES,
+    "base_height": (),
+    "linear_velocity": _AXES,
+    "joint_target": JOINTS,
+}
+"""The components of each field; that of `network_input` are numbers from 0 on."""
+DRIVE = 2
+"""The mode of a flight in which the robot is driven."""
+_OPTIONAL = ("base_height", "linear_velocity", "joint_target", "network_input")
+_INTEGERS = ("time_ns", "tick")
+
+
+@dataclass(frozen=True)
+class SensorLog:
+    """T rows of what one robot measured, one for each tick in which its policy was asked.
+
+    Attributes:
+        time_ns: ``(T,)`` when it was measured [ns].
+        tick: ``(T,)`` gait clock [ms].
+        command: ``(T, 3)`` vx, vy [m/s], yaw rate [rad/s].
+        joint_position: ``(T, 12)`` joint angles [rad], in the order of `JOINTS`.
+        joint_velocity: ``(T, 12)`` joint rates [rad/s].
+        orientation: ``(T, 4)`` unit quaternions xyzw, base frame to world frame.
+        angular_velocity: ``(T, 3)`` of the base, base frame [rad/s].
+        base_height: ``(T,)`` height of the base [m], if something measured it.
+        linear_velocity: ``(T, 3)`` of the base, base frame [m/s], if something measured it.
+        joint_target: ``(T, 12)`` the joint targets that were commanded [rad], if they were kept.
+        network_input: ``(T, n)`` what the network was given, if that was kept.
+
+    Raises:
+        ValueError: There are fewer than two rows, or an array has another shape, or numbers that
+            are not finite.
+    """
+
+    time_ns: IntArray
+    tick: IntArray
+    command: Array
+    joint_position: Array
+    joint_velocity: Array
+    orientation: Array
+    angular_velocity: Array
+    base_height: Array | None = None
+    linear_velocity: Array | None = None
+    joint_target: Array | None = None
+    network_input: Float32Array | None = None
+
+    def __post_init__(self) -> None:
+        """Check all arrays."""
+        T = len(self.time_ns)
+        if T < 2:
+            raise ValueError(f"a log of {T} rows; record at least two")
+        for field in fields(self):
+            array = getattr(self, field.name)
+            if array is None:
+                continue
+            components = _COMPONENTS.get(field.name)
+            width = () if components == () else (len(components or ()) or np.shape(array)[-1],)
+            if np.shape(array) != (T, *width):
+                raise ValueError(f"{field.name} is {np.shape(array)}, expected {(T, *width)}")
+            if not np.isfinite(array).all():
+                row = int(np.argwhere(~np.isfinite(np.reshape(array, (T, -1))).all(axis=1))[0, 0])
+                raise ValueError(f"{field.name} is not finite in row {row}")
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+    def first(self, rows: int) -> SensorLog:
+        """The first rows of the log."""
+        return replace(self, **{name: array[:rows] for name, array in _present(self)})
+
+
+def log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
+    """What one robot of a simulation measured, with the joint targets that were applied.
+
+    Args:
+        rollouts: The episodes.
+        robot: Row of the robot.
+        spec: The policy's layout and gains.
+
+    Raises:
+        ValueError: Its episode had fewer than two ticks.
+    """
+    T = int(rollouts.length[robot])
+    seen = spec.observation
+    state = rollouts.seen[robot, :T]
+    ground = 0.0
+    if seen.height == "above_feet":
+        ground = ground_height(state, seen.foot_radius)
+    elapsed = np.arange(T)
+    tick = rollouts.starts.tick[robot] + elapsed
+    command = np.tile(rollouts.starts.command[robot], (T, 1))
+    target = target_of(rollouts.torque[robot, :T], state.q, state.v, spec)
+    past = None
+    if seen.layout.history is not None:
+        past = remembered(state, target, seen.layout.history)
+    return SensorLog(
+        time_ns=elapsed * (10**9 // TICKS_PER_SECOND),
+        tick=tick,
+        command=command,
+        joint_position=state.q[:, 7:].copy(),
+        joint_velocity=state.v[:, 6:].copy(),
+        orientation=state.q[:, 3:7].copy(),
+        angular_velocity=state.v[:, 3:6].copy(),
+        base_height=state.q[:, 2] - ground,
+        linear_velocity=state.v[:, :3].copy(),
+        joint_target=target,
+        network_input=network_input(state, tick, command, seen, history=past),
+    )
+
+
+def remembered(state: State, target: Array, history: History) -> Float32Array:
+    """``(T, size)`` the samples of the past at every tick of one episode, as `Memory` has them.
+
+    Args:
+        state: The T states, from the first tick on.
+        target: ``(T, 12)`` the joint targets that were applied [rad].
+        history: What is remembered.
+    """
+    samples = samples_of(state, target, history)
+    rows = np.arange(len(samples))
+    past = []
+    for age in history.ages.tolist():
+        sample = samples[np.maximum(rows - age, 0)]
+        if history.targets:
+            sample[rows < age, -TARGET_SIZE:] = state.q[0, 7:]
+        past.append(sample)
+    return np.concatenate(past, axis=1)
+
+
+def log_of_flight(flight: Flight) -> SensorLog:
+    """What a runtime recorded while the policy drove, until the expert or a fault took over.
+
+    Args:
+        flight: The last seconds of a robot.
+
+    Raises:
+        ValueError: The policy did not drive, or its gait clock was not kept.
+    """
+    driven = (flight.mode == DRIVE) & ~flight.expert_drove
+    driven &= np.isfinite(flight.position).all(axis=1)
+    if not driven.any():
+        raise ValueError("it is a flight in which no policy drove")
+    if len(flight.gait_tick) == 0:
+        raise ValueError("it is a flight of an earlier version, without the gait clock")
+    first = int(driven.argmax())
+    rows = slice(first, first + int(np.append(~driven[first:], True).argmax()))
+    measured = bool(np.isfinite(flight.base[rows]).all())
+    time_ns = flight.robot_time_ns[rows]
+    return SensorLog(
+        time_ns=time_ns,
+        tick=flight.gait_tick[rows],
+        command=flight.command[rows],
+        joint_position=flight.joint_position[rows],
+        joint_velocity=flight.joint_velocity[rows],
+        orientation=flight.orientation[rows],
+        angular_velocity=flight.angular_velocity[rows],
+        base_height=flight.base[rows, 0] if measured else None,
+        linear_velocity=flight.base[rows, 1:] if measured else None,
+        joint_target=flight.position[rows],
+    )
+
+
+def write_log(log: SensorLog, path: Path) -> None:
+    """Write a log, whole or not at all, as npz or as CSV, by the file's ending.
+
+    Raises:
+        ValueError: The name has another ending.
+        WriteError: The disk is full, or read-only.
+    """
+    if path.suffix.lower() == ".npz":
+        buffer = BytesIO()
+        np.savez_compressed(buffer, allow_pickle=False, **dict(_present(log)))
+        write_atomic(path, buffer.getvalue())
+    elif path.suffix.lower() == ".csv":
+        write_atomic(path, _as_csv(log).encode())
+    else:
+        raise ValueError(f"{path} must end in {' or '.join(SUFFIXES)}")
+
+
+def read_log(path: Path) -> SensorLog:
+    """Read a log, or the flight that a runtime recorded.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is no log; the message names the file and what is wrong.
+    """
+    content = read_file(path)
+    try:
+        if path.suffix.lower() == ".csv":
+            arrays = _from_csv(content.decode())
+        else:
+            arrays = parse_npz(content)
+        if "robot_time_ns" in arrays:
+            return log_of_flight(load_flight(path))
+        known = {field.name for field in fields(SensorLog)}
+        unknown = arrays.keys() - known
+        missing = known - set(_OPTIONAL) - arrays.keys()
+        if unknown or missing:
+            raise ValueError(
+                f"it lacks {sorted(missing)}, and has {shown(sorted(unknown))}, which no log has"
+            )
+        for name, array in arrays.items():
+            if array.dtype.kind not in ("iu" if name in _INTEGERS else "fiu"):
+                raise ValueError(f"{name} holds {array.dtype}")
+        return SensorLog(**arrays)  # pyright: ignore[reportArgumentType]
+    except ValueError as error:
+        raise ValueError(f"{path} is no log of sensors: {error}") from error
+
+
+def _present(log: SensorLog) -> Iterator[tuple[str, NDArray]]:
+    """The arrays of a log, by their names, without those that were not kept."""
+    for field in fields(log):
+        array = getattr(log, field.name)
+        if array is not None:
+            yield field.name, array
+
+
+def _as_csv(log: SensorLog) -> str:
+    """A log as text: numbers at full precision, one row for each tick."""
+    names: list[str] = []
+    columns: list[NDArray] = []
+    for name, array in _present(log):
+        names += _column_names(name, array)
+        columns += [array] if array.ndim == 1 else list(array.T)
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    for row in zip(*(column.tolist() for column in columns), strict=True):
+        writer.writerow([repr(value) for value in row])
+    return text.getvalue()
+
+
+def _column_names(name: str, array: NDArray) -> list[str]:
+    """The names of the columns of an array."""
+    if array.ndim == 1:
+        return [name]
+    components = _COMPONENTS.get(name) or range(array.shape[1])
+    return [f"{name}.{component}" for component in components]
+
+
+def _from_csv(text: str) -> dict[str, NDArray]:
+    """The arrays of a text.
+
+    Raises:
+        ValueError: A column is there twice, or some of an array's are missing; a row has another
+            number of values, or one that is no number.
+    """
+    reader = csv.reader(StringIO(text))
+    head = next(reader, [])
+    if len(set(head)) < len(head):
+        raise ValueError("a column is there twice")
+    rows = list(reader)
+    if any(len(row) != len(head) for row in rows):
+        raise ValueError("not every row has as many values as there are columns")
+    columns: dict[str, dict[str, list[Any]]] = {}
+    for place, title in enumerate(head):
+        name, _, component = title.partition(".")
+        kind = int if name in _INTEGERS else float
+        columns.setdefault(name, {})[component] = [kind(row[place]) for row in rows]
+    return {name: _array(name, parts) for name, parts in columns.items()}
+
+
+def _array(name: str, parts: dict[str, list[Any]]) -> NDArray:
+    """The array of some columns, whatever their order."""
+    if [*parts] == [""]:
+        return np.array(parts[""])
+    components = _COMPONENTS.get(name) or tuple(str(place) for place in range(len(parts)))
+    if set(parts) != set(components):
+        raise ValueError(f"{name} has the components {shown([*parts])}, expected {components}")
+    return np.column_stack([parts[component] for component in components])

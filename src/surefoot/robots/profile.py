@@ -1,0 +1,103 @@
+"""Reads hardware profiles, and says which states lie within one.
+
+Read `config.profiles` for what a profile is, and `rollouts.latching` for which robots would have
+switched themselves off in an episode.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.config.json_io import from_json
+from surefoot.config.json_text import parse_json, read_file
+from surefoot.config.profiles import PROFILES, HardwareProfile
+from surefoot.errors import unknown
+from surefoot.types import LEGS, Array, BoolArray
+
+SUFFIXES = (".json", ".toml")
+"""The endings of files with a profile."""
+MOST_BYTES = 100_000
+"""[B] No file with a profile is larger."""
+
+
+def load_profile(which: str, robot: str) -> HardwareProfile:
+    """Load the profile of a robot.
+
+    Args:
+        which: The name of a profile of the package, or a JSON or TOML file with one.
+        robot: The name of the robot that it has to belong to.
+
+    Raises:
+        ValueError: There is no such profile or file, or it belongs to another robot.
+    """
+    if which in PROFILES:
+        profile = PROFILES[which]
+    elif which.lower().endswith(SUFFIXES):
+        profile = _read_profile(Path(which))
+    else:
+        raise ValueError(
+            f"{unknown('profile', which, PROFILES)}; a profile of your own is a "
+            f"{' or '.join(SUFFIXES)} file"
+        )
+    if profile.robot != robot:
+        raise ValueError(
+            f"the hardware profile {profile.name!r} belongs to the robot {profile.robot}, not to "
+            f"{robot}; name a profile of {robot}, or write one in a {' or '.join(SUFFIXES)} file"
+        )
+    return profile
+
+
+def _read_profile(path: Path) -> HardwareProfile:
+    """The profile of a JSON or TOML file, which is data: nothing in it is run."""
+    if not path.exists():
+        raise ValueError(f"there is no file {path} with a hardware profile")
+    if path.is_file() and path.stat().st_size > MOST_BYTES:
+        raise ValueError(f"{path} is no hardware profile: it has more than {MOST_BYTES} bytes")
+    content = read_file(path)
+    try:
+        is_toml = path.suffix.lower() == ".toml"
+        values = tomllib.loads(content.decode()) if is_toml else parse_json(content)
+        return from_json(HardwareProfile, values)
+    except (ValueError, RecursionError) as error:  # of TOML and of UTF-8 too
+        raise ValueError(f"{path} is no hardware profile: {error}") from error
+
+
+def torque_limits(profile: HardwareProfile) -> Array:
+    """The torque limits ``(12,)`` of a profile [N m]."""
+    return np.tile(profile.torque_limit, len(LEGS))
+
+
+def speed_limits(profile: HardwareProfile) -> Array:
+    """The speed limits ``(12,)`` of a profile [rad/s]."""
+    return np.tile(profile.speed_limit, len(LEGS))
+
+
+def position_limits(profile: HardwareProfile) -> Array:
+    """The smallest and the largest angle of each joint ``(12, 2)`` of a profile [rad]."""
+    ranges = np.array(profile.position_limit)
+    return ranges if len(ranges) == 3 * len(LEGS) else np.tile(ranges, (len(LEGS), 1))
+
+
+def beyond_position(profile: HardwareProfile, q: Array) -> BoolArray:
+    """``(...)`` True where a joint is beyond its range.
+
+    Args:
+        profile: The profile.
+        q: ``(..., 19)`` configurations.
+    """
+    low, high = position_limits(profile).T
+    joints = q[..., 7:]
+    return np.asarray(((joints < low) | (joints > high)).any(axis=-1))
+
+
+def beyond_speed(profile: HardwareProfile, v: Array) -> BoolArray:
+    """``(...)`` True where a joint is faster than the profile allows.
+
+    Args:
+        profile: The profile.
+        v: ``(..., 18)`` velocities.
+    """
+    return np.asarray((np.abs(v[..., 6:]) > speed_limits(profile)).any(axis=-1))

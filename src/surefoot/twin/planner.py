@@ -1,0 +1,90 @@
+"""The expert's planner in a process of its own, so that the loop on the robot never waits for it.
+
+Requests and plans go through a pipe. Read `deploy.handover` for who asks, and when.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from multiprocessing.connection import Connection
+
+from surefoot.config import Config
+from surefoot.deploy.handover import NoPlan, PlanRequest
+from surefoot.types import Command, MotionPlan
+
+READY_WITHIN = 600.0
+"""[s] Loading the planner and compiling its code takes minutes where nothing is cached."""
+
+
+class PlannerProcess:
+    """`PlanLink` to a planner in another process.
+
+    Args:
+        config: The robot, its gait and its expert, with the robot's own values.
+
+    Raises:
+        NoPlan: The process does not begin to plan.
+    """
+
+    def __init__(self, config: Config) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, other = context.Pipe()
+        self._process = context.Process(target=_plan, args=(config, other), daemon=True)
+        self._process.start()
+        other.close()
+        if not self._pipe.poll(READY_WITHIN):
+            self.close()
+            raise NoPlan(f"the planner has not begun within {READY_WITHIN:g} s")
+        self._receive()
+
+    def ask(self, request: PlanRequest) -> None:
+        """See `PlanLink`."""
+        try:
+            self._pipe.send(request)
+        except OSError as error:
+            raise NoPlan("the planner's process has ended") from error
+
+    def answer(self, seconds: float = 0.0) -> tuple[int, MotionPlan] | None:
+        """See `PlanLink`."""
+        try:
+            return self._receive() if self._pipe.poll(seconds) else None
+        except OSError as error:
+            raise NoPlan("the planner's process has ended") from error
+
+    def close(self) -> None:
+        """End the process."""
+        self._pipe.close()
+        self._process.terminate()
+        self._process.join()
+
+    def _receive(self) -> tuple[int, MotionPlan]:
+        """The next answer."""
+        try:
+            return self._pipe.recv()
+        except (EOFError, OSError) as error:
+            raise NoPlan("the planner's process has ended") from error
+
+
+def _plan(config: Config, pipe: Connection) -> None:
+    """Answer requests until the other side has gone; what this process runs."""
+    import numpy as np
+
+    from surefoot.mpc.expert import make_planner
+    from surefoot.robots.geometry import state_of
+    from surefoot.robots.load import load_robot
+    from surefoot.robots.model import standing
+
+    robot = load_robot(config.robot)
+    planner = make_planner(robot, config)
+    # The first plan compiles; its answer says that the planner is ready.
+    standing_state = state_of(robot, standing(robot)[None], np.zeros((1, 18)))[0]
+    first = planner.plan(standing_state, 0, Command())
+    pipe.send((0, first))
+    while True:
+        try:
+            request = pipe.recv()
+        except (EOFError, OSError):
+            return
+        state = state_of(robot, request.q[None], request.v[None])[0]
+        plan = planner.plan(state, request.tick, request.command)
+        pipe.send((request.tick, plan))

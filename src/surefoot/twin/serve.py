@@ -1,0 +1,72 @@
+"""A twin as a process: robot, driver, bridge and channel put together, and its two ways of pacing.
+
+Paced, a tick takes a millisecond of the wall clock; what the machine takes away in between is not
+made up, so that the robot's clock goes slower then, and its watchdog with it. In lockstep there is
+one tick for each command, and the same commands give the same motion, bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from surefoot.config.twin import LinkConfig, TwinConfig
+from surefoot.deploy.bridge import Bridge, Channel, UdpChannel, serve, serve_lockstep
+from surefoot.robots.model import RobotModel
+from surefoot.twin.driver import TwinDriver, description_of
+from surefoot.twin.link import DisturbedChannel
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A simulated robot behind a bridge.
+
+    Attributes:
+        bridge: The bridge; its clock is the robot's.
+        driver: The simulated robot.
+        channel: Carries the datagrams.
+    """
+
+    bridge: Bridge
+    driver: TwinDriver
+    channel: Channel
+
+    def serve(self, lockstep: bool = False, running: Callable[[], bool] = lambda: True) -> None:
+        """Serve a runtime until told otherwise.
+
+        Args:
+            lockstep: Whether there is one tick for each command, instead of one each millisecond.
+            running: Asked before every tick; False ends it.
+        """
+        if lockstep:
+            serve_lockstep(self.bridge, self.channel, running)
+        else:
+            serve(self.bridge, running)
+
+
+def make_twin(
+    robot: RobotModel,
+    config: TwinConfig | None = None,
+    channel: Channel | None = None,
+) -> Twin:
+    """A simulated robot behind a bridge.
+
+    Args:
+        robot: The robot, with a hardware profile or without.
+        config: How it differs from the one trained on; the defaults if it is None.
+        channel: Carries the datagrams; any free port of the loopback interface if it is None.
+    """
+    config = config or TwinConfig()
+    noise, link = np.random.default_rng(config.seed).spawn(2)
+    driver = TwinDriver(robot, config, noise)
+
+    def clock() -> int:
+        return driver.time_ns
+
+    way = UdpChannel() if channel is None else channel
+    if config.link != LinkConfig():
+        way = DisturbedChannel(way, config.link, clock, link)
+    bridge = Bridge(driver, way, description_of(robot, config), clock)
+    return Twin(bridge, driver, way)

@@ -1,0 +1,59 @@
+"""A flight of a robot as a film: what the flight recorder kept of its last ten seconds.
+
+Where nothing measured the base, the robot stands where it is, its lowest foot on the ground. Read
+`deploy.recorder` for what was kept.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from surefoot.config import SimulationConfig
+from surefoot.deploy.recorder import Flight
+from surefoot.robots.geometry import state_of
+from surefoot.robots.load import load_robot
+from surefoot.rotations import rotation
+from surefoot.types import TICKS_PER_SECOND, Array, IntArray
+from surefoot.viz.film import Recording
+
+
+def recording_of(flight: Flight) -> Recording:
+    """What there is to film of a flight.
+
+    Args:
+        flight: The flight.
+
+    Raises:
+        ValueError: It holds no tick with finite numbers, or no robot of the package.
+    """
+    robot = load_robot(str(flight.robot))
+    measured = np.column_stack([flight.joint_position, flight.orientation])
+    rows = np.isfinite(measured).all(axis=1)
+    if not rows.any():
+        raise ValueError(
+            "the flight holds no tick with finite numbers, so there is nothing to film"
+        )
+    q = np.zeros((int(rows.sum()), 19))
+    q[:, 3:7] = flight.orientation[rows]
+    q[:, 7:] = flight.joint_position[rows]
+    feet = state_of(robot, q, np.zeros((len(q), 18))).feet
+    standing = robot.foot_radius - feet[:, :, 2].min(axis=1)
+    base = flight.base[rows]
+    q[:, 2] = np.where(np.isfinite(base[:, 0]), base[:, 0], standing)
+    q[:, :2] = _path(base[:, 1:], q[:, 3:7], flight.robot_time_ns[rows])
+    return Recording(robot, SimulationConfig(), q, flight.expert_drove[rows])
+
+
+def _path(velocity: Array, orientation: Array, time_ns: IntArray) -> Array:
+    """The horizontal positions ``(n, 2)`` [m] to which measured velocities lead.
+
+    Args:
+        velocity: ``(n, 3)`` of the base, base frame [m/s]; NaN where not measured.
+        orientation: ``(n, 4)`` unit quaternions xyzw.
+        time_ns: ``(n,)`` the robot's clock [ns].
+    """
+    world = (rotation(orientation) @ np.nan_to_num(velocity)[:, :, None])[:, :2, 0]
+    seconds = np.diff(time_ns, prepend=time_ns[0]) * 1e-9
+    # A robot whose clock jumped, as after a restart, is not carried along.
+    seconds = np.where(seconds * TICKS_PER_SECOND > 1000, 0.0, np.maximum(seconds, 0.0))
+    return np.cumsum(world * seconds[:, None], axis=0)

@@ -1,0 +1,58 @@
+"""The command export: files that the runtime takes, and errors before any work."""
+
+import pytest
+
+from surefoot.deploy.export_file import read_export
+from surefoot.deploy.policy import load
+from surefoot.learning.policy import load as load_policy
+from surefoot.runs.run import open_run
+
+
+def test_a_run_is_exported_with_all_that_it_was_trained_for(surefoot, capsys, run_folder, tmp_path):
+    network = tmp_path / "network.onnx"
+    pipeline = tmp_path / "pipeline.onnx"
+    status = surefoot("export", run_folder, "--onnx", network, "--pipeline", pipeline)
+    assert status == 0
+    runtime = load(network, "solo12")
+    policy = load_policy(open_run(run_folder).best_policy_path)
+    assert runtime.spec == policy.spec.observation
+    description = runtime.description
+    assert description.start_range is not None
+    assert description.start_range.starts == "solo12-trot-v1"
+    assert description.torque_limit == (2.7,) * 12
+    assert read_export(pipeline).description.kind == "pipeline"
+    printed = capsys.readouterr().out
+    assert description.sha256 in printed
+    assert "unknown" not in printed
+
+
+def test_a_profile_gives_its_limits_to_the_file(surefoot, run_folder, tmp_path):
+    file = tmp_path / "network.onnx"
+    assert surefoot("export", run_folder, "--onnx", file, "--profile", "odri") == 0
+    description = read_export(file).description
+    assert (description.profile, description.torque_limit[0]) == ("odri", 1.8)
+
+
+def test_a_policy_file_alone_does_not_know_where_it_began(surefoot, capsys, run_folder, tmp_path):
+    policy = tmp_path / "policy.safetensors"
+    policy.write_bytes(open_run(run_folder).best_policy_path.read_bytes())
+    file = tmp_path / "network.onnx"
+    assert surefoot("export", policy, "--onnx", file) == 0
+    assert "name them with --starts" in capsys.readouterr().out
+    assert read_export(file).description.start_range is None
+    assert surefoot("export", policy, "--onnx", file, "--starts", "solo12-trot-v1") == 0
+    assert read_export(file).description.start_range is not None
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ((), "nothing to write; name a file with --onnx or with --pipeline"),
+        (("--onnx", "policy.txt"), "must end in .onnx"),
+        (("--onnx", "a.onnx", "--pipeline", "a.onnx"), "one would replace the other"),
+        (("--onnx", "a.onnx", "--profile", "ordi"), "did you mean 'odri'"),
+    ],
+)
+def test_what_would_fail_fails_first(surefoot, capsys, run_folder, options, text):
+    assert surefoot("export", run_folder, *options) == 2
+    assert text in capsys.readouterr().err

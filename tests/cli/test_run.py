@@ -1,0 +1,121 @@
+"""The commands run and twin: a policy in a file drives a twin over real UDP, in lockstep."""
+
+import json
+from threading import Thread
+
+import pytest
+
+from surefoot.bench.engine import standing_policy
+from surefoot.cli.run import expert_config
+from surefoot.cli.twin import RunTwin, seen
+from surefoot.config import Config, PolicyConfig
+from surefoot.config.twin import TwinConfig
+from surefoot.deploy.bridge import UdpChannel
+from surefoot.deploy.flight import FlightReport
+from surefoot.deploy.policy import load
+from surefoot.deploy.recorder import load_flight
+from surefoot.deploy.udp_robot import address_text
+from surefoot.interop.onnx_file import describe, network_model, write_onnx
+from surefoot.learning.policy import save
+from surefoot.robots.load import load_robot
+from surefoot.twin.serve import make_twin
+
+SHORT = ("--config.stand", 0.3, "--config.stand-kp", 6.0)
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory):
+    """The file of a policy that holds the nominal pose."""
+    folder = tmp_path_factory.mktemp("policy")
+    config = Config(policy=PolicyConfig(hidden=(16, 16)))
+    standing = standing_policy(config)
+    save(standing, folder / "policy.safetensors")
+    description = describe(standing, folder / "policy.safetensors", load_robot("solo12"), config)
+    write_onnx(network_model(standing), description, folder / "policy.onnx")
+    return folder / "policy.onnx"
+
+
+@pytest.fixture
+def twin():
+    """A twin in lockstep in a thread, and its address."""
+    channel = UdpChannel()
+    twin = make_twin(load_robot("solo12"), TwinConfig(), channel)
+    going = [True]
+    thread = Thread(target=twin.serve, args=(True, lambda: going[0]))
+    thread.start()
+    yield twin, address_text(channel.address)
+    going[0] = False
+    thread.join()
+
+
+def test_a_policy_drives_a_twin_and_is_stopped(surefoot, policy, twin, tmp_path, capsys):
+    simulated, address = twin
+    file = tmp_path / "run.json"
+    recording = tmp_path / "flight.npz"
+    options = ("--lockstep", "--start", "--seconds", 0.8, "--recording", recording, "--keep")
+    assert surefoot("run", policy, "--robot", address, *options, *SHORT, "--json", file) == 0
+    report = json.loads(file.read_text())
+    assert set(report) == set(FlightReport.__dataclass_fields__)
+    assert report["fault"] == ""
+    assert report["seconds"] == pytest.approx(0.5, abs=0.01)
+    assert report["ticks"] >= 800
+    assert len(load_flight(recording).tick) >= 800
+    assert simulated.bridge.commands == pytest.approx(800, abs=2)
+    assert "latched: the runtime asked for it" in seen(simulated)
+
+
+def test_a_fault_ends_with_status_1_and_is_recorded(surefoot, policy, twin, tmp_path, capsys):
+    _, address = twin
+    recording = tmp_path / "flight.npz"
+    options = ("--lockstep", "--start", "--seconds", 5, "--recording", recording)
+    limits = ("--config.tilt", 0.0)
+    assert surefoot("run", policy, "--robot", address, *options, *SHORT, *limits) == 1
+    assert '"tilt"' in capsys.readouterr().out
+    assert str(load_flight(recording).fault) == "tilt"
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("--robot", "udp://127.0.0.1"), "no address of a bridge; use udp://127.0.0.1:PORT"),
+        (("--robot", "127.0.0.1:5151"), "no address of a bridge"),
+        (("--robot", "udp://127.0.0.1:1", "--start"), "--start and --seconds belong together"),
+        (("--robot", "udp://127.0.0.1:1", "--seconds", 3), "--start and --seconds belong together"),
+        (("--robot", "udp://127.0.0.1:1", "--vx", "nan"), "--vx is nan"),
+        (("--robot", "udp://127.0.0.1:1", "--recording", "a.txt"), "must end in .npz"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(surefoot, policy, capsys, args, message):
+    assert surefoot("run", policy, *args) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_bridge_that_is_not_there_is_one_clear_line(surefoot, policy, capsys):
+    channel = UdpChannel()
+    address = address_text(channel.address)
+    channel.close()
+    assert surefoot("run", policy, "--robot", address, "--start", "--seconds", 1) == 2
+    assert f"surefoot: no bridge answers at {address} within 2 s" in capsys.readouterr().err
+
+
+def test_the_expert_is_that_of_the_policys_robot_gait_and_commands(policy):
+    config = expert_config(load(policy))
+    assert config.robot.model == "solo12"
+    assert config.gait.timing == Config().gait.timing
+    assert config.expert.kp == 3.0
+
+
+def test_a_twin_says_where_it_listens_and_ends_in_time(surefoot, capsys):
+    args = ("--robot", "go2", "--port", 0, "--seconds", 0.02, "--watch")
+    assert surefoot("twin", *args, "--config.pose", "standing") == 0
+    first, second = capsys.readouterr().out.splitlines()[:2]
+    assert first.startswith("the twin of go2 listens at udp://127.0.0.1:")
+    assert "height 0.334 m" in second and second.endswith("0 commands, idle")
+
+
+def test_a_twin_may_have_a_hardware_profile(surefoot, capsys):
+    options = ("--profile", "odri", "--port", 0, "--seconds", 0.01)
+    assert surefoot("twin", *options) == 0
+    assert surefoot("twin", "--robot", "go2", *options) == 2
+    assert "belongs to the robot solo12" in capsys.readouterr().err
+    assert RunTwin().host == "127.0.0.1"

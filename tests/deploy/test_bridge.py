@@ -1,0 +1,148 @@
+"""The bridge by itself: in another environment, at its start, and when it closes."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from surefoot.deploy import bridge as bridge_module
+from surefoot.deploy import protocol
+from surefoot.deploy.bridge import UdpChannel
+from tests.fakes.bridge_world import BRIDGE, RUNTIME, World
+
+ALONE = """
+import sys, time
+sys.path.insert(0, {folder!r})
+import bridge, protocol
+allowed = set(sys.stdlib_module_names) | {{"bridge", "protocol", "__main__"}}
+others = {{name.partition(".")[0] for name in sys.modules}} - allowed
+assert not others, others
+
+class Driver:
+    written = 0
+    def read(self):
+        zeros = [0.0] * 12
+        return bridge.Measurement(zeros, zeros, zeros, (0, 0, 0, 1), (0, 0, 0), (0, 0, 9.8))
+    def write(self, command):
+        self.written += 1
+        assert len(command) == 60 and not any(command[24:36]) and set(command[36:48]) == {{0.2}}
+
+joints = tuple("abcdefghijkl")
+limits = ((-1.0,) * 12, (1.0,) * 12, (9.0,) * 12, (2.0,) * 12)
+description = protocol.Description("toy", joints, 1000, 0.02, 0.04, 0.02, 0.2, *limits)
+driver = Driver()
+channel = bridge.UdpChannel()
+assert channel.address[0] == "127.0.0.1"
+bridge.serve(bridge.Bridge(driver, channel, description), lambda: driver.written < 5)
+print("served", driver.written)
+"""
+
+
+def test_two_copied_files_serve_a_driver_with_the_standard_library_alone(tmp_path):
+    folder = Path(bridge_module.__file__).parent
+    for name in ("bridge.py", "protocol.py"):
+        shutil.copy(folder / name, tmp_path)
+    program = ALONE.format(folder=str(tmp_path))
+    child = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", program], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert child.stdout == "served 6\n", child.stderr
+
+
+def test_it_damps_before_a_first_command():
+    world = World()
+    assert world.bridge.status == protocol.IDLE
+    assert world.driver.damped and not world.driver.commanded
+    assert set(world.driver.written[-1][36:48]) == {0.2}
+
+
+def test_a_hello_that_is_repeated_keeps_the_session():
+    world = World()
+    session = world.bridge._session
+    for _ in range(50):
+        world.robot.greet()
+        world.bridge.tick()
+    assert world.bridge._session == session
+    world.drive()
+    world.robot.greet()
+    world.bridge.tick()
+    assert world.bridge._session == session
+    assert world.bridge.old == 1
+
+
+def test_a_new_runtime_is_granted_a_session_once_the_old_one_is_silent_and_latched():
+    world = World()
+    world.drive()
+    world.runtime_runs = False
+    world.run(30)
+    assert world.is_latched
+    hello = protocol.pack(protocol.Packet(protocol.HELLO, 0, 0, 1, 0, 0))
+    other = world.network.endpoint(("other", 9))
+    other.send(hello, BRIDGE)
+    world.tick()
+    assert world.bridge.peer == RUNTIME and world.is_latched
+    world.run(1000)
+    other.send(hello, BRIDGE)
+    world.tick()
+    assert world.bridge.peer == ("other", 9)
+    assert world.bridge.status == protocol.IDLE
+    assert world.driver.damped
+    kinds = [protocol.unpack(data).kind for data, _ in world.network.boxes[("other", 9)]]
+    assert kinds == [protocol.DESCRIPTION, protocol.STATE]
+
+
+@pytest.mark.parametrize(
+    ("place", "value"), [(0, float("nan")), (59, float("inf")), (24, -1.0), (47, -0.001)]
+)
+def test_a_command_that_is_broken_latches(place, value):
+    world = World()
+    world.drive()
+    command = list(world.driver.written[-1])
+    command[place] = value
+    world.robot._post(protocol.COMMAND, protocol.pack_command(command))
+    world.bridge.tick()
+    assert world.bridge.cause == protocol.BAD_COMMAND
+    assert world.driver.damped
+
+
+def test_a_command_that_answers_a_state_of_the_future_is_refused():
+    world = World()
+    world.drive()
+    command = protocol.pack_command(world.driver.written[-1])
+    world.robot._bridges_clock = world.clock() + 10**12
+    refused = world.bridge.refused
+    world.robot._post(protocol.COMMAND, command)
+    world.bridge.tick()
+    assert world.bridge.refused == refused + 1
+
+
+def test_a_flood_does_not_delay_the_driver():
+    world = World()
+    world.drive()
+    world.bridge._channel = world.bridge._channel._channel  # the plain one
+    for _ in range(1000):
+        world.network.boxes[BRIDGE].append((b"x", ("stranger", 3)))
+    written = len(world.driver.written)
+    world.tick()
+    assert len(world.driver.written) == written + 1
+    assert len(world.network.boxes[BRIDGE]) > 900
+
+
+def test_closing_damps():
+    world = World()
+    world.drive()
+    world.bridge.close()
+    assert world.driver.damped
+
+
+def test_a_socket_hears_and_waits_for_nobody():
+    near, far = UdpChannel(), UdpChannel()
+    assert near.receive() is None
+    far.send(b"data", near.address)
+    near.wait(5.0)
+    assert near.receive() == (b"data", far.address)
+    far.send(b"x" * 100_000, near.address)  # too long for UDP: lost
+    near.close()
+    far.close()

@@ -1,0 +1,219 @@
+"""The hand-over to the expert: latency, late and invalid plans, a planner that has ended."""
+
+import numpy as np
+import pytest
+
+from surefoot.config.deploy import RuntimeConfig
+from surefoot.deploy.gate import Blocking, BoundsGate
+from surefoot.deploy.handover import ExpertDriver, NoPlan, PlanRequest, expected
+from surefoot.deploy.interfaces import BaseEstimate, Sensors
+from surefoot.deploy.loop import Safeguard
+from surefoot.types import Command, MotionPlan
+from tests.fakes.bridge_world import World
+
+COMMAND = Command(0.1)
+
+
+def sensors(**change) -> Sensors:
+    measured = Sensors(
+        time_ns=0,
+        sequence=1,
+        joint_position=np.linspace(-1.0, 1.0, 12),
+        joint_velocity=np.linspace(-5.0, 5.0, 12),
+        joint_torque=np.zeros(12),
+        orientation=np.array([0.0, 0.0, 0.0, 1.0]),
+        angular_velocity=np.array([0.0, 0.0, 2.0]),
+        acceleration=np.zeros(3),
+        base=BaseEstimate(0.25, np.array([0.1, 0.0, -0.5])),
+    )
+    return measured._replace(**change)
+
+
+def plan_at(tick: int, valid: bool = True) -> MotionPlan:
+    """A plan whose torques are the ticks that they belong to."""
+    rows = np.repeat(np.arange(tick, tick + 100.0)[:, None], 12, axis=1)
+    return MotionPlan(np.zeros((100, 12)), np.zeros((100, 12)), rows, valid)
+
+
+class Link:
+    """A planner that takes some ticks to answer."""
+
+    def __init__(self, takes: int = 3, valid=lambda number: True) -> None:
+        self.takes = takes
+        self.valid = valid
+        self.now = 0
+        self.requests: list[PlanRequest] = []
+        self.coming: list[tuple[int, tuple[int, MotionPlan]]] = []
+        self.ended = False
+
+    def ask(self, request: PlanRequest) -> None:
+        if self.ended:
+            raise NoPlan("the planner's process has ended")
+        plan = plan_at(request.tick, self.valid(len(self.requests)))
+        self.requests.append(request)
+        self.coming.append((self.now + self.takes, (request.tick, plan)))
+
+    def answer(self, seconds=0.0):
+        if self.coming and (seconds or self.coming[0][0] <= self.now):
+            return self.coming.pop(0)[1]
+        return None
+
+
+def drive(driver: ExpertDriver, link: Link, start: int, ticks: int) -> list[float | None]:
+    """The torques of some ticks; None where the expert waits."""
+    torques: list[float | None] = []
+    for tick in range(start, start + ticks):
+        link.now = tick
+        command = driver.command(sensors(), tick, COMMAND)
+        torques.append(None if command is None else float(command.torque[0]))
+    return torques
+
+
+def expert(link: Link, latency: int = 8, patience: int = 60) -> ExpertDriver:
+    return ExpertDriver(link, 3.0, 0.05, latency, patience)
+
+
+def test_the_state_that_is_expected_moves_on_as_it_moves():
+    q, v = expected(sensors(), 10)
+    measured = sensors()
+    np.testing.assert_allclose(q[7:], measured.joint_position + 0.01 * measured.joint_velocity)
+    assert q[2] == pytest.approx(0.245)
+    np.testing.assert_allclose(q[3:7], [0.0, 0.0, np.sin(0.01), np.cos(0.01)])
+    np.testing.assert_allclose(v[:6], [0.1, 0.0, -0.5, 0.0, 0.0, 2.0])
+    np.testing.assert_array_equal(v[6:], measured.joint_velocity)
+
+
+def test_without_an_estimate_of_the_base_there_is_no_plan():
+    with pytest.raises(NoPlan, match="nothing measures the height"):
+        expected(sensors(base=None), 8)
+
+
+def test_a_plan_takes_effect_when_it_was_asked_for_and_each_row_at_its_tick():
+    link = Link(takes=3)
+    torques = drive(expert(link), link, 123, 300)
+    assert torques[:8] == [None] * 8
+    assert torques[8:] == [float(tick) for tick in range(131, 423)]
+    asked = [request.tick for request in link.requests]
+    assert asked == [131, 150, 200, 250, 300, 350, 400]
+
+
+def test_a_plan_that_comes_late_begins_at_the_row_of_its_tick():
+    link = Link(takes=20)
+    driver = expert(link)
+    torques = drive(driver, link, 0, 100)
+    assert torques[:20] == [None] * 20
+    assert torques[20:] == [float(tick) for tick in range(20, 100)]
+    assert driver.late == driver.plans > 0
+
+
+def test_in_lockstep_the_robot_waits_for_a_planner_of_any_speed():
+    torques = []
+    for takes in (0, 3, 500):
+        link = Link(takes, valid=lambda number: number != 0)
+        driver = ExpertDriver(link, 3.0, 0.05, 8, 60, lockstep=True)
+        torques.append(drive(driver, link, 10, 200))
+        assert driver.late == 0
+    assert torques[0] == torques[1] == torques[2]
+    assert torques[0][16:] == [float(tick) for tick in range(26, 210)]
+
+
+def test_after_an_invalid_plan_the_old_one_goes_on():
+    link = Link(valid=lambda number: number != 2)
+    torques = drive(expert(link), link, 0, 190)
+    assert torques[8:] == [float(tick) for tick in range(8, 190)]
+
+
+def test_a_first_plan_that_is_invalid_is_asked_for_again():
+    link = Link(valid=lambda number: number > 0)
+    torques = drive(expert(link), link, 10, 50)
+    assert [request.tick for request in link.requests][:2] == [18, 21]
+    assert torques[11:] == [float(tick) for tick in range(21, 60)]
+
+
+def test_without_valid_plans_nobody_can_take_over():
+    link = Link(valid=lambda number: False)
+    with pytest.raises(NoPlan, match="no valid plan came within 60 ms"):
+        drive(expert(link), link, 0, 100)
+
+
+def test_a_plan_that_ends_without_a_next_one_is_an_end():
+    link = Link(valid=lambda number: number == 0)
+    with pytest.raises(NoPlan, match="has ended after 100 ms"):
+        drive(expert(link), link, 0, 150)
+
+
+def test_plans_of_an_earlier_takeover_are_not_followed():
+    link = Link(takes=3)
+    driver = expert(link)
+    drive(driver, link, 0, 2)
+    driver.release()
+    torques = drive(driver, link, 500, 20)
+    assert torques[8:] == [float(tick) for tick in range(508, 520)]
+
+
+def test_the_expert_drives_for_a_block_and_until_the_state_is_safe():
+    blocking = Blocking(5)
+    unsafe = [False, True, False, False, False, False, True, False, False]
+    blocked = [blocking.is_blocked(value) for value in unsafe]
+    assert blocked == [False, True, True, True, True, True, True, False, False]
+
+
+def world_with(link: Link | None, unsafe: list[bool]) -> World:
+    class Gate(BoundsGate):
+        def unsafe(self, sensors: Sensors) -> bool:
+            return unsafe[0]
+
+    gate = Gate(np.zeros(15), np.zeros(15), lambda joints: np.zeros((1, 3)))
+    driver = None if link is None else expert(link)
+    world = World(safeguard=Safeguard(gate, driver), config=RuntimeConfig(stand=0.05, block=0.1))
+    world.run(200)
+    world.driver.written.clear()
+    return world
+
+
+def test_a_gate_without_an_expert_damps():
+    unsafe = [False]
+    world = world_with(None, unsafe)
+    unsafe[0] = True
+    assert world.until_damped() <= 2
+    assert world.runtime.fault is not None and world.runtime.fault.kind == "gate"
+
+
+def test_a_gate_with_an_expert_hands_over_and_back():
+    unsafe = [False]
+    link = Link(takes=0)
+    world = world_with(link, unsafe)
+    unsafe[0] = True
+    world.run(1)
+    unsafe[0] = False
+    for _ in range(150):
+        link.now += 1
+        world.tick()
+    runtime = world.runtime
+    assert runtime.fault is None
+    assert runtime.takeovers == 1
+    assert runtime.expert_ticks == 100 - 8
+    stiffness = [command[24] for command in world.driver.written]
+    first = stiffness.index(3.0)
+    assert set(stiffness[first : first + 92]) == {3.0}
+    assert set(stiffness[first + 92 :]) == {2.0}
+    # The expert's ticks are in the policy's history: 1 N m more with each, as its plan says.
+    assert len(world.policy.remembered) == 92
+    np.testing.assert_allclose(
+        np.diff([torque[0] for torque in world.policy.remembered]), 1, atol=0.5
+    )
+    drove = runtime.recorder.flight().expert_drove
+    assert drove.sum() == 92
+
+
+def test_a_planner_that_has_ended_damps_at_the_takeover():
+    unsafe = [False]
+    link = Link()
+    world = world_with(link, unsafe)
+    link.ended = True
+    world.run(50)
+    assert world.runtime.fault is None
+    unsafe[0] = True
+    assert world.until_damped() <= 2
+    assert world.runtime.fault is not None and world.runtime.fault.kind == "expert"
+    assert "has ended" in world.runtime.fault.detail

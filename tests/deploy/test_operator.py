@@ -1,0 +1,96 @@
+"""The operator: lines of text, the end of the input, signs of life."""
+
+import os
+
+import pytest
+
+from surefoot.deploy.operator import Scripted, Terminal, Wish, obey
+from surefoot.types import Command
+from tests.fakes.bridge_world import Clock
+
+HERE = Wish(False, Command(0.1))
+
+
+@pytest.mark.parametrize(
+    ("line", "wish"),
+    [
+        ("start", HERE._replace(go=True)),
+        (" START ", HERE._replace(go=True)),
+        ("vx 0.25", HERE._replace(command=Command(0.25))),
+        ("vy -0.1", HERE._replace(command=Command(0.1, -0.1))),
+        ("yaw 1", HERE._replace(command=Command(0.1, 0.0, 1.0))),
+        ("", HERE),
+        ("vx", HERE),
+        ("vx fast", HERE),
+        ("vx nan", HERE),
+        ("vx inf", HERE),
+        ("start now", HERE),
+        ("vz 1", HERE),
+    ],
+)
+def test_a_line_changes_what_it_says_or_nothing(line, wish):
+    assert obey(HERE, line) == wish
+
+
+def test_stop_is_obeyed():
+    assert obey(Wish(True, Command()), "stop").go is False
+
+
+@pytest.fixture
+def pipe():
+    reader, writer = os.pipe()
+    yield reader, writer
+    os.close(reader)
+
+
+def test_a_terminal_is_read_as_it_comes(pipe):
+    reader, writer = pipe
+    operator = Terminal(Command(), descriptor=reader)
+    assert operator.wish() == Wish(False, Command())
+    os.write(writer, b"sta")
+    assert not operator.wish().go
+    os.write(writer, b"rt\nvx 0.1\nvx ")
+    assert operator.wish() == Wish(True, Command(0.1))
+    os.write(writer, b"0.2\n")
+    assert operator.wish().command == Command(0.2)
+    os.close(writer)
+    assert operator.wish() == Wish(False, Command(0.2), "the operator's input has ended")
+    assert operator.wish().lost
+
+
+def test_bytes_that_are_no_text_start_nothing_and_take_no_memory(pipe):
+    reader, writer = pipe
+    operator = Terminal(Command(), descriptor=reader)
+    for _ in range(20):
+        os.write(writer, bytes(range(128, 256)) * 20)
+        assert operator.wish() == Wish(False, Command())
+    assert len(operator._text) <= 200
+    os.close(writer)
+
+
+def test_a_sign_of_life_that_does_not_come_is_a_loss_once_the_robot_is_driven(pipe):
+    reader, writer = pipe
+    clock = Clock()
+    operator = Terminal(Command(), heartbeat=0.5, clock=clock, descriptor=reader)
+    clock.advance(5000)
+    assert not operator.wish().lost
+    os.write(writer, b"start\n")
+    assert operator.wish().go
+    clock.advance(400)
+    os.write(writer, b"\n")
+    assert operator.wish().go
+    clock.advance(500)
+    assert operator.wish().go
+    clock.advance(1)
+    assert operator.wish().lost == "the operator has given no sign of life for 0.50 s"
+    os.close(writer)
+
+
+def test_a_script_starts_at_once_and_stops_in_time():
+    clock = Clock()
+    operator = Scripted(Command(0.3), 2.0, clock)
+    assert operator.wish() == Wish(True, Command(0.3))
+    clock.advance(1999)
+    assert operator.wish().go
+    clock.advance(1)
+    assert not operator.wish().go

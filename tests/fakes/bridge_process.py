@@ -1,0 +1,40 @@
+"""A bridge, or a runtime, of the toy robot as a process of its own, over real UDP.
+
+    python -m tests.fakes.bridge_process bridge        prints its port, and serves
+    python -m tests.fakes.bridge_process runtime PORT  drives, until it is killed
+
+Timeouts are long: the machine that runs the tests may be busy.
+"""
+
+import sys
+
+from surefoot.config.deploy import RuntimeConfig
+from surefoot.deploy.bridge import Bridge, UdpChannel, serve
+from surefoot.deploy.flight import fly
+from surefoot.deploy.loop import Runtime
+from surefoot.deploy.udp_robot import UdpRobot
+from tests.fakes.bridge_world import TOY, Clock, ToyDriver, ToyOperator, ToyPolicy
+
+PATIENT = TOY._replace(command_timeout=1.0, command_age=30.0, state_timeout=1.0)
+"""The toy, on a busy machine."""
+CONFIG = RuntimeConfig(stand=0.05, missed_deadlines=1000)
+
+
+def make_runtime(port: int) -> Runtime:
+    """A runtime that is connected."""
+    robot = UdpRobot(UdpChannel(), ("127.0.0.1", port))
+    robot.connect(30.0)
+    return Runtime(robot, ToyPolicy(), ToyOperator(), CONFIG)
+
+
+def main() -> None:
+    if sys.argv[1] == "bridge":
+        channel = UdpChannel()
+        print(channel.address[1], flush=True)
+        serve(Bridge(ToyDriver(Clock()), channel, PATIENT))
+    else:
+        fly(make_runtime(int(sys.argv[2])), None)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""Profiles are found by name or file, clip a robot's torques, and say what lies within them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from surefoot.config import Config, RobotConfig
+from surefoot.config.json_io import to_json
+from surefoot.config.profiles import ODRI
+from surefoot.robots.load import load_robot
+from surefoot.robots.profile import (
+    beyond_position,
+    beyond_speed,
+    load_profile,
+    position_limits,
+)
+from surefoot.robots.scaling import with_own_values
+
+
+def test_a_profile_is_found_by_its_name_and_in_files(tmp_path):
+    assert load_profile("odri", "solo12") is ODRI
+    file = tmp_path / "mine.json"
+    file.write_text(json.dumps(to_json(ODRI)))
+    assert load_profile(str(file), "solo12") == ODRI
+    toml = tmp_path / "mine.toml"
+    toml.write_text(
+        'name = "mine"\nrobot = "go2"\ntorque_limit = [20.0, 20.0, 30.0]\n'
+        "position_limit = [[-1.0, 1.0], [-1.5, 3.4], [-2.7, -0.8]]\nspeed_limit = [30, 30, 20]\n"
+    )
+    assert load_profile(str(toml), "go2").torque_limit == (20.0, 20.0, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("which", "robot", "text"),
+    [
+        ("ordi", "solo12", "did you mean .*odri"),
+        ("odri", "go2", "belongs to the robot solo12, not to go2"),
+        ("nowhere.json", "solo12", "there is no file nowhere.json"),
+    ],
+)
+def test_what_is_no_profile_of_the_robot_is_refused(which, robot, text):
+    with pytest.raises(ValueError, match=text):
+        load_profile(which, robot)
+
+
+def test_a_file_with_something_else_names_the_key(tmp_path):
+    file = tmp_path / "mine.json"
+    file.write_text(json.dumps(to_json(ODRI) | {"torque_limits": 1.0}))
+    with pytest.raises(ValueError, match=r"is no hardware profile: .*torque_limits"):
+        load_profile(str(file), "solo12")
+
+
+def test_the_torques_of_a_robot_with_a_profile_are_clipped_to_it_and_its_own():
+    robot = load_robot(RobotConfig(profile="odri"))
+    assert robot.torque_limit.tolist() == [1.8] * 12
+    assert robot.profile == ODRI
+    assert load_robot(RobotConfig(profile="odri", torque_limit=1.0)).torque_limit.max() == 1.0
+    assert load_robot(RobotConfig()).torque_limit.tolist() == [2.7] * 12
+
+
+def test_the_profiles_torque_limit_is_not_written_as_the_robots_own():
+    config = with_own_values(Config(robot=RobotConfig(profile="odri")))
+    assert config.robot.torque_limit is None
+    assert with_own_values(Config()).robot.torque_limit == 2.7
+
+
+def test_ranges_and_speeds_are_judged_joint_by_joint():
+    assert position_limits(ODRI).shape == (12, 2)
+    q = np.zeros((25, 19))
+    q[1:13, 7:] = np.diag(position_limits(ODRI)[:, 1] + 1e-9)
+    q[13:, 7:] = np.diag(position_limits(ODRI)[:, 0] - 1e-9)
+    assert beyond_position(ODRI, q).tolist() == [False] + [True] * 24
+    v = np.zeros((3, 18))
+    v[:, 9] = [80.0, 80.1, -80.1]
+    v[:, 0] = 100.0  # the base is no joint
+    assert beyond_speed(ODRI, v).tolist() == [False, True, True]

@@ -1,0 +1,49 @@
+"""Flights as films: where the robot was, as far as something measured it."""
+
+import numpy as np
+import pytest
+
+from surefoot.deploy.interfaces import BaseEstimate
+from surefoot.deploy.recorder import Flight, FlightRecorder, TickRecord
+from surefoot.robots.geometry import state_of
+from surefoot.robots.load import load_robot
+from surefoot.robots.model import standing
+from surefoot.types import Command
+from surefoot.viz.flight import recording_of
+from tests.deploy.test_gate import sensors_of
+
+
+def flight_of(base: BaseEstimate | None, ticks: int = 1001, broken: int = 0) -> Flight:
+    """A robot that stands, turned by 90 degrees to the left; the last ticks are no numbers."""
+    robot = load_robot("solo12")
+    recorder = FlightRecorder("solo12")
+    q = standing(robot)
+    q[3:7] = [0.0, 0.0, 0.5**0.5, 0.5**0.5]
+    for tick in range(ticks):
+        sensors = sensors_of(q)._replace(base=base, time_ns=tick * 1_000_000)
+        if tick >= ticks - broken:
+            sensors = sensors._replace(joint_position=np.full(12, np.nan))
+        drove = tick % 2 == 0
+        recorder.add(TickRecord(tick, 0, 2, drove, Command(), tick, 0.0, 0.0), sensors, None)
+    return recorder.flight("tilt", "too far")
+
+
+def test_a_robot_whose_base_is_measured_goes_where_it_went():
+    recording = recording_of(flight_of(BaseEstimate(0.3, np.array([0.2, 0.0, 0.0]))))
+    assert recording.q.shape == (1001, 19)
+    np.testing.assert_allclose(recording.q[-1, :3], [0.0, 0.2, 0.3], atol=1e-9)
+    assert recording.expert_drove is not None
+    assert recording.expert_drove.tolist() == [tick % 2 == 0 for tick in range(1001)]
+
+
+def test_a_robot_whose_base_is_not_measured_stands_on_its_feet():
+    recording = recording_of(flight_of(None, 5))
+    feet = state_of(recording.robot, recording.q, np.zeros((5, 18))).feet
+    np.testing.assert_allclose(feet[:, :, 2].min(axis=1), recording.robot.foot_radius)
+    assert not recording.q[:, :2].any()
+
+
+def test_ticks_that_are_no_numbers_are_left_out():
+    assert len(recording_of(flight_of(None, 10, broken=3)).q) == 7
+    with pytest.raises(ValueError, match="nothing to film"):
+        recording_of(flight_of(None, 3, broken=3))
