@@ -306,9 +306,10 @@ class Bridge:
         """Latch if the commands have stopped, or answer states that are too old."""
         if self.status != protocol.DRIVING:
             return
-        if now - self._commanded_at >= self.description.command_timeout * 1e9:
+        next_tick = now + round(1e9 / self.description.rate_hz)  # which would be too late
+        if next_tick - self._commanded_at > self.description.command_timeout * 1e9:
             self._latch(protocol.SILENCE)
-        elif now - self._answered >= self.description.command_age * 1e9:
+        elif next_tick - self._answered > self.description.command_age * 1e9:
             self._latch(protocol.OLD_STATE)
 
     def _latch(self, cause: int) -> None:
