@@ -378,5 +378,4 @@ def is_finite(command: JointCommand) -> bool:
     Args:
         command: The command.
     """
-    total = command.position.sum() + command.velocity.sum() + command.torque.sum()
-    return math.isfinite(total)
+    return math.isfinite((command.position + command.velocity + command.torque).sum())
