@@ -3,12 +3,14 @@
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from surefoot.config import Config, PolicyConfig
+from surefoot.config import Config, LayoutName, PolicyConfig
+from surefoot.deploy.description import Kind
 from surefoot.interop.onnx_file import describe, network_model, write_onnx
 from surefoot.interop.onnx_pipeline import exploy_keys, pipeline_model
 from surefoot.interop.replay import run_runtime
@@ -30,7 +32,7 @@ def robot_of(name="solo12"):
     return load_robot(name)
 
 
-def policy_of(layout="full", robot="solo12", gaits=(TROT,), hidden=(32, 32), seed=1):
+def policy_of(layout: LayoutName = "full", robot="solo12", gaits=(TROT,), hidden=(32, 32), seed=1):
     """A policy with a random network that answers like a trained one: about the nominal pose."""
     spec = ObservationSpec("circle", gaits, LAYOUTS[layout])
     network = PolicyNetwork(PolicyConfig(hidden=hidden), seed, spec.input_size)
@@ -39,14 +41,16 @@ def policy_of(layout="full", robot="solo12", gaits=(TROT,), hidden=(32, 32), see
     mean = 0.1 * torch.randn(size, generator=generator).double()
     network.set_normalizers(mean, 0.5 + torch.rand(size, generator=generator).double())
     with torch.no_grad():
-        last = network.linear[-1]
+        last: Any = network.linear[-1]
         last.weight *= 0.2
         last.bias.copy_(torch.from_numpy(NOMINAL))
     box = [[0.0, -0.1, -0.3], [0.3, 0.1, 0.3]]
     return Policy(network.eval(), PolicySpec(spec, 2.0, 0.1), box, robot, {"run": "a-run"})
 
 
-def exported(folder: Path, layout="full", kind="network", policy=None, **changes):
+def exported(
+    folder: Path, layout: LayoutName = "full", kind: Kind = "network", policy=None, **changes
+):
     """The file of an exported policy in a folder, and the policy."""
     policy = policy or policy_of(layout)
     folder.mkdir(parents=True, exist_ok=True)

@@ -24,9 +24,11 @@ TROT = GaitTiming("trot", 500)
 OBSERVATION_SPEC = ObservationSpec("circle", (TROT,))
 
 
-def spec_of(config):
-    """The policy spec of a `PolicyConfig`, for a trot of Solo12."""
-    return policy_spec(Config(policy=config))
+def spec_of(config, period_ticks=500):
+    """The policy spec of a `PolicyConfig`, for a trot of Solo12 of that period [ms]."""
+    spec = policy_spec(Config(policy=config))
+    gait = replace(TROT, period_ticks=period_ticks)
+    return replace(spec, observation=replace(spec.observation, gaits=(gait,)))
 
 
 SPEC = spec_of(SMALL)

@@ -8,21 +8,34 @@ import pytest
 
 from surefoot.config import PolicyConfig
 from surefoot.learning.policy import Policy, PolicyFileError, load, save
+from surefoot.learning.policy_header import JointLimits, SafetyBounds
 from tests.fakes.learning import random_state, spec_of, trained_network
 from tests.fuzz.mutations import byte_mutations, check_loader, fuzz
 from tests.fuzz.tensors import contents, header_mutations, sealed, tensor_mutations
 
 SMALL = PolicyConfig(hidden=(8, 6))
+BLIND = replace(SMALL, layout="proprioceptive")
+LIMITS = JointLimits((2.7,) * 12, (None,) * 12, ((-1.0, None),) * 12)
+BOUNDS = SafetyBounds((0.15, 1.0), (-0.4, 0.4), (-0.4, 0.4), ((-1.0, 1.0),) * 12)
 STATE = replace(random_state(3), q=np.zeros((3, 19)), v=np.zeros((3, 18)))
 
 
-@pytest.fixture
-def path(tmp_path) -> Path:
+@pytest.fixture(params=[SMALL, BLIND], ids=["full", "proprioceptive"])
+def path(request, tmp_path) -> Path:
     """A policy file that is whole, and has been read once."""
+    config = request.param
     path = tmp_path / "policy.safetensors"
     commands = [[0.0, -0.1, 0.0], [0.3, 0.1, 0.0]]
     provenance = {"run": "demo", "iteration": 3, "seed": 0}
-    save(Policy(trained_network(SMALL), spec_of(SMALL), commands, provenance=provenance), path)
+    policy = Policy(
+        trained_network(config),
+        spec_of(config),
+        commands,
+        provenance=provenance,
+        limits=LIMITS,
+        bounds=BOUNDS,
+    )
+    save(policy, path)
     load_and_ask(path)
     return path
 
@@ -34,6 +47,7 @@ def load_and_ask(path: Path) -> None:
     spec = policy.spec
     assert 0 < spec.kp <= 10_000 and 0 <= spec.kd <= 1000 and (spec.observation.periods >= 1).all()
     assert np.isfinite(policy.command_range).all()
+    policy.reset(3)
     policy.torque(STATE, np.arange(3), np.zeros((3, 3)), np.ones(3, bool))
 
 

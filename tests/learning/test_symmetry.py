@@ -11,9 +11,17 @@ from surefoot.evaluation.mirror_error import make_mirror
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import FIELDS
 from surefoot.learning.observation import GOAL, OBSERVATION, OBSERVATION_SIZE, network_input
+from surefoot.learning.samples import derive
 from surefoot.learning.symmetry import Mirror, Mirrored, clock_shift, mirror_error, parts_of
 from surefoot.types import JOINTS, LEGS, State
-from tests.fakes.learning import OBSERVATION_SPEC, assert_same_frames, random_frames, random_state
+from tests.fakes.learning import (
+    OBSERVATION_SPEC,
+    SMALL,
+    assert_same_frames,
+    random_frames,
+    random_state,
+    spec_of,
+)
 
 LEFT_RIGHT = make_mirror(Config(), "left_right")
 FRONT_HIND = make_mirror(Config(), "front_hind")
@@ -52,6 +60,30 @@ def test_legs_and_joints_change_places_by_their_names(mirror):
         np.testing.assert_array_equal(image.torque[:, number], sign * FRAMES.torque[:, shown])
         np.testing.assert_array_equal(image.q[:, 7 + number], sign * FRAMES.q[:, 7 + shown])
         np.testing.assert_array_equal(image.v[:, 6 + number], sign * FRAMES.v[:, 6 + shown])
+
+
+@MIRRORS
+def test_the_history_of_the_image_is_the_mirrored_history(mirror):
+    """Part by part, with the signed permutations of the parts."""
+    spec = spec_of(replace(SMALL, layout="proprioceptive"))
+    frames = random_frames([3], each=110)
+    shape = (110, 5, 42)
+    past = derive(frames, spec)[:, 38:248].reshape(shape)
+    image = derive(mirror.frames(frames), spec)[:, 38:248].reshape(shape)
+    D = np.array(mirror.reflection)
+    expected = past.copy()
+    expected[..., :3] *= D
+    expected[..., 3:6] *= D * D.prod()
+    for start in (6, 18, 30):
+        joints = slice(start, start + 12)
+        expected[..., joints] = mirror.joint_values(past[..., joints])
+    np.testing.assert_allclose(image, expected, rtol=0, atol=1e-6)
+
+
+def test_frames_of_several_gaits_are_not_mirrored():
+    frames = replace(FRAMES, gait=np.ones(len(FRAMES), np.int8))
+    with pytest.raises(ValueError, match=r"frames are of several: use training.mirror none"):
+        LEFT_RIGHT.frames(frames)
 
 
 def test_a_command_to_the_left_becomes_one_to_the_right():

@@ -27,6 +27,7 @@ LATER = {
     "initial_states": "",
     "touched": "",
     "lost_at": [],
+    "latching": None,
 }
 """What the published evaluations do not hold yet."""
 

@@ -34,6 +34,8 @@ Pair = tuple[float, float]
 """The smallest and the largest value."""
 MaybePair = tuple[float | None, float | None]
 """The same, where either may be unknown."""
+Provenance = Mapping[str, Any]
+"""Anything that JSON can hold, by name."""
 Triple = tuple[float, float, float]
 """vx, vy [m/s] and yaw rate [rad/s]."""
 
@@ -155,7 +157,7 @@ class PolicyDescription:
     start_range: StartRange | None
     delay_ms: int
     kinematics: KinematicTable
-    provenance: Mapping[str, Any]
+    provenance: Provenance
     policy_sha256: str
     sha256: str = NO_HASH
 

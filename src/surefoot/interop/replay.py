@@ -15,8 +15,7 @@ from surefoot.deploy.interfaces import BaseEstimate, Sensors
 from surefoot.deploy.policy import BASE_PARTS, OnnxPolicy, state_of_base
 from surefoot.interop.differences import Numbers
 from surefoot.interop.pipeline_runner import PipelineRunner
-from surefoot.interop.sensor_log import SensorLog
-from surefoot.learning.memory import recorded_histories
+from surefoot.interop.sensor_log import SensorLog, remembered
 from surefoot.learning.observation import Float32Array, goal, observe
 from surefoot.learning.policy import Policy
 from surefoot.types import Array, Command, State
@@ -88,9 +87,7 @@ def reference_inputs(
     now = spec.observation_size
     if history is not None:
         now -= history.size
-        begin = np.zeros(T, dtype=np.int64)
-        past = recorded_histories(state, applied, begin, np.arange(T), history)
-        out[:, now : spec.observation_size] = past
+        out[:, now : spec.observation_size] = remembered(state, applied, history)
     observe(state, spec.layout.parts, out=out[:, :now])
     goal(log.tick, log.command, spec, out[:, spec.observation_size :])
     return out

@@ -21,11 +21,12 @@ from surefoot.config.json_text import read_file
 from surefoot.deploy.recorder import Flight, load_flight
 from surefoot.errors import shown
 from surefoot.files import parse_npz, write_atomic
-from surefoot.learning.memory import recorded_histories
+from surefoot.learning.layouts import TARGET_SIZE, History
+from surefoot.learning.memory import samples_of
 from surefoot.learning.observation import Float32Array, network_input
 from surefoot.learning.policy import PolicySpec, target_of
 from surefoot.rollouts.episodes import Rollout
-from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, IntArray, ground_height
+from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, IntArray, State, ground_height
 
 SUFFIXES = (".npz", ".csv")
 """The endings of logs."""
@@ -131,8 +132,7 @@ def log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
     target = target_of(rollouts.torque[robot, :T], state.q, state.v, spec)
     past = None
     if seen.layout.history is not None:
-        begin = np.zeros(T, dtype=np.int64)
-        past = recorded_histories(state, target, begin, elapsed, seen.layout.history)
+        past = remembered(state, target, seen.layout.history)
     return SensorLog(
         time_ns=elapsed * (10**9 // TICKS_PER_SECOND),
         tick=tick,
@@ -146,6 +146,25 @@ def log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
         joint_target=target,
         network_input=network_input(state, tick, command, seen, history=past),
     )
+
+
+def remembered(state: State, target: Array, history: History) -> Float32Array:
+    """``(T, size)`` the samples of the past at every tick of one episode, as `Memory` has them.
+
+    Args:
+        state: The T states, from the first tick on.
+        target: ``(T, 12)`` the joint targets that were applied [rad].
+        history: What is remembered.
+    """
+    samples = samples_of(state, target, history)
+    rows = np.arange(len(samples))
+    past = []
+    for age in history.ages.tolist():
+        sample = samples[np.maximum(rows - age, 0)]
+        if history.targets:
+            sample[rows < age, -TARGET_SIZE:] = state.q[0, 7:]
+        past.append(sample)
+    return np.concatenate(past, axis=1)
 
 
 def log_of_flight(flight: Flight) -> SensorLog:

@@ -253,7 +253,7 @@ class Dataset:
         try:
             values = parse_json(read_file(self._manifest))
             version = values.get("format") if isinstance(values, dict) else FORMAT
-            if version in STORED and not isinstance(version, bool):
+            if type(version) is int and version in STORED:
                 manifest = from_json(Manifest, values, "the manifest")
                 _check_entries(manifest.shards)
                 return manifest.shards

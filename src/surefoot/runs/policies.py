@@ -13,6 +13,7 @@ from pathlib import Path
 
 from surefoot.config import Config, LayoutName, PolicyConfig
 from surefoot.learning.layouts import LAYOUTS
+from surefoot.learning.observation import ObservationSpec
 from surefoot.learning.policy import Policy, load, policy_spec
 from surefoot.learning.policy_header import JointLimits, SafetyBounds
 from surefoot.robots.load import load_robot
@@ -102,7 +103,7 @@ def _check_fit(path: Path, policy: Policy, config: Config, source: str) -> None:
     seen = trained.observation
     asked_to_see = asked.observation
     pairs = (
-        ("a gait period [ms]", seen.periods.tolist(), asked_to_see.periods.tolist()),
+        ("a gait period [ms]", _periods(seen), _periods(asked_to_see)),
         ("kp [N m/rad]", trained.kp, asked.kp),
         ("kd [N m s/rad]", trained.kd, asked.kd),
         ("a phase given as", seen.phase, asked_to_see.phase),
@@ -116,6 +117,11 @@ def _check_fit(path: Path, policy: Policy, config: Config, source: str) -> None:
                 f"{path} was trained for {name} {trained_for}, {source} has {configured}: play or "
                 "evaluate it in the folder of the run that trained it, or train one for this"
             )
+
+
+def _periods(spec: ObservationSpec) -> str:
+    """The periods of the gaits, for a message."""
+    return ", ".join(str(gait.period_ticks) for gait in spec.gaits)
 
 
 def joint_limits(robot: RobotModel) -> JointLimits:
