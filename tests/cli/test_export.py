@@ -2,7 +2,8 @@
 
 import pytest
 
-from surefoot.deploy.policy import load, read_export
+from surefoot.deploy.export_file import read_export
+from surefoot.deploy.policy import load
 from surefoot.learning.policy import load as load_policy
 from surefoot.runs.run import open_run
 

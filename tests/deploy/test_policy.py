@@ -11,7 +11,8 @@ import onnx
 import pytest
 
 from surefoot.deploy.description import KEY, NO_HASH, ExportFileError, file_hash
-from surefoot.deploy.policy import load, read_export
+from surefoot.deploy.export_file import read_export
+from surefoot.deploy.policy import load
 from surefoot.interop.onnx_file import network_model
 from surefoot.interop.replay import run_runtime, sensors_of, states_of
 from surefoot.learning.layouts import LAYOUTS

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.deploy.policy import load, read_export
+from surefoot.deploy.export_file import read_export
+from surefoot.deploy.policy import load
 from surefoot.interop.check_log import check_log, check_pipeline
 from surefoot.interop.replay import torch_network_of
 from surefoot.rotations import rotation
@@ -171,3 +172,13 @@ def test_a_pipeline_is_replayed_too(tmp_path):
     assert check_pipeline(log, pipeline, torch).findings == ()
     wrong = replace(log, joint_velocity=-log.joint_velocity)
     assert check_pipeline(wrong, pipeline, torch).findings[0].term == "joint_velocity"
+
+
+def test_a_log_from_the_middle_of_an_episode_is_judged_where_its_past_is_known(tmp_path):
+    path, _ = exported(tmp_path, "proprioceptive")
+    log = replace(answered_log(load(path), 320), network_input=None)
+    arrays = {name: array for name, array in vars(log).items() if array is not None}
+    late = replace(log, **{name: array[60:] for name, array in arrays.items()})
+    assert check_log(late, read_export(path)).findings == ()
+    wrong = replace(late, joint_velocity=-late.joint_velocity)
+    assert check_log(wrong, read_export(path)).findings[0].term == "joint_velocity"

@@ -10,7 +10,7 @@ import torch
 from surefoot.config import Config, RobotConfig
 from surefoot.config.json_io import from_json
 from surefoot.deploy.description import KEY, PolicyDescription
-from surefoot.deploy.policy import read_export
+from surefoot.deploy.export_file import read_export
 from surefoot.interop.onnx_file import describe, start_range
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.observation import GaitTiming

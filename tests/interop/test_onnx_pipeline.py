@@ -6,7 +6,8 @@ import numpy as np
 import onnx
 import pytest
 
-from surefoot.deploy.policy import OnnxPolicy, read_export
+from surefoot.deploy.export_file import read_export
+from surefoot.deploy.policy import OnnxPolicy
 from surefoot.interop.onnx_pipeline import GAIT, MEMORY_IN, MEMORY_OUT, input_names
 from surefoot.interop.pipeline_runner import PipelineRunner
 from surefoot.interop.replay import run_pipeline, run_runtime

@@ -13,7 +13,7 @@ from surefoot.files import write_json
 
 if TYPE_CHECKING:
     from surefoot.deploy.description import PolicyDescription
-    from surefoot.deploy.policy import ExportFile
+    from surefoot.deploy.export_file import ExportFile
     from surefoot.interop.check_log import LogReport
     from surefoot.interop.replay import Network
 
@@ -61,7 +61,7 @@ class Check:
 
     def __call__(self) -> int:
         """Check, and print; 1 if the log differs."""
-        from surefoot.deploy.policy import read_export
+        from surefoot.deploy.export_file import read_export
 
         reads = [path for path in (self.file, self.log, self.policy) if path is not None]
         check_outputs([Output("--json", self.json)], reads=reads)

@@ -34,8 +34,6 @@ Pair = tuple[float, float]
 """The smallest and the largest value."""
 MaybePair = tuple[float | None, float | None]
 """The same, where either may be unknown."""
-Provenance = Mapping[str, Any]
-"""Anything that JSON can hold, by name."""
 Triple = tuple[float, float, float]
 """vx, vy [m/s] and yaw rate [rad/s]."""
 
@@ -124,7 +122,7 @@ class PolicyDescription:
         start_range: The initial states trained on; None if unknown.
         delay_ms: The delay of the torques that it was trained with [ms].
         kinematics: The robot's geometry and masses.
-        provenance: Anything about the origin of the policy.
+        provenance: Anything about the origin of the policy, by name, as JSON has it.
         policy_sha256: SHA-256 of the policy file that was exported.
         sha256: SHA-256 of this file, its own digits replaced by zeros.
 
@@ -157,7 +155,7 @@ class PolicyDescription:
     start_range: StartRange | None
     delay_ms: int
     kinematics: KinematicTable
-    provenance: Provenance
+    provenance: Any
     policy_sha256: str
     sha256: str = NO_HASH
 
@@ -172,6 +170,8 @@ class PolicyDescription:
                 raise ValueError(f"{name} must be finite numbers")
         if not 1 <= self.rate_hz <= TICKS_PER_SECOND or TICKS_PER_SECOND % self.rate_hz:
             raise ValueError(f"rate_hz is {self.rate_hz}; use a divisor of {TICKS_PER_SECOND}")
+        if not isinstance(self.provenance, Mapping):
+            raise ValueError("provenance must be an object with keys")
         if min(self.kp) <= 0.0 or min(self.kd) < 0.0 or min(self.torque_limit) <= 0.0:
             raise ValueError("kp, kd and torque_limit must be positive")
 

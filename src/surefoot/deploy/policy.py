@@ -1,61 +1,29 @@
 """Runs an exported policy on what a robot measures: NumPy and ONNX Runtime only.
 
-`load` checks a file before anything of it runs: its hash, the version, the robot, the order of the
-joints, the layout, and that the graph fits them. `OnnxPolicy` then turns measurements into the
-network's input, keeps the history, and asks the network. Read `description` for what a file says.
+`load` reads a file and refuses what must not run (`export_file`). `OnnxPolicy` then turns
+measurements into the network's input, keeps the history, and asks the network. Read `description`
+for what a file says.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from surefoot.config.json_io import from_json
-from surefoot.config.json_text import parse_json, read_file
-from surefoot.deploy.description import (
-    EXPORT_FORMAT,
-    KEY,
-    ExportFileError,
-    PolicyDescription,
-    file_hash,
-    start_limits,
-)
+from surefoot.deploy.description import ExportFileError, PolicyDescription, start_limits
+from surefoot.deploy.export_file import read_export
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
 from surefoot.deploy.kinematics import com_in_base, feet_in_base
-from surefoot.errors import shown
 from surefoot.learning.memory import Memory
 from surefoot.learning.observation import Float32Array, goal, observe
 from surefoot.learning.onnx_graph import runner
 from surefoot.rotations import rotation
-from surefoot.types import JOINTS, Array, Command, State
+from surefoot.types import Array, Command, State
 
 BASE_PARTS = ("base_height", "linear_velocity")
 """Parts of an observation that nothing on board measures."""
-MOST_BYTES = 300_000_000
-"""[B] No exported file is larger."""
-_AGAIN = "copy it again, or export it again: `surefoot export POLICY --onnx FILE`"
-
-
-@dataclass(frozen=True)
-class ExportFile:
-    """An exported file that has been checked.
-
-    Attributes:
-        path: Where it lies.
-        content: Its bytes.
-        description: What it says.
-        metadata: All keys of its metadata.
-    """
-
-    path: Path
-    content: bytes
-    description: PolicyDescription
-    metadata: dict[str, str]
 
 
 def load(
@@ -84,160 +52,6 @@ def load(
             "alone; give it the file of `surefoot export POLICY --onnx FILE`"
         )
     return OnnxPolicy(file.description, runner(file.content))
-
-
-def read_export(
-    path: Path | str,
-    robot: str | None = None,
-    joints: tuple[str, ...] | None = None,
-    layout: str | None = None,
-) -> ExportFile:
-    """Read and check an exported file; the arguments are those of `load`.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ExportFileError: It is cut short or changed, of a newer version, or made for another robot,
-            another order of joints, or another layout; the message says what to do.
-    """
-    path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(
-            f"there is no file {path}; `surefoot export POLICY --onnx` makes it"
-        )
-    content = _content(path)
-    metadata = _metadata(path, content)
-    if KEY not in metadata:
-        raise ExportFileError(
-            f"{path} does not say what it is (it has no key {KEY!r}): it was not exported by "
-            "surefoot; export the policy with `surefoot export POLICY --onnx FILE`"
-        )
-    description = _description(path, content, metadata[KEY])
-    try:
-        _check_made_for(description, metadata, robot, joints, layout)
-        if description.kind == "network":
-            _check_sizes(description, content)
-    except ValueError as error:
-        raise ExportFileError(f"{path} {error}") from error
-    return ExportFile(path, content, description, metadata)
-
-
-def _content(path: Path) -> bytes:
-    """The bytes of a file, if it may be one."""
-    try:
-        content = read_file(path)
-    except ValueError as error:
-        raise ExportFileError(str(error)) from error
-    if len(content) > MOST_BYTES:
-        raise ExportFileError(f"{path} has {len(content)} bytes; at most {MOST_BYTES} are read")
-    return content
-
-
-def open_session(content: bytes) -> Any:
-    """A session of a graph, on one core."""
-    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 4
-    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-
-
-def _metadata(path: Path, content: bytes) -> dict[str, str]:
-    """The metadata of a file."""
-    try:
-        return dict(open_session(content).get_modelmeta().custom_metadata_map)
-    except Exception as error:  # whatever ONNX Runtime makes of a damaged file
-        reason = " ".join(str(error).split())[:200]
-        raise ExportFileError(f"{path} is not a whole ONNX file ({reason}); {_AGAIN}") from error
-
-
-def _description(path: Path, content: bytes, text: str) -> PolicyDescription:
-    """The description in a file's metadata, whose hash has to be that of the file."""
-    try:
-        values = parse_json(text.encode())
-    except ValueError as error:
-        raise ExportFileError(f"{path}: its description is damaged ({error}); {_AGAIN}") from error
-    version = values.get("format") if isinstance(values, dict) else None
-    if isinstance(version, int) and version > EXPORT_FORMAT:
-        raise ExportFileError(
-            f"{path} has format {version}, which a newer version of surefoot has written, expected "
-            f"{EXPORT_FORMAT}; update surefoot, or export the policy again with this version"
-        )
-    if version != EXPORT_FORMAT:
-        raise ExportFileError(
-            f"{path} has format {shown(version)}, expected {EXPORT_FORMAT}; {_AGAIN}"
-        )
-    try:
-        stored = str(values.get("sha256"))
-        if file_hash(content, stored) != stored:
-            raise ValueError("its contents do not match their hash: it was changed or damaged")
-        description = from_json(PolicyDescription, values, KEY)
-    except ValueError as error:
-        raise ExportFileError(f"{path}: {error}; {_AGAIN}") from error
-    return description
-
-
-def _check_made_for(
-    description: PolicyDescription,
-    metadata: dict[str, str],
-    robot: str | None,
-    joints: tuple[str, ...] | None,
-    layout: str | None,
-) -> None:
-    """Check that a file is made for this robot, its joints and this layout.
-
-    Raises:
-        ValueError: It is not.
-    """
-    if robot is not None and description.robot != robot:
-        raise ValueError(
-            f"is a policy of the robot {description.robot!r}, not of {robot!r}; export one that "
-            f"was trained on {robot}"
-        )
-    for order, owner in ((JOINTS, "this version of surefoot"), (joints, "the robot")):
-        if order is None or tuple(description.joints) == tuple(order):
-            continue
-        if sorted(description.joints) == sorted(order):
-            place = next(i for i in range(12) if description.joints[i] != order[i])
-            raise ValueError(
-                f"has the joints in another order than {owner}: joint {place} is "
-                f"{description.joints[place]}, and there {order[place]}; its weights belong to its "
-                "own order, so do not rename them: send and take joints in the order of the file, "
-                "or export the policy again"
-            )
-        raise ValueError(
-            f"has other joints than {owner}, {shown(description.joints)}, expected {shown(order)}; "
-            "export a policy that was trained on this robot"
-        )
-    if metadata.get("joint_names", ",".join(description.joints)) != ",".join(description.joints):
-        raise ValueError(
-            "names its joints twice, in different orders (`joint_names` and `surefoot`); export "
-            "the policy again"
-        )
-    spec = description.spec
-    if layout is not None and spec.layout.name != layout:
-        raise ValueError(
-            f"has the layout {spec.layout.name!r}, expected {layout!r}; export a policy that was "
-            "trained with this layout"
-        )
-
-
-def _check_sizes(description: PolicyDescription, content: bytes) -> None:
-    """Check that the graph of a network takes what is described, and gives twelve targets.
-
-    Raises:
-        ValueError: It does not.
-    """
-    session = open_session(content)
-    sizes = [session.get_inputs(), session.get_outputs()]
-    shapes = [[tensor.shape[-1:] for tensor in tensors] for tensors in sizes]
-    expected = [[[description.spec.input_size]], [[len(JOINTS)]]]
-    if shapes != expected:
-        raise ValueError(
-            f"has a graph of the sizes {shapes}, and describes {expected}; export it again"
-        )
 
 
 class OnnxPolicy:

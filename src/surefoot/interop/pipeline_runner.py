@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.deploy.export_file import ExportFile, open_session
 from surefoot.deploy.interfaces import Sensors
-from surefoot.deploy.policy import ExportFile, open_session
 from surefoot.interop.onnx_file import INPUT
 from surefoot.interop.onnx_pipeline import MEMORY_IN, MEMORY_OUT, input_names, output_name
 from surefoot.learning.observation import Float32Array

@@ -174,25 +174,21 @@ def log_of_flight(flight: Flight) -> SensorLog:
         flight: The last seconds of a robot.
 
     Raises:
-        ValueError: The policy did not drive, or had begun to before the first row, so that its gait
-            clock is not known.
+        ValueError: The policy did not drive, or its gait clock was not kept.
     """
     driven = (flight.mode == DRIVE) & ~flight.expert_drove
     driven &= np.isfinite(flight.position).all(axis=1)
     if not driven.any():
         raise ValueError("it is a flight in which no policy drove")
+    if len(flight.gait_tick) == 0:
+        raise ValueError("it is a flight of an earlier version, without the gait clock")
     first = int(driven.argmax())
-    if first == 0:
-        raise ValueError(
-            "it is a flight in which the policy drove from before its first row, so that its gait "
-            "clock is not known; record one in which it begins"
-        )
     rows = slice(first, first + int(np.append(~driven[first:], True).argmax()))
     measured = bool(np.isfinite(flight.base[rows]).all())
     time_ns = flight.robot_time_ns[rows]
     return SensorLog(
         time_ns=time_ns,
-        tick=(time_ns - time_ns[0]) * TICKS_PER_SECOND // 10**9,
+        tick=flight.gait_tick[rows],
         command=flight.command[rows],
         joint_position=flight.joint_position[rows],
         joint_velocity=flight.joint_velocity[rows],
