@@ -351,6 +351,8 @@ def serve(bridge: Bridge, running: Callable[[], bool] = lambda: True) -> None:
 def serve_lockstep(bridge: Bridge, channel: Channel, running: Callable[[], bool]) -> None:
     """Tick once for each command, so that a simulated robot waits for the runtime.
 
+    Once the bridge is latched, time goes on by itself: the robot falls, and the session ends.
+
     Args:
         bridge: The bridge; its clock has to be the simulated one.
         channel: The channel of the bridge.
@@ -358,10 +360,11 @@ def serve_lockstep(bridge: Bridge, channel: Channel, running: Callable[[], bool]
     """
     try:
         while running():
-            channel.wait(0.1)
+            is_latched = bridge.status == protocol.LATCHED
+            channel.wait(0.001 if is_latched else 0.1)
             accepted = bridge.accepted
             bridge.receive()
-            if bridge.accepted != accepted:
+            if is_latched or bridge.accepted != accepted:
                 bridge.advance()
             else:
                 bridge.report()
