@@ -14,8 +14,10 @@ from surefoot.cli.evaluate import Evaluate
 from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.main import COMMANDS, overview
 from surefoot.cli.play import Play
+from surefoot.cli.run import RunPolicy
 from surefoot.cli.train import Train, TrainReport
 from surefoot.cli.walk import Walk, WalkReport
+from surefoot.deploy.flight import FlightReport
 from surefoot.evaluation.gate_warnings import GateWarnings, RunWarnings
 from surefoot.evaluation.report import EvaluationReport
 from surefoot.files import WriteError
@@ -81,6 +83,7 @@ def test_each_command_has_help_of_its_own(surefoot, capsys, monkeypatch, command
         (Evaluate, EvaluationReport),
         (Compare, Comparison),
         (Compare, Row),
+        (RunPolicy, FlightReport),
         (MeasureWarnings, RunWarnings),
         (MeasureWarnings, GateWarnings),
     ],

@@ -141,6 +141,25 @@ def test_an_idle_bridge_does_not_move_for_anybody(heard):
     fuzz(attacks(heard), check, 25)
 
 
+def test_a_runtime_that_sends_any_numbers_is_obeyed_only_where_they_are_sound():
+    special = st.sampled_from([math.nan, math.inf, -math.inf, -1.0, -0.0, 0.0, 1.0, 1e308])
+    numbers = st.one_of(special, st.floats(0.0, 10.0))
+
+    def check(commands: list[list[float]]) -> None:
+        world = World()
+        world.drive(5)
+        for values in commands:
+            world.robot._post(protocol.COMMAND, protocol.pack_command(values))
+            world.bridge.tick()
+            written = world.driver.written[-1]
+            assert all(map(math.isfinite, written))
+            assert min(written[24:48]) >= 0.0
+
+    command = st.lists(numbers, min_size=60, max_size=60)
+    sound = st.just([0.5] * 60)
+    fuzz(st.lists(st.one_of(command, sound), min_size=1, max_size=5), check, 25)
+
+
 def check_written(world: World) -> None:
     """All commands of the driver are finite, and those that move something are the runtime's."""
     nominal = world.policy.nominal

@@ -20,7 +20,7 @@ def robot() -> RobotModel:
 
 
 def driver(robot: RobotModel, config: TwinConfig = STANDING, seed: int = 0) -> TwinDriver:
-    return TwinDriver(robot, config, np.random.default_rng(seed))
+    return TwinDriver(robot, config, np.random.SeedSequence(seed))
 
 
 def command(position=0.0, velocity=0.0, kp=0.0, kd=0.0, torque=0.0) -> list[float]:
@@ -98,6 +98,18 @@ def test_it_stands_up_from_there(robot):
     assert state.q[0, 2] > 0.85 * standing(robot)[2]
     assert (np.abs(state.roll_pitch[0]) < 0.05).all()
     np.testing.assert_allclose(twin.read().acceleration, [0.0, 0.0, 9.81], atol=0.05)
+
+
+def test_it_is_set_up_where_it_began_and_held_there(robot):
+    twin = driver(robot, TwinConfig())
+    before = twin.read()
+    for _ in range(300):
+        twin.write(command(robot.nominal[7:], kp=8.0, kd=0.2))
+    assert twin.read() != before
+    twin.set_up()
+    for _ in range(20):
+        twin.write(command(kd=0.2))
+    assert twin.read() == before
 
 
 def test_a_payload_is_heavier(robot):

@@ -306,9 +306,10 @@ class Bridge:
         """Latch if the commands have stopped, or answer states that are too old."""
         if self.status != protocol.DRIVING:
             return
-        if now - self._commanded_at >= self.description.command_timeout * 1e9:
+        next_tick = now + round(1e9 / self.description.rate_hz)  # which would be too late
+        if next_tick - self._commanded_at > self.description.command_timeout * 1e9:
             self._latch(protocol.SILENCE)
-        elif now - self._answered >= self.description.command_age * 1e9:
+        elif next_tick - self._answered > self.description.command_age * 1e9:
             self._latch(protocol.OLD_STATE)
 
     def _latch(self, cause: int) -> None:
@@ -350,6 +351,8 @@ def serve(bridge: Bridge, running: Callable[[], bool] = lambda: True) -> None:
 def serve_lockstep(bridge: Bridge, channel: Channel, running: Callable[[], bool]) -> None:
     """Tick once for each command, so that a simulated robot waits for the runtime.
 
+    Once the bridge is latched, time goes on by itself: the robot falls, and the session ends.
+
     Args:
         bridge: The bridge; its clock has to be the simulated one.
         channel: The channel of the bridge.
@@ -357,10 +360,11 @@ def serve_lockstep(bridge: Bridge, channel: Channel, running: Callable[[], bool]
     """
     try:
         while running():
-            channel.wait(0.1)
+            is_latched = bridge.status == protocol.LATCHED
+            channel.wait(0.001 if is_latched else 0.1)
             accepted = bridge.accepted
             bridge.receive()
-            if bridge.accepted != accepted:
+            if is_latched or bridge.accepted != accepted:
                 bridge.advance()
             else:
                 bridge.report()

@@ -161,9 +161,7 @@ def is_finite(sensors: Sensors) -> bool:
     """
     # One sum instead of six tests: what is not finite stays so in a sum. An overflow of finite
     # numbers is no measurement either.
-    total = 0.0
-    for values in sensors[2:8]:
-        total += float(values.sum())
+    total = float(np.concatenate(sensors[2:8]).sum())
     if sensors.base is not None:
         total += sensors.base.height + float(sensors.base.velocity.sum())
     return math.isfinite(total)

@@ -120,6 +120,7 @@ class Runtime:
         self._operator = operator
         self._clock = clock
         self._safeguard = safeguard or Safeguard()
+        self._range = policy.command_range.tolist()
         self._period_ns = 1e9 / policy.rate_hz
         self._tests = FaultTests(limits_of(description), self.config, policy.rate_hz)
         self._blocking = Blocking(round(self.config.block * policy.rate_hz))
@@ -313,8 +314,8 @@ class Runtime:
 
     def _within_range(self, command: Command) -> Command:
         """The command, moved into the range that the policy was trained on."""
-        low, high = self._policy.command_range.tolist()
-        inside = Command(*(min(max(v, a), b) for v, a, b in zip(command, low, high, strict=True)))
+        low, high = self._range
+        inside = Command(*map(min, map(max, command, low), high))
         if inside != command and not self._warned:
             self._warned = True
             logger.warning(
@@ -377,5 +378,4 @@ def is_finite(command: JointCommand) -> bool:
     Args:
         command: The command.
     """
-    total = command.position.sum() + command.velocity.sum() + command.torque.sum()
-    return math.isfinite(total)
+    return math.isfinite((command.position + command.velocity + command.torque).sum())

@@ -53,6 +53,8 @@ _HEADER = struct.Struct("<4sBBHQQQQQ")
 _CRC = struct.Struct("<I")
 _COMMAND = struct.Struct("<60d")
 _STATE = struct.Struct("<BBBxIIIIQ50d")
+STATE_VALUES = struct.calcsize("<BBBxIIIIQ")
+"""[B] Where the values of a STATE begin in its body."""
 _NAME = 40
 _DESCRIPTION = struct.Struct(f"<{_NAME}s{JOINTS * _NAME}sI4d48d")
 _SIZES = {

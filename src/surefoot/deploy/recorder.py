@@ -142,8 +142,10 @@ _WIDTHS = {
     "work_us": 1,
     "round_trip_us": 1,
 }
-_NO_BASE = (np.nan,) * 4
-_NO_COMMAND = np.full(5 * _JOINTS, np.nan)
+_COMMAND = slice(0, 3)
+_MEASURED = slice(3, 49)
+_BASE = slice(49, 53)
+_COMMANDED = slice(53, 113)
 
 
 class FlightRecorder:
@@ -179,33 +181,21 @@ class FlightRecorder:
             record.expert_drove,
             record.gait_tick,
         )
-        base = _NO_BASE
-        if sensors.base is not None:
-            base = (sensors.base.height, *sensors.base.velocity)
-        commanded = (_NO_COMMAND,)
-        if command is not None:
-            commanded = (
-                command.position,
-                command.velocity,
-                command.kp,
-                command.kd,
-                command.torque,
-            )
-        np.concatenate(
-            (
-                record.command,
-                sensors.joint_position,
-                sensors.joint_velocity,
-                sensors.joint_torque,
-                sensors.orientation,
-                sensors.angular_velocity,
-                sensors.acceleration,
-                base,
-                *commanded,
-                (record.work_us, record.round_trip_us),
-            ),
-            out=self._numbers[row],
-        )
+        numbers = self._numbers[row]
+        numbers[_COMMAND] = record.command
+        np.concatenate(sensors[2:8], out=numbers[_MEASURED])
+        if sensors.base is None:
+            numbers[_BASE] = np.nan
+        else:
+            numbers[_BASE][0] = sensors.base.height
+            numbers[_BASE][1:] = sensors.base.velocity
+        if command is None:
+            numbers[_COMMANDED] = np.nan
+        else:
+            parts = (command.position, command.velocity, command.kp, command.kd, command.torque)
+            np.concatenate(parts, out=numbers[_COMMANDED])
+        numbers[-2] = record.work_us
+        numbers[-1] = record.round_trip_us
 
     def flight(self, fault: str = "", detail: str = "") -> Flight:
         """What has been kept, the oldest tick first.

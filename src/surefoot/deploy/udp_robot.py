@@ -232,8 +232,8 @@ class UdpRobot:
         self.state = state
         self.heard_ns = now
         self.round_trip_ns = now - packet.echo_ns
-        values = np.array(state.values)
-        base = BaseEstimate(state.values[46], values[47:50]) if state.has_base else None
+        values = np.frombuffer(packet.body, "<f8", offset=protocol.STATE_VALUES).astype(float)
+        base = BaseEstimate(float(values[46]), values[47:50]) if state.has_base else None
         self._sensors = Sensors(
             time_ns=packet.time_ns,
             sequence=packet.sequence,

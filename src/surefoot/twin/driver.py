@@ -41,29 +41,38 @@ class TwinDriver:
     Args:
         robot: The robot.
         config: Floor, payload, motors and sensors.
-        rng: Draws the noise.
+        seed: The seed of the noise, which begins anew whenever the robot is set up.
 
     Attributes:
         time_ns: The robot's own clock, which moves with its ticks [ns].
         simulator: The simulator, which holds one robot.
     """
 
-    def __init__(self, robot: RobotModel, config: TwinConfig, rng: np.random.Generator) -> None:
+    def __init__(self, robot: RobotModel, config: TwinConfig, seed: np.random.SeedSequence) -> None:
         self.time_ns = 0
         self.simulator = make_simulator(robot, 1, SimulationConfig(friction=config.friction))
         self._robot = robot
         self._config = config
         self._noise = config.noise
-        self._rng = rng
+        self._seed = seed
         self._under_way: deque[Array] = deque()
         self._torque: Array = np.zeros(len(JOINTS))
         self._held = False
+        self._begin = standing(robot)
         if config.payload != 1.0:
             self.simulator.vary(None, np.array([config.payload]))
-        self.place(standing(robot), np.zeros(18))
         if config.pose == "lying":
-            self._lie_down()
-        self._held = True  # until a first command, as by a gantry or by the friction of its joints
+            self._begin = self._lying()
+        self.set_up()
+
+    def set_up(self) -> None:
+        """Put the robot where it began; it is held there until a first command with stiffness.
+
+        A gantry would hold it, or the friction of its joints.
+        """
+        self.place(self._begin, np.zeros(18))
+        self._rng = np.random.default_rng(self._seed)
+        self._held = True
 
     def place(self, q: Array, v: Array) -> None:
         """Put the robot somewhere; commands that are under way are lost.
@@ -124,8 +133,8 @@ class TwinDriver:
         self._velocity = moved
         self._acceleration = rotation(self.simulator.state.q[0, 3:7]).T @ force
 
-    def _lie_down(self) -> None:
-        """Fold the legs, and let the robot come to rest on its belly."""
+    def _lying(self) -> Array:
+        """The configuration ``(19,)`` in which the robot rests on its belly, its legs folded."""
         q = standing(self._robot)
         low, high = self._robot.position_limit.T
         folded = np.copysign(np.tile(FOLDED, len(LEGS)), q[7:])
@@ -140,7 +149,7 @@ class TwinDriver:
             self._step(hold)
         q = self.simulator.state.q[0].copy()
         q[:2] = 0.0
-        self.place(q, np.zeros(18))
+        return q
 
     def _world_velocity(self) -> Array:
         """The velocity of the base ``(3,)``, world frame [m/s]."""

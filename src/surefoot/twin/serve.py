@@ -14,6 +14,7 @@ import numpy as np
 
 from surefoot.config.twin import LinkConfig, TwinConfig
 from surefoot.deploy.bridge import Bridge, Channel, UdpChannel, serve, serve_lockstep
+from surefoot.deploy.protocol import LATCHED
 from surefoot.robots.model import RobotModel
 from surefoot.twin.driver import TwinDriver, description_of
 from surefoot.twin.link import DisturbedChannel
@@ -34,16 +35,26 @@ class Twin:
     channel: Channel
 
     def serve(self, lockstep: bool = False, running: Callable[[], bool] = lambda: True) -> None:
-        """Serve a runtime until told otherwise.
+        """Serve a runtime until told otherwise; for each new one the robot is set up again.
 
         Args:
             lockstep: Whether there is one tick for each command, instead of one each millisecond.
             running: Asked before every tick; False ends it.
         """
+        was_latched = False
+
+        def still_running() -> bool:
+            nonlocal was_latched
+            is_latched = self.bridge.status == LATCHED
+            if was_latched and not is_latched:
+                self.driver.set_up()
+            was_latched = is_latched
+            return running()
+
         if lockstep:
-            serve_lockstep(self.bridge, self.channel, running)
+            serve_lockstep(self.bridge, self.channel, still_running)
         else:
-            serve(self.bridge, running)
+            serve(self.bridge, still_running)
 
 
 def make_twin(
@@ -59,7 +70,7 @@ def make_twin(
         channel: Carries the datagrams; any free port of the loopback interface if it is None.
     """
     config = config or TwinConfig()
-    noise, link = np.random.default_rng(config.seed).spawn(2)
+    noise, link = np.random.SeedSequence(config.seed).spawn(2)
     driver = TwinDriver(robot, config, noise)
 
     def clock() -> int:
@@ -67,6 +78,6 @@ def make_twin(
 
     way = UdpChannel() if channel is None else channel
     if config.link != LinkConfig():
-        way = DisturbedChannel(way, config.link, clock, link)
+        way = DisturbedChannel(way, config.link, clock, np.random.default_rng(link))
     bridge = Bridge(driver, way, description_of(robot, config), clock)
     return Twin(bridge, driver, way)

@@ -1,0 +1,41 @@
+"""The planner in a process of its own: the same plans, and an end that is told."""
+
+import numpy as np
+import pytest
+
+from surefoot.config import Config
+from surefoot.deploy.handover import NoPlan, PlanRequest
+from surefoot.mpc.expert import make_planner
+from surefoot.robots.geometry import state_of
+from surefoot.robots.load import load_robot
+from surefoot.robots.model import standing
+from surefoot.robots.scaling import with_own_values
+from surefoot.twin.planner import PlannerProcess
+from surefoot.types import Command
+
+
+def test_another_process_plans_to_the_bit_and_its_end_is_told():
+    config = with_own_values(Config())
+    robot = load_robot("solo12")
+    q = standing(robot)
+    v = np.full(18, 0.01)
+    link = PlannerProcess(config)
+    try:
+        assert link.answer() is None
+        link.ask(PlanRequest(58, q, v, Command(0.2)))
+        answer = link.answer(60.0)
+        assert answer is not None
+        tick, plan = answer
+        assert tick == 58
+        state = state_of(robot, q[None], v[None])[0]
+        expected = make_planner(robot, config).plan(state, 58, Command(0.2))
+        np.testing.assert_array_equal(plan.torque, expected.torque)
+        np.testing.assert_array_equal(plan.joint_position, expected.joint_position)
+        assert plan.valid
+        link._process.kill()
+        link._process.join()
+        with pytest.raises(NoPlan, match="has ended"):
+            link.ask(PlanRequest(100, q, v, Command()))
+            link.answer(60.0)
+    finally:
+        link.close()
