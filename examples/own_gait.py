@@ -9,9 +9,8 @@ from surefoot.config import Gait
 
 # Hind left, front left, hind right, front right, a quarter of the period apart.
 gait = Gait(period=0.8, duty=0.7, offsets=(0.75, 0.25, 0.0, 0.5))
-config = sf.suited(replace(sf.Config(), gait=gait))
 robot = sf.solo12()
-config = sf.with_own_values(config, robot)
+config = sf.with_own_values(replace(sf.Config(), gait=gait), robot)
 
 commands = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]])
 starts = sf.at_rest(sf.standing(robot), commands)

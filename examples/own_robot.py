@@ -7,9 +7,7 @@ import numpy as np
 import surefoot as sf
 from surefoot.config import RobotConfig
 
-config = sf.suited(
-    sf.Config(robot=RobotConfig(model=str(Path(__file__).with_name("own_robot.toml"))))
-)
+config = sf.Config(robot=RobotConfig(model=str(Path(__file__).with_name("own_robot.toml"))))
 robot = sf.load_robot(config.robot)
 config = sf.with_own_values(config, robot)  # gains, heights and bounds follow from its size
 print(f"{robot.name}: {robot.mass:.1f} kg, kp {config.expert.kp:.0f} N m/rad")

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config
+from surefoot.config.checked import known
 from surefoot.learning.observation import INPUT_SIZE, Float32Array, goal, network_input
 from surefoot.learning.policy import policy_spec
 from surefoot.sim.mujoco import from_mujoco
@@ -55,13 +56,13 @@ class Solo12Env(gymnasium.Env):
         self._kp = spec.kp
         self._kd = spec.kd
         self._limit = np.full(12, config.robot.torque_limit)
-        self._height = config.safety.fall_height
+        self._height = known(config.safety.fall_height, "safety.fall_height")
         # Bounds of |pitch| and |roll| in terms of the rotation matrix.
         angle = np.radians(config.safety.fall_angle)
         self._pitch = float(np.sin(angle))
         self._roll = float(np.tan(angle))
         self._spec = policy_spec(config).observation
-        self._period = self._spec.period_ticks
+        self._period = self._spec.gaits[0].period_ticks
         self._goals: Float32Array = goal(np.arange(self._period), np.zeros(3), self._spec)
         # These are views of what MuJoCo writes.
         self._qpos = self._data.qpos

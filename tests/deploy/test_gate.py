@@ -3,19 +3,20 @@
 import numpy as np
 import pytest
 
-from surefoot.config import SafetyConfig
+from surefoot.config import TABLE_I
 from surefoot.deploy.gate import BoundsGate
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
+from surefoot.robots.bounds import table_bounds
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.robots.rigid import center_of_mass, legs_of, masses_of
-from surefoot.safety.gates import bounds_of, unsafe
+from surefoot.safety.gates import unsafe
 
 
 def test_it_calls_unsafe_what_the_table_of_the_simulation_does():
     robot = load_robot("solo12")
-    config = SafetyConfig()
+    config = TABLE_I
     rng = np.random.default_rng(0)
     q = np.tile(standing(robot), (500, 1))
     q[:, 2] += rng.normal(0.0, 0.05, 500)
@@ -31,14 +32,14 @@ def test_it_calls_unsafe_what_the_table_of_the_simulation_does():
         placed[:, 7:] = joints
         return center_of_mass(placed, legs_of(robot), masses_of(robot))
 
-    gate = BoundsGate(*bounds_of(config), com_in_base)
+    gate = BoundsGate(*table_bounds(config), com_in_base)
     assert [gate.unsafe(sensors_of(row)) for row in q] == expected.tolist()
 
 
 @pytest.mark.parametrize("base", [None, BaseEstimate(0.0, np.zeros(3))])
 def test_the_height_counts_where_something_measures_it(base):
     robot = load_robot("solo12")
-    gate = BoundsGate(*bounds_of(SafetyConfig()), lambda joints: np.zeros((len(joints), 3)))
+    gate = BoundsGate(*table_bounds(TABLE_I), lambda joints: np.zeros((len(joints), 3)))
     sensors = sensors_of(standing(robot))._replace(base=base)
     assert gate.unsafe(sensors) == (base is not None)
 

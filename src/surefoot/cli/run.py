@@ -174,10 +174,8 @@ def expert_config(policy: OnnxPolicy) -> Config:
     Args:
         policy: The policy.
     """
-    from surefoot.cli.make_starts import with_measured_gains
     from surefoot.config import CommandBox, Config, Gait, RobotConfig
-    from surefoot.config.presets import is_solo12_trot, suited
-    from surefoot.robots.scaling import with_own_values
+    from surefoot.scenarios.prepare import with_measured_gain
 
     timing = policy.spec.gaits[0]
     low, high = policy.command_range.tolist()
@@ -186,5 +184,4 @@ def expert_config(policy: OnnxPolicy) -> Config:
         gait=Gait(timing.period_ticks / TICKS_PER_SECOND, timing.duty, timing.offsets),
         commands=CommandBox(*zip(low, high, strict=True)),
     )
-    config = with_own_values(suited(config))
-    return config if is_solo12_trot(config) else with_measured_gains(config)
+    return with_measured_gain(config)

@@ -188,18 +188,15 @@ def with_gains(config: Config, command: Command) -> Config:
     Raises:
         ValueError: The robot does not walk in this gait.
     """
-    from surefoot.robots.load import load_robot
     from surefoot.robots.scaling import with_own_values
-    from surefoot.scenarios.prepare import measured_gain
+    from surefoot.scenarios.prepare import with_measured_gain
 
     if not is_among(command, config.commands):
         config = replace(config, commands=box_around(command))
     own = with_own_values(config)
     if own.expert.command_gain is not None:
         return own
-    around = replace(own, commands=box_around(command))
-    gain = measured_gain(load_robot(own.robot), around).gain
-    return replace(around, expert=replace(own.expert, command_gain=gain))
+    return with_measured_gain(replace(own, commands=box_around(command)))
 
 
 def box_around(command: Command) -> CommandBox:

@@ -21,10 +21,12 @@ from surefoot.config import Config
 from surefoot.config.json_io import Plain
 from surefoot.files import write_atomic, write_json
 from surefoot.interop.segments import Exported, dataset_card, new_folder, segments
+from surefoot.interop.walking import task_spec
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames
-from surefoot.learning.observation import ObservationSpec, network_input
-from surefoot.learning.policy import PolicySpec, policy_spec, target_of
+from surefoot.learning.layouts import GOAL_PARTS, PARTS
+from surefoot.learning.observation import network_input
+from surefoot.learning.policy import PolicySpec, target_of
 from surefoot.robots.load import load_robot
 from surefoot.types import JOINTS, TICKS_PER_SECOND
 
@@ -57,8 +59,8 @@ class Feature:
 
 def _observation_names() -> tuple[str, ...]:
     """Names of the 47 numbers."""
-    sizes = ObservationSpec.observation_sizes | ObservationSpec.goal_sizes
-    return tuple(f"{part}_{n}" for part, size in sizes.items() for n in range(size))
+    parts = {**PARTS, **GOAL_PARTS}
+    return tuple(f"{name}_{n}" for name, part in parts.items() for n in range(part.size))
 
 
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
@@ -130,7 +132,7 @@ def export_lerobot(dataset: Dataset, config: Config, folder: Path | str) -> Expo
     """
     import_pyarrow()
     robot = load_robot(config.robot)
-    spec = policy_spec(config)
+    spec = task_spec(config)
     folder = Path(folder)
     written = _Written()
     with new_folder(folder) as whole:

@@ -22,11 +22,11 @@ from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
 from surefoot.interop.gym_ids import environment_of, import_gymnasium, register_environments
 from surefoot.interop.segments import Exported, dataset_card, new_folder, segments
-from surefoot.interop.walking import WalkingTask, heading_velocity, reward_rate
+from surefoot.interop.walking import WalkingTask, heading_velocity, reward_rate, task_spec
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames
 from surefoot.learning.observation import network_input
-from surefoot.learning.policy import PolicySpec, policy_spec, target_of
+from surefoot.learning.policy import PolicySpec, target_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.types import TICKS_PER_SECOND
@@ -75,7 +75,7 @@ def export_minari(
     folder = Path(root) / name
     environment = copy.deepcopy(gymnasium.spec(environment_of(robot.name)))
     environment.kwargs |= {"config": to_json(config), "rate": TASK.rate}
-    spec = policy_spec(config)
+    spec = task_spec(config)
     written = {"episodes": 0, "frames": 0}
 
     def buffers() -> Iterator[object]:

@@ -20,9 +20,8 @@ import numpy as np
 
 from surefoot.config import Config, RobotConfig
 from surefoot.config.checked import Checked, Duration, Within
-from surefoot.config.presets import suited
-from surefoot.learning.observation import INPUT_SIZE, Float32Array, network_input
-from surefoot.learning.policy import pd, policy_spec, target_of
+from surefoot.learning.observation import INPUT_SIZE, Float32Array, network_input, state_spec
+from surefoot.learning.policy import PolicySpec, pd, policy_spec, target_of
 from surefoot.mpc.expert import make_expert
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing, stop_speeding
@@ -98,8 +97,13 @@ def walking_config(robot: str, config: Config | None = None) -> Config:
         ValueError: There is no such robot.
     """
     if config is None:
-        config = suited(Config(robot=RobotConfig(model=robot)))
+        config = Config(robot=RobotConfig(model=robot))
     return with_own_values(config)
+
+
+def task_spec(config: Config) -> PolicySpec:
+    """What environments and exported data show: the full state, whatever the policies see."""
+    return replace(policy_spec(config), observation=state_spec(config))
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,7 @@ class Walkers:
         self.command = np.zeros((batch, 3))
         self.tick = np.zeros(batch, np.int64)
         self._config = config
-        self._spec = policy_spec(config)
+        self._spec = task_spec(config)
         self._period = to_ticks(config.gait.period)
         self._grace = to_ticks(config.safety.grace)
         self._most_lying = to_ticks(config.safety.body_contact)

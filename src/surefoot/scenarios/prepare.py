@@ -191,6 +191,22 @@ def _gain_of(robot: RobotModel, config: Config) -> CommandGain:
     return measured_gain(robot, config)
 
 
+def with_measured_gain(config: Config) -> Config:
+    """The configuration with the robot's own values, and measured command gains for None.
+
+    Args:
+        config: The configuration; gains that are given stay.
+
+    Raises:
+        ValueError: The robot does not walk in this gait; the message has the numbers.
+    """
+    own = with_own_values(config)
+    if own.expert.command_gain is not None:
+        return own
+    gain = measured_gain(load_robot(own.robot), own).gain
+    return replace(own, expert=replace(own.expert, command_gain=gain))
+
+
 def measured_gain(robot: RobotModel, config: Config) -> CommandGain:
     """The command gains of a robot and a gait, measured in seconds, or those that were before.
 
@@ -338,10 +354,7 @@ def completed(config: Config) -> Config:
     made = load_starts(config.start_set).preparation
     if made is not None:
         return with_preparation(config, made)
-    if own.expert.command_gain is None:  # a set of an earlier version
-        gain = measured_gain(load_robot(own.robot), own)
-        return replace(own, expert=replace(own.expert, command_gain=gain.gain))
-    return own
+    return with_measured_gain(own)  # None in a set of an earlier version
 
 
 def with_preparation(config: Config, made: Preparation) -> Config:

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.config import CommandBox, Config, LocoSafeDaggerConfig
-from surefoot.config.presets import is_solo12_trot, suited
 from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import make_expert, make_planner
 from surefoot.mpc.gaits import gait_name, with_gait
@@ -24,7 +23,7 @@ from surefoot.robots.scaling import own_values, size_of, with_own_values
 from surefoot.runs.policies import find_policy
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor
-from surefoot.scenarios.calibration import calibrated
+from surefoot.scenarios.prepare import with_measured_gain
 from surefoot.sim import make_simulator
 from surefoot.types import Command, MotionPlan, State
 from surefoot.viz.live import LiveSimulation
@@ -174,10 +173,7 @@ def expert_setup(config: Config, robot: str, gait: str) -> LiveSetup:
     model = load_robot(config.robot)
     root = float(np.sqrt(size_of(model).length_ratio))
     box = CommandBox(_scaled(WIDE.vx, root), _scaled(WIDE.vy, root), WIDE.yaw_rate)
-    config = suited(replace(config, commands=box))
-    note = ""
-    if not is_solo12_trot(config):
-        config, note = _measured(config)
+    config, note = _measured(replace(config, commands=box))
     return LiveSetup(config, None, f"{model.name}, {gait}", note)
 
 
@@ -190,12 +186,10 @@ def _scaled(interval: tuple[float, float], factor: float) -> tuple[float, float]
 @lru_cache(maxsize=16)
 def _measured(config: Config) -> tuple[Config, str]:
     """The configuration with measured command gains, and a note where none could be measured."""
-    robot = load_robot(config.robot)
     try:
-        config, _ = calibrated(robot, config, size_of(robot).length_ratio)
+        return with_measured_gain(config), ""
     except ValueError as error:
-        return config, f"the command gains are those of no measurement: {error}"
-    return config, ""
+        return with_own_values(config), f"the command gains are those of no measurement: {error}"
 
 
 def start(setup: LiveSetup) -> LiveSimulation:
