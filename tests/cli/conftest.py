@@ -20,7 +20,9 @@ def own_cache(tmp_path_factory) -> Iterator[None]:
     """What commands prepare is kept apart from what the user has prepared."""
     folder = tmp_path_factory.mktemp("prepared")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("surefoot.scenarios.prepare.user_folder", lambda name: str(folder / name))
+        for module in ("prepare", "gains"):
+            target = f"surefoot.scenarios.{module}.user_folder"
+            patch.setattr(target, lambda name: str(folder / name))
         yield
 
 

@@ -129,8 +129,9 @@ def walked(monkeypatch) -> Callable[..., Config]:
         raise Stop
 
     monkeypatch.setattr("surefoot.rollouts.jobs.play_out", play_out)
-    gain = CommandGain((1.1, 1.2, 1.3), (0.0,) * 3, (0.0,) * 3, (0.0,) * 3)
-    monkeypatch.setattr("surefoot.scenarios.prepare.measured_gain", lambda robot, config: gain)
+    zero = (0.0, 0.0, 0.0)
+    gain = CommandGain((1.1, 1.2, 1.3), zero, zero, zero)
+    monkeypatch.setattr("surefoot.scenarios.gains.measured_gain", lambda robot, config: gain)
 
     def attempt(*args):
         with pytest.raises(Stop):

@@ -91,7 +91,7 @@ def test_an_integer_serves_as_a_float():
     assert type(config.expert.kp) is float
     assert config.expert.kp == 4.0
     assert config.safety.com_height == (0.0, 1.0)
-    assert all(type(bound) is float for bound in config.safety.com_height)
+    assert all(type(bound) is float for bound in config.safety.com_height or ())
 
 
 @pytest.mark.parametrize(

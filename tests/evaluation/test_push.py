@@ -9,6 +9,7 @@ import pytest
 
 import surefoot.evaluation.push as push_module
 from surefoot.config import Config, DisturbanceConfig, NoiseConfig, PushConfig
+from surefoot.config.checked import known
 from surefoot.config.json_io import from_json, to_json
 from surefoot.evaluation.push import branch_at_push, push_recovery, pushed_job, pushed_starts
 from surefoot.evaluation.push_limits import PushResult, push_difference
@@ -28,7 +29,7 @@ from tests.fakes.simulator import FakeSimulator
 
 CONFIG = with_own_values(Config())
 STORED = load_starts()
-RESOLUTION = CONFIG.push.resolution
+RESOLUTION = known(CONFIG.push.resolution, "push.resolution")
 STRONGEST = CONFIG.push.levels * RESOLUTION
 
 

@@ -55,5 +55,7 @@ def fake_walks(monkeypatch, tmp_path) -> FakeWalks:
         monkeypatch.setattr(f"surefoot.scenarios.{module}.expert_walks", walks)
     monkeypatch.setattr("surefoot.scenarios.make.perturb", _perturb)
     folder = tmp_path / "cache" / "surefoot"
-    monkeypatch.setattr("surefoot.scenarios.prepare.user_folder", lambda name: str(folder / name))
+    for module in ("prepare", "gains"):
+        target = f"surefoot.scenarios.{module}.user_folder"
+        monkeypatch.setattr(target, lambda name: str(folder / name))
     return walks

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import ExpertConfig, Gait
+from surefoot.config.checked import known
 from surefoot.mpc.footholds import (
     GRAVITY,
     FootholdRule,
@@ -175,7 +176,8 @@ def test_the_deadband_grows_with_the_commanded_speed():
 
 def test_the_planned_velocity_is_the_command_times_its_gain():
     command = Command(0.3, -0.1, 0.5)
-    expected = np.multiply(CONFIG.command_gain, command)
+    gain = known(CONFIG.command_gain, "expert.command_gain")
+    expected = np.multiply(gain, command)
     np.testing.assert_array_equal(planned_velocity(CONFIG, command), expected)
 
 

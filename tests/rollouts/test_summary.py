@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 from surefoot.config import Config
+from surefoot.config.checked import known
 from surefoot.files import load_arrays, save_arrays
 from surefoot.learning.frames import concatenate
 from surefoot.robots.scaling import with_own_values
@@ -209,7 +210,7 @@ def test_kept_frames_are_recoveries_where_they_tilt_or_come_near_the_bounds():
     q[..., 7:] = STANDING[7:]
     rollouts = synthetic(T=T, q=q)
     rollouts.com[..., 2] = 0.2
-    low = CONFIG.safety.com_height[0]
+    low, _ = known(CONFIG.safety.com_height, "safety.com_height")
     rollouts.com[0, 100:105, 2] = low + NEAR_HEIGHT - 1e-4
     rollouts.com[0, 105:120, 2] = low + NEAR_HEIGHT + 1e-4
     rollouts.expert_drove[:] = True

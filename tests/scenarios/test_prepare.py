@@ -25,10 +25,10 @@ from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
 from surefoot.safety.gates import unsafe
 from surefoot.scenarios import prepare as module
+from surefoot.scenarios.gains import measured_gain
 from surefoot.scenarios.make import SEED, SIZES, cycle_instants, settle
 from surefoot.scenarios.prepare import (
     completed,
-    measured_gain,
     prepare,
     prepared_key,
     settled_bounds,

@@ -175,7 +175,7 @@ def expert_config(policy: OnnxPolicy) -> Config:
         policy: The policy.
     """
     from surefoot.config import CommandBox, Config, Gait, RobotConfig
-    from surefoot.scenarios.prepare import with_measured_gain
+    from surefoot.scenarios.gains import with_measured_gain
 
     timing = policy.spec.gaits[0]
     low, high = policy.command_range.tolist()

@@ -189,7 +189,7 @@ def with_gains(config: Config, command: Command) -> Config:
         ValueError: The robot does not walk in this gait.
     """
     from surefoot.robots.scaling import with_own_values
-    from surefoot.scenarios.prepare import with_measured_gain
+    from surefoot.scenarios.gains import with_measured_gain
 
     if not is_among(command, config.commands):
         config = replace(config, commands=box_around(command))

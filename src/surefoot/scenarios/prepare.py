@@ -1,6 +1,6 @@
 """Prepare a robot, a gait and a box of commands: everything that runs on them need, made once.
 
-In this order: the command gains (`calibration`), the settled gait at commands all over the box, the
+In this order: the command gains (`gains`), the settled gait at commands all over the box, the
 safety bounds that it stays within, and initial states in four splits (`make`). All of it is one
 file, kept below the user's caches under a SHA-256 of what it depends on (`keys`), and written whole
 or not at all; it takes seconds, and an interrupted one begins again, with the gains that it has
@@ -21,11 +21,8 @@ import numpy as np
 from surefoot.caches import user_folder
 from surefoot.config import Config, PerturbationConfig, SafetyConfig, Split
 from surefoot.config.checked import known
-from surefoot.config.json_io import read_record
 from surefoot.config.presets import straight_trot
-from surefoot.files import write_json
 from surefoot.mpc.gaits import gait_name
-from surefoot.mpc.schedule import stands
 from surefoot.robots.bounds import joint_rows
 from surefoot.robots.geometry import state_of
 from surefoot.robots.identity import description_hash
@@ -33,7 +30,7 @@ from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import own_safety, size_of, with_own_values
 from surefoot.scenarios.boxes import describe, largest_box, walks_enough
-from surefoot.scenarios.calibration import calibrate_command_gain, needed_axes
+from surefoot.scenarios.gains import ZERO, measured_gain, with_measured_gain
 from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.make import (
     SEED,
@@ -57,10 +54,6 @@ LOWER = 0.02
 """[m] The bound on the height lies so far below, times the ratio of leg lengths."""
 ROUND = 1e4
 """Bounds have four decimals."""
-NO_GAIN: Triple = (1.0, 1.0, 1.0)
-"""The gains where none are measured."""
-ZERO: Triple = (0.0, 0.0, 0.0)
-"""What was reached where nothing was measured."""
 
 logger = logging.getLogger(__name__)
 
@@ -189,50 +182,6 @@ def _gain_of(robot: RobotModel, config: Config) -> CommandGain:
     if given is not None:
         return CommandGain(given, ZERO, ZERO, ZERO)
     return measured_gain(robot, config)
-
-
-def with_measured_gain(config: Config) -> Config:
-    """The configuration with the robot's own values, and measured command gains for None.
-
-    Args:
-        config: The configuration; gains that are given stay.
-
-    Raises:
-        ValueError: The robot does not walk in this gait; the message has the numbers.
-    """
-    own = with_own_values(config)
-    if own.expert.command_gain is not None:
-        return own
-    gain = measured_gain(load_robot(own.robot), own).gain
-    return replace(own, expert=replace(own.expert, command_gain=gain))
-
-
-def measured_gain(robot: RobotModel, config: Config) -> CommandGain:
-    """The command gains of a robot and a gait, measured in seconds, or those that were before.
-
-    Args:
-        robot: The robot.
-        config: The gait, the expert, the commands, the simulator and the fall bounds.
-
-    Raises:
-        ValueError: The robot does not walk in this gait; the message has the numbers.
-    """
-    config = with_own_values(config, robot)
-    config = replace(config, expert=replace(config.expert, command_gain=None))
-    if stands(config.gait):
-        return CommandGain(NO_GAIN, ZERO, ZERO, ZERO)
-    needed = needed_axes(config.commands).tolist()
-    key = key_of(ingredients_of(config), needed)
-    path = Path(user_folder("gains")) / f"{key}.json"
-    if path.exists():
-        try:
-            return read_record(path, CommandGain)
-        except ValueError as error:
-            logger.warning(f"the command gains are measured again ({error})")
-    ratio = size_of(robot).length_ratio
-    gain = calibrate_command_gain(robot, config.gait, config, ratio)
-    write_json(path, gain)
-    return gain
 
 
 def _refusal(robot: RobotModel, config: Config, commands: Array, up: BoolArray) -> str:

@@ -23,7 +23,7 @@ from surefoot.robots.scaling import own_values, size_of, with_own_values
 from surefoot.runs.policies import find_policy
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor
-from surefoot.scenarios.prepare import with_measured_gain
+from surefoot.scenarios.gains import with_measured_gain
 from surefoot.sim import make_simulator
 from surefoot.types import Command, MotionPlan, State
 from surefoot.viz.live import LiveSimulation
