@@ -1,7 +1,7 @@
 """A finished run, and the command line as its entry point runs it."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,17 +13,9 @@ from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.runs.run import create
 from surefoot.workers import Workers
 from tests.fakes.learning import FLOAT32
+from tests.fakes.prepared import own_cache
 
-
-@pytest.fixture(scope="session", autouse=True)
-def own_cache(tmp_path_factory) -> Iterator[None]:
-    """What commands prepare is kept apart from what the user has prepared."""
-    folder = tmp_path_factory.mktemp("prepared")
-    with pytest.MonkeyPatch.context() as patch:
-        for module in ("prepare", "gains"):
-            target = f"surefoot.scenarios.{module}.user_folder"
-            patch.setattr(target, lambda name: str(folder / name))
-        yield
+__all__ = ["own_cache"]
 
 
 @pytest.fixture

@@ -36,6 +36,20 @@ def test_a_policy_is_filmed_from_standing(surefoot, films, run_folder, tmp_path)
     assert (out, title) == (run_folder / "play.mp4", "policy, vx 0.10 m/s")
 
 
+def test_the_packaged_policy_walks_where_nothing_is_named(surefoot, films, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert surefoot("play", "--vx", 0.2, "--seconds", 2.0, "--json", "play.json") == 0
+    report = json.loads(Path("play.json").read_text())
+    assert report["outcome"] == "SUCCESS"
+    assert report["mean_velocity"][0] == pytest.approx(0.2, abs=0.03)
+    assert films[0][1] == Path("play.mp4")
+
+
+def test_an_episode_needs_the_run_that_recorded_it(surefoot, capsys):
+    assert surefoot("play", "--episode", 3) == 2
+    assert "--episode 3 needs the folder of the run" in capsys.readouterr().err
+
+
 def test_a_recorded_episode_is_filmed_with_its_drivers(surefoot, films, run_folder, tmp_path):
     file = tmp_path / "play.json"
     surefoot("play", run_folder, "--episode", 1, "--iteration", 1, "--json", file)

@@ -8,7 +8,10 @@ from surefoot import methods
 from surefoot.config import DisturbanceConfig
 from surefoot.runs.run import Run, create, open_run
 from surefoot.workers import Workers
+from tests.fakes.prepared import own_cache
 from tests.fakes.small_runs import config_of
+
+__all__ = ["own_cache"]
 
 
 @pytest.fixture(scope="session")

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from surefoot.config import Config
 from surefoot.runs.episode_ids import EpisodeId
 from surefoot.types import Command
 from surefoot.viz.browser import Page
-from surefoot.viz.live_setup import find_setup
+from surefoot.viz.live_setup import expert_setup, find_setup
 from surefoot.viz.playback import Playback
 from tests.fakes.chromium import Chromium, needs_chromium, needs_viser, wait
 
@@ -22,7 +23,7 @@ pytestmark = needs_viser
 def page():
     """A page of a robot that its expert drives."""
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
-    page = Page(find_setup(None), port=0)
+    page = Page(expert_setup(Config(), "solo12", "trot"), port=0)
     yield page
     page.close()
 

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from surefoot.config import Config
 from surefoot.robots.load import load_robot
 from surefoot.types import Command
 from surefoot.viz import browser_scene
-from surefoot.viz.live_setup import find_setup, start
+from surefoot.viz.live_setup import expert_setup, start
 from tests.fakes.chromium import needs_viser
 
 pytestmark = needs_viser
@@ -26,7 +27,7 @@ def server():
 @pytest.fixture(scope="module")
 def snapshot():
     """A robot that its expert drives, a moment after a push."""
-    simulation = start(find_setup(None))
+    simulation = start(expert_setup(Config(), "solo12", "trot"))
     simulation.set_command(Command(0.2))
     simulation.step(700)
     simulation.push(0.5, -90.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import CommandBox, Config
+from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out
@@ -30,8 +31,15 @@ def test_a_policy_file_is_driven_as_its_run_is(queried_run):
     assert setup.config == find_setup(queried_run.folder).config
 
 
-def test_without_a_target_the_expert_drives_both_ways():
+def test_without_a_target_the_packaged_policy_drives_where_it_fits():
     setup = find_setup(None)
+    assert setup.policy is not None
+    assert (setup.policy.robot, setup.gait) == ("solo12", "trot")
+    assert find_setup(None, gait="stand").policy is None
+
+
+def test_an_expert_drives_both_ways():
+    setup = expert_setup(Config(), "solo12", "trot")
     assert setup.policy is None
     assert start(setup).drivers == ("expert",)
     low, high = setup.commands
@@ -43,7 +51,7 @@ def test_without_a_target_the_expert_drives_both_ways():
 def unmeasured(monkeypatch):
     """Command gains are not measured, which would take seconds."""
     live_setup._measured.cache_clear()
-    monkeypatch.setattr(live_setup, "calibrated", lambda robot, config, scale: (config, None))
+    monkeypatch.setattr(live_setup, "with_measured_gain", with_own_values)
 
 
 def test_another_gait_is_driven_by_the_expert_and_the_policy_comes_back(queried_run, unmeasured):
@@ -64,16 +72,16 @@ def test_a_larger_robot_may_walk_faster(unmeasured):
 
 
 def test_gains_that_cannot_be_measured_are_said(monkeypatch):
-    def refuse(robot, config, scale):
+    def refuse(config):
         raise ValueError("it fell")
 
     live_setup._measured.cache_clear()
-    monkeypatch.setattr(live_setup, "calibrated", refuse)
+    monkeypatch.setattr(live_setup, "with_measured_gain", refuse)
     assert "it fell" in expert_setup(Config(), "solo12", "walk").note
 
 
 def test_the_expert_walks_live_as_it_does_in_a_rollout_to_the_same_bits():
-    setup = find_setup(None)
+    setup = expert_setup(Config(), "solo12", "trot")
     command = Command(0.2, 0.1, -0.3)
     box = CommandBox((0.0, 0.2), (0.0, 0.1), (-0.3, 0.0))
     config = replace(setup.config, commands=box)
@@ -86,7 +94,7 @@ def test_the_expert_walks_live_as_it_does_in_a_rollout_to_the_same_bits():
 
 
 def test_the_plan_that_is_drawn_begins_at_the_robot_and_stands_on_the_floor():
-    simulation = start(find_setup(None))
+    simulation = start(expert_setup(Config(), "solo12", "trot"))
     simulation.set_command(Command(0.3))
     simulation.step(1)
     simulation.step(450)
@@ -117,7 +125,7 @@ def test_no_plan_is_drawn_while_the_policy_drives(queried_run):
 
 
 def test_a_pushed_robot_recovers():
-    simulation = start(find_setup(None))
+    simulation = start(expert_setup(Config(), "solo12", "trot"))
     simulation.set_command(Command(0.2))
     simulation.step(1500)
     simulation.push(0.8, 90.0)

@@ -38,9 +38,9 @@ class Play(OnHardware, OnSimulator, OnTerrain):
     or null]; latched [what would have switched an actual robot off, with --profile].
     """
 
-    target: Annotated[Path, tyro.conf.Positional]
+    target: Annotated[Path | None, tyro.conf.Positional] = None
     """The folder of a run, of which the best policy is played; or a policy file; or the flight.npz
-    that `surefoot run` has recorded."""
+    that `surefoot run` has recorded. Without one, the policy that comes with the package."""
     vx: float = 0.2
     """The commanded forward speed [m/s]."""
     vy: float = 0.0
@@ -55,8 +55,8 @@ class Play(OnHardware, OnSimulator, OnTerrain):
     iteration: int | None = None
     """Count --episode within this iteration: 17 is then its 18th rollout."""
     out: Path | None = None
-    """The film to write; without it, play.mp4 or episode_ID.mp4 in the run's folder, or play.mp4
-    beside the policy."""
+    """The film to write; without it, play.mp4 or episode_ID.mp4 in the run's folder, play.mp4
+    beside the policy, or play.mp4 in the current folder."""
     log: Path | None = None
     """Write what the robot measured and was commanded to this file, .npz or .csv, tick by tick;
     `surefoot check` replays it."""
@@ -65,8 +65,8 @@ class Play(OnHardware, OnSimulator, OnTerrain):
 
     def __call__(self) -> int:
         """Play, print, film; 1 if the robot fell, or the expert gave up."""
-        if self.target.suffix == ".npz":
-            return self.film_flight()
+        if self.target is not None and self.target.suffix == ".npz":
+            return self.film_flight(self.target)
         from surefoot.interop.sensor_log import SUFFIXES, log_of, write_log
         from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
@@ -77,7 +77,8 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         check_seconds(self.seconds)
         report_file = Output("--json", self.json)
         outputs = [report_file, Output("--log", self.log, SUFFIXES)]
-        check_outputs(outputs, reads=[self.target])
+        reads = [] if self.target is None else [self.target]
+        check_outputs(outputs, reads)
         if self.log is not None and self.episode is not None:
             raise ValueError(
                 "--log has what a policy measured that drives alone; leave out --episode"
@@ -85,13 +86,12 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         if self.episode is None:
             job = self.policy_job()
             episode = None
-            folder = self.target if self.target.is_dir() else self.target.parent
-            out = self.out or folder / "play.mp4"
+            out = self.out or self.folder / "play.mp4"
         else:
             job = self.recorded_job(self.episode)
             episode = int(job.episode[0])
-            out = self.out or self.target / f"episode_{episode}.mp4"
-        check_outputs([*outputs, *film_outputs("--out", out)], reads=[self.target])
+            out = self.out or self.folder / f"episode_{episode}.mp4"
+        check_outputs([*outputs, *film_outputs("--out", out)], reads)
         job = replace(job, config=self.on_terrain(self.with_profile(self.simulated(job.config))))
         rollouts, expert = play_out(job)
         if self.log is not None and job.policy is not None:
@@ -113,14 +113,25 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         film_episode(recording, out, f"{driver}, vx {report.command[0]:.2f} m/s")
         return int(rollouts.failed[0])
 
-    def film_flight(self) -> int:
-        """Say why a robot was given up, and film its last ten seconds; 1 if there was a fault."""
+    @property
+    def folder(self) -> Path:
+        """The folder of the film, where no file is named for it."""
+        if self.target is None:
+            return Path()
+        return self.target if self.target.is_dir() else self.target.parent
+
+    def film_flight(self, recorded: Path) -> int:
+        """Say why a robot was given up, and film its last ten seconds; 1 if there was a fault.
+
+        Args:
+            recorded: The file of the flight.
+        """
         from surefoot.deploy.recorder import load_flight
         from surefoot.viz.flight import recording_of
 
-        out = self.out or self.target.with_suffix(".mp4")
-        check_outputs(film_outputs("--out", out), reads=[self.target])
-        flight = load_flight(self.target)
+        out = self.out or recorded.with_suffix(".mp4")
+        check_outputs(film_outputs("--out", out), reads=[recorded])
+        flight = load_flight(recorded)
         recording = recording_of(flight)
         fault = str(flight.fault)
         print(f"{fault}: {flight.detail}" if fault else "no fault")
@@ -157,7 +168,13 @@ class Play(OnHardware, OnSimulator, OnTerrain):
 
         Args:
             episode: Id of the episode, or its index in the iteration that was named.
+
+        Raises:
+            ValueError: No run was named.
         """
         from surefoot.viz.replay import recorded_episode
+
+        if self.target is None:
+            raise ValueError(f"--episode {episode} needs the folder of the run that recorded it")
 
         return recorded_episode(self.target, episode, self.iteration)

@@ -28,7 +28,7 @@ class View(OnSimulator):
 
     target: Annotated[Path | None, tyro.conf.Positional] = None
     """The folder of a run, of which the best policy drives, or a policy file; without either, the
-    expert drives."""
+    policy that comes with the package drives."""
     robot: str | None = None
     """The robot: the name of one of the package, or a JSON or TOML file with one of your own;
     without it, the policy's own, or Solo12. The expert drives another one than the policy's."""

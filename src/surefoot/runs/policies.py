@@ -24,17 +24,21 @@ from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
 from surefoot.types import Array
 
+PACKAGED_POLICY = Path(__file__).parent / "data" / "solo12-trot.safetensors"
+"""The policy that comes with the package: Solo12's trot at 0 to 0.3 m/s, cloned from 80 s of a
+pushed expert (the study `regimes`, seed 0 of BC, pushed, from the settled gait)."""
 logger = logging.getLogger(__name__)
 
 
-def find_policy(target: Path) -> tuple[Path, Config]:
+def find_policy(target: Path | None) -> tuple[Path, Config]:
     """Find a run's best policy, or take a policy file; and the configuration to run it under.
 
     The configuration is that of the run that the policy lies in. Outside of any run it is the
     default one with the policy's own gains and phase.
 
     Args:
-        target: Folder of a run, what a study keeps of it, or a policy file.
+        target: Folder of a run, what a study keeps of it, or a policy file; None is the policy that
+            comes with the package.
 
     Returns:
         File of the policy, and the configuration.
@@ -45,6 +49,8 @@ def find_policy(target: Path) -> tuple[Path, Config]:
         PolicyFileError: The file is damaged, or of another robot, layout or version.
         ValueError: The policy has another gait period, gain, phase or layout than configured.
     """
+    if target is None:
+        target = PACKAGED_POLICY
     if target.is_dir():
         run: Run | None = open_run(target)
         kept = target / KEPT_POLICY_FILE

@@ -113,7 +113,7 @@ class WatchedPlanner:
 
 
 def find_setup(target: Path | None, robot: str | None = None, gait: str | None = None) -> LiveSetup:
-    """What a target means; without one, the expert drives.
+    """What a target means; without one, the policy that comes with the package, where it fits.
 
     Args:
         target: The folder of a run, a policy file, or None.
@@ -125,15 +125,11 @@ def find_setup(target: Path | None, robot: str | None = None, gait: str | None =
         RunError: The folder holds no finished run.
         ValueError: The policy does not fit, or there is no such robot or gait.
     """
-    if target is None:
-        setup = expert_setup(Config(), robot or Config().robot.model, gait or "trot")
-    else:
-        path, config = find_policy(target)
-        policy = load(path, load_robot(config.robot).name)
-        title = f"{target.resolve().name}, {policy.robot}"
-        setup = LiveSetup(with_own_values(config), policy, title)
-        setup = with_choice(setup, setup, robot or policy.robot, gait or setup.gait)
-    return setup
+    path, config = find_policy(target)
+    policy = load(path, load_robot(config.robot).name)
+    name = path.name if target is None else target.resolve().name
+    setup = LiveSetup(with_own_values(config), policy, f"{name}, {policy.robot}")
+    return with_choice(setup, setup, robot or policy.robot, gait or setup.gait)
 
 
 def with_choice(first: LiveSetup, now: LiveSetup, robot: str, gait: str) -> LiveSetup:
