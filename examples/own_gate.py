@@ -19,8 +19,8 @@ class FastJoints:
         return np.abs(state.v[:, 6:]).max(axis=1) > self.limit
 
 
-config = sf.preset("loco_safe_dagger", "quick")
 robot = sf.solo12()
+config = sf.with_own_values(sf.preset("loco_safe_dagger", "quick"), robot)
 policy = sf.Policy(sf.PolicyNetwork(config.policy), sf.policy_spec(config), np.zeros((2, 3)))
 gate = sf.AnyOf([FastJoints(12.0), sf.Bounds(config.safety)])
 arbiter = sf.SafetySwitch(sf.SafetyMonitor(gate, block=0.5))

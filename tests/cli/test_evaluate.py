@@ -273,7 +273,7 @@ def test_policies_that_do_not_fit_are_refused(surefoot, capsys, tmp_path, run_fo
     save(other, tmp_path / "other.safetensors")
     layout = tmp_path / "layout.safetensors"
     layout.write_bytes(whole.replace(b"base_height", b"base_heigth"))
-    for name, message in (("cut", "not a whole"), ("other", "robot"), ("layout", "observation")):
+    for name, message in (("cut", "not a whole"), ("other", "robot"), ("layout", "hash")):
         assert surefoot("evaluate", tmp_path / f"{name}.safetensors") == 2
         assert message in capsys.readouterr().err
 

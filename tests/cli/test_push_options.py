@@ -5,10 +5,11 @@ from dataclasses import replace
 import pytest
 
 from surefoot.cli.push_options import OnPushes
-from surefoot.config import PushConfig
+from surefoot.config import Config
 from surefoot.config.evaluation import shortened
+from surefoot.robots.scaling import with_own_values
 
-PUSH = PushConfig()
+PUSH = with_own_values(Config()).push
 
 
 def test_without_options_the_pushes_are_those_of_the_run():

@@ -272,7 +272,7 @@ def test_starts_are_the_first_perturbation_of_the_split():
         pushed_starts(replace(CONFIG.push, speeds=11), STORED)
 
 
-def worlds(robot, batch, config):
+def worlds(robot, batch, config, ground=None):
     """Robots that go on to the bit from a state."""
     return FakeSimulator(batch, robot=robot)
 

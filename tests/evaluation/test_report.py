@@ -47,7 +47,7 @@ def test_a_report_is_read_back_as_it_was_written(tmp_path):
 def test_the_keys_are_those_of_earlier_versions():
     values = to_json(whole_report())
     own = {field.name for field in fields(Robustness)}
-    beside = {"policy", "simulator", "disturbance", *OPTIONAL}
+    beside = {"policy", "simulator", "terrain", "disturbance", *OPTIONAL}
     assert values.keys() == own | beside
     assert values["expert"].keys() == own | {"pushes"}
     assert values["disturbance"] == {

@@ -96,7 +96,7 @@ def test_a_policy_that_lies_in_no_run_brings_its_gains(finished, tmp_path, caplo
     path = tmp_path / "elsewhere" / "policy.safetensors"
     save(policy, path)
     with caplog.at_level(logging.INFO, logger="surefoot"):
-        assert find_policy(path) == (path, replace(Config(), policy=config))
+        assert find_policy(path) == (path, replace(with_own_values(Config()), policy=config))
     assert "lies in no run" in caplog.text
     assert "kp 2.5 N m/rad, kd 0.07 N m s/rad, phase as a fr" in caplog.text
     slower = Policy(trained.network, spec_of(config, 400), trained.command_range)

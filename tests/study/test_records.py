@@ -28,6 +28,7 @@ LATER = {
     "touched": "",
     "lost_at": [],
     "latching": None,
+    "covered": None,
 }
 """What the published evaluations do not hold yet."""
 

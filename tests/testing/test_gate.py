@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from surefoot.config import Config
+from surefoot.config import TABLE_I
 from surefoot.learning.classifier import Classifier, ClassifierQuality
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.safety.gates import AnyOf, Bounds
@@ -12,7 +12,7 @@ from surefoot.testing import GateContract
 from tests.fakes.learning import OBSERVATION_SPEC
 from tests.fakes.robots import ROBOT
 
-SAFETY = Config().safety
+SAFETY = TABLE_I
 
 
 class TestBounds(GateContract):

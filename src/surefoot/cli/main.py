@@ -158,10 +158,9 @@ def parse(args: Sequence[str]) -> Subcommand:
 
 def overview() -> str:
     """The first help screen: one line for each command."""
-    lines = ["usage: surefoot COMMAND [OPTIONS]", "", "commands:"]
+    lines = ["usage: surefoot COMMAND [OPTIONS]; COMMAND --help lists options and JSON keys", ""]
     for name, entry in COMMANDS.items():
         lines.append(f"  {name:<14}{entry.summary}")
-    lines += ["", "`surefoot COMMAND --help` lists the options of a command, and its JSON keys."]
     return "\n".join(lines)
 
 

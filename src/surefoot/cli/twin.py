@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RunTwin:
-    """Simulate a robot behind the bridge that a real one has, until it is interrupted.
+    """Simulate a robot behind the bridge that a real one has; Ctrl-C ends it.
 
-    `surefoot run POLICY --robot udp://127.0.0.1:PORT` drives it. Paced by the wall clock, or in
-    lockstep with one tick for each command; with noise, delay, loss, jitter and a payload on wish.
+    A runtime drives it, `surefoot run POLICY --robot udp://127.0.0.1:PORT`: paced by the wall clock,
+    or in lockstep with one tick for each command; with noise, delay, loss, jitter and a payload.
     """
 
     robot: str = "solo12"
