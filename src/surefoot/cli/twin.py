@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 class RunTwin:
     """Simulate a robot behind the bridge that a real one has; Ctrl-C ends it.
 
-    A runtime drives it, `surefoot run POLICY --robot udp://127.0.0.1:PORT`: paced by the wall clock,
-    or in lockstep with one tick for each command; with noise, delay, loss, jitter and a payload.
+    A runtime drives it, `surefoot run POLICY --robot udp://127.0.0.1:PORT`: paced by the wall
+    clock, or in lockstep with one tick for each command; with noise, delay, loss, jitter and a
+    payload.
     """
 
     robot: str = "solo12"
