@@ -6,6 +6,7 @@ from ast import literal_eval
 from pathlib import Path
 
 import nbformat
+import numpy as np
 import pytest
 from make_notebook import notebook_of
 from nbclient import NotebookClient
@@ -17,7 +18,7 @@ FOLDER = ROOT / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
 IN_README = ("own_expert.py", "clone_expert.py")
 """The examples that the README shows, in its order."""
-OTHERS = ("first_hour.py", "socket_server.py", "train_ppo.py")
+OTHERS = ("first_hour.py", "known_answers.py", "socket_server.py", "train_ppo.py")
 """The examples that do not end with a list of outcomes."""
 OUTCOMES = {
     "own_expert.py": ["STALLED"] * 20,
@@ -94,3 +95,15 @@ def test_the_readme_shows_the_examples_as_they_are():
     readme = (ROOT / "README.md").read_text()
     programs = re.findall(r"```python\n(.*?)```", readme, flags=re.DOTALL)
     assert programs == [(FOLDER / name).read_text() for name in IN_README]
+
+
+def test_the_known_answers_are_those_of_the_documentation(run):
+    printed = "\n".join(run("known_answers.py"))
+    page = (ROOT / "docs" / "known-answers.md").read_text()
+    assert printed.splitlines()[0].split()[-1] in page
+    for name in ("torque", "joint angles"):
+        answers = [
+            np.array(re.findall(r"-?\d+\.\d*", text[text.index(name) :])[:12], float)
+            for text in (printed, page[page.index("```") :])
+        ]
+        np.testing.assert_allclose(answers[0], answers[1], rtol=0, atol=2e-4)
