@@ -1,4 +1,4 @@
-"""Print answers that are known: compare your installation, or your own implementation, with them."""
+"""Print known answers: compare your installation, or your own implementation, with them."""
 
 import numpy as np
 
