@@ -18,8 +18,9 @@ from surefoot.config import Config
 class Fit(OnGait, OnRobot):
     """Train a policy on a dataset, such as one of `surefoot import-data`, without any rollout.
 
-    Robot and gait are those of the data: they decide about the gains of the policy's PD law and the
-    period of its clock. `surefoot evaluate` and `surefoot play` take the policy.
+    Robot and gait are those of the data: they decide about the gains of the policy's PD law, the
+    period of its clock, and the limits and safety bounds that its file names. `surefoot evaluate`
+    and `surefoot play` take the policy.
     """
 
     data: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DATA")]
@@ -38,17 +39,30 @@ class Fit(OnGait, OnRobot):
         from surefoot.learning.network import PolicyNetwork
         from surefoot.learning.policy import Policy, policy_spec, save
         from surefoot.learning.train import fit
+        from surefoot.robots.load import load_robot
+        from surefoot.robots.scaling import with_own_values
+        from surefoot.runs.policies import joint_limits, safety_bounds
 
         check_outputs([Output("OUT", self.out, (".safetensors",))])
         data = Dataset(self.data)
         if not data.shards:
             raise ValueError(f"{self.data} holds no dataset; `surefoot import-data` makes one")
         config = self.with_robot(self.config)
+        robot = load_robot(config.robot)
+        config = with_own_values(config, robot)
         spec = policy_spec(config)
-        network = PolicyNetwork(config.policy, self.seed)
+        network = PolicyNetwork(config.policy, self.seed, spec.observation.input_size)
         result = fit(network, data, config.training, spec, self.epochs, self.seed)
         origin = {"dataset": data.folder.name, "dataset_hash": data.hash, "seed": self.seed}
-        policy = Policy(result.network, spec, result.command_range, config.robot.model, origin)
+        policy = Policy(
+            result.network,
+            spec,
+            result.command_range,
+            robot.name,
+            origin,
+            joint_limits(robot),
+            safety_bounds(config),
+        )
         save(policy, self.out)
         print(
             f"{self.out}: {result.steps} steps on {result.frames} frames, "

@@ -138,6 +138,7 @@ def frames_from_arrays(
         expert_drove=given.get("expert_drove", np.ones(n)).astype(bool),
         episode=first_episode + number,
         outcome=_whole("outcome", given.get("outcome", np.zeros(n))).astype(np.int8),
+        elapsed=_elapsed(number),
     )
 
 
@@ -211,6 +212,16 @@ def _episodes(given: Mapping[str, NDArray], tick: IntArray) -> IntArray:
         "does not follow the row before it by 1 ms in its episode; record at 1 kHz, or resample",
     )
     return np.concatenate([[0], np.cumsum(changes)])
+
+
+def _elapsed(number: IntArray) -> NDArray[np.int32]:
+    """``(n,)`` ticks since the episode of each row began; rows of an episode are 1 ms apart.
+
+    Args:
+        number: ``(n,)`` number of the episode of each row, from 0 on without gaps.
+    """
+    first = np.flatnonzero(np.diff(number, prepend=-1))
+    return (np.arange(len(number)) - first[number]).astype(np.int32)
 
 
 def _check_posture(q: Array, robot: RobotModel) -> None:

@@ -151,6 +151,7 @@ class RecordedPast:
                 f"episode {frames.episode[rows][found.argmin()]} lacks ticks that a layout with a "
                 "history needs, which are not only those that were kept: load them with "
                 "Dataset.load(all_ticks=True) or take them from Rollout.recording. Data of format "
-                "1 do not hold them: collect again, or use policy.layout full"
+                "1 do not hold them, and logs that an earlier version imported do not number them: "
+                "collect or import again, or use policy.layout full"
             )
         return source

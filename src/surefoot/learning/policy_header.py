@@ -12,13 +12,13 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from surefoot.config import HeightRule, Phase
+from surefoot.config import Gait, HeightRule, Phase
 from surefoot.config.json_io import from_json, to_json
 from surefoot.errors import shown
 from surefoot.learning.layouts import PARTS, STORED_FORMER, History, Layout
 from surefoot.learning.observation import GaitTiming, ObservationSpec
 from surefoot.learning.tensor_file import Header
-from surefoot.types import JOINTS, TICKS_PER_SECOND
+from surefoot.types import JOINTS, TICKS_PER_SECOND, to_ticks
 
 FORMAT = 3
 """Version of the policy file."""
@@ -264,7 +264,8 @@ def _from_former(header: Header) -> Header:
     period = former.pop("period_ticks", None)
     if type(period) is not int:
         raise ValueError(f"header.period_ticks is {shown(period)}, expected int")
-    gait = GaitTiming("trot", period)
+    # The format says no more of the gait; those of the trot's period were nearly always trots.
+    gait = GaitTiming("trot" if period == to_ticks(Gait().period) else "custom", period)
     full = layout_keys(ObservationSpec("circle", (gait,)))
     if "phase" not in former:
         raise ValueError("header lacks phase")

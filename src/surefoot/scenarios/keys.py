@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -26,6 +26,8 @@ SIMULATORS = {"mujoco": "mujoco", "bullet": "pybullet"}
 """The package of each simulator."""
 ROOMS = ("mpc", "robots", "scenarios", "sim")
 """Folders of the package whose code decides it too, while somebody changes that code."""
+MODULES = ("rotations.py", "types.py")
+"""Modules outside of these folders that do so."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Ingredients:
         robot: SHA-256 of the robot's spec and description.
         torque_limit: The torque limit of all joints, if it is one [N m].
         enforce_speed_limit: Whether motors stop at the joints' speed limits.
-        simulation: The simulator.
+        simulation: The simulator, without its terrain: what is prepared is made on the plane.
         gait: The gait.
         expert: The expert.
         fall_height: Base heights that are no fall [m].
@@ -75,7 +77,7 @@ def ingredients_of(config: Config) -> Ingredients:
         robot=description_hash(find_spec(config.robot)),
         torque_limit=config.robot.torque_limit,
         enforce_speed_limit=config.robot.enforce_speed_limit,
-        simulation=config.simulation,
+        simulation=replace(config.simulation, terrain=None),
         gait=config.gait,
         expert=config.expert,
         fall_height=config.safety.fall_height,
@@ -92,10 +94,11 @@ def key_of(*records: object) -> str:
 def code_hash() -> str:
     """SHA-256 of the package's code that decides how the expert walks."""
     sha = hashlib.sha256()
-    for room in ROOMS:
-        for path in sorted((Path(surefoot.__file__).parent / room).glob("*.py")):
-            sha.update(path.name.encode())
-            sha.update(path.read_bytes())
+    package = Path(surefoot.__file__).parent
+    paths = [path for room in ROOMS for path in sorted((package / room).glob("*.py"))]
+    for path in (*paths, *(package / name for name in MODULES)):
+        sha.update(path.name.encode())
+        sha.update(path.read_bytes())
     return sha.hexdigest()
 
 

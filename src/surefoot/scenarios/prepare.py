@@ -13,15 +13,16 @@ import logging
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from surefoot.caches import user_folder
 from surefoot.config import Config, PerturbationConfig, SafetyConfig, Split
-from surefoot.config.checked import known
-from surefoot.config.presets import straight_trot
+from surefoot.config.checked import Checked, known
+from surefoot.config.safety import Range
 from surefoot.mpc.gaits import gait_name
 from surefoot.robots.bounds import joint_rows
 from surefoot.robots.geometry import state_of
@@ -48,6 +49,7 @@ from surefoot.scenarios.starts import StartSet, load_starts, save_starts
 from surefoot.scenarios.walking import Walks
 from surefoot.types import Array, BoolArray, IntArray, to_ticks
 
+Section = TypeVar("Section", bound=Checked)
 MARGIN = 10.0
 """[deg] The bounds on angles lie so far beyond what the settled gait needs."""
 LOWER = 0.02
@@ -323,15 +325,46 @@ def with_preparation(config: Config, made: Preparation) -> Config:
 
 
 def with_values_of(before: Config, config: Config) -> Config:
-    """The configuration, with what an earlier one has measured in place of None.
+    """The configuration, with the values of an earlier one in place of every None.
+
+    One rule serves all fields that may be None: what is not asked for now stays as it is, whether
+    it was measured, followed from the robot, or was given when the run began. Only which robot it
+    is has to be said again.
 
     Args:
         before: The configuration of a run that has begun, which is to go on with the same values.
         config: What is asked for now.
     """
-    if config.start_set is None and not straight_trot(config):
-        config = replace(config, start_set=before.start_set)
-    return _filled(config, before.expert.command_gain, before.safety)
+    robot = config.robot
+    config = _with_values(before, config)
+    config = replace(config, robot=replace(config.robot, spec=robot.spec))
+    stored = before.safety
+    if not config.safety.joints and _ranges(config.safety) == _ranges(stored):
+        config = replace(config, safety=replace(config.safety, joints=stored.joints))
+    config = with_own_values(config)
+    if stored.joints and config.safety.joints == stored.joints:  # then nobody looks at the ranges
+        hip, flexion, knee = _ranges(stored)
+        safety = replace(config.safety, hip_abduction=hip, hip_flexion=flexion, knee=knee)
+        config = replace(config, safety=safety)
+    return config
+
+
+def _with_values(before: Section, config: Section) -> Section:
+    """A part of a configuration, with the values of the same part of another in place of None."""
+    values = {}
+    for field in fields(config):
+        now = vars(config)[field.name]
+        earlier = vars(before)[field.name]
+        if now is None:
+            values[field.name] = earlier
+        elif isinstance(now, Checked) and type(now) is type(earlier):
+            values[field.name] = _with_values(earlier, now)
+    return replace(config, **values)
+
+
+def _ranges(safety: SafetyConfig) -> tuple[Range | None, Range | None, Range | None]:
+    """The ranges [deg] of hip abduction, hip flexion and knee."""
+    return safety.hip_abduction, safety.hip_flexion, safety.knee
 
 
 def _filled(config: Config, gain: Triple | None, measured: SafetyConfig) -> Config:
@@ -347,7 +380,6 @@ def _filled(config: Config, gain: Triple | None, measured: SafetyConfig) -> Conf
         safety = replace(safety, com_height=measured.com_height)
     if safety.roll_pitch is None:
         safety = replace(safety, roll_pitch=measured.roll_pitch)
-    ranges = (safety.hip_abduction, safety.hip_flexion, safety.knee)
-    if not safety.joints and ranges == (None, None, None):
+    if not safety.joints and _ranges(safety) == (None, None, None):
         safety = replace(safety, joints=measured.joints)
     return with_own_values(replace(config, expert=expert, safety=safety))

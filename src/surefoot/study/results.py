@@ -23,10 +23,11 @@ from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
 from surefoot.robots.scaling import with_own_values
+from surefoot.runs.initial_states import resumed_config
 from surefoot.runs.layout import KEPT_POLICY_FILE, STARTS_FILE
 from surefoot.runs.metrics import Best, StageRecord
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, read_setup
-from surefoot.scenarios.prepare import with_values_of
+from surefoot.scenarios.starts import PACKAGED
 from surefoot.study.cells import Cell, cell_config, cells_of, measurements_of
 
 Record = TypeVar("Record")
@@ -316,7 +317,7 @@ def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
     metrics: tuple[StageRecord, ...] = ()
     if (results / CONFIG_FILE).exists():
         run = open_run(results)
-        config = with_values_of(run.config, run_config(setup, cell))
+        config = _resumed(run_config(setup, cell), run)
         if with_own_values(run.config) != config:
             raise StudyError(
                 f"{results} holds results of another configuration than {folder / STUDY_FILE} asks "
@@ -333,6 +334,19 @@ def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
     return CellResult(
         cell, config, metrics, tests, tuple(jobs), policy if policy.exists() else None
     )
+
+
+def _resumed(asked: Config, run: Run) -> Config:
+    """The configuration that a study asks for, with what its run has, to be compared with that.
+
+    Args:
+        asked: What the study asks for.
+        run: The run, or what the study keeps of it.
+    """
+    if asked.start_set not in (None, *PACKAGED) and not Path(asked.start_set).exists():
+        # A file of another machine: the results have their own copy of the initial states.
+        asked = replace(asked, start_set=run.config.start_set)
+    return resumed_config(asked, run.config, read_setup(run.folder).starts_hash)
 
 
 def _is_complete(study: StudyConfig, result: CellResult) -> bool:
