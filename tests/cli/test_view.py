@@ -12,11 +12,17 @@ class Recorder:
     """Stands for the page, and notes what it was made of."""
 
     made: list = []  # noqa: RUF012
+    interrupted = True
 
     def __init__(self, setup, run, port):
         self.made.append((setup, run, port))
         self.address = "http://127.0.0.1:1"
-        self.closed = False
+        self.loop = self
+        self.failure = "KeyError: 'hip'"
+
+    def wait(self):
+        if self.interrupted:
+            raise KeyboardInterrupt
 
     def close(self):
         self.made.append("closed")
@@ -27,13 +33,9 @@ def pages(monkeypatch):
     """The pages that were opened, and the addresses that a browser was sent to."""
     import surefoot.viz.browser
 
-    def interrupted():
-        raise KeyboardInterrupt
-
     opened = []
     Recorder.made = []
     monkeypatch.setattr(surefoot.viz.browser, "Page", Recorder)
-    monkeypatch.setattr(view, "wait_for_the_end", interrupted)
     monkeypatch.setattr(view.webbrowser, "open", opened.append)
     monkeypatch.setenv("DISPLAY", ":0")
     return Recorder.made, opened
@@ -67,6 +69,15 @@ def test_without_a_target_the_expert_drives_and_without_a_screen_no_browser_open
 def test_the_browser_stays_closed_if_it_is_not_wanted(surefoot, pages):
     assert surefoot("view", "--no-browser") == 0
     assert pages[1] == []
+
+
+def test_a_page_whose_thread_has_ended_is_closed_and_the_error_said(
+    surefoot, pages, monkeypatch, capsys
+):
+    monkeypatch.setattr(Recorder, "interrupted", False)
+    assert surefoot("view", "--no-browser") == 2
+    assert "the page has stopped: KeyError: 'hip'" in capsys.readouterr().err
+    assert pages[0][-1] == "closed"
 
 
 @pytest.mark.parametrize(

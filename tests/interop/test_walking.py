@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import CommandBox, SafetyConfig
+from surefoot.interop import walking
 from surefoot.interop.walking import (
     Walkers,
     WalkingTask,
@@ -141,6 +142,32 @@ def test_a_new_episode_asks_the_expert_anew():
     robots.begin(np.array([True, False]), generators())
     assert (robots.expert_action[0] == first[0]).all()
     assert (robots.expert_action[1] != first[1]).any()
+
+
+def test_a_terrain_is_refused_and_not_ignored():
+    simulation = replace(CONFIG.simulation, terrain="bumps:0.03")
+    with pytest.raises(ValueError, match="simulation.terrain is 'bumps:0.03'"):
+        Walkers(replace(CONFIG, simulation=simulation), WalkingTask(), 1)
+
+
+def test_an_expert_that_is_asked_has_measured_command_gains(monkeypatch):
+    measured = []
+
+    def measure(config):
+        measured.append(config)
+        return replace(config, expert=replace(config.expert, command_gain=(1.5, 1.4, 1.3)))
+
+    made = []
+    monkeypatch.setattr(walking, "with_measured_gain", measure)
+    monkeypatch.setattr(walking, "make_expert", lambda robot, config: made.append(config))
+    config = walking_config("go2")
+    assert config.expert.command_gain is None
+    Walkers(config, WalkingTask(), 1)
+    assert measured == []
+    Walkers(config, WalkingTask(expert=True), 1)
+    assert measured == [config]
+    [used] = made
+    assert used.expert.command_gain == (1.5, 1.4, 1.3)
 
 
 @pytest.mark.parametrize(

@@ -161,6 +161,31 @@ def test_contact_forces_are_those_of_the_simulator():
     np.testing.assert_array_equal(force > 0.0, simulation.snapshot().state.contacts)
 
 
+class RememberingController(FakeController):
+    """Notes the torques of all ticks, as a policy with a history does."""
+
+    def reset(self, batch):
+        super().reset(batch)
+        self.observed = []
+
+    def observe(self, state, tick, torque):
+        self.observed.append((tick[0], torque[0]))
+
+
+def test_a_policy_with_a_history_remembers_every_tick_with_the_clipped_torque_whoever_drives():
+    simulator = FakeSimulator(1)
+    policy = RememberingController(-1e3)
+    simulation: Any = LiveSimulation(simulator, SAFETY, 0.1, FakeController(EXPERT), policy)
+    simulation.step(2)
+    simulation.set_driver("expert")
+    simulation.step(2)
+    ticks, torques = zip(*policy.observed, strict=True)
+    assert ticks == (0, 1, 2, 3)
+    np.testing.assert_array_equal(torques, np.concatenate(simulator.applied))
+    np.testing.assert_array_equal(torques[0], -simulator.robot.torque_limit)
+    assert torques[3][0] > 0.0
+
+
 def test_a_simulation_is_of_one_robot():
     with pytest.raises(ValueError, match="give it one"):
         LiveSimulation(FakeSimulator(2), SAFETY, 0.1, FakeController())

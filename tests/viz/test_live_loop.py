@@ -82,7 +82,7 @@ class Source:
 def loop():
     drawn = threading.Event()
     errors = []
-    loop = LiveLoop(Source(), drawn.set, errors.append)
+    loop = LiveLoop(Source(), drawn.set, errors.append, errors.append)
     loop.start()
     yield loop, drawn, errors
     loop.stop()
@@ -131,3 +131,26 @@ def test_an_error_of_what_was_asked_for_is_reported_and_ends_nothing(loop):
     asked(loop, fail)
     assert errors == ["no such robot"]
     assert loop.alive
+
+
+def test_a_mistake_in_what_was_asked_for_is_logged_and_ends_nothing(loop, caplog):
+    loop, _, errors = loop
+    asked(loop, lambda: {}["hip"])
+    assert errors == ["KeyError: 'hip'"]
+    assert "Traceback" in caplog.text
+    assert loop.alive
+
+
+def test_an_error_of_a_picture_ends_the_thread_is_logged_and_said(caplog):
+    def fail():
+        raise KeyError("hip")
+
+    said = []
+    loop = LiveLoop(Source(), fail, said.append, said.append)
+    loop.start()
+    loop.wait()
+    assert not loop.alive
+    assert loop.failure == "KeyError: 'hip'"
+    assert said == [loop.failure]
+    assert "Traceback" in caplog.text
+    loop.stop()

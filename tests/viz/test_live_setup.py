@@ -77,7 +77,16 @@ def test_gains_that_cannot_be_measured_are_said(monkeypatch):
 
     live_setup._measured.cache_clear()
     monkeypatch.setattr(live_setup, "with_measured_gain", refuse)
-    assert "it fell" in expert_setup(Config(), "solo12", "walk").note
+    note = expert_setup(Config(), "solo12", "walk").note
+    assert note == "the command gains could not be measured and are 1: it fell"
+
+
+def test_a_terrain_of_the_configuration_is_said_not_to_be_there(unmeasured):
+    simulation = replace(Config().simulation, terrain="bumps:0.03")
+    note = expert_setup(Config(simulation=simulation), "solo12", "walk").note
+    assert "level" in note
+    assert "bumps:0.03" in note
+    assert expert_setup(Config(), "solo12", "walk").note == ""
 
 
 def test_the_expert_walks_live_as_it_does_in_a_rollout_to_the_same_bits():

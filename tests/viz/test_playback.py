@@ -3,12 +3,17 @@
 import numpy as np
 import pytest
 
+from surefoot.config import Config, SimulationConfig
 from surefoot.robots.load import load_robot
-from surefoot.rollouts.jobs import disturbance_of, play_out
+from surefoot.robots.scaling import with_own_values
+from surefoot.rollouts.arbiters import ExpertOnly
+from surefoot.rollouts.episodes import Episodes
+from surefoot.rollouts.jobs import Job, disturbance_of, play_out
 from surefoot.runs.episode_ids import EpisodeId
-from surefoot.viz.playback import Playback, open_episode
-from surefoot.viz.replay import recorded_episode
-from surefoot.viz.snapshot import PUSH_SHOWN
+from surefoot.types import Command, State
+from surefoot.viz.playback import Playback, felt_heights, open_episode
+from surefoot.viz.replay import recorded_episode, standing_start
+from surefoot.viz.snapshot import PUSH_SHOWN, SAMPLE_TICKS, MarginMeter
 from tests.fakes.rollouts import blank
 from tests.fakes.toy_runs import SAFETY
 
@@ -76,6 +81,44 @@ def test_an_episode_that_was_over_at_once_cannot_be_shown():
     rollouts = blank(1, 5, length=np.array([0]))
     with pytest.raises(ValueError, match="nothing to show"):
         Playback(load_robot("solo12"), SAFETY, rollouts)
+
+
+@pytest.fixture(scope="module")
+def on_steps():
+    """The configuration of an expert that walks over blocks, and what happened."""
+    config = with_own_values(Config(simulation=SimulationConfig(terrain="blocks:0.05")))
+    episodes = Episodes(standing_start(Command(0.2)), 0.6)
+    return config, play_out(Job(config, episodes, ExpertOnly()))[0]
+
+
+def test_on_a_terrain_heights_and_margins_are_those_above_the_felt_ground(on_steps):
+    config, rollouts = on_steps
+    assert rollouts.ground is not None
+    robot = load_robot(config.robot)
+    playback = Playback(robot, config.safety, rollouts)
+    last = int(rollouts.length[0])
+    assert np.ptp(rollouts.q[0, :last, 2] - rollouts.seen.q[0, :last, 2]) > 0.005
+    meter = MarginMeter(robot, config.safety)
+    for tick in range(0, last, 10):
+        playback.seek(tick)
+        snapshot = playback.snapshot()
+        seen = rollouts.seen[0, tick]
+        np.testing.assert_allclose(snapshot.state.q, seen.q, atol=1e-12)
+        np.testing.assert_allclose(snapshot.state.feet, seen.feet, atol=1e-12)
+        shares = [margin.share for margin in snapshot.margins]
+        np.testing.assert_allclose(shares, [margin.share for margin in meter(seen)], atol=1e-9)
+    np.testing.assert_allclose(
+        playback.trace[:, 3], rollouts.seen.com[0, :last:SAMPLE_TICKS, 2], atol=1e-12
+    )
+
+
+def test_what_feet_felt_last_holds_through_a_flight():
+    feet = np.zeros((4, 4, 3))
+    feet[:, :, 2] = np.array([0.1, 0.2, 0.3, 0.4])[:, None]
+    contacts = np.array([[False] * 4, [True] * 4, [False] * 4, [True, False, False, False]])
+    blank_q = np.zeros((4, 19))
+    states = State(blank_q, np.zeros((4, 18)), np.zeros((4, 3)), feet, contacts)
+    np.testing.assert_allclose(felt_heights(states, 0.02, 0.7), [0.7, 0.18, 0.18, 0.38])
 
 
 def test_an_unknown_episode_is_refused(queried_run):

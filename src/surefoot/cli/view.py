@@ -7,7 +7,6 @@ import sys
 import webbrowser
 from dataclasses import dataclass, replace
 from pathlib import Path
-from threading import Event
 from typing import Annotated
 
 import tyro
@@ -41,7 +40,11 @@ class View(OnSimulator):
     """Open the page in the browser, where there is a screen."""
 
     def __call__(self) -> int:
-        """Show the page until it is interrupted."""
+        """Show the page until it is interrupted.
+
+        Raises:
+            RuntimeError: The page's thread has ended with an error.
+        """
         from surefoot.viz.browser import Page
         from surefoot.viz.live_setup import find_setup
 
@@ -55,12 +58,13 @@ class View(OnSimulator):
         if self.browser and has_screen():
             webbrowser.open(page.address)
         try:
-            wait_for_the_end()
+            page.loop.wait()
+            # Nothing but an error ends the thread before the page is closed.
+            raise RuntimeError(f"the page has stopped: {page.loop.failure}")
         except KeyboardInterrupt:
             return 0
         finally:
             page.close()
-        return 0
 
 
 def has_screen() -> bool:
@@ -68,8 +72,3 @@ def has_screen() -> bool:
     if sys.platform != "linux":
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
-def wait_for_the_end() -> None:
-    """Wait until somebody interrupts the program."""
-    Event().wait()

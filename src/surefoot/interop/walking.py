@@ -29,6 +29,7 @@ from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.compiled import clip_torque
 from surefoot.rollouts.outcome import fallen
 from surefoot.rotations import to_heading
+from surefoot.scenarios.gains import with_measured_gain
 from surefoot.scenarios.starts import Starts, at_rest, starts_of
 from surefoot.sim import make_simulator
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, State, to_ticks
@@ -60,7 +61,8 @@ class WalkingTask(Checked):
     `config.start_set`, with its command."""
     expert: bool = False
     """Whether every info has `expert_action`, the expert's answer to the same observation. Its
-    model predictive controller then plans every 50 ms."""
+    model predictive controller then plans every 50 ms. Its command gains of another robot than
+    Solo12, or another gait than the trot, are measured, which takes seconds the first time."""
     action_range: Annotated[float, Within(0.01, 10.0)] = 2.0
     """[rad] an action of 1 or -1 is a target this far from the nominal pose. Walking
     undisturbed, the experts of Solo12 and Go2 stay within 1.1 and 1.6 rad."""
@@ -140,10 +142,18 @@ class Walkers:
         tick: ``(B,)`` gait clock [ms].
 
     Raises:
-        ValueError: There is no robot, or the stored initial states are of another robot or gait.
+        ValueError: There is no robot, the stored initial states are of another robot or gait, the
+            configuration has a terrain, or the expert is asked for and does not walk in this gait.
     """
 
     def __init__(self, config: Config, task: WalkingTask, batch: int) -> None:
+        if config.simulation.terrain is not None:
+            raise ValueError(
+                f"simulation.terrain is {config.simulation.terrain!r}, but the robots of an "
+                "environment walk on level ground; leave it out, or set it to None"
+            )
+        if task.expert:
+            config = with_measured_gain(config)
         self.robot = load_robot(config.robot)
         self.batch = batch
         self.task = task

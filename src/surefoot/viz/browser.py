@@ -14,7 +14,7 @@ from surefoot.robots.scaling import size_of
 from surefoot.types import Command
 from surefoot.viz.browser_controls import Controls
 from surefoot.viz.browser_episodes import EpisodeList
-from surefoot.viz.browser_panels import Instruments, status_html
+from surefoot.viz.browser_panels import Instruments, failure_html, status_html
 from surefoot.viz.browser_scene import RobotScene
 from surefoot.viz.browser_server import address_of, open_server
 from surefoot.viz.live import DriverName, LiveSimulation
@@ -59,7 +59,7 @@ class Page:
         self._controls, self._episodes = self._add_controls()
         self._scene = RobotScene(self._server, self.live.robot)
         self._scene.look()
-        self.loop = LiveLoop(self.live, self._draw, self._report)
+        self.loop = LiveLoop(self.live, self._draw, self._report, self._fail)
         self._fit()
         self.loop.start()
 
@@ -124,7 +124,7 @@ class Page:
         self.loop.call(lambda: self._choose(robot, gait))
 
     def _choose(self, robot: str, gait: str) -> None:
-        self._show_busy(f"{robot} learns what it is to do in a {gait} ...")
+        self._show_busy(f"measuring the command gains of {robot} in a {gait} ...")
         try:
             setup = with_choice(self._first, self._setup, robot, gait)
             if setup is not self._setup:
@@ -195,6 +195,10 @@ class Page:
     def _report(self, error: str) -> None:
         """Show an error of something that was asked for."""
         self._error = error
+
+    def _fail(self, error: str) -> None:
+        """Show the error that has ended the thread, and nothing of the source, which may be broken."""
+        self._instruments.say(failure_html(error))
 
     def _show_busy(self, text: str) -> None:
         """Say what takes long; nothing else is drawn meanwhile."""

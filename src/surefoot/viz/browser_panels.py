@@ -69,6 +69,16 @@ def status_html(snapshot: Snapshot, title: str, speed: float | None, rate: float
     return f'<div style="padding:0.5em 0.75em;font-size:0.85em">{"".join(lines)}</div>'
 
 
+def failure_html(error: str) -> str:
+    """What the page says after an error that has ended it.
+
+    Args:
+        error: The message of the error.
+    """
+    message = f"{_badge('this page has stopped', OUTSIDE_COLOR)} {html.escape(error)}"
+    return f'<div style="padding:0.5em 0.75em;font-size:0.85em">{message}</div>'
+
+
 def margins_html(margins: tuple[Margin, ...]) -> str:
     """The margins as bars: full in the nominal pose, empty at the bound, and red outside.
 

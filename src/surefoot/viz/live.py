@@ -17,6 +17,7 @@ from surefoot.config import SafetyConfig
 from surefoot.errors import unknown
 from surefoot.robots.model import RobotModel, standing, stop_speeding
 from surefoot.rollouts.compiled import clip_torque, driver
+from surefoot.rollouts.engine import Remembering
 from surefoot.rollouts.outcome import fallen
 from surefoot.rotations import from_heading
 from surefoot.safety.monitor import SafetyMonitor
@@ -242,6 +243,8 @@ class LiveSimulation:
         torque = clip_torque(
             controller.torque(state, tick, command, EVERYONE), self.robot.torque_limit
         )
+        if isinstance(self._policy, Remembering):  # whoever drove
+            self._policy.observe(state, tick, torque)
         if self._expert_drives and self._expert.diverged[0]:
             self._ended = "the expert gave up: it has no valid plan"
         if self.robot.enforce_speed_limit:

@@ -24,6 +24,8 @@ FRAME_SECONDS = 0.04
 """[s] Time between two pictures: 25 a second."""
 IDLE_SECONDS = 0.002
 """[s] How long the thread sleeps when nothing is due."""
+WAIT_SECONDS = 0.5
+"""[s] While somebody waits for the thread to end, Ctrl-C is noticed after so long at most."""
 RATE_SECONDS = 1.0
 """[s] The time over which the real rate is measured."""
 
@@ -81,21 +83,29 @@ class LiveLoop:
         source: What is shown first.
         draw: Called 25 times a second, in the loop's thread, to show the source.
         report: Called with the message of an error of a function that was handed over.
+        fail: Called with the message of an error that ends the thread, in that thread.
 
     Attributes:
+        failure: The message of the error that has ended the thread; empty without one.
         source: What is shown; only the loop's own thread may use or change it.
         pace: The clock of the simulation.
         paused: True while no time passes.
     """
 
     def __init__(
-        self, source: Source, draw: Callable[[], object], report: Callable[[str], object]
+        self,
+        source: Source,
+        draw: Callable[[], object],
+        report: Callable[[str], object],
+        fail: Callable[[str], object],
     ) -> None:
         self.source = source
+        self.failure = ""
         self.pace = Pace()
         self.paused = False
         self._draw = draw
         self._report = report
+        self._fail = fail
         self._calls: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="surefoot-view", daemon=True)
@@ -109,6 +119,11 @@ class LiveLoop:
         self._stopping.set()
         self._thread.join()
 
+    def wait(self) -> None:
+        """Wait until the thread has ended; Ctrl-C ends the waiting."""
+        while self.alive:
+            self._thread.join(WAIT_SECONDS)
+
     @property
     def alive(self) -> bool:
         """Whether the thread runs."""
@@ -119,6 +134,15 @@ class LiveLoop:
         self._calls.put(function)
 
     def _run(self) -> None:
+        """Let time pass; an error that nobody expected ends it, and is logged and shown."""
+        try:
+            self._pass_time()
+        except Exception as error:
+            logger.exception("the thread of the page has ended")
+            self.failure = f"{type(error).__name__}: {error}"
+            self._fail(self.failure)
+
+    def _pass_time(self) -> None:
         """Simulate and draw until it is told to stop."""
         next_picture = 0.0
         self.pace.restart()
@@ -149,5 +173,8 @@ class LiveLoop:
             except (ValueError, ArithmeticError, OSError, ImportError, RuntimeError) as error:
                 logger.info("%s", error)
                 self._report(str(error))
+            except Exception as error:  # a mistake in the package: whoever reads the log finds it
+                logger.exception("what was asked for has failed")
+                self._report(f"{type(error).__name__}: {error}")
             # What took long is not made up for.
             self.pace.restart()

@@ -128,7 +128,8 @@ def find_setup(target: Path | None, robot: str | None = None, gait: str | None =
     path, config = find_policy(target)
     policy = load(path, load_robot(config.robot).name)
     name = path.name if target is None else target.resolve().name
-    setup = LiveSetup(with_own_values(config), policy, f"{name}, {policy.robot}")
+    title = f"{name}, {policy.robot}"
+    setup = LiveSetup(with_own_values(config), policy, title, _ground_note(config))
     return with_choice(setup, setup, robot or policy.robot, gait or setup.gait)
 
 
@@ -169,8 +170,17 @@ def expert_setup(config: Config, robot: str, gait: str) -> LiveSetup:
     model = load_robot(config.robot)
     root = float(np.sqrt(size_of(model).length_ratio))
     box = CommandBox(_scaled(WIDE.vx, root), _scaled(WIDE.vy, root), WIDE.yaw_rate)
-    config, note = _measured(replace(config, commands=box))
+    config, unmeasured = _measured(replace(config, commands=box))
+    note = " ".join(filter(None, (unmeasured, _ground_note(config))))
     return LiveSetup(config, None, f"{model.name}, {gait}", note)
+
+
+def _ground_note(config: Config) -> str:
+    """What to know about the ground, which is level here; empty where it is in the configuration."""
+    terrain = config.simulation.terrain
+    if terrain is None:
+        return ""
+    return f"The ground is level here: simulation.terrain, {terrain}, is that of episodes only."
 
 
 def _scaled(interval: tuple[float, float], factor: float) -> tuple[float, float]:
@@ -185,7 +195,9 @@ def _measured(config: Config) -> tuple[Config, str]:
     try:
         return with_measured_gain(config), ""
     except ValueError as error:
-        return with_own_values(config), f"the command gains are those of no measurement: {error}"
+        return with_own_values(
+            config
+        ), f"the command gains could not be measured and are 1: {error}"
 
 
 def start(setup: LiveSetup) -> LiveSimulation:

@@ -1,7 +1,9 @@
 """A recorded episode as something a page can show: it passes in real time, or is scrubbed.
 
 The episode is played out again, bit for bit (`replay.recorded_episode`), and then shown from
-memory. Read `snapshot` for what is shown.
+memory. On a ground of their own, robots are shown with heights above the ground that their feet
+feel, as bounds and falls are judged; the floor that is drawn is level. Read `snapshot` for what is
+shown.
 """
 
 from __future__ import annotations
@@ -18,7 +20,15 @@ from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.jobs import play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rotations import from_heading
-from surefoot.types import TICKS_PER_SECOND, Array, Command, State, to_ticks
+from surefoot.types import (
+    TICKS_PER_SECOND,
+    Array,
+    Command,
+    State,
+    ground_height,
+    lowered,
+    to_ticks,
+)
 from surefoot.viz.replay import recorded_episode
 from surefoot.viz.snapshot import (
     PUSH_SHOWN,
@@ -62,13 +72,17 @@ class Playback:
             raise ValueError("the episode was over before its first tick; there is nothing to show")
         self._rollouts = rollouts
         # `Rollout` has the fields of a state, with ticks that did not happen behind the length.
-        self._states = State(
+        states = State(
             rollouts.q[0, : self.length],
             rollouts.v[0, : self.length],
             rollouts.com[0, : self.length],
             rollouts.feet[0, : self.length],
             rollouts.contacts[0, : self.length],
         )
+        self._states = states
+        if rollouts.ground is not None:
+            felt = felt_heights(states, robot.foot_radius, float(rollouts.ground.felt[0]))
+            self._states = lowered(states, felt)
         self._margins = MarginMeter(robot, safety)
         self._sampled = np.arange(0, self.length, SAMPLE_TICKS)
         self._trace = trace_rows(self._states[self._sampled], self._sampled)
@@ -127,6 +141,22 @@ class Playback:
         began = self._states[int(pushes.tick[0, number])]
         impulse[:2] = from_heading(impulse[:2], began.heading)
         return impulse
+
+
+def felt_heights(states: State, foot_radius: float, first: float) -> Array:
+    """``(n,)`` the height of the ground as a robot's feet felt it, tick by tick [m].
+
+    It is that of the engine (`rollouts.engine`), without the noise of sensors that is in
+    `Rollout.seen`: what was felt last holds through a flight.
+
+    Args:
+        states: ``(n, ...)`` the states of one robot, one after another.
+        foot_radius: The radius of the foot spheres [m].
+        first: The height that was felt before the first of them [m].
+    """
+    felt = ground_height(states, foot_radius, np.full(len(states.q), np.nan))
+    latest = np.maximum.accumulate(np.where(np.isnan(felt), -1, np.arange(len(felt))))
+    return np.where(latest < 0, first, felt[latest])
 
 
 def open_episode(folder: Path, episode: int) -> Playback:

@@ -67,7 +67,7 @@ class Snapshot:
 
     Attributes:
         seconds: Time since the start [s].
-        state: The state of one robot, as it is.
+        state: The state of one robot, as it is; heights are those above the ground that it feels.
         command: The velocity that is commanded.
         velocity: Mean velocity over the last 0.5 s: vx, vy [m/s] in the heading frame, and yaw rate
             [rad/s].
