@@ -2,23 +2,30 @@
 
 import json
 import time
+from dataclasses import replace
 from threading import Thread
 
+import numpy as np
 import pytest
 
 from surefoot.bench.engine import standing_policy
-from surefoot.cli.run import expert_config
+from surefoot.cli.run import expert_config, gate_bounds
 from surefoot.cli.twin import RunTwin, seen
-from surefoot.config import Config, PolicyConfig
+from surefoot.config import Config, Gait, PolicyConfig
 from surefoot.config.twin import TwinConfig
 from surefoot.deploy.bridge import UdpChannel
 from surefoot.deploy.flight import FlightReport
-from surefoot.deploy.policy import load
+from surefoot.deploy.policy import OnnxPolicy, load
 from surefoot.deploy.recorder import load_flight
 from surefoot.deploy.udp_robot import address_text
 from surefoot.interop.onnx_file import describe, network_model, write_onnx
+from surefoot.learning.joint_limits import SafetyBounds
+from surefoot.learning.observation import GaitTiming
 from surefoot.learning.policy import save
+from surefoot.mpc.gaits import with_gait
+from surefoot.robots.bounds import table_bounds
 from surefoot.robots.load import load_robot
+from surefoot.scenarios import gains
 from surefoot.twin.serve import make_twin
 
 SHORT = ("--config.stand", 0.3, "--config.stand-kp", 6.0)
@@ -92,7 +99,9 @@ def test_a_fault_ends_with_status_1_and_is_recorded(surefoot, policy, twin, tmp_
     options = ("--lockstep", "--start", "--seconds", 5, "--recording", recording)
     limits = ("--config.tilt", 0.0)
     assert surefoot("run", policy, "--robot", address, *options, *SHORT, *limits) == 1
-    assert '"tilt"' in capsys.readouterr().out
+    shown = capsys.readouterr()
+    assert '"tilt"' in shown.out
+    assert f"wrote {recording}; surefoot play {recording} films it" in shown.err
     assert str(load_flight(recording).fault) == "tilt"
 
 
@@ -141,3 +150,38 @@ def test_a_twin_may_have_a_hardware_profile(surefoot, capsys):
     assert surefoot("twin", "--robot", "go2", *options) == 2
     assert "belongs to the robot solo12" in capsys.readouterr().err
     assert RunTwin().host == "127.0.0.1"
+
+
+def with_description(policy, **changes) -> OnnxPolicy:
+    """A policy with another description and no network."""
+    return OnnxPolicy(replace(load(policy).description, **changes), lambda inputs: inputs)
+
+
+def test_the_experts_gate_has_the_bounds_that_the_policy_was_trained_under(policy, caplog):
+    bounds = SafetyBounds((0.2, 0.4), (-0.1, 0.2), (-0.3, 0.4), ((-2.0, 2.5),) * 12)
+    bounded = with_description(policy, bounds=bounds)
+    config = expert_config(bounded)
+    low, high = gate_bounds(bounded, config)
+    assert low.tolist() == [0.2, -0.1, -0.3, *[-2.0] * 12]
+    assert high.tolist() == [0.4, 0.2, 0.4, *[2.5] * 12]
+    assert caplog.text == ""
+    own = gate_bounds(with_description(policy, bounds=None), config)
+    np.testing.assert_array_equal(own, table_bounds(config.safety))
+    assert "does not hold the safety bounds" in caplog.text
+
+
+def test_a_named_gait_has_its_own_steps_and_horizon(policy, monkeypatch):
+    monkeypatch.setattr(gains, "with_measured_gain", lambda config: config)
+    pace = GaitTiming("pace", 300, 0.5, (0.0, 0.5, 0.0, 0.5))
+    named = expert_config(with_description(policy, gaits=(pace,)))
+    assert named == replace(with_gait(Config(), "pace"), robot=named.robot, commands=named.commands)
+    assert named.gait.step_height == 0.06
+    other = expert_config(with_description(policy, gaits=(replace(pace, duty=0.55),)))
+    assert other.gait.duty == 0.55
+    assert other.gait.step_height == Gait().step_height
+    assert other.expert == Config().expert
+
+
+def test_the_expert_of_a_robot_from_a_file_is_refused_with_what_to_do(policy):
+    with pytest.raises(ValueError, match=r"one of 'mine', .*leave --expert out"):
+        expert_config(with_description(policy, robot="mine"))

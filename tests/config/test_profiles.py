@@ -18,7 +18,7 @@ def test_a_profile_survives_json_and_belongs_to_a_robot_of_the_package(profile):
 def test_solo12_has_the_numbers_of_its_driver():
     assert ODRI.torque_limit == pytest.approx([8 * 0.025 * 9] * 3)
     assert ODRI.position_limit == ((-0.9, 0.9), (-1.45, 1.45), (-2.8, 2.8))
-    assert (ODRI.command_timeout, ODRI.reply_timeout, ODRI.rate) == (0.005, 0.05, 1000)
+    assert (ODRI.command_timeout, ODRI.rate) == (0.005, 1000)
 
 
 @pytest.mark.parametrize(

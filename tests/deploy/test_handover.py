@@ -217,3 +217,15 @@ def test_a_planner_that_has_ended_damps_at_the_takeover():
     assert world.until_damped() <= 2
     assert world.runtime.fault is not None and world.runtime.fault.kind == "expert"
     assert "has ended" in world.runtime.fault.detail
+
+
+def test_a_gait_clock_that_skips_the_grid_has_its_plans_right_after_it():
+    link = Link(takes=0)
+    driver = expert(link)
+    skipped = {142, 192, 193}
+    for tick in (tick for tick in range(130, 250) if tick not in skipped):
+        link.now = tick
+        command = driver.command(sensors(), tick, COMMAND)
+        if tick >= 138:
+            assert command is not None and command.torque[0] == tick
+    assert [request.tick for request in link.requests] == [138, 151, 202, 250]

@@ -1,9 +1,11 @@
 """The flight recorder: the last ten seconds, to the bit, and whole on disk."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from surefoot.deploy.flight import fly, report_of
+from surefoot.deploy.flight import fly, report_of, unused
 from surefoot.deploy.interfaces import JointCommand
 from surefoot.deploy.recorder import FlightRecorder, TickRecord, load_flight, save_flight
 from surefoot.deploy.timing import Histogram
@@ -148,3 +150,12 @@ def test_a_histogram_has_the_quantiles_of_what_was_added():
 
 def test_an_empty_histogram_has_no_times():
     assert Histogram().times.p99 == 0.0
+
+
+def test_a_recording_that_is_there_already_is_kept_and_the_next_is_numbered(tmp_path):
+    file = tmp_path / "flight.npz"
+    reports = [Ends().fly(30, recording=file) for _ in range(3)]
+    names = [Path(report.recording).name for report in reports]
+    assert names == ["flight.npz", "flight-2.npz", "flight-3.npz"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+    assert unused(Path("/dev/stdout")) == Path("/dev/stdout")

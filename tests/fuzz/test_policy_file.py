@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from surefoot.config import PolicyConfig
+from surefoot.learning.joint_limits import JointLimits, SafetyBounds
 from surefoot.learning.policy import Policy, PolicyFileError, load, save
-from surefoot.learning.policy_header import JointLimits, SafetyBounds
 from tests.fakes.learning import random_state, spec_of, trained_network
 from tests.fuzz.mutations import byte_mutations, check_loader, fuzz
 from tests.fuzz.tensors import contents, header_mutations, sealed, tensor_mutations

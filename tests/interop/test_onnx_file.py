@@ -8,14 +8,16 @@ import pytest
 import torch
 
 from surefoot.config import Config, RobotConfig
-from surefoot.config.json_io import from_json
+from surefoot.config.json_io import from_json, to_json
 from surefoot.deploy.description import KEY, PolicyDescription
 from surefoot.deploy.export_file import read_export
 from surefoot.interop.onnx_file import describe, start_range
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.observation import GaitTiming
 from surefoot.learning.onnx_graph import runner
+from surefoot.robots.scaling import with_own_values
 from surefoot.rotations import roll_pitch, rotation
+from surefoot.runs.policies import safety_bounds
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import JOINTS
 from tests.fakes.exports import TROT, exported, policy_of, robot_of
@@ -133,3 +135,17 @@ def test_several_gaits_are_described(tmp_path):
     assert [gait.name for gait in description.gaits] == ["trot", "walk"]
     assert description.goal[-1].name == "gait"
     assert description.goal[-1].size == 2
+
+
+def test_the_bounds_that_a_policy_was_trained_under_are_there_unless_unknown(tmp_path):
+    assert read_export(exported(tmp_path / "unknown")[0]).description.bounds is None
+    policy = policy_of()
+    policy.bounds = safety_bounds(with_own_values(Config()))
+    path, _ = exported(tmp_path / "known", policy=policy)
+    assert read_export(path).description.bounds == policy.bounds
+
+
+def test_a_description_without_bounds_as_older_files_have_it_is_read(tmp_path):
+    values = to_json(read_export(exported(tmp_path)[0]).description)
+    del values["bounds"]
+    assert from_json(PolicyDescription, values).bounds is None

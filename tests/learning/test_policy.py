@@ -18,6 +18,7 @@ from safetensors.torch import save_file
 from scipy.spatial.transform import Rotation
 
 from surefoot.config import Config, PolicyConfig
+from surefoot.learning.joint_limits import JointLimits, SafetyBounds
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import network_input
 from surefoot.learning.policy import (
@@ -31,7 +32,6 @@ from surefoot.learning.policy import (
     save,
     target_of,
 )
-from surefoot.learning.policy_header import JointLimits, SafetyBounds
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import sys
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,6 +29,9 @@ if TYPE_CHECKING:
     from surefoot.deploy.operator import Operator
     from surefoot.deploy.policy import OnnxPolicy
     from surefoot.deploy.udp_robot import UdpRobot
+    from surefoot.types import Array
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -60,15 +65,16 @@ class RunPolicy:
     heartbeat: float | None = None
     """Damp the robot if no line has come for so long [s]; an empty one will do."""
     expert: bool = False
-    """Let the expert take over outside of the safety bounds, with a planner in another process; it
-    needs the whole package, and height and velocity of the base."""
+    """Let the expert take over outside of the safety bounds that the policy was trained under, with
+    a planner in another process; it needs the whole package, a robot of the package, and height and
+    velocity of the base."""
     lockstep: bool = False
     """The robot is a twin in lockstep."""
     realtime: bool = False
-    """Ask the system to run this process before all others (Linux, needs the right to)."""
+    """Ask the system for real-time priority (Linux, needs the right to)."""
     recording: Path = Path("flight.npz")
     """The file for the last ten seconds, which is written after any fault; `surefoot play` films
-    it."""
+    it. A file that is there is kept: the next one is flight-2.npz, and so on."""
     keep: bool = False
     """Write that file without a fault too."""
     json: Path | None = None
@@ -78,7 +84,7 @@ class RunPolicy:
     def __call__(self) -> int:
         """Drive until the robot is given up or stopped; 1 after a fault."""
         from surefoot.deploy.bridge import UdpChannel
-        from surefoot.deploy.flight import fly, prefer_process
+        from surefoot.deploy.flight import fly, take_real_time_priority
         from surefoot.deploy.loop import Runtime
         from surefoot.deploy.policy import load
         from surefoot.deploy.udp_robot import UdpRobot, parse_address
@@ -93,7 +99,7 @@ class RunPolicy:
         policy = load(self.policy)
         expert = expert_config(policy) if self.expert else None
         # Any local address is heard from the loopback interface only if the bridge is there too.
-        local = "127.0.0.1" if peer[0] in ("127.0.0.1", "localhost") else "0.0.0.0"
+        local = "127.0.0.1" if peer[0].startswith("127.") else "0.0.0.0"
         robot = UdpRobot(UdpChannel(local), peer, lockstep=self.lockstep)
         with ExitStack() as closing:
             safeguard = None
@@ -106,9 +112,14 @@ class RunPolicy:
             operator = self.operator(command, robot)
             runtime = Runtime(robot, policy, operator, self.config, safeguard=safeguard)
             if self.realtime:
-                prefer_process()
+                take_real_time_priority()
             report = fly(runtime, self.recording, self.keep)
         show_record(report, self.json)
+        if report.recording:
+            print(
+                f"wrote {report.recording}; surefoot play {report.recording} films it",
+                file=sys.stderr,
+            )
         return int(bool(report.fault))
 
     def check_start(self) -> None:
@@ -144,18 +155,17 @@ class RunPolicy:
         """The safety bounds, and the expert that takes over outside of them.
 
         Args:
-            policy: The policy, for the robot's masses.
+            policy: The policy, for the robot's masses and the bounds it was trained under.
             link: The way to the planner.
-            expert: The robot, its bounds and its expert.
+            expert: The robot and its expert; its own bounds hold if the policy's are unknown.
         """
         from surefoot.config.checked import known
         from surefoot.deploy.gate import BoundsGate
         from surefoot.deploy.handover import ExpertDriver
         from surefoot.deploy.kinematics import com_in_base
         from surefoot.deploy.loop import Safeguard
-        from surefoot.robots.bounds import table_bounds
 
-        low, high = table_bounds(expert.safety)
+        low, high = gate_bounds(policy, expert)
         table = policy.description.kinematics
         driver = ExpertDriver(
             link,
@@ -168,20 +178,57 @@ class RunPolicy:
         return Safeguard(BoundsGate(low, high, partial(com_in_base, table)), driver)
 
 
+def gate_bounds(policy: OnnxPolicy, expert: Config) -> tuple[Array, Array]:
+    """Lower and upper bounds ``(15,)``, as `BoundsGate` takes them: those of the policy.
+
+    Args:
+        policy: The policy; a file may hold the bounds that it was trained under.
+        expert: The robot, whose own bounds hold otherwise.
+    """
+    import numpy as np
+
+    from surefoot.robots.bounds import table_bounds
+
+    bounds = policy.description.bounds
+    if bounds is None:
+        logger.warning(
+            "the policy's file does not hold the safety bounds it was trained under; the robot's "
+            "own hold (export the policy again)"
+        )
+        return table_bounds(expert.safety)
+    low, high = np.array([bounds.com_height, bounds.roll, bounds.pitch, *bounds.joints]).T
+    return low, high
+
+
 def expert_config(policy: OnnxPolicy) -> Config:
     """The expert of a policy's robot, in the policy's first gait and over its commands.
 
     Args:
         policy: The policy.
+
+    Raises:
+        ValueError: The robot is none of the package.
     """
     from surefoot.config import CommandBox, Config, Gait, RobotConfig
+    from surefoot.config.robot_table import ROBOTS
+    from surefoot.mpc.gaits import GAITS, with_gait
     from surefoot.scenarios.gains import with_measured_gain
 
+    if policy.robot not in ROBOTS:
+        raise ValueError(
+            f"--expert plans for the robots of the package ({', '.join(ROBOTS)}), and the policy "
+            f"is one of {policy.robot!r}, of which it does not hold the model: leave --expert out, "
+            "or give surefoot.deploy.loop.Runtime a Safeguard whose planner has your robot's file"
+        )
     timing = policy.spec.gaits[0]
+    gait = Gait(timing.period_ticks / TICKS_PER_SECOND, timing.duty, timing.offsets)
     low, high = policy.command_range.tolist()
     config = Config(
         robot=RobotConfig(model=policy.robot),
-        gait=Gait(timing.period_ticks / TICKS_PER_SECOND, timing.duty, timing.offsets),
+        gait=gait,
         commands=CommandBox(*zip(low, high, strict=True)),
     )
+    # A name brings the height of its steps and its horizon, if it means this gait.
+    if timing.name in GAITS and GAITS[timing.name].timing == gait.timing:
+        config = with_gait(config, timing.name)
     return with_measured_gain(config)

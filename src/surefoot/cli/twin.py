@@ -37,7 +37,7 @@ class RunTwin:
     seconds: float | None = None
     """End after so much time of the robot [s]; without it, when it is interrupted."""
     realtime: bool = False
-    """Ask the system to run this process before all others (Linux, needs the right to)."""
+    """Ask the system for real-time priority (Linux, needs the right to)."""
     watch: bool = False
     """Print once a second of the robot's time where it is, and how its bridge is."""
     config: TwinConfig = field(default_factory=TwinConfig)
@@ -46,7 +46,7 @@ class RunTwin:
         """Serve until the time is over."""
         from surefoot.config import RobotConfig
         from surefoot.deploy.bridge import UdpChannel
-        from surefoot.deploy.flight import prefer_process
+        from surefoot.deploy.flight import take_real_time_priority
         from surefoot.deploy.udp_robot import address_text
         from surefoot.robots.load import load_robot
         from surefoot.twin.serve import make_twin
@@ -57,7 +57,7 @@ class RunTwin:
         name = twin.bridge.description.robot
         print(f"the twin of {name} listens at {address_text(channel.address)}", flush=True)
         if self.realtime:
-            prefer_process()
+            take_real_time_priority()
         twin.serve(self.lockstep, self._watching(twin))
         return 0
 

@@ -48,8 +48,6 @@ class HardwareProfile(Checked):
     """[Hz] how often the robot takes commands."""
     command_timeout: Duration = 0.005
     """[s] without a command for so long, the motor boards latch."""
-    reply_timeout: Duration = 0.05
-    """[s] without a reply of a board for so long, the driver latches."""
     damping: Annotated[float, Within(0.0, 1000.0)] = 0.2
     """[N m s/rad] the damping of the joints of a robot that has latched."""
 

@@ -157,6 +157,8 @@ class Bridge:
         self.old = 0
         self.commands = 0
         self.accepted = 0
+        self.heard = 0  # datagrams of the peer, repeated ones and greetings included
+        self.turned_away = 0  # greetings of other runtimes
         self.peer: Address | None = None
         self._driver = driver
         self._channel = channel
@@ -226,6 +228,11 @@ class Bridge:
         )
         self._send(protocol.STATE, protocol.pack_state(state))
 
+    def release(self) -> None:
+        """Give up a peer that has gone: the joints are damped, and the next hello is granted."""
+        self._latch(protocol.SILENCE)
+        self.peer = None
+
     def close(self) -> None:
         """Damp the joints, and give the channel up."""
         self._latch(protocol.DRIVER)
@@ -255,6 +262,7 @@ class Bridge:
             self._latch(protocol.ASKED)
         else:
             self.refused += 1
+        self.heard += sender == self.peer
 
     def _greet(self, sender: Address, hello: protocol.Packet, now: int) -> None:
         """Answer a hello with the description, and begin a session where none is going on."""
@@ -272,6 +280,7 @@ class Bridge:
                 self.cause = protocol.NO_CAUSE
         elif sender != self.peer:
             self.foreign += 1
+            self.turned_away += 1
             return
         else:
             self.old += 1
@@ -348,22 +357,37 @@ def serve(bridge: Bridge, running: Callable[[], bool] = lambda: True) -> None:
         bridge.close()
 
 
-def serve_lockstep(bridge: Bridge, channel: Channel, running: Callable[[], bool]) -> None:
+def serve_lockstep(
+    bridge: Bridge,
+    channel: Channel,
+    running: Callable[[], bool],
+    wall: Callable[[], float] = time.monotonic,
+) -> None:
     """Tick once for each command, so that a simulated robot waits for the runtime.
 
-    Once the bridge is latched, time goes on by itself: the robot falls, and the session ends.
+    Once the bridge is latched, time goes on by itself: the robot falls, and the session ends. A
+    runtime may take its time, as long as no other one asks for the robot: then it is given up if
+    it has been silent for `RELEASE` by the wall clock. The bridge's own stands still meanwhile.
 
     Args:
         bridge: The bridge; its clock has to be the simulated one.
         channel: The channel of the bridge.
         running: Asked before every tick, and ten times a second; False ends it.
+        wall: Gives the time by the wall clock [s].
     """
+    heard_at = wall()
     try:
         while running():
             is_latched = bridge.status == protocol.LATCHED
             channel.wait(0.001 if is_latched else 0.1)
             accepted = bridge.accepted
+            heard = bridge.heard
+            turned_away = bridge.turned_away
             bridge.receive()
+            if bridge.heard != heard:
+                heard_at = wall()
+            elif bridge.turned_away != turned_away and wall() - heard_at >= RELEASE:
+                bridge.release()
             if is_latched or bridge.accepted != accepted:
                 bridge.advance()
             else:

@@ -15,6 +15,7 @@ import numpy as np
 
 from surefoot.config import HeightRule, Phase
 from surefoot.deploy.kinematics import KinematicTable
+from surefoot.learning.joint_limits import MaybePair, Pair, SafetyBounds
 from surefoot.learning.layouts import GOAL_PARTS, PARTS, History, Layout
 from surefoot.learning.observation import GaitTiming, ObservationSpec, slices
 from surefoot.types import JOINTS, TICKS_PER_SECOND, Array
@@ -30,10 +31,6 @@ NO_HASH = "0" * 64
 
 Numbers = tuple[float, ...]
 """One number for each joint."""
-Pair = tuple[float, float]
-"""The smallest and the largest value."""
-MaybePair = tuple[float | None, float | None]
-"""The same, where either may be unknown."""
 Triple = tuple[float, float, float]
 """vx, vy [m/s] and yaw rate [rad/s]."""
 
@@ -125,6 +122,7 @@ class PolicyDescription:
         provenance: Anything about the origin of the policy, by name, as JSON has it.
         policy_sha256: SHA-256 of the policy file that was exported.
         sha256: SHA-256 of this file, its own digits replaced by zeros.
+        bounds: The safety bounds that it was trained under; None if unknown, as in older files.
 
     Raises:
         ValueError: A list has another length than the robot has joints, or a number is out of
@@ -158,6 +156,7 @@ class PolicyDescription:
     provenance: Any
     policy_sha256: str
     sha256: str = NO_HASH
+    bounds: SafetyBounds | None = None
 
     def __post_init__(self) -> None:
         """Check lengths and ranges."""

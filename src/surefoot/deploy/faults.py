@@ -1,8 +1,8 @@
 """What is wrong with a robot: each test of a measurement that lets the runtime give it up.
 
-`FaultTests.of` looks at one measurement per tick and names the first thing that is wrong. Faults
-that are not seen in a measurement (silence, deadlines, the operator) are the loop's. Read `loop`
-next.
+`FaultTests.broken` and `FaultTests.unsafe` look at one measurement per tick and name the first
+thing that is wrong. Faults that are not seen in a measurement (silence, deadlines, the operator)
+are the loop's. Read `loop` next.
 """
 
 from __future__ import annotations

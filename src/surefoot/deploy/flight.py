@@ -16,12 +16,13 @@ from pathlib import Path
 from surefoot.deploy.loop import Runtime
 from surefoot.deploy.recorder import save_flight
 from surefoot.deploy.timing import Times
+from surefoot.files import is_stream
 from surefoot.types import TICKS_PER_SECOND
 
 logger = logging.getLogger(__name__)
 
 PRIORITY = 50
-"""The priority among preferred processes: in the middle, below the kernel's own."""
+"""The real-time priority: in the middle, below the kernel's own."""
 LAST_WORDS = 20
 """So often a robot is told to damp its joints, since datagrams may be lost."""
 
@@ -60,8 +61,8 @@ def fly(runtime: Runtime, recording: Path | None, always: bool = False) -> Fligh
 
     Args:
         runtime: The loop.
-        recording: The file for the last ten seconds, which are written after a fault; None writes
-            none.
+        recording: The file for the last ten seconds, which are written after a fault; if it is
+            there already, the first of NAME-2, NAME-3, ... that is not. None writes none.
         always: Whether they are written without a fault too.
 
     Raises:
@@ -76,11 +77,26 @@ def fly(runtime: Runtime, recording: Path | None, always: bool = False) -> Fligh
     finally:
         for _ in range(LAST_WORDS):
             runtime.damp()
-    written = recording is not None and (always or runtime.fault is not None)
-    report = report_of(runtime, str(recording) if written else "")
-    if recording is not None and written:
-        save_flight(recording, runtime.recorder.flight(report.fault, report.detail))
+    if recording is None or not (always or runtime.fault is not None):
+        return report_of(runtime)
+    file = unused(recording)
+    report = report_of(runtime, str(file))
+    save_flight(file, runtime.recorder.flight(report.fault, report.detail))
     return report
+
+
+def unused(path: Path) -> Path:
+    """A path at which no file is yet: this one, or the first of NAME-2, NAME-3, ... that is free.
+
+    Args:
+        path: The path; a device or a pipe is taken as it is.
+    """
+    free = path
+    number = 1
+    while free.exists() and not is_stream(free):
+        number += 1
+        free = path.with_stem(f"{path.stem}-{number}")
+    return free
 
 
 def report_of(runtime: Runtime, recording: str = "") -> FlightReport:
@@ -105,15 +121,15 @@ def report_of(runtime: Runtime, recording: str = "") -> FlightReport:
     )
 
 
-def prefer_process() -> None:
-    """Ask the system to run this process before all others, and to keep its memory.
+def take_real_time_priority() -> None:
+    """Ask the system to run this process before all that are not in real time.
 
     Without the right to that (CAP_SYS_NICE), or on another system than Linux, it warns.
     """
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except (AttributeError, OSError) as error:
-        logger.warning("this process is not preferred (%s); its ticks may be late", error)
+        logger.warning("this process has no real-time priority (%s); its ticks may be late", error)
 
 
 @contextmanager

@@ -2,8 +2,9 @@
 
 A plan is asked for `latency` ticks before it is to take effect, and for the state that is expected
 then: joints and base go on as they move. Row k of the plan belongs to the tick k after that. New
-plans are asked for so that they take effect on the 50-ms grid; at a takeover one is asked for at
-once, and the policy drives until it is there. Read `loop` next.
+plans are asked for so that they take effect on the 50-ms grid, or right after it where the gait
+clock skips ticks; at a takeover one is asked for at once, and the policy drives until it is there.
+Read `loop` next.
 """
 
 from __future__ import annotations
@@ -142,7 +143,7 @@ class ExpertDriver:
             self._begun = tick
         self._receive(tick, self._begun)
         effect = tick + self._latency
-        if self._asked_for is None or (effect % GRID == 0 and effect > self._asked_for):
+        if self._asked_for is None or effect // GRID > self._asked_for // GRID:
             q, v = expected(sensors, self._latency)
             self._link.ask(PlanRequest(effect, q, v, command))
             self._outstanding += 1

@@ -6,6 +6,7 @@ sends a COMMAND that names the state it answers. Read `loop` next.
 
 from __future__ import annotations
 
+import socket
 from contextlib import suppress
 from urllib.parse import urlsplit
 
@@ -258,13 +259,13 @@ def address_text(address: Address) -> str:
 
 
 def parse_address(text: str) -> Address:
-    """The host and the port of a bridge.
+    """The host and the port of a bridge; a host's name is resolved, since senders are numbers.
 
     Args:
         text: The address, such as udp://127.0.0.1:5151.
 
     Raises:
-        ValueError: It is no such address.
+        ValueError: It is no such address, or nothing knows the host's name.
     """
     parts = urlsplit(text)
     try:
@@ -273,4 +274,10 @@ def parse_address(text: str) -> Address:
         port = None
     if parts.scheme != "udp" or not parts.hostname or not port or parts.path:
         raise ValueError(f"{text!r} is no address of a bridge; use udp://127.0.0.1:PORT")
-    return parts.hostname, port
+    try:
+        return socket.gethostbyname(parts.hostname), port
+    except (OSError, UnicodeError) as error:
+        raise ValueError(
+            f"{text!r}: the host {parts.hostname!r} has no IPv4 address ({error}); give the number "
+            f"of the bridge's machine, such as udp://192.168.123.10:{port}"
+        ) from error

@@ -145,6 +145,7 @@ def describe(
         kinematics=kinematic_table(robot),
         provenance=to_json(policy.provenance),
         policy_sha256=sha256(policy_file.read_bytes()).hexdigest(),
+        bounds=policy.bounds,
     )
 
 

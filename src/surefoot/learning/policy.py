@@ -25,6 +25,7 @@ from surefoot.config import Config, PolicyConfig
 from surefoot.config.checked import check_values, known
 from surefoot.config.json_io import Plain, to_json
 from surefoot.config.robot_table import tuning_of
+from surefoot.learning.joint_limits import JointLimits, SafetyBounds
 from surefoot.learning.memory import Memory
 from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork, network_from_tensors
 from surefoot.learning.observation import (
@@ -36,10 +37,8 @@ from surefoot.learning.observation import (
 from surefoot.learning.onnx_graph import onnx_graph, runner
 from surefoot.learning.policy_header import (
     FORMAT,
-    JointLimits,
     PolicyFileError,
     PolicyHeader,
-    SafetyBounds,
     check_interface,
     layout_keys,
     read_header,

@@ -12,10 +12,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from surefoot.config import Config, LayoutName, PolicyConfig
+from surefoot.learning.joint_limits import JointLimits, SafetyBounds
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.observation import ObservationSpec
 from surefoot.learning.policy import Policy, load, policy_spec
-from surefoot.learning.policy_header import JointLimits, SafetyBounds
 from surefoot.robots.bounds import table_bounds
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel

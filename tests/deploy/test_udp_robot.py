@@ -1,0 +1,21 @@
+"""The addresses of bridges: names are resolved, and what is none is refused."""
+
+import socket
+
+import pytest
+
+from surefoot.deploy.udp_robot import address_text, parse_address
+
+
+def test_a_name_is_resolved_because_senders_are_numbers():
+    assert parse_address("udp://localhost:5151") == ("127.0.0.1", 5151)
+    assert address_text(parse_address("udp://127.0.0.1:7")) == "udp://127.0.0.1:7"
+
+
+def test_a_name_that_nobody_knows_is_a_clear_error(monkeypatch):
+    def unknown(name: str) -> str:
+        raise socket.gaierror(-2, "Name or service not known")
+
+    monkeypatch.setattr(socket, "gethostbyname", unknown)
+    with pytest.raises(ValueError, match=r"the host 'robto' has no IPv4 address .*give the number"):
+        parse_address("udp://robto:5151")
