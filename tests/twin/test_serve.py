@@ -5,7 +5,7 @@ import pytest
 
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.twin import LinkConfig, NoiseConfig, TwinConfig
-from surefoot.deploy import protocol
+from surefoot.deploy import bridge, protocol
 from surefoot.deploy.loop import Mode, Runtime
 from surefoot.deploy.recorder import Flight
 from surefoot.deploy.udp_robot import UdpRobot
@@ -26,13 +26,13 @@ class Stepping:
         self.close = self.end.close
 
     def wait(self, seconds: float) -> None:
-        bridge = self.twin.bridge
-        accepted = bridge.accepted
-        bridge.receive()
-        if bridge.accepted != accepted:
-            bridge.advance()
+        behind = self.twin.bridge
+        accepted = behind.accepted
+        behind.receive()
+        if behind.accepted != accepted:
+            behind.advance()
         else:
-            bridge.report()
+            behind.report()
 
 
 def flight_of(config: TwinConfig, ticks: int = 400) -> tuple[Runtime, Flight, Stepping]:
@@ -109,6 +109,20 @@ def test_a_twin_that_is_told_to_damp_collapses_and_stays_down():
         channel.wait(0.0)
     assert channel.twin.bridge.status == protocol.LATCHED
     assert channel.twin.driver.simulator.state.q[0, 2] < 0.5 * standing
+
+
+def test_in_lockstep_a_runtime_that_has_been_killed_is_given_up(monkeypatch):
+    monkeypatch.setattr(bridge, "LOCKSTEP_PATIENCE", 0.0)
+    twin = flight_of(TwinConfig(), 50)[2].twin
+    seen = []
+
+    def running() -> bool:
+        seen.append((twin.bridge.status, twin.bridge.cause))
+        return len(seen) < 5
+
+    twin.serve(lockstep=True, running=running)
+    assert seen[0][0] == protocol.DRIVING
+    assert seen[-1] == (protocol.LATCHED, protocol.SILENCE)
 
 
 def test_a_link_that_loses_all_is_never_connected():

@@ -18,7 +18,7 @@ from surefoot.cli.options import (
     show_record,
 )
 from surefoot.config.deploy import RuntimeConfig
-from surefoot.types import TICKS_PER_SECOND, Command
+from surefoot.types import Command
 
 if TYPE_CHECKING:
     from surefoot.config import Config
@@ -133,11 +133,11 @@ class RunPolicy:
             command: The velocity asked for at first.
             robot: The robot, by whose clock the time runs.
         """
-        from surefoot.deploy.operator import Scripted, Terminal
+        from surefoot.deploy.operator import COMMANDS, Scripted, Terminal
 
         if self.seconds is not None:
             return Scripted(command, self.seconds, robot.robot_clock)
-        print("the robot is damped; type start, stop, vx 0.2, vy 0.1 or yaw 0.5", flush=True)
+        print(f"the robot is damped; {COMMANDS}", flush=True)
         return Terminal(command, self.heartbeat)
 
     def safeguard(self, policy: OnnxPolicy, link: PlanLink, expert: Config) -> Safeguard:
@@ -174,14 +174,8 @@ def expert_config(policy: OnnxPolicy) -> Config:
     Args:
         policy: The policy.
     """
-    from surefoot.config import CommandBox, Config, Gait, RobotConfig
+    from surefoot.runs.policies import config_for
     from surefoot.scenarios.gains import with_measured_gain
 
-    timing = policy.spec.gaits[0]
-    low, high = policy.command_range.tolist()
-    config = Config(
-        robot=RobotConfig(model=policy.robot),
-        gait=Gait(timing.period_ticks / TICKS_PER_SECOND, timing.duty, timing.offsets),
-        commands=CommandBox(*zip(low, high, strict=True)),
-    )
+    config = config_for(policy.robot, policy.spec.gaits[0], policy.command_range)
     return with_measured_gain(config)

@@ -29,6 +29,8 @@ Address = tuple[str, int]
 JOINTS = 12
 MOST_DATAGRAMS = 64
 """So many datagrams are read in a tick, so that a flood does not delay the driver."""
+LOCKSTEP_PATIENCE = 10.0
+"""[s] In lockstep a runtime that drives may be silent for so long, by the wall clock."""
 RELEASE = 1.0
 """[s] A latched bridge greets a new runtime after so long a silence of the former one."""
 
@@ -226,6 +228,11 @@ class Bridge:
         )
         self._send(protocol.STATE, protocol.pack_state(state))
 
+    def give_up_runtime(self) -> None:
+        """Latch if a runtime drives, because its commands have stopped."""
+        if self.status == protocol.DRIVING:
+            self._latch(protocol.SILENCE)
+
     def close(self) -> None:
         """Damp the joints, and give the channel up."""
         self._latch(protocol.DRIVER)
@@ -351,19 +358,26 @@ def serve(bridge: Bridge, running: Callable[[], bool] = lambda: True) -> None:
 def serve_lockstep(bridge: Bridge, channel: Channel, running: Callable[[], bool]) -> None:
     """Tick once for each command, so that a simulated robot waits for the runtime.
 
-    Once the bridge is latched, time goes on by itself: the robot falls, and the session ends.
+    Once the bridge is latched, time goes on by itself: the robot falls, and the session ends. The
+    watchdog's clock stands still without commands, so that a runtime that drives and has been
+    silent for `LOCKSTEP_PATIENCE` of the wall clock is given up instead.
 
     Args:
         bridge: The bridge; its clock has to be the simulated one.
         channel: The channel of the bridge.
         running: Asked before every tick, and ten times a second; False ends it.
     """
+    heard_at = time.monotonic()
     try:
         while running():
             is_latched = bridge.status == protocol.LATCHED
             channel.wait(0.001 if is_latched else 0.1)
             accepted = bridge.accepted
             bridge.receive()
+            if bridge.accepted != accepted:
+                heard_at = time.monotonic()
+            elif time.monotonic() - heard_at > LOCKSTEP_PATIENCE:
+                bridge.give_up_runtime()
             if is_latched or bridge.accepted != accepted:
                 bridge.advance()
             else:

@@ -128,7 +128,8 @@ def find_setup(target: Path | None, robot: str | None = None, gait: str | None =
     path, config = find_policy(target)
     policy = load(path, load_robot(config.robot).name)
     name = path.name if target is None else target.resolve().name
-    setup = LiveSetup(with_own_values(config), policy, f"{name}, {policy.robot}")
+    config, note = _measured(config)
+    setup = LiveSetup(config, policy, f"{name}, {policy.robot}", note)
     return with_choice(setup, setup, robot or policy.robot, gait or setup.gait)
 
 
