@@ -1,9 +1,14 @@
 """The command export: files that the runtime takes, and errors before any work."""
 
+import numpy as np
 import pytest
 
+from surefoot.config import PolicyConfig
 from surefoot.deploy.export_file import read_export
 from surefoot.deploy.policy import load
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.observation import GaitTiming, ObservationSpec
+from surefoot.learning.policy import Policy, PolicySpec, save
 from surefoot.learning.policy import load as load_policy
 from surefoot.runs.run import open_run
 
@@ -56,3 +61,20 @@ def test_a_policy_file_alone_does_not_know_where_it_began(surefoot, capsys, run_
 def test_what_would_fail_fails_first(surefoot, capsys, run_folder, options, text):
     assert surefoot("export", run_folder, *options) == 2
     assert text in capsys.readouterr().err
+
+
+def test_without_a_target_the_policy_of_the_package_is_exported(surefoot, tmp_path):
+    file = tmp_path / "network.onnx"
+    assert surefoot("export", "--onnx", file, "--starts", "solo12-trot-v1") == 0
+    assert read_export(file, "solo12").description.command_range[1] == (0.3, 0.0, 0.0)
+
+
+def test_a_policy_of_another_robot_that_lies_in_no_run_is_exported(surefoot, tmp_path):
+    spec = PolicySpec(ObservationSpec("circle", (GaitTiming("trot", 500),)), 40.0, 2.0)
+    network = PolicyNetwork(PolicyConfig((16,)), inputs=spec.observation.input_size)
+    save(Policy(network, spec, np.zeros((2, 3)), "go2"), tmp_path / "go2.safetensors")
+    file = tmp_path / "network.onnx"
+    assert surefoot("export", tmp_path / "go2.safetensors", "--onnx", file) == 0
+    description = read_export(file, "go2").description
+    assert description.source_joints[0] == "FL_hip_joint"
+    assert description.kp == (40.0,) * 12

@@ -32,6 +32,14 @@ def test_a_line_changes_what_it_says_or_nothing(line, wish):
     assert obey(HERE, line) == wish
 
 
+def test_a_line_that_means_nothing_is_named_and_an_empty_one_is_not(caplog):
+    obey(HERE, "stpo\n")
+    assert "'stpo' means nothing; type start, stop" in caplog.text
+    caplog.clear()
+    obey(HERE, "")
+    assert not caplog.text
+
+
 def test_stop_is_obeyed():
     assert obey(Wish(True, Command()), "stop").go is False
 

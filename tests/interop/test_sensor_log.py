@@ -148,3 +148,8 @@ def test_a_flight_in_which_no_policy_drove_or_without_its_clock_is_no_log():
     flight = flight_of(smooth_log(10), [2] * 10, [False] * 10)
     with pytest.raises(ValueError, match="without the gait clock"):
         log_of_flight(replace(flight, gait_tick=np.zeros(0, np.int64)))
+
+
+def test_a_log_that_is_not_there_says_what_writes_one(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"there is no log .*surefoot play --log"):
+        read_log(tmp_path / "log.npz")

@@ -6,20 +6,28 @@ import re
 import shutil
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 import surefoot.cli.main as cli
-from surefoot.config import Config, Gait, PolicyConfig
+from surefoot.config import CommandBox, Config, Gait, PolicyConfig
 from surefoot.config.json_io import to_json
-from surefoot.learning.policy import Policy, load, save
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.observation import GaitTiming, ObservationSpec, gait_timing
+from surefoot.learning.policy import Policy, PolicySpec, load, save
 from surefoot.methods.behavior_cloning import behavior_cloning
-from surefoot.robots.scaling import with_own_values
+from surefoot.mpc.gaits import GAITS, gait_name
+from surefoot.robots.load import load_robot
+from surefoot.robots.scaling import own_values, with_own_values
 from surefoot.runs.policies import find_policy
 from surefoot.runs.run import Run, RunError, create, open_run
 from surefoot.workers import Workers
 from tests.fakes.learning import spec_of
 from tests.fakes.small_runs import CLONING
+
+FORWARD = [[0.0, 0.0, 0.0], [0.3, 0.0, 0.0]]
+"""The commands that Solo12's trot is trained on."""
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +107,45 @@ def test_a_policy_that_lies_in_no_run_brings_its_gains(finished, tmp_path, caplo
         assert find_policy(path) == (path, replace(with_own_values(Config()), policy=config))
     assert "lies in no run" in caplog.text
     assert "kp 2.5 N m/rad, kd 0.07 N m s/rad, phase as a fr" in caplog.text
-    slower = Policy(trained.network, spec_of(config, 400), trained.command_range)
-    save(slower, path)
-    with pytest.raises(ValueError, match=r"period \[ms\] 400, the default configuration has 500"):
+
+
+def file_of(tmp_path, robot: str, *gaits: GaitTiming, commands=FORWARD) -> Path:
+    """A policy file outside of any run."""
+    config = PolicyConfig((16, 16), kp=2.5, kd=0.07)
+    spec = PolicySpec(ObservationSpec("circle", gaits), 2.5, 0.07)
+    network = PolicyNetwork(config, inputs=spec.observation.input_size)
+    path = tmp_path / "elsewhere" / "policy.safetensors"
+    save(Policy(network, spec, commands, robot), path)
+    return path
+
+
+def test_a_policy_that_lies_in_no_run_brings_its_robot_gait_and_commands(tmp_path):
+    walk = gait_timing(GAITS["walk"])
+    commands = [[-0.5, -0.2, 0.0], [0.5, 0.2, 0.0]]
+    path, config = find_policy(file_of(tmp_path, "go2", walk, commands=commands))
+    assert load(path).robot == config.robot.model == "go2"
+    assert config.gait.timing == GAITS["walk"].timing
+    assert config.commands == CommandBox((-0.5, 0.5), (-0.2, 0.2), (0.0, 0.0))
+    # What is the robot's own is that of this one, and the horizon follows its gait.
+    model = load_robot(config.robot)
+    assert config.expert.kp == own_values(model).kp != with_own_values(Config()).expert.kp
+    assert config.expert.centroidal.nodes is None
+    assert config.policy.kp == 2.5
+
+
+def test_a_policy_of_a_gait_without_a_name_brings_its_timing(tmp_path):
+    _, config = find_policy(file_of(tmp_path, "solo12", GaitTiming("custom", 400)))
+    assert (config.gait.period, gait_name(config.gait)) == (0.4, "custom")
+
+
+@pytest.mark.parametrize(
+    ("robot", "gaits", "message"),
+    [
+        ("b1", ["trot"], "'b1', whose description the package does not have: name the folder"),
+        ("solo12", ["trot", "walk"], "a policy of several gaits, trot, walk"),
+    ],
+)
+def test_a_policy_that_no_run_explains_is_refused(tmp_path, robot, gaits, message):
+    path = file_of(tmp_path, robot, *(gait_timing(GAITS[name]) for name in gaits))
+    with pytest.raises(ValueError, match=message):
         find_policy(path)

@@ -28,13 +28,13 @@ class Stepping:
         self.close = self.end.close
 
     def wait(self, seconds: float) -> None:
-        bridge = self.twin.bridge
-        accepted = bridge.accepted
-        bridge.receive()
-        if bridge.accepted != accepted:
-            bridge.advance()
+        behind = self.twin.bridge
+        accepted = behind.accepted
+        behind.receive()
+        if behind.accepted != accepted:
+            behind.advance()
         else:
-            bridge.report()
+            behind.report()
 
 
 def flight_of(config: TwinConfig, ticks: int = 400) -> tuple[Runtime, Flight, Stepping]:

@@ -62,8 +62,9 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
     initial states and the expert were evaluated.
     """
 
-    target: Annotated[Path, tyro.conf.Positional]
-    """The folder of a run, of which the best policy is evaluated, or a policy file."""
+    target: Annotated[Path | None, tyro.conf.Positional] = None
+    """The folder of a run, of which the best policy is evaluated, or a policy file. Without one,
+    the policy that comes with the package."""
     split: Literal["select", "test"] = "test"
     """The split of initial states to use, for the pushes too. A policy is reported on `test`,
     once."""
@@ -90,9 +91,10 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         from surefoot.runs.checks import warn_of_own_expert
         from surefoot.runs.policies import find_policy
         from surefoot.runs.run import run_of_policy
+        from surefoot.scenarios.gains import with_measured_gain
 
         # What would fail after minutes fails before any work.
-        reads = [self.target] if self.starts is None else [self.target, Path(self.starts)]
+        reads = [Path(path) for path in (self.target, self.starts) if path is not None]
         check_outputs([Output("--json", self.json)], reads=reads)
         self.check_pushed(self.pushes)
         if self.starts is not None:
@@ -103,9 +105,12 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         run = run_of_policy(policy)
         if self.expert and run is not None:
             warn_of_own_expert(run)
+        elif self.expert:
+            config = with_measured_gain(config)
         report = self.measure(policy, config)
-        if self.target.is_dir() and self.expert and self.episodes is None:
-            copy = self.target / self.file_name(config, trained_on)
+        folder = self.target if self.target is not None and self.target.is_dir() else None
+        if folder is not None and self.expert and self.episodes is None:
+            copy = folder / self.file_name(config, trained_on)
             try:
                 write_json(copy, report)
             except WriteError as error:  # of a run that may only be read

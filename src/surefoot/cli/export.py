@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -22,8 +22,12 @@ class Export(OnHardware):
     docs/export.md lists the keys. With --profile the limits are those of the hardware profile.
     """
 
-    target: Annotated[Path, tyro.conf.Positional]
-    """The folder of a run, of which the best policy is exported, or a policy file."""
+    target: Annotated[Path | None, tyro.conf.Positional] = None
+    """The folder of a run, of which the best policy is exported, or a policy file. Without one, the
+    policy that comes with the package."""
+    profile: str | None = field(default=None, kw_only=True)
+    """The hardware profile, whose limits the files have: odri for solo12, or a JSON or TOML file
+    with one of your own; without it, that of the configuration."""
     onnx: Path | None = None
     """Write the network, with its normalizers, to this file: observation in, joint targets out."""
     pipeline: Path | None = None
@@ -34,6 +38,7 @@ class Export(OnHardware):
 
     def __call__(self) -> int:
         """Write the files."""
+        from surefoot.config.presets import STRAIGHT_TROT
         from surefoot.interop.onnx_file import describe, network_model, write_onnx
         from surefoot.interop.onnx_pipeline import exploy_keys, pipeline_model
         from surefoot.learning.policy import load
@@ -48,7 +53,7 @@ class Export(OnHardware):
             Output("--onnx", self.onnx, (SUFFIX,)),
             Output("--pipeline", self.pipeline, (SUFFIX,)),
         ]
-        check_outputs(outputs, reads=[self.target])
+        check_outputs(outputs, reads=[] if self.target is None else [self.target])
         path, config = find_policy(self.target)
         config = self.with_profile(config)
         robot = load_robot(config.robot)
@@ -70,6 +75,7 @@ class Export(OnHardware):
         if stored is None:
             print(
                 "the initial states that it was trained from are unknown, so that a runtime cannot "
-                "tell from which postures it may begin; name them with --starts"
+                "tell from which postures it may begin; name them with --starts, such as "
+                f"{STRAIGHT_TROT} for Solo12's trot"
             )
         return 0

@@ -20,7 +20,7 @@ from surefoot.cli.options import (
     show_record,
 )
 from surefoot.config.deploy import RuntimeConfig
-from surefoot.types import TICKS_PER_SECOND, Command
+from surefoot.types import Command
 
 if TYPE_CHECKING:
     from surefoot.config import Config
@@ -144,11 +144,11 @@ class RunPolicy:
             command: The velocity asked for at first.
             robot: The robot, by whose clock the time runs.
         """
-        from surefoot.deploy.operator import Scripted, Terminal
+        from surefoot.deploy.operator import COMMANDS, Scripted, Terminal
 
         if self.seconds is not None:
             return Scripted(command, self.seconds, robot.robot_clock)
-        print("the robot is damped; type start, stop, vx 0.2, vy 0.1 or yaw 0.5", flush=True)
+        print(f"the robot is damped; {COMMANDS}", flush=True)
         return Terminal(command, self.heartbeat)
 
     def safeguard(self, policy: OnnxPolicy, link: PlanLink, expert: Config) -> Safeguard:
@@ -209,9 +209,8 @@ def expert_config(policy: OnnxPolicy) -> Config:
     Raises:
         ValueError: The robot is none of the package.
     """
-    from surefoot.config import CommandBox, Config, Gait, RobotConfig
     from surefoot.config.robot_table import ROBOTS
-    from surefoot.mpc.gaits import GAITS, with_gait
+    from surefoot.runs.policies import config_for
     from surefoot.scenarios.gains import with_measured_gain
 
     if policy.robot not in ROBOTS:
@@ -220,15 +219,5 @@ def expert_config(policy: OnnxPolicy) -> Config:
             f"is one of {policy.robot!r}, of which it does not hold the model: leave --expert out, "
             "or give surefoot.deploy.loop.Runtime a Safeguard whose planner has your robot's file"
         )
-    timing = policy.spec.gaits[0]
-    gait = Gait(timing.period_ticks / TICKS_PER_SECOND, timing.duty, timing.offsets)
-    low, high = policy.command_range.tolist()
-    config = Config(
-        robot=RobotConfig(model=policy.robot),
-        gait=gait,
-        commands=CommandBox(*zip(low, high, strict=True)),
-    )
-    # A name brings the height of its steps and its horizon, if it means this gait.
-    if timing.name in GAITS and GAITS[timing.name].timing == gait.timing:
-        config = with_gait(config, timing.name)
+    config = config_for(policy.robot, policy.spec.gaits[0], policy.command_range)
     return with_measured_gain(config)

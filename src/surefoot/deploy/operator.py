@@ -6,6 +6,7 @@ terminal has closed, or the promised sign of life does not come. Read `loop` nex
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import select
@@ -13,10 +14,16 @@ import sys
 from typing import NamedTuple, Protocol
 
 from surefoot.deploy.interfaces import Clock, wall_clock
+from surefoot.errors import shown
 from surefoot.types import Command
 
 LONGEST_LINE = 200
 """[B] No line of an operator is longer."""
+NAMES = {"vx": "vx", "vy": "vy", "yaw": "yaw_rate"}
+"""What an operator calls the parts of a command."""
+COMMANDS = "type start, stop, vx 0.2, vy 0.1 or yaw 0.5"
+"""What an operator may say."""
+logger = logging.getLogger(__name__)
 
 
 class Wish(NamedTuple):
@@ -71,7 +78,8 @@ class Terminal:
     """An operator at a terminal: lines of text on the standard input.
 
     `start` stands the robot up and lets it walk, `stop` damps it; `vx 0.2`, `vy 0.1` and `yaw 0.5`
-    change the command; any other line, as an empty one, is a sign of life.
+    change the command; an empty line is a sign of life, and any other changes nothing and is named
+    in a warning.
 
     Args:
         command: The velocity that is asked for at first.
@@ -121,24 +129,31 @@ class Terminal:
 
 
 def obey(wish: Wish, line: str) -> Wish:
-    """What the operator wants after a line; a line that means nothing changes nothing.
+    """What the operator wants after a line; one that means nothing changes nothing, with a warning.
 
     Args:
         wish: What the operator wanted before.
-        line: The line.
+        line: The line; an empty one is a sign of life only.
     """
     words = line.lower().split()
+    if not words:
+        return wish
     if words == ["start"]:
         return wish._replace(go=True)
     if words == ["stop"]:
         return wish._replace(go=False)
-    names = {"vx": "vx", "vy": "vy", "yaw": "yaw_rate"}
-    if len(words) != 2 or words[0] not in names:
+    name = NAMES.get(words[0])
+    value = _number(words[1]) if len(words) == 2 else None
+    if name is None or value is None:
+        logger.warning(f"{shown(line.strip())} means nothing; {COMMANDS}")
         return wish
+    return wish._replace(command=wish.command._replace(**{name: value}))
+
+
+def _number(text: str) -> float | None:
+    """A finite number; None if it is none."""
     try:
-        value = float(words[1])
+        value = float(text)
     except ValueError:
-        return wish
-    if not math.isfinite(value):
-        return wish
-    return wish._replace(command=wish.command._replace(**{names[words[0]]: value}))
+        return None
+    return value if math.isfinite(value) else None

@@ -241,9 +241,16 @@ def load_flight(path: Path) -> Flight:
         path: The file.
 
     Raises:
-        ValueError: The file is missing, damaged, or no flight.
+        FileNotFoundError: There is no such file.
+        ValueError: The file is damaged, or no flight.
     """
+    if not path.exists():
+        raise FileNotFoundError(
+            f"there is no flight {path}; `surefoot run` writes one after a fault, or with --keep"
+        )
     try:
         return load_arrays(path, Flight)
     except ValueError as error:
-        raise ValueError(f"{path} is no recorded flight: {error.__cause__ or error}") from error
+        raise ValueError(
+            f"{path} is no flight that `surefoot run` has recorded: {error.__cause__ or error}"
+        ) from error

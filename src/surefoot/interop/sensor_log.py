@@ -224,6 +224,11 @@ def read_log(path: Path) -> SensorLog:
         FileNotFoundError: There is no such file.
         ValueError: It is no log; the message names the file and what is wrong.
     """
+    if not path.exists():
+        raise FileNotFoundError(
+            f"there is no log {path}; `surefoot play --log FILE` writes one, and `surefoot run "
+            "--keep` a flight"
+        )
     content = read_file(path)
     try:
         if path.suffix.lower() == ".csv":

@@ -13,7 +13,7 @@ from surefoot.config import Config, Gait
 from surefoot.config.gait_table import GAITS, gait_name
 from surefoot.errors import unknown
 
-__all__ = ["GAITS", "gait_name", "with_gait"]
+__all__ = ["GAITS", "gait_name", "with_gait", "with_timing"]
 
 
 def with_gait(config: Config, name: str) -> Config:
@@ -30,7 +30,16 @@ def with_gait(config: Config, name: str) -> Config:
     """
     if name not in GAITS:
         raise ValueError(unknown("gait", name, GAITS))
-    gait = GAITS[name]
+    return with_timing(config, GAITS[name])
+
+
+def with_timing(config: Config, gait: Gait) -> Config:
+    """The configuration, with any gait, and with what follows from another one than the trot.
+
+    Args:
+        config: The configuration.
+        gait: The gait.
+    """
     if gait.timing == Gait().timing:
         return replace(config, gait=gait)
     expert = replace(

@@ -11,18 +11,22 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from surefoot.config import Config, LayoutName, PolicyConfig
+import numpy as np
+
+from surefoot.config import CommandBox, Config, Gait, LayoutName, PolicyConfig, RobotConfig
+from surefoot.config.robot_table import ROBOTS
 from surefoot.learning.joint_limits import JointLimits, SafetyBounds
 from surefoot.learning.layouts import LAYOUTS
-from surefoot.learning.observation import ObservationSpec
+from surefoot.learning.observation import GaitTiming, ObservationSpec
 from surefoot.learning.policy import Policy, load, policy_spec
+from surefoot.mpc.gaits import GAITS, gait_name, with_gait, with_timing
 from surefoot.robots.bounds import table_bounds
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
-from surefoot.types import Array
+from surefoot.types import TICKS_PER_SECOND, Array
 
 PACKAGED_POLICY = Path(__file__).parent / "data" / "solo12-trot.safetensors"
 """The policy that comes with the package: Solo12's trot at 0 to 0.3 m/s, cloned from 80 s of a
@@ -34,7 +38,7 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
     """Find a run's best policy, or take a policy file; and the configuration to run it under.
 
     The configuration is that of the run that the policy lies in. Outside of any run it is the
-    default one with the policy's own gains and phase.
+    default one with what the file says: robot, gait, commands, gains and phase.
 
     Args:
         target: Folder of a run, what a study keeps of it, or a policy file; None is the policy that
@@ -47,8 +51,10 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
         RunError: The folder holds no finished run.
         FileNotFoundError: There is neither a folder nor a file.
         PolicyFileError: The file is damaged, or of another robot, layout or version.
-        ValueError: The policy has another gait period, gain, phase or layout than configured.
+        ValueError: The policy has another gait period, gain, phase or layout than configured; or it
+            lies in no run, and its robot is none of the package, or it walks in several gaits.
     """
+    name = "the policy of the package" if target is None else str(target)
     if target is None:
         target = PACKAGED_POLICY
     if target.is_dir():
@@ -60,20 +66,57 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
         run = run_of_policy(path)
     else:
         raise FileNotFoundError(f"{target}: there is no such run folder or policy file")
-    config = with_own_values(Config()) if run is None else run.config
-    policy = load(path, load_robot(config.robot).name)  # fails here, not later in a worker
-    if run is None:
-        config = replace(config, policy=_policy_config(policy))
-        logger.info(
-            f"{target} lies in no run: simulator and expert as by default; gains and phase are its "
-            f"own (kp {config.policy.kp} N m/rad, kd {config.policy.kd} N m s/rad, phase as a "
-            f"{config.policy.phase})"
+    if run is not None:
+        config = run.config
+        policy = load(path, load_robot(config.robot).name)  # fails here, not later in a worker
+        _check_fit(path, policy, config, str(run.folder / CONFIG_FILE))
+        return path, config
+    policy = load(path)
+    seen = policy.spec.observation
+    if policy.robot not in ROBOTS:
+        raise ValueError(
+            f"{path} is a policy of the robot {policy.robot!r}, whose description the package does "
+            "not have: name the folder of the run that trained it, which keeps it"
         )
-        source = "the default configuration"
-    else:
-        source = str(run.folder / CONFIG_FILE)
-    _check_fit(path, policy, config, source)
+    if len(seen.gaits) > 1:
+        gaits = ", ".join(gait.name for gait in seen.gaits)
+        raise ValueError(
+            f"{path} is a policy of several gaits, {gaits}: run it with "
+            "`surefoot.rollouts.engine.rollout`, which takes any policy"
+        )
+    config = config_for(policy.robot, seen.gaits[0], policy.command_range)
+    config = replace(with_own_values(config), policy=_policy_config(policy))
+    logger.info(
+        f"{name} lies in no run: simulator and expert as by default; robot and gait ("
+        f"{policy.robot}, {seen.gaits[0].name}), gains and phase are its own (kp "
+        f"{config.policy.kp} N m/rad, kd {config.policy.kd} N m s/rad, phase as a "
+        f"{config.policy.phase})"
+    )
     return path, config
+
+
+def config_for(robot: str, gait: GaitTiming, command_range: Array) -> Config:
+    """The configuration of a policy's robot and gait, as far as its file tells.
+
+    Args:
+        robot: Name of a robot of the package.
+        gait: The gait.
+        command_range: ``(2, 3)`` smallest and largest command trained on.
+    """
+    config = Config(robot=RobotConfig(model=robot))
+    timing = Gait(gait.period_ticks / TICKS_PER_SECOND, gait.duty, gait.offsets)
+    name = gait_name(timing)
+    config = with_gait(config, name) if name in GAITS else with_timing(config, timing)
+    trained = CommandBox(*zip(*command_range.tolist(), strict=True))
+    # Data drawn from a box need not reach its ends.
+    return config if _lies_in(trained, config.commands) else replace(config, commands=trained)
+
+
+def _lies_in(inner: CommandBox, outer: CommandBox) -> bool:
+    """Whether all commands of a box are in another one."""
+    low, high = np.array([inner.vx, inner.vy, inner.yaw_rate]).T
+    lowest, highest = np.array([outer.vx, outer.vy, outer.yaw_rate]).T
+    return bool((low >= lowest - 1e-9).all() and (high <= highest + 1e-9).all())
 
 
 def _policy_config(policy: Policy) -> PolicyConfig:

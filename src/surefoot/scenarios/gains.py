@@ -68,6 +68,9 @@ def measured_gain(robot: RobotModel, config: Config) -> CommandGain:
             return read_record(path, CommandGain)
         except ValueError as error:
             logger.warning(f"the command gains are measured again ({error})")
+    logger.info(
+        f"measuring the command gains of {robot.name}, for seconds; they are kept in {path}"
+    )
     ratio = size_of(robot).length_ratio
     gain = calibrate_command_gain(robot, config.gait, config, ratio)
     write_json(path, gain)

@@ -128,8 +128,9 @@ def find_setup(target: Path | None, robot: str | None = None, gait: str | None =
     path, config = find_policy(target)
     policy = load(path, load_robot(config.robot).name)
     name = path.name if target is None else target.resolve().name
-    title = f"{name}, {policy.robot}"
-    setup = LiveSetup(with_own_values(config), policy, title, _ground_note(config))
+    config, note = _measured(config)
+    notes = [text for text in (note, _ground_note(config)) if text]
+    setup = LiveSetup(config, policy, f"{name}, {policy.robot}", "; ".join(notes))
     return with_choice(setup, setup, robot or policy.robot, gait or setup.gait)
 
 
@@ -176,7 +177,7 @@ def expert_setup(config: Config, robot: str, gait: str) -> LiveSetup:
 
 
 def _ground_note(config: Config) -> str:
-    """What to know about the ground, which is level here; empty where it is in the configuration."""
+    """What to know of the ground, which is level here; empty where it is so for the policy."""
     terrain = config.simulation.terrain
     if terrain is None:
         return ""
