@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from surefoot.bench.plan import StageTimes, Times
-from surefoot.config import CommandBox
+from surefoot.config import Backend, CommandBox
 from surefoot.study.robot_cells import GaitCell, Tracking, Use, Walked
 from tests.fakes.results import robustness
 
@@ -21,7 +21,9 @@ WALKED = Walked(
 )
 
 
-def gait_cell(robot="go2", gait="trot", simulator="mujoco", **changes) -> GaitCell:
+def gait_cell(
+    robot: str = "go2", gait: str = "trot", simulator: Backend = "mujoco", **changes
+) -> GaitCell:
     """A cell of 20 episodes, 19 of which succeeded."""
     cell = GaitCell(
         robot, gait, simulator, "key", 20, 5.0, BOX, {"processor": "one core"}, WALKED, ""
