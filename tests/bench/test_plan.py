@@ -1,12 +1,13 @@
 """Plans are timed by stage, over both horizons, cold and warm."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import pytest
 
 import surefoot.bench.plan as plan_module
 from surefoot.bench.plan import StageTimes, bench_plan, cold_plans, plan_table, times_of
 from surefoot.config import Config
+from surefoot.scenarios.starts import load_starts
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +37,12 @@ def test_the_wall_time_of_a_plan_is_counted_once(monkeypatch):
     timed = cold_plans(Config(), 3)
     assert [plan.seconds for plan in timed] == [1.0, 1.0, 1.0]
     assert times_of(timed).median == 1e3
+
+
+def test_plans_begin_in_the_states_that_are_given():
+    stored = load_starts()
+    few = replace(stored, grid=stored.grid | {"test": stored["test"][:2]})
+    assert len(cold_plans(Config(), 5, few)) == 2
 
 
 def test_the_table_has_a_row_for_each_kind(times):

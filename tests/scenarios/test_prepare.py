@@ -36,7 +36,7 @@ from surefoot.scenarios.prepare import (
     with_values_of,
 )
 from surefoot.scenarios.starts import load_starts, starts_of
-from surefoot.scenarios.walking import Walks
+from surefoot.scenarios.walking import GaitError, Walks
 from tests.fakes.walks import SMALL, FakeWalks, fake_walks
 
 __all__ = ["fake_walks"]
@@ -192,8 +192,9 @@ def test_a_box_that_is_too_large_is_refused_with_the_largest_that_works(fake_wal
         r"falls at .* 1, 0, 0\. The largest box that works: --vx -0\.3 0\.4 --vy 0 0 --yaw-rate "
         r"-0\.5 0\.5"
     )
-    with pytest.raises(ValueError, match=text):
+    with pytest.raises(GaitError, match=text) as refused:
         made(config)
+    assert refused.value.largest == CommandBox(vx=(-0.3, 0.4), yaw_rate=(-0.5, 0.5))
 
 
 def test_a_gait_that_falls_on_the_spot_is_refused(fake_walks):
@@ -201,8 +202,9 @@ def test_a_gait_that_falls_on_the_spot_is_refused(fake_walks):
         fake_walks.limit = -1.0
         made()
     given = replace(GO2_TROT, expert=ExpertConfig(command_gain=(1.0, 1.0, 1.0)))
-    with pytest.raises(ValueError, match="It falls on the spot, too: use another gait"):
+    with pytest.raises(GaitError, match="It falls on the spot, too: use another gait") as refused:
         made(given)
+    assert refused.value.largest is None
 
 
 def test_a_command_at_which_a_robot_falls_gives_its_place_to_the_nearest(fake_walks, monkeypatch):

@@ -20,7 +20,7 @@ from surefoot.robots.load import load_robot
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes
-from surefoot.scenarios.starts import load_starts
+from surefoot.scenarios.starts import StartSet, load_starts
 from surefoot.sim import make_simulator
 from surefoot.types import Command, MotionPlan, State
 
@@ -135,15 +135,16 @@ def bench_plan(config: Config, plans: int = 300) -> PlanTimes:
     )
 
 
-def cold_plans(config: Config, plans: int = 300) -> list[TimedPlan]:
+def cold_plans(config: Config, plans: int = 300, stored: StartSet | None = None) -> list[TimedPlan]:
     """Plan once from each of the first `test` initial states, after a few plans to warm up.
 
     Args:
         config: Configuration of robot, gait and expert.
         plans: Number of plans, as far as there are initial states.
+        stored: The set of initial states; without it that of Solo12's trot.
     """
     planner = make_planner(load_robot(config.robot), config)
-    starts = load_starts()["test"][:plans]
+    starts = (stored or load_starts())["test"][:plans]
     nothing = np.zeros((len(starts), 4, 3))  # a plan depends on q and v only
     states = State(starts.q, starts.v, nothing[:, 0], nothing, nothing[..., 0] > 0)
 

@@ -31,6 +31,7 @@ from surefoot.cli.robot import ShowRobot
 from surefoot.cli.run import RunPolicy
 from surefoot.cli.streams import failure_of, lasting_output
 from surefoot.cli.study import Study
+from surefoot.cli.survey import Survey
 from surefoot.cli.train import Train, parse_train
 from surefoot.cli.twin import RunTwin
 from surefoot.cli.view import View
@@ -108,6 +109,12 @@ COMMANDS = {
         "Measure what a robot, a gait and a box of commands need.",
         memory="--config",
         resume="the same command begins again, with the gains that are measured",
+    ),
+    "survey": Entry(
+        Survey,
+        "Measure each robot in each gait, and make one table of it.",
+        memory="--workers",
+        resume="the same command goes on with the next robot or gait",
     ),
     "run": Entry(RunPolicy, "Drive a robot behind a bridge, and fail safely."),
     "twin": Entry(RunTwin, "Simulate a robot behind a bridge."),

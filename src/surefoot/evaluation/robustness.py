@@ -194,8 +194,27 @@ def evaluate(
         ValueError: The split holds fewer initial states than the episodes asked for.
     """
     stored = stored or starts_of(config)
+    job = evaluation_job(config, policy, split, stored, plan)
+    title = f"{controller_title(config, policy)}: {split} starts"
+    summary = run_episodes(job, workers, title)
+    return robustness_of(summary, stored, split, config.robot.profile), summary
+
+
+def evaluation_job(
+    config: Config,
+    policy: Path | None,
+    split: str,
+    stored: StartSet,
+    plan: PlanFunction | None = None,
+) -> Job:
+    """The episodes of an evaluation; the arguments are those of `evaluate`.
+
+    Raises:
+        KeyError: There is no such split.
+        ValueError: The split holds fewer initial states than the episodes asked for.
+    """
     starts = stored.first(split, config.evaluation.episodes)
-    job = Job(
+    return Job(
         replace(config, seed=stored.seed),
         Episodes(starts, config.evaluation.duration, id=starts.id),
         ExpertOnly() if policy is None else PolicyOnly(),
@@ -203,9 +222,6 @@ def evaluate(
         plan=plan,
         disturbance=config.evaluation.disturbance,
     )
-    title = f"{controller_title(config, policy)}: {split} starts"
-    summary = run_episodes(job, workers, title)
-    return robustness_of(summary, stored, split, config.robot.profile), summary
 
 
 def controller_title(config: Config, policy: Path | None) -> str:

@@ -18,7 +18,7 @@ from surefoot.mpc.schedule import stands
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import with_own_values
 from surefoot.scenarios.preparation import CommandGain
-from surefoot.scenarios.walking import expert_walks
+from surefoot.scenarios.walking import GaitError, expert_walks
 from surefoot.types import Array, BoolArray, to_ticks
 
 SECONDS = 3.0
@@ -72,7 +72,7 @@ def calibrate_command_gain(
         scale: The robot's leg length over Solo12's.
 
     Raises:
-        ValueError: A robot fell, or reached too little of what was planned; the message has the
+        GaitError: A robot fell, or reached too little of what was planned; the message has the
             numbers.
     """
     config = with_own_values(replace(config, gait=gait), robot)
@@ -108,7 +108,7 @@ def _reached(robot: RobotModel, config: Config, told: Array, gain: Array) -> _Re
         gain: ``(3,)`` gains of the expert.
 
     Raises:
-        ValueError: A robot fell along an axis that is needed.
+        GaitError: A robot fell along an axis that is needed.
     """
     x, y, z = gain.tolist()
     config = replace(config, expert=replace(config.expert, command_gain=(x, y, z)))
@@ -127,7 +127,7 @@ def _check_moved(reached: _Reached, needed: BoolArray, gait: str) -> None:
     """Check that a gait moves the robot along each axis that is needed.
 
     Raises:
-        ValueError: It reached too small a share of what it was told.
+        GaitError: It reached too small a share of what it was told.
     """
     share = np.where(needed, reached.share, 1.0)
     axis = int(share.argmin())
@@ -135,7 +135,7 @@ def _check_moved(reached: _Reached, needed: BoolArray, gait: str) -> None:
         return
     name = ("vx", "vy", "yaw rate")[axis]
     unit = ("m/s", "m/s", "rad/s")[axis]
-    raise ValueError(
+    raise GaitError(
         f"the gait {gait} does not move the robot: of {name} {reached.told[axis]:.3g} {unit} it "
         f"reached {reached.forward[axis]:.3f}, and of the opposite {reached.backward[axis]:.3f} "
         f"{unit}, in {SECONDS:g} s; close that axis of the commands, or use another gait"

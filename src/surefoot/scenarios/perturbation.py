@@ -17,6 +17,7 @@ from surefoot.robots.bounds import fallen
 from surefoot.robots.geometry import lowest_points
 from surefoot.robots.model import RobotModel
 from surefoot.robots.profile import beyond_position
+from surefoot.scenarios.walking import GaitError
 from surefoot.types import Array, BoolArray
 
 ATTEMPTS = 1000
@@ -47,7 +48,7 @@ def perturb(
         ``(19,)`` configuration and ``(18,)`` velocity.
 
     Raises:
-        ValueError: No draw was acceptable; the perturbation is too large for this state.
+        GaitError: No draw was acceptable; the perturbation is too large for this state.
     """
     sigma = np.concatenate(
         [
@@ -69,7 +70,7 @@ def perturb(
         if moved is None or not acceptable(robot, data, moved, config, safety, stance):
             continue
         return moved, project(stance_jacobian(robot, data, moved, stance), velocity)
-    raise ValueError(
+    raise GaitError(
         f"no acceptable initial state in {ATTEMPTS} draws: each one had fallen or touched the "
         "ground with more than its feet; "
         f"lower the standard deviations ({config})"

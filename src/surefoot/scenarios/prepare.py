@@ -46,7 +46,7 @@ from surefoot.scenarios.make import (
 )
 from surefoot.scenarios.preparation import CommandGain, Followed, Preparation, Triple
 from surefoot.scenarios.starts import StartSet, load_starts, save_starts
-from surefoot.scenarios.walking import Walks
+from surefoot.scenarios.walking import GaitError, Walks
 from surefoot.types import Array, BoolArray, IntArray, to_ticks
 
 Section = TypeVar("Section", bound=Checked)
@@ -104,7 +104,7 @@ def prepare(
         sizes: The size of each split.
 
     Raises:
-        ValueError: The robot does not walk in this gait, or not at the commands of the box; the
+        GaitError: The robot does not walk in this gait, or not at the commands of the box; the
             message has the numbers, and the largest box that it walks.
         WriteError: The file cannot be written.
     """
@@ -130,7 +130,7 @@ def prepare(
     walks = settle(config, commands)
     up = ~walks.lost(config.safety)
     if not walks_enough(up):
-        raise ValueError(_refusal(robot, config, commands, up))
+        raise _refusal(robot, config, commands, up)
     settled = walks.since(int(cycle_instants(config.gait)[0]))
     made = Preparation(
         key=key,
@@ -186,7 +186,7 @@ def _gain_of(robot: RobotModel, config: Config) -> CommandGain:
     return measured_gain(robot, config)
 
 
-def _refusal(robot: RobotModel, config: Config, commands: Array, up: BoolArray) -> str:
+def _refusal(robot: RobotModel, config: Config, commands: Array, up: BoolArray) -> GaitError:
     """Why a box cannot be prepared, and which one can."""
     name = gait_name(config.gait)
     fell = "; ".join(", ".join(f"{x:.3g}" for x in command) for command in commands[~up][:4])
@@ -198,8 +198,8 @@ def _refusal(robot: RobotModel, config: Config, commands: Array, up: BoolArray) 
     logger.info("%s; looking for the largest box that it walks", text)
     box = largest_box(robot, config)
     if box is None:
-        return f"{text}. It falls on the spot, too: use another gait"
-    return f"{text}. The largest box that works: {describe(box)}"
+        return GaitError(f"{text}. It falls on the spot, too: use another gait")
+    return GaitError(f"{text}. The largest box that works: {describe(box)}", box)
 
 
 def _own_bounds(robot: RobotModel, config: Config) -> SafetyConfig:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from surefoot.config import Config, SafetyConfig
+from surefoot.config import CommandBox, Config, SafetyConfig
 from surefoot.mpc.expert import make_expert
 from surefoot.robots.bounds import fallen
 from surefoot.robots.model import RobotModel, clip_torque, standing, stop_speeding
@@ -20,6 +20,18 @@ from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, to_tick
 
 MOST_SHOWN = 4
 """How many falls a message names."""
+
+
+class GaitError(ValueError):
+    """A robot does not walk in a gait as it was asked to; the message has the numbers.
+
+    Attributes:
+        largest: The largest box of commands that it does walk, as far as that was looked for.
+    """
+
+    def __init__(self, message: str, largest: CommandBox | None = None) -> None:
+        super().__init__(message)
+        self.largest = largest
 
 
 @dataclass(frozen=True)
@@ -80,7 +92,7 @@ class Walks:
             gait: The name of the gait, for the message.
 
         Raises:
-            ValueError: A robot fell; the message names the commands and the times.
+            GaitError: A robot fell; the message names the commands and the times.
         """
         fallen = self.fallen(safety) & (self.tick >= to_ticks(safety.grace))[:, None]
         lost = np.flatnonzero(fallen.any(axis=0))
@@ -89,7 +101,7 @@ class Walks:
         seconds = self.tick[fallen.argmax(axis=0)] / TICKS_PER_SECOND
         falls = [f"({_numbers(self.command[n])}) after {seconds[n]:.2f} s" for n in lost]
         more = ", ..." if len(falls) > MOST_SHOWN else ""
-        raise ValueError(
+        raise GaitError(
             f"the gait {gait} does not carry the robot: {len(lost)} of {len(self.command)} fell, "
             f"at the commands (vx, vy, yaw rate) {', '.join(falls[:MOST_SHOWN])}{more}; use "
             "a smaller box of commands, or another gait"

@@ -1,0 +1,392 @@
+"""Each robot in each gait: what the expert can do from perturbed initial states, and what it uses.
+
+A cell of the survey is one robot in one gait in one simulator. What it needs is prepared as for any
+run (`scenarios.prepare`), its episodes are those of an evaluation (`evaluation.robustness`). Each
+cell is written as soon as it is measured, and a survey that is interrupted goes on with the next.
+Next: `robot_cells`, the records and the table.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.bench.plan import cold_plans, times_of
+from surefoot.config import Backend, CommandBox, Config, PerturbationConfig, simulated
+from surefoot.config.gait_table import GAITS
+from surefoot.errors import unknown
+from surefoot.evaluation.robustness import evaluation_job, robustness_of
+from surefoot.files import write_json
+from surefoot.learning.frames import concatenate
+from surefoot.mpc.gaits import with_gait
+from surefoot.mpc.schedule import stands
+from surefoot.robots.load import load_robot
+from surefoot.robots.model import RobotModel
+from surefoot.robots.scaling import size_of, with_own_values
+from surefoot.rollouts.episodes import Rollout
+from surefoot.rollouts.jobs import Job, chunks_of, play_out, summarize_job
+from surefoot.rollouts.outcome import Outcome
+from surefoot.rollouts.summary import Summary, join_summaries, settled_part, velocities
+from surefoot.runs.versions import versions
+from surefoot.scenarios.make import SEED, SIZES, cycle_instants
+from surefoot.scenarios.preparation import Triple
+from surefoot.scenarios.prepare import Prepared, prepare, prepared_key, with_preparation
+from surefoot.scenarios.walking import GaitError
+from surefoot.study.robot_cells import (
+    GaitCell,
+    RobotSurvey,
+    Tracking,
+    Use,
+    Walked,
+    in_order,
+    read_cells,
+)
+from surefoot.types import Array, to_ticks
+from surefoot.workers import Workers, map_chunks
+
+FORWARD = (-0.3, 0.6)
+"""[m/s] vx that a robot of Solo12's size is to walk; another's goes with the square root of the
+ratio of leg lengths, as does vy."""
+SIDEWAYS = (-0.2, 0.2)
+"""[m/s] vy that a robot of Solo12's size is to walk."""
+TURNING = (-0.5, 0.5)
+"""[rad/s] The yaw rate that every robot is to walk."""
+STILL = CommandBox((0.0, 0.0))
+"""The commands of a robot that stands."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class SurveyPlan:
+    """What is to be measured: every robot in every gait in every simulator.
+
+    Attributes:
+        robots: Names of robots of the package, or files with a `RobotSpec`.
+        gaits: Names of gaits.
+        simulators: The simulators of the episodes.
+        episodes: The number of perturbed initial states of each cell.
+        seconds: How long each episode lasts [s].
+    """
+
+    robots: tuple[str, ...]
+    gaits: tuple[str, ...]
+    simulators: tuple[Backend, ...]
+    episodes: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Task:
+    """A cell to measure.
+
+    Attributes:
+        cell: The cell, without results.
+        config: The robot, the gait, the commands that are asked for, and the evaluation.
+    """
+
+    cell: GaitCell
+    config: Config
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What is left of n episodes; first axis the episode.
+
+    Attributes:
+        summary: How they ended.
+        error: ``(n, 3)`` error of the mean vx, vy [m/s] and yaw rate [rad/s] from 1 s on, over
+            whole gait periods, without its sign.
+        torque: ``(n, 3)`` largest share of the torque limits from 1 s on and in all, and the share
+            of the time from 1 s on at a limit.
+        speed: ``(n, 3)`` the same of the speed limits; zero for joints without one.
+    """
+
+    summary: Summary
+    error: Array
+    torque: Array
+    speed: Array
+
+
+def survey_robots(plan: SurveyPlan, folder: Path, workers: Workers) -> RobotSurvey:
+    """Measure every cell that a folder does not hold yet.
+
+    Args:
+        plan: What is to be measured.
+        folder: The folder of the cells, one JSON file each.
+        workers: Processes that run the episodes.
+
+    Returns:
+        All cells of the folder, those of earlier surveys too.
+
+    Raises:
+        ValueError: There is no such robot or gait, a gait has fewer initial states, or the folder
+            holds cells that were measured otherwise.
+        WriteError: A cell cannot be written.
+    """
+    tasks = tasks_of(plan)
+    cells = read_cells(folder)
+    check_same(tasks, cells, folder)
+    left = [task for task in tasks if task.cell.file not in cells]
+    for number, task in enumerate(left, start=1):
+        cell = measure_cell(task, workers)
+        write_json(folder / cell.file, cell)
+        cells[cell.file] = cell
+        logger.info(f"{number} of {len(left)}: {_in_words(cell)}")
+    return in_order(list(cells.values()))
+
+
+def tasks_of(plan: SurveyPlan) -> list[Task]:
+    """The cells of a plan, in the order in which they are measured.
+
+    Raises:
+        ValueError: There is no such robot or gait, or a gait has fewer initial states.
+    """
+    for name in plan.gaits:
+        if name not in GAITS:
+            raise ValueError(unknown("gait", name, GAITS))
+        most = len(cycle_instants(GAITS[name]))
+        most *= SIZES["test"].velocities * SIZES["test"].perturbations
+        if not 1 <= plan.episodes <= most:
+            raise ValueError(
+                f"{plan.episodes} episodes of the gait {name}, which has {most} initial states; "
+                f"use 1 to {most}"
+            )
+    evaluation = replace(Config().evaluation, episodes=plan.episodes, duration=plan.seconds)
+    tasks = []
+    for model in plan.robots:
+        base = Config(evaluation=evaluation)
+        base = replace(base, robot=replace(base.robot, model=model))
+        robot = load_robot(base.robot)
+        for gait in plan.gaits:
+            config = with_gait(base, gait)
+            config = replace(config, commands=box_of(robot, config))
+            own = with_own_values(config, robot)
+            key = prepared_key(own, PerturbationConfig(), SEED, SIZES)
+            for simulator in plan.simulators:
+                cell = GaitCell(
+                    robot=robot.name,
+                    gait=gait,
+                    simulator=simulator,
+                    key=key,
+                    episodes=plan.episodes,
+                    seconds=plan.seconds,
+                    asked=config.commands,
+                    versions=versions(simulator),
+                )
+                tasks.append(Task(cell, config))
+    return tasks
+
+
+def box_of(robot: RobotModel, config: Config) -> CommandBox:
+    """The commands that a robot is to walk in a gait, in hundredths; none in one that stands.
+
+    Args:
+        robot: The robot.
+        config: The gait.
+    """
+    if stands(config.gait):
+        return STILL
+    factor = size_of(robot).length_ratio ** 0.5
+    low, high = (round(factor * end, 2) for end in FORWARD)
+    right, left = (round(factor * end, 2) for end in SIDEWAYS)
+    return CommandBox((low, high), (right, left), TURNING)
+
+
+def check_same(tasks: Sequence[Task], cells: dict[str, GaitCell], folder: Path) -> None:
+    """Check that a survey can go on with what a folder holds.
+
+    Args:
+        tasks: What is to be measured.
+        cells: The cells of the folder, by the names of their files.
+        folder: The folder, for the message.
+
+    Raises:
+        ValueError: A cell was measured in other episodes, or of another robot, gait or expert.
+    """
+    first = tasks[0].cell
+    for name, cell in cells.items():
+        if (cell.episodes, cell.seconds) != (first.episodes, first.seconds):
+            raise ValueError(
+                f"{folder / name} was measured in {cell.episodes} episodes of {cell.seconds:g} s, "
+                f"not in {first.episodes} of {first.seconds:g} s; name another folder with --out"
+            )
+    for task in tasks:
+        cell = cells.get(task.cell.file)
+        if cell is not None and (cell.key, cell.asked) != (task.cell.key, task.cell.asked):
+            raise ValueError(
+                f"{folder / cell.file} was measured of another robot, expert, planner or version "
+                "of a package than there is now; name another folder with --out, or remove the file"
+            )
+
+
+def measure_cell(task: Task, workers: Workers) -> GaitCell:
+    """Measure a cell.
+
+    Args:
+        task: The cell.
+        workers: Processes that run the episodes.
+    """
+    cell = task.cell
+    prepared, reason = prepare_largest(task.config)
+    if prepared is None:
+        return replace(cell, reason=reason)
+    made = prepared.made
+    config = replace(task.config, commands=made.commands, start_set=str(prepared.path))
+    config = with_preparation(config, made)
+    job = evaluation_job(simulated(config, cell.simulator), None, "test", prepared.starts)
+    title = f"{cell.robot}, {cell.gait}, {cell.simulator}"
+    parts = map_chunks(measure_episodes, chunks_of(job), workers, title)
+    measured = join_measured(parts)
+    success = measured.summary.outcome == Outcome.SUCCESS
+    limited = np.isfinite(load_robot(config.robot).speed_limit).any()
+    walked = Walked(
+        box=made.commands,
+        command_gain=made.command_gain,
+        from_rest=made.tracking_error,
+        plan_ms=times_of(cold_plans(config, stored=prepared.starts)),
+        robustness=robustness_of(measured.summary, prepared.starts, "test"),
+        tracking=tracking_of(measured.error[success]),
+        torque=use_of(measured.torque[success]),
+        speed=use_of(measured.speed[success]) if limited else None,
+    )
+    return replace(cell, walked=walked, reason=reason)
+
+
+def prepare_largest(config: Config) -> tuple[Prepared | None, str]:
+    """Prepare the commands that are asked for, or the largest part of them that a gait walks.
+
+    A gait that does not go sideways, or does not turn, is tried without.
+
+    Args:
+        config: The robot, the gait and the commands that are asked for.
+
+    Returns:
+        What was prepared, None if the gait does not go anywhere; and why it is not all that was
+        asked for, empty if it is.
+    """
+    reason = ""
+    for box in boxes_to_try(config.commands):
+        try:
+            return prepare(replace(config, commands=box)), reason
+        except GaitError as error:
+            reason = reason or str(error)
+            largest = error.largest
+        if largest is None:
+            continue
+        if largest == STILL:
+            return None, reason
+        try:
+            return prepare(replace(config, commands=largest)), reason
+        except GaitError as error:
+            logger.info(f"nor in that: {error}")
+    return None, reason
+
+
+def boxes_to_try(box: CommandBox) -> list[CommandBox]:
+    """The box, then the same without vy, without yaw rate, and without both, each once."""
+    closed = (0.0, 0.0)
+    boxes = [
+        box,
+        replace(box, vy=closed),
+        replace(box, yaw_rate=closed),
+        replace(box, vy=closed, yaw_rate=closed),
+    ]
+    return list(dict.fromkeys(boxes))
+
+
+def measure_episodes(job: Job) -> Measured:
+    """Run the episodes of one chunk in this process.
+
+    Args:
+        job: The chunk.
+    """
+    rollouts, expert = play_out(job)
+    robot = load_robot(job.config.robot)
+    T = rollouts.duration
+    settled = settled_part(T)
+    share = partial(used, settled=settled)
+    return Measured(
+        summary=summarize_job(job, rollouts, expert, concatenate([]).kept_frames),
+        error=mean_error(rollouts, to_ticks(job.config.gait.period)),
+        torque=share(np.abs(rollouts.torque[:, :T]) / robot.torque_limit),
+        speed=share(np.abs(rollouts.v[:, :T, 6:]) / robot.speed_limit),
+    )
+
+
+def mean_error(rollouts: Rollout, period: int) -> Array:
+    """``(n, 3)`` error of the mean velocity from 1 s on, over whole periods, without its sign.
+
+    Args:
+        rollouts: The n episodes; of those that did not last, the numbers mean nothing.
+        period: The gait period [ms].
+    """
+    T = rollouts.duration
+    settled = settled_part(T)
+    ticks = T - settled.start
+    ticks = ticks // period * period or ticks  # so that a gait's sway cancels
+    reached = velocities(rollouts)[:, T - ticks : T].mean(axis=1)
+    return np.abs(reached - rollouts.starts.command)
+
+
+def used(share: Array, settled: slice) -> Array:
+    """``(n, 3)`` largest shares, in the settled part and in all, and its part at a limit.
+
+    Args:
+        share: ``(n, T, 12)`` shares of the limits.
+        settled: The ticks of the settled part.
+    """
+    largest = share.max(axis=2)
+    return np.stack(
+        [
+            largest[:, settled].max(axis=1),
+            largest.max(axis=1),
+            (largest[:, settled] >= 1.0).mean(axis=1),
+        ],
+        axis=1,
+    )
+
+
+def join_measured(parts: Sequence[Measured]) -> Measured:
+    """The episodes of several chunks, one after another."""
+    return Measured(
+        join_summaries([part.summary for part in parts]),
+        np.concatenate([part.error for part in parts]),
+        np.concatenate([part.torque for part in parts]),
+        np.concatenate([part.speed for part in parts]),
+    )
+
+
+def tracking_of(error: Array) -> Tracking | None:
+    """The tracking error of ``(n, 3)`` errors; None without any."""
+    if not len(error):
+        return None
+    return Tracking(_triple(error.mean(axis=0)), _triple(error.max(axis=0)))
+
+
+def use_of(share: Array) -> Use | None:
+    """The shares of the limits of n episodes ``(n, 3)``, from `used`; None without any."""
+    if not len(share):
+        return None
+    settled, peak, _ = share.max(axis=0).tolist()
+    return Use(settled, peak, float(share[:, 2].mean()))
+
+
+def _triple(values: Array) -> Triple:
+    """Three numbers, as records hold them."""
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _in_words(cell: GaitCell) -> str:
+    """A cell for the log."""
+    title = f"{cell.robot}, {cell.gait}, {cell.simulator}"
+    if cell.walked is None:
+        return f"{title}: {cell.reason}"
+    robustness = cell.walked.robustness
+    return f"{title}: {robustness.successes} of {robustness.episodes}"
