@@ -73,22 +73,23 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
         return path, config
     policy = load(path)
     seen = policy.spec.observation
+    gait = seen.gaits[0]
     if policy.robot not in ROBOTS:
         raise ValueError(
             f"{path} is a policy of the robot {policy.robot!r}, whose description the package does "
             "not have: name the folder of the run that trained it, which keeps it"
         )
     if len(seen.gaits) > 1:
-        gaits = ", ".join(gait.name for gait in seen.gaits)
+        gaits = ", ".join(each.name for each in seen.gaits)
         raise ValueError(
             f"{path} is a policy of several gaits, {gaits}: run it with "
             "`surefoot.rollouts.engine.rollout`, which takes any policy"
         )
-    config = config_for(policy.robot, seen.gaits[0], policy.command_range)
+    config = config_for(policy.robot, gait, policy.command_range)
     config = replace(with_own_values(config), policy=_policy_config(policy))
     logger.info(
         f"{name} lies in no run: simulator and expert as by default; robot and gait ("
-        f"{policy.robot}, {seen.gaits[0].name}), gains and phase are its own (kp "
+        f"{policy.robot}, {gait.name}), gains and phase are its own (kp "
         f"{config.policy.kp} N m/rad, kd {config.policy.kd} N m s/rad, phase as a "
         f"{config.policy.phase})"
     )
