@@ -51,7 +51,7 @@ def test_a_run_is_opened_with_its_policy_and_its_episodes(surefoot, pages, run_f
     assert "http://127.0.0.1:1" in capsys.readouterr().out
 
 
-def test_without_a_target_the_expert_drives_and_without_a_screen_no_browser_opens(
+def test_without_a_target_the_packaged_policy_drives_and_without_a_screen_no_browser_opens(
     surefoot, pages, monkeypatch
 ):
     made, opened = pages
@@ -60,7 +60,7 @@ def test_without_a_target_the_expert_drives_and_without_a_screen_no_browser_open
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     assert surefoot("view", "--sim", "bullet") == 0
     setup, run, _ = made[0]
-    assert setup.policy is None
+    assert setup.policy is not None
     assert run is None
     assert setup.config.simulation.backend == "bullet"
     assert opened == []

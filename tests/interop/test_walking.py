@@ -146,7 +146,7 @@ def test_a_new_episode_asks_the_expert_anew():
 
 def test_a_terrain_is_refused_and_not_ignored():
     simulation = replace(CONFIG.simulation, terrain="bumps:0.03")
-    with pytest.raises(ValueError, match=r"simulation\.terrain is 'bumps:0.03'"):
+    with pytest.raises(ValueError, match=r"simulation\.terrain is 'bumps:0\.03'"):
         Walkers(replace(CONFIG, simulation=simulation), WalkingTask(), 1)
 
 

@@ -86,6 +86,19 @@ def test_what_cannot_be_done_is_said_and_ends_nothing(page):
     assert page.loop.alive
 
 
+def test_an_error_that_ends_the_page_is_shown_on_it(page, monkeypatch, caplog):
+    def fail(snapshot):
+        raise KeyError("hip")
+
+    monkeypatch.setattr(page._scene, "show", fail)
+    page.loop.wait()
+    assert page.loop.failure == "KeyError: 'hip'"
+    shown = page._instruments._status.content
+    assert "this page has stopped" in shown
+    assert "KeyError" in shown
+    assert "Traceback" in caplog.text
+
+
 def test_another_robot_is_driven_and_drawn(page):
     page.choose("go2", "trot")
     assert asked(page, lambda: page.live.robot.name) == "go2"

@@ -197,7 +197,7 @@ class Page:
         self._error = error
 
     def _fail(self, error: str) -> None:
-        """Show the error that has ended the thread; nothing of the source, which may be broken."""
+        """Show the error that has ended the thread; the source itself may be broken."""
         self._instruments.say(failure_html(error))
 
     def _show_busy(self, text: str) -> None:

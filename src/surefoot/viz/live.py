@@ -100,6 +100,7 @@ class LiveSimulation:
         self._damping = damping
         self._expert = expert
         self._policy = None if policy is None else driver(policy)
+        self._remembering = self._policy if isinstance(self._policy, Remembering) else None
         self._monitor = monitor
         self._plans = plans
         self._margins = MarginMeter(self.robot, safety)
@@ -243,8 +244,8 @@ class LiveSimulation:
         torque = clip_torque(
             controller.torque(state, tick, command, EVERYONE), self.robot.torque_limit
         )
-        if isinstance(self._policy, Remembering):  # whoever drove
-            self._policy.observe(state, tick, torque)
+        if self._remembering is not None:  # whoever drove
+            self._remembering.observe(state, tick, torque)
         if self._expert_drives and self._expert.diverged[0]:
             self._ended = "the expert gave up: it has no valid plan"
         if self.robot.enforce_speed_limit:

@@ -177,7 +177,7 @@ def expert_setup(config: Config, robot: str, gait: str) -> LiveSetup:
 
 
 def _ground_note(config: Config) -> str:
-    """What to know of the ground, which is level here; empty where it is so for the policy."""
+    """What to know about the ground, which is level here whatever the configuration says."""
     terrain = config.simulation.terrain
     if terrain is None:
         return ""
@@ -196,9 +196,8 @@ def _measured(config: Config) -> tuple[Config, str]:
     try:
         return with_measured_gain(config), ""
     except ValueError as error:
-        return with_own_values(
-            config
-        ), f"the command gains could not be measured and are 1: {error}"
+        note = f"the command gains could not be measured and are 1: {error}"
+        return with_own_values(config), note
 
 
 def start(setup: LiveSetup) -> LiveSimulation:
