@@ -1,10 +1,16 @@
 """The commands import-data, fit and export-data."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from surefoot.config.json_io import to_json
+from surefoot.config.robot_table import GO2
+from surefoot.files import write_json
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.policy import load
+from surefoot.robots.load import load_robot
 from surefoot.runs.run import open_run
 
 
@@ -33,6 +39,23 @@ def test_logs_become_a_dataset_and_that_a_policy(surefoot, logs, tmp_path, capsy
     assert policy.spec.kp == 2.0
     assert policy.provenance["dataset_hash"] == Dataset(data).hash
     assert "2 steps" not in capsys.readouterr().err
+
+
+def test_a_policy_of_any_layout_and_robot_is_fitted(surefoot, logs, tmp_path):
+    data = tmp_path / "data"
+    assert surefoot("import-data", *logs, "--out", data) == 0
+    mine = tmp_path / "mine.json"
+    write_json(mine, to_json(replace(GO2, name="mine")))
+    out = tmp_path / "policy.safetensors"
+    options = ["--config.training.batch", 32, "--config.policy.hidden", 16, 16, "--robot", mine]
+    layout = ["--config.policy.layout", "proprioceptive"]
+    assert surefoot("fit", data, out, "--epochs", 1, *options, *layout) == 0
+    policy = load(out, "mine", "proprioceptive")
+    assert policy.spec.kp > 10.0
+    assert policy.limits is not None
+    assert policy.limits.torque == tuple(load_robot("go2").torque_limit.tolist())
+    assert policy.bounds is not None
+    assert policy.bounds.com_height[0] > 0.15
 
 
 def test_a_log_of_the_same_name_is_not_imported_twice(surefoot, logs, tmp_path, capsys):

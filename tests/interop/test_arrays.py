@@ -53,6 +53,7 @@ def test_a_new_episode_begins_where_the_clock_jumps(log):
     imported = frames_from_arrays(log, ROBOT, first_episode=5)
     assert np.unique(imported.episode, return_counts=True)[1].tolist() == [100, 150]
     assert imported.episode[0] == 5
+    np.testing.assert_array_equal(imported.elapsed, [*range(100), *range(150)])
 
 
 def test_one_command_serves_all_rows(log):

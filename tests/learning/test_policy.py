@@ -415,6 +415,14 @@ def test_a_file_of_format_2_is_a_full_policy_of_a_trot(tmp_path):
         load(path, layout="proprioceptive")
 
 
+def test_a_file_of_format_2_with_another_period_is_of_a_gait_without_a_name(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    save(make_policy(), path)
+    as_format_2(path, period_ticks=1000)
+    [gait] = load(path).spec.observation.gaits
+    assert (gait.name, gait.period_ticks) == ("custom", 1000)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -10,11 +10,13 @@ from surefoot.config import (
     TABLE_I,
     CommandBox,
     Config,
+    DisturbanceConfig,
     ExpertConfig,
     PerturbationConfig,
     RobotConfig,
     SafetyConfig,
     SimulationConfig,
+    TrainingConfig,
 )
 from surefoot.config.checked import known
 from surefoot.config.presets import TROT_GAIN
@@ -320,6 +322,51 @@ def test_what_a_run_has_measured_is_kept_when_it_goes_on(small_sets, monkeypatch
     assert with_values_of(whole, GO2_TROT) == whole
     other = with_values_of(whole, replace(GO2_TROT, safety=SafetyConfig(roll_pitch=20.0)))
     assert other.safety.roll_pitch == 20.0
+
+
+def test_a_run_of_an_earlier_version_goes_on_with_the_numbers_that_it_has(small_sets):
+    whole = completed(GO2_TROT)
+    earlier = replace(
+        whole,
+        safety=replace(TABLE_I, joints=whole.safety.joints),
+        push=replace(whole.push, resolution=0.2),
+        collection=replace(whole.collection, impulse=(0.3, 1.5)),
+    )
+    none = DisturbanceConfig(impulse=None)
+    assert with_values_of(earlier, replace(GO2_TROT, collection=none)) == earlier
+    joints = SafetyConfig(joints=whole.safety.joints)
+    assert with_values_of(earlier, replace(GO2_TROT, safety=joints)).safety == earlier.safety
+    other = replace(GO2_TROT, safety=SafetyConfig(knee=(-150.0, 0.0)))
+    assert with_values_of(earlier, other).safety != earlier.safety
+
+
+GIVEN = {
+    "range": replace(GO2_TROT, safety=SafetyConfig(knee=(-150.0, 0.0))),
+    "joints": replace(GO2_TROT, safety=SafetyConfig(joints=((-90.0, 90.0),) * 12)),
+    "gains": replace(GO2_TROT, expert=ExpertConfig(kp=30.0, command_gain=(1.0, 1.0, 1.0))),
+    "height": replace(GO2_TROT, gait=replace(GO2_TROT.gait, com_height=0.28)),
+    "limit": replace(GO2_TROT, robot=RobotConfig("go2", torque_limit=20.0)),
+    "terrain": replace(GO2_TROT, simulation=SimulationConfig(terrain="slope:5")),
+    "seed": replace(GO2_TROT, training=TrainingConfig(seed=3)),
+}
+
+
+@pytest.mark.parametrize("name", GIVEN)
+def test_what_was_given_at_first_need_not_be_given_again(small_sets, name):
+    whole = completed(GIVEN[name])
+    assert with_values_of(whole, GIVEN[name]) == whole
+    assert with_values_of(whole, GO2_TROT) == whole
+
+
+def test_initial_states_that_were_given_at_first_need_not_be_given_again():
+    whole = replace(with_own_values(Config()), start_set="mine.npz")
+    assert with_values_of(whole, Config()) == whole
+
+
+def test_another_robot_is_not_taken_for_that_of_the_run(small_sets):
+    spec = replace(GO2, name="mine")
+    whole = completed(replace(GO2_TROT, robot=RobotConfig("mine", spec=spec)))
+    assert with_values_of(whole, GO2_TROT).robot != whole.robot
 
 
 def test_a_preparation_survives_its_file(fake_walks):
