@@ -192,8 +192,8 @@ def gate_bounds(policy: OnnxPolicy, expert: Config) -> tuple[Array, Array]:
     bounds = policy.description.bounds
     if bounds is None:
         logger.warning(
-            "the policy's file does not hold the safety bounds it was trained under; the robot's "
-            "own hold (export the policy again)"
+            "the policy's file does not hold the safety bounds it was trained under, so that the "
+            "robot's own hold; if an older version exported it, export the policy again"
         )
         return table_bounds(expert.safety)
     low, high = np.array([bounds.com_height, bounds.roll, bounds.pitch, *bounds.joints]).T
