@@ -111,6 +111,23 @@ def test_a_twin_that_is_told_to_damp_collapses_and_stays_down():
     assert channel.twin.driver.simulator.state.q[0, 2] < 0.5 * standing
 
 
+def test_a_runtime_after_a_fault_finds_the_robot_set_up_in_its_first_state():
+    runtime, first, channel = flight_of(TwinConfig(noise=NoiseConfig(joint_position=0.01)), 100)
+    runtime.stop()
+    for _ in range(1500):
+        runtime.tick()
+        channel.wait(0.0)
+    assert channel.twin.bridge.status == protocol.LATCHED
+    fallen = channel.twin.driver.simulator.state.q[0, 7:].copy()
+    for _ in range(1000):
+        channel.twin.bridge.tick()
+    robot = UdpRobot(channel, BRIDGE, lockstep=True)
+    robot.connect()
+    found = robot.read().joint_position
+    np.testing.assert_array_equal(found, first.joint_position[0])
+    assert np.abs(found - fallen).max() > 0.1
+
+
 def test_in_lockstep_a_runtime_that_has_been_killed_is_given_up(monkeypatch):
     monkeypatch.setattr(bridge, "LOCKSTEP_PATIENCE", 0.0)
     twin = flight_of(TwinConfig(), 50)[2].twin

@@ -378,7 +378,8 @@ def serve_lockstep(bridge: Bridge, channel: Channel, running: Callable[[], bool]
                 heard_at = time.monotonic()
             elif time.monotonic() - heard_at > LOCKSTEP_PATIENCE:
                 bridge.give_up_runtime()
-            if is_latched or bridge.accepted != accepted:
+            stays_latched = is_latched and bridge.status == protocol.LATCHED
+            if stays_latched or bridge.accepted != accepted:
                 bridge.advance()
             else:
                 bridge.report()
