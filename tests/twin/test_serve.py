@@ -113,6 +113,23 @@ def test_a_twin_that_is_told_to_damp_collapses_and_stays_down():
     assert channel.twin.driver.simulator.state.q[0, 2] < 0.5 * standing
 
 
+def test_a_runtime_after_a_fault_finds_the_robot_set_up_in_its_first_state():
+    runtime, first, channel = flight_of(TwinConfig(noise=NoiseConfig(joint_position=0.01)), 100)
+    runtime.stop()
+    for _ in range(1500):
+        runtime.tick()
+        channel.wait(0.0)
+    assert channel.twin.bridge.status == protocol.LATCHED
+    fallen = channel.twin.driver.simulator.state.q[0, 7:].copy()
+    for _ in range(1000):
+        channel.twin.bridge.tick()
+    robot = UdpRobot(channel, BRIDGE, lockstep=True)
+    robot.connect()
+    found = robot.read().joint_position
+    np.testing.assert_array_equal(found, first.joint_position[0])
+    assert np.abs(found - fallen).max() > 0.1
+
+
 def test_a_link_that_loses_all_is_never_connected():
     channel = Stepping(TwinConfig(link=LinkConfig(loss=1.0)))
     robot = UdpRobot(channel, BRIDGE, clock=iter(range(0, 10**12, 10**8)).__next__, lockstep=True)

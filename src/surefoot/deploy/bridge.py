@@ -388,7 +388,8 @@ def serve_lockstep(
                 heard_at = wall()
             elif bridge.turned_away != turned_away and wall() - heard_at >= RELEASE:
                 bridge.release()
-            if is_latched or bridge.accepted != accepted:
+            stays_latched = is_latched and bridge.status == protocol.LATCHED
+            if stays_latched or bridge.accepted != accepted:
                 bridge.advance()
             else:
                 bridge.report()

@@ -14,10 +14,34 @@ import numpy as np
 
 from surefoot.config.twin import LinkConfig, TwinConfig
 from surefoot.deploy.bridge import Bridge, Channel, UdpChannel, serve, serve_lockstep
-from surefoot.deploy.protocol import LATCHED
+from surefoot.deploy.protocol import LATCHED, Description
 from surefoot.robots.model import RobotModel
 from surefoot.twin.driver import TwinDriver, description_of
 from surefoot.twin.link import DisturbedChannel
+
+
+class TwinBridge(Bridge):
+    """A bridge that sets its robot up again as soon as it grants a session after a fault.
+
+    The new runtime must not see the robot where the former one left it: it would begin there.
+
+    Args:
+        driver: The simulated robot.
+        channel: Carries the datagrams.
+        description: The robot, and the timeouts.
+    """
+
+    def __init__(self, driver: TwinDriver, channel: Channel, description: Description) -> None:
+        super().__init__(driver, channel, description, lambda: driver.time_ns)
+        self._twin = driver
+
+    def receive(self) -> None:
+        """See `Bridge`."""
+        was_latched = self.status == LATCHED
+        super().receive()
+        if was_latched and self.status != LATCHED:
+            self._twin.set_up()
+            self._measured = self._twin.read()
 
 
 @dataclass(frozen=True)
@@ -35,26 +59,16 @@ class Twin:
     channel: Channel
 
     def serve(self, lockstep: bool = False, running: Callable[[], bool] = lambda: True) -> None:
-        """Serve a runtime until told otherwise; for each new one the robot is set up again.
+        """Serve a runtime until told otherwise; for the next one the robot is set up again.
 
         Args:
             lockstep: Whether there is one tick for each command, instead of one each millisecond.
             running: Asked before every tick; False ends it.
         """
-        was_latched = False
-
-        def still_running() -> bool:
-            nonlocal was_latched
-            is_latched = self.bridge.status == LATCHED
-            if was_latched and not is_latched:
-                self.driver.set_up()
-            was_latched = is_latched
-            return running()
-
         if lockstep:
-            serve_lockstep(self.bridge, self.channel, still_running)
+            serve_lockstep(self.bridge, self.channel, running)
         else:
-            serve(self.bridge, still_running)
+            serve(self.bridge, running)
 
 
 def make_twin(
@@ -79,5 +93,5 @@ def make_twin(
     way = UdpChannel() if channel is None else channel
     if config.link != LinkConfig():
         way = DisturbedChannel(way, config.link, clock, np.random.default_rng(link))
-    bridge = Bridge(driver, way, description_of(robot, config), clock)
+    bridge = TwinBridge(driver, way, description_of(robot, config))
     return Twin(bridge, driver, way)
