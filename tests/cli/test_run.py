@@ -2,12 +2,13 @@
 
 import json
 import time
+from pathlib import Path
 from threading import Thread
 
 import pytest
 
 from surefoot.bench.engine import standing_policy
-from surefoot.cli.run import expert_config
+from surefoot.cli.run import expert_config, what_to_do
 from surefoot.cli.twin import RunTwin, seen
 from surefoot.config import Config, PolicyConfig
 from surefoot.config.twin import TwinConfig
@@ -92,7 +93,10 @@ def test_a_fault_ends_with_status_1_and_is_recorded(surefoot, policy, twin, tmp_
     options = ("--lockstep", "--start", "--seconds", 5, "--recording", recording)
     limits = ("--config.tilt", 0.0)
     assert surefoot("run", policy, "--robot", address, *options, *SHORT, *limits) == 1
-    assert '"tilt"' in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert '"tilt"' in printed.out
+    assert f"`surefoot play {recording}` says why again" in printed.err
+    assert "--lockstep" not in printed.err
     assert str(load_flight(recording).fault) == "tilt"
 
 
@@ -141,3 +145,9 @@ def test_a_twin_may_have_a_hardware_profile(surefoot, capsys):
     assert surefoot("twin", "--robot", "go2", *options) == 2
     assert "belongs to the robot solo12" in capsys.readouterr().err
     assert RunTwin().host == "127.0.0.1"
+
+
+def test_of_missed_deadlines_a_busy_machine_may_be_the_cause():
+    text = what_to_do("missed deadlines", Path("flight.npz"), lockstep=False)
+    assert "use --realtime" in text
+    assert "--realtime" not in what_to_do("tilt", Path("flight.npz"), lockstep=False)

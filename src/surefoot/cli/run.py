@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
@@ -109,6 +110,8 @@ class RunPolicy:
                 prefer_process()
             report = fly(runtime, self.recording, self.keep)
         show_record(report, self.json)
+        if report.fault:
+            print(what_to_do(report.fault, self.recording, self.lockstep), file=sys.stderr)
         return int(bool(report.fault))
 
     def check_start(self) -> None:
@@ -166,6 +169,23 @@ class RunPolicy:
             self.lockstep,
         )
         return Safeguard(BoundsGate(low, high, partial(com_in_base, table)), driver)
+
+
+def what_to_do(fault: str, recording: Path, lockstep: bool) -> str:
+    """What to do after a fault, in words.
+
+    Args:
+        fault: The name of the fault.
+        recording: The file with the last ten seconds.
+        lockstep: Whether the robot is a twin in lockstep.
+    """
+    text = f"`surefoot play {recording}` says why again, and films what happened"
+    if fault == "missed deadlines" and not lockstep:
+        text += (
+            "; where other programs keep this machine busy, use --realtime, or with a twin "
+            "--lockstep in both commands"
+        )
+    return text
 
 
 def expert_config(policy: OnnxPolicy) -> Config:
