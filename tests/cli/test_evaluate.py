@@ -273,7 +273,12 @@ def test_policies_that_do_not_fit_are_refused(surefoot, capsys, tmp_path, run_fo
     save(other, tmp_path / "other.safetensors")
     layout = tmp_path / "layout.safetensors"
     layout.write_bytes(whole.replace(b"base_height", b"base_heigth"))
-    for name, message in (("cut", "not a whole"), ("other", "robot"), ("layout", "hash")):
+    messages = {
+        "cut": "not a whole",
+        "other": "no initial states for the robot a1",
+        "layout": "do not match their hash",
+    }
+    for name, message in messages.items():
         assert surefoot("evaluate", tmp_path / f"{name}.safetensors") == 2
         assert message in capsys.readouterr().err
 

@@ -152,6 +152,7 @@ def table_of(report: PrepareReport, kept: bool) -> list[str]:
     safety = report.safety
     low, _ = safety.com_height or (0.0, 0.0)
     fall, _ = safety.fall_height or (0.0, 0.0)
+    fallen = f"beyond {safety.fall_angle:g} deg a fall"
     states = ", ".join(f"{count} {split}" for split, count in report.states.items())
     error = "{:.3f} {:.3f} m/s, {:.3f} rad/s".format(*report.tracking_error)
     lines = [
@@ -163,13 +164,13 @@ def table_of(report: PrepareReport, kept: bool) -> list[str]:
         f"largest error:  {error} of the mean, at {report.told} commands",
         f"fell:           at {report.fell} of them",
         f"center of mass: above {low:g} m; a base below {fall:g} m has fallen",
-        f"roll, pitch:    within {safety.roll_pitch:g} deg; beyond {safety.fall_angle:g} a fall",
+        f"roll, pitch:    within {safety.roll_pitch:g} deg; {fallen}",
         "joints [deg]:   " + "".join(f"{name:<22}" for name in JOINT_NAMES).rstrip(),
     ]
     rows = joint_rows(safety)
     for number, leg in enumerate(LEGS):
         ranges = rows[3 * number : 3 * number + 3]
-        cells = "".join(f"{f'{low:.0f} to {high:.0f}':<22}" for low, high in ranges)
+        cells = "".join(f"{f'{round(low)} to {round(high)}':<22}" for low, high in ranges)
         lines.append(f"  {leg:<14}{cells}".rstrip())
     when = "made before" if kept else "made"
     lines.append(f"initial states: {states}; hash {report.starts_hash}")

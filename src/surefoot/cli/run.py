@@ -116,10 +116,9 @@ class RunPolicy:
             report = fly(runtime, self.recording, self.keep)
         show_record(report, self.json)
         if report.recording:
-            print(
-                f"wrote {report.recording}; surefoot play {report.recording} films it",
-                file=sys.stderr,
-            )
+            print(f"wrote {report.recording}", file=sys.stderr)
+        if report.fault:
+            print(what_to_do(report.fault, report.recording, self.lockstep), file=sys.stderr)
         return int(bool(report.fault))
 
     def check_start(self) -> None:
@@ -198,6 +197,23 @@ def gate_bounds(policy: OnnxPolicy, expert: Config) -> tuple[Array, Array]:
         return table_bounds(expert.safety)
     low, high = np.array([bounds.com_height, bounds.roll, bounds.pitch, *bounds.joints]).T
     return low, high
+
+
+def what_to_do(fault: str, recording: str, lockstep: bool) -> str:
+    """What to do after a fault, in words.
+
+    Args:
+        fault: The name of the fault.
+        recording: The file with the last ten seconds.
+        lockstep: Whether the robot is a twin in lockstep.
+    """
+    text = f"`surefoot play {recording}` says why again, and films what happened"
+    if fault == "missed deadlines" and not lockstep:
+        text += (
+            "; where other programs keep this machine busy, use --realtime, or with a twin "
+            "--lockstep in both commands"
+        )
+    return text
 
 
 def expert_config(policy: OnnxPolicy) -> Config:

@@ -54,7 +54,6 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
         ValueError: The policy has another gait period, gain, phase or layout than configured; or it
             lies in no run, and its robot is none of the package, or it walks in several gaits.
     """
-    name = "the policy of the package" if target is None else str(target)
     if target is None:
         target = PACKAGED_POLICY
     if target.is_dir():
@@ -72,27 +71,26 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
         _check_fit(path, policy, config, str(run.folder / CONFIG_FILE))
         return path, config
     policy = load(path)
-    seen = policy.spec.observation
-    gait = seen.gaits[0]
     if policy.robot not in ROBOTS:
         raise ValueError(
             f"{path} is a policy of the robot {policy.robot!r}, whose description the package does "
             "not have: name the folder of the run that trained it, which keeps it"
         )
-    if len(seen.gaits) > 1:
-        gaits = ", ".join(each.name for each in seen.gaits)
+    gait, *others = policy.spec.observation.gaits
+    if others:
+        names = ", ".join(one.name for one in (gait, *others))
         raise ValueError(
-            f"{path} is a policy of several gaits, {gaits}: run it with "
+            f"{path} is a policy of several gaits, {names}: run it with "
             "`surefoot.rollouts.engine.rollout`, which takes any policy"
         )
     config = config_for(policy.robot, gait, policy.command_range)
     config = replace(with_own_values(config), policy=_policy_config(policy))
-    logger.info(
-        f"{name} lies in no run: simulator and expert as by default; robot and gait ("
-        f"{policy.robot}, {gait.name}), gains and phase are its own (kp "
-        f"{config.policy.kp} N m/rad, kd {config.policy.kd} N m s/rad, phase as a "
-        f"{config.policy.phase})"
-    )
+    if path != PACKAGED_POLICY.resolve():
+        logger.info(
+            f"{target} lies in no run: simulator and expert as by default; robot and gait ("
+            f"{policy.robot}, {gait.name}), gains and phase are its own (kp {config.policy.kp} "
+            f"N m/rad, kd {config.policy.kd} N m s/rad, phase as a {config.policy.phase})"
+        )
     return path, config
 
 

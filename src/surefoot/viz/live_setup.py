@@ -127,7 +127,7 @@ def find_setup(target: Path | None, robot: str | None = None, gait: str | None =
     """
     path, config = find_policy(target)
     policy = load(path, load_robot(config.robot).name)
-    name = path.name if target is None else target.resolve().name
+    name = "the policy of the package" if target is None else target.resolve().name
     config, note = _measured(config)
     notes = [text for text in (note, _ground_note(config)) if text]
     setup = LiveSetup(config, policy, f"{name}, {policy.robot}", "; ".join(notes))
