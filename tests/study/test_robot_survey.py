@@ -255,3 +255,11 @@ def test_what_cannot_be_measured_is_refused_before_any_work():
         tasks_of(replace(PLAN, episodes=0))
     with pytest.raises(ValueError, match="no robot"):
         tasks_of(replace(PLAN, robots=("go3",)))
+
+
+@pytest.mark.parametrize(
+    "plan", [replace(PLAN, robots=()), replace(PLAN, gaits=()), replace(PLAN, gaits=("trot",) * 2)]
+)
+def test_each_robot_and_gait_is_named_once(plan):
+    with pytest.raises(ValueError, match="each of them once"):
+        tasks_of(plan)

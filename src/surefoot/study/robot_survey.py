@@ -145,7 +145,8 @@ def tasks_of(plan: SurveyPlan) -> list[Task]:
     """The cells of a plan, in the order in which they are measured.
 
     Raises:
-        ValueError: There is no such robot or gait, or a gait has fewer initial states.
+        ValueError: There is no such robot or gait, a gait has fewer initial states, or a robot or a
+            gait is named twice or not at all.
     """
     for name in plan.gaits:
         if name not in GAITS:
@@ -180,6 +181,9 @@ def tasks_of(plan: SurveyPlan) -> list[Task]:
                     versions=versions(simulator),
                 )
                 tasks.append(Task(cell, config))
+    files = {task.cell.file for task in tasks}
+    if not tasks or len(files) < len(tasks):
+        raise ValueError("name at least one robot and one gait, and each of them once")
     return tasks
 
 
