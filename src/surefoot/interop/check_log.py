@@ -108,7 +108,7 @@ def check_pipeline(log: SensorLog, file: ExportFile, torch: Network | None = Non
 
 def _no_network(inputs: Float32Array) -> Float32Array:
     """Stands for the network of a pipeline, which is asked through its own graph."""
-    raise NotImplementedError
+    raise NotImplementedError("a pipeline is asked as a whole; its network has no inputs here")
 
 
 def _compare_logged(
