@@ -1,5 +1,8 @@
 """The studies that come with the package."""
 
+import json
+from dataclasses import replace
+
 import pytest
 
 from surefoot.config import (
@@ -60,6 +63,29 @@ def test_the_regimes_train_as_dependably_as_is_known():
             assert lengths == [Steps(1600), Steps(533), Steps(533), Steps(533)]
         else:
             assert method.training == Steps(3200)
+
+
+@pytest.mark.parametrize("name, robot", [("sensors", "solo12"), ("sensors-go2", "go2")])
+def test_the_sensor_studies_differ_between_layouts_in_nothing_but_the_layout(name, robot):
+    study = named_study(name)
+    seen: dict[str, set[str]] = {}
+    for technique in study.techniques[1:]:
+        config = config_of(technique, study.settings[0], 0)
+        assert config.robot.model == robot
+        assert config.budget.expert_seconds == 40.0
+        same = to_json(replace(config, policy=replace(config.policy, layout="full")))
+        arm = json.dumps(same, sort_keys=True)
+        seen.setdefault(arm, set()).add(config.policy.layout)
+    assert list(seen.values()) == [{"full", "proprioceptive", "full_history"}] * 4
+
+
+def test_pushes_of_the_sensor_studies_change_the_velocity_of_each_robot_alike():
+    for ours, theirs in (("push-2", "push-12"), ("push-1", "push-6")):
+        light = named_study("sensors").measurement(ours)
+        heavy = named_study("sensors-go2").measurement(theirs)
+        pushed = "evaluation.disturbance.impulse"
+        low, high = light.options[pushed]  # type: ignore[misc]
+        assert heavy.options[pushed] == (6.0 * low, 6.0 * high)  # type: ignore[operator]
 
 
 def test_iterative_techniques_of_the_paper_study_share_their_pretraining():

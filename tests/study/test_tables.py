@@ -114,6 +114,16 @@ def test_prose_around_the_tables_stays(tmp_path):
     assert page_with("new", path) == path.read_text()
 
 
+def test_a_page_may_have_the_tables_of_several_studies(tmp_path):
+    path = tmp_path / "which.md"
+    path.write_text(f"{BEGIN}\nfirst\n{END}\n\n<!-- table of sensors -->\n{END}\nAfter.\n")
+    path.write_text(page_with("second", path, "sensors"))
+    path.write_text(page_with("new first", path, "regimes"))
+    assert path.read_text() == (
+        f"{BEGIN}\nnew first\n{END}\n\n<!-- table of sensors -->\nsecond\n{END}\nAfter.\n"
+    )
+
+
 @pytest.mark.parametrize("text", ["prose", f"{BEGIN} open", f"{END}{BEGIN}"])
 def test_a_page_without_a_place_for_the_tables_is_an_error(tmp_path, text):
     path = tmp_path / "methods.md"

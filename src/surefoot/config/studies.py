@@ -1,25 +1,26 @@
-"""The studies that come with the package: the paper's experiment, where methods differ, a tiny one.
+"""The studies that come with the package, by name.
 
 `paper` repeats the experiment of *Safe Learning of Locomotion Skills from MPC* (IV, V): its preset,
 its simulator, its techniques, three seeds. `regimes` asks when which method is worth having: what
-the data begin with, and how many seconds of the expert there are. `smoke` takes the same path in a
-minute or two.
+the data begin with, and how many seconds of the expert there are. `sensors` and `sensors-go2` ask
+what a policy loses, or gains, that sees only what a robot measures. `smoke` takes the same path as
+these in a minute or two. The studies with a small budget are in `config.small_studies`.
 """
 
 from __future__ import annotations
 
+from surefoot.config.small_studies import regimes_study, sensors_study
 from surefoot.config.study import (
     EXPERT,
     Measurement,
     Options,
     PlannedComparison,
-    Setting,
     StudyConfig,
     Technique,
 )
 from surefoot.errors import unknown
 
-STUDIES = ("paper", "regimes", "smoke")
+STUDIES = ("paper", "regimes", "sensors", "sensors-go2", "smoke")
 """Names of the studies."""
 
 PAPER_SIZES = (112_000, 250_000, 400_000, 550_000, 736_000)
@@ -36,6 +37,10 @@ def named_study(name: str) -> StudyConfig:
         return paper_study()
     if name == "regimes":
         return regimes_study()
+    if name == "sensors":
+        return sensors_study("solo12")
+    if name == "sensors-go2":
+        return sensors_study("go2")
     if name == "smoke":
         return smoke_study()
     raise ValueError(unknown("study", name, STUDIES))
@@ -93,188 +98,6 @@ def _loco_dagger(alpha: float) -> Technique:
     """LocoDAGGER with a decay of the expert's influence."""
     options: Options = {"method.alpha": alpha}
     return Technique(f"loco_dagger-{alpha}", f"LocoDAGGER {alpha}", "loco_dagger", "paper", options)
-
-
-_STEPS = 3_200
-"""Steps of training of each run of the regimes."""
-_ITERATIONS = 3
-"""Iterations after the pre-training in the regimes."""
-
-
-def regimes_study() -> StudyConfig:
-    """When which method is worth having: at equal expert-seconds and equal steps of training.
-
-    The data begin in the settled gait, as on a robot that nobody perturbs, or in the paper's
-    perturbed states; the expert may compute for 20 or for 80 s (MPC solves x 0.05 s). Cloning is
-    trained twice for each seed of the data.
-    """
-    settings = tuple(
-        Setting(
-            f"{name}-{seconds}",
-            f"{title}, {seconds} s",
-            {"starts": starts, "budget.expert_seconds": float(seconds)},
-        )
-        for name, title, starts in (
-            ("settled", "settled gait", "nominal"),
-            ("perturbed", "perturbed states", "train"),
-        )
-        for seconds in (20, 80)
-    )
-    return StudyConfig(
-        name="regimes",
-        title="When which method is worth having",
-        techniques=_regime_techniques(),
-        settings=settings,
-        seeds=(0, 1, 2, 3, 4),
-        measurements=(
-            Measurement(
-                "test", "100 perturbed initial states, 5 s", options={"evaluation.episodes": 100}
-            ),
-            Measurement("unpushed", "settled gait, 5 s", split="nominal"),
-            *(_pushed_once(impulse) for impulse in (1.0, 2.0, 3.0)),
-            Measurement("imitation", "deviation from a pushed expert", "imitation"),
-        ),
-        predictions=(
-            "From the settled gait behavior cloning does not walk at all, with 20 or 80 s.",
-            "There LocoSafeDAGGER succeeds from more than half of the perturbed states.",
-            "Cloning a pushed expert does as well or better, without a fall of a policy.",
-            "From perturbed states no method is clearly better than behavior cloning.",
-            "DART lies between behavior cloning and cloning of a pushed expert.",
-            "LocoSafeDAGGER with pushes in its pre-training withstands most.",
-            "Pushes that grow from the second iteration on make LocoSafeDAGGER better from the"
-            " settled gait, at the price of falls.",
-        ),
-        comparisons=(
-            PlannedComparison(
-                "test", "loco_safe_dagger", "behavior_cloning", "settled-20", "better"
-            ),
-            PlannedComparison("test", "loco_safe_dagger", "dagger", "settled-20", "better"),
-            PlannedComparison(
-                "test", "loco_safe_dagger", "behavior_cloning-pushed", "settled-20", "equal"
-            ),
-            PlannedComparison(
-                "test", "loco_safe_dagger", "behavior_cloning", "perturbed-80", "equal"
-            ),
-            PlannedComparison(
-                "push-2", "loco_safe_dagger-pushed", "loco_safe_dagger", "settled-20", "better"
-            ),
-        ),
-        keep_policies="none",
-    )
-
-
-def _pushed_once(impulse: float) -> Measurement:
-    """Robustness against one push of this size [N s], at any time and from any direction."""
-    return Measurement(
-        f"push-{impulse:.0f}",
-        f"one push of {impulse:.0f} N s",
-        split="nominal",
-        options={
-            "evaluation.episodes": 60,
-            "evaluation.disturbance.pushes": 1,
-            "evaluation.disturbance.impulse": (impulse, impulse),
-            "evaluation.disturbance.fall_angle": 60.0,
-        },
-    )
-
-
-def _regime_techniques() -> tuple[Technique, ...]:
-    """The arms of the regimes."""
-    # What decides how long and how a network is trained stands here, whatever the preset does.
-    common: Options = {
-        # These choose among a run's policies; each measurement has as many as it needs.
-        "evaluation.episodes": 40,
-        # Without these, the seed of a training decides more than the method
-        # (`benchmarks/notebook/training.md`).
-        "training.weight_decay": 0.3,
-        "training.input_noise": 0.1,
-        "chunk": 50,  # a job has one core, and the network is faster on more robots
-        "training.validation": 0.15,
-        "collection.pushes": 0,
-        "collection.expert_impulse": (0.0, 0.0),
-    }
-    pushed: Options = {"collection.pushes": 1, "collection.impulse": (0.5, 3.0)}
-    pushed_first: Options = {
-        "pretraining.pushes": 1,
-        "pretraining.impulse": (0.5, 3.0),
-        "pretraining.fall_angle": 60.0,
-        "collection.pushes": 2,
-        "collection.impulse": (0.5, 2.0),
-        "collection.gentle": 0.5,
-    }
-    cloning: Options = common | {
-        "method.data.velocities": 20,
-        "method.data.perturbations": 1,
-        "method.data.nominal": False,
-        "method.data.duration": 0.8,
-        "method.frames": (),
-        "method.steps": _STEPS,
-    }
-    iterative: Options = common | {
-        "method.pretraining.velocities": 20,
-        "method.pretraining.perturbations": 1,
-        "method.pretraining.nominal": False,
-        "method.pretraining.duration": 0.8,
-        "method.pretraining_epochs": 16,
-        "method.pretraining_steps": _STEPS // 2,
-        "method.iterations": _ITERATIONS,
-        "method.steps": _STEPS // 2 // _ITERATIONS,
-        "method.steps_before_last": None,
-        "method.velocities": 10,
-        "method.perturbations": 2,
-    }
-    gated: Options = iterative | {"method.T": 5.0, "method.T_end": 0.5, "method.T_block": 1.0}
-    # Bounds that nothing leaves: the policy drives alone, and the expert only in the tail.
-    free: Options = {
-        "safety.com_height": (0.0, 1000.0),
-        "safety.roll_pitch": 10_000.0,
-        "safety.hip_abduction": (-10_000.0, 10_000.0),
-        "safety.hip_flexion": (-10_000.0, 10_000.0),
-        "safety.knee": (-10_000.0, 10_000.0),
-    }
-    # The first iteration is not pushed and closely guarded; then pushes grow, and tails are short.
-    ramped: Options = {
-        "collection.pushes": 5,
-        "collection.impulse": (0.5, 2.0),
-        "collection.gentle": 0.0,
-        "method.gates": ("relaxing",),
-        "method.tightest": 0.4,
-        "method.T_end": 0.2,
-    }
-    queries: Options = {"method.T": 1.0, "method.N_query": 2, "method.T_query": 0.5}
-    return (
-        Technique(EXPERT, "expert", EXPERT, options={"chunk": 50}),
-        Technique("behavior_cloning", "BC", "behavior_cloning", options=cloning, trainings=2),
-        Technique(
-            "behavior_cloning-pushed",
-            "BC, pushed",
-            "behavior_cloning",
-            options=cloning | pushed | {"collection.fall_angle": 60.0},
-            trainings=2,
-        ),
-        Technique(
-            "dart",
-            "DART",
-            "dart",
-            options=iterative | {"method.T": 1.6, "method.noise_scale": 4.0},
-        ),
-        Technique("dagger", "DAGGER", "dagger", options=iterative | {"method.T": 1.6}),
-        Technique("loco_dagger", "LocoDAGGER 0.5", "loco_dagger", options=iterative | queries),
-        Technique("no-gate", "no gate", "loco_safe_dagger", options=gated | free),
-        Technique("loco_safe_dagger", "LocoSafeDAGGER", "loco_safe_dagger", options=gated),
-        Technique(
-            "loco_safe_dagger-pushed",
-            "LocoSafeDAGGER, pushed",
-            "loco_safe_dagger",
-            options=gated | pushed_first,
-        ),
-        Technique(
-            "loco_safe_dagger-ramped",
-            "LocoSafeDAGGER, growing pushes",
-            "loco_safe_dagger",
-            options=gated | ramped,
-        ),
-    )
 
 
 def smoke_study() -> StudyConfig:

@@ -64,4 +64,4 @@ def page_of_claims(results: StudyResults, path: Path) -> str:
     commit = results.setup.commit
     made_by = f" of commit {commit[:12]}" if commit else ""
     about = f"{trained} finished runs{made_by}, seeds {seeds}; 95 % intervals over runs."
-    return page_with(f"{about}\n\n{claims_table(paper_claims(results))}", path)
+    return page_with(f"{about}\n\n{claims_table(paper_claims(results))}", path, results.study.name)

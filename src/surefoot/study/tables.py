@@ -71,25 +71,28 @@ COST = (
 )
 
 
-def page_with(text: str, path: Path) -> str:
+def page_with(text: str, path: Path, study: str = "") -> str:
     """The content of a Markdown file with a text in its generated part; the prose stays.
 
     Args:
         text: The generated text.
         path: The file; if there is none, the page has no prose.
+        study: Name of the study that the text is of. A page with the tables of several studies
+            has a line `<!-- table of NAME -->` for each.
 
     Raises:
         ValueError: The file has no such part.
     """
     content = path.read_text(encoding="utf-8") if path.is_file() else f"{BEGIN}{END}\n"
-    before, begin, rest = content.partition(BEGIN)
+    own = f"<!-- table of {study} -->"
+    before, begin, rest = content.partition(own if own in content else BEGIN)
     _, end, after = rest.partition(END)
     if not (begin and end):
         raise ValueError(
             f"{path} has no place for the tables: put the lines {BEGIN} and {END} where you want "
             "them, or name another file"
         )
-    return f"{before}{BEGIN}\n{text}\n{END}{after}"
+    return f"{before}{begin}\n{text}\n{END}{after}"
 
 
 def comparison_tables(comparison: Comparison) -> str:

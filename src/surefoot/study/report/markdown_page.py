@@ -41,7 +41,7 @@ def page_of_tables(results: StudyResults, report: StudyReport, path: Path) -> st
     parts = [_about(results, report), *_settings(results, report)]
     if report.verdicts.comparisons:
         parts.append(_comparisons(report.verdicts.comparisons))
-    return page_with("\n\n".join(parts), path)
+    return page_with("\n\n".join(parts), path, results.study.name)
 
 
 def _about(results: StudyResults, report: StudyReport) -> str:
