@@ -32,6 +32,7 @@ from surefoot.evaluation import imitation
 from surefoot.files import write_json
 from surefoot.runs.budget import first_allowance, solves_of
 from surefoot.runs.versions import processor
+from surefoot.scenarios.prepare import completed
 from surefoot.study.cells import StudyJob, cell_config, jobs_of, measurements_of
 from surefoot.study.state import JobStatus
 from surefoot.types import GRID, TICKS_PER_SECOND
@@ -289,9 +290,18 @@ def estimate_study(study: StudyConfig, folder: Path | None = None) -> Estimate:
     for job in jobs_of(study):
         config = cell_config(study, job.cell)
         # What the parts take depends on these parts of the configuration alone.
-        key = repr((config.simulation, config.expert, config.policy, config.training.precision))
+        key = repr(
+            (
+                config.robot,
+                config.gait,
+                config.simulation,
+                config.expert,
+                config.policy,
+                config.training.precision,
+            )
+        )
         if key not in rates:
-            rates[key] = measure_rates(config)
+            rates[key] = measure_rates(completed(config))
         seconds[job.name] = STARTING + rates[key].seconds(work_of(study, job))
     estimate = Estimate(seconds, processor())
     if folder is not None:
