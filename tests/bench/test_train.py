@@ -66,3 +66,11 @@ def test_real_steps_take_longer_than_their_products(monkeypatch):
     speed = bench_train(SMALL, steps=5)
     assert speed.ratio > 1
     assert min(speed.float32_step_ms, speed.bfloat16_step_ms, speed.eager_step_ms) > 0
+
+
+@pytest.mark.parametrize("layout", ["full", "proprioceptive"])
+def test_a_network_of_any_layout_is_timed(layout):
+    policy = PolicyConfig(hidden=(8, 8), kp=2.0, kd=0.1, layout=layout)
+    training = replace(FLOAT32, batch=16)
+    speed = bench_train(Config(policy=policy, training=training), 2)
+    assert min(speed.float32_step_ms, speed.eager_step_ms, speed.floor_step_ms) > 0.0

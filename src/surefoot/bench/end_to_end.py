@@ -25,7 +25,7 @@ from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.runs.metrics import Collected, Trained, Validated
 from surefoot.runs.run import Run, create
-from surefoot.scenarios.starts import load_starts
+from surefoot.scenarios.starts import starts_of
 from surefoot.types import TICKS_PER_SECOND
 from surefoot.workers import Workers
 
@@ -135,7 +135,7 @@ def bench_evaluation(config: Config, workers: Workers) -> EvaluationSpeed:
         workers: Processes that share the episodes.
     """
     episodes = config.evaluation.episodes
-    stored = load_starts()["nominal"]
+    stored = starts_of(config)["nominal"]
     starts = stored[np.arange(episodes) % len(stored)]
     rate = bare_rate(config)
     with tempfile.TemporaryDirectory() as folder:

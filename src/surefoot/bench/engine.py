@@ -16,7 +16,6 @@ import torch
 
 from surefoot.config import Config
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.observation import INPUT_SIZE
 from surefoot.learning.policy import Policy, policy_spec
 from surefoot.mpc.expert import make_expert, make_planner
 from surefoot.robots.load import load_robot
@@ -28,7 +27,7 @@ from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor
-from surefoot.scenarios.starts import Starts, at_rest, load_starts
+from surefoot.scenarios.starts import Starts, at_rest, starts_of
 from surefoot.sim import make_simulator
 from surefoot.types import TICKS_PER_SECOND, Command, MotionPlan, State
 from surefoot.workers import Workers, map_chunks
@@ -194,7 +193,7 @@ def _plan_shares(config: Config, batch: int, steps: float) -> tuple[float, float
 
     expert = make_expert(robot, config, plan)
     simulator = make_simulator(robot, batch, config.simulation)
-    starts = load_starts()["nominal"][np.arange(batch)]
+    starts = starts_of(config)["nominal"][np.arange(batch)]
     rollout(simulator, Episodes(starts, 0.1), ExpertOnly(), expert)
     spent = 0.0
     began = time.perf_counter()
@@ -211,17 +210,19 @@ def _standing(robot: RobotModel, batch: int) -> Starts:
 def standing_policy(config: Config) -> Policy:
     """A policy of the configured network that holds the nominal pose."""
     robot = load_robot(config.robot)
-    network = PolicyNetwork(config.policy)
+    spec = policy_spec(config)
+    network = PolicyNetwork(config.policy, inputs=spec.observation.input_size)
     with torch.no_grad():
         last: Any = network.linear[-1]
         last.weight.zero_()
         last.bias.copy_(torch.from_numpy(robot.nominal[7:]))
-    return Policy(network, policy_spec(config), np.zeros((2, 3)), robot.name)
+    return Policy(network, spec, np.zeros((2, 3)), robot.name)
 
 
 def _network_alone(policy: Policy, batch: int) -> Callable[[], object]:
     """The policy's network and nothing else."""
-    inputs = np.random.default_rng(0).normal(size=(batch, INPUT_SIZE)).astype(np.float32)
+    size = policy.spec.observation.input_size
+    inputs = np.random.default_rng(0).normal(size=(batch, size)).astype(np.float32)
     return lambda: policy.forward(inputs)
 
 

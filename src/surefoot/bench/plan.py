@@ -20,7 +20,7 @@ from surefoot.robots.load import load_robot
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes
-from surefoot.scenarios.starts import StartSet, load_starts
+from surefoot.scenarios.starts import StartSet, starts_of
 from surefoot.sim import make_simulator
 from surefoot.types import Command, MotionPlan, State
 
@@ -141,10 +141,10 @@ def cold_plans(config: Config, plans: int = 300, stored: StartSet | None = None)
     Args:
         config: Configuration of robot, gait and expert.
         plans: Number of plans, as far as there are initial states.
-        stored: The set of initial states; without it that of Solo12's trot.
+        stored: The set of initial states; without it that of the configuration.
     """
     planner = make_planner(load_robot(config.robot), config)
-    starts = (stored or load_starts())["test"][:plans]
+    starts = (stored or starts_of(config))["test"][:plans]
     nothing = np.zeros((len(starts), 4, 3))  # a plan depends on q and v only
     states = State(starts.q, starts.v, nothing[:, 0], nothing, nothing[..., 0] > 0)
 
@@ -166,7 +166,7 @@ def warm_plans(config: Config) -> list[TimedPlan]:
     """
     robot = load_robot(config.robot)
     planner = make_planner(robot, config)
-    starts = load_starts()["test"]
+    starts = starts_of(config)["test"]
     simulator = make_simulator(robot, 1, config.simulation)
     timed: list[TimedPlan] = []
     previous: PlanStages | None = None

@@ -20,12 +20,11 @@ from surefoot.bench.engine import median_seconds
 from surefoot.config import Config, NumberFormat, TrainingConfig
 from surefoot.learning.frames import Frames
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.observation import INPUT_SIZE
-from surefoot.learning.policy import policy_spec
+from surefoot.learning.policy import PolicySpec, policy_spec
 from surefoot.learning.precision import choose_precision
-from surefoot.learning.samples import WIDTH
 from surefoot.learning.step import torch_threads
 from surefoot.learning.train import fit
+from surefoot.types import JOINTS
 
 REPEATS = 5
 """How often everything is measured, in turns."""
@@ -69,7 +68,8 @@ def bench_train(config: Config, steps: int = 50) -> TrainSpeed:
     batch = config.training.batch
     training = replace(config.training, validation=0.0, threads=1, device="cpu")
     frames = _random_frames(steps * batch)
-    network = PolicyNetwork(config.policy)
+    spec = policy_spec(config)
+    network = PolicyNetwork(config.policy, inputs=spec.observation.input_size)
     names: tuple[NumberFormat, ...] = get_args(NumberFormat)
     # The medians of the parts, which are measured in turns.
     measured = {f"{part} {name}": [] for part in ("step", "products") for name in names}
@@ -77,7 +77,7 @@ def bench_train(config: Config, steps: int = 50) -> TrainSpeed:
     for _ in range(REPEATS):
         for name in names:
             named = replace(training, precision=name)
-            measured[f"step {name}"].append(_step_seconds(network, frames, config, named, steps))
+            measured[f"step {name}"].append(_step_seconds(network, frames, spec, named, steps))
             products = _network_products(network, batch, name)
             measured[f"products {name}"].append(median_seconds(products, 30))
         measured["eager"].append(_eager_step_seconds(network, batch, steps))
@@ -101,7 +101,7 @@ def bench_train(config: Config, steps: int = 50) -> TrainSpeed:
 
 
 def _step_seconds(
-    network: PolicyNetwork, frames: Frames, config: Config, training: TrainingConfig, steps: int
+    network: PolicyNetwork, frames: Frames, spec: PolicySpec, training: TrainingConfig, steps: int
 ) -> float:
     """Wall time of one step of a fit [s]."""
     ends: list[float] = []
@@ -109,7 +109,7 @@ def _step_seconds(
     def progress(*_: object) -> None:
         ends.append(time.perf_counter())
 
-    fit(network, frames, training, policy_spec(config), 2, 0, progress)
+    fit(network, frames, training, spec, 2, 0, progress)
     # The second epoch is steps only; before the first, inputs and targets are derived.
     return (ends[1] - ends[0]) / steps
 
@@ -118,13 +118,16 @@ def _eager_step_seconds(network: PolicyNetwork, batch: int, steps: int) -> float
     """Wall time of one step of a plain PyTorch loop in float32 [s]."""
     network = copy.deepcopy(network).train()
     optimizer = torch.optim.Adam(network.parameters(), fused=True)
-    rows = torch.randn(steps * batch, WIDTH, generator=torch.Generator().manual_seed(0))
+    inputs = network.mean.shape[0]
+    rows = torch.randn(
+        steps * batch, inputs + len(JOINTS), generator=torch.Generator().manual_seed(0)
+    )
     with torch_threads(1):
         began = time.perf_counter()
         for part in rows.split(batch):
             optimizer.zero_grad()
-            outputs = network(part[:, :INPUT_SIZE])
-            torch.nn.functional.l1_loss(outputs, part[:, INPUT_SIZE:]).backward()
+            outputs = network(part[:, :inputs])
+            torch.nn.functional.l1_loss(outputs, part[:, inputs:]).backward()
             optimizer.step()
         return (time.perf_counter() - began) / steps
 
@@ -135,7 +138,7 @@ def _network_products(
     """The matrix products of one forward pass and nothing else, on one thread."""
     kind = torch.bfloat16 if precision == "bfloat16" else torch.float32
     weights = [weight.to(kind) for weight, _ in network.folded()]
-    inputs = [torch.randn(batch, size, dtype=kind) for size in (INPUT_SIZE, *network.hidden)]
+    inputs = [torch.randn(batch, weight.shape[0], dtype=kind) for weight in weights]
     torch.set_num_threads(1)
 
     def products() -> None:
@@ -164,4 +167,5 @@ def _random_frames(n: int) -> Frames:
         expert_drove=np.ones(n, dtype=bool),
         episode=np.zeros(n, dtype=np.int64),
         outcome=np.zeros(n, dtype=np.int8),
+        elapsed=np.arange(n, dtype=np.int32),
     )

@@ -72,8 +72,8 @@ class Study(OnWorkers):
     """
 
     words: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="STUDY")]
-    """The study: paper, regimes, sensors, sensors-go2, smoke, a JSON file, or the folder of one that
-    has begun; before it status, pause or resume."""
+    """The study: paper, regimes, sensors, sensors-go2, smoke, a JSON file, or the folder of one
+    that has begun; before it status, pause or resume."""
     folder: Path | None = None
     """The folder of the study; without it, studies/NAME."""
     job: str | None = None
