@@ -20,7 +20,7 @@ PACKAGE = Path("src/surefoot")
 UNTYPED = {
     "config/checked.py": 2,
     "config/json_io.py": 4,
-    "interop/gym_env.py": 1,
+    "interop/gym/env.py": 1,
     "learning/classifier.py": 1,
     "learning/policy.py": 2,
     "learning/step.py": 1,

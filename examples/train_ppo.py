@@ -8,7 +8,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 
 import surefoot as sf
-from surefoot.interop.sb3_env import LockstepVecEnv
+from surefoot.interop.gym.stable_baselines import LockstepVecEnv
 
 STEPS = 1_000  # some millions are needed
 

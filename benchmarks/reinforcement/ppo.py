@@ -25,7 +25,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecNormalize
 
 import surefoot as sf
-from surefoot.interop.sb3_env import LockstepVecEnv
+from surefoot.interop.gym.stable_baselines import LockstepVecEnv
 
 ROBOTS = 32
 RATE = 50

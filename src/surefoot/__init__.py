@@ -55,11 +55,11 @@ _HOME = {
     "evaluation.push_limits": ("push_difference", "PushResult"),
     "study.comparison": ("compare", "Measurements"),
     "evaluation.statistics": ("paired_difference", "run_bootstrap", "run_interval"),
-    "interop.gym_ids": ("register_environments",),
-    "interop.arrays": ("frames_from_arrays", "read_log"),
+    "interop.gym.ids": ("register_environments",),
+    "interop.datasets.arrays": ("frames_from_arrays", "read_log"),
     "interop.socket_plan": ("SocketPlan", "serve_plan"),
-    "interop.minari_data": ("export_minari",),
-    "interop.lerobot_data": ("export_lerobot",),
+    "interop.datasets.minari": ("export_minari",),
+    "interop.datasets.lerobot": ("export_lerobot",),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 

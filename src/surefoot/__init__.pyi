@@ -16,11 +16,11 @@ from surefoot.evaluation.robustness import evaluate as evaluate
 from surefoot.evaluation.statistics import paired_difference as paired_difference
 from surefoot.evaluation.statistics import run_bootstrap as run_bootstrap
 from surefoot.evaluation.statistics import run_interval as run_interval
-from surefoot.interop.arrays import frames_from_arrays as frames_from_arrays
-from surefoot.interop.arrays import read_log as read_log
-from surefoot.interop.gym_ids import register_environments as register_environments
-from surefoot.interop.lerobot_data import export_lerobot as export_lerobot
-from surefoot.interop.minari_data import export_minari as export_minari
+from surefoot.interop.datasets.arrays import frames_from_arrays as frames_from_arrays
+from surefoot.interop.datasets.arrays import read_log as read_log
+from surefoot.interop.datasets.lerobot import export_lerobot as export_lerobot
+from surefoot.interop.datasets.minari import export_minari as export_minari
+from surefoot.interop.gym.ids import register_environments as register_environments
 from surefoot.interop.socket_plan import SocketPlan as SocketPlan
 from surefoot.interop.socket_plan import serve_plan as serve_plan
 from surefoot.learning.dataset import Dataset as Dataset

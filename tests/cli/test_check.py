@@ -7,7 +7,7 @@ import pytest
 
 import surefoot.cli.play as play
 from surefoot.deploy.policy import load
-from surefoot.interop.sensor_log import read_log, write_log
+from surefoot.interop.logs.sensor_log import read_log, write_log
 from tests.fakes.exports import answered_log, exported
 
 

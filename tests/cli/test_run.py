@@ -18,7 +18,7 @@ from surefoot.deploy.flight import FlightReport
 from surefoot.deploy.policy import OnnxPolicy, load
 from surefoot.deploy.recorder import load_flight
 from surefoot.deploy.udp_robot import address_text
-from surefoot.interop.onnx_file import describe, network_model, write_onnx
+from surefoot.interop.onnx.file import describe, network_model, write_onnx
 from surefoot.learning.joint_limits import SafetyBounds
 from surefoot.learning.observation import GaitTiming
 from surefoot.learning.policy import save

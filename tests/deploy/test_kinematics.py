@@ -10,7 +10,7 @@ import pytest
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.robot_table import ROBOTS
 from surefoot.deploy.kinematics import KinematicTable, com_in_base, feet_in_base, in_heading
-from surefoot.interop.onnx_file import kinematic_table
+from surefoot.interop.onnx.file import kinematic_table
 from surefoot.rotations import roll_pitch_yaw
 from tests.fakes.exports import robot_of
 

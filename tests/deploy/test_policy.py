@@ -13,8 +13,8 @@ import pytest
 from surefoot.deploy.description import KEY, NO_HASH, ExportFileError, file_hash
 from surefoot.deploy.export_file import read_export
 from surefoot.deploy.policy import load
-from surefoot.interop.onnx_file import network_model
-from surefoot.interop.replay import run_runtime, sensors_of, states_of
+from surefoot.interop.logs.replay import run_runtime, sensors_of, states_of
+from surefoot.interop.onnx.file import network_model
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.policy import pd
 from surefoot.types import JOINTS, Command

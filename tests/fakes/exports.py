@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from surefoot.config import Config, LayoutName, PolicyConfig
 from surefoot.deploy.description import Kind
-from surefoot.interop.onnx_file import describe, network_model, write_onnx
-from surefoot.interop.onnx_pipeline import exploy_keys, pipeline_model
-from surefoot.interop.replay import run_runtime
-from surefoot.interop.sensor_log import SensorLog
+from surefoot.interop.logs.replay import run_runtime
+from surefoot.interop.logs.sensor_log import SensorLog
+from surefoot.interop.onnx.file import describe, network_model, write_onnx
+from surefoot.interop.onnx.pipeline import exploy_keys, pipeline_model
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import GaitTiming, ObservationSpec

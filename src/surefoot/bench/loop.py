@@ -25,7 +25,7 @@ from surefoot.deploy.operator import Scripted
 from surefoot.deploy.policy import OnnxPolicy, load
 from surefoot.deploy.protocol import Description
 from surefoot.deploy.udp_robot import UdpRobot
-from surefoot.interop.onnx_file import describe, network_model, write_onnx
+from surefoot.interop.onnx.file import describe, network_model, write_onnx
 from surefoot.learning.observation import Float32Array
 from surefoot.learning.onnx_graph import runner
 from surefoot.learning.policy import save

@@ -14,8 +14,8 @@ from surefoot.files import write_json
 if TYPE_CHECKING:
     from surefoot.deploy.description import PolicyDescription
     from surefoot.deploy.export_file import ExportFile
-    from surefoot.interop.check_log import LogReport
-    from surefoot.interop.replay import Network
+    from surefoot.interop.logs.check import LogReport
+    from surefoot.interop.logs.replay import Network
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ class Check:
 
     def replayed(self, file: ExportFile) -> LogReport | None:
         """What the replay of the log shows, if there is one."""
-        from surefoot.interop.check_log import check_log, check_pipeline
-        from surefoot.interop.sensor_log import read_log
+        from surefoot.interop.logs.check import check_log, check_pipeline
+        from surefoot.interop.logs.sensor_log import read_log
 
         if self.log is None:
             return None
@@ -100,7 +100,7 @@ def torch_network(path: Path, description: PolicyDescription) -> Network:
     """
     from hashlib import sha256
 
-    from surefoot.interop.replay import torch_network_of
+    from surefoot.interop.logs.replay import torch_network_of
     from surefoot.learning.policy import load
 
     policy = load(path, description.robot)

@@ -39,8 +39,8 @@ class Export(OnHardware):
     def __call__(self) -> int:
         """Write the files."""
         from surefoot.config.presets import STRAIGHT_TROT
-        from surefoot.interop.onnx_file import describe, network_model, write_onnx
-        from surefoot.interop.onnx_pipeline import exploy_keys, pipeline_model
+        from surefoot.interop.onnx.file import describe, network_model, write_onnx
+        from surefoot.interop.onnx.pipeline import exploy_keys, pipeline_model
         from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
         from surefoot.runs.policies import find_policy

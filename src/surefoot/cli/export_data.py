@@ -28,9 +28,9 @@ class ExportData:
 
     def __call__(self) -> int:
         """Write, and say what was written."""
-        from surefoot.interop.lerobot_data import export_lerobot
-        from surefoot.interop.minari_data import export_minari
-        from surefoot.interop.segments import Exported
+        from surefoot.interop.datasets.lerobot import export_lerobot
+        from surefoot.interop.datasets.minari import export_minari
+        from surefoot.interop.datasets.segments import Exported
         from surefoot.runs.run import open_run
 
         if self.minari is None and self.lerobot is None:

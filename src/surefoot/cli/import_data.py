@@ -31,7 +31,7 @@ class ImportData(OnRobot):
 
     def __call__(self) -> int:
         """Import the logs, and say how large the dataset is."""
-        from surefoot.interop.arrays import frames_from_arrays, read_log
+        from surefoot.interop.datasets.arrays import frames_from_arrays, read_log
         from surefoot.learning.dataset import Dataset
         from surefoot.robots.load import load_robot
 

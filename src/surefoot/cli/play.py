@@ -67,7 +67,7 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         """Play, print, film; 1 if the robot fell, or the expert gave up."""
         if self.target is not None and self.target.suffix == ".npz":
             return self.film_flight(self.target)
-        from surefoot.interop.sensor_log import SUFFIXES, log_of, write_log
+        from surefoot.interop.logs.sensor_log import SUFFIXES, log_of, write_log
         from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
         from surefoot.rollouts.jobs import play_out

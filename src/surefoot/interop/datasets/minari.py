@@ -1,0 +1,168 @@
+"""Export to Minari, the dataset format of Gymnasium's offline reinforcement learning.
+
+An episode of n frames becomes n observations and n - 1 transitions of the environment at 1000 Hz
+(`gym.env`). An action is the expert's answer, in the environment's unit; where `expert_drove` is
+False, another one was applied. Rewards are the environment's, under the expert's torque.
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+import surefoot
+from surefoot.config import Config, method_name
+from surefoot.config.json_io import to_json
+from surefoot.files import write_atomic
+from surefoot.interop.datasets.segments import Exported, dataset_card, new_folder, segments
+from surefoot.interop.gym.ids import environment_of, import_gymnasium, register_environments
+from surefoot.interop.gym.walking import WalkingTask, heading_velocity, reward_rate, task_spec
+from surefoot.learning.dataset import Dataset
+from surefoot.learning.frames import Frames
+from surefoot.learning.observation import network_input
+from surefoot.learning.policy import PolicySpec, target_of
+from surefoot.robots.load import load_robot
+from surefoot.robots.model import RobotModel
+from surefoot.types import TICKS_PER_SECOND
+
+TASK = WalkingTask(rate=TICKS_PER_SECOND)
+"""The task whose actions and rewards are written."""
+ROOT_VARIABLE = "MINARI_DATASETS_PATH"
+"""The environment variable that tells Minari where datasets are."""
+COLUMNS = {
+    "observations": "47 numbers, as the package's policies see them",
+    "actions": f"the expert's joint targets: offsets from the nominal pose "
+    f"in units of {TASK.action_range:g} rad; not clipped",
+    "rewards": "those of the environment, under the expert's torque",
+    "infos/expert_drove": "whether the expert's answer was applied",
+    "infos/torque": "the expert's joint torques [N m]",
+    "infos/tick": "the gait clock [ms]",
+    "infos/episode": "the id of the collected episode",
+    "infos/outcome": "how that ended: 0 success, 1 fell, 2 stalled, 3 expert diverged",
+}
+
+
+def export_minari(
+    dataset: Dataset, config: Config, root: Path | str, name: str | None = None
+) -> Exported:
+    """Write a dataset in Minari's format.
+
+    With `MINARI_DATASETS_PATH` set to ``root``, ``minari.load_dataset(name)`` reads it.
+
+    Args:
+        dataset: The dataset, such as ``Run.dataset``.
+        config: The configuration that it was collected with, such as ``Run.config``.
+        root: A folder of Minari datasets.
+        name: The id of the new one; without it, ``ROBOT-METHOD-v0``.
+
+    Raises:
+        ImportError: Gymnasium or Minari is missing.
+        ValueError: There is such a dataset already, or no two frames follow each other.
+        DatasetError: A shard is damaged.
+        WriteError: The disk is full, or read-only.
+    """
+    minari = import_minari()
+    gymnasium = import_gymnasium()
+    register_environments()
+    robot = load_robot(config.robot)
+    name = name or f"{robot.name}-{method_name(config).replace('_', '-')}-v0"
+    folder = Path(root) / name
+    environment = copy.deepcopy(gymnasium.spec(environment_of(robot.name)))
+    environment.kwargs |= {"config": to_json(config), "rate": TASK.rate}
+    spec = task_spec(config)
+    written = {"episodes": 0, "frames": 0}
+
+    def buffers() -> Iterator[object]:
+        for frames in segments(dataset, shortest=2):
+            yield _episode(minari, written["episodes"], frames, robot, spec)
+            written["episodes"] += 1
+            written["frames"] += len(frames)
+
+    with new_folder(folder) as whole:
+        whole.rmdir()  # Minari makes it itself
+        with _minari_root(whole.parent):
+            minari.create_dataset_from_buffers(
+                whole.name,
+                buffers(),
+                env=environment,
+                eval_env=environment,
+                action_space=gymnasium.spaces.Box(-np.inf, np.inf, (12,), np.float32),
+                algorithm_name=method_name(config),
+                author="The surefoot developers",
+                author_email="none",
+                code_permalink=f"surefoot {surefoot.__version__}",
+                description=f"{robot.name}: a model predictive controller's answers at 1 kHz",
+                requirements=["surefoot[gym]"],
+            )
+        if not written["episodes"]:
+            raise ValueError(f"{dataset.folder} holds no two frames that follow each other")
+        frames = written["frames"]
+        exported = Exported(folder, written["episodes"], frames, dataset.frames - frames)
+        card = dataset_card(f"Minari: {name}", config, dataset, exported, COLUMNS)
+        write_atomic(whole / "README.md", card.encode())
+    return exported
+
+
+def import_minari() -> ModuleType:
+    """Import Minari.
+
+    Raises:
+        ImportError: It is missing; the message says how to install it.
+    """
+    try:
+        import h5py  # noqa: F401  # Minari's format; without it, its error names another extra
+        import minari
+    except ImportError as error:
+        raise ImportError(
+            f"this export needs Minari ({error}): pip install 'surefoot[exchange]'"
+        ) from error
+    return minari
+
+
+@contextmanager
+def _minari_root(root: Path) -> Iterator[None]:
+    """A context in which Minari writes into a folder; it only knows an environment variable."""
+    before = os.environ.get(ROOT_VARIABLE)
+    os.environ[ROOT_VARIABLE] = str(root)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[ROOT_VARIABLE]
+        else:
+            os.environ[ROOT_VARIABLE] = before
+
+
+def _episode(
+    minari: ModuleType, number: int, frames: Frames, robot: RobotModel, spec: PolicySpec
+) -> object:
+    """One episode: observations and infos ``(n, ...)``, the rest ``(n - 1, ...)``."""
+    steps = len(frames) - 1
+    target = target_of(frames.torque, frames.q, frames.v, spec)
+    action = (target - robot.nominal[7:]) / TASK.action_range
+    effort = ((frames.torque / robot.torque_limit) ** 2).mean(axis=1)
+    velocity = heading_velocity(frames.state[1:])
+    reward = reward_rate(TASK, velocity, frames.command[1:], effort[:-1]) / TASK.rate
+    # The frame after the last one is not recorded, so no fall is seen.
+    last = np.arange(steps) == steps - 1
+    return minari.data_collector.EpisodeBuffer(
+        id=number,
+        observations=network_input(frames.state, frames.tick, frames.command, spec.observation),
+        actions=action[:-1].astype(np.float32),
+        rewards=reward,
+        terminations=np.zeros(steps, bool),
+        truncations=last,
+        infos={
+            "expert_drove": frames.expert_drove,
+            "torque": frames.torque,
+            "tick": frames.tick,
+            "episode": frames.episode,
+            "outcome": frames.outcome,
+        },
+    )

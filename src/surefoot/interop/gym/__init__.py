@@ -1,0 +1,1 @@
+"""Gymnasium environments, single or in lockstep, and what Stable-Baselines3 wants of them."""

@@ -1,0 +1,65 @@
+"""The names of the Gymnasium environments: `register_environments` tells Gymnasium of them.
+
+Gymnasium has no plug-ins, so that every program that uses the environments calls it once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import ModuleType
+
+NAMESPACE = "surefoot"
+"""What the names of all environments begin with."""
+ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
+    f"{NAMESPACE}/Solo12-v0": {"robot": "solo12"},
+    f"{NAMESPACE}/Go2-v0": {"robot": "go2"},
+    f"{NAMESPACE}/Quadruped-v0": {},
+}
+"""The environments, with their arguments; the last one is told its robot."""
+
+
+def register_environments() -> None:
+    """Register the environments with Gymnasium; a second call changes nothing.
+
+    After it, ``gym.make("surefoot/Solo12-v0")`` makes one robot, and ``gym.make_vec`` many in
+    lockstep.
+
+    Raises:
+        ImportError: Gymnasium is missing.
+    """
+    gymnasium = import_gymnasium()
+    for name, arguments in ENVIRONMENTS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(
+                name,
+                entry_point="surefoot.interop.gym.env:WalkingEnv",
+                vector_entry_point="surefoot.interop.gym.env:WalkingVectorEnv",
+                kwargs=dict(arguments),
+            )
+
+
+def import_gymnasium() -> ModuleType:
+    """Import Gymnasium.
+
+    Raises:
+        ImportError: It is missing; the message says how to install it.
+    """
+    try:
+        import gymnasium
+    except ImportError as error:
+        raise ImportError(
+            f"the environments need Gymnasium ({error}): pip install 'surefoot[gym]'"
+        ) from error
+    return gymnasium
+
+
+def environment_of(robot: str) -> str:
+    """The name of the environment of a robot.
+
+    Args:
+        robot: The name of the robot.
+    """
+    for name, arguments in ENVIRONMENTS.items():
+        if arguments.get("robot") == robot:
+            return name
+    return f"{NAMESPACE}/Quadruped-v0"

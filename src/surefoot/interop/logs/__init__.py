@@ -1,0 +1,1 @@
+"""What a robot has measured, replayed through its policy; what differs, and how."""

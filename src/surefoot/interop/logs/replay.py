@@ -1,0 +1,183 @@
+"""Replays a log: the network's input in each row, by the package's reference and by the runtime.
+
+Read `check` next, which compares them with each other and with what was logged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from surefoot.deploy.description import PolicyDescription
+from surefoot.deploy.interfaces import BaseEstimate, Sensors
+from surefoot.deploy.policy import BASE_PARTS, OnnxPolicy, state_of_base
+from surefoot.interop.logs.differences import Numbers
+from surefoot.interop.logs.sensor_log import SensorLog, remembered
+from surefoot.interop.onnx.runner import PipelineRunner
+from surefoot.learning.observation import Float32Array, goal, observe
+from surefoot.learning.policy import Policy
+from surefoot.types import Array, Command, State
+
+Network = Callable[[Float32Array], Float32Array]
+"""A network, ``(n, inputs)`` to ``(n, 12)`` joint targets [rad]."""
+
+NO_VALUES = np.zeros(12)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a check has found.
+
+    Attributes:
+        term: The term that differs: a part of the network's input, a field of the log, or
+            `network`.
+        kind: `order`, `sign`, `scale`, `frame`, `time`, `rate`, `network` or `unknown`.
+        text: A sentence that says what differs from what, and how.
+    """
+
+    term: str
+    kind: str
+    text: str
+
+
+def states_of(log: SensorLog, description: PolicyDescription) -> State:
+    """The states ``(T, ...)`` of a log, with the robot at the origin of the world.
+
+    Args:
+        log: The log.
+        description: The policy that is to see them.
+
+    Raises:
+        ValueError: The layout needs what the log does not have.
+    """
+    T = len(log)
+    asked = {term.name for term in description.observation}
+    columns = zip(BASE_PARTS, (log.base_height, log.linear_velocity), strict=True)
+    missing = [name for name, array in columns if array is None and name in asked]
+    if missing:
+        raise ValueError(
+            f"the layout {description.layout!r} needs {' and '.join(missing)}, which the log does "
+            "not have: record it, of an estimator or of motion capture"
+        )
+    height = np.zeros(T) if log.base_height is None else log.base_height
+    velocity = np.zeros((T, 3)) if log.linear_velocity is None else log.linear_velocity
+    zeros = np.zeros((T, 2))
+    q = np.column_stack([zeros, height, log.orientation, log.joint_position])
+    v = np.column_stack([velocity, log.angular_velocity, log.joint_velocity])
+    return state_of_base(description, q, v)
+
+
+def reference_inputs(
+    log: SensorLog, description: PolicyDescription, applied: Array
+) -> Float32Array:
+    """``(T, inputs)`` the network's input in each row, by the package's reference.
+
+    Args:
+        log: The log.
+        description: The policy.
+        applied: ``(T, 12)`` the joint targets that were applied, for the history [rad].
+    """
+    spec = description.spec
+    state = states_of(log, description)
+    history = spec.layout.history
+    T = len(log)
+    out = np.empty((T, spec.input_size), np.float32)
+    now = spec.observation_size
+    if history is not None:
+        now -= history.size
+        out[:, now : spec.observation_size] = remembered(state, applied, history)
+    observe(state, spec.layout.parts, out=out[:, :now])
+    goal(log.tick, log.command, spec, out[:, spec.observation_size :])
+    return out
+
+
+def sensors_of(log: SensorLog, row: int) -> Sensors:
+    """What the robot measured in one row of a log."""
+    base = None
+    if log.base_height is not None or log.linear_velocity is not None:
+        height = 0.0 if log.base_height is None else float(log.base_height[row])
+        velocity = np.zeros(3) if log.linear_velocity is None else log.linear_velocity[row]
+        base = BaseEstimate(height, velocity)
+    return Sensors(
+        time_ns=int(log.time_ns[row]),
+        sequence=row,
+        joint_position=log.joint_position[row],
+        joint_velocity=log.joint_velocity[row],
+        joint_torque=NO_VALUES,
+        orientation=log.orientation[row],
+        angular_velocity=log.angular_velocity[row],
+        acceleration=np.zeros(3),
+        base=base,
+    )
+
+
+def run_runtime(policy: OnnxPolicy, log: SensorLog) -> tuple[Float32Array, Array, Array]:
+    """Run the runtime through a log, row by row.
+
+    Args:
+        policy: The policy, as the loop on the robot runs it.
+        log: The log.
+
+    Returns:
+        ``(T, inputs)`` the network's inputs, the targets ``(T, 12)``, and those that the motors can
+        follow, ``(T, 12)`` [rad].
+    """
+    T = len(log)
+    inputs = np.empty((T, policy.spec.input_size), np.float32)
+    targets = np.empty((T, 12))
+    policy.reset(sensors_of(log, 0))
+    for row in range(T):
+        sensors = sensors_of(log, row)
+        command = Command(*log.command[row].tolist())
+        inputs[row] = policy.inputs(sensors, int(log.tick[row]), command)
+        targets[row] = policy.target(sensors, int(log.tick[row]), command)
+    return inputs, targets, clipped(policy, log, targets)
+
+
+def run_pipeline(runner: PipelineRunner, log: SensorLog) -> tuple[Float32Array, Array]:
+    """Run a whole pipeline through a log, row by row.
+
+    Args:
+        runner: The pipeline.
+        log: The log.
+
+    Returns:
+        ``(T, inputs)`` the network's inputs, and the targets ``(T, 12)`` [rad].
+    """
+    runner.reset()
+    inputs = []
+    targets = []
+    for row in range(len(log)):
+        command = Command(*log.command[row].tolist())
+        target, seen = runner.run(sensors_of(log, row), int(log.tick[row]), command)
+        inputs.append(seen)
+        targets.append(target)
+    return np.array(inputs), np.array(targets)
+
+
+def torch_network_of(policy: Policy) -> Network:
+    """The network of a policy as PyTorch computes it, without folding anything.
+
+    Args:
+        policy: The policy.
+    """
+    import torch
+
+    def run(inputs: Float32Array) -> Float32Array:
+        with torch.no_grad():
+            return policy.network(torch.from_numpy(inputs)).numpy()
+
+    return run
+
+
+def clipped(policy: OnnxPolicy, log: SensorLog, targets: Numbers) -> Array:
+    """``(T, 12)`` joint targets that the motors could follow: those of the clipped torques [rad].
+
+    Args:
+        policy: Gives the gains and the limits.
+        log: What was measured.
+        targets: ``(T, 12)`` joint targets [rad].
+    """
+    return policy.applied(np.asarray(targets, float), log.joint_position, log.joint_velocity)

@@ -1,0 +1,268 @@
+"""Exports a policy to one ONNX file that says all about itself.
+
+The graph is the network with its normalizers inside, `obs (n, inputs) -> actions (n, 12)`; the
+actions are joint targets [rad]. The metadata has the keys that mjlab's exporter writes, as lists
+separated by commas, and one key `surefoot` with JSON at full precision
+(`deploy.description.PolicyDescription`). Read `pipeline` for a graph that begins at the
+sensors, and `docs/export.md` for the keys.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from surefoot.config import Config
+from surefoot.config.json_io import to_json
+from surefoot.deploy.description import (
+    EXPORT_FORMAT,
+    KEY,
+    NO_HASH,
+    Kind,
+    PolicyDescription,
+    StartRange,
+    layout_terms,
+)
+from surefoot.deploy.kinematics import KinematicTable
+from surefoot.files import write_atomic
+from surefoot.learning.onnx_graph import onnx_graph
+from surefoot.learning.policy import Policy
+from surefoot.robots.model import RobotModel
+from surefoot.robots.profile import position_limits, speed_limits
+from surefoot.robots.rigid import legs_of, masses_of
+from surefoot.rotations import roll_pitch, rotation
+from surefoot.scenarios.starts import StartSet
+from surefoot.types import JOINTS, TICKS_PER_SECOND
+
+OnnxModel = Any
+"""An `onnx.ModelProto`."""
+INPUT = "obs"
+"""Name of the graph's input, as mjlab has it."""
+OUTPUT = "actions"
+"""Name of the graph's output, as mjlab has it."""
+MJLAB_NAMES = {
+    "gravity": "projected_gravity",
+    "linear_velocity": "base_lin_vel",
+    "angular_velocity": "base_ang_vel",
+    "joint_position": "joint_pos",
+    "joint_velocity": "joint_vel",
+}
+"""What mjlab calls parts of an observation, where it has the same."""
+
+
+def kinematic_table(robot: RobotModel) -> KinematicTable:
+    """The geometry and the masses of a robot, as an exported file has them.
+
+    Args:
+        robot: The robot.
+    """
+    legs = legs_of(robot)
+    masses = masses_of(robot)
+    return KinematicTable(
+        joint_axes=_nested(legs.axis),
+        joint_positions=_nested(legs.center),
+        foot_positions=_nested(legs.foot),
+        foot_radius=robot.foot_radius,
+        base_mass=float(masses.base),
+        base_com=_nested(masses.base_moment / masses.base),
+        link_masses=_nested(masses.link),
+        link_coms=_nested(masses.link_moment / masses.link[..., None]),
+    )
+
+
+def describe(
+    policy: Policy,
+    policy_file: Path,
+    robot: RobotModel,
+    config: Config,
+    stored: StartSet | None = None,
+    kind: Kind = "network",
+) -> PolicyDescription:
+    """What the exported file of a policy says of it, still without the file's own hash.
+
+    Args:
+        policy: The policy.
+        policy_file: Its file, for the hash.
+        robot: Its robot; with a hardware profile the limits are those of the profile.
+        config: What it was trained with: where episodes began, and with which delay.
+        stored: The set of initial states that it was trained from; None if unknown.
+        kind: What the graph is to hold.
+
+    Raises:
+        ValueError: The policy is one of another robot.
+    """
+    if policy.robot != robot.name:
+        raise ValueError(
+            f"{policy_file} is a policy of the robot {policy.robot!r}, and the configuration has "
+            f"{robot.name!r}; export it in the folder of the run that trained it"
+        )
+    profile = robot.profile
+    speed = robot.speed_limit
+    position = robot.position_limit
+    if profile is not None:
+        speed = np.minimum(speed, speed_limits(profile))
+        low, high = position_limits(profile).T
+        position = np.column_stack(
+            [np.maximum(position[:, 0], low), np.minimum(position[:, 1], high)]
+        )
+    spec = policy.spec.observation
+    terms = layout_terms(spec)
+    low, high = policy.command_range.tolist()
+    return PolicyDescription(
+        format=EXPORT_FORMAT,
+        kind=kind,
+        robot=robot.name,
+        joints=JOINTS,
+        source_joints=tuple(
+            pattern.replace("{leg}", leg)
+            for leg in robot.spec.legs
+            for pattern in robot.spec.joints
+        ),
+        rate_hz=TICKS_PER_SECOND,
+        kp=(policy.spec.kp,) * len(JOINTS),
+        kd=(policy.spec.kd,) * len(JOINTS),
+        layout=spec.layout.name,
+        observation=terms.observation,
+        history=terms.history,
+        goal=terms.goal,
+        phase=spec.phase,
+        height=spec.height,
+        gaits=spec.gaits,
+        command_range=(tuple(low), tuple(high)),
+        torque_limit=tuple(robot.torque_limit.tolist()),
+        speed_limit=_maybe(speed),
+        position_limit=tuple(_maybe(pair) for pair in position),
+        profile=None if profile is None else profile.name,
+        nominal=tuple(robot.nominal[7:].tolist()),
+        start_range=None if stored is None else start_range(stored, config.starts),
+        delay_ms=max(config.collection.delay, config.pretraining.delay),
+        kinematics=kinematic_table(robot),
+        provenance=to_json(policy.provenance),
+        policy_sha256=sha256(policy_file.read_bytes()).hexdigest(),
+        bounds=policy.bounds,
+    )
+
+
+def start_range(stored: StartSet, split: str) -> StartRange:
+    """The postures among the initial states that a policy was trained from.
+
+    Args:
+        stored: The set.
+        split: The split that rollouts began in; the settled gait cycle belongs to it too.
+    """
+    q = np.concatenate([stored["nominal"].q, stored[split].q])
+    angles = np.column_stack([roll_pitch(rotation(q[:, 3:7])), q[:, 7:]])
+    pairs = np.column_stack([angles.min(axis=0), angles.max(axis=0)]).tolist()
+    return StartRange(
+        roll=tuple(pairs[0]),
+        pitch=tuple(pairs[1]),
+        joints=tuple(tuple(pair) for pair in pairs[2:]),
+        starts=stored.name,
+    )
+
+
+def network_model(policy: Policy) -> OnnxModel:
+    """The network of a policy as an ONNX model, without metadata.
+
+    Args:
+        policy: The policy.
+    """
+    import onnx
+
+    layers = [(weight.numpy(), bias.numpy()) for weight, bias in policy.network.folded()]
+    model = onnx.load_from_string(onnx_graph(layers))
+    names = {"input": INPUT, "target": OUTPUT}
+    for tensor in (*model.graph.input, *model.graph.output):
+        tensor.name = names[tensor.name]
+    for node in model.graph.node:
+        for tensors in (node.input, node.output):
+            for place, name in enumerate(tensors):
+                tensors[place] = names.get(name, name)
+    return model
+
+
+def write_onnx(
+    model: OnnxModel,
+    description: PolicyDescription,
+    path: Path,
+    further: Mapping[str, str] | None = None,
+) -> PolicyDescription:
+    """Write a model with its description to one file, whole or not at all.
+
+    Args:
+        model: The ONNX model.
+        description: What the file is to say; its hash is filled in.
+        path: The file.
+        further: Further keys of the metadata.
+
+    Returns:
+        The description, with the hash of the file.
+
+    Raises:
+        WriteError: The disk is full, or read-only.
+    """
+    values = to_json(description) | {"sha256": NO_HASH}
+    texts = {**mjlab_keys(description), **(further or {})}
+    texts[KEY] = json.dumps(values, allow_nan=False)
+    del model.metadata_props[:]
+    for key, text in texts.items():
+        entry = model.metadata_props.add()
+        entry.key = key
+        entry.value = text
+    content = model.SerializeToString(deterministic=True)
+    digest = sha256(content).hexdigest()
+    place = content.index(f'"sha256": "{NO_HASH}"'.encode()) + len('"sha256": "')
+    write_atomic(path, content[:place] + digest.encode() + content[place + len(digest) :])
+    return replace(description, sha256=digest)
+
+
+def mjlab_keys(description: PolicyDescription) -> dict[str, str]:
+    """The metadata that mjlab's exporter writes, at full precision: lists separated by commas.
+
+    Its controllers add `default_joint_pos` to the actions and subtract it from the joint angles;
+    here both are absolute, so that it is zero. The standing posture is `nominal` under `surefoot`.
+
+    Args:
+        description: What the file says.
+    """
+    history = () if description.history is None else ("history",)
+    terms = [MJLAB_NAMES.get(term.name, term.name) for term in description.observation]
+    terms += [*history, *(term.name for term in description.goal)]
+    run = description.provenance.get("run", "")
+    return {
+        "run_path": str(run),
+        "joint_names": _csv(description.joints),
+        "joint_stiffness": _csv(description.kp),
+        "joint_damping": _csv(description.kd),
+        "default_joint_pos": _csv([0.0] * len(JOINTS)),
+        "command_names": "command",
+        "observation_names": _csv(terms),
+        "observation_terms_scale": _csv([1.0] * len(terms)),
+        "observation_terms_flatten_history_dim": _csv([1.0] * len(terms)),
+        "observation_terms_history_length": _csv([0.0] * len(terms)),
+        "observation_terms_clip": _csv(["-inf;inf"] * len(terms)),
+        "action_scale": _csv([1.0] * len(JOINTS)),
+    }
+
+
+def _csv(values: Iterable[object]) -> str:
+    """Values, separated by commas."""
+    return ",".join(str(value) for value in values)
+
+
+def _maybe(values: Any) -> Any:
+    """Numbers as a tuple, with None in place of those that are infinite."""
+    return tuple(float(value) if np.isfinite(value) else None for value in values)
+
+
+def _nested(array: Any) -> Any:
+    """An array as nested tuples."""
+    if np.ndim(array) == 0:
+        return float(array)
+    return tuple(_nested(part) for part in array)

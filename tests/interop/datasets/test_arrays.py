@@ -1,0 +1,166 @@
+"""Logs become frames, and what is wrong with a log is said before any training."""
+
+import numpy as np
+import pytest
+
+from surefoot.interop.datasets.arrays import frames_from_arrays, read_log
+from surefoot.robots.solo12 import solo12
+from surefoot.rotations import rotation
+
+ROBOT = solo12()
+
+
+@pytest.fixture
+def log(walked):
+    """A good log of one episode."""
+    _, frames = walked
+    first = frames[frames.episode == 10]
+    names = ("q", "v", "torque", "command", "tick")
+    return {name: getattr(first, name).copy() for name in names}
+
+
+def test_a_log_becomes_the_frames_that_were_recorded(log, walked):
+    _, frames = walked
+    first = frames[frames.episode == 10]
+    imported = frames_from_arrays(log, ROBOT)
+    for name in ("q", "v", "torque", "command", "tick"):
+        np.testing.assert_allclose(getattr(imported, name), getattr(first, name), atol=1e-12)
+    np.testing.assert_allclose(imported.com, first.com, atol=1e-6)
+    np.testing.assert_allclose(imported.feet, first.feet, atol=1e-6)
+    assert (imported.contacts == first.contacts).mean() > 0.9
+    assert imported.expert_drove.all()
+    assert set(imported.episode) == {0}
+
+
+def test_npz_and_csv_hold_the_same_log(log, tmp_path):
+    np.savez(tmp_path / "log.npz", **log)
+    names = [f"{name}{n}" for name in ("q", "v", "torque") for n in range(log[name].shape[1])]
+    columns = [log["q"], log["v"], log["torque"], log["command"], log["tick"][:, None]]
+    np.savetxt(
+        tmp_path / "log.csv",
+        np.concatenate(columns, axis=1),
+        fmt="%.17g",
+        delimiter=",",
+        header=",".join([*names, "vx", "vy", "yaw_rate", "tick"]),
+        comments="",
+    )
+    one = frames_from_arrays(read_log(tmp_path / "log.npz"), ROBOT)
+    assert frames_from_arrays(read_log(tmp_path / "log.csv"), ROBOT).hash == one.hash
+
+
+def test_a_new_episode_begins_where_the_clock_jumps(log):
+    log["tick"][100:] += 7
+    imported = frames_from_arrays(log, ROBOT, first_episode=5)
+    assert np.unique(imported.episode, return_counts=True)[1].tolist() == [100, 150]
+    assert imported.episode[0] == 5
+    np.testing.assert_array_equal(imported.elapsed, [*range(100), *range(150)])
+
+
+def test_one_command_serves_all_rows(log):
+    log["command"] = np.array([0.1, 0.0, 0.2])
+    assert (frames_from_arrays(log, ROBOT).command == [0.1, 0.0, 0.2]).all()
+
+
+def test_a_robot_that_does_not_know_where_it_is_can_be_imported(log):
+    log["q"][:, :2] = 0.0
+    assert len(frames_from_arrays(log, ROBOT)) == 250
+
+
+def without(name):
+    return lambda log: log.pop(name)
+
+
+def put(name, rows, value):
+    def change(log):
+        log[name][rows] = value
+
+    return change
+
+
+def in_world_frame(log):
+    log["v"][:, :3] = (rotation(log["q"][:, 3:7]) * log["v"][:, None, :3]).sum(axis=2)
+
+
+def wxyz(log):
+    log["q"][:, 3:7] = log["q"][:, [6, 3, 4, 5]]
+
+
+def in_degrees_a_second(log):
+    log["v"][:, 6:] = np.degrees(log["v"][:, 6:])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (without("torque"), "the log has no torque; it needs q, v, torque, command, tick"),
+        (put("q", (3, 8), np.nan), "q: row 3 holds a number that is not finite"),
+        (put("q", (2, slice(3, 7)), 1.0), "q: row 2 has a quaternion .* not of length 1"),
+        (wxyz, "upside down|rotat|does not fit the motion"),
+        (in_degrees_a_second, "v6 to v17, the joint rates, does not fit the motion of q"),
+        (put("torque", (9, 0), 30.0), r"torque: row 9 exceeds the motor limits of solo12 \(2.7"),
+        (lambda log: log.update(v=log["v"][:, :17]), r"v is float64 \(250, 17\), expected"),
+        (lambda log: log.update(tick=log["tick"] + 0.5), "tick: row 0 is not a whole number"),
+        (
+            lambda log: log.update(tick=2 * log["tick"], episode=np.zeros(250)),
+            "tick: row 1 does not follow the row before it by 1 ms",
+        ),
+        (lambda log: log.update(q=np.zeros((0, 19))), "q has no rows"),
+    ],
+)
+def test_a_log_that_cannot_be_says_why(log, change, message):
+    change(log)
+    with pytest.raises(ValueError, match=message):
+        frames_from_arrays(log, ROBOT)
+
+
+def test_a_velocity_in_the_world_frame_is_recognized(log):
+    half = np.array([0.0, 0.0, np.sin(0.8), np.cos(0.8)])
+    q = log["q"]
+    # The same walk, turned by 1.6 rad about the vertical and five times as fast.
+    x, y, z, w = q[:, 3:7].T
+    q[:, 3:7] = np.stack(
+        [half[3] * x - half[2] * y, half[3] * y + half[2] * x, half[3] * z + half[2] * w,
+         half[3] * w - half[2] * z], axis=1
+    )  # fmt: skip
+    turn = rotation(half)
+    q[:, :3] = q[:, :3] @ turn.T
+    forward = np.arange(250)[:, None] * 1e-3 * turn[:, 0]
+    q[:, :2] += forward[:, :2]
+    log["v"][:, :3] += np.einsum("nji,j->ni", rotation(q[:, 3:7]), turn[:, 0])
+    frames_from_arrays(log, ROBOT)  # right as it is
+    in_world_frame(log)
+    with pytest.raises(ValueError, match="as if it were in the world frame"):
+        frames_from_arrays(log, ROBOT)
+
+
+def test_joints_in_another_order_are_out_of_their_limits(log):
+    from surefoot.robots.load import load_robot
+
+    robot = load_robot("go2")
+    log["q"][:, 7:] = np.tile([2.0, 0.07, 0.8], 4)
+    with pytest.raises(ValueError, match=r"FL_HAA at 2.000 rad, outside its limits"):
+        frames_from_arrays(log, robot)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("log.txt", b"", "must end in .npz or .csv"),
+        ("log.npz", b"no zip", "is no log"),
+        ("log.csv", b"q0,q1\n1,2\n", "it has no columns q2, q3"),
+        ("log.csv", b"q0,q1\n1,two\n", "is no log"),
+        ("log.csv", b"q0,q1\n1,2,3\n", "2 names for 3 columns"),
+    ],
+)
+def test_a_file_that_is_no_log_is_named(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=message):
+        read_log(path)
+
+
+def test_nothing_in_a_log_is_run(tmp_path):
+    path = tmp_path / "log.npz"
+    np.savez(path, q=np.array([print], dtype=object))
+    with pytest.raises(ValueError, match="is no log"):
+        read_log(path)

@@ -1,0 +1,155 @@
+"""Logs of sensors: both formats hold the same, and what is no log is refused with its reason."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from surefoot.deploy.recorder import Flight, save_flight
+from surefoot.interop.logs.sensor_log import SensorLog, log_of, log_of_flight, read_log, write_log
+from surefoot.learning.policy import pd
+from surefoot.types import JOINTS
+from tests.fakes.exports import policy_of, smooth_log
+from tests.fakes.rollouts import blank
+
+
+def assert_same(one, other):
+    for field in fields(SensorLog):
+        expected = getattr(other, field.name)
+        if expected is None:
+            assert getattr(one, field.name) is None
+        else:
+            np.testing.assert_array_equal(getattr(one, field.name), expected, field.name)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".csv"])
+def test_a_log_comes_back_to_the_last_bit(tmp_path, suffix):
+    path = tmp_path / f"log{suffix}"
+    log = smooth_log(20)
+    for each in (
+        replace(log, base_height=None, linear_velocity=None),
+        replace(log, joint_target=log.joint_position, network_input=np.ones((20, 47), np.float32)),
+    ):
+        write_log(each, path)
+        assert_same(read_log(path), each)
+
+
+def test_the_columns_of_a_text_may_have_any_order(tmp_path):
+    path = tmp_path / "log.csv"
+    log = smooth_log(4)
+    write_log(log, path)
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    assert rows[0][:5] == ["time_ns", "tick", "command.vx", "command.vy", "command.yaw_rate"]
+    assert "joint_position.FL_HAA" in rows[0]
+    path.write_text("\n".join(",".join(reversed(row)) for row in rows))
+    assert_same(read_log(path), log)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda head, rows: (head[1:], [row[1:] for row in rows]), r"it lacks \['time_ns'\]"),
+        (lambda head, rows: ([*head[:-1], "speed.z"], rows), "has the components|which no log has"),
+        (lambda head, rows: ([head[1], *head[1:]], rows), "a column is there twice"),
+        (lambda head, rows: (head, [*rows[:-1], rows[-1][:-1]]), "not every row has as many"),
+        (lambda head, rows: (head, [["x", *row[1:]] for row in rows]), "invalid literal"),
+        (lambda head, rows: (head, [[*row[:-1], "nan"] for row in rows]), "not finite in row 0"),
+        (lambda head, rows: (head, rows[:1]), "a log of 1 rows"),
+    ],
+)
+def test_a_text_that_is_no_log_is_refused(tmp_path, change, text):
+    path = tmp_path / "log.csv"
+    write_log(smooth_log(4), path)
+    head, *rows = [line.split(",") for line in path.read_text().splitlines()]
+    head, rows = change(head, rows)
+    path.write_text("\n".join(",".join(row) for row in [head, *rows]))
+    with pytest.raises(ValueError, match=text):
+        read_log(path)
+
+
+def test_other_files_are_refused(tmp_path):
+    path = tmp_path / "log.npz"
+    np.savez(path, joint_position=np.zeros((3, 12)))
+    with pytest.raises(ValueError, match=r"log.npz is no log of sensors: it lacks"):
+        read_log(path)
+    path.write_bytes(b"PK")
+    with pytest.raises(ValueError, match="is no log of sensors"):
+        read_log(path)
+    with pytest.raises(ValueError, match="must end in"):
+        write_log(smooth_log(3), tmp_path / "log.txt")
+    with pytest.raises(FileNotFoundError):
+        read_log(tmp_path / "nothing.npz")
+
+
+def test_a_simulation_is_logged_as_the_robot_measured_it():
+    policy = policy_of("proprioceptive")
+    rollouts = blank(2, 150, length=np.array([150, 130]))
+    rng = np.random.default_rng(0)
+    rollouts.q[..., 7:] = rng.normal(size=(2, 150, 12))
+    rollouts.v[:] = rng.normal(size=(2, 150, 18))
+    target = rng.normal(size=(2, 150, 12))
+    rollouts.torque[:] = pd(target, rollouts.q, rollouts.v, policy.spec)
+    log = log_of(rollouts, 1, policy.spec)
+    assert len(log) == 130
+    np.testing.assert_array_equal(log.joint_position, rollouts.q[1, :130, 7:])
+    assert log.joint_target is not None
+    assert log.network_input is not None
+    np.testing.assert_allclose(log.joint_target, target[1, :130], atol=1e-12)
+    assert log.network_input.shape == (130, policy.spec.observation.input_size)
+    assert np.diff(log.time_ns).tolist() == [10**6] * 129
+
+
+def flight_of(log, mode, expert):
+    """A flight with the measurements of a log."""
+    n = len(log)
+    zeros = np.zeros((n, len(JOINTS)))
+    return Flight(
+        robot=np.array("solo12"),
+        fault=np.array(""),
+        detail=np.array(""),
+        tick=np.arange(n),
+        time_ns=log.time_ns,
+        robot_time_ns=log.time_ns,
+        mode=np.array(mode, np.int8),
+        expert_drove=np.array(expert),
+        command=log.command,
+        joint_position=log.joint_position,
+        joint_velocity=log.joint_velocity,
+        joint_torque=zeros,
+        orientation=log.orientation,
+        angular_velocity=log.angular_velocity,
+        acceleration=zeros[:, :3],
+        base=np.full((n, 4), np.nan),
+        position=log.joint_position + 0.1,
+        velocity=zeros,
+        kp=zeros,
+        kd=zeros,
+        torque=zeros,
+        work_us=zeros[:, 0],
+        round_trip_us=zeros[:, 0],
+        gait_tick=np.where(np.array(mode) == 2, log.tick, -1),
+    )
+
+
+def test_a_flight_is_a_log_of_the_ticks_that_the_policy_drove(tmp_path):
+    log = smooth_log(40)
+    flight = flight_of(log, [1] * 10 + [2] * 30, [False] * 35 + [True] * 5)
+    path = tmp_path / "flight.npz"
+    save_flight(path, flight)
+    found = read_log(path)
+    np.testing.assert_array_equal(found.joint_position, log.joint_position[10:35])
+    assert found.tick.tolist() == log.tick[10:35].tolist()
+    assert found.base_height is None
+
+
+def test_a_flight_in_which_no_policy_drove_or_without_its_clock_is_no_log():
+    with pytest.raises(ValueError, match="no policy drove"):
+        log_of_flight(flight_of(smooth_log(10), [1] * 10, [False] * 10))
+    flight = flight_of(smooth_log(10), [2] * 10, [False] * 10)
+    with pytest.raises(ValueError, match="without the gait clock"):
+        log_of_flight(replace(flight, gait_tick=np.zeros(0, np.int64)))
+
+
+def test_a_log_that_is_not_there_says_what_writes_one(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"there is no log .*surefoot play --log"):
+        read_log(tmp_path / "log.npz")

@@ -1,0 +1,151 @@
+"""Exported networks: the same numbers as PyTorch, and a file that says all about itself."""
+
+import json
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from surefoot.config import Config, RobotConfig
+from surefoot.config.json_io import from_json, to_json
+from surefoot.deploy.description import KEY, PolicyDescription
+from surefoot.deploy.export_file import read_export
+from surefoot.interop.onnx.file import describe, start_range
+from surefoot.learning.layouts import LAYOUTS
+from surefoot.learning.observation import GaitTiming
+from surefoot.learning.onnx_graph import runner
+from surefoot.robots.scaling import with_own_values
+from surefoot.rotations import roll_pitch, rotation
+from surefoot.runs.policies import safety_bounds
+from surefoot.scenarios.starts import load_starts
+from surefoot.types import JOINTS
+from tests.fakes.exports import TROT, exported, policy_of, robot_of
+
+MJLAB_KEYS = (
+    "run_path",
+    "joint_names",
+    "joint_stiffness",
+    "joint_damping",
+    "default_joint_pos",
+    "command_names",
+    "observation_names",
+    "observation_terms_scale",
+    "observation_terms_flatten_history_dim",
+    "observation_terms_history_length",
+    "observation_terms_clip",
+    "action_scale",
+)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_network_gives_what_pytorch_gives_on_ten_thousand_inputs(tmp_path, layout):
+    path, policy = exported(tmp_path, layout)
+    inputs = np.random.default_rng(0).normal(size=(10_000, policy.spec.observation.input_size))
+    inputs = inputs.astype(np.float32)
+    with torch.no_grad():
+        expected = policy.network(torch.from_numpy(inputs)).numpy()
+    assert np.abs(runner(path.read_bytes())(inputs) - expected).max() < 1e-5
+
+
+def test_mjlabs_keys_are_lists_separated_by_commas(tmp_path):
+    metadata = read_export(exported(tmp_path)[0]).metadata
+    assert set(MJLAB_KEYS) <= metadata.keys()
+    assert metadata["joint_names"].split(",") == list(JOINTS)
+    assert metadata["joint_stiffness"] == ",".join(["2.0"] * 12)
+    terms = metadata["observation_names"].split(",")
+    assert terms == [
+        "base_height",
+        "projected_gravity",
+        "base_lin_vel",
+        "base_ang_vel",
+        "joint_pos",
+        "joint_vel",
+        "feet",
+        "phase",
+        "command",
+    ]
+    for key in MJLAB_KEYS:
+        if key.startswith("observation_terms"):
+            assert len(metadata[key].split(",")) == len(terms)
+    # mjlab adds these to the actions, and subtracts them from the joint angles.
+    assert set(metadata["default_joint_pos"].split(",")) == {"0.0"}
+    assert metadata["run_path"] == "a-run"
+
+
+def test_the_description_is_there_at_full_precision(tmp_path):
+    path, policy = exported(tmp_path, kp=(1.0 / 3.0,) * 12)
+    model = onnx.load(path)
+    onnx.checker.check_model(model, full_check=True)
+    text = next(entry.value for entry in model.metadata_props if entry.key == KEY)
+    description = from_json(PolicyDescription, json.loads(text))
+    assert description == read_export(path).description
+    assert description.kp == (1.0 / 3.0,) * 12
+    assert description.spec == policy.spec.observation
+    assert [tensor.name for tensor in model.graph.input] == ["obs"]
+    assert [tensor.name for tensor in model.graph.output] == ["actions"]
+
+
+def test_limits_are_those_of_the_robot_and_of_its_hardware_profile(tmp_path):
+    from surefoot.robots.load import load_robot
+
+    _, policy = exported(tmp_path)
+    file = tmp_path / "policy.safetensors"
+    own = describe(policy, file, robot_of(), Config())
+    assert own.torque_limit == (2.7,) * 12
+    assert own.profile is None
+    odri = load_robot(RobotConfig(profile="odri"))
+    limited = describe(policy, file, odri, Config())
+    assert limited.profile == "odri"
+    assert limited.torque_limit == (1.8,) * 12
+    assert limited.position_limit[0] == (-0.9, 0.9)
+    assert max(speed for speed in limited.speed_limit if speed is not None) <= 80.0
+
+
+def test_a_policy_of_another_robot_is_not_described(tmp_path):
+    exported(tmp_path)
+    with pytest.raises(
+        ValueError, match="is a policy of the robot 'solo12', and the configuration"
+    ):
+        describe(policy_of(), tmp_path / "policy.safetensors", robot_of("go2"), Config())
+
+
+def test_another_robots_joints_keep_the_names_that_its_own_description_has(tmp_path):
+    path, _ = exported(tmp_path, policy=policy_of(robot="go2"))
+    description = read_export(path, "go2").description
+    assert description.joints == JOINTS
+    assert description.source_joints[:2] == ("FL_hip_joint", "FL_thigh_joint")
+    assert description.start_range is None
+
+
+def test_the_start_range_holds_the_initial_states_trained_on():
+    stored = load_starts()
+    found = start_range(stored, "train")
+    q = stored["train"].q
+    angles = roll_pitch(rotation(q[:, 3:7]))
+    assert found.roll[1] >= angles[:, 0].max()
+    assert found.pitch[0] <= angles[:, 1].min()
+    assert [low for low, _ in found.joints] <= q[:, 7:].min(axis=0).tolist()
+    assert found.starts == "solo12-trot-v1"
+
+
+def test_several_gaits_are_described(tmp_path):
+    policy = policy_of(gaits=(TROT, GaitTiming("walk", 800, 0.8, (0.5, 0.0, 0.25, 0.75))))
+    description = read_export(exported(tmp_path, policy=policy)[0]).description
+    assert [gait.name for gait in description.gaits] == ["trot", "walk"]
+    assert description.goal[-1].name == "gait"
+    assert description.goal[-1].size == 2
+
+
+def test_the_bounds_that_a_policy_was_trained_under_are_there_unless_unknown(tmp_path):
+    assert read_export(exported(tmp_path / "unknown")[0]).description.bounds is None
+    policy = policy_of()
+    policy.bounds = safety_bounds(with_own_values(Config()))
+    path, _ = exported(tmp_path / "known", policy=policy)
+    assert read_export(path).description.bounds == policy.bounds
+
+
+def test_a_description_without_bounds_as_older_files_have_it_is_read(tmp_path):
+    values = to_json(read_export(exported(tmp_path)[0]).description)
+    del values["bounds"]
+    assert from_json(PolicyDescription, values).bounds is None

@@ -1,0 +1,93 @@
+"""The whole pipeline as a graph: the runtime's numbers, from exploy's inputs."""
+
+import json
+
+import numpy as np
+import onnx
+import pytest
+
+from surefoot.deploy.export_file import read_export
+from surefoot.deploy.policy import OnnxPolicy
+from surefoot.interop.logs.replay import run_pipeline, run_runtime
+from surefoot.interop.onnx.pipeline import GAIT, MEMORY_IN, MEMORY_OUT, input_names
+from surefoot.interop.onnx.runner import PipelineRunner
+from surefoot.learning.layouts import LAYOUTS
+from surefoot.learning.observation import GaitTiming
+from surefoot.learning.onnx_graph import runner
+from tests.fakes.exports import TROT, exported, policy_of, smooth_log
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_pipeline_gives_what_the_runtime_gives(tmp_path, layout):
+    path, policy = exported(tmp_path, layout, "pipeline", torque_limit=(1.0,) * 12)
+    network, _ = exported(tmp_path, layout, policy=policy, torque_limit=(1.0,) * 12)
+    file = read_export(path)
+    log = smooth_log(150, yaw=2.5)
+    runtime = OnnxPolicy(file.description, runner(network.read_bytes()))
+    inputs, targets, _ = run_runtime(runtime, log)
+    for _ in range(2):  # a reset begins anew
+        seen, answers = run_pipeline(PipelineRunner(file), log)
+        np.testing.assert_allclose(seen, inputs, atol=3e-5)
+        np.testing.assert_allclose(answers, targets, atol=2e-5)
+
+
+def test_inputs_and_outputs_have_the_names_that_exploy_matches(tmp_path):
+    path, _ = exported(tmp_path, "full", "pipeline")
+    model = onnx.load(path)
+    onnx.checker.check_model(model, full_check=True)
+    assert {tensor.name for tensor in model.graph.input} == {
+        "obj.solo12.joints.pos",
+        "obj.solo12.joints.vel",
+        "obj.solo12.base.w_Q_b",
+        "obj.solo12.base.ang_vel_b_rt_w_in_b",
+        "obj.solo12.base.pos_b_rt_w_in_w",
+        "obj.solo12.base.lin_vel_b_rt_w_in_b",
+        "cmd.se2_velocity.command",
+        "ctx.step_count",
+    }
+    metadata = read_export(path).metadata
+    target = json.loads(metadata["output.joint_targets.solo12"])
+    assert target["stiffness"] == [2.0] * 12
+    assert target["names"] == metadata["joint_names"].split(",")
+    assert json.loads(metadata["update_rate"]) == 1000.0
+    assert json.loads(metadata["base_names"]) == {"solo12": "base"}
+    outputs = {tensor.name for tensor in model.graph.output}
+    assert {f"output.joint_targets.solo12.{end}" for end in ("pos", "vel", "effort")} <= outputs
+
+
+def test_a_proprioceptive_pipeline_asks_the_imu_and_its_memory(tmp_path):
+    path, _ = exported(tmp_path, "proprioceptive", "pipeline")
+    model = onnx.load(path)
+    names = {tensor.name for tensor in model.graph.input}
+    assert {"sensor.imu.base.w_Q_b", "sensor.imu.base.ang_vel_b_rt_w_in_b", MEMORY_IN} <= names
+    assert not any(name.startswith("obj.solo12.base") for name in names)
+    assert MEMORY_OUT in {tensor.name for tensor in model.graph.output}
+
+
+def test_one_of_several_gaits_is_chosen_by_an_input(tmp_path):
+    gaits = (TROT, GaitTiming("walk", 800, 0.8, (0.5, 0.0, 0.25, 0.75)))
+    path, policy = exported(tmp_path, kind="pipeline", policy=policy_of(gaits=gaits))
+    file = read_export(path)
+    assert GAIT in input_names(file.description).values()
+    runtime = OnnxPolicy(file.description, lambda inputs: np.zeros((len(inputs), 12), np.float32))
+    runtime.gait = 1
+    log = smooth_log(5)
+    inputs, _, _ = run_runtime(runtime, log)
+    seen, _ = run_pipeline(PipelineRunner(file, gait=1), log)
+    np.testing.assert_allclose(seen, inputs, atol=1e-6)
+    assert seen[0, -2:].tolist() == [0.0, 1.0]
+    assert policy.spec.observation.gaits == gaits
+
+
+def test_a_base_that_stands_on_its_tail_has_a_heading_too(tmp_path):
+    file = read_export(exported(tmp_path, kind="pipeline")[0])
+    log = smooth_log(2)
+    log.orientation[:] = [0.0, -np.sqrt(0.5), 0.0, np.sqrt(0.5)]
+    seen, answers = run_pipeline(PipelineRunner(file), log)
+    assert np.isfinite(seen).all()
+    assert np.isfinite(answers).all()
+
+
+def test_the_network_alone_is_no_pipeline(tmp_path):
+    with pytest.raises(ValueError, match="holds the network alone"):
+        PipelineRunner(read_export(exported(tmp_path)[0]))
