@@ -12,12 +12,12 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: help venv demo test test-slow check format bench peers reproduce reproduce-smoke system clean
+.PHONY: help venv demo test test-slow check docs linkcheck format bench peers reproduce reproduce-smoke system clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
-venv: $(VENV)/.complete  ## .venv with everything that demo, test and check need
+venv: $(VENV)/.complete  ## .venv with everything that demo, test, check and docs need
 
 $(VENV)/.complete: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \
@@ -25,7 +25,7 @@ $(VENV)/.complete: pyproject.toml constraints.txt
 	    "Name another one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[viz,dev]'
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[viz,dev,docs]'
 	$(BIN)/surefoot doctor
 	@touch $@
 
@@ -46,6 +46,13 @@ check: venv  ## format, lint, types, import contracts, plain Python
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 	$(BIN)/python checks/plain_python.py src examples benchmarks checks
+
+docs: venv  ## the documentation site, in docs/_build; every warning is an error
+	$(BIN)/python -m sphinx -W --keep-going -q -b html -c docs . docs/_build
+	@echo "the site: docs/_build/index.html"
+
+linkcheck: venv  ## whether the links of the documentation to other sites lead somewhere (needs a network)
+	$(BIN)/python -m sphinx -q -b linkcheck -c docs . docs/_build/linkcheck
 
 format: venv  ## format, and fix what ruff can fix
 	$(BIN)/ruff format .
@@ -77,4 +84,4 @@ system:  ## Debian packages for headless rendering (needs root)
 	apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri
 
 clean:  ## remove the environments and caches; runs stay
-	rm -rf $(VENV) .venv-peers .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-peers docs/_build .pytest_cache .ruff_cache .hypothesis .import_linter_cache
