@@ -6,10 +6,13 @@ GitHub: pages of docs/, the benchmarks, the examples and the changelog refer to 
 
 from __future__ import annotations
 
+import re
+
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
+from typing_extensions import is_protocol
 
 import surefoot
 
@@ -85,7 +88,7 @@ nitpick_ignore_regex = [
     ("py:exc", r"\w+"),
     # Type variables, and names of types that stand for longer ones.
     ("py:class", r"surefoot\.runs\.run\.Record|surefoot\.config\.checked\.Value"),
-    ("py:class", r"Array|IntArray|VelocityError"),
+    ("py:class", r"Array|IntArray|NDArray|VelocityError|bool|int\d+|float\d+|.*SeedSequence"),
     # The smallest and the largest value of a field of the configuration.
     ("py:class", r"-?[\d.]+(e[+-]?\d+)?"),
 ]
@@ -117,7 +120,31 @@ def keep_colons(
         lines[0] = f": {lines[0]}"
 
 
+ARRAY = re.compile(
+    r"~?numpy\.ndarray\[tuple\[~?typing\.Any, \.\.\.\], ~?numpy\.dtype\[~?numpy\.(\w+)\]\]"
+)
+"""An array in a signature, as Sphinx writes it out."""
+
+
+def shorten_signature(
+    app: Sphinx,
+    what: str,
+    name: str,
+    value: object,
+    options: object,
+    signature: str | None,
+    result: str | None,
+) -> tuple[str | None, str | None] | None:
+    """Write arrays as briefly as the code does; a protocol, which nobody makes, has no arguments."""
+    if isinstance(value, type) and is_protocol(value):
+        return "", None
+    parts = (signature, result)
+    short_signature, short_result = (part and ARRAY.sub(r"NDArray[\1]", part) for part in parts)
+    return short_signature, short_result
+
+
 def setup(app: Sphinx) -> None:
     """Register what draws the formulas, and what reads docstrings before napoleon does."""
     app.connect("autodoc-process-docstring", keep_colons, priority=400)
+    app.connect("autodoc-process-signature", shorten_signature)
     app.add_html_math_renderer("mathml", (visit_math, None), (visit_math_block, None))

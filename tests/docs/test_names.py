@@ -69,7 +69,7 @@ def option_exists(option):
 
 @documents
 def test_paths_exist(document):
-    folders = [ROOT, PACKAGE, document.parent]
+    folders = [ROOT, PACKAGE, PACKAGE / "deploy", document.parent]
     assert missing_paths(code_in(text_of(document)), folders) == []
 
 
