@@ -135,7 +135,7 @@ def shorten_signature(
     signature: str | None,
     result: str | None,
 ) -> tuple[str | None, str | None] | None:
-    """Write arrays as briefly as the code does; a protocol, which nobody makes, has no arguments."""
+    """Write arrays as the code does; a protocol, which nobody makes, has no arguments."""
     if isinstance(value, type) and is_protocol(value):
         return "", None
     parts = (signature, result)
