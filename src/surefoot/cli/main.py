@@ -172,7 +172,7 @@ def parse(args: Sequence[str]) -> Subcommand:
 
 
 FIRST_STEPS = """\
-surefoot distils a model predictive controller into a 1 kHz policy for a legged robot, safely.
+surefoot distills a model predictive controller into a 1 kHz policy for a legged robot, safely.
 
 Begin with:
   surefoot doctor              is this machine ready, and what would each extra add?
