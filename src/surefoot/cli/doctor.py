@@ -30,7 +30,7 @@ TIMEOUT = 900.0
 
 @dataclass(frozen=True)
 class Doctor(OnSimulator):
-    """Check this machine, and say how to fix what is broken."""
+    """Check this machine, say how to fix what is broken, and what each extra would add."""
 
     def __call__(self) -> int:
         """Print the report; 1 if something essential is broken."""
