@@ -26,6 +26,8 @@ DATA = (
     "surefoot/scenarios/data/solo12-trot-v1-wide.npz",
 )
 """Files of the wheel that are no modules, and without which commands fail."""
+NOBODY = 65534
+"""The user without anything."""
 WHEEL_BYTES = 8_000_000
 SDIST_BYTES = 12_000_000
 """Sizes that are worth a question."""
@@ -68,6 +70,40 @@ def run(command: Sequence[str | Path], **options: object) -> None:
     subprocess.run(list(map(str, command)), check=True, **options)  # pyright: ignore
 
 
+def use(binaries: Path, folder: Path, demo: bool) -> None:
+    """Run commands in an empty folder as a user without HOME, who may not write to the package.
+
+    Args:
+        binaries: Where the command is.
+        folder: Where the user's own two folders are made.
+        demo: Whether the demo is run, too.
+
+    Raises:
+        CalledProcessError: A command fails.
+    """
+    folder.chmod(0o755)
+    empty = folder / "empty"
+    temporary = folder / "tmp"
+    options: dict[str, object] = {}
+    for own in (empty, temporary):
+        own.mkdir()
+    if os.geteuid() == 0:  # root may write everywhere, and has a home without HOME
+        for own in (empty, temporary):
+            os.chown(own, NOBODY, NOBODY)
+        nobody: dict[str, object] = {"user": NOBODY, "group": NOBODY, "extra_groups": []}
+        try:
+            run([binaries / "python", "-c", ""], **nobody)
+            options = nobody
+        except PermissionError:
+            print("the interpreter lies where only root may go, so that root is the user")
+    environment = {"PATH": os.defpath, "TMPDIR": str(temporary)}
+    commands = [["doctor"], ["play", "--seconds", "2"], ["walk", "--seconds", "1", "--no-video"]]
+    if demo:
+        commands.append(["demo"])
+    for command in commands:
+        run([binaries / "surefoot", *command], cwd=empty, env=environment, **options)
+
+
 def main() -> int:
     """Build, check and use the package; 1 if something is wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -92,18 +128,7 @@ def main() -> int:
         constraints = ["-c", args.constraints] if args.constraints else []
         pip = [binaries / "python", "-m", "pip", "install", "--quiet", "--no-cache-dir"]
         run([*pip, *constraints, wanted])
-        empty = folder / "empty"
-        empty.mkdir()
-        environment = {"PATH": os.defpath, "TMPDIR": str(folder)}
-        commands = [
-            ["doctor"],
-            ["play", "--seconds", "2"],
-            ["walk", "--seconds", "1", "--no-video"],
-        ]
-        if args.demo:
-            commands.append(["demo"])
-        for command in commands:
-            run([binaries / "surefoot", *command], cwd=empty, env=environment)
+        use(binaries, folder, args.demo)
     print("the wheel works for a user without a checkout and without HOME")
     return 0
 
