@@ -4,7 +4,8 @@ BIN := $(VENV)/bin
 PYTHON ?= python3
 # The robot of the demo: solo12, go2, go1, a1, anymal_c, hyq, or a file (docs/your-robot.md).
 ROBOT ?= solo12
-RUN ?= runs/demo$(if $(filter-out solo12,$(ROBOT)),-$(basename $(notdir $(ROBOT))))
+# The folder of its run; without one, runs/demo or runs/demo-ROBOT.
+RUN ?=
 # After how many seconds the smoke study is interrupted.
 INTERRUPT ?= 60
 # One BLAS thread per process: the work is spread over processes, and bits depend on threads.
@@ -12,7 +13,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: help venv demo test test-slow check docs linkcheck format bench peers reproduce reproduce-smoke system clean
+.PHONY: help venv demo test test-slow check docs linkcheck format bench peers reproduce reproduce-smoke release-check system clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -30,9 +31,7 @@ $(VENV)/.complete: pyproject.toml constraints.txt
 	@touch $@
 
 demo: venv  ## train a policy with LocoSafeDAGGER, evaluate it, film it (minutes); ROBOT=go2 for another robot
-	$(BIN)/surefoot train loco_safe_dagger --preset quick --robot $(ROBOT) --run $(RUN) --resume
-	$(BIN)/surefoot evaluate $(RUN)
-	$(BIN)/surefoot play $(RUN)
+	$(BIN)/surefoot demo --robot $(ROBOT) $(if $(RUN),--run $(RUN))
 
 test: venv  ## the tests that are run often
 	$(BIN)/python -m pytest -n auto --dist loadgroup
@@ -79,6 +78,9 @@ peers: .venv-peers/.complete  ## collection speed, compared with imitation and S
 	.venv-peers/bin/python -m pip install --quiet --upgrade pip
 	.venv-peers/bin/python -m pip install --quiet -c constraints.txt -e . -r $<
 	@touch $@
+
+release-check: venv  ## build wheel and sdist, install the wheel in an empty environment, use it there
+	$(BIN)/python checks/release_check.py $(if $(DEMO),--demo)
 
 system:  ## Debian packages for headless rendering (needs root)
 	apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri
