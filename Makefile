@@ -4,7 +4,8 @@ BIN := $(VENV)/bin
 PYTHON ?= python3
 # The robot of the demo: solo12, go2, go1, a1, anymal_c, hyq, or a file (docs/your-robot.md).
 ROBOT ?= solo12
-RUN ?= runs/demo$(if $(filter-out solo12,$(ROBOT)),-$(basename $(notdir $(ROBOT))))
+# The folder of its run; without one, runs/demo or runs/demo-ROBOT.
+RUN ?=
 # After how many seconds the smoke study is interrupted.
 INTERRUPT ?= 60
 # One BLAS thread per process: the work is spread over processes, and bits depend on threads.
@@ -12,12 +13,12 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: help venv demo test test-slow check format bench peers reproduce reproduce-smoke system clean
+.PHONY: help venv demo test test-slow check docs linkcheck format bench peers reproduce reproduce-smoke release-check system clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
-venv: $(VENV)/.complete  ## .venv with everything that demo, test and check need
+venv: $(VENV)/.complete  ## .venv with everything that demo, test, check and docs need
 
 $(VENV)/.complete: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \
@@ -25,14 +26,12 @@ $(VENV)/.complete: pyproject.toml constraints.txt
 	    "Name another one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[viz,dev]'
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[viz,dev,docs]'
 	$(BIN)/surefoot doctor
 	@touch $@
 
 demo: venv  ## train a policy with LocoSafeDAGGER, evaluate it, film it (minutes); ROBOT=go2 for another robot
-	$(BIN)/surefoot train loco_safe_dagger --preset quick --robot $(ROBOT) --run $(RUN) --resume
-	$(BIN)/surefoot evaluate $(RUN)
-	$(BIN)/surefoot play $(RUN)
+	$(BIN)/surefoot demo --robot $(ROBOT) $(if $(RUN),--run $(RUN))
 
 test: venv  ## the tests that are run often
 	$(BIN)/python -m pytest -n auto --dist loadgroup
@@ -46,6 +45,13 @@ check: venv  ## format, lint, types, import contracts, plain Python
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 	$(BIN)/python checks/plain_python.py src examples benchmarks checks
+
+docs: venv  ## the documentation site, in docs/_build; every warning is an error
+	$(BIN)/python -m sphinx -W --keep-going -q -b html -c docs . docs/_build
+	@echo "the site: docs/_build/index.html"
+
+linkcheck: venv  ## whether the links of the documentation to other sites lead somewhere (needs a network)
+	$(BIN)/python -m sphinx -q -b linkcheck -c docs . docs/_build/linkcheck
 
 format: venv  ## format, and fix what ruff can fix
 	$(BIN)/ruff format .
@@ -73,8 +79,11 @@ peers: .venv-peers/.complete  ## collection speed, compared with imitation and S
 	.venv-peers/bin/python -m pip install --quiet -c constraints.txt -e . -r $<
 	@touch $@
 
+release-check: venv  ## build wheel and sdist, install the wheel in an empty environment, use it there
+	$(BIN)/python checks/release_check.py $(if $(DEMO),--demo)
+
 system:  ## Debian packages for headless rendering (needs root)
 	apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri
 
 clean:  ## remove the environments and caches; runs stay
-	rm -rf $(VENV) .venv-peers .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-peers docs/_build .pytest_cache .ruff_cache .hypothesis .import_linter_cache

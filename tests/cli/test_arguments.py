@@ -3,12 +3,18 @@
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import pytest
 import tyro
 
-from surefoot.cli.arguments import ANY_NUMBER, option_sizes, sort_arguments
+from surefoot.cli.arguments import (
+    ANY_NUMBER,
+    option_choices,
+    option_sizes,
+    positional_choices,
+    sort_arguments,
+)
 from surefoot.cli.train import Train
 from surefoot.config import METHODS
 
@@ -115,3 +121,20 @@ def test_options_keep_their_values_apart_from_what_is_positional():
     assert arguments.positional == ("dagger",)
     assert arguments.options == tuple(arg for arg in args if arg != "dagger")
     assert option_sizes(Train)["--config.safety.com-height"] == 2
+
+
+@dataclass(frozen=True)
+class Choosing:
+    place: Annotated[Literal["here", "there"] | None, tyro.conf.Positional]
+    color: Literal["red", "blue"] | None = None
+    days: tuple[Literal["Monday", "Friday"], ...] = ()
+    limb: Arm | Leg = Arm()
+
+
+def test_words_to_choose_from_follow_from_the_type():
+    assert option_choices(Choosing) == {
+        "--color": ("red", "blue"),
+        "--days": ("Monday", "Friday"),
+    }
+    assert positional_choices(Choosing) == ("here", "there")
+    assert positional_choices(Toy) == ()

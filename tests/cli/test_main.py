@@ -12,7 +12,7 @@ import surefoot.cli.main as main_module
 from surefoot.cli.compare import Compare
 from surefoot.cli.evaluate import Evaluate
 from surefoot.cli.gate_warnings import MeasureWarnings
-from surefoot.cli.main import COMMANDS, overview
+from surefoot.cli.main import COMMANDS, FIRST_STEPS
 from surefoot.cli.play import Play
 from surefoot.cli.run import RunPolicy
 from surefoot.cli.train import Train, TrainReport
@@ -37,7 +37,7 @@ def test_the_overview_fits_one_screen():
     )
     assert child.returncode == 0, child.stderr
     lines = child.stdout.splitlines()
-    assert len(lines) <= 24
+    assert len(lines) <= 30
     assert max(len(line) for line in lines) <= 80
     described = [line.split()[0] for line in lines if line.startswith("  ")]
     assert described == list(COMMANDS)
@@ -51,11 +51,16 @@ def test_a_reader_that_stops_reading_is_no_error():
         assert child.stderr.read() == b""
 
 
-def test_without_a_command_the_overview_is_an_error(surefoot, capsys):
+def test_without_a_command_the_first_steps_are_an_error(surefoot, capsys):
     assert surefoot() == 2
     output = capsys.readouterr()
-    assert output.err == overview() + "\n"
+    assert output.err == FIRST_STEPS + "\n"
     assert not output.out
+    named = re.findall(r"^  surefoot ([a-z-]+)", FIRST_STEPS, flags=re.MULTILINE)
+    assert named == ["doctor", "play", "demo", "walk", "view"]
+    assert set(named) <= set(COMMANDS)
+    lines = FIRST_STEPS.splitlines()
+    assert len(lines) <= 24 and max(map(len, lines)) <= 100
 
 
 def test_a_wrong_command_lists_the_commands(surefoot, capsys):

@@ -2,7 +2,7 @@
 
 import logging
 
-from surefoot.cli.progress import log_shown
+from surefoot.cli.progress import log_shown, seconds_bar
 
 logger = logging.getLogger("surefoot.runs.stages")
 
@@ -25,3 +25,11 @@ def test_each_line_is_shown_once_however_often_a_command_ran(capsys):
         logger.info("once")
     logger.info("not shown")
     assert capsys.readouterr().out == "once\n"
+
+
+def test_a_bar_of_simulated_time_ends_when_the_robot_stops(capsys):
+    with seconds_bar(1.5, "walk") as bar:
+        bar.update(1500)
+        assert bar.n == bar.total
+    shown = capsys.readouterr().err
+    assert "walk:" in shown and "/1500 [" in shown

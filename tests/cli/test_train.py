@@ -1,6 +1,8 @@
 """The command train: method and preset wherever they stand, and folders that are left alone."""
 
 import json
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,6 +11,7 @@ from surefoot.cli.main import parse
 from surefoot.cli.train import Train, parse_train
 from surefoot.config import BehaviorCloningConfig, Config, DaggerConfig
 from surefoot.config.presets import preset
+from surefoot.methods import METHODS
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.run import create
 from tests.fakes.learning import FLOAT32
@@ -25,8 +28,8 @@ from tests.fakes.learning import FLOAT32
         "--config.collection.impulse 0.5 1.5",
         "--resume",
         "--no-resume",
-        "--tensorboard",
-        "--no-tensorboard",
+        "--track tensorboard",
+        "--track=wandb",
         "--run loco_dagger",
         "--run=loco_dagger",
         "--preset quick",
@@ -126,6 +129,29 @@ def test_training_prints_its_progress_and_writes_its_metrics(surefoot, capsys, t
     assert report == {"run": str(folder), "metrics": [json.loads(line) for line in lines]}
     assert report["metrics"][-1]["stage"] == "best"
     assert (folder / "curves.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_tracker_hears_of_the_training_and_of_its_end(surefoot, tmp_path, monkeypatch):
+    heard = []
+
+    @contextmanager
+    def tracked(run, tracker):
+        heard.append((run.folder, tracker))
+        try:
+            yield
+        finally:
+            heard.append("closed")
+
+    def train(run, workers, plan):
+        heard.append("training")
+        raise RuntimeError("out of time")
+
+    monkeypatch.setattr("surefoot.runs.tracking.tracked", tracked)
+    monkeypatch.setitem(METHODS, "dagger", replace(METHODS["dagger"], train=train))
+    folder = tmp_path / "run"
+    options = ("--config.training.precision", "float32", "--track", "wandb")
+    assert surefoot("train", "dagger", "--run", folder, *options) == 2
+    assert heard == [(folder, "wandb"), "training", "closed"]
 
 
 def test_a_folder_that_cannot_be_made_is_refused_before_any_work(surefoot, capsys, tmp_path):

@@ -1,4 +1,4 @@
-"""The programs in `examples/` run, are short, and are the programs that the README shows."""
+"""The programs in `examples/` run, are short, and are the programs that the pages show."""
 
 import re
 import runpy
@@ -16,8 +16,8 @@ from surefoot import Outcome
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
-IN_README = ("own_expert.py", "clone_expert.py")
-"""The examples that the README shows, in its order."""
+SHOWN = {"README.md": "own_expert.py", "docs/python.md": "clone_expert.py"}
+"""The examples that pages show as they are."""
 OTHERS = ("first_hour.py", "known_answers.py", "socket_server.py", "train_ppo.py")
 """The examples that do not end with a list of outcomes."""
 OUTCOMES = {
@@ -91,10 +91,10 @@ def test_an_example_is_shorter_than_100_lines(example):
     assert len(example.read_text().splitlines()) < 100
 
 
-def test_the_readme_shows_the_examples_as_they_are():
-    readme = (ROOT / "README.md").read_text()
-    programs = re.findall(r"```python\n(.*?)```", readme, flags=re.DOTALL)
-    assert programs == [(FOLDER / name).read_text() for name in IN_README]
+@pytest.mark.parametrize("page", SHOWN)
+def test_a_page_shows_the_example_as_it_is(page):
+    programs = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
+    assert (FOLDER / SHOWN[page]).read_text() in programs
 
 
 def test_the_known_answers_are_those_of_the_documentation(run):

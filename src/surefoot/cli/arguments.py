@@ -8,10 +8,10 @@ folder. Next: `train`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import tyro
 
@@ -73,32 +73,80 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
     return Arguments(tuple(positional), values, tuple(unknown), tuple(options))
 
 
-def option_sizes(command: type, prefix: str = "") -> dict[str, int]:
+def option_sizes(command: type) -> dict[str, int]:
     """Number of values that each option of a command takes, by the option's name.
 
     A group that may be missing, as a robot's own description, comes from a file and is no option.
 
     Args:
         command: Dataclass whose fields are options; a field that is a dataclass is a group.
+    """
+    sizes: dict[str, int] = {}
+    for name, kind in _options(command):
+        if kind is bool:
+            sizes[name] = 0
+            group, dot, last = name.rpartition(".")
+            sizes[f"{group}{dot}no-{last}" if dot else f"--no-{name[2:]}"] = 0
+        else:
+            sizes[name] = _number_of_values(kind)
+    return sizes
+
+
+def option_choices(command: type) -> dict[str, tuple[str, ...]]:
+    """The values of each option that takes one of a few words, by the option's name.
+
+    Args:
+        command: Dataclass whose fields are options.
+    """
+    words = {name: _words(kind) for name, kind in _options(command)}
+    return {name: choices for name, choices in words.items() if choices}
+
+
+def positional_choices(command: type) -> tuple[str, ...]:
+    """The words that a positional argument of a command may be, if it is one of a few.
+
+    Args:
+        command: Dataclass of the command.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    positional = [
+        hints[field.name] for field in fields(command) if _is_positional(hints[field.name])
+    ]
+    return tuple(
+        word for hint in positional for kind in _alternatives(hint) for word in _words(kind)
+    )
+
+
+def _options(command: type, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """The name and the type of each option; once for each type that its value may have.
+
+    Args:
+        command: Dataclass whose fields are options.
         prefix: Dotted name of the group, with a dot at the end.
     """
     hints = get_type_hints(command, include_extras=True)
-    sizes: dict[str, int] = {}
     for field in fields(command):
         hint = hints[field.name]
-        if get_origin(hint) is Annotated and tyro.conf.Positional in get_args(hint):
+        if _is_positional(hint):
             continue
         name = field.name.replace("_", "-")
         for kind in _alternatives(hint):
-            if isinstance(kind, type) and is_dataclass(kind):
-                if type(None) not in get_args(hint):
-                    sizes |= option_sizes(kind, f"{prefix}{name}.")
-            elif kind is bool:
-                sizes[f"--{prefix}{name}"] = 0
-                sizes[f"--{prefix}no-{name}"] = 0
-            else:
-                sizes[f"--{prefix}{name}"] = _number_of_values(kind)
-    return sizes
+            if not (isinstance(kind, type) and is_dataclass(kind)):
+                yield f"--{prefix}{name}", kind
+            elif type(None) not in get_args(hint):
+                yield from _options(kind, f"{prefix}{name}.")
+
+
+def _is_positional(hint: Any) -> bool:
+    """Whether a field is a positional argument."""
+    return get_origin(hint) is Annotated and tyro.conf.Positional in get_args(hint)
+
+
+def _words(kind: Any) -> tuple[str, ...]:
+    """The words that a type consists of, also as the members of a tuple."""
+    if get_origin(kind) is tuple:
+        return _words(get_args(kind)[0])
+    return tuple(map(str, get_args(kind))) if get_origin(kind) is Literal else ()
 
 
 def _alternatives(hint: Any) -> tuple[Any, ...]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import tyro
+from tqdm import tqdm
 
 from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
 from surefoot.config import Config
@@ -72,15 +73,17 @@ class Bench(OnWorkers, OnSimulator):
             print(survey_table(survey))
             return 0
         records: dict[Measure, Speed] = {}
-        for name in get_args(Measure):
-            if self.what in ("all", name):
+        names = [name for name in get_args(Measure) if self.what in ("all", name)]
+        with tqdm(names, "bench", leave=False, unit="measurement") as bar:
+            for name in bar:
+                bar.set_postfix_str(name)
                 config = self.config
                 if name == "end_to_end":
                     config = preset("loco_safe_dagger", self.preset)
                 records[name] = measure_speed(name, self.simulated(config), self.spread)
                 if self.json:
                     write_json(self.json, records)
-                print(speed_table(name, records[name]), flush=True)
+                tqdm.write(speed_table(name, records[name]))
         return 0
 
 

@@ -1,4 +1,4 @@
-"""The command doctor: versions, and checks of all parts, each in a process of its own.
+"""The command doctor: versions, extras, and checks of all parts, each in a process of its own.
 
 A compiled package that does not fit its neighbors does not raise, it kills the process. So every
 check runs in a child, ``python -m surefoot.cli.doctor NAME``, and the report says what is wrong and
@@ -15,8 +15,10 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
+from tqdm import tqdm
 
 from surefoot.caches import NUMBA, numba_folder
+from surefoot.cli.extras import extras
 from surefoot.cli.options import OnSimulator
 from surefoot.config import Backend, Config, PolicyConfig, SimulationConfig
 from surefoot.errors import unknown
@@ -28,7 +30,7 @@ TIMEOUT = 900.0
 
 @dataclass(frozen=True)
 class Doctor(OnSimulator):
-    """Check this machine, and say how to fix what is broken."""
+    """Check this machine, say how to fix what is broken, and what each extra would add."""
 
     def __call__(self) -> int:
         """Print the report; 1 if something essential is broken."""
@@ -219,15 +221,20 @@ def examine_machine(backend: Backend = "mujoco") -> bool:
             print(f"  {package:<10} {version(package)}")
         except PackageNotFoundError:
             print(f"  {package:<10} missing: pip install {package}")
+    print("extras:")
+    for extra in extras():
+        print(f"  {extra.line}")
     healthy = True
-    for check in CHECKS:
-        finding = run_check(check)
-        print(f"{'ok  ' if finding.works else 'FAIL'}  {check.name:<9} {finding.line}")
-        if not finding.works:
-            print(f"      fix: {check.remedy}")
-            healthy = healthy and not (check.essential or check.name == backend)
-            if check == CACHE:
-                break
+    with tqdm(CHECKS, "check", leave=False, unit="part") as bar:
+        for check in bar:
+            bar.set_postfix_str(f"{check.name}; the first plan on a machine compiles, a minute")
+            finding = run_check(check)
+            tqdm.write(f"{'ok  ' if finding.works else 'FAIL'}  {check.name:<9} {finding.line}")
+            if not finding.works:
+                tqdm.write(f"      fix: {check.remedy}")
+                healthy = healthy and not (check.essential or check.name == backend)
+                if check == CACHE:
+                    break
     print("surefoot is ready" if healthy else "surefoot cannot work here yet: see above")
     return healthy
 

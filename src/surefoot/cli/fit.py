@@ -11,6 +11,7 @@ import tyro
 
 from surefoot.cli.command_line import read_options
 from surefoot.cli.options import OnGait, OnRobot, Output, check_outputs, config_of_gait
+from surefoot.cli.progress import epochs_bar
 from surefoot.config import Config
 
 
@@ -52,7 +53,8 @@ class Fit(OnGait, OnRobot):
         config = with_own_values(config, robot)
         spec = policy_spec(config)
         network = PolicyNetwork(config.policy, self.seed, spec.observation.input_size)
-        result = fit(network, data, config.training, spec, self.epochs, self.seed)
+        with epochs_bar("fit") as progress:
+            result = fit(network, data, config.training, spec, self.epochs, self.seed, progress)
         origin = {"dataset": data.folder.name, "dataset_hash": data.hash, "seed": self.seed}
         policy = Policy(
             result.network,

@@ -16,6 +16,8 @@ from surefoot.cli.bench import Bench
 from surefoot.cli.check import Check
 from surefoot.cli.command_line import read_options
 from surefoot.cli.compare import Compare, parse_compare
+from surefoot.cli.completion import Completion
+from surefoot.cli.demo import Demo
 from surefoot.cli.doctor import Doctor
 from surefoot.cli.evaluate import Evaluate, parse_evaluate
 from surefoot.cli.export import Export
@@ -67,6 +69,11 @@ class Entry:
 
 COMMANDS = {
     "doctor": Entry(Doctor, "Check this machine, and say how to fix what is broken."),
+    "demo": Entry(
+        Demo,
+        "Train a policy in minutes, measure it, and film it.",
+        resume="what is finished is on disk: the same command goes on",
+    ),
     "walk": Entry(Walk, "Let the expert walk, and film it.", memory="--seconds"),
     "train": Entry(
         Train,
@@ -124,6 +131,7 @@ COMMANDS = {
         memory="--config.chunk, --episodes or --workers",
         resume="`bench expert --json FILE` goes on where it ended",
     ),
+    "completion": Entry(Completion, "Print a script for the Tab key: bash, zsh or fish."),
 }
 """All commands, by name."""
 
@@ -150,7 +158,7 @@ def parse(args: Sequence[str]) -> Subcommand:
         SystemExit: Help was asked for, or an option is wrong.
     """
     if not args:
-        print(overview(), file=sys.stderr)
+        print(FIRST_STEPS, file=sys.stderr)
         raise SystemExit(2)
     name = args[0]
     if name in ("-h", "--help"):
@@ -161,6 +169,22 @@ def parse(args: Sequence[str]) -> Subcommand:
     if name in PARSERS:
         return PARSERS[name](args[1:])
     return read_options(COMMANDS[name].command, args[1:], f"surefoot {name}")
+
+
+FIRST_STEPS = """\
+surefoot distills a model predictive controller into a 1 kHz policy for a legged robot, safely.
+
+Begin with:
+  surefoot doctor              is this machine ready, and what would each extra add?
+  surefoot play                film the policy that comes with the package (seconds)
+  surefoot demo                train a policy, measure it, film it (minutes; --robot go2)
+  surefoot walk --gait bound   let the expert walk, in another gait
+  surefoot view                drive a robot in the browser, and push it (extra viz)
+
+Then train with `surefoot train loco_safe_dagger`, for any robot, gait and commands, or with an MPC
+of your own from Python. `surefoot --help` lists all commands, `surefoot COMMAND --help` the options
+of one, and `surefoot completion --help` says how the Tab key completes them."""
+"""What a user sees who has named no command. The first plan on a machine compiles, for a minute."""
 
 
 def overview() -> str:

@@ -22,6 +22,7 @@ from surefoot.cli.options import (
     show_record,
     warn_of_divergence,
 )
+from surefoot.cli.progress import seconds_bar
 from surefoot.types import Command
 
 if TYPE_CHECKING:
@@ -93,7 +94,8 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             out = self.out or self.folder / f"episode_{episode}.mp4"
         check_outputs([*outputs, *film_outputs("--out", out)], reads)
         job = replace(job, config=self.on_terrain(self.with_profile(self.simulated(job.config))))
-        rollouts, expert = play_out(job)
+        with seconds_bar(job.episodes.duration + job.episodes.tail, "play") as bar:
+            rollouts, expert = play_out(job, progress=bar.update)
         if self.log is not None and job.policy is not None:
             policy = load(job.policy) if isinstance(job.policy, Path) else job.policy
             write_log(log_of(rollouts, 0, policy.spec), self.log)

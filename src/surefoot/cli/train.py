@@ -67,8 +67,9 @@ class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
     """The device that trains the network; without it, the configured one: a GPU if there is one."""
     resume: bool = False
     """Resume the run in that folder, from the first stage that is not done."""
-    tensorboard: bool = False
-    """Write TensorBoard events into the run's folder (needs the extra track)."""
+    track: Literal["tensorboard", "wandb", "trackio"] | None = None
+    """Copy the metrics of each stage to TensorBoard, Weights & Biases (offline) or trackio, on this
+    machine; needs the extra of that name. See docs/commands.md."""
     json: Path | None = None
     """Write the metrics to this file, as JSON."""
     config: Config = field(default_factory=Config)
@@ -79,6 +80,7 @@ class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
         from surefoot.runs.checks import check_config
         from surefoot.runs.metrics import line_values
         from surefoot.runs.run import config_for, create
+        from surefoot.runs.tracking import tracked
         from surefoot.viz.plots import learning_curves
 
         workers = self.spread
@@ -91,14 +93,11 @@ class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
         config = config_for(folder, config)
         check_config(config)
         run = create(folder, config, self.resume)
-        if self.tensorboard:
-            from surefoot.runs.tensorboard import log_to_tensorboard
-
-            log_to_tensorboard(run)
         print(f"{self.method}, preset {self.preset}, seed {run.config.seed}, in {folder}")
         if run.precision is not None:
             print(run.precision)
-        policy = METHODS[self.method].train(run, workers, None)
+        with tracked(run, self.track):
+            policy = METHODS[self.method].train(run, workers, None)
         if self.json:
             lines = [line_values(record) for record in run.metrics]
             write_json(self.json, TrainReport(folder, lines))

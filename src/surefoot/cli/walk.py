@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from tqdm import tqdm
 
 from surefoot.cli.command_line import read_options
 from surefoot.cli.options import (
@@ -27,6 +26,7 @@ from surefoot.cli.options import (
     show_record,
     warn_of_divergence,
 )
+from surefoot.cli.progress import seconds_bar
 from surefoot.config import CommandBox, Config
 from surefoot.types import TICKS_PER_SECOND, Command
 
@@ -123,7 +123,7 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
         config = with_gains(self.on_terrain(given), command)
         start = standing_start(command, config.robot)
         job = Job(config, Episodes(start, self.seconds), ExpertOnly())
-        with tqdm(total=round(self.seconds * TICKS_PER_SECOND), unit="ms", leave=False) as bar:
+        with seconds_bar(self.seconds, "walk") as bar:
             rollouts, expert = play_out(job, progress=bar.update)
         robot = load_robot(config.robot)
         report = walk_report(rollouts, expert, command, robot)

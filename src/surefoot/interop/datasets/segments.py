@@ -17,6 +17,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from surefoot.config import Config
 from surefoot.files import WriteError, writing
@@ -53,7 +54,8 @@ def segments(dataset: Dataset, shortest: int = 1) -> Iterator[Frames]:
     Raises:
         DatasetError: A shard is damaged.
     """
-    for frames in dataset.parts():
+    shards = len(dataset.shards)
+    for frames in tqdm(dataset.parts(), "export", shards, leave=False, unit="shard"):
         gap = (np.diff(frames.episode) != 0) | (np.diff(frames.tick) != 1)
         edges = np.concatenate([[0], np.flatnonzero(gap) + 1, [len(frames)]]).tolist()
         for begin, end in pairwise(edges):

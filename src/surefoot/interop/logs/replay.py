@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from tqdm import tqdm
 
 from surefoot.deploy.description import PolicyDescription
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
@@ -128,7 +129,7 @@ def run_runtime(policy: OnnxPolicy, log: SensorLog) -> tuple[Float32Array, Array
     inputs = np.empty((T, policy.spec.input_size), np.float32)
     targets = np.empty((T, 12))
     policy.reset(sensors_of(log, 0))
-    for row in range(T):
+    for row in tqdm(range(T), "replay", leave=False, unit="ms"):
         sensors = sensors_of(log, row)
         command = Command(*log.command[row].tolist())
         inputs[row] = policy.inputs(sensors, int(log.tick[row]), command)
@@ -149,7 +150,7 @@ def run_pipeline(runner: PipelineRunner, log: SensorLog) -> tuple[Float32Array, 
     runner.reset()
     inputs = []
     targets = []
-    for row in range(len(log)):
+    for row in tqdm(range(len(log)), "replay", leave=False, unit="ms"):
         command = Command(*log.command[row].tolist())
         target, seen = runner.run(sensors_of(log, row), int(log.tick[row]), command)
         inputs.append(seen)

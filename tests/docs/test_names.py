@@ -1,38 +1,22 @@
-"""Every path, module, name, command and option that the documents mention exists."""
+"""Every path, module, name and option that the documents mention exists."""
 
 import ast
 import re
-import subprocess
-import sys
 from dataclasses import fields
-from functools import cache
 from importlib import import_module
-from pathlib import Path
 
 import pytest
 
 import surefoot
 from surefoot.config import Config
 from surefoot.config.methods import METHODS
+from tests.docs.pages import PAGES, ROOT, relative
 
-ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "src" / "surefoot"
-DOCUMENTS = sorted(
-    [
-        ROOT / "README.md",
-        ROOT / "CHANGELOG.md",
-        *(ROOT / "docs").glob("*.md"),
-        *(ROOT / "benchmarks").rglob("*.md"),
-    ]
-)
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
-def relative(path):
-    return path.relative_to(ROOT).as_posix()
-
-
-documents = pytest.mark.parametrize("document", DOCUMENTS, ids=relative)
+documents = pytest.mark.parametrize("document", PAGES, ids=relative)
 
 
 def text_of(document):
@@ -83,15 +67,9 @@ def option_exists(option):
     return bool(values)
 
 
-@cache
-def help_of_the_command_line():
-    command = [sys.executable, "-m", "surefoot", "--help"]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
-
-
 @documents
 def test_paths_exist(document):
-    folders = [ROOT, PACKAGE, document.parent]
+    folders = [ROOT, PACKAGE, PACKAGE / "deploy", document.parent]
     assert missing_paths(code_in(text_of(document)), folders) == []
 
 
@@ -115,22 +93,6 @@ def test_modules_and_public_names_exist(document):
     assert [name for name in sorted(dotted) if not resolves(name)] == []
     public = set(re.findall(r"\bsf\.(\w+)", text))
     assert sorted(public - set(surefoot.__all__)) == []
-
-
-@documents
-def test_commands_exist(document):
-    lines = "\n".join(code_in(text_of(document)))
-    commands = re.findall(r"^(?:\.venv/bin/)?surefoot ([a-z][a-z-]*)", lines, flags=re.MULTILINE)
-    listed = re.findall(r"^\W*([a-z-]+)", help_of_the_command_line(), flags=re.MULTILINE)
-    assert sorted(set(commands) - set(listed)) == []
-
-
-@documents
-def test_make_targets_exist(document):
-    lines = "\n".join(code_in(text_of(document)))
-    used = re.findall(r"^make ([a-z-]+)", lines, flags=re.MULTILINE)
-    targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
-    assert sorted(set(used) - set(targets)) == []
 
 
 @documents
