@@ -175,7 +175,7 @@ def observation_spec(config: Config) -> ObservationSpec:
                 "load the robot first, and put its spec into robot.spec"
             )
         radius = robot.foot_radius
-    gaits = (gait_timing(config.gait),)
+    gaits = tuple(map(gait_timing, config.gaits))
     return ObservationSpec(policy.phase, gaits, LAYOUTS[policy.layout], policy.height, radius)
 
 
