@@ -93,6 +93,8 @@ def option_sizes(command: type, prefix: str = "") -> dict[str, int]:
             if isinstance(kind, type) and is_dataclass(kind):
                 if type(None) not in get_args(hint):
                     sizes |= option_sizes(kind, f"{prefix}{name}.")
+            elif get_origin(kind) is tuple and is_dataclass(get_args(kind)[0]):
+                continue  # records that are made, not written
             elif kind is bool:
                 sizes[f"--{prefix}{name}"] = 0
                 sizes[f"--{prefix}no-{name}"] = 0

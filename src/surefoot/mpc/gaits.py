@@ -20,6 +20,7 @@ __all__ = [
     "each_gait",
     "gait_name",
     "names_of",
+    "numbers_of",
     "only_gait",
     "with_gait",
     "with_gaits",
@@ -122,3 +123,16 @@ def only_gait(config: Config, what: str) -> Config:
 def names_of(config: Config) -> str:
     """The names of the gaits of a configuration, with commas in between."""
     return ", ".join(map(gait_name, config.gaits))
+
+
+def numbers_of(config: Config, names: Sequence[str]) -> list[int]:
+    """The numbers of gaits of a configuration, by their names, which may come several times.
+
+    Raises:
+        ValueError: The configuration has no such gait.
+    """
+    known = [gait_name(gait) for gait in config.gaits]
+    for name in names:
+        if name not in known:
+            raise ValueError(unknown("gait", name, known))
+    return [known.index(name) for name in names]

@@ -2,23 +2,25 @@
 
 A gait is commanded as a velocity is. All gaits keep one clock, that of the episode, and each is at
 the phase that this has in its own period: nothing is carried over, and what a controller does
-depends on state, clock and command alone. A robot begins a new gait where that gait's cycle begins
-(`next_cycle`): it may be asked for at any time, but switched at another phase an expert falls into
-a pronk that is about to take off. Read `rollouts.engine` next, which commands them.
+depends on state, clock and command alone. A gait may be asked for at any time; a robot begins it
+where a cycle of it begins (`switch_tick`). Of switches at any node of the grid of plans, those into
+a pronk that was about to take off were falls. Read `rollouts.engine` next, which commands them.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import Gait
-from surefoot.mpc.schedule import grid_cycle
+from surefoot.config import Config, Gait
+from surefoot.mpc.schedule import grid_cycle, in_stance
 from surefoot.scenarios.seeds import seed_of
-from surefoot.types import IntArray, to_ticks
+from surefoot.scenarios.starts import Starts
+from surefoot.types import GRID, IntArray, to_ticks
 
 NEVER = 2**31
 """[ms] When a robot changes its gait that does so less often than others."""
@@ -104,74 +106,101 @@ def join_switches(parts: Sequence[GaitSwitches]) -> GaitSwitches:
     return GaitSwitches(np.concatenate(elapsed), np.concatenate(gait))
 
 
-def next_cycle(gait: Gait, tick: int) -> int:
-    """The first tick of the gait clock, from one on, at which a cycle of a gait begins [ms].
+def switch_tick(old: Gait, new: Gait, tick: int) -> int:
+    """The tick of the gait clock at which a robot that is asked for a gait begins it [ms].
 
-    It is on the grid of plans as well, so that an expert plans there anyway.
+    It is the first one at which a cycle of the new gait begins while a foot of the old one stands,
+    and has for a node, so that no robot has to land in a new gait; where there is none, the first
+    one at which a cycle begins. It is on the grid of plans, so that an expert plans there anyway.
 
     Args:
-        gait: The gait.
-        tick: The tick at which it is asked for.
+        old: The gait that the robot walks.
+        new: The gait that it is asked for.
+        tick: The tick at which it is asked.
     """
-    cycle = grid_cycle(gait)
-    return -(-tick // cycle) * cycle
+    cycle = grid_cycle(new)
+    several = math.lcm(grid_cycle(old), cycle) // cycle
+    begins = -(-tick // cycle) * cycle + cycle * np.arange(several)
+    standing = in_stance(old, begins).any(axis=1) & in_stance(old, begins - GRID).any(axis=1)
+    return int(begins[standing.argmax()])
 
 
 def switches_at(
-    gaits: Sequence[Gait], begun: IntArray, asked: IntArray, chosen: IntArray
+    gaits: Sequence[Gait], starts: Starts, asked: IntArray, chosen: IntArray
 ) -> GaitSwitches:
-    """Switches of gait that are asked for at some ticks, each where the new cycle begins.
+    """Switches of gait that are asked for at some ticks, each at its `switch_tick`.
 
     Args:
         gaits: The gaits, by their numbers.
-        begun: ``(B,)`` the gait clocks at which the episodes begin [ms].
+        starts: The B initial states, with their clocks and gaits.
         asked: ``(B, n)`` the ticks of the episode at which a gait is asked for [ms], in each row in
             the order of time.
         chosen: ``(B, n)`` the numbers of these gaits.
     """
     elapsed = np.empty(np.shape(asked), dtype=np.int64)
-    for place, tick in np.ndenumerate(asked):
-        robot, number = place
-        clock = int(begun[robot])
-        # A gait that is asked for later does not begin before an earlier one.
-        before = 0 if number == 0 else int(elapsed[robot, number - 1])
-        gait = gaits[int(chosen[place])]
-        elapsed[place] = next_cycle(gait, clock + max(int(tick), before)) - clock
+    for robot, (ticks, numbers) in enumerate(zip(asked, chosen, strict=True)):
+        clock = int(starts.tick[robot])
+        old = gaits[int(starts.gait[robot])]
+        before = clock
+        for switch, (tick, number) in enumerate(zip(ticks.tolist(), numbers.tolist(), strict=True)):
+            new = gaits[number]
+            # A gait that is asked for later does not begin before an earlier one.
+            before = switch_tick(old, new, max(clock + tick, before))
+            elapsed[robot, switch] = before - clock
+            old = new
     return GaitSwitches(elapsed, np.array(chosen, dtype=np.int64))
 
 
 def draw_switches(
-    gaits: Sequence[Gait],
-    begun: IntArray,
-    first: IntArray,
-    count: int,
-    duration: float,
-    seeds: tuple[int, IntArray],
+    config: Config, starts: Starts, duration: float, ids: IntArray
 ) -> GaitSwitches | None:
-    """Switches at random times, each to any other gait; fixed by the seed and the episodes' ids.
+    """The switches of episodes at random times, from each gait to any other one.
+
+    They are fixed by the root seed and the ids of the episodes. Each has an equal part of the time.
 
     Args:
-        gaits: The gaits, by their numbers.
-        begun: ``(B,)`` the gait clocks at which the episodes begin [ms].
-        first: ``(B,)`` the gaits in which they begin.
-        count: How often each robot is asked to change its gait.
-        duration: The time in which it is [s]; each switch has an equal part of it to itself.
-        seeds: Root of the randomness, and ``(B,)`` ids of the episodes.
+        config: The gaits, how often robots change them, and the root seed.
+        starts: The B initial states.
+        duration: The time in which a gait may be asked for [s].
+        ids: ``(B,)`` ids of the episodes.
 
     Returns:
         The switches; None if there are none, or one gait alone.
     """
+    count = config.switches
+    gaits = config.gaits
     if len(gaits) < 2 or count == 0:
         return None
-    seed, ids = seeds
     part = to_ticks(duration) / (count + 1)
     asked = np.empty((len(ids), count), dtype=np.int64)
     chosen = np.empty((len(ids), count), dtype=np.int64)
     for robot, id_ in enumerate(ids.tolist()):
-        rng = np.random.default_rng(seed_of(seed, "gaits", id_))
+        rng = np.random.default_rng(seed_of(config.seed, "gaits", id_))
         asked[robot] = part * (np.arange(count) + 0.5 + rng.random(count))
-        now = int(first[robot])
+        now = int(starts.gait[robot])
         for number in range(count):
             now = (now + int(rng.integers(1, len(gaits)))) % len(gaits)
             chosen[robot, number] = now
-    return switches_at(gaits, begun, asked, chosen)
+    return switches_at(gaits, starts, asked, chosen)
+
+
+def in_turn(
+    config: Config, starts: Starts, numbers: Sequence[int], seconds: float
+) -> tuple[Starts, GaitSwitches]:
+    """Initial states and switches of robots that walk some gaits one after another.
+
+    Each has an equal part of the time.
+
+    Args:
+        config: The gaits.
+        starts: The B initial states.
+        numbers: The numbers of the gaits, in the order in which they are to be walked.
+        seconds: The duration of the episodes [s].
+    """
+    first, *rest = numbers
+    B = len(starts)
+    starts = replace(starts, gait=np.full(B, first))
+    part = to_ticks(seconds) / len(numbers)
+    asked = np.tile(np.arange(1, len(numbers)) * part, (B, 1)).astype(np.int64)
+    chosen = np.tile(np.array(rest, dtype=np.int64), (B, 1))
+    return starts, switches_at(config.gaits, starts, asked, chosen)

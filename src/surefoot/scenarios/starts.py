@@ -39,7 +39,7 @@ ANOTHER = (
 """What to do about a set that does not fit."""
 UNKNOWN: Any = None
 """Stands for an array that follows from the others; `Starts` puts it in."""
-STORED = ("q", "v", "tick", "command", "id")
+HASHED = ("q", "v", "tick", "command", "id")
 """The arrays of a set, which its hash is of. All of its states are of one gait."""
 SPLITS: tuple[Split, ...] = get_args(Split)
 PACKAGED = (STRAIGHT_TROT, "solo12-trot-v1-wide")
@@ -209,7 +209,7 @@ class StartSet:
         sha = hashlib.sha256()
         for split in SPLITS:
             starts = self.grid[split]
-            for name in STORED:
+            for name in HASHED:
                 sha.update(np.ascontiguousarray(getattr(starts, name)).data)
         return sha.hexdigest()
 
@@ -242,8 +242,8 @@ def starts_of(config: Config) -> StartSet:
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: No set is named and none is packaged; the file is not a set of initial states,
-            or is one of another robot or gait; or there are several gaits (`all_starts_of`).
+        ValueError: No set is named and none is packaged; the file is no set of initial states, or
+            is one of another robot or gait; or there are several gaits (`gaits.all_starts_of`).
     """
     only_gait(config, "a set of initial states")
     # Here, so that the command line does not wait for Pinocchio.
