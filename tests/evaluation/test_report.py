@@ -13,7 +13,14 @@ from surefoot.files import write_json
 from tests.fakes.results import push_result, robustness
 
 DISTURBANCE = {"noise.joint_position": 0.01, "delay": 3, "friction": (0.6, 0.7)}
-OPTIONAL = ("pushes", "push_difference", "expert", "success_difference", "mirror_error_mrad")
+OPTIONAL = (
+    "pushes",
+    "push_difference",
+    "expert",
+    "success_difference",
+    "mirror_error_mrad",
+    "switching",
+)
 
 
 def report(**changes) -> EvaluationReport:
@@ -49,7 +56,7 @@ def test_the_keys_are_those_of_earlier_versions():
     own = {field.name for field in fields(Robustness)}
     beside = {"policy", "simulator", "terrain", "disturbance", *OPTIONAL}
     assert values.keys() == own | beside
-    assert values["expert"].keys() == own | {"pushes"}
+    assert values["expert"].keys() == own | {"pushes", "switching"}
     assert values["disturbance"] == {
         "noise.joint_position": 0.01,
         "delay": 3,

@@ -225,10 +225,10 @@ class Rollout:
 
         Each robot keeps its friction, its mass, the torques that are under way, the noise from that
         tick on, and the pushes and the changes of its gait that are to come: driven by the same
-        torques, it moves as it did here, to the rounding of the simulator's reset (1e-13 after 150 ticks of a steady trot, 1e-6
-        where feet slip). Controllers and arbiters begin anew, and so does the time for which a body
-        has touched the ground; an expert goes on as it did if it planned at this tick, which it
-        does on its grid.
+        torques, it moves as it did here, to the rounding of the simulator's reset (1e-13 after 150
+        ticks of a steady trot, 1e-6 where feet slip). Controllers and arbiters begin anew, and so
+        does the time for which a body has touched the ground; an expert goes on as it did if it
+        planned at this tick, which it does on its grid.
 
         Args:
             robot: ``(n,)`` rows of the robots; a row may come several times.

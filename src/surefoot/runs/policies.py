@@ -93,7 +93,8 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
         logger.info(
             f"{target} lies in no run: simulator and expert as by default; robot and gait ("
             f"{policy.robot}, {names_of(config)}), gains and phase are its own "
-            f"(kp {config.policy.kp} N m/rad, kd {config.policy.kd} N m s/rad, phase as a {config.policy.phase})"
+            f"(kp {config.policy.kp} N m/rad, kd {config.policy.kd} N m s/rad, phase as a "
+            f"{config.policy.phase})"
         )
     return path, config
 
