@@ -57,8 +57,7 @@ class Starts:
         tick: ``(n,)`` gait clock [ms].
         command: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
         id: ``(n,)`` row in the stored set; -1 if the state belongs to none.
-        gait: ``(n,)`` the number of the gait that the robots are to walk; all the first one where
-            nothing is said about it.
+        gait: ``(n,)`` the number of the gait that the robots are to walk, the first one by default.
     """
 
     q: Array
