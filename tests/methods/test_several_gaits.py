@@ -6,19 +6,25 @@ import numpy as np
 import pytest
 
 from surefoot.config import DaggerConfig, ExpertConfig, LocoSafeDaggerConfig, OtherGait
+from surefoot.learning.frames import whole_episode
 from surefoot.learning.policy import load
 from surefoot.learning.samples import derive
+from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
 from surefoot.mpc.gaits import GAITS
+from surefoot.rollouts.arbiters import ExpertOnly
+from surefoot.rollouts.jobs import Job, play_out
 from surefoot.runs.checks import check_config
+from surefoot.runs.query import Query
 from surefoot.runs.run import Run, create, open_run
 from surefoot.runs.sampling import episodes_from
+from surefoot.scenarios.gaits import all_starts_of
 from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.types import Command
 from surefoot.workers import Workers
 from tests.fakes import toy
 from tests.fakes.killed import Killed
 from tests.fakes.runs import fingerprint
-from tests.fakes.toy_runs import COMMON, CONFIG, collection
+from tests.fakes.toy_runs import COMMON, CONFIG
 
 METHOD = LocoSafeDaggerConfig(**COMMON, T_block=0.15, T_end=0.1, gates=("relaxing",))
 
@@ -39,8 +45,6 @@ def config(tmp_path_factory):
 
 
 def train(run: Run) -> Run:
-    from surefoot.methods.loco_safe_dagger import loco_safe_dagger
-
     loco_safe_dagger(run, Workers(1), plan)
     return run
 
@@ -62,23 +66,15 @@ def test_both_gaits_are_learned_from_with_their_own_phases(finished):
 
 
 def test_robots_begin_in_each_gait_and_change_it(finished):
-    job = collection(finished, 1)
+    job = collection(finished, 1, plan)
     assert job.starts.gait.tolist() == [0] * 6 + [1] * 6
-    [(_, rollouts)] = replayed_in(finished, 1)
+    rollouts, _ = play_out(job)
     changes = (np.diff(rollouts.gait, axis=1) != 0).sum(axis=1)
     assert changes.max() > 0
     recorded = finished.dataset.load()
     first = recorded[recorded.episode == job.episode[0]]
     elapsed = first.tick - job.starts.tick[0]
     np.testing.assert_array_equal(first.gait, rollouts.gait[0, elapsed])
-
-
-def replayed_in(run, i):
-    from surefoot.methods.loco_safe_dagger import collection as own
-    from surefoot.rollouts.jobs import play_out
-
-    job = own(run, i, plan)
-    return [(job, play_out(job)[0])]
 
 
 def test_the_policy_of_each_gait_is_another_one(finished):
@@ -140,3 +136,19 @@ def test_other_methods_change_gaits_too(config):
     method = DaggerConfig(**COMMON)
     episodes = episodes_from(replace(config, method=method), load_starts()["train"][:4], 1, 0.7)
     assert episodes.switches is not None
+
+
+def test_queries_go_on_in_the_gait_of_their_rollout(toys, config):
+    stored = all_starts_of(config)
+    starts = stored.join([each["train"][:3] for each in stored.sets])
+    job = Job(config, episodes_from(config, starts, 1, 1.5), ExpertOnly(), plan=plan)
+    rollouts, _ = play_out(job)
+    queries = Query(3, 0.4, 0.0)(job, rollouts)
+    assert queries is not None
+    again, _ = play_out(queries)
+    assert (np.diff(again.gait, axis=1) != 0).any()
+    for row, number in enumerate(queries.episode.tolist()):
+        robot = int(np.flatnonzero(job.episode == whole_episode(np.array([number]))[0])[0])
+        elapsed = int(queries.starts.tick[row] - job.starts.tick[robot])
+        expected = rollouts.gait[robot, elapsed : elapsed + 400]
+        np.testing.assert_array_equal(again.gait[row, : len(expected)], expected)

@@ -29,7 +29,6 @@ from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
 from surefoot.files import WriteError, write_json
 from surefoot.mpc.gaits import only_gait
-from surefoot.scenarios.gaits import all_starts_of
 from surefoot.scenarios.starts import PACKAGED, load_starts, starts_of
 
 if TYPE_CHECKING:
@@ -100,6 +99,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         from surefoot.runs.policies import find_policy
         from surefoot.runs.run import run_of_policy
         from surefoot.scenarios.gains import with_measured_gain
+        from surefoot.scenarios.gaits import all_starts_of
 
         # What would fail after minutes fails before any work.
         reads = [Path(path) for path in (self.target, self.starts) if path is not None]
@@ -142,6 +142,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         from surefoot.evaluation.push_limits import push_difference
         from surefoot.evaluation.report import EvaluationReport, ExpertReport
         from surefoot.evaluation.robustness import success_difference
+        from surefoot.scenarios.gaits import all_starts_of
 
         robustness, pushes = self.measure_controller(policy, config)
         starts = all_starts_of(config).first(self.split, config.evaluation.episodes)
