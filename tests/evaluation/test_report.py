@@ -1,11 +1,12 @@
 """Reports of an evaluation: written and read back, also in the form of earlier versions."""
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import pytest
 
 from surefoot.config.json_io import to_json
+from surefoot.evaluation.gaits import GaitResult, GaitSpeed, Switching
 from surefoot.evaluation.push_limits import PushDifference
 from surefoot.evaluation.report import EvaluationReport, ExpertReport, read_report
 from surefoot.evaluation.robustness import Robustness
@@ -96,3 +97,13 @@ def test_unknown_and_missing_keys_are_named(tmp_path):
     path.write_text("half of a")
     with pytest.raises(ValueError, match="is not JSON"):
         read_report(path)
+
+
+def test_results_of_several_gaits_are_read_back(tmp_path):
+    speed = GaitSpeed("trot", 3, 2, (0.01, None, 0.02))
+    result = GaitResult(4, 3, (0.3, 0.95), 1, 0, 0, speed)
+    switching = Switching(20.0, 6, 4, 3, (0.3, 0.95), 1, "0010", (7.5,), (speed,))
+    several = replace(whole_report(), gaits=(result,), switching=switching)
+    path = tmp_path / "evaluation-test.json"
+    write_json(path, several)
+    assert read_report(path) == several

@@ -31,7 +31,7 @@ class InGaits(FakeController):
         return super().torque(state, tick, command, mask)
 
 
-def episodes(duration=0.1, switches=SWITCHES):
+def episodes(duration=0.1, switches: GaitSwitches | None = SWITCHES):
     starts = replace(starts_of([0, 0]), gait=np.array([0, 1]))
     return Episodes(starts, duration, switches=switches)
 
