@@ -1,5 +1,6 @@
 """States, commands and conversions that every room shares."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from surefoot.types import (
     JOINTS,
     LEGS,
     Command,
+    GaitCommand,
     State,
     above_ground,
     ground_height,
@@ -135,3 +137,14 @@ def test_heights_above_the_ground_are_those_of_a_robot_on_level_ground():
     # What the function was given is as it was.
     np.testing.assert_array_equal(state.q, random_state(5, 6).q)
     np.testing.assert_array_equal(state.feet, random_state(5, 6).feet)
+
+
+def test_a_command_of_several_gaits_is_its_three_numbers_and_a_gait():
+    command = GaitCommand(0.1, 0.2, 0.3, gait=2)
+    vx, vy, yaw_rate = command
+    assert (vx, vy, yaw_rate) == command == Command(0.1, 0.2, 0.3)
+    assert command.gait == 2
+    assert Command(0.1).gait == GaitCommand(0.1).gait == 0
+    assert np.array(command).shape == (3,)
+    again = pickle.loads(pickle.dumps(command))
+    assert (again, again.gait) == (command, 2)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,40 @@ class Command(NamedTuple):
     vx: float = 0.0
     vy: float = 0.0
     yaw_rate: float = 0.0
+
+    @property
+    def gait(self) -> int:
+        """The number of the gait to walk; 0, the first one, unless it is a `GaitCommand`."""
+        return 0
+
+
+class GaitCommand(Command):
+    """A velocity command that also says which of several gaits to walk.
+
+    It is the same three numbers as a `Command` of that velocity: whoever knows one gait alone can
+    take it for one.
+
+    Args:
+        vx: Speed forward [m/s].
+        vy: Speed to the left [m/s].
+        yaw_rate: Yaw rate to the left [rad/s].
+        gait: The number of the gait.
+    """
+
+    _gait: int
+
+    def __new__(
+        cls, vx: float = 0.0, vy: float = 0.0, yaw_rate: float = 0.0, gait: int = 0
+    ) -> Self:
+        """Keep the gait beside the three numbers."""
+        command = super().__new__(cls, vx, vy, yaw_rate)
+        command._gait = gait
+        return command
+
+    @property
+    def gait(self) -> int:
+        """The number of the gait to walk."""
+        return self._gait
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,9 @@ from surefoot.cli.options import (
     film_outputs,
     show_record,
 )
+from surefoot.cli.train import parse_train
 from surefoot.config import Config, SimulationConfig
+from surefoot.config.gait_table import gait_name
 from surefoot.robots.solo12 import solo12
 from surefoot.viz.film import Recording
 from surefoot.viz.renderer import RenderingUnavailable
@@ -182,3 +184,36 @@ def test_a_hardware_profile_is_put_into_the_configuration():
     go2 = replace(config, robot=replace(config.robot, model="go2"))
     with pytest.raises(ValueError, match="belongs to the robot solo12, not to go2"):
         OnHardware(profile="odri").with_profile(go2)
+
+
+def test_several_gaits_are_options_of_any_number():
+    train = parse_train(
+        [
+            "loco_safe_dagger",
+            "--gaits",
+            "walk",
+            "bound",
+            "trot",
+            "--preset",
+            "quick",
+            "--vx",
+            "0",
+            "0.2",
+        ]
+    )
+    assert [gait_name(gait) for gait in train.config.gaits] == ["walk", "bound", "trot"]
+    one = parse_train(["loco_safe_dagger", "--gaits", "walk"])
+    assert one.config == parse_train(["loco_safe_dagger", "--gait", "walk"]).config
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--gait", "trot", "--gaits", "walk", "trot"], "use one of the two options"),
+        (["--gaits", "walk", "trott"], "'trott'"),
+        (["--gaits", "walk", "walk"], "name each of them once"),
+    ],
+)
+def test_gaits_that_cannot_be_are_refused(args, words):
+    with pytest.raises(ValueError, match=words):
+        parse_train(["loco_safe_dagger", *args])

@@ -109,3 +109,17 @@ def test_a_film_that_could_not_be_written_is_refused_before_any_work(
     for out in (tmp_path, tmp_path / "film.avi"):
         assert surefoot("play", run_folder, "--out", out) == 2
         assert f"{out}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--gaits", "trot", "bound"], "bound"),
+        (["--log", "log.npz", "--gaits", "trot"], "leave out --gaits"),
+    ],
+)
+def test_gaits_that_a_policy_does_not_have_are_refused(
+    surefoot, capsys, run_folder, options, words
+):
+    assert surefoot("play", run_folder, *options) == 2
+    assert words in capsys.readouterr().err

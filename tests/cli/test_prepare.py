@@ -81,3 +81,17 @@ def test_a_box_that_is_reversed_or_no_numbers_is_refused(surefoot, asked, capsys
     assert surefoot("prepare", "--vx", *box) == 2
     assert "commands.vx" in capsys.readouterr().err
     assert asked == []
+
+
+def test_several_gaits_are_prepared_each_alone(surefoot, asked, capsys, tmp_path):
+    options = ["--robot", "go2", "--gaits", "trot", "walk", "--vx", "-0.2", "0.6"]
+    report = tmp_path / "report.json"
+    assert surefoot("prepare", *options, "--json", report) == 0
+    printed = capsys.readouterr().out
+    assert "robot, gait:    go2, trot" in printed
+    assert "robot, gait:    go2, walk" in printed
+    values = json.loads(report.read_text())["gaits"]
+    assert [each["gait"] for each in values] == ["trot", "walk"]
+    assert [config.other_gaits for config, _, _ in asked] == [(), ()]
+    assert surefoot("prepare", *options, "--out", tmp_path / "one.npz") == 2
+    assert "--out takes one gait" in capsys.readouterr().err

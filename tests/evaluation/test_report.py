@@ -1,11 +1,12 @@
 """Reports of an evaluation: written and read back, also in the form of earlier versions."""
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import pytest
 
 from surefoot.config.json_io import to_json
+from surefoot.evaluation.gaits import GaitResult, GaitSpeed, Switching
 from surefoot.evaluation.push_limits import PushDifference
 from surefoot.evaluation.report import EvaluationReport, ExpertReport, read_report
 from surefoot.evaluation.robustness import Robustness
@@ -13,7 +14,14 @@ from surefoot.files import write_json
 from tests.fakes.results import push_result, robustness
 
 DISTURBANCE = {"noise.joint_position": 0.01, "delay": 3, "friction": (0.6, 0.7)}
-OPTIONAL = ("pushes", "push_difference", "expert", "success_difference", "mirror_error_mrad")
+OPTIONAL = (
+    "pushes",
+    "push_difference",
+    "expert",
+    "success_difference",
+    "mirror_error_mrad",
+    "switching",
+)
 
 
 def report(**changes) -> EvaluationReport:
@@ -49,7 +57,7 @@ def test_the_keys_are_those_of_earlier_versions():
     own = {field.name for field in fields(Robustness)}
     beside = {"policy", "simulator", "terrain", "disturbance", *OPTIONAL}
     assert values.keys() == own | beside
-    assert values["expert"].keys() == own | {"pushes"}
+    assert values["expert"].keys() == own | {"pushes", "switching"}
     assert values["disturbance"] == {
         "noise.joint_position": 0.01,
         "delay": 3,
@@ -89,3 +97,13 @@ def test_unknown_and_missing_keys_are_named(tmp_path):
     path.write_text("half of a")
     with pytest.raises(ValueError, match="is not JSON"):
         read_report(path)
+
+
+def test_results_of_several_gaits_are_read_back(tmp_path):
+    speed = GaitSpeed("trot", 3, 2, (0.01, None, 0.02))
+    result = GaitResult(4, 3, (0.3, 0.95), 1, 0, 0, speed)
+    switching = Switching(20.0, 6, 4, 3, (0.3, 0.95), 1, "0010", (7.5,), (speed,))
+    several = replace(whole_report(), gaits=(result,), switching=switching)
+    path = tmp_path / "evaluation-test.json"
+    write_json(path, several)
+    assert read_report(path) == several

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from surefoot.config import Config, Gait, PolicyConfig, RobotConfig
+from surefoot.config import Config, Gait, OtherGait, PolicyConfig, RobotConfig
+from surefoot.config.gait_table import GAITS
 from surefoot.learning.layouts import LAYOUTS, Layout
 from surefoot.learning.observation import (
     GOAL,
@@ -224,3 +225,10 @@ def test_a_state_in_single_precision_is_observed_too(n):
     single = State(*(getattr(state, field.name).astype(np.float32) for field in fields(State)))
     np.testing.assert_allclose(observe(single), observe(state), rtol=0, atol=1e-5)
     np.testing.assert_allclose(observe(single[0]), observe(state[0]), rtol=0, atol=1e-5)
+
+
+def test_what_sees_one_gait_alone_refuses_several():
+    several = replace(Config(), other_gaits=(OtherGait(GAITS["bound"]),))
+    with pytest.raises(ValueError, match=r"see one gait, but the configuration has 2: trot, bound"):
+        state_spec(several)
+    assert [gait.name for gait in observation_spec(several).gaits] == ["trot", "bound"]

@@ -80,10 +80,19 @@ def test_the_history_of_the_image_is_the_mirrored_history(mirror):
     np.testing.assert_allclose(image, expected, rtol=0, atol=1e-6)
 
 
-def test_frames_of_several_gaits_are_not_mirrored():
+def test_frames_of_gaits_that_the_mirror_does_not_know_are_refused():
     frames = replace(FRAMES, gait=np.ones(len(FRAMES), np.int8))
-    with pytest.raises(ValueError, match=r"frames are of several: use training.mirror none"):
+    with pytest.raises(ValueError, match=r"a mirror of 1 gaits, but the frames are of 2.*none"):
         LEFT_RIGHT.frames(frames)
+
+
+def test_frames_of_each_gait_are_shifted_by_their_own_clock():
+    gait = np.arange(len(FRAMES)).astype(np.int8) % 2
+    frames = replace(FRAMES, gait=gait)
+    mirror = replace(LEFT_RIGHT, other_shifts=(0,))
+    shift = mirror.frames(frames).tick - frames.tick
+    np.testing.assert_array_equal(shift, np.where(gait == 0, LEFT_RIGHT.shift, 0))
+    np.testing.assert_array_equal(mirror.frames(frames).gait, gait)
 
 
 def test_a_command_to_the_left_becomes_one_to_the_right():

@@ -5,14 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import CommandBox, Config, Gait
-from surefoot.mpc.expert import make_planner
-from surefoot.mpc.gaits import GAITS, gait_name, with_gait
+from surefoot.config import CommandBox, Config, ExpertConfig, Gait, OtherGait
+from surefoot.mpc.expert import make_plan, make_planner
+from surefoot.mpc.gaits import (
+    GAITS,
+    each_gait,
+    gait_name,
+    numbers_of,
+    with_gait,
+    with_gaits,
+)
 from surefoot.mpc.schedule import horizon, in_stance, stands
+from surefoot.robots.geometry import state_of
 from surefoot.robots.model import standing
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.solo12 import solo12
-from surefoot.types import GRID, Command, State
+from surefoot.types import GRID, Command, GaitCommand, State
 
 ROBOT = solo12()
 STANDING_FEET = {
@@ -105,3 +113,59 @@ def test_every_gait_has_valid_plans_from_standing_without_a_floating_point_error
         stages = planner.solve(state, tick, Command(0.1))
     assert stages.motion.valid
     assert stages.motion.torque.shape == (100, 12)
+
+
+def test_several_gaits_are_as_many_of_one():
+    config = with_gaits(Config(seed=3), ["walk", "trot", "pronk"])
+    each = each_gait(config)
+    assert [one.gait for one in each] == [GAITS[name] for name in ("walk", "trot", "pronk")]
+    assert each[0] == with_gait(Config(seed=3), "walk")
+    assert all(one.seed == 3 and one.other_gaits == () for one in each)
+    assert each_gait(Config()) == (Config(),)
+
+
+def test_another_gait_has_no_command_gain_of_the_first():
+    config = with_gaits(Config(), ["trot", "bound"])
+    told = replace(config, expert=replace(config.expert, command_gain=(2.0, 2.0, 2.0)))
+    trot, bound = each_gait(told)
+    assert trot.expert.command_gain == (2.0, 2.0, 2.0)
+    assert bound.expert.command_gain is None
+
+
+def test_an_expert_of_another_gait_that_is_given_stays():
+    own = ExpertConfig(kp=7.0)
+    config = replace(Config(), other_gaits=(OtherGait(GAITS["bound"], own, "some set"),))
+    assert each_gait(config)[1].expert == own
+    assert each_gait(config)[1].start_set == "some set"
+
+
+def test_the_plan_of_each_gait_is_that_of_its_planner():
+    config = with_gaits(Config(), ["trot", "bound"])
+    plan = make_plan(ROBOT, config)
+    state = state_of(ROBOT, standing(ROBOT)[None], np.zeros((1, 18)))[0]
+    for number, one in enumerate(each_gait(config)):
+        expected = make_planner(ROBOT, one).plan(state, 40, Command(0.1))
+        actual = plan(state, 40, GaitCommand(0.1, gait=number))
+        np.testing.assert_array_equal(actual.torque, expected.torque)
+    # One that says nothing of the gait is the first one's.
+    first = make_planner(ROBOT, each_gait(config)[0]).plan(state, 40, Command(0.1))
+    np.testing.assert_array_equal(plan(state, 40, Command(0.1)).torque, first.torque)
+
+
+@pytest.mark.parametrize("names", [[], ["trot", "walk", "trot"]])
+def test_gaits_are_named_each_of_them_once(names):
+    with pytest.raises(ValueError, match="name each of them once"):
+        with_gaits(Config(), names)
+
+
+def test_the_numbers_of_gaits_are_found_by_name():
+    config = with_gaits(Config(), ["trot", "bound", "walk"])
+    assert numbers_of(config, ["walk", "trot", "walk"]) == [2, 0, 2]
+    with pytest.raises(ValueError, match=r"'bond'.*bound"):
+        numbers_of(config, ["bond"])
+
+
+def test_what_takes_one_gait_says_so_of_several():
+    config = with_gaits(Config(), ["trot", "bound"])
+    with pytest.raises(ValueError, match=r"a planner takes one gait, but .* has 2: trot, bound"):
+        make_planner(ROBOT, config)

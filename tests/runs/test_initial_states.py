@@ -7,9 +7,11 @@ from dataclasses import replace
 import pytest
 
 from surefoot.config import CommandBox, Config, RobotConfig
+from surefoot.mpc.gaits import each_gait, gait_name, with_gait, with_gaits
 from surefoot.runs.prepare import first_stage
 from surefoot.runs.run import RunError, config_for, create, open_run
 from surefoot.scenarios import prepare as module
+from surefoot.scenarios.gaits import all_starts_of
 from surefoot.scenarios.starts import load_starts, starts_of
 from tests.fakes.learning import FLOAT32
 from tests.fakes.runs import collected_record
@@ -98,3 +100,36 @@ def test_a_packaged_set_is_not_copied(tmp_path):
     run = create(tmp_path / "run", Config(training=FLOAT32))
     assert not (run.folder / "starts.npz").exists()
     assert run.config.start_set == "solo12-trot-v1"
+
+
+def test_a_run_of_several_gaits_keeps_the_states_of_each_and_is_resumed(small_sets, tmp_path):
+    asked = with_gaits(GO2, ["trot", "walk"])
+    begun = create(tmp_path / "run", asked)
+    begun.append_metrics(collected_record(0))
+    values = json.loads((begun.folder / "config.json").read_text())["config"]
+    assert values["start_set"] == "starts.npz"
+    assert [other["start_set"] for other in values["other_gaits"]] == ["starts-1.npz"]
+    stored = all_starts_of(begun.config)
+    assert [gait_name(each.gait) for each in stored.sets] == ["trot", "walk"]
+    for one, made in zip(each_gait(begun.config), stored.sets, strict=True):
+        assert made.preparation is not None
+        assert one.expert.command_gain == made.preparation.command_gain
+    assert create(begun.folder, asked, resume=True).config == begun.config
+    moved = begun.folder.rename(tmp_path / "moved")
+    assert all_starts_of(open_run(moved).config).hash == stored.hash
+    with pytest.raises(RunError, match="another configuration"):
+        create(moved, GO2, resume=True)
+    with pytest.raises(RunError, match="another configuration"):
+        create(moved, with_gaits(GO2, ["trot", "bound"]), resume=True)
+    (moved / "starts-1.npz").unlink()
+    with pytest.raises(RunError, match=r"the initial states of .* cannot be read"):
+        create(moved, asked, resume=True)
+
+
+def test_the_states_of_one_gait_among_several_are_those_of_it_alone(small_sets):
+    alone = module.completed(with_gait(GO2, "walk"))
+    among = module.completed(with_gaits(GO2, ["trot", "walk"]))
+    assert among.other_gaits[0].start_set == alone.start_set
+    assert among.other_gaits[0].expert == alone.expert
+    trot = module.completed(GO2)
+    assert (among.expert, among.start_set) == (trot.expert, trot.start_set)

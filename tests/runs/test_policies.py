@@ -138,14 +138,17 @@ def test_a_policy_of_a_gait_without_a_name_brings_its_timing(tmp_path):
     assert (config.gait.period, gait_name(config.gait)) == (0.4, "custom")
 
 
-@pytest.mark.parametrize(
-    ("robot", "gaits", "message"),
-    [
-        ("b1", ["trot"], "'b1', whose description the package does not have: name the folder"),
-        ("solo12", ["trot", "walk"], "a policy of several gaits, trot, walk"),
-    ],
-)
-def test_a_policy_that_no_run_explains_is_refused(tmp_path, robot, gaits, message):
-    path = file_of(tmp_path, robot, *(gait_timing(GAITS[name]) for name in gaits))
-    with pytest.raises(ValueError, match=message):
+def test_a_policy_of_several_gaits_brings_all_of_them(tmp_path):
+    timings = [gait_timing(GAITS[name]) for name in ("walk", "trot", "pace")]
+    path, config = find_policy(file_of(tmp_path, "solo12", *timings))
+    assert config.gaits[0].timing == GAITS["walk"].timing
+    assert [gait_name(gait) for gait in config.gaits] == ["walk", "trot", "pace"]
+    assert load(path).spec.observation.gaits == tuple(timings)
+    # What the timing does not say is that of the gait of this name.
+    assert config.gaits[2].step_height == GAITS["pace"].step_height
+
+
+def test_a_policy_that_no_run_explains_is_refused(tmp_path):
+    path = file_of(tmp_path, "b1", gait_timing(GAITS["trot"]))
+    with pytest.raises(ValueError, match="'b1', whose description the package does not have"):
         find_policy(path)

@@ -131,6 +131,8 @@ def _options(command: type, prefix: str = "") -> Iterator[tuple[str, Any]]:
             continue
         name = field.name.replace("_", "-")
         for kind in _alternatives(hint):
+            if get_origin(kind) is tuple and is_dataclass(get_args(kind)[0]):
+                continue  # records that are made, not written
             if not (isinstance(kind, type) and is_dataclass(kind)):
                 yield f"--{prefix}{name}", kind
             elif type(None) not in get_args(hint):

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from inspect import cleandoc, getsource
 from itertools import pairwise
-from typing import TypeVar, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import tyro
 from tyro.constructors import (
@@ -116,13 +116,20 @@ def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
         fields=tuple(
             StructFieldSpec(
                 name=field.name,
-                type=hints[field.name],
+                type=_shown(hints[field.name]),
                 default=_default_of(field, info.default),
                 helptext=docs.get(field.name),
             )
             for field in fields(kind)
         ),
     )
+
+
+def _shown(hint: Any) -> Any:
+    """The type of an option; any number of records are not written on a command line, but made."""
+    kinds = get_args(hint)
+    of_records = get_origin(hint) is tuple and is_dataclass(kinds[0])
+    return Annotated[hint, tyro.conf.Fixed, tyro.conf.Suppress] if of_records else hint
 
 
 def _default_of(field: Field, instance: object) -> object:

@@ -28,9 +28,11 @@ from surefoot.cli.push_options import OnPushes
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
 from surefoot.files import WriteError, write_json
+from surefoot.mpc.gaits import only_gait
 from surefoot.scenarios.starts import PACKAGED, load_starts, starts_of
 
 if TYPE_CHECKING:
+    from surefoot.evaluation.gaits import GaitSpeed, Switching
     from surefoot.evaluation.latching import Latching
     from surefoot.evaluation.push_limits import PushResult
     from surefoot.evaluation.report import EvaluationReport
@@ -52,6 +54,11 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
     simulator, terrain, disturbance (what disturbed the robots); success_difference, policy minus
     expert; mirror_error_mrad (how differently the policy treats left and right, in the initial
     states).
+
+    A policy of several gaits is evaluated from the initial states of each of them; gaits has the
+    results gait by gait, with on_speed (robots whose mean velocity is within 0.03 m/s or 20 % of
+    the command) and error [m/s, m/s, rad/s]. Then robots change their gait six times in 20 s, by
+    command: switching.
 
     With --pushes also: pushes, with fitted_impulse and max_impulse [N s] for each direction_deg,
     interval, their means, for each of the levels the successes of the episodes, and measured (the
@@ -92,6 +99,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         from surefoot.runs.policies import find_policy
         from surefoot.runs.run import run_of_policy
         from surefoot.scenarios.gains import with_measured_gain
+        from surefoot.scenarios.gaits import all_starts_of
 
         # What would fail after minutes fails before any work.
         reads = [Path(path) for path in (self.target, self.starts) if path is not None]
@@ -101,7 +109,11 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             load_starts(self.starts)
         policy, trained_on = find_policy(self.target)
         config = self.as_asked(trained_on)
-        starts_of(config)
+        if self.starts is not None:
+            only_gait(config, "--starts")
+        if self.pushes:
+            only_gait(config, "--pushes")
+        all_starts_of(config)
         run = run_of_policy(policy)
         if self.expert and run is not None:
             warn_of_own_expert(run)
@@ -130,9 +142,10 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         from surefoot.evaluation.push_limits import push_difference
         from surefoot.evaluation.report import EvaluationReport, ExpertReport
         from surefoot.evaluation.robustness import success_difference
+        from surefoot.scenarios.gaits import all_starts_of
 
         robustness, pushes = self.measure_controller(policy, config)
-        starts = starts_of(config).first(self.split, config.evaluation.episodes)
+        starts = all_starts_of(config).first(self.split, config.evaluation.episodes)
         report = EvaluationReport(
             **vars(robustness),
             policy=str(policy),
@@ -141,9 +154,12 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             disturbance={name: value for name, value, _ in disturbances(config)},
             pushes=pushes,
             mirror_error_mrad=mirror_error_in_starts(config, policy, starts),
+            switching=self.switching(policy, config),
         )
         self.write_report(report)
         print_controller("policy", robustness, pushes)
+        if report.switching is not None:
+            print_switching(report.switching)
         if report.mirror_error_mrad is not None:
             print(f"  left-right mirror error: {report.mirror_error_mrad:.1f} mrad")
         if not self.expert:
@@ -153,11 +169,15 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             report = replace(report, push_difference=push_difference(pushes, expert_pushes))
         report = replace(
             report,
-            expert=ExpertReport(**vars(expert), pushes=expert_pushes),
+            expert=ExpertReport(
+                **vars(expert), pushes=expert_pushes, switching=self.switching(None, config)
+            ),
             success_difference=success_difference(robustness, expert),
         )
         self.write_report(report)
         print_controller("expert", expert, expert_pushes)
+        if report.expert is not None and report.expert.switching is not None:
+            print_switching(report.expert.switching)
         print_differences(report)
         return report
 
@@ -183,6 +203,19 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         if self.pushes:
             pushes = push_recovery(config, policy, self.spread)
         return robustness, pushes
+
+    def switching(self, policy: Path | None, config: Config) -> Switching | None:
+        """What becomes of robots that change their gait; None with one gait.
+
+        Args:
+            policy: File of the policy; None evaluates the expert.
+            config: What is evaluated.
+        """
+        from surefoot.evaluation.gaits import evaluate_switching
+
+        if not config.other_gaits:
+            return None
+        return evaluate_switching(config, policy, self.split, self.spread)
 
     def as_asked(self, config: Config) -> Config:
         """A run's configuration with what the options change."""
@@ -291,6 +324,33 @@ def print_controller(name: str, robustness: Robustness, pushes: PushResult | Non
     print(f"  velocity MSE vx, vy, yaw rate (all, from 1 s on): {_numbers(robustness.settled_mse)}")
     if pushes is not None:
         print(f"  {_pushes_line(pushes)}")
+    for gait in robustness.gaits or ():
+        low, high = gait.success_interval
+        print(
+            f"  {gait.speed.gait}: {gait.successes} of {gait.episodes} "
+            f"({100 * low:.1f} to {100 * high:.1f} %), {gait.falls} fell; {_speed_text(gait.speed)}"
+        )
+
+
+def print_switching(switching: Switching) -> None:
+    """Print what became of robots that changed their gait."""
+    low, high = switching.success_interval
+    print(
+        f"  {switching.switches} changes of gait in {switching.seconds:g} s: "
+        f"{switching.successes} of {switching.episodes} ({100 * low:.1f} to {100 * high:.1f} %), "
+        f"{switching.falls} fell"
+    )
+    for speed in switching.speeds:
+        print(f"    {speed.gait}: {_speed_text(speed)}")
+
+
+def _speed_text(speed: GaitSpeed) -> str:
+    """How robots followed their commands in one gait."""
+    vx, vy, yaw_rate = ("-" if each is None else f"{each:.3f}" for each in speed.error)
+    return (
+        f"{speed.on_speed} of {speed.robots} at the speed commanded, mean error {vx}, {vy} m/s, "
+        f"{yaw_rate} rad/s"
+    )
 
 
 def print_differences(report: EvaluationReport) -> None:

@@ -76,10 +76,13 @@ class OnGait:
     """The gait: trot, walk, crawl, amble, pace, bound, pronk or stand, with the horizon and the
     rules of the expert that belong to it; without it, the gait of the configuration. Options under
     --config take precedence."""
+    gaits: tuple[str, ...] | None = None
+    """Several gaits by their names, in place of --gait: one policy or expert walks all of them, by
+    command."""
 
 
 def config_of_gait(args: Sequence[str], command: type, config: Config) -> Config:
-    """A configuration with the gait that an argument list names, if it names one.
+    """A configuration with the gait or the gaits that an argument list names, if it names any.
 
     It makes the defaults of the other options, which are read afterwards.
 
@@ -89,12 +92,37 @@ def config_of_gait(args: Sequence[str], command: type, config: Config) -> Config
         config: The configuration without it.
 
     Raises:
-        ValueError: There is no such gait.
+        ValueError: There is no such gait, or both options are there.
     """
-    from surefoot.mpc.gaits import with_gait
+    from surefoot.mpc.gaits import with_gait, with_gaits
 
-    name = sort_arguments(args, command).values.get("--gait")
+    arguments = sort_arguments(args, command)
+    name = arguments.values.get("--gait")
+    names = values_of("--gaits", arguments.options)
+    if name is not None and names:
+        raise ValueError("--gait names one gait, --gaits several: use one of the two options")
+    if names:
+        return with_gaits(config, names)
     return config if name is None else with_gait(config, name)
+
+
+def values_of(name: str, options: Sequence[str]) -> list[str]:
+    """The values of an option that may have any number of them; none if it is not given.
+
+    Args:
+        name: The option.
+        options: The options of an argument list, each with its values behind it.
+    """
+    values: list[str] = []
+    taking = False
+    for option in options:
+        if option.startswith("--"):
+            found, equals, value = option.partition("=")
+            taking = found == name
+            values += [value] if taking and equals else []
+        elif taking:
+            values.append(option)
+    return values
 
 
 @dataclass(frozen=True, kw_only=True)

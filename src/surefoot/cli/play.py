@@ -48,6 +48,9 @@ class Play(OnHardware, OnSimulator, OnTerrain):
     """The commanded speed to the left [m/s]."""
     yaw_rate: float = 0.0
     """The commanded yaw rate to the left [rad/s]."""
+    gaits: tuple[str, ...] | None = None
+    """The gaits to walk one after another, by their names, each for an equal part of the time, if
+    the policy has several; without it, its first one."""
     seconds: float = 5.0
     """The duration [s]."""
     episode: int | None = None
@@ -84,6 +87,8 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             raise ValueError(
                 "--log has what a policy measured that drives alone; leave out --episode"
             )
+        if self.log is not None and self.gaits:
+            raise ValueError("--log has no gait, and is of the first one: leave out --gaits")
         if self.episode is None:
             job = self.policy_job()
             episode = None
@@ -144,14 +149,16 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         """One robot that stands, and is then driven by the policy.
 
         Raises:
-            ValueError: An iteration was named, but no episode.
+            ValueError: An iteration was named, but no episode; or the policy lacks a gait.
         """
         from surefoot.learning.policy import check_command, load
+        from surefoot.mpc.gaits import numbers_of
         from surefoot.robots.load import find_spec
         from surefoot.rollouts.arbiters import PolicyOnly
         from surefoot.rollouts.episodes import Episodes
         from surefoot.rollouts.jobs import Job
         from surefoot.runs.policies import find_policy
+        from surefoot.scenarios.gait_switches import in_turn
         from surefoot.viz.replay import standing_start
 
         if self.iteration is not None:
@@ -163,7 +170,10 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         check_velocity(command)
         check_command(load(policy, find_spec(config.robot).name), np.array(command))
         start = standing_start(command, config.robot)
-        return Job(config, Episodes(start, self.seconds), PolicyOnly(), policy=policy)
+        numbers = numbers_of(config, self.gaits) if self.gaits else [0]
+        start, switches = in_turn(config, start, numbers, self.seconds)
+        episodes = Episodes(start, self.seconds, switches=switches)
+        return Job(config, episodes, PolicyOnly(), policy=policy)
 
     def recorded_job(self, episode: int) -> Job:
         """The job that repeats a recorded episode.

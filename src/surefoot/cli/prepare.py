@@ -60,6 +60,17 @@ class PrepareReport:
 
 
 @dataclass(frozen=True)
+class PrepareReports:
+    """What several gaits need, each alone; a run of all of them has the envelope of the bounds.
+
+    Attributes:
+        gaits: The report of each gait.
+    """
+
+    gaits: tuple[PrepareReport, ...]
+
+
+@dataclass(frozen=True)
 class Prepare(OnCommands, OnGait, OnRobot, OnSimulator):
     """Measure, once, what a robot, a gait and a box of commands need; show it.
 
@@ -73,7 +84,7 @@ class Prepare(OnCommands, OnGait, OnRobot, OnSimulator):
     JSON keys: robot, gait; commands, with vx, vy [m/s] and yaw_rate [rad/s]; command_gain [vx, vy,
     yaw rate]; safety, with the bounds as in the configuration; tracking_error [largest, m/s, m/s,
     rad/s]; told and fell [numbers of commands]; states [numbers, by split]; starts_hash; seconds;
-    file.
+    file. With --gaits, each gait is prepared alone, and gaits lists these objects.
     """
 
     out: Path | None = None
@@ -89,6 +100,7 @@ class Prepare(OnCommands, OnGait, OnRobot, OnSimulator):
 
     def __call__(self) -> int:
         """Prepare, write what was asked for, and print the table."""
+        from surefoot.mpc.gaits import each_gait, only_gait
         from surefoot.scenarios.make import scaled
         from surefoot.scenarios.prepare import prepare
         from surefoot.scenarios.starts import check_unused, save_starts
@@ -99,14 +111,19 @@ class Prepare(OnCommands, OnGait, OnRobot, OnSimulator):
             check_unused(self.out)
         perturbation = scaled(PerturbationConfig(), self.scale)
         config = self.with_commands(self.with_robot(self.simulated(self.config)))
-        prepared = prepare(config, perturbation, self.seed)
         if self.out is not None:
-            save_starts(prepared.starts, self.out)
-        report = report_of(prepared)
+            only_gait(config, "--out")
+        reports = []
+        for one in each_gait(config):
+            prepared = prepare(one, perturbation, self.seed)
+            if self.out is not None:
+                save_starts(prepared.starts, self.out)
+            reports.append(report_of(prepared))
+            for line in table_of(reports[-1], prepared.kept):
+                print(line)
         if self.json is not None:
-            write_json(self.json, report)
-        for line in table_of(report, prepared.kept):
-            print(line)
+            several = PrepareReports(tuple(reports))
+            write_json(self.json, several if config.other_gaits else reports[0])
         if self.out is not None:
             print(f"written:        {self.out}")
         return 0

@@ -235,5 +235,5 @@ def expert_config(policy: OnnxPolicy) -> Config:
             f"is one of {policy.robot!r}, of which it does not hold the model: leave --expert out, "
             "or give surefoot.deploy.loop.Runtime a Safeguard whose planner has your robot's file"
         )
-    config = config_for(policy.robot, policy.spec.gaits[0], policy.command_range)
+    config = config_for(policy.robot, policy.spec.gaits[:1], policy.command_range)
     return with_measured_gain(config)

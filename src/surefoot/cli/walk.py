@@ -80,7 +80,8 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
     """Let the expert walk, from standing, and film it.
 
     The command gains of another robot than Solo12, and of another gait than the trot, are measured
-    first, once, in a few seconds.
+    first, once, in a few seconds. With --gaits it walks them one after another, each for an equal
+    part of the time.
 
     JSON keys: fell, outcome; command and mean_velocity [vx m/s, vy m/s, yaw rate rad/s, in the
     heading frame, from 1 s on]; heading_drift [deg, from the heading commanded, at the end];
@@ -111,6 +112,7 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
         from surefoot.rollouts.arbiters import ExpertOnly
         from surefoot.rollouts.episodes import Episodes
         from surefoot.rollouts.jobs import Job, play_out
+        from surefoot.scenarios.gait_switches import in_turn
         from surefoot.viz.film import Recording
         from surefoot.viz.replay import standing_start
 
@@ -122,7 +124,9 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
         given = self.with_profile(self.with_robot(self.simulated(self.config)))
         config = with_gains(self.on_terrain(given), command)
         start = standing_start(command, config.robot)
-        job = Job(config, Episodes(start, self.seconds), ExpertOnly())
+        numbers = range(len(config.gaits))
+        start, switches = in_turn(config, start, numbers, self.seconds)
+        job = Job(config, Episodes(start, self.seconds, switches=switches), ExpertOnly())
         with seconds_bar(self.seconds, "walk") as bar:
             rollouts, expert = play_out(job, progress=bar.update)
         robot = load_robot(config.robot)
@@ -186,17 +190,22 @@ def with_gains(config: Config, command: Command) -> Config:
         command: The command.
 
     Raises:
-        ValueError: The robot does not walk in this gait.
+        ValueError: The robot does not walk in a gait.
     """
     from surefoot.robots.scaling import with_own_values
     from surefoot.scenarios.gains import with_measured_gain
+    from surefoot.scenarios.gaits import for_each_gait
 
     if not is_among(command, config.commands):
         config = replace(config, commands=box_around(command))
-    own = with_own_values(config)
-    if own.expert.command_gain is not None:
-        return own
-    return with_measured_gain(replace(own, commands=box_around(command)))
+
+    def with_gain(one: Config) -> Config:
+        own = with_own_values(one)
+        if own.expert.command_gain is not None:
+            return own
+        return with_measured_gain(replace(own, commands=box_around(command)))
+
+    return for_each_gait(with_gain, config)
 
 
 def box_around(command: Command) -> CommandBox:

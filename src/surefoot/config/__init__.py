@@ -42,7 +42,14 @@ from surefoot.config.methods import (
     SafeDaggerConfig,
     method_config,
 )
-from surefoot.config.mpc import CentroidalConfig, ExpertConfig, FootholdRule, Gait, KinematicConfig
+from surefoot.config.mpc import (
+    CentroidalConfig,
+    ExpertConfig,
+    FootholdRule,
+    Gait,
+    KinematicConfig,
+    OtherGait,
+)
 from surefoot.config.robots import RobotConfig
 from surefoot.config.safety import TABLE_I, GateName, HandBack, SafetyConfig
 from surefoot.config.scenarios import (
@@ -85,6 +92,7 @@ __all__ = [
     "MirrorName",
     "NoiseConfig",
     "NumberFormat",
+    "OtherGait",
     "PerturbationConfig",
     "Phase",
     "PolicyConfig",
@@ -119,6 +127,11 @@ class Config(Checked):
     robot: RobotConfig = field(default_factory=RobotConfig)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     gait: Gait = field(default_factory=Gait)
+    other_gaits: tuple[OtherGait, ...] = ()
+    """What else one policy walks by command, besides `gait`; made by `--gaits`."""
+    switches: Annotated[int, Within(0, 1000)] = 2
+    """How often a robot changes its gait in each episode that is learned from, if there are several
+    gaits: from any of them to any other one, at any time."""
     commands: CommandBox = field(default_factory=CommandBox)
     expert: ExpertConfig = field(default_factory=ExpertConfig)
     safety: SafetyConfig = field(default_factory=SafetyConfig)
@@ -141,6 +154,11 @@ class Config(Checked):
     budget: BudgetConfig = field(default_factory=BudgetConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     push: PushConfig = field(default_factory=PushConfig)
+
+    @property
+    def gaits(self) -> tuple[Gait, ...]:
+        """All gaits: the first one and the others, in the order of their numbers."""
+        return (self.gait, *(other.gait for other in self.other_gaits))
 
 
 def simulated(config: Config, backend: Backend) -> Config:

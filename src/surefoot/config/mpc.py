@@ -188,3 +188,19 @@ class ExpertConfig(Checked):
                 f"expert.kinematic.nodes is {self.kinematic.nodes}; use at most those of "
                 f"expert.centroidal.nodes, {self.centroidal.nodes}"
             )
+
+
+@dataclass(frozen=True)
+class OtherGait(Checked):
+    """Another gait that a robot walks by command, with what belongs to it alone.
+
+    What is None is as for the first gait, with what follows from this one's timing, and measured
+    where it has to be (`scenarios.prepare.completed`).
+    """
+
+    section: ClassVar[str] = "other_gaits"
+
+    gait: Gait = field(default_factory=Gait)
+    expert: ExpertConfig | None = None
+    start_set: str | None = None
+    """Its initial states, as `Config.start_set`."""

@@ -23,55 +23,63 @@ MRAD = 1000.0
 
 
 def make_mirror(config: Config, name: MirrorName) -> Mirror:
-    """The mirror of a configuration's robot and gait.
+    """The mirror of a configuration's robot and gaits.
 
     Args:
-        config: Robot and gait.
+        config: Robot and gaits.
         name: Which sides change places.
 
     Raises:
-        ValueError: Robot or gait are not their own mirror images.
+        ValueError: The robot or a gait is not its own mirror image.
     """
     body = body_mirror(load_robot(config.robot), name)
-    return Mirror(*body, shift=clock_shift(config.gait, body.legs))
+    shift, *others = (clock_shift(gait, body.legs) for gait in config.gaits)
+    return Mirror(*body, shift=shift, other_shifts=tuple(others))
 
 
 def mirror_error_mrad(
-    config: Config, policy: Policy, state: State, tick: IntArray, command: Array
+    config: Config,
+    policy: Policy,
+    state: State,
+    tick: IntArray,
+    command: Array,
+    gait: IntArray | int = 0,
 ) -> float | None:
     """The left-right mirror error of a policy over n states [mrad].
 
     Args:
-        config: Robot and gait.
+        config: Robot and gaits.
         policy: The policy.
         state: The n states.
         tick: ``(n,)`` gait clock [ms].
         command: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
+        gait: ``(n,)`` the numbers of the gaits.
 
     Returns:
-        The error; None if robot or gait have no such mirror.
+        The error; None if the robot or a gait has no such mirror.
     """
     try:
         mirror = make_mirror(config, "left_right")
     except ValueError:
         return None
-    return MRAD * mirror_error(policy, mirror, state, tick, command)
+    return MRAD * mirror_error(policy, mirror, state, tick, command, gait)
 
 
 def mirror_error_in_starts(config: Config, path: Path, starts: Starts) -> float | None:
     """The same over n initial states.
 
     Args:
-        config: Robot and gait.
+        config: Robot and gaits.
         path: File of the policy.
         starts: The n initial states.
 
     Returns:
-        The error; None if robot or gait have no such mirror.
+        The error; None if the robot or a gait has no such mirror.
 
     Raises:
         FileNotFoundError: There is no such policy.
     """
     robot = load_robot(config.robot)
     state = state_of(robot, starts.q, starts.v)
-    return mirror_error_mrad(config, load(path, robot.name), state, starts.tick, starts.command)
+    policy = load(path, robot.name)
+    return mirror_error_mrad(config, policy, state, starts.tick, starts.command, starts.gait)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from surefoot.config import Backend
 from surefoot.config.json_io import read_record
+from surefoot.evaluation.gaits import Switching
 from surefoot.evaluation.push_limits import PushDifference, PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.evaluation.statistics import PairedDifference
@@ -22,9 +23,11 @@ class ExpertReport(Robustness):
 
     Attributes:
         pushes: The impulses that it withstands; None if it was not pushed.
+        switching: What became of robots that changed their gait; None with one gait.
     """
 
     pushes: PushResult | None = None
+    switching: Switching | None = None
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,7 @@ class EvaluationReport(Robustness):
             of all episodes, where M exchanges left and right [mrad]; None if robot or gait have no
             such mirror, and in files of earlier versions.
         terrain: The ground, as `simulation.terrain`; None is level ground at z = 0.
+        switching: What became of robots that changed their gait; None with one gait.
     """
 
     policy: str
@@ -56,6 +60,7 @@ class EvaluationReport(Robustness):
     success_difference: PairedDifference | None = None
     mirror_error_mrad: float | None = None
     terrain: str | None = None
+    switching: Switching | None = None
 
 
 def read_report(path: Path) -> EvaluationReport:

@@ -15,6 +15,7 @@ import numpy as np
 
 from surefoot.config import Config
 from surefoot.errors import shown
+from surefoot.evaluation.gaits import GaitResult, results_by_gait
 from surefoot.evaluation.ids import count_ids, ids_as_text, ids_from_text
 from surefoot.evaluation.latching import Latching, latching_of
 from surefoot.evaluation.statistics import (
@@ -30,7 +31,8 @@ from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import NOT_RECORDED, Summary, covered
-from surefoot.scenarios.starts import StartSet, starts_of
+from surefoot.scenarios.gaits import AllStarts, all_starts_of
+from surefoot.scenarios.starts import StartSet
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, PlanFunction
 from surefoot.workers import Workers
 
@@ -78,6 +80,7 @@ class Robustness:
         lost_at: When the robot fell or the expert gave up on it [s], for each episode with one of
             these two outcomes, in the order of the episodes.
         latching: Which robots would have switched themselves off; None without a hardware profile.
+        gaits: The figures gait by gait, where there are several; None for one.
     """
 
     starts: str
@@ -106,6 +109,7 @@ class Robustness:
     touched: str = field(default="", kw_only=True)
     lost_at: tuple[float, ...] = field(default=(), kw_only=True)
     latching: Latching | None = field(default=None, kw_only=True)
+    gaits: tuple[GaitResult, ...] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check that each episode has one outcome, and one initial state if those were kept.
@@ -183,7 +187,7 @@ def evaluate(
         split: `select` to choose a policy, `test` to report one.
         workers: Processes that run the episodes.
         plan: The expert's MPC; without it the BiConMP-style planner.
-        stored: The set of initial states; without it that of the configuration.
+        stored: The set of initial states, of one gait; without it those of the configuration.
 
     Returns:
         The figures, and the summary of the episodes that they are taken from.
@@ -193,18 +197,21 @@ def evaluate(
         KeyError: There is no such split.
         ValueError: The split holds fewer initial states than the episodes asked for.
     """
-    stored = stored or starts_of(config)
-    job = evaluation_job(config, policy, split, stored, plan)
+    all_stored = all_starts_of(config) if stored is None else AllStarts((stored,))
+    job = evaluation_job(config, policy, split, all_stored, plan)
     title = f"{controller_title(config, policy)}: {split} starts"
     summary = run_episodes(job, workers, title)
-    return robustness_of(summary, stored, split, config.robot.profile), summary
+    robustness = robustness_of(summary, all_stored, split, config.robot.profile)
+    if config.other_gaits:
+        robustness = replace(robustness, gaits=results_by_gait(summary, config))
+    return robustness, summary
 
 
 def evaluation_job(
     config: Config,
     policy: Path | None,
     split: str,
-    stored: StartSet,
+    stored: StartSet | AllStarts,
     plan: PlanFunction | None = None,
 ) -> Job:
     """The episodes of an evaluation; the arguments are those of `evaluate`.
@@ -231,14 +238,14 @@ def controller_title(config: Config, policy: Path | None) -> str:
 
 
 def robustness_of(
-    summary: Summary, stored: StartSet, split: str, profile: str | None = None
+    summary: Summary, stored: StartSet | AllStarts, split: str, profile: str | None = None
 ) -> Robustness:
     """The paper's figures of n episodes.
 
     Args:
         summary: The n episodes.
-        stored: The set of initial states from which they began.
-        split: The split of that set.
+        stored: The initial states from which they began.
+        split: The split of them.
         profile: The hardware profile of the robot in them; None if it had none.
     """
     n = len(summary.outcome)

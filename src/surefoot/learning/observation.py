@@ -175,7 +175,7 @@ def observation_spec(config: Config) -> ObservationSpec:
                 "load the robot first, and put its spec into robot.spec"
             )
         radius = robot.foot_radius
-    gaits = (gait_timing(config.gait),)
+    gaits = tuple(map(gait_timing, config.gaits))
     return ObservationSpec(policy.phase, gaits, LAYOUTS[policy.layout], policy.height, radius)
 
 
@@ -183,7 +183,15 @@ def state_spec(config: Config) -> ObservationSpec:
     """What gates and traces see in every run: the full state and the goal, without a history.
 
     They watch a robot in training, whose true state is known; a policy may see less.
+
+    Raises:
+        ValueError: The configuration has several gaits: they see one alone.
     """
+    if config.other_gaits:
+        raise ValueError(
+            f"learned gates, environments and exported data see one gait, but the configuration "
+            f"has {len(config.gaits)}: {', '.join(map(gait_name, config.gaits))}; use a run of one"
+        )
     return ObservationSpec(config.policy.phase, (gait_timing(config.gait),))
 
 

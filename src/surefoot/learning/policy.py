@@ -160,8 +160,27 @@ class Policy:
         self.bounds = bounds
         self._batch = 0
         self._memory: Memory | None = None
-        self.gait: IntArray | int = 0
+        self._gait: IntArray | int = 0
+
+    @property
+    def gait(self) -> IntArray | int:
         """``(B,)`` which of the spec's gaits each robot is to walk; all the first after a reset."""
+        return self._gait
+
+    @gait.setter
+    def gait(self, gait: IntArray | int) -> None:
+        """Command the gaits.
+
+        Raises:
+            ValueError: The policy has not so many gaits.
+        """
+        gaits = self.spec.observation.gaits
+        if np.max(gait) >= len(gaits):
+            names = ", ".join(each.name for each in gaits)
+            raise ValueError(
+                f"the gait number {np.max(gait)} of a policy of {names}; use 0 to {len(gaits) - 1}"
+            )
+        self._gait = gait
 
     def __getstate__(self) -> dict[str, object]:
         """What other processes get: all but the session, which they make themselves."""

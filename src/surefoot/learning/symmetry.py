@@ -37,6 +37,7 @@ class Mirror:
         joints: ``(12,)`` the same of the joints.
         signs: ``(12,)`` sign of each joint of the image: -1 where it turns the other way.
         shift: How far the gait clock of the image is ahead [ms].
+        other_shifts: The same of each of the other gaits, where there are several.
 
     Raises:
         ValueError: An array has another length, a sign is not 1 or -1, or twice the mirror does not
@@ -48,6 +49,7 @@ class Mirror:
     joints: tuple[int, ...]
     signs: tuple[int, ...]
     shift: int
+    other_shifts: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that the mirror undoes itself."""
@@ -80,9 +82,11 @@ class Mirror:
         """Commands ``(..., 3)`` of the image: vx, vy [m/s] and yaw rate [rad/s]."""
         return command * np.append(self._point[:2], self._turn[2])
 
-    def tick(self, tick: IntArray) -> IntArray:
-        """Gait clock ``(...)`` of the image [ms]."""
-        return tick + self.shift
+    def tick(self, tick: IntArray, gait: IntArray | int = 0) -> IntArray:
+        """Gait clock ``(...)`` of the image [ms], of robots that walk some gaits ``(...)``."""
+        if not self.other_shifts:
+            return tick + self.shift
+        return tick + np.array([self.shift, *self.other_shifts])[gait]
 
     def state(self, state: State) -> State:
         """The states of the image, with any leading axes."""
@@ -104,17 +108,18 @@ class Mirror:
         What was applied at each tick is mirrored too, so that a history is the image's.
 
         Raises:
-            ValueError: The frames are of several gaits, which are shifted differently.
+            ValueError: There are frames of a gait whose shift the mirror does not know.
         """
-        if len(frames) and frames.gait.any():
+        if len(frames) and frames.gait.max() > len(self.other_shifts):
             raise ValueError(
-                "a mirror shifts the clock of one gait, but the frames are of several: use "
-                "training.mirror none, or frames of the first gait"
+                f"a mirror of {1 + len(self.other_shifts)} gaits, but the frames are of "
+                f"{frames.gait.max() + 1}, whose clocks are shifted differently: make it with the "
+                "configuration of all gaits, or use training.mirror none"
             )
         return replace(
             frames,
             **vars(self.state(frames.state)),
-            tick=self.tick(frames.tick),
+            tick=self.tick(frames.tick, frames.gait.astype(np.int64)),
             command=self.command(frames.command),
             torque=self.joint_values(frames.torque),
             applied=self.joint_values(frames.applied),
@@ -136,7 +141,10 @@ class Mirrored:
     @property
     def hash(self) -> str:
         """SHA-256 of the recorded frames and of the mirror."""
-        text = json.dumps([self.data.hash, to_json(self.mirror)])
+        mirror = to_json(self.mirror)
+        if not self.mirror.other_shifts:  # as it was when there was one gait
+            del mirror["other_shifts"]
+        text = json.dumps([self.data.hash, mirror])
         return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -190,7 +198,12 @@ def clock_shift(gait: Gait, legs: Sequence[int]) -> int:
 
 
 def mirror_error(
-    policy: Policy, mirror: Mirror, state: State, tick: IntArray, command: Array
+    policy: Policy,
+    mirror: Mirror,
+    state: State,
+    tick: IntArray,
+    command: Array,
+    gait: IntArray | int = 0,
 ) -> float:
     """The mean of |M pi(s) - pi(M s)| over n states and the joints [rad].
 
@@ -202,9 +215,13 @@ def mirror_error(
         state: The n states s.
         tick: ``(n,)`` gait clock [ms].
         command: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
+        gait: ``(n,)`` the numbers of the gaits.
     """
     policy.reset(len(tick))
+    policy.gait = gait
     expected = mirror.joint_values(policy.target(state, tick, command))
     policy.reset(len(tick))
-    image = policy.target(mirror.state(state), mirror.tick(tick), mirror.command(command))
+    policy.gait = gait
+    image_tick = mirror.tick(tick, gait)
+    image = policy.target(mirror.state(state), image_tick, mirror.command(command))
     return float(np.abs(expected - image).mean(dtype=np.float64))

@@ -17,13 +17,17 @@ from pathlib import Path
 
 from surefoot.config import DaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
-from surefoot.rollouts.episodes import Episodes, Rollout
+from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config, parameters
-from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.run import Run
-from surefoot.runs.sampling import disturbance_in, draw_starts, pretraining_rollouts
+from surefoot.runs.sampling import (
+    disturbance_in,
+    draw_starts,
+    episodes_from,
+    pretraining_rollouts,
+)
 from surefoot.runs.stages import choose_best_policy, collect_data, train_policy, validate_policy
 from surefoot.types import BoolArray, PlanFunction
 from surefoot.workers import Workers
@@ -70,7 +74,7 @@ def collection(run: Run, k: int, plan: PlanFunction | None = None) -> Job:
     starts = draw_starts(config, method, k)
     return Job(
         config,
-        Episodes(starts, method.T, id=rollout_ids(k, len(starts))),
+        episodes_from(config, starts, k, method.T),
         RandomMix(beta, 1, config.seed),
         policy=run.policy_path(k - 1),
         keep=visited_frames,

@@ -29,15 +29,14 @@ from surefoot.learning.policy import load
 from surefoot.learning.samples import derive, held_out
 from surefoot.robots.load import find_spec
 from surefoot.rollouts.arbiters import ExpertOnly
-from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, disturbance_of
 from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config, parameters
-from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import (
     disturbance_in,
     draw_starts,
+    episodes_from,
     keep_unless_failed,
     pretraining_rollouts,
 )
@@ -102,7 +101,7 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     starts = draw_starts(config, method, i)
     job = Job(
         config,
-        Episodes(starts, method.T, id=rollout_ids(i, len(starts))),
+        episodes_from(config, starts, i, method.T),
         ExpertOnly(),
         keep=keep_unless_failed,
         plan=plan,

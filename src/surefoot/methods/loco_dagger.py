@@ -17,14 +17,17 @@ from pathlib import Path
 
 from surefoot.config import LocoDaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
-from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config, parameters
-from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.query import Query
 from surefoot.runs.run import Run
-from surefoot.runs.sampling import disturbance_in, draw_starts, pretraining_rollouts
+from surefoot.runs.sampling import (
+    disturbance_in,
+    draw_starts,
+    episodes_from,
+    pretraining_rollouts,
+)
 from surefoot.runs.stages import (
     choose_best_policy,
     collect_data,
@@ -80,7 +83,7 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     starts = draw_starts(config, method, i)
     return Job(
         config,
-        Episodes(starts, method.T, id=rollout_ids(i, len(starts))),
+        episodes_from(config, starts, i, method.T),
         RandomMix(p, GRID, config.seed),
         policy=run.policy_path(i - 1),
         plan=plan,

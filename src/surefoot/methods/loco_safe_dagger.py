@@ -17,16 +17,15 @@ from pathlib import Path
 
 from surefoot.config import LocoSafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
-from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config, parameters
-from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.gate_training import make_gate, train_gates
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import (
     disturbance_in,
     draw_starts,
+    episodes_from,
     expert_frames,
     pretraining_rollouts,
     rising_share,
@@ -91,7 +90,7 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     starts = draw_starts(config, method, i)
     return Job(
         config,
-        Episodes(starts, method.T, tail=method.T_end, id=rollout_ids(i, len(starts))),
+        episodes_from(config, starts, i, method.T, method.T_end),
         SafetySwitch(monitor),
         policy=run.policy_path(i - 1),
         keep=expert_frames,

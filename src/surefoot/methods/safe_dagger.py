@@ -20,14 +20,18 @@ from pathlib import Path
 
 from surefoot.config import SafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
-from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config, parameters
-from surefoot.runs.episode_ids import rollout_ids
 from surefoot.runs.gate_training import make_gate, train_gates
 from surefoot.runs.run import Run
-from surefoot.runs.sampling import disturbance_in, draw_starts, expert_frames, pretraining_rollouts
+from surefoot.runs.sampling import (
+    disturbance_in,
+    draw_starts,
+    episodes_from,
+    expert_frames,
+    pretraining_rollouts,
+)
 from surefoot.runs.stages import (
     choose_best_policy,
     collect_data,
@@ -89,7 +93,7 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     starts = draw_starts(config, method, i)
     return Job(
         config,
-        Episodes(starts, method.T, id=rollout_ids(i, len(starts))),
+        episodes_from(config, starts, i, method.T),
         SafetySwitch(monitor),
         policy=run.policy_path(i - 1),
         keep=expert_frames,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from surefoot.config import Config, ExpertConfig, Gait
 from surefoot.config.checked import check_values, known
+from surefoot.mpc.gaits import each_gait, only_gait
 from surefoot.mpc.planner import PLAN_TICKS, Planner
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import own_expert, own_values
@@ -22,6 +23,7 @@ from surefoot.types import (
     Array,
     BoolArray,
     Command,
+    GaitCommand,
     IntArray,
     MotionPlan,
     PlanFunction,
@@ -46,10 +48,12 @@ class Expert:
         kp: The proportional gain [N m/rad].
         kd: The derivative gain [N m s/rad].
         damping: The damping of the joints of a robot that has no valid plan [N m s/rad].
-        gait: The gait that the plans are of; None if nobody knows.
+        gaits: The gaits that the plans are of; none if nobody knows.
 
     Attributes:
-        gait: The gait that the plans are of; None if nobody knows.
+        gaits: The gaits that the plans are of; none if nobody knows.
+        gait: ``(B,)`` the number of the gait that each robot is to walk: plans are asked for with
+            it as `Command.gait`. A number, 0, after a reset.
         plans: ``(B,)`` number of plans asked for since the reset.
         invalid_plans: ``(B,)`` number of those that were not valid.
 
@@ -63,7 +67,7 @@ class Expert:
         kp: float,
         kd: float,
         damping: float = DAMPING,
-        gait: Gait | None = None,
+        gaits: tuple[Gait, ...] = (),
     ) -> None:
         gains = [("kp", known(kp, "expert.kp")), ("kd", known(kd, "expert.kd"))]
         check_values(ExpertConfig, gains, ExpertConfig.section)
@@ -71,11 +75,13 @@ class Expert:
         self._kp = kp
         self._kd = kd
         self._damping = damping
-        self.gait = gait
+        self.gaits = gaits
         self.reset(0)
 
     def reset(self, batch: int) -> None:
-        """Forget all plans, and be ready for ``batch`` robots."""
+        """Forget all plans, and be ready for ``batch`` robots in the first gait."""
+        self.gait: IntArray | int = 0
+        self._planned_gait = np.zeros(batch, dtype=np.int64)
         self.plans = np.zeros(batch, dtype=np.int64)
         self.invalid_plans = np.zeros(batch, dtype=np.int64)
         self._diverged = np.zeros(batch, dtype=bool)
@@ -117,7 +123,8 @@ class Expert:
             raise ValueError(f"{len(tick)} robots, but reset was told {len(self.plans)}")
         takeover = mask & (self._driven_at != tick - 1)
         self._driven_at = np.where(mask, tick, self._driven_at)
-        asked = mask & ~self._diverged & (takeover | (tick % GRID == 0))
+        switched = self._planned_gait != self.gait
+        asked = mask & ~self._diverged & (takeover | switched | (tick % GRID == 0))
         for robot in np.flatnonzero(asked).tolist():
             self._replan(robot, state[robot], int(tick[robot]), command[robot], takeover[robot])
         row = np.clip(tick - self._planned_at, 0, PLAN_TICKS - 1)
@@ -129,7 +136,11 @@ class Expert:
 
     def _replan(self, robot: int, state: State, tick: int, command: Array, takeover: bool) -> None:
         """Ask for a plan for one robot, and keep it if it is valid; else keep the old one."""
-        arrays, valid = ask_for_plan(self._plan, state, tick, Command(*map(float, command)))
+        gait = int(np.broadcast_to(self.gait, len(self.plans))[robot])
+        self._planned_gait[robot] = gait
+        vx, vy, yaw_rate = map(float, command)
+        asked = GaitCommand(vx, vy, yaw_rate, gait) if gait else Command(vx, vy, yaw_rate)
+        arrays, valid = ask_for_plan(self._plan, state, tick, asked)
         self.plans[robot] += 1
         if valid and np.isfinite(arrays).all():
             last = len(arrays) - 1
@@ -227,8 +238,34 @@ def _numbers(name: str, values: object) -> NDArray:
 
 
 def make_planner(robot: RobotModel, config: Config) -> Planner:
-    """Return the planner of a configuration; its friction is the simulator's."""
+    """Return the planner of a configuration of one gait; its friction is the simulator's.
+
+    Raises:
+        ValueError: The configuration has several gaits.
+    """
+    config = only_gait(config, "a planner")
     return Planner(robot, config.gait, config.expert, config.simulation.friction)
+
+
+def make_plan(robot: RobotModel, config: Config) -> PlanFunction:
+    """Return the plan function of a configuration: that of the planner of its gait, or of several.
+
+    Of several gaits, `Command.gait` says whose planner is asked. All of them keep one gait clock,
+    each with its own period, so that a plan depends on its arguments alone, whatever was walked
+    before.
+
+    Args:
+        robot: The robot.
+        config: The configuration, for gaits, planners and friction.
+    """
+    planners = [make_planner(robot, one) for one in each_gait(config)]
+    if len(planners) == 1:
+        return planners[0].plan
+
+    def plan(state: State, tick: int, command: Command) -> MotionPlan:
+        return planners[command.gait].plan(state, tick, command)
+
+    return plan
 
 
 def make_expert(robot: RobotModel, config: Config, plan: PlanFunction | None = None) -> Expert:
@@ -236,13 +273,14 @@ def make_expert(robot: RobotModel, config: Config, plan: PlanFunction | None = N
 
     Args:
         robot: The robot.
-        config: The configuration, for gains, gait, planner and friction.
-        plan: Your own MPC; the planner of the configuration if it is None.
+        config: The configuration, for gains, gaits, planner and friction.
+        plan: Your own MPC, which walks the gait `Command.gait` of several; the planner of the
+            configuration if it is None.
     """
     if plan is None:
-        plan = make_planner(robot, config).plan
+        plan = make_plan(robot, config)
     expert = own_expert(config.expert, robot)
     damping = own_values(robot).policy_kd
     kp = known(expert.kp, "expert.kp")
     kd = known(expert.kd, "expert.kd")
-    return Expert(plan, kp, kd, damping, config.gait)
+    return Expert(plan, kp, kd, damping, config.gaits)

@@ -2,18 +2,30 @@
 
 Measured on Solo12 and on robots of 13 to 87 kg. What a gait needs besides, a horizon of two periods
 and command gains of its own, follows from its timing (`schedule.horizon`) or is measured
-(`scenarios.calibration`). Read `schedule` next.
+(`scenarios.calibration`). A configuration of several gaits is as many of one (`each_gait`), which
+is how everything that depends on the gait is made for them. Read `schedule` next.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-from surefoot.config import Config, Gait
+from surefoot.config import Config, Gait, OtherGait
 from surefoot.config.gait_table import GAITS, gait_name
 from surefoot.errors import unknown
 
-__all__ = ["GAITS", "gait_name", "with_gait", "with_timing"]
+__all__ = [
+    "GAITS",
+    "each_gait",
+    "gait_name",
+    "names_of",
+    "numbers_of",
+    "only_gait",
+    "with_gait",
+    "with_gaits",
+    "with_timing",
+]
 
 
 def with_gait(config: Config, name: str) -> Config:
@@ -48,3 +60,79 @@ def with_timing(config: Config, gait: Gait) -> Config:
         kinematic=replace(config.expert.kinematic, nodes=None),
     )
     return replace(config, gait=gait, expert=expert)
+
+
+def with_gaits(config: Config, names: Sequence[str]) -> Config:
+    """The configuration, with several named gaits that robots walk by command.
+
+    Args:
+        config: The configuration.
+        names: Keys of `GAITS`; the first one is the gait that robots begin in.
+
+    Raises:
+        ValueError: There is no such gait, one is named twice, or there is none.
+    """
+    if not names or len(set(names)) < len(names):
+        raise ValueError(f"the gaits are {', '.join(names) or 'none'}; name each of them once")
+    for name in names:
+        if name not in GAITS:
+            raise ValueError(unknown("gait", name, GAITS))
+    others = tuple(OtherGait(GAITS[name]) for name in names[1:])
+    return replace(with_gait(config, names[0]), other_gaits=others)
+
+
+def each_gait(config: Config) -> tuple[Config, ...]:
+    """A configuration of one gait for each of the gaits of a configuration, in their order.
+
+    Each has the expert and the initial states of its gait. What another gait leaves open, with an
+    expert that is None, is as for the first one, but for what follows from the timing, and for the
+    command gains.
+
+    Args:
+        config: The configuration.
+    """
+    first = replace(config, other_gaits=())
+    return (first, *(_alone(first, other) for other in config.other_gaits))
+
+
+def _alone(first: Config, other: OtherGait) -> Config:
+    """The configuration of one of the other gaits alone."""
+    timed = with_timing(first, other.gait)
+    expert = other.expert or replace(timed.expert, command_gain=None)
+    return replace(timed, expert=expert, start_set=other.start_set)
+
+
+def only_gait(config: Config, what: str) -> Config:
+    """The configuration itself, if it has one gait.
+
+    Args:
+        config: The configuration.
+        what: What takes one gait alone, as the beginning of a sentence.
+
+    Raises:
+        ValueError: It has several; the message says what to do.
+    """
+    if config.other_gaits:
+        raise ValueError(
+            f"{what} takes one gait, but the configuration has {len(config.gaits)}: "
+            f"{names_of(config)}; use one of `surefoot.mpc.gaits.each_gait(config)`"
+        )
+    return config
+
+
+def names_of(config: Config) -> str:
+    """The names of the gaits of a configuration, with commas in between."""
+    return ", ".join(map(gait_name, config.gaits))
+
+
+def numbers_of(config: Config, names: Sequence[str]) -> list[int]:
+    """The numbers of gaits of a configuration, by their names, which may come several times.
+
+    Raises:
+        ValueError: The configuration has no such gait.
+    """
+    known = [gait_name(gait) for gait in config.gaits]
+    for name in names:
+        if name not in known:
+            raise ValueError(unknown("gait", name, known))
+    return [known.index(name) for name in names]

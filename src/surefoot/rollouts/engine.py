@@ -9,9 +9,8 @@ ends, and `jobs` for many episodes.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +28,7 @@ from surefoot.rollouts.outcome import (
     judged_from,
     stepping,
 )
+from surefoot.rollouts.roles import InSeveralGaits, OfKnownGaits, OfOneRobot, Remembering
 from surefoot.rotations import from_heading
 from surefoot.scenarios.disturbance import Disturbance, Pushes, make_sensors
 from surefoot.scenarios.torque_noise import HeldNoise
@@ -78,7 +78,8 @@ def rollout(
 
     Raises:
         ValueError: The number of robots is not that of the episodes, the policy is one of another
-            robot, torques are not ``(B, 12)``, or the arbiter asks for a policy and there is none.
+            robot, torques are not ``(B, 12)``, the arbiter asks for a policy and there is none, or
+            robots are to walk another gait than the first one, and a controller takes none.
     """
     disturbance = episodes.disturbance or Disturbance()
     starts = episodes.starts
@@ -89,7 +90,7 @@ def rollout(
         )
     robot = simulator.robot
     name = robot.name
-    if isinstance(policy, _OfOneRobot) and isinstance(policy.robot, str) and policy.robot != name:
+    if isinstance(policy, OfOneRobot) and isinstance(policy.robot, str) and policy.robot != name:
         raise ValueError(
             f"a policy of the robot {policy.robot!r} for a simulator of {name!r}; use a policy "
             "that was trained on this robot"
@@ -101,10 +102,13 @@ def rollout(
     simulator.vary(disturbance.friction, disturbance.mass)  # also undoes an earlier variation
     simulator.reset(starts.q, starts.v)
     expert.reset(B)
+    told: list[Controller] = [expert]
     if policy is not None:
+        told.append(policy)
         policy = driver(policy)
         policy.reset(B)
     remembering = policy if isinstance(policy, Remembering) else None
+    walkers = _in_several_gaits(told) if episodes.several_gaits else []
     arbiter.reset(episodes.ids)
 
     measure = make_sensors(robot, disturbance)
@@ -143,6 +147,8 @@ def rollout(
         if apart:
             _store(recorder.seen, elapsed, state)
         tick = starts.tick + elapsed
+        for walker in walkers:
+            walker.gait = episodes.gait_at(elapsed)
         choice = arbiter.choose(state, tick, starts.command) if elapsed < T else everyone
         torque = drivers.torque(state, tick, choice, elapsed, recorder)
         if remembering is not None:  # whoever drove
@@ -165,55 +171,37 @@ def rollout(
     return recorder.rollout(episodes, disturbance, T)
 
 
-@runtime_checkable
-class Remembering(Protocol):
-    """A controller with a memory, as a policy whose layout has a history."""
-
-    def observe(self, state: State, tick: IntArray, torque: Array) -> None:
-        """Remember a tick; called at the end of every tick, whoever drove in it.
-
-        Args:
-            state: The states of B robots, as they measured them.
-            tick: ``(B,)`` gait clock [ms].
-            torque: ``(B, 12)`` the torques that were commanded, clipped [N m].
-        """
-        ...
-
-
-@runtime_checkable
-class _OfOneRobot(Protocol):
-    """A controller that says for which robot it is, as a trained policy does."""
-
-    @property
-    def robot(self) -> object:
-        """The name of the robot."""
-        ...
-
-
-@runtime_checkable
-class _InOneGait(Protocol):
-    """A controller that says in which gait it walks, as the package's expert does."""
-
-    @property
-    def gait(self) -> object:
-        """The gait."""
-        ...
-
-
 def _own_safety(safety: SafetyConfig | None, robot: RobotModel, expert: Controller) -> SafetyConfig:
-    """The bounds, with the robot's own in place of None; without any, judged by the expert's gait.
+    """The bounds, with the robot's own in place of None; without any, judged by the expert's gaits.
 
     Args:
         safety: The bounds that were given, if any were.
         robot: The robot.
         expert: The expert.
     """
-    gait = expert.gait if isinstance(expert, _InOneGait) else None
-    walked = gait if isinstance(gait, Gait) else Gait()
-    own = own_safety(safety or SafetyConfig(), own_height(walked, robot), robot)
-    if safety is not None or gait is None:
+    gaits = expert.gaits if isinstance(expert, OfKnownGaits) else ()
+    height = min(own_height(gait, robot) for gait in gaits or (Gait(),))
+    own = own_safety(safety or SafetyConfig(), height, robot)
+    if safety is not None or not gaits:
         return own
-    return replace(own, stepping_from=judged_from(own, walked))
+    return replace(own, stepping_from=judged_from(own, *gaits))
+
+
+def _in_several_gaits(controllers: Sequence[Controller]) -> list[InSeveralGaits]:
+    """The controllers, which have to be told the gaits.
+
+    Raises:
+        ValueError: One of them cannot be.
+    """
+    walkers: list[InSeveralGaits] = []
+    for controller in controllers:
+        if not isinstance(controller, InSeveralGaits):
+            raise ValueError(
+                f"robots are to walk several gaits, but {type(controller).__name__} takes none: "
+                "give it an attribute gait, which is set to (B,) numbers of gaits"
+            )
+        walkers.append(controller)
+    return walkers
 
 
 class _Recorder:
@@ -288,6 +276,7 @@ class _Recorder:
             disturbance=disturbance,
             late=episodes.late,
             ground=episodes.ground,
+            switches=episodes.switches,
         )
 
 

@@ -18,6 +18,7 @@ from surefoot.learning.frames import Frames
 from surefoot.learning.layouts import LONGEST_HISTORY
 from surefoot.rollouts.outcome import failed
 from surefoot.scenarios.disturbance import Disturbance, join_disturbances, join_optional
+from surefoot.scenarios.gait_switches import GaitSwitches, join_switches
 from surefoot.scenarios.starts import Starts, join_starts
 from surefoot.scenarios.starts_check import check_starts
 from surefoot.sim.terrain import Ground, join_grounds
@@ -39,11 +40,13 @@ class Episodes:
             None has none at all. `Rollout.branch` makes them.
         ground: The ground of the B robots, on which heights are those above the loaded feet; None
             is level ground at z = 0, from which they are measured.
+        switches: When robots change their gait, and to which one; None keeps that of each initial
+            state.
 
     Raises:
         ValueError: There is nothing to simulate, no robot can begin in an initial state
-            (`check_starts`), or the number of ids, of disturbed robots, of late torques or of
-            grounds is not that of the initial states.
+            (`check_starts`), or the number of ids, of disturbed robots, of late torques, of grounds
+            or of switching robots is not that of the initial states.
     """
 
     starts: Starts
@@ -53,6 +56,7 @@ class Episodes:
     disturbance: Disturbance | None = None
     late: Array | None = None
     ground: Ground | None = None
+    switches: GaitSwitches | None = None
 
     def __post_init__(self) -> None:
         """Check that the episodes can be simulated."""
@@ -76,6 +80,8 @@ class Episodes:
             raise ValueError(f"a disturbance of {disturbed} robots, but there are {B}")
         if self.ground is not None and len(self.ground) != B:
             raise ValueError(f"the ground of {len(self.ground)} robots, but there are {B}")
+        if self.switches is not None and len(self.switches) != B:
+            raise ValueError(f"switches of {len(self.switches)} robots, but there are {B}")
         if self.late is not None:
             delay = 0 if self.disturbance is None else self.disturbance.delay
             if self.late.shape != (B, delay, 12):
@@ -97,12 +103,25 @@ class Episodes:
             disturbance=disturbance,
             late=None if self.late is None else self.late[rows],
             ground=None if self.ground is None else self.ground[rows],
+            switches=None if self.switches is None else self.switches[rows],
         )
 
     @property
     def ids(self) -> IntArray:
         """``(B,)`` the ids, 0 to B - 1 where none were given."""
         return np.arange(len(self.starts)) if self.id is None else self.id
+
+    @property
+    def several_gaits(self) -> bool:
+        """Whether a robot is to walk another gait than the first one at any time."""
+        switched = self.switches is not None and self.switches.gait.any()
+        return bool(switched or self.starts.gait.any())
+
+    def gait_at(self, elapsed: int) -> IntArray:
+        """``(B,)`` the number of the gait that each robot is to walk at a tick of its episode."""
+        if self.switches is None:
+            return self.starts.gait
+        return self.switches.at(self.starts.gait, elapsed)
 
 
 def join_episodes(parts: Sequence[Episodes]) -> Episodes:
@@ -120,6 +139,9 @@ def join_episodes(parts: Sequence[Episodes]) -> Episodes:
     disturbances = [part.disturbance for part in parts if part.disturbance is not None]
     if len(disturbances) not in (0, len(parts)):
         raise ValueError(f"{len(disturbances)} of {len(parts)} parts are disturbed; disturb all")
+    switches = [part.switches for part in parts if part.switches is not None]
+    if len(switches) not in (0, len(parts)):
+        raise ValueError(f"{len(switches)} of {len(parts)} parts change their gait; give all")
     return replace(
         parts[0],
         starts=join_starts([part.starts for part in parts]),
@@ -127,6 +149,7 @@ def join_episodes(parts: Sequence[Episodes]) -> Episodes:
         disturbance=join_disturbances(disturbances) if disturbances else None,
         late=join_optional([part.late for part in parts]),
         ground=join_grounds(grounds) if grounds else None,
+        switches=join_switches(switches) if switches else None,
     )
 
 
@@ -156,6 +179,7 @@ class Rollout:
         late: ``(B, delay, 12)`` the torques that were under way at the beginning, as `Episodes` has
             them; None without any.
         ground: The ground of the robots; None is level ground at z = 0.
+        switches: When the robots changed their gait; None if none did.
     """
 
     q: Array
@@ -176,6 +200,15 @@ class Rollout:
     disturbance: Disturbance = field(default_factory=Disturbance)
     late: Array | None = None
     ground: Ground | None = None
+    switches: GaitSwitches | None = None
+
+    @property
+    def gait(self) -> IntArray:
+        """``(B, T)`` the number of the gait that each robot was to walk at each tick."""
+        ticks = self.q.shape[1]
+        if self.switches is None:
+            return np.repeat(self.starts.gait[:, None], ticks, axis=1)
+        return self.switches.table(self.starts.gait, ticks)
 
     @property
     def failed(self) -> BoolArray:
@@ -191,11 +224,11 @@ class Rollout:
         """Episodes that go on from states of this rollout, with all that belongs to them.
 
         Each robot keeps its friction, its mass, the torques that are under way, the noise from that
-        tick on and the pushes that are to come: driven by the same torques, it moves as it did
-        here, to the rounding of the simulator's reset (1e-13 after 150 ticks of a steady trot, 1e-6
-        where feet slip). Controllers and arbiters begin anew, and so does the time for which a body
-        has touched the ground; an expert goes on as it did if it planned at this tick, which it
-        does on its grid.
+        tick on, and the pushes and the changes of its gait that are to come: driven by the same
+        torques, it moves as it did here, to the rounding of the simulator's reset (1e-13 after 150
+        ticks of a steady trot, 1e-6 where feet slip). Controllers and arbiters begin anew, and so
+        does the time for which a body has touched the ground; an expert goes on as it did if it
+        planned at this tick, which it does on its grid.
 
         Args:
             robot: ``(n,)`` rows of the robots; a row may come several times.
@@ -219,6 +252,7 @@ class Rollout:
             self.starts.tick[robot] + elapsed,
             self.starts.command[robot],
             self.starts.id[robot],
+            self.gait[robot, elapsed],
         )
         disturbance = self.disturbance[robot].after(elapsed)
         return Episodes(
@@ -228,6 +262,7 @@ class Rollout:
             disturbance=disturbance,
             late=self._under_way(robot, elapsed),
             ground=self._ground_from(robot, elapsed),
+            switches=None if self.switches is None else self.switches[robot].after(elapsed),
         )
 
     def _ground_from(self, robot: IntArray, elapsed: IntArray) -> Ground | None:
@@ -305,6 +340,7 @@ class Rollout:
             expert_drove=self.expert_drove[recorded],
             episode=episode[robot],
             outcome=self.outcome[robot].astype(np.int8),
+            gait=self.gait[recorded].astype(np.int8),
             kept=keep[recorded],
             applied=self.torque[recorded],
             elapsed=elapsed.astype(np.int32),

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from surefoot.config import Config, DisturbanceConfig, RobotConfig
 from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.policy import Policy, load
-from surefoot.mpc.expert import Expert, make_expert, make_planner
+from surefoot.mpc.expert import Expert, make_expert, make_plan
 from surefoot.mpc.identity import plan_names
-from surefoot.mpc.planner import Planner
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import own_pushes, with_own_values
@@ -233,9 +232,9 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
     config = _own(job.config)
     robot = _robot(config.robot)
     ground = ground_of(job)
-    expert = make_expert(robot, config, job.plan or _planner(config).plan)
+    expert = make_expert(robot, config, job.plan or _plan(config))
     fall_angle = max(config.safety.fall_angle, job.disturbance.fall_angle)
-    stepping_from = judged_from(config.safety, config.gait)
+    stepping_from = judged_from(config.safety, *config.gaits)
     rollouts = rollout(
         make_simulator(robot, len(job.episodes), config.simulation, ground),
         replace(job.episodes, disturbance=disturbance_of(job), ground=ground),
@@ -269,6 +268,6 @@ def _own(config: Config) -> Config:
 
 
 @lru_cache(maxsize=4)
-def _planner(config: Config) -> Planner:
+def _plan(config: Config) -> PlanFunction:
     """The planner of a configuration, built once per process; planning does not change it."""
-    return make_planner(_robot(config.robot), config)
+    return make_plan(_robot(config.robot), config)

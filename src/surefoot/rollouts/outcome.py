@@ -43,19 +43,20 @@ def fallen(state: State, config: SafetyConfig) -> BoolArray:
     return bounds.fallen(state.q[:, 2], state.q, config)
 
 
-def judged_from(safety: SafetyConfig, gait: Gait) -> float | None:
-    """The duration from which on an episode of a gait is judged for stepping [s]; None is never.
+def judged_from(safety: SafetyConfig, *gaits: Gait) -> float | None:
+    """The duration from which on an episode is judged for stepping [s]; None is never.
 
     In the last third of three periods and touchdowns every foot of a perfect gait has touched down.
 
     Args:
         safety: The shortest duration that is judged, whatever the gait.
-        gait: The gait; one that stands is not judged.
+        gaits: The gaits that robots may walk in it: the slowest decides. With one that stands, no
+            episode is judged.
     """
-    if safety.stepping_from is None or stands(gait):
+    if safety.stepping_from is None or any(map(stands, gaits)):
         return None
-    slowest = 3 * (to_ticks(gait.period) + GROUNDED) / TICKS_PER_SECOND
-    return max(safety.stepping_from, slowest)
+    period = max(to_ticks(gait.period) for gait in gaits)
+    return max(safety.stepping_from, 3 * (period + GROUNDED) / TICKS_PER_SECOND)
 
 
 def stepping(feet_height: Array, contacts: BoolArray, foot_radius: float) -> BoolArray:
@@ -79,7 +80,7 @@ def stepping(feet_height: Array, contacts: BoolArray, foot_radius: float) -> Boo
 
 
 def strictly_stepping(
-    feet_height: Array, contacts: BoolArray, foot_radius: float, period: int
+    feet_height: Array, contacts: BoolArray, foot_radius: float, period: IntArray | int
 ) -> BoolArray:
     """``(B,)`` True where every foot touches down in every window of 1.5 gait periods.
 
@@ -90,13 +91,14 @@ def strictly_stepping(
         feet_height: ``(B, T, 4)`` height of the foot centers above the ground [m].
         contacts: ``(B, T, 4)`` foot contacts.
         foot_radius: Radius of the foot spheres [m].
-        period: Gait period [ms].
+        period: The gait period [ms], or ``(B,)`` that of each robot.
     """
     T = contacts.shape[1]
-    window = 3 * period // 2
+    windows = 3 * np.broadcast_to(period, len(contacts)) // 2
     result = np.zeros(len(contacts), dtype=bool)
     for b in range(len(contacts)):
         busy = np.ones(T, dtype=bool)
+        window = int(windows[b])
         for leg in range(4):
             down = touchdowns(feet_height[b, :, leg] - foot_radius, contacts[b, :, leg])
             edges = np.concatenate([[-1], down, [T]])

@@ -229,7 +229,7 @@ def summarize(
             feet_height,
             contacts,
             robot.foot_radius,
-            to_ticks(config.gait.period),
+            _longest_period(rollouts, config),
         ),
         mean_velocity=_mean(velocity, proper),
         mse=_mean(error, proper),
@@ -239,6 +239,14 @@ def summarize(
         latch=latch,
         latch_tick=latch_tick,
     )
+
+
+def _longest_period(rollouts: Rollout, config: Config) -> IntArray:
+    """``(B,)`` the longest period of the gaits that each robot was to walk [ms]."""
+    periods = np.array([to_ticks(gait.period) for gait in config.gaits])
+    if rollouts.switches is None:
+        return periods[rollouts.starts.gait]
+    return periods[rollouts.gait[:, : rollouts.duration]].max(axis=1)
 
 
 def _tilted_far(rollouts: Rollout, safety: SafetyConfig) -> BoolArray:

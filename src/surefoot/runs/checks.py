@@ -27,6 +27,7 @@ from surefoot.evaluation.mirror_error import make_mirror
 from surefoot.files import write_json
 from surefoot.learning.samples import held_out
 from surefoot.learning.step import choose_device
+from surefoot.mpc.gaits import each_gait, names_of
 from surefoot.mpc.identity import ExpertIdentity, difference, identity_of
 from surefoot.robots.load import load_robot
 from surefoot.rollouts.jobs import PLANNER
@@ -60,13 +61,34 @@ def check_config(config: Config) -> None:
     """
     if config.training.mirror != "none":
         make_mirror(config, config.training.mirror)
-    stored = starts_of(config)
-    _check_stored(config, stored)
+    _check_gaits(config)
+    for one in each_gait(config):
+        _check_stored(one, starts_of(one))
     _check_budget(config)
     purpose = _use_of_held_out(config.method)
     if isinstance(config.method, IterativeConfig) and purpose:
         _check_held_out(config, config.method.pretraining, purpose)
     choose_device(config.training.device)
+
+
+def _check_gaits(config: Config) -> None:
+    """Check that a method can learn several gaits.
+
+    Raises:
+        ValueError: It has a learned gate, whose network sees one gait alone.
+    """
+    if not config.other_gaits:
+        return
+    method = config.method
+    learned = method.name == "safe_dagger"
+    if isinstance(method, LocoSafeDaggerConfig):
+        learned = bool({"classifier", "history"} & set(method.gates))
+    if learned:
+        raise ValueError(
+            f"{method.name} has a learned gate, which sees one gait alone, but the gaits are "
+            f"{names_of(config)}: use loco_safe_dagger with --config.method.gates relaxing, or "
+            "train one policy for each gait"
+        )
 
 
 def remember_expert(run: Run, plan: PlanFunction | None) -> None:

@@ -7,14 +7,16 @@ the folder may be moved. Sets that come with the package are not copied. `runs.r
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from surefoot.config import Config
 from surefoot.config.checked import known
-from surefoot.runs.layout import STARTS_FILE, RunError
+from surefoot.runs.layout import OTHER_STARTS_FILE, STARTS_FILE, RunError
+from surefoot.scenarios.gaits import AllStarts, all_starts_of, for_each_gait
 from surefoot.scenarios.prepare import completed, with_values_of
-from surefoot.scenarios.starts import PACKAGED, load_starts, save_starts, starts_of
+from surefoot.scenarios.starts import PACKAGED, load_starts, save_starts
 
 
 def begun_config(config: Config) -> Config:
@@ -26,8 +28,7 @@ def begun_config(config: Config) -> Config:
     Raises:
         ValueError: The robot does not walk in this gait, or not at these commands.
     """
-    config = completed(config)
-    return config if config.start_set in PACKAGED else _resolved(config)
+    return for_each_gait(_resolved, completed(config))
 
 
 def resumed_config(config: Config, before: Config, starts_hash: str) -> Config:
@@ -42,11 +43,16 @@ def resumed_config(config: Config, before: Config, starts_hash: str) -> Config:
         FileNotFoundError: There is no such set of initial states as is asked for.
     """
     config = with_values_of(before, config)
-    if config.start_set in (*PACKAGED, before.start_set):
+    sets = _sets_of(config)
+    if all(now in (*PACKAGED, then) for now, then in zip(sets, _sets_of(before), strict=False)):
         return config
-    config = _resolved(config)
-    if starts_hash and load_starts(known(config.start_set, "start_set")).hash == starts_hash:
-        return replace(config, start_set=before.start_set)
+    config = for_each_gait(_resolved, config)
+    if starts_hash and None not in _sets_of(config) and len(sets) == len(_sets_of(before)):
+        stored = AllStarts(
+            tuple(load_starts(known(name, "start_set")) for name in _sets_of(config))
+        )
+        if stored.hash == starts_hash:
+            return _with_sets(config, _sets_of(before))
     return config
 
 
@@ -65,13 +71,17 @@ def keep_starts(folder: Path, config: Config) -> tuple[Config, Config, str]:
         ValueError: The initial states do not fit the configuration.
         WriteError: The copy cannot be written.
     """
-    stored = starts_of(config)
-    if config.start_set in PACKAGED:
-        return config, config, stored.hash
-    copy = folder.resolve() / STARTS_FILE
-    copy.unlink(missing_ok=True)  # of a run that was never begun
-    save_starts(stored, copy)
-    written = replace(config, start_set=STARTS_FILE)
+    stored = all_starts_of(config)
+    names = []
+    for number, (own, one) in enumerate(zip(_own_files(config), stored.sets, strict=True)):
+        name = _sets_of(config)[number]
+        if name not in PACKAGED:
+            copy = folder.resolve() / own
+            copy.unlink(missing_ok=True)  # of a run that was never begun
+            save_starts(one, copy)
+            name = own
+        names.append(name)
+    written = _with_sets(config, names)
     return with_own_starts(folder, written), written, stored.hash
 
 
@@ -82,9 +92,13 @@ def with_own_starts(folder: Path, config: Config) -> Config:
         folder: The run's folder.
         config: The configuration as it is written there.
     """
-    if config.start_set != STARTS_FILE:
+    own = _own_files(config)
+    names = _sets_of(config)
+    if not set(own) & set(names):
         return config
-    return replace(config, start_set=str(folder.resolve() / STARTS_FILE))
+    return _with_sets(
+        config, [str(folder.resolve() / name) if name in own else name for name in names]
+    )
 
 
 def check_starts(folder: Path, config: Config, starts_hash: str) -> None:
@@ -101,7 +115,7 @@ def check_starts(folder: Path, config: Config, starts_hash: str) -> None:
     if not starts_hash:
         return
     try:
-        now = starts_of(config).hash
+        now = all_starts_of(config).hash
     except (OSError, ValueError) as error:
         raise RunError(
             f"the initial states of {folder} cannot be read: {error}. Restore {config.start_set} "
@@ -116,4 +130,25 @@ def check_starts(folder: Path, config: Config, starts_hash: str) -> None:
 
 def _resolved(config: Config) -> Config:
     """The configuration with the whole path of its initial states, for use from any folder."""
+    if config.start_set in PACKAGED:
+        return config
     return replace(config, start_set=str(Path(known(config.start_set, "start_set")).resolve()))
+
+
+def _sets_of(config: Config) -> list[str | None]:
+    """The initial states of each gait, as the configuration names them."""
+    return [config.start_set, *(other.start_set for other in config.other_gaits)]
+
+
+def _with_sets(config: Config, names: Sequence[str | None]) -> Config:
+    """The configuration with other names of the initial states of each gait."""
+    first, *rest = names
+    pairs = zip(config.other_gaits, rest, strict=True)
+    others = tuple(replace(other, start_set=name) for other, name in pairs)
+    return replace(config, start_set=first, other_gaits=others)
+
+
+def _own_files(config: Config) -> list[str]:
+    """The files of a run's own copies of the initial states of each gait."""
+    others = range(1, len(config.gaits))
+    return [STARTS_FILE, *(OTHER_STARTS_FILE.format(number=number) for number in others)]

@@ -13,6 +13,10 @@ CONFIG_FILE = "config.json"
 """File in a run's folder that makes the folder a run."""
 STARTS_FILE = "starts.npz"
 """File of the run's own copy of its initial states, if these do not come with the package."""
+OTHER_STARTS_FILE = "starts-{number}.npz"
+"""File of the copy of the initial states of another gait than the first one, by its number."""
+ALL_OTHER_STARTS = tuple(OTHER_STARTS_FILE.format(number=number) for number in range(1, 16))
+"""All files of such copies: a policy has at most 16 gaits."""
 METRICS_FILE = "metrics.jsonl"
 """File of the metrics: one line for each stage that is done."""
 EXPERT_FILE = "expert.json"
@@ -26,6 +30,7 @@ KEPT_POLICY_FILE = "policy.safetensors"
 OWN = {
     CONFIG_FILE,
     STARTS_FILE,
+    *ALL_OTHER_STARTS,
     METRICS_FILE,
     EXPERT_FILE,
     LOCK_FILE,
@@ -39,6 +44,9 @@ OWN = {
     "gates",
 }
 """Names of a run's own files and folders, in its folder."""
+
+EARLY = (LOCK_FILE, STARTS_FILE, *ALL_OTHER_STARTS)
+"""What a kill in the very first moment may leave of a run that has not begun."""
 
 
 class RunError(ValueError):

@@ -8,24 +8,34 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from surefoot.config import CommandBox, Config, Gait, LayoutName, PolicyConfig, RobotConfig
+from surefoot.config import (
+    CommandBox,
+    Config,
+    Gait,
+    LayoutName,
+    OtherGait,
+    PolicyConfig,
+    RobotConfig,
+)
 from surefoot.config.robot_table import ROBOTS
 from surefoot.learning.joint_limits import JointLimits, SafetyBounds
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.observation import GaitTiming, ObservationSpec
 from surefoot.learning.policy import Policy, load, policy_spec
-from surefoot.mpc.gaits import GAITS, gait_name, with_gait, with_timing
+from surefoot.mpc.gaits import GAITS, gait_name, names_of, with_timing
 from surefoot.robots.bounds import table_bounds
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
+from surefoot.scenarios.gaits import for_each_gait
 from surefoot.types import TICKS_PER_SECOND, Array
 
 PACKAGED_POLICY = Path(__file__).parent / "data" / "solo12-trot.safetensors"
@@ -52,7 +62,7 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
         FileNotFoundError: There is neither a folder nor a file.
         PolicyFileError: The file is damaged, or of another robot, layout or version.
         ValueError: The policy has another gait period, gain, phase or layout than configured; or it
-            lies in no run, and its robot is none of the package, or it walks in several gaits.
+            lies in no run, and its robot is none of the package.
     """
     if target is None:
         target = PACKAGED_POLICY
@@ -76,39 +86,39 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
             f"{path} is a policy of the robot {policy.robot!r}, whose description the package does "
             "not have: name the folder of the run that trained it, which keeps it"
         )
-    gait, *others = policy.spec.observation.gaits
-    if others:
-        names = ", ".join(one.name for one in (gait, *others))
-        raise ValueError(
-            f"{path} is a policy of several gaits, {names}: run it with "
-            "`surefoot.rollouts.engine.rollout`, which takes any policy"
-        )
-    config = config_for(policy.robot, gait, policy.command_range)
-    config = replace(with_own_values(config), policy=_policy_config(policy))
+    gaits = policy.spec.observation.gaits
+    config = config_for(policy.robot, gaits, policy.command_range)
+    config = replace(for_each_gait(with_own_values, config), policy=_policy_config(policy))
     if path != PACKAGED_POLICY.resolve():
         logger.info(
             f"{target} lies in no run: simulator and expert as by default; robot and gait ("
-            f"{policy.robot}, {gait.name}), gains and phase are its own (kp {config.policy.kp} "
-            f"N m/rad, kd {config.policy.kd} N m s/rad, phase as a {config.policy.phase})"
+            f"{policy.robot}, {names_of(config)}), gains and phase are its own "
+            f"(kp {config.policy.kp} N m/rad, kd {config.policy.kd} N m s/rad, phase as a "
+            f"{config.policy.phase})"
         )
     return path, config
 
 
-def config_for(robot: str, gait: GaitTiming, command_range: Array) -> Config:
-    """The configuration of a policy's robot and gait, as far as its file tells.
+def config_for(robot: str, gaits: Sequence[GaitTiming], command_range: Array) -> Config:
+    """The configuration of a policy's robot and gaits, as far as its file tells.
 
     Args:
         robot: Name of a robot of the package.
-        gait: The gait.
+        gaits: The gaits.
         command_range: ``(2, 3)`` smallest and largest command trained on.
     """
-    config = Config(robot=RobotConfig(model=robot))
-    timing = Gait(gait.period_ticks / TICKS_PER_SECOND, gait.duty, gait.offsets)
-    name = gait_name(timing)
-    config = with_gait(config, name) if name in GAITS else with_timing(config, timing)
+    first, *others = map(_gait_of, gaits)
+    config = with_timing(Config(robot=RobotConfig(model=robot)), first)
+    config = replace(config, other_gaits=tuple(map(OtherGait, others)))
     trained = CommandBox(*zip(*command_range.tolist(), strict=True))
     # Data drawn from a box need not reach its ends.
     return config if _lies_in(trained, config.commands) else replace(config, commands=trained)
+
+
+def _gait_of(timing: GaitTiming) -> Gait:
+    """The gait of a timing: the one of that name, which may have heights, or one without."""
+    gait = Gait(timing.period_ticks / TICKS_PER_SECOND, timing.duty, timing.offsets)
+    return GAITS.get(gait_name(gait), gait)
 
 
 def _lies_in(inner: CommandBox, outer: CommandBox) -> bool:

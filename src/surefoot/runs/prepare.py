@@ -8,6 +8,7 @@ for bit.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,6 +30,8 @@ DATA_SECTIONS = (
     "robot",
     "simulation",
     "gait",
+    "other_gaits",
+    "switches",
     "commands",
     "expert",
     "safety",
@@ -48,7 +51,7 @@ def first_stage(config: Config, shared: Shared) -> list[Any]:
     Returns:
         JSON values, which are equal for two runs that begin with the same bits.
     """
-    values = to_json(config) | {"start_set": _start_set(config)}
+    values = to_json(_without_files(config))
     method = config.method
     fixed = [values[section] for section in DATA_SECTIONS]
     fixed.append(first_allowance(config))
@@ -64,9 +67,16 @@ def first_stage(config: Config, shared: Shared) -> list[Any]:
     return [*fixed, *trained, values["policy"], values["training"]]
 
 
-def _start_set(config: Config) -> str | None:
-    """What tells the initial states of a configuration from others; each run has its own copy."""
-    name = config.start_set
+def _without_files(config: Config) -> Config:
+    """The configuration with hashes of its initial states: each run has its own copies of them."""
+    others = tuple(
+        replace(other, start_set=_start_set(other.start_set)) for other in config.other_gaits
+    )
+    return replace(config, start_set=_start_set(config.start_set), other_gaits=others)
+
+
+def _start_set(name: str | None) -> str | None:
+    """What tells initial states from others."""
     if name is None or name in PACKAGED or not Path(name).exists():
         return name
     return load_starts(name).hash

@@ -31,11 +31,11 @@ from surefoot.runs.initial_states import (
 )
 from surefoot.runs.layout import (
     CONFIG_FILE,
+    EARLY,
     EXPERT_FILE,
     KEPT_POLICY_FILE,
     LOCK_FILE,
     METRICS_FILE,
-    STARTS_FILE,
     RunError,
 )
 from surefoot.runs.metrics import (
@@ -386,8 +386,7 @@ def _check_folder(folder: Path, resume: bool) -> None:
     path = folder / CONFIG_FILE
     if folder.exists() and not path.exists():
         # A kill in the very first moment leaves no more than a lock, initial states, or parts.
-        early = (LOCK_FILE, STARTS_FILE)
-        foreign = [p for p in folder.iterdir() if not is_left_over(p) and p.name not in early]
+        foreign = [p for p in folder.iterdir() if not is_left_over(p) and p.name not in EARLY]
         if foreign:
             raise RunError(
                 f"{folder} is not empty and holds no run (no {path.name}); choose another folder "

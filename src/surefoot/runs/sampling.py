@@ -26,8 +26,10 @@ from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.episode_ids import rollout_ids
+from surefoot.scenarios.gait_switches import draw_switches
+from surefoot.scenarios.gaits import all_starts_of
 from surefoot.scenarios.seeds import seed_of
-from surefoot.scenarios.starts import Starts, StartSet, at_rest, join_starts, starts_of
+from surefoot.scenarios.starts import Starts, StartSet, at_rest, join_starts
 from surefoot.types import BoolArray, IntArray, PlanFunction
 
 
@@ -73,24 +75,51 @@ def expert_rollouts(
     Raises:
         ValueError: The stored set has fewer initial states than are asked for.
     """
-    stored = starts_of(config)
-    split = config.starts
-    starts = stored[split][expert_rows(stored, split, data)]
-    if data.nominal:
-        # From standing still, as a robot is switched on: no other initial state teaches that.
-        first = stored.rows(split)[0, 0, stored.velocities(split, data.velocities)]
-        speeds = np.unique(stored[split].command[first], axis=0)
-        starts = join_starts([at_rest(standing(load_robot(config.robot)), speeds), starts])
+    stored = all_starts_of(config)
+    starts = stored.join([_expert_starts(config, each, data) for each in stored.sets])
     rng = np.random.default_rng(seed_of(config.seed, "series", 0))
     starts = _in_order(config, starts, rng)
     return Job(
         config,
-        Episodes(starts, data.duration, id=rollout_ids(0, len(starts))),
+        episodes_from(config, starts, 0, data.duration),
         ExpertOnly(),
         keep=keep_unless_failed,
         plan=plan,
         disturbance=disturbance or DisturbanceConfig(),
     )
+
+
+def _expert_starts(config: Config, stored: StartSet, data: ExpertData) -> Starts:
+    """The initial states of the expert's rollouts in one gait.
+
+    Raises:
+        ValueError: The stored set has fewer initial states than are asked for.
+    """
+    split = config.starts
+    starts = stored[split][expert_rows(stored, split, data)]
+    if not data.nominal:
+        return starts
+    # From standing still, as a robot is switched on: no other initial state teaches that.
+    first = stored.rows(split)[0, 0, stored.velocities(split, data.velocities)]
+    speeds = np.unique(stored[split].command[first], axis=0)
+    return join_starts([at_rest(standing(load_robot(config.robot)), speeds), starts])
+
+
+def episodes_from(
+    config: Config, starts: Starts, i: int, duration: float, tail: float = 0.0
+) -> Episodes:
+    """The episodes of an iteration; robots of several gaits change theirs at random times.
+
+    Args:
+        config: Configuration of the run.
+        starts: Where they begin.
+        i: The iteration; 0 is the pre-training.
+        duration: The duration of the episodes proper [s].
+        tail: The time after that [s].
+    """
+    ids = rollout_ids(i, len(starts))
+    switches = draw_switches(config, starts, duration, ids)
+    return Episodes(starts, duration, tail=tail, id=ids, switches=switches)
 
 
 def pretraining_rollouts(
@@ -137,7 +166,7 @@ def series_order(stratum: IntArray, rng: np.random.Generator) -> IntArray:
 
 
 def draw_starts(config: Config, method: IterativeConfig, i: int) -> Starts:
-    """The initial states of an iteration, drawn from a seed of its own.
+    """The initial states of an iteration in each gait, drawn from a seed of its own.
 
     Of the perturbed ones, those of each velocity are at one random phase, and random perturbations
     of those that the pre-training has left. A settled gait cycle has but one state at each phase:
@@ -153,20 +182,18 @@ def draw_starts(config: Config, method: IterativeConfig, i: int) -> Starts:
         ValueError: The stored set has fewer initial states than are asked for.
     """
     rng = np.random.default_rng(seed_of(config.seed, "starts", i))
-    stored = starts_of(config)
     split = config.starts
-    if split == "nominal":
-        rows = _phases_of_the_cycle(stored, method, rng)
-    else:
-        rows = _perturbed_states(stored, method, rng)
-    return _in_order(config, stored[split][rows], rng)
+    rows = _phases_of_the_cycle if split == "nominal" else _perturbed_states
+    stored = all_starts_of(config)
+    starts = stored.join([each[split][rows(each, method, rng)] for each in stored.sets])
+    return _in_order(config, starts, rng)
 
 
 def _in_order(config: Config, starts: Starts, rng: np.random.Generator) -> Starts:
     """Initial states in the order of their ids; random if a budget may end their rollouts early."""
     if config.budget.expert_seconds is None:
         return starts
-    return starts[series_order(starts_of(config).phases(starts.id), rng)]
+    return starts[series_order(all_starts_of(config).phases(starts.id), rng)]
 
 
 def _phases_of_the_cycle(

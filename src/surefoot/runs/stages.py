@@ -35,7 +35,7 @@ from surefoot.runs.policies import joint_limits, safety_bounds
 from surefoot.runs.precision import kept_precision
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import pretraining_rollouts, series_order
-from surefoot.scenarios.starts import starts_of
+from surefoot.scenarios.gaits import all_starts_of
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 
@@ -95,7 +95,7 @@ def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collec
     record = Collected(
         iteration=iteration,
         expert=expert_name(job),
-        starts_hash=starts_of(run.config).hash,
+        starts_hash=all_starts_of(run.config).hash,
         **vars(cost),
         dataset_frames=data.frames,
         dataset_hash=data.hash,
@@ -136,7 +136,7 @@ def first_frames(run: Run, frames: int) -> Dataset:
         [load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards]
     )
     summary = summary[np.argsort(summary.episode)]
-    phase = starts_of(run.config).phases(summary.start)
+    phase = all_starts_of(run.config).phases(summary.start)
     order = series_order(phase, np.random.default_rng(run.seed("series", 0)))
     fits = np.cumsum(summary.kept[order]) <= frames
     if fits.all():

@@ -19,6 +19,7 @@ from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import size_of, with_own_values
 from surefoot.scenarios.calibration import calibrate_command_gain, needed_axes
+from surefoot.scenarios.gaits import for_each_gait
 from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.preparation import CommandGain, Triple
 
@@ -37,8 +38,13 @@ def with_measured_gain(config: Config) -> Config:
         config: The configuration; gains that are given stay.
 
     Raises:
-        ValueError: The robot does not walk in this gait; the message has the numbers.
+        ValueError: The robot does not walk in a gait; the message has the numbers.
     """
+    return for_each_gait(_with_measured_gain, config)
+
+
+def _with_measured_gain(config: Config) -> Config:
+    """The same of a configuration of one gait."""
     own = with_own_values(config)
     if own.expert.command_gain is not None:
         return own

@@ -23,7 +23,7 @@ from surefoot.caches import user_folder
 from surefoot.config import Config, PerturbationConfig, SafetyConfig, Split
 from surefoot.config.checked import Checked, known
 from surefoot.config.safety import Range
-from surefoot.mpc.gaits import gait_name
+from surefoot.mpc.gaits import gait_name, only_gait
 from surefoot.robots.bounds import joint_rows
 from surefoot.robots.geometry import state_of
 from surefoot.robots.identity import description_hash
@@ -32,6 +32,7 @@ from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import own_safety, size_of, with_own_values
 from surefoot.scenarios.boxes import describe, largest_box, walks_enough
 from surefoot.scenarios.gains import ZERO, measured_gain, with_measured_gain
+from surefoot.scenarios.gaits import for_each_gait
 from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.make import (
     SEED,
@@ -110,7 +111,7 @@ def prepare(
     """
     perturbation = perturbation or PerturbationConfig()
     robot = load_robot(config.robot)
-    config = with_own_values(config, robot)
+    config = with_own_values(only_gait(config, "a preparation"), robot)
     key = prepared_key(config, perturbation, seed, sizes)
     path = Path(user_folder("prepared")) / f"{key}.npz"
     found = _find(path, key)
@@ -284,7 +285,7 @@ def _triple(values: Array) -> Triple:
 
 
 def completed(config: Config) -> Config:
-    """The configuration with everything that its robot, gait and commands need, for None.
+    """The configuration with everything that its robot, gaits and commands need, for None.
 
     What follows from the robot is filled in (`with_own_values`); what has to be measured, the
     command gains and the initial states, is prepared where it is not packaged, given or kept.
@@ -294,8 +295,13 @@ def completed(config: Config) -> Config:
         config: The configuration.
 
     Raises:
-        ValueError: The robot does not walk in this gait, or not at the commands of the box.
+        ValueError: The robot does not walk in a gait, or not at the commands of the box.
     """
+    return for_each_gait(_completed, config)
+
+
+def _completed(config: Config) -> Config:
+    """The same of a configuration of one gait."""
     own = with_own_values(config)
     if own.start_set is None:
         prepared = prepare(config)
@@ -359,6 +365,11 @@ def _with_values(before: Section, config: Section) -> Section:
             values[field.name] = earlier
         elif isinstance(now, Checked) and type(now) is type(earlier):
             values[field.name] = _with_values(earlier, now)
+    if isinstance(config, Config) and isinstance(before, Config):
+        pairs = zip(before.other_gaits, config.other_gaits, strict=False)
+        others = tuple(_with_values(earlier, now) for earlier, now in pairs)
+        if len(others) == len(config.other_gaits):
+            values["other_gaits"] = others
     return replace(config, **values)
 
 

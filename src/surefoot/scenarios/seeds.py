@@ -19,6 +19,7 @@ PURPOSES = (
     "series",
     "torque",
     "terrain",
+    "gaits",
 )
 """What is random. The index in this list is the first number of a seed's spawn key, so a new
 purpose goes to the end."""

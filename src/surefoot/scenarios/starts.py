@@ -15,7 +15,7 @@ from functools import cache, cached_property
 from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from surefoot.config.presets import STRAIGHT_TROT, straight_trot
 from surefoot.config.robot_table import SOLO12
 from surefoot.errors import unknown
 from surefoot.files import parse_npz, write_atomic
-from surefoot.mpc.gaits import GAITS, gait_name
+from surefoot.mpc.gaits import GAITS, gait_name, only_gait
 from surefoot.scenarios.preparation import Preparation, read_preparation, text_of
 from surefoot.scenarios.spread import along_one_axis, spread_cells
 from surefoot.scenarios.starts_check import check_stored_arrays
@@ -37,6 +37,10 @@ ANOTHER = (
     "FILE`"
 )
 """What to do about a set that does not fit."""
+UNKNOWN: Any = None
+"""Stands for an array that follows from the others; `Starts` puts it in."""
+HASHED = ("q", "v", "tick", "command", "id")
+"""The arrays of a set, which its hash is of. All of its states are of one gait."""
 SPLITS: tuple[Split, ...] = get_args(Split)
 PACKAGED = (STRAIGHT_TROT, "solo12-trot-v1-wide")
 """The sets that come with the package: Solo12 trots forward at 0 to 0.3 m/s. The first set is
@@ -53,6 +57,7 @@ class Starts:
         tick: ``(n,)`` gait clock [ms].
         command: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
         id: ``(n,)`` row in the stored set; -1 if the state belongs to none.
+        gait: ``(n,)`` the number of the gait that the robots are to walk, the first one by default.
     """
 
     q: Array
@@ -60,26 +65,25 @@ class Starts:
     tick: IntArray
     command: Array
     id: IntArray
+    gait: IntArray = UNKNOWN
+
+    def __post_init__(self) -> None:
+        """Fill in the first gait where none is given."""
+        if self.gait is UNKNOWN:
+            object.__setattr__(self, "gait", np.zeros(len(self.q), dtype=np.int64))
 
     def __len__(self) -> int:
         return len(self.q)
 
     def __getitem__(self, rows: slice | NDArray) -> Starts:
         """The initial states in these rows."""
-        return Starts(
-            self.q[rows], self.v[rows], self.tick[rows], self.command[rows], self.id[rows]
-        )
+        return Starts(*(getattr(self, each.name)[rows] for each in fields(self)))
 
 
 def join_starts(parts: Sequence[Starts]) -> Starts:
     """The initial states of at least one part, one part after another."""
-    return Starts(
-        np.concatenate([part.q for part in parts]),
-        np.concatenate([part.v for part in parts]),
-        np.concatenate([part.tick for part in parts]),
-        np.concatenate([part.command for part in parts]),
-        np.concatenate([part.id for part in parts]),
-    )
+    names = [each.name for each in fields(Starts)]
+    return Starts(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def at_rest(q: Array, commands: Array) -> Starts:
@@ -204,8 +208,8 @@ class StartSet:
         sha = hashlib.sha256()
         for split in SPLITS:
             starts = self.grid[split]
-            for array in fields(Starts):
-                sha.update(np.ascontiguousarray(getattr(starts, array.name)).data)
+            for name in HASHED:
+                sha.update(np.ascontiguousarray(getattr(starts, name)).data)
         return sha.hexdigest()
 
     def phases(self, id: IntArray) -> IntArray:
@@ -233,13 +237,14 @@ class StartSet:
 
 
 def starts_of(config: Config) -> StartSet:
-    """The set of initial states of a configuration.
+    """The set of initial states of a configuration of one gait.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: No set is named and none is packaged; or the file is not a set of initial
-            states, or is one of another robot or gait.
+        ValueError: No set is named and none is packaged; the file is no set of initial states, or
+            is one of another robot or gait; or there are several gaits (`gaits.all_starts_of`).
     """
+    only_gait(config, "a set of initial states")
     # Here, so that the command line does not wait for Pinocchio.
     from surefoot.robots.identity import description_hash
     from surefoot.robots.load import find_spec

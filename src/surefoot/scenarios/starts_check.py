@@ -92,10 +92,17 @@ def check_starts(starts: Starts) -> None:
             is not of length 1.
     """
     n = len(starts)
-    shapes = {"q": (n, 19), "v": (n, 18), "tick": (n,), "command": (n, 3), "id": (n,)}
+    shapes = {
+        "q": (n, 19),
+        "v": (n, 18),
+        "tick": (n,),
+        "command": (n, 3),
+        "id": (n,),
+        "gait": (n,),
+    }
     for name, shape in shapes.items():
         array = np.asarray(getattr(starts, name))
-        kinds = "iu" if name in ("tick", "id") else "fiu"
+        kinds = "iu" if name in ("tick", "id", "gait") else "fiu"
         if array.shape != shape or array.dtype.kind not in kinds:
             expected = "whole" if kinds == "iu" else "real"
             raise ValueError(

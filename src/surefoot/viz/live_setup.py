@@ -16,7 +16,7 @@ import numpy as np
 from surefoot.config import CommandBox, Config, LocoSafeDaggerConfig
 from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import make_expert, make_planner
-from surefoot.mpc.gaits import gait_name, with_gait
+from surefoot.mpc.gaits import each_gait, gait_name, names_of, with_gait
 from surefoot.mpc.planner import Planner, PlanStages
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import own_values, size_of, with_own_values
@@ -128,8 +128,9 @@ def find_setup(target: Path | None, robot: str | None = None, gait: str | None =
     path, config = find_policy(target)
     policy = load(path, load_robot(config.robot).name)
     name = "the policy of the package" if target is None else target.resolve().name
-    config, note = _measured(config)
-    notes = [text for text in (note, _ground_note(config)) if text]
+    gaits_note = _gaits_note(config)
+    config, note = _measured(each_gait(config)[0])
+    notes = [text for text in (gaits_note, note, _ground_note(config)) if text]
     setup = LiveSetup(config, policy, f"{name}, {policy.robot}", "; ".join(notes))
     return with_choice(setup, setup, robot or policy.robot, gait or setup.gait)
 
@@ -182,6 +183,13 @@ def _ground_note(config: Config) -> str:
     if terrain is None:
         return ""
     return f"The ground is level here: simulation.terrain, {terrain}, is that of episodes only."
+
+
+def _gaits_note(config: Config) -> str:
+    """What to know about a policy of several gaits, which walks the first one here."""
+    if not config.other_gaits:
+        return ""
+    return f"The policy walks {names_of(config)}, and here the first of them."
 
 
 def _scaled(interval: tuple[float, float], factor: float) -> tuple[float, float]:

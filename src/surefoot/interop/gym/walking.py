@@ -23,6 +23,7 @@ from surefoot.config.checked import Checked, Duration, Within
 from surefoot.learning.observation import INPUT_SIZE, Float32Array, network_input, state_spec
 from surefoot.learning.policy import PolicySpec, pd, policy_spec, target_of
 from surefoot.mpc.expert import make_expert
+from surefoot.mpc.gaits import only_gait
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing, stop_speeding
 from surefoot.robots.scaling import with_own_values
@@ -96,11 +97,11 @@ def walking_config(robot: str, config: Config | None = None) -> Config:
         config: A configuration, whose robot counts; None is the default one of ``robot``.
 
     Raises:
-        ValueError: There is no such robot.
+        ValueError: There is no such robot, or the configuration has several gaits.
     """
     if config is None:
         config = Config(robot=RobotConfig(model=robot))
-    return with_own_values(config)
+    return with_own_values(only_gait(config, "an environment"))
 
 
 def task_spec(config: Config) -> PolicySpec:

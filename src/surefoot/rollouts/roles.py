@@ -1,0 +1,58 @@
+"""What a controller may be besides a controller; the engine asks, and no controller has to be any.
+
+Read `types.Controller` first, and `engine` next.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from surefoot.config import Gait
+from surefoot.types import Array, IntArray, State
+
+
+@runtime_checkable
+class Remembering(Protocol):
+    """A controller with a memory, as a policy whose layout has a history."""
+
+    def observe(self, state: State, tick: IntArray, torque: Array) -> None:
+        """Remember a tick; called at the end of every tick, whoever drove in it.
+
+        Args:
+            state: The states of B robots, as they measured them.
+            tick: ``(B,)`` gait clock [ms].
+            torque: ``(B, 12)`` the torques that were commanded, clipped [N m].
+        """
+        ...
+
+
+@runtime_checkable
+class InSeveralGaits(Protocol):
+    """A controller that is told in which gait each robot is to walk, as a policy of several.
+
+    Attributes:
+        gait: ``(B,)`` the numbers of the gaits; set before the controller is asked for torques.
+    """
+
+    gait: IntArray | int
+
+
+@runtime_checkable
+class OfKnownGaits(Protocol):
+    """A controller that says which gaits it walks, as the package's expert does.
+
+    Attributes:
+        gaits: The gaits, by their numbers; none if nobody knows.
+    """
+
+    gaits: tuple[Gait, ...]
+
+
+@runtime_checkable
+class OfOneRobot(Protocol):
+    """A controller that says for which robot it is, as a trained policy does."""
+
+    @property
+    def robot(self) -> object:
+        """The name of the robot."""
+        ...

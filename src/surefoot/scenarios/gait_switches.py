@@ -1,0 +1,206 @@
+"""When robots change their gait in an episode, and to which one, by command.
+
+A gait is commanded as a velocity is. All gaits keep one clock, that of the episode, and each is at
+the phase that this has in its own period: nothing is carried over, and what a controller does
+depends on state, clock and command alone. A gait may be asked for at any time; a robot begins it
+where a cycle of it begins (`switch_tick`). Of switches at any node of the grid of plans, those into
+a pronk that was about to take off were falls. Read `rollouts.engine` next, which commands them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.config import Config, Gait
+from surefoot.mpc.schedule import grid_cycle, in_stance
+from surefoot.scenarios.seeds import seed_of
+from surefoot.scenarios.starts import Starts
+from surefoot.types import GRID, IntArray, to_ticks
+
+NEVER = 2**31
+"""[ms] When a robot changes its gait that does so less often than others."""
+
+
+@dataclass(frozen=True)
+class GaitSwitches:
+    """The changes of gait of B robots, at most n of each.
+
+    Attributes:
+        elapsed: ``(B, n)`` the tick of the episode from which on each gait is walked [ms], in each
+            row in the order of time; `NEVER` fills a row up.
+        gait: ``(B, n)`` the number of that gait.
+
+    Raises:
+        ValueError: The two have other shapes, or a row is not in the order of time.
+    """
+
+    elapsed: IntArray
+    gait: IntArray
+
+    def __post_init__(self) -> None:
+        """Check both arrays."""
+        if np.ndim(self.elapsed) != 2 or np.shape(self.elapsed) != np.shape(self.gait):
+            raise ValueError(
+                f"gaits {np.shape(self.gait)} from the ticks {np.shape(self.elapsed)} on; give "
+                "both for each robot and switch"
+            )
+        if (np.diff(self.elapsed, axis=1) < 0).any():
+            raise ValueError("switches of gait that are not in the order of time; sort each row")
+
+    def __len__(self) -> int:
+        return len(self.elapsed)
+
+    def __getitem__(self, rows: slice | NDArray) -> GaitSwitches:
+        """The switches of some of the robots."""
+        return GaitSwitches(self.elapsed[rows], self.gait[rows])
+
+    def at(self, first: IntArray, elapsed: int) -> IntArray:
+        """``(B,)`` the number of the gait that each robot is to walk at a tick of the episode.
+
+        Args:
+            first: ``(B,)`` the gaits in which the robots begin.
+            elapsed: The tick.
+        """
+        begun = np.count_nonzero(self.elapsed <= elapsed, axis=1)
+        gaits = np.column_stack([first, self.gait])
+        return gaits[np.arange(len(self)), begun]
+
+    def table(self, first: IntArray, ticks: int) -> IntArray:
+        """``(B, ticks)`` the same for all ticks of an episode.
+
+        Args:
+            first: ``(B,)`` the gaits in which the robots begin.
+            ticks: The number of ticks.
+        """
+        table = np.repeat(np.asarray(first)[:, None], ticks, axis=1)
+        for robot, (elapsed, gait) in enumerate(zip(self.elapsed, self.gait, strict=True)):
+            for tick, number in zip(elapsed.tolist(), gait.tolist(), strict=True):
+                table[robot, max(tick, 0) :] = number
+        return table
+
+    def after(self, elapsed: IntArray) -> GaitSwitches:
+        """The switches as they are for robots whose episodes go on as new ones.
+
+        Args:
+            elapsed: ``(B,)`` the tick at which each of them goes on.
+        """
+        later = np.where(self.elapsed < NEVER, self.elapsed - elapsed[:, None], NEVER)
+        return GaitSwitches(later, self.gait)
+
+
+def join_switches(parts: Sequence[GaitSwitches]) -> GaitSwitches:
+    """The switches of the robots of at least one part, one part after another."""
+    most = max(part.elapsed.shape[1] for part in parts)
+    rows = [(0, 0), (0, 0)]
+    elapsed = []
+    gait = []
+    for part in parts:
+        rows[1] = (0, most - part.elapsed.shape[1])
+        elapsed.append(np.pad(part.elapsed, rows, constant_values=NEVER))
+        gait.append(np.pad(part.gait, rows))
+    return GaitSwitches(np.concatenate(elapsed), np.concatenate(gait))
+
+
+def switch_tick(old: Gait, new: Gait, tick: int) -> int:
+    """The tick of the gait clock at which a robot that is asked for a gait begins it [ms].
+
+    It is the first one at which a cycle of the new gait begins while a foot of the old one stands,
+    and has for a node, so that no robot has to land in a new gait; where there is none, the first
+    one at which a cycle begins. It is on the grid of plans, so that an expert plans there anyway.
+
+    Args:
+        old: The gait that the robot walks.
+        new: The gait that it is asked for.
+        tick: The tick at which it is asked.
+    """
+    cycle = grid_cycle(new)
+    several = math.lcm(grid_cycle(old), cycle) // cycle
+    begins = -(-tick // cycle) * cycle + cycle * np.arange(several)
+    standing = in_stance(old, begins).any(axis=1) & in_stance(old, begins - GRID).any(axis=1)
+    return int(begins[standing.argmax()])
+
+
+def switches_at(
+    gaits: Sequence[Gait], starts: Starts, asked: IntArray, chosen: IntArray
+) -> GaitSwitches:
+    """Switches of gait that are asked for at some ticks, each at its `switch_tick`.
+
+    Args:
+        gaits: The gaits, by their numbers.
+        starts: The B initial states, with their clocks and gaits.
+        asked: ``(B, n)`` the ticks of the episode at which a gait is asked for [ms], in each row in
+            the order of time.
+        chosen: ``(B, n)`` the numbers of these gaits.
+    """
+    elapsed = np.empty(np.shape(asked), dtype=np.int64)
+    for robot, (ticks, numbers) in enumerate(zip(asked, chosen, strict=True)):
+        clock = int(starts.tick[robot])
+        old = gaits[int(starts.gait[robot])]
+        before = clock
+        for switch, (tick, number) in enumerate(zip(ticks.tolist(), numbers.tolist(), strict=True)):
+            new = gaits[number]
+            # A gait that is asked for later does not begin before an earlier one.
+            before = switch_tick(old, new, max(clock + tick, before))
+            elapsed[robot, switch] = before - clock
+            old = new
+    return GaitSwitches(elapsed, np.array(chosen, dtype=np.int64))
+
+
+def draw_switches(
+    config: Config, starts: Starts, duration: float, ids: IntArray
+) -> GaitSwitches | None:
+    """The switches of episodes at random times, from each gait to any other one.
+
+    They are fixed by the root seed and the ids of the episodes. Each has an equal part of the time.
+
+    Args:
+        config: The gaits, how often robots change them, and the root seed.
+        starts: The B initial states.
+        duration: The time in which a gait may be asked for [s].
+        ids: ``(B,)`` ids of the episodes.
+
+    Returns:
+        The switches; None if there are none, or one gait alone.
+    """
+    count = config.switches
+    gaits = config.gaits
+    if len(gaits) < 2 or count == 0:
+        return None
+    part = to_ticks(duration) / (count + 1)
+    asked = np.empty((len(ids), count), dtype=np.int64)
+    chosen = np.empty((len(ids), count), dtype=np.int64)
+    for robot, id_ in enumerate(ids.tolist()):
+        rng = np.random.default_rng(seed_of(config.seed, "gaits", id_))
+        asked[robot] = part * (np.arange(count) + 0.5 + rng.random(count))
+        now = int(starts.gait[robot])
+        for number in range(count):
+            now = (now + int(rng.integers(1, len(gaits)))) % len(gaits)
+            chosen[robot, number] = now
+    return switches_at(gaits, starts, asked, chosen)
+
+
+def in_turn(
+    config: Config, starts: Starts, numbers: Sequence[int], seconds: float
+) -> tuple[Starts, GaitSwitches]:
+    """Initial states and switches of robots that walk some gaits one after another.
+
+    Each has an equal part of the time.
+
+    Args:
+        config: The gaits.
+        starts: The B initial states.
+        numbers: The numbers of the gaits, in the order in which they are to be walked.
+        seconds: The duration of the episodes [s].
+    """
+    first, *rest = numbers
+    B = len(starts)
+    starts = replace(starts, gait=np.full(B, first))
+    part = to_ticks(seconds) / len(numbers)
+    asked = np.tile(np.arange(1, len(numbers)) * part, (B, 1)).astype(np.int64)
+    chosen = np.tile(np.array(rest, dtype=np.int64), (B, 1))
+    return starts, switches_at(config.gaits, starts, asked, chosen)

@@ -1,0 +1,158 @@
+"""What robots of several gaits need: that of each gait, prepared alone, put together.
+
+Each gait has its own command gains and initial states, exactly those of the gait alone, so that
+they are found again by runs of one gait. Robots of several gaits share one table of safety bounds,
+which holds those of each of them. Read `prepare` for one gait.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from surefoot.config import Config, OtherGait, SafetyConfig
+from surefoot.config.checked import known
+from surefoot.mpc.gaits import each_gait
+from surefoot.robots.bounds import joint_rows
+from surefoot.scenarios.starts import Starts, StartSet, join_starts, starts_of
+from surefoot.types import IntArray
+
+IDS_OF_A_GAIT = 1_000_000
+"""The initial states of gait number n have the ids from n times this on, before which there are
+those of the other gaits: more than a set can hold in a file of reasonable size."""
+
+
+def for_each_gait(function: Callable[[Config], Config], config: Config) -> Config:
+    """What a function that takes one gait makes of a configuration of any number of them.
+
+    Args:
+        function: It fills in what a configuration of one gait leaves open.
+        config: The configuration.
+
+    Returns:
+        The configuration with gait, expert and initial states of each gait as the function gave
+        them, with bounds that hold all of theirs, and all else as the function gave it for the
+        first gait.
+    """
+    each = [function(one) for one in each_gait(config)]
+    if len(each) == 1:
+        return each[0]
+    others = tuple(OtherGait(one.gait, one.expert, one.start_set) for one in each[1:])
+    safety = envelope([one.safety for one in each])
+    return replace(each[0], other_gaits=others, safety=safety)
+
+
+def envelope(bounds: Sequence[SafetyConfig]) -> SafetyConfig:
+    """The tightest table that holds all of some tables, with everything else as in the first.
+
+    Args:
+        bounds: The tables of at least one gait, without None.
+    """
+    first = bounds[0]
+    com = [known(one.com_height, "safety.com_height") for one in bounds]
+    fallen = [known(one.fall_height, "safety.fall_height") for one in bounds]
+    tilt = max(known(one.roll_pitch, "safety.roll_pitch") for one in bounds)
+    safety = replace(first, com_height=_hull(com), fall_height=_hull(fallen), roll_pitch=tilt)
+    rows = [joint_rows(one) for one in bounds]
+    if all(row == rows[0] for row in rows):
+        return safety
+    return replace(safety, joints=tuple(map(_hull, zip(*rows, strict=True))))
+
+
+def _hull(intervals: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """The shortest interval that holds all of some intervals."""
+    low, high = zip(*intervals, strict=True)
+    return min(low), max(high)
+
+
+def gait_of(id: IntArray) -> IntArray:
+    """``(n,)`` the numbers of the gaits of initial states; 0 for those that belong to no set.
+
+    Args:
+        id: ``(n,)`` ids of initial states, as `AllStarts` gives them.
+    """
+    return np.maximum(id, 0) // IDS_OF_A_GAIT
+
+
+def of_gait(starts: Starts, number: int) -> Starts:
+    """Initial states of a set as those of a gait, with ids of its own.
+
+    Args:
+        starts: Initial states of the set of the gait.
+        number: The number of the gait.
+    """
+    if number == 0:
+        return starts
+    ids = np.where(starts.id >= 0, starts.id + number * IDS_OF_A_GAIT, starts.id)
+    return replace(starts, id=ids, gait=np.full(len(starts), number))
+
+
+@dataclass(frozen=True)
+class AllStarts:
+    """The initial states of all gaits of a configuration: one set for each of them.
+
+    Attributes:
+        sets: The sets, by the numbers of the gaits.
+    """
+
+    sets: tuple[StartSet, ...]
+
+    @property
+    def name(self) -> str:
+        """The names of all sets."""
+        return ", ".join(stored.name for stored in self.sets)
+
+    @cached_property
+    def hash(self) -> str:
+        """The hash of the only set, or one over those of several."""
+        if len(self.sets) == 1:
+            return self.sets[0].hash
+        return hashlib.sha256(" ".join(stored.hash for stored in self.sets).encode()).hexdigest()
+
+    @property
+    def seed(self) -> int:
+        """Root of what disturbs evaluations on these sets, as `StartSet.seed`."""
+        return int(self.hash[:8], 16)
+
+    def first(self, split: str, n: int) -> Starts:
+        """The first n initial states of a split of each gait, gait by gait.
+
+        Raises:
+            KeyError: There is no such split.
+            ValueError: It holds fewer, or n is not positive.
+        """
+        return self.join([stored.first(split, n) for stored in self.sets])
+
+    def join(self, parts: Sequence[Starts]) -> Starts:
+        """Initial states of each gait, by their numbers, gait by gait.
+
+        Args:
+            parts: Initial states of each of the sets.
+        """
+        return join_starts([of_gait(part, number) for number, part in enumerate(parts)])
+
+    def phases(self, id: IntArray) -> IntArray:
+        """``(n,)`` numbers that tell phases and gaits apart; -1 of no set, as `StartSet.phases`."""
+        gait = gait_of(id)
+        phases = np.full(len(id), -1)
+        first = 0
+        for number, stored in enumerate(self.sets):
+            mine = gait == number
+            phase = stored.phases(id[mine] - number * IDS_OF_A_GAIT)
+            phases[mine] = np.where(phase >= 0, phase + first, -1)
+            first += max(phases_of for _, phases_of, _ in stored.shape.values())
+        return phases
+
+
+def all_starts_of(config: Config) -> AllStarts:
+    """The initial states of all gaits of a configuration.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: A set is missing, or is of another robot or gait (`starts.starts_of`).
+    """
+    return AllStarts(tuple(starts_of(one) for one in each_gait(config)))
