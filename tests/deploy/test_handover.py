@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from surefoot.config.deploy import RuntimeConfig
-from surefoot.deploy.gate import Blocking, BoundsGate
-from surefoot.deploy.handover import ExpertDriver, NoPlan, PlanRequest, expected
+from surefoot.deploy.gate import Blocking, BoundsGate, GateSwitch
+from surefoot.deploy.handover import ExpertDriver, NoPlan, PlanRequest, Safeguard, expected
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
-from surefoot.deploy.loop import Safeguard
 from surefoot.types import Command, MotionPlan
 from tests.fakes.bridge_world import World
 
@@ -165,7 +164,8 @@ def world_with(link: Link | None, unsafe: list[bool]) -> World:
 
     gate = Gate(np.zeros(15), np.zeros(15), lambda joints: np.zeros((1, 3)))
     driver = None if link is None else expert(link)
-    world = World(safeguard=Safeguard(gate, driver), config=RuntimeConfig(stand=0.05, block=0.1))
+    safeguard = Safeguard(GateSwitch(gate, 100), driver)
+    world = World(safeguard=safeguard, config=RuntimeConfig(stand=0.05))
     world.run(200)
     world.driver.written.clear()
     return world

@@ -6,6 +6,7 @@ Requests and plans go through a pipe. Read `deploy.handover` for who asks, and w
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from multiprocessing.connection import Connection
 
 from surefoot.config import Config
@@ -67,6 +68,8 @@ class PlannerProcess:
 
 def _plan(config: Config, pipe: Connection) -> None:
     """Answer requests until the other side has gone; what this process runs."""
+    # A Ctrl-C is for the other side, which then ends this one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     import numpy as np
 
     from surefoot.mpc.expert import make_planner
