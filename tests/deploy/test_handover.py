@@ -229,3 +229,23 @@ def test_a_gait_clock_that_skips_the_grid_has_its_plans_right_after_it():
         if tick >= 138:
             assert command is not None and command.torque[0] == tick
     assert [request.tick for request in link.requests] == [138, 151, 202, 250]
+
+
+def test_without_latency_a_robot_in_lockstep_follows_a_plan_at_once_and_from_where_it_is():
+    link = Link(takes=500)
+    driver = ExpertDriver(link, 3.0, 0.05, 0, 60, lockstep=True)
+    torques = drive(driver, link, 123, 200)
+    assert torques == [float(tick) for tick in range(123, 323)]
+    assert [request.tick for request in link.requests] == [123, 150, 200, 250, 300]
+    measured = sensors()
+    np.testing.assert_array_equal(link.requests[0].q[3:7], measured.orientation)
+    np.testing.assert_array_equal(link.requests[0].q[7:], measured.joint_position)
+
+
+def test_plans_of_an_episode_before_are_not_followed_though_the_gait_clock_begins_anew():
+    link = Link(takes=5)
+    driver = expert(link)
+    drive(driver, link, 900, 60)
+    driver.release()
+    torques = drive(driver, link, 0, 60)
+    assert torques[8:] == [float(tick) for tick in range(8, 60)]

@@ -10,8 +10,8 @@ from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.twin import LinkConfig
 from surefoot.deploy import protocol
 from surefoot.deploy.bridge import Address, Bridge, Measurement
-from surefoot.deploy.interfaces import Sensors
 from surefoot.deploy.handover import Safeguard
+from surefoot.deploy.interfaces import Sensors
 from surefoot.deploy.loop import Mode, Runtime
 from surefoot.deploy.operator import Wish
 from surefoot.deploy.protocol import Description

@@ -1,4 +1,4 @@
-"""A twin and a runtime in one thread, and a planner without a process: learning on a robot, fast."""
+"""A twin and a runtime in one thread, and a planner without a process: robots that learn fast."""
 
 from surefoot.config import Config
 from surefoot.config.twin import TwinConfig

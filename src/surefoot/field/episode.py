@@ -57,9 +57,7 @@ class EpisodeLog:
         """Whether the episode is over."""
         return self.ticks >= self._total
 
-    def __call__(
-        self, record: TickRecord, sensors: Sensors, command: JointCommand | None
-    ) -> None:
+    def __call__(self, record: TickRecord, sensors: Sensors, command: JointCommand | None) -> None:
         """Keep a tick; see `FlightRecorder.add`."""
         if record.mode != Mode.DRIVE or command is None or self.whole:
             return

@@ -294,6 +294,30 @@ def deployed_policy(path: Path, robot: RobotModel, config: Config) -> OnnxPolicy
     return OnnxPolicy(description, forward)
 
 
+def check_bridge(connection: Callable[[], UdpRobot], model: RobotModel) -> None:
+    """Check that a bridge serves a robot on which its expert can teach, before any work.
+
+    Args:
+        connection: Makes a robot that has not been greeted yet.
+        model: The robot's model.
+
+    Raises:
+        Stale: No bridge answers.
+        ValueError: It serves another robot, or nothing measures height and velocity of the base.
+    """
+    robot = _connected(connection, lambda: False)
+    try:
+        served = robot.description.robot
+        if served != model.name:
+            raise ValueError(
+                f"the bridge serves the robot {served}, and the configuration has {model.name}; "
+                f"use --config.robot.model {served}, or a file with that robot"
+            )
+        check_base(robot.read())
+    finally:
+        robot.close()
+
+
 def check_base(sensors: Sensors) -> None:
     """Check that the expert can plan for a robot.
 

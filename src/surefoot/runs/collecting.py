@@ -22,7 +22,6 @@ from surefoot.runs.episode_ids import shard_name
 from surefoot.runs.run import Run, RunError
 from surefoot.workers import Workers, each_chunk
 
-
 PlayChunks = Callable[[Sequence[Job], Workers, str], Generator[tuple[int, ChunkResult]]]
 """Plays chunks, and yields the number and the result of each as soon as it is done."""
 
