@@ -6,6 +6,7 @@ from threading import Thread
 import pytest
 
 from surefoot.cli.learn import LearnReport, cost_text, parse_learn
+from surefoot.config import LocoSafeDaggerConfig
 from surefoot.config.twin import TwinConfig
 from surefoot.deploy.bridge import UdpChannel
 from surefoot.deploy.udp_robot import address_text
@@ -97,7 +98,7 @@ def test_options_that_make_no_sense_are_refused(surefoot, tmp_path, capsys, args
 
 def test_an_iteration_on_a_robot_is_shorter_than_a_simulated_one():
     method = parse_learn(["--robot", "udp://127.0.0.1:5151"]).config.method
-    assert method.name == "loco_safe_dagger"
+    assert isinstance(method, LocoSafeDaggerConfig)
     assert (method.velocities, method.perturbations, method.T) == (10, 1, 5.0)
 
 

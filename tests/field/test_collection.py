@@ -12,7 +12,7 @@ from surefoot.deploy import udp_robot
 from surefoot.deploy.operator import Wish
 from surefoot.deploy.recorder import load_flight
 from surefoot.field import collection as collection_module
-from surefoot.field.attempts import read_attempts
+from surefoot.field.attempts import cost_of, read_attempts
 from surefoot.field.collection import RobotCollection, on_robot
 from surefoot.field.episode import rollout_of
 from surefoot.field.session import Crew, Session, Unattended, deployed_policy
@@ -22,6 +22,7 @@ from surefoot.rollouts.jobs import Job, chunks_of, play_out
 from surefoot.runs.policies import PACKAGED_POLICY
 from surefoot.runs.run import Run, create
 from surefoot.types import Command
+from surefoot.viz.replay import recorded_episode
 from surefoot.workers import Workers
 from tests.fakes.lockstep_twin import LockstepTwin, SamePlanner
 
@@ -117,6 +118,8 @@ def test_the_expert_s_frames_enter_the_run_and_each_episode_is_a_shard(run):
     # It was greeted once, and stood between the episodes.
     assert twin.sessions == 1
     assert attempts[1].other_seconds == pytest.approx(0.3, abs=0.01)
+    with pytest.raises(ValueError, match="episode 100001 was flown on a robot"):
+        recorded_episode(run.folder, 100001)
     # The same again does nothing, whatever the robot does.
     twin.alive = False
     assert robot(run, 1, job_of(run), ONE) == record
@@ -131,15 +134,15 @@ def test_a_fall_ends_the_session_and_the_next_one_finds_the_robot_set_up(tmp_pat
     assert twin.sessions == 2
     attempts = read_attempts(run.folder)
     assert [(attempt.end, attempt.fault) for attempt in attempts] == [("fell", "tilt")] * 2
-    cost = robot.cost(run.folder)
+    cost = cost_of(read_attempts(run.folder))
     assert (cost.falls, cost.latches, cost.dropped) == (2, 0, 0)
     flights = sorted((run.folder / "flights").iterdir())
     assert [flight.stem for flight in flights] == ["100000", "100001"]
     assert str(load_flight(flights[0]).fault) == "tilt"
 
 
-class Killed(Unattended):
-    """Kills the twin after some ticks; it is started again when the next session greets it."""
+class Killing(Unattended):
+    """Kills the twin after some ticks."""
 
     def __init__(self, twin: LockstepTwin, after: int) -> None:
         self.twin = twin
@@ -151,15 +154,18 @@ class Killed(Unattended):
             self.twin.alive = False
         return super().wish()
 
-    def halt(self) -> None:
-        if not self.twin.alive:
-            self.twin.restart()
-
 
 def test_a_twin_that_is_killed_loses_the_episode_that_is_flown_again(run, monkeypatch):
     monkeypatch.setattr(udp_robot, "LOCKSTEP_PATIENCE", 0.05)
     twin = LockstepTwin(STANDING)
-    robot = RobotCollection(crew_of(run, twin, Killed(twin, 1600)))
+
+    def connection() -> udp_robot.UdpRobot:
+        if not twin.alive:  # somebody has started it again
+            twin.restart()
+        return twin.connection()
+
+    crew = replace(crew_of(run, twin, Killing(twin, 1600)), connection=connection)
+    robot = RobotCollection(crew)
     record = robot(run, 1, job_of(run), ONE)
     assert record.episodes == 2
     attempts = read_attempts(run.folder)
@@ -167,7 +173,7 @@ def test_a_twin_that_is_killed_loses_the_episode_that_is_flown_again(run, monkey
     assert attempts[1].fault == "stale state"
     assert attempts[1].episode == attempts[2].episode == 100001
     assert 0.0 < attempts[1].seconds < 0.7
-    assert robot.cost(run.folder).latches == 1
+    assert cost_of(read_attempts(run.folder)).latches == 1
 
 
 class Interrupting(Unattended):
@@ -200,23 +206,18 @@ def test_what_is_finished_outlives_an_interruption_and_the_rest_is_flown(run):
 
 
 class Stopping(Unattended):
-    """An operator who stops the robot in the first episode, and starts it again when asked to."""
+    """An operator who stops the robot in the first episode, and later starts it again."""
 
     def __init__(self) -> None:
         self.ticks = 0
-        self.halted = 0
-        self.go = True
+        self.halted: list[int] = []
 
     def wish(self) -> Wish:
         self.ticks += 1
-        self.go = self.go and self.ticks != 600
-        if self.ticks == 1200:
-            self.go = True
-        return Wish(self.go, Command())
+        return Wish(not 600 <= self.ticks < 1200, Command())
 
     def halt(self) -> None:
-        self.halted += 1
-        self.go = False
+        self.halted.append(self.ticks)
 
 
 def test_an_operator_stops_and_starts_again(run):
@@ -227,7 +228,8 @@ def test_an_operator_stops_and_starts_again(run):
     attempts = read_attempts(run.folder)
     assert [attempt.end for attempt in attempts] == ["dropped", "whole", "whole"]
     assert attempts[0].fault == ""
-    assert person.halted == 2  # after the stop, and in the end
+    assert attempts[1].other_seconds > 0.8  # it waited
+    assert person.halted == [0, 600]  # where a session begins
 
 
 class Gone(Unattended):

@@ -112,8 +112,11 @@ class Terminal:
         return self._wish
 
     def halt(self) -> None:
-        """Forget the start: the robot has been damped, and waits for another one."""
+        """Forget the start, and what was typed since: a damped robot waits for another one."""
         self._wish = self._wish._replace(go=False)
+        self.wish()
+        self._wish = self._wish._replace(go=False)
+        self._text = b""
 
     def _listen(self) -> None:
         """Take the lines that have come."""

@@ -21,7 +21,7 @@ from surefoot.config import DisturbanceConfig
 from surefoot.deploy.flight import unused, without_pauses
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.deploy.recorder import save_flight
-from surefoot.field.attempts import Attempt, RobotCost, cost_of, read_attempts, write_attempts
+from surefoot.field.attempts import Attempt, read_attempts, write_attempts
 from surefoot.field.episode import result_of
 from surefoot.field.session import Crew, Report, Session, deployed_policy
 from surefoot.robots.model import RobotModel, standing
@@ -39,8 +39,9 @@ SWITCH_INTERVAL = 2e-4
 MOST_DROPPED = 10
 """So many attempts may be dropped in a row before something has to be mended."""
 
-Flight = tuple[int, Report]
-"""The number of a chunk, and what an attempt at it left behind."""
+Message = tuple[int, Report] | BaseException | None
+"""What the thread that drives says: the number of an episode and what an attempt at it left behind,
+why it ends early, or that it is done."""
 
 
 class RobotCollection:
@@ -79,43 +80,35 @@ class RobotCollection:
 
         return collect_data(run, iteration, on_robot(job, self._crew.robot), workers, fly)
 
-    def cost(self, folder: Path) -> RobotCost:
-        """What a run has cost the robot so far.
-
-        Args:
-            folder: The folder of the run.
-        """
-        return cost_of(read_attempts(folder))
-
     def _fly(
         self, folder: Path, policy: OnnxPolicy, jobs: Sequence[Job]
     ) -> Generator[tuple[int, ChunkResult]]:
         """Fly one episode after another; yield the number and the result of each."""
         if not jobs:
             return
+        crew = self._crew
         attempts = read_attempts(folder)
-        reports: SimpleQueue[Flight | BaseException | None] = SimpleQueue()
+        messages: SimpleQueue[Message] = SimpleQueue()
         stop = threading.Event()
-        with _driving(lambda: self._drive(policy, jobs, reports, stop), reports, stop):
-            while (report := reports.get()) is not None:
-                if isinstance(report, BaseException):
-                    raise report
-                number, flown = report
-                attempts.append(flown.attempt)
+        with _driving(lambda: self._drive(policy, jobs, messages, stop), messages, stop):
+            while (message := messages.get()) is not None:
+                if isinstance(message, BaseException):
+                    raise message
+                number, report = message
+                attempts.append(report.attempt)
                 write_attempts(folder, attempts)
-                if flown.last_seconds is not None:
-                    name = f"{flown.attempt.episode}.npz"
-                    save_flight(unused(folder / "flights" / name), flown.last_seconds)
-                _tell(flown.attempt)
-                if flown.flown is not None:
-                    crew = self._crew
-                    yield number, result_of(jobs[number], flown.flown, crew.robot, crew.config)
+                if report.last_seconds is not None:
+                    name = f"{report.attempt.episode}.npz"
+                    save_flight(unused(folder / "flights" / name), report.last_seconds)
+                _tell(report.attempt)
+                if report.flown is not None:
+                    yield number, result_of(jobs[number], report.flown, crew.robot, crew.config)
 
     def _drive(
         self,
         policy: OnnxPolicy,
         jobs: Sequence[Job],
-        reports: SimpleQueue[Flight | BaseException | None],
+        messages: SimpleQueue[Message],
         stop: threading.Event,
     ) -> None:
         """Fly the episodes, each until it is no longer to be tried again; what the thread does."""
@@ -128,10 +121,11 @@ class RobotCollection:
                 while not flown:
                     if session is None:
                         session = Session(self._crew, policy, stop.is_set)
+                        self._crew.person.halt()  # what was typed during a training is old
                         if self._start:
                             logger.info(self._start)
                     report = session.fly(job)
-                    reports.put((number, report))
+                    messages.put((number, report))
                     flown = report.flown is not None
                     dropped = 0 if flown else dropped + 1
                     if stop.is_set():
@@ -141,7 +135,6 @@ class RobotCollection:
                     if session.over:
                         session.close()
                         session = None
-                        self._crew.person.halt()
                     if dropped >= MOST_DROPPED:
                         raise RuntimeError(
                             f"{dropped} attempts in a row say nothing of the policy, the last "
@@ -151,7 +144,6 @@ class RobotCollection:
         finally:
             if session is not None:
                 session.close()
-            self._crew.person.halt()
 
 
 def on_robot(job: Job, robot: RobotModel) -> Job:
@@ -175,7 +167,7 @@ def on_robot(job: Job, robot: RobotModel) -> Job:
 @contextmanager
 def _driving(
     drive: Callable[[], None],
-    reports: SimpleQueue[Flight | BaseException | None],
+    messages: SimpleQueue[Message],
     stop: threading.Event,
 ) -> Iterator[None]:
     """A context in which another thread drives; whatever ends it damps the robot."""
@@ -183,9 +175,9 @@ def _driving(
     def run() -> None:
         try:
             drive()
-            reports.put(None)
+            messages.put(None)
         except BaseException as error:
-            reports.put(error)
+            messages.put(error)
 
     interval = sys.getswitchinterval()
     thread = threading.Thread(target=run, name="robot", daemon=True)

@@ -58,7 +58,7 @@ class Person(Protocol):
         ...
 
     def halt(self) -> None:
-        """Forget the start: the robot has been damped, and waits for another one."""
+        """Forget the start, and what was typed since: a damped robot waits for another one."""
         ...
 
 

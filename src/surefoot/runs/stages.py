@@ -97,9 +97,7 @@ def collect_data(
                 f"{expert_name(job)}; resume it with the same one, or begin another run"
             )
         known = None if allowed is None else Limit(allowed, done.episodes)
-        run_and_store(
-            run, iteration, job, workers, known, play
-        )  # only what is lost
+        run_and_store(run, iteration, job, workers, known, play)  # only what is lost
         return done
     began = time.perf_counter()
     limit = None if allowed is None else Limit(allowed)
