@@ -1,11 +1,12 @@
 """The command learn: what it refuses, and a whole run on a twin over real UDP, in lockstep."""
 
 import json
+import re
 from threading import Thread
 
 import pytest
 
-from surefoot.cli.learn import LearnReport, cost_text, parse_learn
+from surefoot.cli.learn import Learn, LearnReport, cost_text, parse_learn
 from surefoot.config import LocoSafeDaggerConfig
 from surefoot.config.twin import TwinConfig
 from surefoot.deploy.bridge import UdpChannel
@@ -100,6 +101,12 @@ def test_an_iteration_on_a_robot_is_shorter_than_a_simulated_one():
     method = parse_learn(["--robot", "udp://127.0.0.1:5151"]).config.method
     assert isinstance(method, LocoSafeDaggerConfig)
     assert (method.velocities, method.perturbations, method.T) == (10, 1, 5.0)
+
+
+@pytest.mark.parametrize("report", [LearnReport, RobotCost])
+def test_help_names_every_json_key(report):
+    keys = re.findall(r"\w+", (Learn.__doc__ or "").partition("JSON keys:")[2])
+    assert [key for key in report.__dataclass_fields__ if key not in keys] == []
 
 
 def test_the_cost_is_said_in_words(tmp_path):

@@ -72,8 +72,8 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
 
     JSON keys: run [folder]; metrics [list, one object for each stage, with the keys of the run's
     metrics.jsonl]; cost, with robot_minutes [driven], other_minutes [lying, standing up, standing],
-    attempts, dropped, falls, latches [other faults], takeovers, each of these three per robot
-    minute, and expert_share.
+    attempts, dropped, falls, latches [other faults], takeovers, falls_per_robot_minute,
+    latches_per_robot_minute, takeovers_per_robot_minute and expert_share.
     """
 
     robot: str
