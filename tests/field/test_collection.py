@@ -9,6 +9,7 @@ from surefoot.config import Config, LocoSafeDaggerConfig
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.twin import TwinConfig
 from surefoot.deploy import udp_robot
+from surefoot.deploy.handover import PLANNER_ENDED, NoPlan, PlanRequest
 from surefoot.deploy.operator import Wish
 from surefoot.deploy.recorder import load_flight
 from surefoot.field import collection as collection_module
@@ -250,6 +251,18 @@ def test_without_its_operator_nothing_is_learned(run):
     with pytest.raises(RuntimeError, match="input has ended; the same command goes on"):
         robot(run, 1, job_of(run), ONE)
     assert [attempt.fault for attempt in read_attempts(run.folder)] == ["operator lost"]
+
+
+def test_a_planner_that_has_died_ends_it_and_the_episode_is_not_kept(run, monkeypatch):
+    def ask(self, request: PlanRequest) -> None:
+        raise NoPlan(PLANNER_ENDED)
+
+    monkeypatch.setattr(SamePlanner, "ask", ask)
+    robot = RobotCollection(crew_of(run, LockstepTwin(STANDING)))
+    with pytest.raises(RuntimeError, match="process has ended; the same command goes on"):
+        robot(run, 1, job_of(run), ONE)
+    assert [attempt.end for attempt in read_attempts(run.folder)] == ["dropped"]
+    assert run.dataset.shards == ()
 
 
 def test_without_a_measured_base_there_is_no_expert_to_learn_from(run):

@@ -23,6 +23,10 @@ LOCKSTEP_PATIENCE = 10.0
 """[s] A robot in lockstep waits so long for a plan."""
 
 
+PLANNER_ENDED = "the planner's process has ended"
+"""Why there is no plan, where there will never be one."""
+
+
 class NoPlan(RuntimeError):  # noqa: N818
     """The planner has failed, and nobody can take over."""
 

@@ -19,6 +19,7 @@ from queue import SimpleQueue
 
 from surefoot.config import DisturbanceConfig
 from surefoot.deploy.flight import unused, without_pauses
+from surefoot.deploy.handover import PLANNER_ENDED
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.deploy.recorder import save_flight
 from surefoot.field.attempts import Attempt, read_attempts, write_attempts
@@ -130,8 +131,9 @@ class RobotCollection:
                     dropped = 0 if flown else dropped + 1
                     if stop.is_set():
                         return
-                    if session.lost:
-                        raise RuntimeError(f"{session.lost}; the same command goes on")
+                    ended = session.lost or report.attempt.detail
+                    if session.lost or ended == PLANNER_ENDED:
+                        raise RuntimeError(f"{ended}; the same command goes on")
                     if session.over:
                         session.close()
                         session = None

@@ -148,7 +148,8 @@ def rollout_of(job: Job, flown: Flown, robot: RobotModel) -> tuple[Rollout, Bool
     seen = state[row[None]]
     torque = commanded_torque(flight, robot)[row][None]
     drove = flight.expert_drove[row][None]
-    starts = replace(job.starts, q=q[:1], v=v[:1])
+    # The command is the one that was asked for, within what the policy was trained on.
+    starts = replace(job.starts, q=q[:1], v=v[:1], command=flight.command[:1])
     rollout = Rollout(
         q=seen.q,
         v=seen.v,

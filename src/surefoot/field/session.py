@@ -21,7 +21,7 @@ from surefoot.config.checked import known
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.faults import Fault
 from surefoot.deploy.flight import LAST_WORDS
-from surefoot.deploy.handover import ExpertDriver, PlanLink, Safeguard
+from surefoot.deploy.handover import PLANNER_ENDED, ExpertDriver, PlanLink, Safeguard
 from surefoot.deploy.interfaces import Sensors, Stale
 from surefoot.deploy.loop import Runtime
 from surefoot.deploy.operator import Wish
@@ -267,7 +267,7 @@ def outcome_of(log: EpisodeLog, fault: Fault | None) -> Outcome | None:
     """
     if log.whole:
         return Outcome.SUCCESS
-    if fault is None or log.ticks == 0:
+    if fault is None or log.ticks == 0 or fault.detail == PLANNER_ENDED:
         return None
     if fault.kind in FALLS or fault.kind in LOST:
         return Outcome.FELL

@@ -10,7 +10,7 @@ import signal
 from multiprocessing.connection import Connection
 
 from surefoot.config import Config
-from surefoot.deploy.handover import NoPlan, PlanRequest
+from surefoot.deploy.handover import PLANNER_ENDED, NoPlan, PlanRequest
 from surefoot.types import Command, MotionPlan
 
 READY_WITHIN = 600.0
@@ -43,14 +43,14 @@ class PlannerProcess:
         try:
             self._pipe.send(request)
         except OSError as error:
-            raise NoPlan("the planner's process has ended") from error
+            raise NoPlan(PLANNER_ENDED) from error
 
     def answer(self, seconds: float = 0.0) -> tuple[int, MotionPlan] | None:
         """See `PlanLink`."""
         try:
             return self._receive() if self._pipe.poll(seconds) else None
         except OSError as error:
-            raise NoPlan("the planner's process has ended") from error
+            raise NoPlan(PLANNER_ENDED) from error
 
     def close(self) -> None:
         """End the process."""
@@ -63,7 +63,7 @@ class PlannerProcess:
         try:
             return self._pipe.recv()
         except (EOFError, OSError) as error:
-            raise NoPlan("the planner's process has ended") from error
+            raise NoPlan(PLANNER_ENDED) from error
 
 
 def _plan(config: Config, pipe: Connection) -> None:
