@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from surefoot.config.deploy import RuntimeConfig
-from surefoot.deploy.gate import Blocking, BoundsGate
-from surefoot.deploy.handover import ExpertDriver, NoPlan, PlanRequest, expected
+from surefoot.deploy.gate import Blocking, BoundsGate, GateSwitch
+from surefoot.deploy.handover import ExpertDriver, NoPlan, PlanRequest, Safeguard, expected
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
-from surefoot.deploy.loop import Safeguard
 from surefoot.types import Command, MotionPlan
 from tests.fakes.bridge_world import World
 
@@ -165,7 +164,8 @@ def world_with(link: Link | None, unsafe: list[bool]) -> World:
 
     gate = Gate(np.zeros(15), np.zeros(15), lambda joints: np.zeros((1, 3)))
     driver = None if link is None else expert(link)
-    world = World(safeguard=Safeguard(gate, driver), config=RuntimeConfig(stand=0.05, block=0.1))
+    safeguard = Safeguard(GateSwitch(gate, 100), driver)
+    world = World(safeguard=safeguard, config=RuntimeConfig(stand=0.05))
     world.run(200)
     world.driver.written.clear()
     return world
@@ -229,3 +229,23 @@ def test_a_gait_clock_that_skips_the_grid_has_its_plans_right_after_it():
         if tick >= 138:
             assert command is not None and command.torque[0] == tick
     assert [request.tick for request in link.requests] == [138, 151, 202, 250]
+
+
+def test_without_latency_a_robot_in_lockstep_follows_a_plan_at_once_and_from_where_it_is():
+    link = Link(takes=500)
+    driver = ExpertDriver(link, 3.0, 0.05, 0, 60, lockstep=True)
+    torques = drive(driver, link, 123, 200)
+    assert torques == [float(tick) for tick in range(123, 323)]
+    assert [request.tick for request in link.requests] == [123, 150, 200, 250, 300]
+    measured = sensors()
+    np.testing.assert_array_equal(link.requests[0].q[3:7], measured.orientation)
+    np.testing.assert_array_equal(link.requests[0].q[7:], measured.joint_position)
+
+
+def test_plans_of_an_episode_before_are_not_followed_though_the_gait_clock_begins_anew():
+    link = Link(takes=5)
+    driver = expert(link)
+    drive(driver, link, 900, 60)
+    driver.release()
+    torques = drive(driver, link, 0, 60)
+    assert torques[8:] == [float(tick) for tick in range(8, 60)]

@@ -66,6 +66,34 @@ def test_a_terminal_is_read_as_it_comes(pipe):
     assert operator.wish().lost
 
 
+def test_after_a_halt_only_another_start_starts(pipe):
+    reader, writer = pipe
+    clock = Clock()
+    operator = Terminal(Command(), heartbeat=1.0, clock=clock, descriptor=reader)
+    os.write(writer, b"start\n")
+    assert operator.wish().go
+    # The robot is damped for long; what is typed meanwhile is old when it can be started again.
+    clock.advance(60_000)
+    os.write(writer, b"start\nvx 0.2\nsta")
+    operator.halt()
+    assert operator.wish() == Wish(False, Command(0.2))
+    os.write(writer, b"rt\n")
+    assert not operator.wish().go
+    os.write(writer, b"start\n")
+    assert operator.wish().go
+    os.close(writer)
+
+
+def test_a_robot_is_told_to_stand_and_to_walk_on(pipe):
+    reader, writer = pipe
+    operator = Terminal(Command(), descriptor=reader)
+    os.write(writer, b"start\nstand\n")
+    assert operator.wish() == Wish(True, Command(), rest=True)
+    os.write(writer, b"walk\n")
+    assert operator.wish() == Wish(True, Command())
+    os.close(writer)
+
+
 def test_bytes_that_are_no_text_start_nothing_and_take_no_memory(pipe):
     reader, writer = pipe
     operator = Terminal(Command(), descriptor=reader)

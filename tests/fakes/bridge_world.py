@@ -10,8 +10,9 @@ from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.twin import LinkConfig
 from surefoot.deploy import protocol
 from surefoot.deploy.bridge import Address, Bridge, Measurement
+from surefoot.deploy.handover import Safeguard
 from surefoot.deploy.interfaces import Sensors
-from surefoot.deploy.loop import Mode, Runtime, Safeguard
+from surefoot.deploy.loop import Mode, Runtime
 from surefoot.deploy.operator import Wish
 from surefoot.deploy.protocol import Description
 from surefoot.deploy.udp_robot import UdpRobot

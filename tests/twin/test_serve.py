@@ -6,7 +6,7 @@ import pytest
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.twin import LinkConfig, NoiseConfig, TwinConfig
 from surefoot.deploy import protocol
-from surefoot.deploy.bridge import serve_lockstep
+from surefoot.deploy.bridge import RESTING, serve_lockstep
 from surefoot.deploy.interfaces import JointCommand
 from surefoot.deploy.loop import Mode, Runtime
 from surefoot.deploy.recorder import Flight
@@ -216,3 +216,25 @@ def test_in_lockstep_a_runtime_that_greets_while_it_waits_keeps_its_robot():
     wall.serve(script())
     assert not other.connected
     assert wall.twin.bridge.peer == RUNTIME
+
+
+def test_in_lockstep_a_latched_robot_falls_and_then_its_time_stands_still():
+    wall = Wall()
+    bridge = wall.twin.bridge
+    runtime = wall.runtime(RUNTIME)
+
+    def script():
+        runtime.greet()
+        yield 1
+        runtime.take()
+        runtime.damp()
+        yield from range(RESTING + 500)
+        assert bridge.status == protocol.LATCHED
+        assert wall.twin.driver.time_ns == pytest.approx(RESTING * 1e6, abs=3e6)
+        other = wall.runtime(STRANGER)
+        other.greet()
+        yield 2
+        other.take()
+        assert other.connected
+
+    wall.serve(script())

@@ -25,6 +25,7 @@ from surefoot.cli.export_data import ExportData
 from surefoot.cli.fit import Fit, parse_fit
 from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.import_data import ImportData
+from surefoot.cli.learn import Learn, parse_learn
 from surefoot.cli.play import Play
 from surefoot.cli.prepare import Prepare, parse_prepare
 from surefoot.cli.progress import log_shown
@@ -124,6 +125,12 @@ COMMANDS = {
         resume="the same command goes on with the next robot or gait",
     ),
     "run": Entry(RunPolicy, "Drive a robot behind a bridge, and fail safely."),
+    "learn": Entry(
+        Learn,
+        "Learn on a robot behind a bridge, and fail safely.",
+        memory="the durations of --config.method",
+        resume="what is finished is on disk: the same command goes on with it",
+    ),
     "twin": Entry(RunTwin, "Simulate a robot behind a bridge."),
     "bench": Entry(
         Bench,
@@ -142,6 +149,7 @@ PARSERS: Mapping[str, Callable[[Sequence[str]], Subcommand]] = {
     "evaluate": parse_evaluate,
     "compare": parse_compare,
     "fit": parse_fit,
+    "learn": parse_learn,
     "prepare": parse_prepare,
 }
 """Functions that read the options of commands whose defaults depend on other options."""

@@ -20,12 +20,11 @@ from surefoot.cli.options import (
     show_record,
 )
 from surefoot.config.deploy import RuntimeConfig
-from surefoot.types import Command
+from surefoot.types import Command, to_ticks
 
 if TYPE_CHECKING:
     from surefoot.config import Config
-    from surefoot.deploy.handover import PlanLink
-    from surefoot.deploy.loop import Safeguard
+    from surefoot.deploy.handover import PlanLink, Safeguard
     from surefoot.deploy.operator import Operator
     from surefoot.deploy.policy import OnnxPolicy
     from surefoot.deploy.udp_robot import UdpRobot
@@ -39,8 +38,8 @@ class RunPolicy:
     """Drive a robot behind a bridge with an exported policy, and give it up at the first fault.
 
     The robot is damped until you say start: it then stands up in two seconds, and walks. Type
-    `start`, `stop`, `vx 0.2`, `vy 0.1` or `yaw 0.5`, each with the enter key. The end of the input
-    counts as a lost operator.
+    `start`, `stop`, `stand`, `walk`, `vx 0.2`, `vy 0.1` or `yaw 0.5`, each with the enter key. The
+    end of the input counts as a lost operator.
 
     JSON keys: fault and detail [empty if the operator ended it]; seconds and expert_seconds
     [driven, s]; takeovers; ticks; missed [ticks without a command in time]; work [count, median,
@@ -159,10 +158,9 @@ class RunPolicy:
             expert: The robot and its expert; its own bounds hold if the policy's are unknown.
         """
         from surefoot.config.checked import known
-        from surefoot.deploy.gate import BoundsGate
-        from surefoot.deploy.handover import ExpertDriver
+        from surefoot.deploy.gate import BoundsGate, GateSwitch
+        from surefoot.deploy.handover import ExpertDriver, Safeguard
         from surefoot.deploy.kinematics import com_in_base
-        from surefoot.deploy.loop import Safeguard
 
         low, high = gate_bounds(policy, expert)
         table = policy.description.kinematics
@@ -174,7 +172,8 @@ class RunPolicy:
             self.config.plan_patience,
             self.lockstep,
         )
-        return Safeguard(BoundsGate(low, high, partial(com_in_base, table)), driver)
+        gate = BoundsGate(low, high, partial(com_in_base, table))
+        return Safeguard(GateSwitch(gate, to_ticks(self.config.block)), driver)
 
 
 def gate_bounds(policy: OnnxPolicy, expert: Config) -> tuple[Array, Array]:

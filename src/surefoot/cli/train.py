@@ -26,7 +26,7 @@ from surefoot.config import METHODS as METHOD_CONFIGS
 from surefoot.config import Config
 from surefoot.config.presets import preset
 from surefoot.files import write_json
-from surefoot.runs.layout import CURVES_FILE, METRICS_FILE
+from surefoot.runs.layout import ATTEMPTS_FILE, CURVES_FILE, METRICS_FILE, RunError
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,10 @@ class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
         check_option("--run", folder / METRICS_FILE)
         check_outputs([Output("--json", self.json)], new_run=folder)
+        if (folder / ATTEMPTS_FILE).exists():
+            raise RunError(
+                f"{folder} holds a run that learns on a robot; `surefoot learn` goes on with it"
+            )
         config = self.with_commands(self.with_robot(self.simulated(self.config)))
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))

@@ -31,6 +31,7 @@ MOST_DATAGRAMS = 64
 """So many datagrams are read in a tick, so that a flood does not delay the driver."""
 RELEASE = 1.0
 """[s] A latched bridge greets a new runtime after so long a silence of the former one."""
+RESTING = 3000  # [ticks] a latched robot in lockstep falls, before its time stands still again
 
 
 class Measurement(NamedTuple):
@@ -365,9 +366,9 @@ def serve_lockstep(
 ) -> None:
     """Tick once for each command, so that a simulated robot waits for the runtime.
 
-    Once the bridge is latched, time goes on by itself: the robot falls, and the session ends. A
-    runtime may take its time, as long as no other one asks for the robot: then it is given up if
-    it has been silent for `RELEASE` by the wall clock. The bridge's own stands still meanwhile.
+    Once the bridge is latched, time goes on until the robot has fallen. A runtime may take its
+    time, unless another one asks for the robot: then it is given up if it has been silent for
+    `RELEASE` by the wall clock.
 
     Args:
         bridge: The bridge; its clock has to be the simulated one.
@@ -376,9 +377,10 @@ def serve_lockstep(
         wall: Gives the time by the wall clock [s].
     """
     heard_at = wall()
+    rested = 0
     try:
         while running():
-            is_latched = bridge.status == protocol.LATCHED
+            is_latched = bridge.status == protocol.LATCHED and rested < RESTING
             channel.wait(0.001 if is_latched else 0.1)
             accepted = bridge.accepted
             heard = bridge.heard
@@ -393,5 +395,6 @@ def serve_lockstep(
                 bridge.advance()
             else:
                 bridge.report()
+            rested = rested + 1 if bridge.status == protocol.LATCHED else 0
     finally:
         bridge.close()

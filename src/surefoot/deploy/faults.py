@@ -24,6 +24,7 @@ FaultKind = Literal[
     "driver",
     "missed deadlines",
     "tilt",
+    "fall",
     "joint limit",
     "joint speed",
     "saturated torque",

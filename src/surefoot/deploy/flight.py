@@ -69,7 +69,7 @@ def fly(runtime: Runtime, recording: Path | None, always: bool = False) -> Fligh
         WriteError: The recording cannot be written; the robot is damped before it is tried.
     """
     try:
-        with _without_pauses():
+        with without_pauses():
             while not runtime.over:
                 runtime.tick()
     except KeyboardInterrupt:
@@ -133,7 +133,7 @@ def take_real_time_priority() -> None:
 
 
 @contextmanager
-def _without_pauses() -> Iterator[None]:
+def without_pauses() -> Iterator[None]:
     """A context in which Python does not stop to look for garbage."""
     was_enabled = gc.isenabled()
     gc.collect()

@@ -9,13 +9,35 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from surefoot.deploy.faults import roll_pitch
 from surefoot.deploy.interfaces import Sensors
 from surefoot.rotations import rotation
-from surefoot.types import Array
+from surefoot.types import Array, Command
+
+
+class Switch(Protocol):
+    """Decides in every tick who drives: the policy, or the expert."""
+
+    def reset(self) -> None:
+        """Begin an episode, in which the policy drives at first."""
+        ...
+
+    def expert_drives(self, sensors: Sensors, tick: int, command: Command) -> bool:
+        """Whether the expert has to drive in this tick; asked once a tick.
+
+        Args:
+            sensors: What the robot measures.
+            tick: The gait clock [ms].
+            command: The velocity that is asked for.
+
+        Raises:
+            Fallen: Nobody can drive this robot any more.
+        """
+        ...
 
 
 @dataclass(frozen=True)
@@ -79,3 +101,25 @@ class Blocking:
         elif unsafe:
             self._blocked_for = 0
         return self.blocked
+
+
+class GateSwitch:
+    """The expert drives where a gate calls the state unsafe, and for a block of time at least.
+
+    Args:
+        gate: Says which states are unsafe.
+        block: T_block [ticks].
+    """
+
+    def __init__(self, gate: BoundsGate, block: int) -> None:
+        self._gate = gate
+        self._block = block
+        self.reset()
+
+    def reset(self) -> None:
+        """See `Switch`."""
+        self._blocking = Blocking(self._block)
+
+    def expert_drives(self, sensors: Sensors, tick: int, command: Command) -> bool:
+        """See `Switch`."""
+        return self._blocking.is_blocked(self._gate.unsafe(sensors))

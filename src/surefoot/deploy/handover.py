@@ -14,12 +14,17 @@ from typing import Protocol
 
 import numpy as np
 
+from surefoot.deploy.gate import Switch
 from surefoot.deploy.interfaces import JointCommand, Sensors
 from surefoot.rotations import rotation
 from surefoot.types import GRID, JOINTS, TICKS_PER_SECOND, Array, Command, MotionPlan
 
 LOCKSTEP_PATIENCE = 10.0
 """[s] A robot in lockstep waits so long for a plan."""
+
+
+PLANNER_ENDED = "the planner's process has ended"
+"""Why there is no plan, where there will never be one."""
 
 
 class NoPlan(RuntimeError):  # noqa: N818
@@ -82,6 +87,11 @@ def expected(sensors: Sensors, ticks: int) -> tuple[Array, Array]:
     R = rotation(sensors.orientation)
     v = np.concatenate((sensors.base.velocity, sensors.angular_velocity, sensors.joint_velocity))
     q = np.zeros(19)
+    if ticks == 0:  # as it is, to the bit
+        q[2] = sensors.base.height
+        q[3:7] = sensors.orientation
+        q[7:] = sensors.joint_position
+        return q, v
     q[2] = sensors.base.height + seconds * float(R[2] @ sensors.base.velocity)
     q[3:7] = _turned(sensors.orientation, seconds * sensors.angular_velocity)
     q[7:] = sensors.joint_position + seconds * sensors.joint_velocity
@@ -119,10 +129,12 @@ class ExpertDriver:
         self._outstanding = 0  # requests without an answer
         self.plans = 0
         self.late = 0
+        self.invalid = 0
         self.release()
 
     def release(self) -> None:
-        """Forget all plans: the policy drives again."""
+        """Forget all plans, those that are still to come too: the policy drives again."""
+        self._of_old = self._outstanding
         self._followed: tuple[int, MotionPlan] | None = None
         self._next: tuple[int, MotionPlan] | None = None
         self._asked_for: int | None = None  # the tick of the newest request
@@ -141,13 +153,15 @@ class ExpertDriver:
         """
         if self._begun is None:
             self._begun = tick
-        self._receive(tick, self._begun)
+        self._receive(tick)
         effect = tick + self._latency
         if self._asked_for is None or effect // GRID > self._asked_for // GRID:
             q, v = expected(sensors, self._latency)
             self._link.ask(PlanRequest(effect, q, v, command))
             self._outstanding += 1
             self._asked_for = effect
+            if self._lockstep and self._latency == 0:
+                self._receive(tick)
         if self._next is not None and self._next[0] <= tick:
             self._followed = self._next
             self._next = None
@@ -167,7 +181,7 @@ class ExpertDriver:
             torque=plan.torque[row],
         )
 
-    def _receive(self, tick: int, begun: int) -> None:
+    def _receive(self, tick: int) -> None:
         """Take the plans that have come, and ask anew where a first one is not valid."""
         seconds = 0.0
         if self._lockstep:
@@ -180,14 +194,29 @@ class ExpertDriver:
                 return
             self._outstanding -= 1
             start, plan = answer
-            if start < begun:
-                continue  # of an earlier takeover
             self.plans += 1
+            self.invalid += not plan.valid
+            if self._of_old > 0:  # of an earlier takeover
+                self._of_old -= 1
+                continue
             self.late += start < tick
             if plan.valid:
                 self._next = answer
             elif self._followed is None:
                 self._asked_for = None
+
+
+@dataclass(frozen=True)
+class Safeguard:
+    """Who takes over from the policy, and when.
+
+    Attributes:
+        switch: Says where the expert has to drive; None never lets it.
+        expert: Drives there; without one the robot is given up.
+    """
+
+    switch: Switch | None = None
+    expert: ExpertDriver | None = None
 
 
 def _turned(orientation: Array, turn: Array) -> Array:

@@ -49,6 +49,10 @@ class BaseEstimate(NamedTuple):
     velocity: Array
 
 
+class Fallen(RobotFault):
+    """The robot has fallen."""
+
+
 class Sensors(NamedTuple):
     """What the robot measured at one instant.
 
@@ -100,8 +104,9 @@ class JointCommand(NamedTuple):
         Args:
             sensors: What the robot measures.
         """
-        stiff = self.kp * (self.position - sensors.joint_position)
-        return self.torque + (stiff + self.kd * (self.velocity - sensors.joint_velocity))
+        # The order of the sums is that of the simulated expert, to the bit.
+        stiff = self.torque + self.kp * (self.position - sensors.joint_position)
+        return stiff + self.kd * (self.velocity - sensors.joint_velocity)
 
 
 class RobotInterface(Protocol):

@@ -1,6 +1,7 @@
 """The loop on the robot: DAMP, STAND, DRIVE, and back to DAMP for good at the first fault.
 
     DAMP --operator starts--> STAND (own gains, 2 s) --posture fits--> DRIVE
+      |                         ^-------- the operator lets it rest -----'
       ^----------- any fault, latched; or the operator stops ------------'
 
 A tick reads one measurement, looks for faults, asks whoever drives, and writes one command. The
@@ -13,17 +14,17 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
 from enum import IntEnum
 
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.faults import Fault, FaultKind, FaultTests
 from surefoot.deploy.fit import check_robot, limits_of, misfit_of, missing_base, posture_of
-from surefoot.deploy.gate import Blocking, BoundsGate
-from surefoot.deploy.handover import ExpertDriver, NoPlan
+from surefoot.deploy.handover import NoPlan, Safeguard
 from surefoot.deploy.interfaces import (
     Clock,
     DeployedPolicy,
+    Fallen,
     JointCommand,
     Latched,
     RobotInterface,
@@ -52,17 +53,8 @@ class Mode(IntEnum):
     DRIVE = 2
 
 
-@dataclass(frozen=True)
-class Safeguard:
-    """Who takes over from the policy, and when.
-
-    Attributes:
-        gate: Says which states are unsafe; None asks no gate.
-        expert: Drives where the gate calls a state unsafe; without one the robot is given up there.
-    """
-
-    gate: BoundsGate | None = None
-    expert: ExpertDriver | None = None
+Listener = Callable[[TickRecord, Sensors, JointCommand | None], None]
+"""Is told of every tick, as the recorder is; None where nothing was commanded."""
 
 
 class Runtime:
@@ -74,7 +66,7 @@ class Runtime:
         operator: Starts and stops it.
         config: How it stands up, and the limits of the faults; the defaults if it is None.
         clock: Gives the time [ns].
-        safeguard: Gate and expert.
+        safeguard: The expert, and who says where it drives.
 
     Attributes:
         mode: What it does with the robot.
@@ -87,6 +79,7 @@ class Runtime:
         missed: How many ticks of the robot had no command in time.
         work: Times from a measurement to the written command.
         round_trips: Times from a command to the state that knows of it.
+        listeners: Are told of every tick.
 
     Raises:
         WrongRobotError: The policy is for another robot, joint order or rate.
@@ -114,6 +107,7 @@ class Runtime:
         self.missed = 0
         self.work = Histogram()
         self.round_trips = Histogram()
+        self.listeners: list[Listener] = []
         self.recorder = FlightRecorder(policy.robot, policy.rate_hz)
         self._robot = robot
         self._policy = policy
@@ -123,7 +117,6 @@ class Runtime:
         self._range = policy.command_range.tolist()
         self._period_ns = 1e9 / policy.rate_hz
         self._tests = FaultTests(limits_of(description), self.config, policy.rate_hz)
-        self._blocking = Blocking(round(self.config.block * policy.rate_hz))
         self._missed_in_a_row = 0
         self._last_time_ns: int | None = None
         self._stand_from: Array = policy.nominal
@@ -131,6 +124,7 @@ class Runtime:
         self._begun_ns = 0  # when the mode began, by the robot's clock
         self._late_work = False
         self._expert_drives = False
+        self._expert_has_to = False
         self._warned = False
         self._asked = False
         self._steady = False
@@ -156,6 +150,8 @@ class Runtime:
             self._give_up("stale state", str(error))
         except NoPlan as error:
             self._give_up("expert", str(error))
+        except Fallen as error:
+            self._give_up("fall", str(error))
         except Exception as error:
             logger.exception("the runtime has a defect, or what it was given has one")
             self._give_up("defect", repr(error))
@@ -230,15 +226,19 @@ class Runtime:
                 self._begin(Mode.STAND, sensors)
                 self._missed_in_a_row = 0
                 self._late_work = False
-                self._stand_from = sensors.joint_position.copy()
             return
         standing = to_ticks(self.config.stand)
+        if self.mode == Mode.DRIVE and wish.rest:
+            self._begin(Mode.STAND, sensors)
         if self.mode != Mode.STAND or self._gait_clock(sensors) < standing:
+            return
+        if wish.rest:  # the time to settle begins when it is to walk
+            self._begun_ns = sensors.time_ns - round(standing * self._period_ns)
             return
         misfit = misfit_of(self._policy, sensors, self.config.posture)
         if misfit is None:
             self._policy.reset(sensors)
-            self._begin(Mode.DRIVE, sensors)
+            self._begin_to_drive(sensors)
         elif self._gait_clock(sensors) >= standing + to_ticks(self.config.settle):
             self._give_up("posture", misfit)
 
@@ -285,22 +285,22 @@ class Runtime:
 
     def _experts(self, sensors: Sensors, tick: int, velocity: Command) -> JointCommand | None:
         """What the expert commands, where it has to drive; None lets the policy drive."""
-        gate = self._safeguard.gate
+        switch = self._safeguard.switch
         self._expert_drives = False
-        if gate is None:
+        if switch is None:
             return None
-        unsafe = gate.unsafe(sensors)
+        had_to = self._expert_has_to
+        self._expert_has_to = switch.expert_drives(sensors, tick, velocity)
         expert = self._safeguard.expert
         if expert is None:
-            if unsafe:
+            if self._expert_has_to:
                 self._give_up("gate", "the gate calls the state unsafe, and there is no expert")
             return None
-        was_blocked = self._blocking.blocked
-        if not self._blocking.is_blocked(unsafe):
-            if was_blocked:
+        if not self._expert_has_to:
+            if had_to:
                 expert.release()
             return None
-        self.takeovers += not was_blocked
+        self.takeovers += not had_to
         command = expert.command(sensors, tick, velocity)
         self._expert_drives = command is not None
         return command
@@ -332,6 +332,17 @@ class Runtime:
         """Begin a mode; its clock is the robot's, so that lost ticks do not slow a gait down."""
         self.mode = mode
         self._begun_ns = sensors.time_ns
+        self._stand_from = sensors.joint_position.copy()
+        self._expert_drives = False
+
+    def _begin_to_drive(self, sensors: Sensors) -> None:
+        """Begin an episode, in which the policy drives first, as far as the switch lets it."""
+        self._begin(Mode.DRIVE, sensors)
+        self._expert_has_to = False
+        if self._safeguard.switch is not None:
+            self._safeguard.switch.reset()
+        if self._safeguard.expert is not None:
+            self._safeguard.expert.release()
 
     def _gait_clock(self, sensors: Sensors) -> int:
         """The ticks since the mode began [ms]."""
@@ -370,6 +381,8 @@ class Runtime:
             round_trip,
         )
         self.recorder.add(record, sensors, command)
+        for listener in self.listeners:
+            listener(record, sensors, command)
 
 
 def is_finite(command: JointCommand) -> bool:

@@ -21,7 +21,7 @@ LONGEST_LINE = 200
 """[B] No line of an operator is longer."""
 NAMES = {"vx": "vx", "vy": "vy", "yaw": "yaw_rate"}
 """What an operator calls the parts of a command."""
-COMMANDS = "type start, stop, vx 0.2, vy 0.1 or yaw 0.5"
+COMMANDS = "type start, stop, stand, walk, vx 0.2, vy 0.1 or yaw 0.5"
 """What an operator may say."""
 logger = logging.getLogger(__name__)
 
@@ -33,11 +33,13 @@ class Wish(NamedTuple):
         go: Whether the robot is to stand up and walk; False damps it.
         command: The velocity that is asked for.
         lost: Why nobody is there any more; empty as long as somebody is.
+        rest: Whether the robot is to stand instead of walking.
     """
 
     go: bool
     command: Command
     lost: str = ""
+    rest: bool = False
 
 
 class Operator(Protocol):
@@ -77,9 +79,9 @@ class Scripted:
 class Terminal:
     """An operator at a terminal: lines of text on the standard input.
 
-    `start` stands the robot up and lets it walk, `stop` damps it; `vx 0.2`, `vy 0.1` and `yaw 0.5`
-    change the command; an empty line is a sign of life, and any other changes nothing and is named
-    in a warning.
+    `start` stands the robot up and lets it walk, `stop` damps it; `stand` lets it stand, and `walk`
+    go on; `vx 0.2`, `vy 0.1` and `yaw 0.5` change the command; an empty line is a sign of life, and
+    any other changes nothing and is named in a warning.
 
     Args:
         command: The velocity that is asked for at first.
@@ -108,6 +110,13 @@ class Terminal:
         if not self._wish.lost:
             self._listen()
         return self._wish
+
+    def halt(self) -> None:
+        """Forget the start, and what was typed since: a damped robot waits for another one."""
+        self._wish = self._wish._replace(go=False)
+        self.wish()
+        self._wish = self._wish._replace(go=False)
+        self._text = b""
 
     def _listen(self) -> None:
         """Take the lines that have come."""
@@ -142,6 +151,8 @@ def obey(wish: Wish, line: str) -> Wish:
         return wish._replace(go=True)
     if words == ["stop"]:
         return wish._replace(go=False)
+    if words in (["stand"], ["walk"]):
+        return wish._replace(rest=words == ["stand"])
     name = NAMES.get(words[0])
     value = _number(words[1]) if len(words) == 2 else None
     if name is None or value is None:

@@ -154,11 +154,14 @@ class FlightRecorder:
     Args:
         robot: The name of the robot.
         rate_hz: The number of ticks in a second [Hz].
+        ticks: How many ticks it keeps; those of ten seconds if it is None.
     """
 
-    def __init__(self, robot: str, rate_hz: int = TICKS_PER_SECOND) -> None:
+    def __init__(
+        self, robot: str, rate_hz: int = TICKS_PER_SECOND, ticks: int | None = None
+    ) -> None:
         self._robot = robot
-        self._size = SECONDS * rate_hz
+        self._size = SECONDS * rate_hz if ticks is None else ticks
         self._integers = np.zeros((self._size, len(_INTEGERS)), dtype=np.int64)
         self._numbers = np.zeros((self._size, sum(_WIDTHS.values())))
         self._count = 0

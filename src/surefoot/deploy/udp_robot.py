@@ -80,6 +80,11 @@ class UdpRobot:
         return self._description is not None
 
     @property
+    def _has_begun(self) -> bool:
+        """Whether the bridge has described its robot, and told what it measures."""
+        return self.connected and self.state is not None
+
+    @property
     def description(self) -> Description:
         """See `RobotInterface`.
 
@@ -95,7 +100,7 @@ class UdpRobot:
         return self._bridges_clock
 
     def connect(self, seconds: float = 2.0) -> Description:
-        """Ask the bridge what its robot is, and wait for the answer.
+        """Ask the bridge what its robot is, and wait for the answer and a first measurement.
 
         Args:
             seconds: How long to wait.
@@ -104,11 +109,11 @@ class UdpRobot:
             Stale: The bridge does not answer: there is none, or it serves another runtime.
         """
         begun = self._clock()
-        while not self.connected and self._clock() - begun < seconds * NANOSECONDS:
+        while not self._has_begun and self._clock() - begun < seconds * NANOSECONDS:
             self.greet()
             self._channel.wait(0.02)
             self.take()
-        if not self.connected:
+        if not self._has_begun:
             raise Stale(
                 f"no bridge answers at {address_text(self._peer)} within {seconds:g} s: it is not "
                 "running, or it serves another runtime; a bridge that a driver's fault has latched "

@@ -31,6 +31,7 @@ from surefoot.runs.sampling import (
     rising_share,
 )
 from surefoot.runs.stages import (
+    Collect,
     choose_best_policy,
     collect_data,
     pretrain,
@@ -42,16 +43,23 @@ from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 
 
-def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
+def loco_safe_dagger(
+    run: Run,
+    workers: Workers,
+    plan: PlanFunction | None = None,
+    on_robot: Collect | None = None,
+) -> Path:
     """Train a policy with LocoSafeDAGGER; the run's folder gets data, policies and metrics.
 
     Args:
         run: An open run, new or to be resumed.
         workers: Processes that run the rollouts; the result does not depend on them.
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
+        on_robot: Collects the data of the iterations on a robot (`surefoot.field`); None simulates.
 
     Returns:
-        File of the policy that did best on the `select` initial states.
+        File of the policy that did best on the `select` initial states; on a robot, which they do
+        not know, it is the last one.
 
     Raises:
         TypeError: The run was configured for another method.
@@ -59,6 +67,7 @@ def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = Non
     """
     method = parameters(run, LocoSafeDaggerConfig)
     check_config(run.config)
+    collect = on_robot or collect_data
 
     pretrain(run, method, workers, plan)
     train_gates(run, 0, method.gates, alarm=method.alarm)
@@ -67,14 +76,14 @@ def loco_safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = Non
     last = 0
     for i in iterations_within_budget(run, method.iterations):
         # Policy rollout + data collection, and the extra data collection of T_end
-        collect_data(run, i, collection(run, i, plan), workers)
+        collect(run, i, collection(run, i, plan), workers)
         # Train pi_i on D
         train_policy(run, i, method.training_in(i))
         train_gates(run, i, method.gates, alarm=method.alarm)
         validate_policy(run, i, workers)
         last = i
 
-    choose_best_policy(run, last)
+    choose_best_policy(run, last, first=0 if on_robot is None else last)
     return run.best_policy_path
 
 

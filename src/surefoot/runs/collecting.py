@@ -7,7 +7,7 @@ are spread. Read `stages` next, whose `collect_data` makes a stage of it.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
@@ -21,6 +21,16 @@ from surefoot.runs.budget import affordable_part
 from surefoot.runs.episode_ids import shard_name
 from surefoot.runs.run import Run, RunError
 from surefoot.workers import Workers, each_chunk
+
+PlayChunks = Callable[[Sequence[Job], Workers, str], Generator[tuple[int, ChunkResult]]]
+"""Plays chunks, and yields the number and the result of each as soon as it is done."""
+
+
+def simulate_chunks(
+    jobs: Sequence[Job], workers: Workers, title: str
+) -> Generator[tuple[int, ChunkResult]]:
+    """Simulate chunks in processes; see `each_chunk`."""
+    return each_chunk(run_chunk, jobs, workers, title)
 
 
 @dataclass(frozen=True)
@@ -46,6 +56,7 @@ class _Chunks:
         names: Names of their shards.
         stored: Names of those shards of which everything is there.
         title: Text of the progress bar.
+        play: Plays them.
     """
 
     run: Run
@@ -53,6 +64,7 @@ class _Chunks:
     names: list[str]
     stored: set[str]
     title: str
+    play: PlayChunks
 
     def run_missing(
         self, first: int, end: int, workers: Workers
@@ -60,7 +72,7 @@ class _Chunks:
         """Run those of the chunks from first to end that are not stored; yield each when done."""
         missing = [n for n in range(first, end) if self.names[n] not in self.stored]
         jobs = [self.jobs[number] for number in missing]
-        with closing(each_chunk(run_chunk, jobs, workers, self.title)) as results:
+        with closing(self.play(jobs, workers, self.title)) as results:
             for done, result in results:
                 yield missing[done], result
 
@@ -70,7 +82,12 @@ class _Chunks:
 
 
 def run_and_store(
-    run: Run, iteration: int, job: Job, workers: Workers, limit: Limit | None = None
+    run: Run,
+    iteration: int,
+    job: Job,
+    workers: Workers,
+    limit: Limit | None = None,
+    play: PlayChunks = simulate_chunks,
 ) -> Summary | None:
     """Run the chunks of a job that are not stored yet, and store each as soon as it is done.
 
@@ -80,6 +97,7 @@ def run_and_store(
         job: The iteration's rollouts.
         workers: Processes that run the rollouts.
         limit: What ends the collection before the job does; None without a budget.
+        play: Plays the chunks.
 
     Returns:
         The summary of all episodes that count, those that were stored before too; None if there
@@ -93,7 +111,7 @@ def run_and_store(
     jobs = chunks_of(job)
     names = [shard_name(iteration, number) for number in range(len(jobs))]
     title = f"iteration {iteration}: collect"
-    chunks = _Chunks(run, jobs, names, _stored_shards(run, job) & set(names), title)
+    chunks = _Chunks(run, jobs, names, _stored_shards(run, job) & set(names), title, play)
     _check_stored(chunks, iteration, whole=limit is None)
     if limit is None:
         results = chunks.run_missing(0, len(jobs), workers)

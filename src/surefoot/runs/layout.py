@@ -23,6 +23,8 @@ EXPERT_FILE = "expert.json"
 """File of the identity of a user's own MPC."""
 LOCK_FILE = ".lock"
 """File that the process which trains in the folder has locked."""
+ATTEMPTS_FILE = "attempts.jsonl"
+"""What a robot went through that the run learned on (`surefoot.field.attempts`)."""
 CURVES_FILE = "curves.png"
 """The learning curves, which `surefoot train` draws."""
 KEPT_POLICY_FILE = "policy.safetensors"
@@ -33,6 +35,7 @@ OWN = {
     *ALL_OTHER_STARTS,
     METRICS_FILE,
     EXPERT_FILE,
+    ATTEMPTS_FILE,
     LOCK_FILE,
     CURVES_FILE,
     KEPT_POLICY_FILE,
@@ -42,6 +45,7 @@ OWN = {
     "episodes",
     "traces",
     "gates",
+    "flights",
 }
 """Names of a run's own files and folders, in its folder."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable
 
 import numpy as np
 from tqdm import tqdm
@@ -28,7 +29,7 @@ from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_cost
 from surefoot.runs.budget import SECONDS_PER_SOLVE, allowance
 from surefoot.runs.checks import check_expert, remember_expert
-from surefoot.runs.collecting import Limit, run_and_store
+from surefoot.runs.collecting import Limit, PlayChunks, run_and_store, simulate_chunks
 from surefoot.runs.episode_ids import end_of_iteration
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
 from surefoot.runs.policies import joint_limits, safety_bounds
@@ -40,6 +41,9 @@ from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 
 logger = logging.getLogger(__name__)
+
+Collect = Callable[[Run, int, Job, Workers], Collected]
+"""Collects the data of an iteration, as `collect_data` does."""
 
 
 def pretrain(
@@ -57,7 +61,13 @@ def pretrain(
     train_policy(run, 0, method.first_training)
 
 
-def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collected:
+def collect_data(
+    run: Run,
+    iteration: int,
+    job: Job,
+    workers: Workers,
+    play: PlayChunks = simulate_chunks,
+) -> Collected:
     """D <- D u D': run the episodes of a job and append the frames that its rule keeps.
 
     A budget (`config.budget`) ends it before the rollout that would exceed it.
@@ -67,6 +77,7 @@ def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collec
         iteration: The iteration i.
         job: The iteration's rollouts.
         workers: Processes that run the rollouts; the result does not depend on them.
+        play: Plays the rollouts: in a simulator, or on a robot.
 
     Raises:
         ValueError: The run was begun with another expert (a `RunError` if its plans at the fixed
@@ -86,11 +97,11 @@ def collect_data(run: Run, iteration: int, job: Job, workers: Workers) -> Collec
                 f"{expert_name(job)}; resume it with the same one, or begin another run"
             )
         known = None if allowed is None else Limit(allowed, done.episodes)
-        run_and_store(run, iteration, job, workers, known)  # only what has been lost since then
+        run_and_store(run, iteration, job, workers, known, play)  # only what is lost
         return done
     began = time.perf_counter()
     limit = None if allowed is None else Limit(allowed)
-    cost = collection_cost(run_and_store(run, iteration, job, workers, limit))
+    cost = collection_cost(run_and_store(run, iteration, job, workers, limit, play))
     data = dataset_of(run, iteration)
     record = Collected(
         iteration=iteration,

@@ -124,8 +124,8 @@ class TwinDriver:
             return
         state = self.simulator.state
         position, velocity, kp, kd, torque = command
-        # The order of the products is that of the simulated policies, to the bit.
-        tau = torque + (kp * (position - state.q[0, 7:]) + kd * (velocity - state.v[0, 6:]))
+        # The order of the sums is that of the simulated policies and experts, to the bit.
+        tau = torque + kp * (position - state.q[0, 7:]) + kd * (velocity - state.v[0, 6:])
         self._torque = clip_torque(tau, self._robot.torque_limit)
         self.simulator.step(self._torque[None])
         moved = self._world_velocity()

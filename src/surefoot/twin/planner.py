@@ -6,10 +6,11 @@ Requests and plans go through a pipe. Read `deploy.handover` for who asks, and w
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from multiprocessing.connection import Connection
 
 from surefoot.config import Config
-from surefoot.deploy.handover import NoPlan, PlanRequest
+from surefoot.deploy.handover import PLANNER_ENDED, NoPlan, PlanRequest
 from surefoot.types import Command, MotionPlan
 
 READY_WITHIN = 600.0
@@ -42,14 +43,14 @@ class PlannerProcess:
         try:
             self._pipe.send(request)
         except OSError as error:
-            raise NoPlan("the planner's process has ended") from error
+            raise NoPlan(PLANNER_ENDED) from error
 
     def answer(self, seconds: float = 0.0) -> tuple[int, MotionPlan] | None:
         """See `PlanLink`."""
         try:
             return self._receive() if self._pipe.poll(seconds) else None
         except OSError as error:
-            raise NoPlan("the planner's process has ended") from error
+            raise NoPlan(PLANNER_ENDED) from error
 
     def close(self) -> None:
         """End the process."""
@@ -62,11 +63,13 @@ class PlannerProcess:
         try:
             return self._pipe.recv()
         except (EOFError, OSError) as error:
-            raise NoPlan("the planner's process has ended") from error
+            raise NoPlan(PLANNER_ENDED) from error
 
 
 def _plan(config: Config, pipe: Connection) -> None:
     """Answer requests until the other side has gone; what this process runs."""
+    # A Ctrl-C is for the other side, which then ends this one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     import numpy as np
 
     from surefoot.mpc.expert import make_planner

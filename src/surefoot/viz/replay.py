@@ -25,6 +25,7 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import settled_part, velocities
 from surefoot.runs.checks import check_expert
 from surefoot.runs.episode_ids import EpisodeId
+from surefoot.runs.layout import ATTEMPTS_FILE
 from surefoot.runs.metrics import Collected
 from surefoot.runs.query import Query
 from surefoot.runs.run import Run, open_run, warn_of_versions
@@ -97,6 +98,11 @@ def recorded_episode(
     run = open_run(folder)
     place = _place_of(episode, iteration)
     collected = _collected_by(run, place)
+    if place.iteration > 0 and (folder / ATTEMPTS_FILE).exists():
+        raise ValueError(
+            f"episode {place.number} was flown on a robot, and no simulation repeats it; if a "
+            f"fault ended it, `surefoot play {folder}/flights/{place.number}.npz` films it"
+        )
     job = METHODS[run.method].collection(run, place.iteration, plan)
     if collected.expert != expert_name(job):
         raise ValueError(

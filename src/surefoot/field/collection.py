@@ -1,0 +1,203 @@
+"""An iteration's data from a robot: what `runs.stages.collect_data` is for simulated rollouts.
+
+A thread of its own drives the robot, so that episodes are stored while it stands. An episode is
+stored as soon as it is over; one that is interrupted, by the operator, a kill of either side or a
+fault that says nothing of the policy, is dropped whole and flown again. Read `session` for what
+becomes of an episode.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from queue import SimpleQueue
+
+from surefoot.config import DisturbanceConfig
+from surefoot.deploy.flight import unused, without_pauses
+from surefoot.deploy.handover import PLANNER_ENDED
+from surefoot.deploy.policy import OnnxPolicy
+from surefoot.deploy.recorder import save_flight
+from surefoot.field.attempts import Attempt, read_attempts, write_attempts
+from surefoot.field.episode import result_of
+from surefoot.field.session import Crew, Report, Session, deployed_policy
+from surefoot.robots.model import RobotModel, standing
+from surefoot.rollouts.jobs import ChunkResult, Job
+from surefoot.runs.metrics import Collected
+from surefoot.runs.run import Run
+from surefoot.runs.stages import collect_data
+from surefoot.scenarios.starts import at_rest
+from surefoot.workers import Workers
+
+logger = logging.getLogger(__name__)
+
+SWITCH_INTERVAL = 2e-4
+"""[s] The thread that drives the robot waits no longer for the other one."""
+MOST_DROPPED = 10
+"""So many attempts may be dropped in a row before something has to be mended."""
+
+Message = tuple[int, Report] | BaseException | None
+"""What the thread that drives says: the number of an episode and what an attempt at it left behind,
+why it ends early, or that it is done."""
+
+
+class RobotCollection:
+    """Collects the data of iterations on a robot; a `runs.stages.Collect`.
+
+    Args:
+        crew: The robot, its expert, and who watches over it.
+        start: What is to be said while the robot waits for its operator; empty says nothing.
+        prepare: Called first in the thread that drives, such as for real-time priority.
+    """
+
+    def __init__(
+        self, crew: Crew, start: str = "", prepare: Callable[[], None] = lambda: None
+    ) -> None:
+        self._crew = crew
+        self._start = start
+        self._prepare = prepare
+
+    def __call__(self, run: Run, iteration: int, job: Job, workers: Workers) -> Collected:
+        """D <- D u D': fly the episodes of a job, and append the frames that its rule keeps.
+
+        Args:
+            run: The run.
+            iteration: The iteration i.
+            job: The iteration's rollouts; each begins where the robot stands.
+            workers: They have nothing to do.
+        """
+        if not isinstance(job.policy, Path):
+            raise ValueError("a robot is driven by the policy of a file, and the job names none")
+        policy = deployed_policy(job.policy, self._crew.robot, run.config)
+
+        def fly(
+            jobs: Sequence[Job], workers: Workers, title: str
+        ) -> Generator[tuple[int, ChunkResult]]:
+            return self._fly(run.folder, policy, jobs)
+
+        return collect_data(run, iteration, on_robot(job, self._crew.robot), workers, fly)
+
+    def _fly(
+        self, folder: Path, policy: OnnxPolicy, jobs: Sequence[Job]
+    ) -> Generator[tuple[int, ChunkResult]]:
+        """Fly one episode after another; yield the number and the result of each."""
+        if not jobs:
+            return
+        crew = self._crew
+        attempts = read_attempts(folder)
+        messages: SimpleQueue[Message] = SimpleQueue()
+        stop = threading.Event()
+        with _driving(lambda: self._drive(policy, jobs, messages, stop), messages, stop):
+            while (message := messages.get()) is not None:
+                if isinstance(message, BaseException):
+                    raise message
+                number, report = message
+                attempts.append(report.attempt)
+                write_attempts(folder, attempts)
+                if report.last_seconds is not None:
+                    name = f"{report.attempt.episode}.npz"
+                    save_flight(unused(folder / "flights" / name), report.last_seconds)
+                _tell(report.attempt)
+                if report.flown is not None:
+                    yield number, result_of(jobs[number], report.flown, crew.robot, crew.config)
+
+    def _drive(
+        self,
+        policy: OnnxPolicy,
+        jobs: Sequence[Job],
+        messages: SimpleQueue[Message],
+        stop: threading.Event,
+    ) -> None:
+        """Fly the episodes, each until it is no longer to be tried again; what the thread does."""
+        self._prepare()
+        session: Session | None = None
+        dropped = 0
+        try:
+            for number, job in enumerate(jobs):
+                flown = False
+                while not flown:
+                    if session is None:
+                        session = Session(self._crew, policy, stop.is_set)
+                        self._crew.person.halt()  # what was typed during a training is old
+                        if self._start:
+                            logger.info(self._start)
+                    report = session.fly(job)
+                    messages.put((number, report))
+                    flown = report.flown is not None
+                    dropped = 0 if flown else dropped + 1
+                    if stop.is_set():
+                        return
+                    ended = session.lost or report.attempt.detail
+                    if session.lost or ended == PLANNER_ENDED:
+                        raise RuntimeError(f"{ended}; the same command goes on")
+                    if session.over:
+                        session.close()
+                        session = None
+                    if dropped >= MOST_DROPPED:
+                        raise RuntimeError(
+                            f"{dropped} attempts in a row say nothing of the policy, the last "
+                            f"because of {report.attempt.fault or 'the operator'} "
+                            f"({report.attempt.detail}); mend that, and the same command goes on"
+                        )
+        finally:
+            if session is not None:
+                session.close()
+
+
+def on_robot(job: Job, robot: RobotModel) -> Job:
+    """A job whose episodes a robot can fly: it begins standing, and nothing disturbs it on purpose.
+
+    Each episode is a chunk of its own, so that it is stored as soon as it is over.
+
+    Args:
+        job: The job, as the method makes it.
+        robot: The robot.
+    """
+    starts = at_rest(standing(robot), job.starts.command)
+    return replace(
+        job,
+        config=replace(job.config, chunk=1),
+        episodes=replace(job.episodes, starts=starts),
+        disturbance=DisturbanceConfig(fall_angle=job.disturbance.fall_angle),
+    )
+
+
+@contextmanager
+def _driving(
+    drive: Callable[[], None],
+    messages: SimpleQueue[Message],
+    stop: threading.Event,
+) -> Iterator[None]:
+    """A context in which another thread drives; whatever ends it damps the robot."""
+
+    def run() -> None:
+        try:
+            drive()
+            messages.put(None)
+        except BaseException as error:
+            messages.put(error)
+
+    interval = sys.getswitchinterval()
+    thread = threading.Thread(target=run, name="robot", daemon=True)
+    with without_pauses():
+        sys.setswitchinterval(SWITCH_INTERVAL)
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join()
+            sys.setswitchinterval(interval)
+
+
+def _tell(attempt: Attempt) -> None:
+    """Say what an attempt came to."""
+    text = f"episode {attempt.episode}: {attempt.end}, {attempt.seconds:.1f} s driven, "
+    text += f"{attempt.expert_seconds:.1f} s of it by the expert, {attempt.takeovers} takeovers"
+    if attempt.fault:
+        text += f"; {attempt.fault} ({attempt.detail})"
+    logger.info(text)

@@ -1,0 +1,360 @@
+"""A session with a robot: from the greeting of its bridge until its joints are damped.
+
+A session flies episodes one after another, and the robot stands in between. A fault ends it, and so
+do the operator and the end of an iteration; the next one begins with a new greeting. Read
+`deploy.loop` for what a tick does, and `collection` next.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from surefoot.config import Config
+from surefoot.config.checked import known
+from surefoot.config.deploy import RuntimeConfig
+from surefoot.deploy.faults import Fault
+from surefoot.deploy.flight import LAST_WORDS
+from surefoot.deploy.handover import PLANNER_ENDED, ExpertDriver, PlanLink, Safeguard
+from surefoot.deploy.interfaces import Sensors, Stale
+from surefoot.deploy.loop import Runtime
+from surefoot.deploy.operator import Wish
+from surefoot.deploy.policy import OnnxPolicy
+from surefoot.deploy.recorder import Flight
+from surefoot.deploy.udp_robot import UdpRobot
+from surefoot.field.attempts import FALLS, Attempt, End
+from surefoot.field.episode import EpisodeLog, Flown
+from surefoot.field.switch import EpisodeSwitch
+from surefoot.interop.onnx_file import describe
+from surefoot.learning.network import MINIMUM_ROWS
+from surefoot.learning.observation import Float32Array
+from surefoot.learning.policy import load
+from surefoot.robots.model import RobotModel
+from surefoot.rollouts.jobs import Job
+from surefoot.rollouts.outcome import Outcome
+from surefoot.runs.episode_ids import EpisodeId
+from surefoot.scenarios.starts import starts_of
+from surefoot.types import TICKS_PER_SECOND, Command, to_ticks
+
+logger = logging.getLogger(__name__)
+
+LOST = ("joint limit", "joint speed", "saturated torque")
+"""Faults of a robot that would have hurt itself: its policy has lost it, as in a fall."""
+PATIENCE = 60.0
+"""[s] A bridge that does not answer is asked for so long: it may have to be started again."""
+
+
+class Person(Protocol):
+    """An operator who can be asked for another start; `deploy.operator.Terminal` is one."""
+
+    def wish(self) -> Wish:
+        """See `deploy.operator.Operator`."""
+        ...
+
+    def halt(self) -> None:
+        """Forget the start, and what was typed since: a damped robot waits for another one."""
+        ...
+
+
+class Unattended:
+    """Starts at once, again and again: for a twin, which is set up again after a fall."""
+
+    def wish(self) -> Wish:
+        """See `Person`."""
+        return Wish(True, Command())
+
+    def halt(self) -> None:
+        """Do nothing: it has never said start."""
+
+
+class EpisodeOperator:
+    """The person's wishes, with the command of the episode; between episodes the robot rests.
+
+    Args:
+        person: Who starts and stops the robot.
+
+    Attributes:
+        command: The velocity of the episode.
+        rest: Whether the robot is to stand.
+        lost: Why the person is not there any more; empty as long as there is one.
+    """
+
+    def __init__(self, person: Person) -> None:
+        self.command = Command()
+        self.rest = True
+        self.lost = ""
+        self._person = person
+
+    def wish(self) -> Wish:
+        """See `deploy.operator.Operator`."""
+        wish = self._person.wish()
+        self.lost = wish.lost
+        return wish._replace(command=self.command, rest=self.rest or wish.rest)
+
+
+@dataclass(frozen=True)
+class Crew:
+    """What all sessions have in common.
+
+    Attributes:
+        robot: The robot's model.
+        config: The run's configuration, with the robot's own values.
+        runtime: How it stands up, and the limits of the faults.
+        planner: The way to the expert's planner.
+        person: Who starts and stops the robot.
+        connection: Makes a robot that has not been greeted yet.
+    """
+
+    robot: RobotModel
+    config: Config
+    runtime: RuntimeConfig
+    planner: PlanLink
+    person: Person
+    connection: Callable[[], UdpRobot]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What an attempt at an episode leaves behind.
+
+    Attributes:
+        attempt: What the robot went through.
+        flown: The episode; None if it is to be tried again.
+        last_seconds: The last ten seconds before a fault; None without one.
+    """
+
+    attempt: Attempt
+    flown: Flown | None
+    last_seconds: Flight | None
+
+
+class Session:
+    """A robot that has been greeted, and the loop that drives it with one policy.
+
+    Args:
+        crew: What all sessions have in common.
+        policy: The policy.
+        stopped: Asked before every tick; True ends it.
+
+    Raises:
+        Stale: No bridge answers.
+        WrongRobotError: The bridge serves another robot.
+        ValueError: Nothing measures height and velocity of the base.
+    """
+
+    def __init__(self, crew: Crew, policy: OnnxPolicy, stopped: Callable[[], bool]) -> None:
+        self._crew = crew
+        self._policy = policy
+        self._stopped = stopped
+        self._robot = _connected(crew.connection, stopped)
+        expert = crew.config.expert
+        lockstep = self._robot.lockstep
+        self._driver = ExpertDriver(
+            crew.planner,
+            known(expert.kp, "expert.kp"),
+            known(expert.kd, "expert.kd"),
+            0 if lockstep else crew.runtime.plan_latency,
+            crew.runtime.plan_patience,
+            lockstep,
+        )
+        self._switch: EpisodeSwitch | None = None
+        self._operator = EpisodeOperator(crew.person)
+        self._runtime: Runtime | None = None
+        self._ticks = 0  # when the last episode was over
+        self._missed = 0
+
+    @property
+    def over(self) -> bool:
+        """Whether the robot is damped for good."""
+        return self._runtime is not None and self._runtime.over
+
+    @property
+    def lost(self) -> str:
+        """Why nobody watches over the robot any more; empty as long as somebody does."""
+        return self._operator.lost
+
+    def fly(self, job: Job) -> Report:
+        """Stand the robot up if it lies, drive it for an episode, and let it stand again.
+
+        Args:
+            job: The episode, one of one robot.
+        """
+        crew = self._crew
+        runtime = self._runtime or self._begin(job)
+        total = to_ticks(job.episodes.duration) + to_ticks(job.episodes.tail)
+        log = EpisodeLog(crew.robot.name, total)
+        runtime.listeners[:] = [log]
+        if self._switch is not None:
+            self._switch.job = job
+        self._operator.command = Command(*job.starts.command[0].tolist())
+        self._operator.rest = False
+        plans = self._driver.plans
+        invalid = self._driver.invalid
+        while not (runtime.over or log.whole or self._stopped()):
+            runtime.tick()
+        self._operator.rest = True
+        if log.whole and not runtime.over:
+            runtime.tick()  # from here on it stands
+        outcome = outcome_of(log, runtime.fault)
+        attempt = Attempt(
+            iteration=EpisodeId.from_number(int(job.episode[0])).iteration,
+            episode=int(job.episode[0]),
+            end=_END_OF[outcome],
+            fault="" if runtime.fault is None else runtime.fault.kind,
+            detail="" if runtime.fault is None else runtime.fault.detail,
+            seconds=log.ticks / TICKS_PER_SECOND,
+            expert_seconds=log.expert_ticks / TICKS_PER_SECOND,
+            takeovers=log.takeovers,
+            other_seconds=(runtime.ticks - self._ticks - log.ticks) / TICKS_PER_SECOND,
+            missed=runtime.missed - self._missed,
+        )
+        self._ticks = runtime.ticks
+        self._missed = runtime.missed
+        flown = None
+        if outcome is not None:
+            counts = (self._driver.plans - plans, self._driver.invalid - invalid)
+            flown = Flown(log.flight(), outcome, *counts)
+        last = None
+        if runtime.fault is not None:
+            last = runtime.recorder.flight(attempt.fault, attempt.detail)
+        return Report(attempt, flown, last)
+
+    def close(self) -> None:
+        """Damp the robot, and give it free."""
+        for _ in range(LAST_WORDS):
+            self._robot.damp()
+        self._robot.close()
+
+    def _begin(self, job: Job) -> Runtime:
+        """Make the loop, once the robot has told what it measures."""
+        crew = self._crew
+        check_base(self._robot.read())
+        fall_angle = max(crew.config.safety.fall_angle, job.disturbance.fall_angle)
+        safety = replace(crew.config.safety, fall_angle=fall_angle)
+        self._switch = EpisodeSwitch(self._policy, safety, job)
+        self._runtime = Runtime(
+            self._robot,
+            self._policy,
+            self._operator,
+            crew.runtime,
+            safeguard=Safeguard(self._switch, self._driver),
+        )
+        return self._runtime
+
+
+_END_OF: Mapping[Outcome | None, End] = {
+    Outcome.SUCCESS: "whole",
+    Outcome.FELL: "fell",
+    Outcome.DIVERGED: "diverged",
+    None: "dropped",
+}
+
+
+def outcome_of(log: EpisodeLog, fault: Fault | None) -> Outcome | None:
+    """How an episode has ended; None if that says nothing of its policy.
+
+    Whether a robot that stayed up kept stepping is not judged.
+
+    Args:
+        log: The episode.
+        fault: What damped the robot.
+    """
+    if log.whole:
+        return Outcome.SUCCESS
+    if fault is None or log.ticks == 0 or fault.detail == PLANNER_ENDED:
+        return None
+    if fault.kind in FALLS or fault.kind in LOST:
+        return Outcome.FELL
+    return Outcome.DIVERGED if fault.kind == "expert" else None
+
+
+def deployed_policy(path: Path, robot: RobotModel, config: Config) -> OnnxPolicy:
+    """A run's policy as the loop on the robot runs it, with the bits of the simulated one.
+
+    Args:
+        path: The policy's file.
+        robot: The robot's model.
+        config: The run's configuration.
+    """
+    policy = load(path, robot.name)
+    description = describe(policy, path, robot, config, starts_of(config))
+    # The network's bits depend on the number of rows, as in simulation.
+    inputs = np.zeros((MINIMUM_ROWS, policy.spec.observation.input_size), np.float32)
+
+    def forward(row: Float32Array) -> Float32Array:
+        inputs[: len(row)] = row
+        return policy.forward(inputs)[: len(row)]
+
+    return OnnxPolicy(description, forward)
+
+
+def check_bridge(connection: Callable[[], UdpRobot], model: RobotModel) -> None:
+    """Check that a bridge serves a robot on which its expert can teach, before any work.
+
+    Args:
+        connection: Makes a robot that has not been greeted yet.
+        model: The robot's model.
+
+    Raises:
+        Stale: No bridge answers.
+        ValueError: It serves another robot, or nothing measures height and velocity of the base.
+    """
+    robot = _connected(connection, lambda: False)
+    try:
+        served = robot.description.robot
+        if served != model.name:
+            raise ValueError(
+                f"the bridge serves the robot {served}, and the configuration has {model.name}; "
+                f"use --config.robot.model {served}, or a file with that robot"
+            )
+        check_base(robot.read())
+    finally:
+        robot.close()
+
+
+def check_base(sensors: Sensors) -> None:
+    """Check that the expert can plan for a robot.
+
+    Args:
+        sensors: What it measures.
+
+    Raises:
+        ValueError: Nothing measures height and velocity of the base.
+    """
+    if sensors.base is None:
+        raise ValueError(
+            "the robot measures neither height nor linear velocity of its base, without which the "
+            "expert cannot plan: add motion capture or an estimator while it learns; the policy "
+            "needs neither with --config.policy.layout proprioceptive"
+        )
+
+
+def _connected(connection: Callable[[], UdpRobot], stopped: Callable[[], bool]) -> UdpRobot:
+    """Greet a robot's bridge until it answers.
+
+    Raises:
+        Stale: It has not answered for `PATIENCE`, or this was stopped.
+    """
+    begun = time.monotonic()
+    warned = False
+    while True:
+        robot = connection()
+        try:
+            robot.connect()
+            return robot
+        except Stale as error:
+            robot.close()
+            if stopped() or time.monotonic() - begun > PATIENCE:
+                raise
+            if not warned:
+                logger.warning("%s; asking again for %g s", error, PATIENCE)
+            warned = True
+        except BaseException:
+            robot.close()
+            raise

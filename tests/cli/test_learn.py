@@ -1,0 +1,118 @@
+"""The command learn: what it refuses, and a whole run on a twin over real UDP, in lockstep."""
+
+import json
+import re
+from threading import Thread
+
+import pytest
+
+from surefoot.cli.learn import Learn, LearnReport, cost_text, parse_learn
+from surefoot.config import LocoSafeDaggerConfig
+from surefoot.config.twin import TwinConfig
+from surefoot.deploy.bridge import UdpChannel
+from surefoot.deploy.udp_robot import address_text
+from surefoot.field import session
+from surefoot.field.attempts import Attempt, RobotCost, cost_of, write_attempts
+from surefoot.robots.load import load_robot
+from surefoot.runs.run import open_run
+from surefoot.twin.serve import make_twin
+
+TINY = (
+    *("--preset", "quick", "--workers", 1, "--lockstep", "--unattended"),
+    *("--config.method.pretraining.velocities", 1, "--config.method.pretraining.perturbations", 0),
+    *("--config.method.pretraining.duration", 0.3, "--config.method.pretraining-epochs", 1),
+    *("--config.method.iterations", 1, "--config.method.velocities", 2),
+    *("--config.method.T", 0.3, "--config.method.T-end", 0.1, "--config.method.epochs", 1),
+    *("--config.policy.hidden", 16, "--config.training.precision", "float32"),
+    *("--config.evaluation.episodes", 1, "--config.evaluation.duration", 0.1),
+    *("--runtime.stand", 0.3),
+)
+"""Too small to learn anything: the robot falls, or the expert holds it."""
+
+
+@pytest.fixture
+def address():
+    """The address of a twin in lockstep in a thread."""
+    channel = UdpChannel()
+    twin = make_twin(load_robot("solo12"), TwinConfig(pose="standing"), channel)
+    going = [True]
+    thread = Thread(target=twin.serve, args=(True, lambda: going[0]))
+    thread.start()
+    yield address_text(channel.address)
+    going[0] = False
+    thread.join()
+
+
+@pytest.mark.slow  # a planner's process, which loads and compiles
+def test_a_run_on_a_twin_is_a_run_and_the_same_command_goes_on(surefoot, address, tmp_path, capsys):
+    folder = tmp_path / "run"
+    file = tmp_path / "learn.json"
+    args = ("learn", "--robot", address, "--run", folder, *TINY, "--json", file)
+    assert surefoot(*args) == 0
+    report = json.loads(file.read_text())
+    assert set(report) == set(LearnReport.__dataclass_fields__)
+    assert set(report["cost"]) == set(RobotCost.__dataclass_fields__)
+    assert report["cost"]["attempts"] == 2
+    run = open_run(folder)
+    assert run.best_policy_path == run.policy_path(1)
+    assert "robot-minutes driven" in capsys.readouterr().out
+    metrics = run.metrics_path.read_bytes()
+    assert surefoot(*args) == 0
+    assert run.metrics_path.read_bytes() == metrics
+    # The simulation does not go on with what a robot began.
+    assert surefoot("train", "loco_safe_dagger", "--run", folder, "--resume") == 2
+    assert "holds a run that learns on a robot" in capsys.readouterr().err
+
+
+def test_a_bridge_that_is_not_there_is_one_clear_line(surefoot, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(session, "PATIENCE", 0.0)
+    channel = UdpChannel()
+    address = address_text(channel.address)
+    channel.close()
+    args = ("learn", "--robot", address, "--run", tmp_path / "run", "--unattended")
+    assert surefoot(*args) == 2
+    assert f"surefoot: no bridge answers at {address}" in capsys.readouterr().err
+
+
+def test_a_bridge_of_another_robot_is_refused_before_any_work(surefoot, address, tmp_path, capsys):
+    run = tmp_path / "run"
+    options = ("--run", run, "--preset", "quick", "--config.robot.model", "go2", "--unattended")
+    wide = ("--config.start-set", "solo12-trot-v1")
+    assert surefoot("learn", "--robot", address, "--lockstep", *options, *wide) == 2
+    assert not (run / "data").exists()
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        ((), "--robot"),
+        (("--robot", "udp://127.0.0.1"), "no address of a bridge; use udp://127.0.0.1:PORT"),
+        (("--robot", "udp://127.0.0.1:1", "--preset", "slow"), "no preset 'slow'"),
+        (("--robot", "udp://127.0.0.1:1", "--heartbeat", -1), "use at least 0.001 s"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(surefoot, tmp_path, capsys, args, message):
+    assert surefoot("learn", "--run", tmp_path / "run", *args) == 2
+    printed = capsys.readouterr()
+    assert message in printed.err + printed.out
+
+
+def test_an_iteration_on_a_robot_is_shorter_than_a_simulated_one():
+    method = parse_learn(["--robot", "udp://127.0.0.1:5151"]).config.method
+    assert isinstance(method, LocoSafeDaggerConfig)
+    assert (method.velocities, method.perturbations, method.T) == (10, 1, 5.0)
+
+
+@pytest.mark.parametrize("report", [LearnReport, RobotCost])
+def test_help_names_every_json_key(report):
+    keys = re.findall(r"\w+", (Learn.__doc__ or "").partition("JSON keys:")[2])
+    assert [key for key in report.__dataclass_fields__ if key not in keys] == []
+
+
+def test_the_cost_is_said_in_words(tmp_path):
+    attempt = Attempt(1, 100000, "fell", "tilt", "", 30.0, 2.0, 3, 4.0, 0)
+    write_attempts(tmp_path, [attempt])
+    text = cost_text(cost_of([attempt]))
+    assert "0.5 robot-minutes driven" in text
+    assert "falls:       1, 2.00 in a robot-minute" in text
+    assert cost_text(cost_of([])).endswith("takeovers:   0")
