@@ -174,10 +174,10 @@ class ExpertConfig(Checked):
     speed, whatever robot and gait; 0.3 leaves nearly nothing of it. 0 is the value of
     `solo12-trot-v1`. None is what suits robot, gait and commands, 0 or 0.3, as above."""
     ground: GroundRule | None = None
-    """The ground on which motions are planned. `level` is the plane z = 0; `feet` is the plane that
-    the loaded feet and the feet in swing show to be the most probable one (`mpc.ground_plane`):
-    footholds, via points and center of mass lie along it. None is what suits: `feet` where there is
-    a terrain, `level` where there is none, and for the rule `published`."""
+    """The ground that is planned on. `level` is the plane z = 0. `feet` is the most probable plane
+    under the feet, loaded and in swing (`mpc.ground_plane`): footholds, via points and the center
+    of mass follow it, and forces act where it touches the round feet. None is `feet` where robots
+    walk on a terrain, unless the foothold rule is `published`, and else `level`."""
     via_until: Share = 0.52
     """A swing foot is drawn to its via point up to this share of the swing (BiConMP)."""
     max_residual: Annotated[float, Within(0.0, 1000.0)] = 1e-2

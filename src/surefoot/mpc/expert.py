@@ -7,13 +7,14 @@ Read `rollouts.engine` next.
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config, ExpertConfig, Gait
 from surefoot.config.checked import check_values, known
+from surefoot.config.presets import ground_for
 from surefoot.mpc.planner import PLAN_TICKS, Planner
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import own_expert, own_values
@@ -228,7 +229,8 @@ def _numbers(name: str, values: object) -> NDArray:
 
 def make_planner(robot: RobotModel, config: Config) -> Planner:
     """Return the planner of a configuration; its friction is the simulator's."""
-    return Planner(robot, config.gait, config.expert, config.simulation.friction)
+    expert = replace(config.expert, ground=config.expert.ground or ground_for(config))
+    return Planner(robot, config.gait, expert, config.simulation.friction)
 
 
 def make_expert(robot: RobotModel, config: Config, plan: PlanFunction | None = None) -> Expert:

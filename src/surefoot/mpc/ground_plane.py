@@ -6,10 +6,10 @@ are about equally high, for they swing in one rhythm. So the heights of four fee
     z_i = a + g . (p_i - c) + s_i h + e_i,
 
 with a the height of the ground below the center of mass c, g its slope, h the clearance of the feet
-that swing (s_i = 1) and e_i the roughness of the ground. The most probable a, g and h are one
-system of four equations. In a trot each diagonal pair tells the slope along its own diagonal,
-whether it stands or swings; what the feet cannot tell, such as the slope across a pace, stays 0.
-Read `footholds` next, which puts feet on the plane.
+that swing (s_i = 1, else 0) and e_i what is uneven. The most probable a, g and h, if all are normal
+about zero, are one system of four equations. In a trot each diagonal pair tells the slope along its
+own diagonal, whether it stands or swings; what the feet cannot tell, such as the slope across a
+pace, stays nearly level. Read `footholds` next, which puts feet on the plane.
 """
 
 from __future__ import annotations
@@ -24,10 +24,13 @@ ROUGHNESS = 0.01
 """[m] How far a foot on the ground is from the plane."""
 UNEVENNESS = 0.02
 """[m] How much the clearances of feet differ that swing together."""
-CLEARANCE = 0.1
-"""[m] How high feet swing."""
-STEEPNESS = 0.3
-"""How steep ground is: 0.3 is 17 degrees."""
+CLEARANCE = 0.4
+"""[m] How high feet swing: more than they ever do, so that nothing is known of it."""
+STEEPNESS = 0.4
+"""How steep ground is: 0.4 is 22 degrees."""
+HEIGHT = 0.1
+"""[m] How far the ground is from z = 0, which is where the feet felt it last."""
+PRIOR = np.array([HEIGHT, STEEPNESS, STEEPNESS, CLEARANCE]) ** -2.0
 FARTHEST = 100.0
 """[m] Feet that are farther from the robot, or at no place at all, are on no plane."""
 NO_LEVER = np.zeros(3)
@@ -93,9 +96,7 @@ def plane_under(feet: Array, loaded: BoolArray, center: Array, foot_radius: floa
     A[:, 1:3] = feet[:, :2] - center
     A[:, 3] = ~loaded
     weight = np.where(loaded, ROUGHNESS, UNEVENNESS) ** -2.0
-    prior = np.array([0.0, STEEPNESS, STEEPNESS, CLEARANCE])
-    H = A.T @ (weight[:, None] * A)
-    H[[1, 2, 3], [1, 2, 3]] += prior[1:] ** -2.0
+    H = A.T @ (weight[:, None] * A) + np.diag(PRIOR)
     g = A.T @ (weight * (feet[:, 2] - foot_radius))
     a, slope_x, slope_y, _ = np.linalg.solve(H, g).tolist()
     return GroundPlane(a - slope_x * center[0] - slope_y * center[1], slope_x, slope_y)

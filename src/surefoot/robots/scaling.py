@@ -33,7 +33,6 @@ from surefoot.config.presets import (
     FIRST,
     STRAIGHT_TROT,
     TROT_GAIN,
-    ground_for,
     is_solo12_trot,
     rules_for,
     straight_trot,
@@ -206,7 +205,6 @@ def own_expert(expert: ExpertConfig, robot: RobotModel, gait: Gait | None = None
         capture_time=own.capture_time,
         hip_outward=own.hip_outward,
         command_gain=TROT_GAIN if is_solo12 and trots else (1.0, 1.0, 1.0),
-        ground="level",
         **vars(FIRST if is_solo12 and trots else ALL_ROUND),
     )
 
@@ -223,7 +221,7 @@ def own_policy(policy: PolicyConfig, robot: RobotModel) -> PolicyConfig:
     return _filled(policy, kp=own.policy_kp, kd=own.policy_kd)
 
 
-def _filled(section: Section, **own: float | str | tuple[float, ...] | None) -> Section:
+def _filled(section: Section, **own: float | tuple[float, ...] | None) -> Section:
     """Return a part of a configuration with these values in its fields that are None."""
     missing = {name: value for name, value in own.items() if vars(section)[name] is None}
     return replace(section, **missing)
@@ -354,7 +352,7 @@ def with_own_values(config: Config, robot: RobotModel | None = None) -> Config:
     """
     robot = robot or load_robot(config.robot)
     gait = own_gait(config.gait, robot)
-    expert = _filled(config.expert, **vars(rules_for(config)), ground=ground_for(config))
+    expert = _filled(config.expert, **vars(rules_for(config)))
     expert = own_expert(expert, robot, gait)
     if config.expert.command_gain is None and not is_solo12_trot(config):
         expert = replace(expert, command_gain=None)
