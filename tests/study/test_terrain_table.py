@@ -61,6 +61,7 @@ def test_every_controller_is_measured_on_every_ground(measured, policy):
     assert "| ground | expert | mixed |" in page
     assert "| `slope:10` | 2 up, 1 covered; 0.050, 0.050 | 2 up, 1 covered; 0.050, 0.050 |" in page
     assert page.startswith("2 `test` initial states on each ground")
+    assert "| `slope:10` | 2 up, 1 covered; 0.050, 0.050 | - |" in terrain_page(kept[2])
 
 
 def test_what_was_measured_is_kept_unless_it_depends_on_something_else(measured, policy):

@@ -350,9 +350,7 @@ class Planner:
         nodes = NodeRows(kinematic.q, kinematic.v, kinematic.acceleration, centroidal.forces)
         return interpolate(contacts.dt[:LAST_NODE], nodes, PLAN_TICKS)
 
-    def inverse_dynamics(
-        self, q: Array, v: Array, a: Array, force: Array, lever: Array = NO_LEVER
-    ) -> Array:
+    def inverse_dynamics(self, q: Array, v: Array, a: Array, force: Array, lever: Array) -> Array:
         """Return the generalized force ``(T, 18)`` that a motion needs beyond the contact forces.
 
         The first six columns are a wrench that nothing applies: the momentum mismatch of the plan.

@@ -176,13 +176,15 @@ def terrain_page(table: TerrainTable) -> str:
     """The table in Markdown, a line for each ground and a column for each controller.
 
     Args:
-        table: The cells, of every controller on every ground.
+        table: The cells; a dash stands for one that is not there.
     """
     labels = list(dict.fromkeys(cell.label for cell in table.cells))
-    by_terrain: dict[str, list[str]] = {}
-    for cell in table.cells:
-        by_terrain.setdefault(cell.terrain, []).append(_figures(cell))
-    lines = [(f"`{terrain}`", *cells) for terrain, cells in by_terrain.items()]
+    terrains = list(dict.fromkeys(cell.terrain for cell in table.cells))
+    figures = {(cell.terrain, cell.label): _figures(cell) for cell in table.cells}
+    lines = [
+        (f"`{terrain}`", *(figures.get((terrain, label), "-") for label in labels))
+        for terrain in terrains
+    ]
     episodes = ", ".join(sorted({str(cell.robustness.episodes) for cell in table.cells}))
     about = (
         f"{episodes} `test` initial states on each ground: robots that stayed up and stepped, "
