@@ -20,8 +20,9 @@ from surefoot.config import (
     RobotConfig,
     SafeDaggerConfig,
     SafetyConfig,
+    SimulationConfig,
 )
-from surefoot.config.presets import preset
+from surefoot.config.presets import ground_for, preset
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
 
@@ -147,3 +148,12 @@ def test_the_pushes_of_a_preset_are_as_hard_for_the_mass_of_a_robot():
     assert go2.push.resolution == pytest.approx(0.2 * ratio, rel=1e-3)
     given = replace(config, collection=DisturbanceConfig(1, impulse=(1.0, 2.0)))
     assert with_own_values(given).collection.impulse == (1.0, 2.0)
+
+
+def test_the_ground_under_the_feet_is_planned_on_where_robots_may_meet_uneven_ground():
+    hills = SimulationConfig(terrain="flat,slope:0..10")
+    assert ground_for(Config()) == "level"
+    assert ground_for(Config(simulation=hills)) == "feet"
+    assert ground_for(Config(simulation=hills, robot=RobotConfig("go2"))) == "feet"
+    published = ExpertConfig(foothold_rule="published")
+    assert ground_for(Config(simulation=hills, expert=published)) == "level"

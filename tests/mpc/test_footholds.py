@@ -19,6 +19,7 @@ from surefoot.mpc.footholds import (
     rotate_horizontal,
     travel_along_arc,
 )
+from surefoot.mpc.ground_plane import GroundPlane
 from surefoot.mpc.schedule import in_stance, node_ticks, swing_fraction
 from surefoot.robots.scaling import own_expert, own_gait
 from surefoot.robots.solo12 import solo12
@@ -98,6 +99,22 @@ def test_a_foot_in_stance_stays(tick):
     staying = plan.active[1:] & plan.active[:-1]
     np.testing.assert_array_equal(plan.position[1:][staying], plan.position[:-1][staying])
     assert staying.any()
+
+
+@pytest.mark.parametrize("tick", TICKS)
+def test_on_a_plane_feet_land_and_swing_as_high_above_it(tick):
+    ground = GroundPlane(0.02, 0.17, -0.1)
+    rule = FootholdRule(TROT, CONFIG, HIPS, ROBOT.foot_radius)
+    start = HorizonStart(tick, COM, FEET, Command(0.3, -0.1, 0.5), STILL, ground)
+    plan = plan_contacts(rule, start)
+    level = plan_contacts(rule, replace(start, ground=GroundPlane()))
+    np.testing.assert_array_equal(plan.position[..., :2], level.position[..., :2])
+    planned = (plan.position != plan.position[0]).any(axis=(0, 2))
+    assert planned.all()
+    rise = (plan.position - level.position)[..., 2]
+    later = ~(plan.position == plan.position[0]).all(axis=-1)
+    np.testing.assert_allclose(rise[later], ground.heights(plan.position)[later], atol=1e-12)
+    np.testing.assert_array_equal(rise[0], 0.0)
 
 
 @pytest.mark.parametrize("tick", TICKS)

@@ -6,6 +6,7 @@ import pytest
 
 from surefoot.config import ExpertConfig, Gait, KinematicConfig
 from surefoot.config.presets import TROT_GAIN
+from surefoot.mpc.ground_plane import NO_LEVER
 from surefoot.mpc.planner import PLAN_TICKS, Planner, to_heading_frame
 from surefoot.mpc.schedule import horizon
 from surefoot.robots.model import standing
@@ -129,7 +130,7 @@ def random_motion(seed: int, ticks: int = 20):
 def test_inverse_dynamics_match_pinocchio(seed):
     """With fresh data for each tick, so that no tick can borrow placements from another."""
     q, v, a, force = random_motion(seed)
-    tau = PLANNER.inverse_dynamics(q, v, a, force)
+    tau = PLANNER.inverse_dynamics(q, v, a, force, NO_LEVER)
     for t in range(len(q)):
         data = MODEL.createData()
         expected = pin.rnea(MODEL, data, q[t], v[t], a[t]).copy()
@@ -146,7 +147,7 @@ def test_inverse_dynamics_match_pinocchio(seed):
 def test_inverse_dynamics_obey_newton_and_euler(seed):
     """Momentum's rate by differences is gravity, contact forces and what the base rows leave."""
     q, v, a, force = random_motion(seed)
-    tau = PLANNER.inverse_dynamics(q, v, a, force)
+    tau = PLANNER.inverse_dynamics(q, v, a, force, NO_LEVER)
     data = MODEL.createData()
     h = 1e-5
 
@@ -209,7 +210,7 @@ def test_interpolation_passes_through_the_nodes():
         np.testing.assert_allclose(force[tick], stages.centroidal.forces[node], atol=1e-10)
     np.testing.assert_allclose(np.linalg.norm(q[:, 3:7], axis=1), 1.0)
     np.testing.assert_allclose(np.diff(v[17:67], 2, axis=0), 0.0, atol=1e-12)
-    expected = PLANNER.inverse_dynamics(q, v, a, force)[:, 6:]
+    expected = PLANNER.inverse_dynamics(q, v, a, force, NO_LEVER)[:, 6:]
     np.testing.assert_array_equal(stages.motion.torque, expected)
     np.testing.assert_array_equal(stages.motion.joint_position, q[:, 7:])
     np.testing.assert_array_equal(stages.motion.joint_velocity, v[:, 6:])

@@ -14,6 +14,7 @@ MODEL = ROBOT.model
 LEGS = legs_of(ROBOT)
 MASSES = masses_of(ROBOT)
 NO_FORCE = np.zeros((1, 4, 3))
+CENTER = np.zeros(3)
 
 
 def random_states(count=50, seed=0):
@@ -61,10 +62,11 @@ def test_jacobian_of_the_momentum_is_that_of_differences():
             np.testing.assert_allclose(J[t, :, 18 + i], by_v / (2 * step), atol=1e-7)
 
 
-def test_inverse_dynamics_match_pinocchio():
+@pytest.mark.parametrize("lever", [CENTER, np.array([0.02, -0.03, 0.01])])
+def test_inverse_dynamics_match_pinocchio(lever):
     q, v, a = random_states()
     force = 10.0 * np.random.default_rng(1).normal(size=(len(q), 4, 3))
-    tau = inverse_dynamics(q, v, a, force, LEGS, MASSES)
+    tau = inverse_dynamics(q, v, a, force, LEGS, MASSES, lever)
     for t in range(len(q)):
         data = MODEL.createData()  # fresh, so that no state can borrow from another
         expected = pin.rnea(MODEL, data, q[t], v[t], a[t]).copy()
@@ -73,7 +75,7 @@ def test_inverse_dynamics_match_pinocchio():
         pin.updateFramePlacements(MODEL, data)
         for leg, foot in enumerate(ROBOT.feet):
             J = pin.getFrameJacobian(MODEL, data, foot, pin.LOCAL_WORLD_ALIGNED)
-            expected -= J[:3].T @ force[t, leg]
+            expected -= J.T @ np.append(force[t, leg], np.cross(lever, force[t, leg]))
         np.testing.assert_allclose(tau[t], expected, atol=1e-11)
 
 
@@ -83,7 +85,9 @@ def test_a_robot_in_free_fall_needs_no_torque():
     for row in q:
         a = np.zeros(18)
         a[:3] = pin.Quaternion(row[3:7]).matrix().T @ [0.0, 0.0, -GRAVITY]
-        tau = inverse_dynamics(row[None], np.zeros((1, 18)), a[None], NO_FORCE, LEGS, MASSES)
+        tau = inverse_dynamics(
+            row[None], np.zeros((1, 18)), a[None], NO_FORCE, LEGS, MASSES, CENTER
+        )
         np.testing.assert_allclose(tau, 0.0, atol=1e-13)
 
 
@@ -92,8 +96,8 @@ def test_a_row_does_not_depend_on_the_others(rows):
     q, v, a = random_states(7)
     force = np.random.default_rng(2).normal(size=(7, 4, 3))
     first = slice(0, rows)
-    tau = inverse_dynamics(q, v, a, force, LEGS, MASSES)
-    part = inverse_dynamics(q[first], v[first], a[first], force[first], LEGS, MASSES)
+    tau = inverse_dynamics(q, v, a, force, LEGS, MASSES, CENTER)
+    part = inverse_dynamics(q[first], v[first], a[first], force[first], LEGS, MASSES, CENTER)
     np.testing.assert_array_equal(part, tau[first])
     h, J = centroidal_momentum(q, v, LEGS, MASSES)
     h_part, J_part = centroidal_momentum(q[first], v[first], LEGS, MASSES)

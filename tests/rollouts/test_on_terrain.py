@@ -5,7 +5,13 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from surefoot.config import Config, EvaluationConfig, SafetyConfig, SimulationConfig
+from surefoot.config import (
+    Config,
+    EvaluationConfig,
+    ExpertConfig,
+    SafetyConfig,
+    SimulationConfig,
+)
 from surefoot.config.sim import parse_terrains
 from surefoot.mpc.expert import make_planner
 from surefoot.robots.load import load_robot
@@ -223,3 +229,23 @@ def test_the_expert_walks_straight_down_and_up_a_slope(text, heading):
     assert np.sign(rise) == np.cos(heading)
     assert abs(rise) > 0.06
     assert not rollouts.body_contact.any()
+
+
+def downhill_drift(ground_rule):
+    """How fast robots that shall stand still in a trot drift down a slope, on each heading."""
+    starts = STORED["nominal"][np.zeros(4, dtype=int)]
+    ground = Ground(parse_terrains("slope:10") * 4, np.zeros((4, 3)), np.arange(4) * np.pi / 2)
+    ground = put_under(ground, ROBOT, starts.q)
+    expert = ExpertConfig(ground=ground_rule)
+    job = Job(on("slope:10", expert=expert), Episodes(starts, 2.0, ground=ground), ExpertOnly())
+    rollouts, _ = play_out(job)
+    assert rollouts.outcome.tolist() == [Outcome.SUCCESS] * 4
+    moved = rollouts.q[:, -1, :2] - rollouts.q[:, 1000, :2]
+    uphill = np.stack([np.cos(ground.yaw), np.sin(ground.yaw)], axis=-1)
+    return -(moved * uphill).sum(axis=1)
+
+
+def test_the_expert_does_not_drift_down_a_slope():
+    """Because it plans on the slope, and presses where that touches its round feet."""
+    assert np.abs(downhill_drift(None)).max() < 0.01
+    assert downhill_drift("level").min() > 0.025

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import TABLE_I, Config
+from surefoot.config import TABLE_I, Config, SimulationConfig
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.scenarios.walking import Walks, expert_walks
@@ -26,6 +26,13 @@ def test_a_walk_is_recorded_at_multiples_of_a_tick():
     assert walks.q.shape == (3, 2, 19)
     np.testing.assert_allclose(walks.q[0], np.tile(standing(ROBOT), (2, 1)), atol=1e-12)
     assert (walks.q[2, 0] != walks.q[2, 1]).any()
+
+
+def test_a_terrain_has_no_part_in_a_walk_on_the_plane():
+    command = np.array([[0.2, 0.0, 0.0]])
+    hills = Config(simulation=SimulationConfig(terrain="slope:10"))
+    plane, other = (expert_walks(ROBOT, config, command, 120) for config in (Config(), hills))
+    np.testing.assert_array_equal(other.q, plane.q)
 
 
 def test_motors_that_heed_a_speed_limit_do_so_here_too():

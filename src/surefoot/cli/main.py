@@ -35,6 +35,7 @@ from surefoot.cli.run import RunPolicy
 from surefoot.cli.streams import failure_of, lasting_output
 from surefoot.cli.study import Study
 from surefoot.cli.survey import Survey
+from surefoot.cli.terrains import Terrains
 from surefoot.cli.train import Train, parse_train
 from surefoot.cli.twin import RunTwin
 from surefoot.cli.view import View
@@ -123,6 +124,12 @@ COMMANDS = {
         "Measure each robot in each gait, and make one table of it.",
         memory="--workers",
         resume="the same command goes on with the next robot or gait",
+    ),
+    "terrains": Entry(
+        Terrains,
+        "Measure policies and the expert on several grounds.",
+        memory="--episodes or --workers",
+        resume="with --json FILE the same command goes on where it ended",
     ),
     "run": Entry(RunPolicy, "Drive a robot behind a bridge, and fail safely."),
     "learn": Entry(

@@ -9,6 +9,8 @@ from surefoot.config.checked import Checked, Share, Within
 
 FootholdRule = Literal["published", "capture"]
 """Names of the rules that place the feet."""
+GroundRule = Literal["level", "feet"]
+"""Names of the grounds on which motions are planned."""
 Weights = Annotated[tuple[float, float, float], Within(0.0, 1e12)]
 """Weights of the three axes of a cost."""
 Weight = Annotated[float, Within(0.0, 1e12)]
@@ -171,6 +173,11 @@ class ExpertConfig(Checked):
     (-vy, vx), to the left of where the robot goes. Robots drift outward by 0.29 s times w times the
     speed, whatever robot and gait; 0.3 leaves nearly nothing of it. 0 is the value of
     `solo12-trot-v1`. None is what suits robot, gait and commands, 0 or 0.3, as above."""
+    ground: GroundRule | None = None
+    """The ground that is planned on. `level` is the plane z = 0. `feet` is the most probable plane
+    under the feet, loaded and in swing (`mpc.ground_plane`): footholds, via points and the center
+    of mass follow it, and forces act where it touches the round feet. None is `feet` where robots
+    walk on a terrain, unless the foothold rule is `published`, and else `level`."""
     via_until: Share = 0.52
     """A swing foot is drawn to its via point up to this share of the swing (BiConMP)."""
     max_residual: Annotated[float, Within(0.0, 1000.0)] = 1e-2

@@ -23,6 +23,7 @@ from surefoot.config import (
     TrainingConfig,
     method_config,
 )
+from surefoot.config.mpc import GroundRule
 from surefoot.errors import unknown
 
 
@@ -136,6 +137,15 @@ def is_solo12_trot(config: Config) -> bool:
 def straight_trot(config: Config) -> bool:
     """Whether robot, gait and commands are those of the initial states `STRAIGHT_TROT`."""
     return is_solo12_trot(config) and config.commands == CommandBox()
+
+
+def ground_for(config: Config) -> GroundRule:
+    """The ground on which motions are planned, unless it is chosen.
+
+    It is what the feet show where a robot may meet ground that is not level.
+    """
+    published = config.expert.foothold_rule == "published"
+    return "level" if published or config.simulation.terrain is None else "feet"
 
 
 def rules_for(config: Config) -> Rules:

@@ -7,13 +7,14 @@ Read `rollouts.engine` next.
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config, ExpertConfig, Gait
 from surefoot.config.checked import check_values, known
+from surefoot.config.presets import ground_for
 from surefoot.mpc.gaits import each_gait, only_gait
 from surefoot.mpc.planner import PLAN_TICKS, Planner
 from surefoot.robots.model import RobotModel
@@ -244,7 +245,8 @@ def make_planner(robot: RobotModel, config: Config) -> Planner:
         ValueError: The configuration has several gaits.
     """
     config = only_gait(config, "a planner")
-    return Planner(robot, config.gait, config.expert, config.simulation.friction)
+    expert = replace(config.expert, ground=config.expert.ground or ground_for(config))
+    return Planner(robot, config.gait, expert, config.simulation.friction)
 
 
 def make_plan(robot: RobotModel, config: Config) -> PlanFunction:

@@ -20,6 +20,7 @@ from numba import njit
 
 from surefoot.config import ExpertConfig, Gait
 from surefoot.config.checked import known
+from surefoot.mpc.ground_plane import LEVEL, GroundPlane
 from surefoot.mpc.schedule import horizon, in_stance, node_ticks, swing_fraction
 from surefoot.robots.model import RobotModel
 from surefoot.types import GRAVITY, TICKS_PER_SECOND, Array, BoolArray, Command
@@ -53,6 +54,7 @@ class HorizonStart:
         velocity: The planned velocity in the heading frame [m/s, rad/s].
         excess: ``(2,)`` horizontal velocity measured beyond the commanded one, from
             `excess_velocity` [m/s].
+        ground: The ground on which feet land.
     """
 
     tick: int
@@ -60,6 +62,7 @@ class HorizonStart:
     feet: Array
     velocity: Command
     excess: Array
+    ground: GroundPlane = LEVEL
 
 
 @dataclass(frozen=True)
@@ -147,7 +150,8 @@ def plan_contacts(rule: FootholdRule, start: HorizonStart) -> ContactPlan:
     time = (ticks[:-1] - start.tick)[:, None, None] / TICKS_PER_SECOND
     below_hip, landing = footholds(rule, start, time)
     height = (rule.foot_radius, known(gait.step_height, "gait.step_height"))
-    position = _positions(active, fraction, below_hip, landing, start.feet, height)
+    ground = start.ground
+    position = _positions(active, fraction, below_hip, landing, start.feet, height, ground)
     return ContactPlan(active, position, np.diff(ticks) / TICKS_PER_SECOND, via)
 
 
@@ -159,6 +163,7 @@ def _positions(
     landing: Array,
     measured: Array,
     height: tuple[float, float],
+    ground: GroundPlane,
 ) -> Array:
     """Return the positions ``(N, 4, 3)`` of a contact plan.
 
@@ -171,7 +176,8 @@ def _positions(
         below_hip: ``(N, 4, 2)`` points below the hips [m].
         landing: ``(N, 4, 2)`` footholds [m].
         measured: ``(4, 3)`` measured foot positions [m].
-        height: Heights of a foot in stance and of a via point [m].
+        height: Heights of a foot in stance and of a via point above the ground [m].
+        ground: The ground on which feet land.
     """
     position = np.empty((len(active), 4, 3))
     position[0] = measured
@@ -183,6 +189,11 @@ def _positions(
             early = not active[t, leg] and fraction[t, leg] < 0.5
             position[t, leg, :2] = below_hip[t, leg] if early else landing[t, leg]
             position[t, leg, 2] = height[0] if active[t, leg] else height[1]
+            position[t, leg, 2] += (
+                ground.height
+                + ground.slope_x * position[t, leg, 0]
+                + ground.slope_y * position[t, leg, 1]
+            )
     return position
 
 

@@ -30,6 +30,7 @@ from surefoot.mpc.footholds import (
     rotate_horizontal,
     travel_along_arc,
 )
+from surefoot.mpc.ground_plane import LEVEL, NO_LEVER, GroundPlane, plane_under
 from surefoot.mpc.interpolation import NodeRows, interpolate
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
 from surefoot.mpc.schedule import horizon, node_ticks
@@ -150,18 +151,23 @@ class Planner:
         velocity = planned_velocity(self._config, command)
         x0, foot_positions = self.measure(q, v)
         excess = excess_velocity(self._config, x0[3:5], command)
-        start = HorizonStart(tick, x0[:3], foot_positions, velocity, excess)
+        ground = LEVEL
+        if self._config.ground == "feet":
+            ground = plane_under(foot_positions, state.contacts, x0[:2], self._robot.foot_radius)
+        start = HorizonStart(tick, x0[:3], foot_positions, velocity, excess, ground)
         contacts = plan_contacts(self._foothold_rule, start)
+        lever = ground.lever(self._robot.foot_radius)
         clock.append(perf_counter())
-        reference = self.centroidal_reference(q, x0, contacts, velocity)
+        reference = self.centroidal_reference(q, x0, contacts, velocity, ground)
         guess, postures = self.warm_start(previous, tick, x0)
-        problem = CentroidalProblem(contacts, x0, reference, self._mass, self._friction)
+        touched = replace(contacts, position=contacts.position + lever)
+        problem = CentroidalProblem(touched, x0, reference, self._mass, self._friction)
         centroidal = solve_centroidal(problem, self._config.centroidal, guess)
         clock.append(perf_counter())
-        whole_body = self.kinematic_problem(q, v, contacts, centroidal, velocity)
+        whole_body = self.kinematic_problem(q, v, contacts, centroidal, velocity, ground)
         kinematic = self._kinematics.solve(whole_body, postures)
         clock.append(perf_counter())
-        motion = self.motion_plan(contacts, centroidal, kinematic)
+        motion = self.motion_plan(contacts, centroidal, kinematic, lever)
         clock.append(perf_counter())
         seconds = StageSeconds(*np.diff(clock).tolist())
         return PlanStages(tick, contacts, centroidal, kinematic, motion, seconds)
@@ -225,7 +231,12 @@ class Planner:
         return x0, feet(rows, self._legs)[0][0]
 
     def centroidal_reference(
-        self, q: Array, x0: Array, contacts: ContactPlan, velocity: Command
+        self,
+        q: Array,
+        x0: Array,
+        contacts: ContactPlan,
+        velocity: Command,
+        ground: GroundPlane = LEVEL,
     ) -> Array:
         """Return the reference ``(N+1, 9)`` of the centroidal problem.
 
@@ -237,6 +248,7 @@ class Planner:
             x0: ``(9,)`` measured centroidal state, from `measure`.
             contacts: The contact plan, for the durations of the nodes.
             velocity: The planned velocity in the heading frame.
+            ground: The ground, along which the center of mass moves.
         """
         time = np.concatenate([[0.0], np.cumsum(contacts.dt)])
         v = np.array(velocity[:2])
@@ -244,7 +256,9 @@ class Planner:
         reference = np.zeros((len(time), 9))
         reference[:, :2] = x0[:2] + travel_along_arc(v, w, time[:, None])
         reference[:, 2] = known(self._gait.com_height, "gait.com_height")
+        reference[:, 2] += ground.heights(reference)
         reference[:, 3:5] = rotate_horizontal(v, w * time[:, None])
+        reference[:, 5] = reference[:, 3:5] @ ground.slope
         upright = q.copy()
         upright[3:7] = 0.0, 0.0, 0.0, 1.0
         error = difference(q, upright)[3:6]
@@ -260,6 +274,7 @@ class Planner:
         contacts: ContactPlan,
         centroidal: CentroidalPlan,
         velocity: Command,
+        ground: GroundPlane = LEVEL,
     ) -> KinematicProblem:
         """Return the whole-body problem that follows a centroidal plan, with a level base.
 
@@ -269,6 +284,7 @@ class Planner:
             contacts: The contact plan.
             centroidal: The centroidal plan, for its momentum.
             velocity: The planned velocity, for its yaw rate.
+            ground: The ground, for the height of the base.
         """
         N = self._horizon.kinematic
         time = np.concatenate([[0.0], np.cumsum(contacts.dt[:N])])
@@ -278,6 +294,7 @@ class Planner:
         q_ref = np.empty((N + 1, 19))
         q_ref[:] = self._robot.nominal
         q_ref[:, 2] = known(self._config.kinematic.base_height, "expert.kinematic.base_height")
+        q_ref[:, 2] += ground.height
         q_ref[:, 5] = np.sin(0.5 * velocity.yaw_rate * time)
         q_ref[:, 6] = np.cos(0.5 * velocity.yaw_rate * time)
         v_ref = np.zeros((N + 1, 18))
@@ -285,7 +302,11 @@ class Planner:
         return KinematicProblem(q, v, contacts, momentum, q_ref, v_ref)
 
     def motion_plan(
-        self, contacts: ContactPlan, centroidal: CentroidalPlan, kinematic: KinematicPlan
+        self,
+        contacts: ContactPlan,
+        centroidal: CentroidalPlan,
+        kinematic: KinematicPlan,
+        lever: Array = NO_LEVER,
     ) -> MotionPlan:
         """Return the plan at 1 kHz: the nodes interpolated, with torques by inverse dynamics.
 
@@ -298,9 +319,10 @@ class Planner:
             contacts: The contact plan, for the durations of the nodes.
             centroidal: The centroidal plan, for its forces and residual.
             kinematic: The whole-body motion at the nodes.
+            lever: ``(3,)`` from the center of a foot to where forces act on it [m].
         """
         q, v, a, force = self.interpolate(contacts, centroidal, kinematic)
-        torque = self.inverse_dynamics(q, v, a, force)[:, 6:]
+        torque = self.inverse_dynamics(q, v, a, force, lever)[:, 6:]
         away = q[:, 7:] - self._robot.nominal[7:]
         valid = bool(
             _within(q, LARGEST_FLOAT)
@@ -328,7 +350,7 @@ class Planner:
         nodes = NodeRows(kinematic.q, kinematic.v, kinematic.acceleration, centroidal.forces)
         return interpolate(contacts.dt[:LAST_NODE], nodes, PLAN_TICKS)
 
-    def inverse_dynamics(self, q: Array, v: Array, a: Array, force: Array) -> Array:
+    def inverse_dynamics(self, q: Array, v: Array, a: Array, force: Array, lever: Array) -> Array:
         """Return the generalized force ``(T, 18)`` that a motion needs beyond the contact forces.
 
         The first six columns are a wrench that nothing applies: the momentum mismatch of the plan.
@@ -338,9 +360,10 @@ class Planner:
             v: ``(T, 18)`` velocities.
             a: ``(T, 18)`` generalized accelerations.
             force: ``(T, 4, 3)`` forces on the feet, world axes [N].
+            lever: ``(3,)`` from the center of a foot to where they act, world axes [m].
         """
         q, v, a, force = map(np.ascontiguousarray, (q, v, a, force))
-        return inverse_dynamics(q, v, a, force, self._legs, self._masses)
+        return inverse_dynamics(q, v, a, force, self._legs, self._masses, lever)
 
     def _inertia_about_the_vertical(self) -> float:
         """Return the composite inertia in the nominal pose [kg m^2]."""

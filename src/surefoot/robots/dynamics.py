@@ -136,7 +136,7 @@ def centroidal_momentum(q: Array, v: Array, legs: Legs, masses: Masses) -> tuple
 
 @njit(cache=True, error_model="numpy")
 def inverse_dynamics(
-    q: Array, v: Array, a: Array, force: Array, legs: Legs, masses: Masses
+    q: Array, v: Array, a: Array, force: Array, legs: Legs, masses: Masses, lever: Array
 ) -> Array:
     """Return the generalized forces ``(T, 18)`` of a motion beyond its contact forces.
 
@@ -149,6 +149,7 @@ def inverse_dynamics(
         force: ``(T, 4, 3)`` forces on the feet, world axes [N].
         legs: The geometry of the legs, from `legs_of`.
         masses: The masses of base and legs, from `masses_of`.
+        lever: ``(3,)`` from the center of a foot to where the forces act on it, world axes [m].
     """
     T = len(q)
     tau = np.empty((T, 18))
@@ -157,6 +158,7 @@ def inverse_dynamics(
     for t in range(T):
         _place_links(q[t], legs, masses, links)
         X, Y, Z = rotation(q[t])
+        to_contact = combine(1.0, combine(lever[0], X, lever[1], Y), lever[2], Z)
         base = (vector(v[t, :3]), vector(v[t, 3:6]))
         # Gravity is an acceleration upward of everything.
         pull = (combine(1.0, vector(a[t, :3]), GRAVITY, Z), vector(a[t, 3:6]))
@@ -178,7 +180,7 @@ def inverse_dynamics(
                 store(wrenches[i, 1], f[1])
             f = vector(force[t, leg])
             f = combine(1.0, combine(f[0], X, f[1], Y), f[2], Z)
-            foot = vector(links.foot[leg])
+            foot = combine(1.0, vector(links.foot[leg]), 1.0, to_contact)
             below = (combine(-1.0, f, 0.0, f), cross(f, foot))
             for i in range(2, -1, -1):
                 below = _add(below, 1.0, (vector(wrenches[i, 0]), vector(wrenches[i, 1])))

@@ -121,7 +121,9 @@ def expert_walks(
     every: int = 1,
     progress: Callable[[int], object] | None = None,
 ) -> Walks:
-    """Let the expert walk from standing still; robots that have fallen stay where they are.
+    """Let the expert walk from standing still, on the plane whatever the terrain.
+
+    Robots that have fallen stay where they are.
 
     Args:
         robot: The robot.
@@ -132,6 +134,7 @@ def expert_walks(
         progress: Called with 1 after each tick.
     """
     n = len(command)
+    config = replace(config, simulation=replace(config.simulation, terrain=None))
     simulator = make_simulator(robot, n, config.simulation)
     expert = make_expert(robot, config)
     expert.reset(n)

@@ -1,0 +1,97 @@
+"""The command terrains: policies and the expert on several grounds, as one table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
+from surefoot.files import write_atomic, write_json
+from surefoot.study.terrain_table import (
+    EXPERT,
+    GROUNDS,
+    TerrainTable,
+    Walker,
+    measure_terrains,
+    terrain_page,
+)
+
+
+@dataclass(frozen=True)
+class Terrains(OnWorkers, OnSimulator):
+    """Measure policies, and the expert beside them, on several grounds.
+
+    All begin in the same `test` initial states, and meet the same ground in each. Robot, commands
+    and expert are those of the first policy.
+
+    JSON keys: cells, each with key (a hash of what it depends on), terrain, label, robustness (the
+    keys of `surefoot evaluate`) and slower [mean and largest lag behind the command, m/s].
+    """
+
+    policies: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """The folders of runs, of which the best policy is measured, or policy files. Without any, the
+    policy that comes with the package."""
+    names: tuple[str, ...] = ()
+    """Labels of the policies, in their order; without them, the names of the folders or files."""
+    terrains: tuple[str, ...] = GROUNDS
+    """The grounds, each as --terrain of `surefoot evaluate`."""
+    episodes: int = 100
+    """The number of initial states on each ground, spread over commands and phases."""
+    json: Path | None = None
+    """Write the table to this file after each measurement, as JSON, and keep what it holds."""
+    page: Path | None = None
+    """Write the table to this Markdown file; in a file that exists, between its comments `table`
+    and `end of table`."""
+
+    def __call__(self) -> int:
+        """Measure what is missing, write the table where asked, and print it."""
+        from surefoot.config.json_io import read_record
+        from surefoot.runs.policies import find_policy
+        from surefoot.scenarios.gains import with_measured_gain
+        from surefoot.study.tables import page_with
+
+        # What would fail minutes later fails before any work.
+        outputs = [
+            Output("--json", self.json, (".json",)),
+            Output("--page", self.page, (".md",)),
+        ]
+        check_outputs(outputs, reads=list(self.policies))
+        if self.page is not None:
+            page_with("", self.page)
+        targets = self.policies or (None,)
+        if self.names and len(self.names) != len(targets):
+            raise ValueError(
+                f"--names: {len(self.names)} names for {len(targets)} policies; give one for each"
+            )
+        found = [find_policy(target) for target in targets]
+        names = self.names or [target.stem for target in self.policies] or ["packaged"]
+        walkers = [Walker(name, path) for name, (path, _) in zip(names, found, strict=True)]
+        config = self.simulated(found[0][1])
+        for name, (_, other) in zip(names, found, strict=True):
+            if (other.robot.model, other.gait.timing) != (config.robot.model, config.gait.timing):
+                raise ValueError(
+                    f"{name} is a policy of another robot or gait than {names[0]}; give each robot "
+                    "and gait a table of its own"
+                )
+        evaluation = replace(config.evaluation, episodes=self.episodes)
+        config = with_measured_gain(replace(config, evaluation=evaluation))
+        known = TerrainTable()
+        if self.json is not None and self.json.exists():
+            known = read_record(self.json, TerrainTable)
+        table = measure_terrains(
+            config, [Walker(EXPERT), *walkers], self.terrains, self.spread, known, self._keep
+        )
+        text = terrain_page(table)
+        # Written first: what cannot be printed is not lost.
+        if self.page is not None:
+            write_atomic(self.page, page_with(text, self.page).encode())
+        print(text)
+        return 0
+
+    def _keep(self, table: TerrainTable) -> None:
+        """Write what is measured so far, if a file was named."""
+        if self.json is not None:
+            write_json(self.json, table)

@@ -1,0 +1,102 @@
+"""The plane of the ground under a robot, as its feet feel it: one state is enough, and no map.
+
+A foot that carries load is on the ground. One that does not is some way above it, and all of those
+are about equally high, for they swing in one rhythm. So the heights of four feet are
+
+    z_i = a + g . (p_i - c) + s_i h + e_i,
+
+with a the height of the ground below the center of mass c, g its slope, h the clearance of the feet
+that swing (s_i = 1, else 0) and e_i what is uneven. The most probable a, g and h, if all are normal
+about zero, are one system of four equations. In a trot each diagonal pair tells the slope along its
+own diagonal, whether it stands or swings; what the feet cannot tell, such as the slope across a
+pace, stays nearly level. Read `footholds` next, which puts feet on the plane.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from surefoot.types import Array, BoolArray
+
+ROUGHNESS = 0.01
+"""[m] How far a foot on the ground is from the plane."""
+UNEVENNESS = 0.02
+"""[m] How much the clearances of feet differ that swing together."""
+CLEARANCE = 0.4
+"""[m] How high feet swing: more than they ever do, so that nothing is known of it."""
+STEEPNESS = 0.4
+"""How steep ground is: 0.4 is 22 degrees."""
+HEIGHT = 0.1
+"""[m] How far the ground is from z = 0, which is where the feet felt it last."""
+PRIOR = np.array([HEIGHT, STEEPNESS, STEEPNESS, CLEARANCE]) ** -2.0
+FARTHEST = 100.0
+"""[m] Feet that are farther from the robot, or at no place at all, are on no plane."""
+NO_LEVER = np.zeros(3)
+"""[m] Forces act on a foot at its center."""
+
+
+class GroundPlane(NamedTuple):
+    """A plane z = height + slope . (x, y) in the planning frame.
+
+    Attributes:
+        height: Its height at the origin [m].
+        slope_x: How much it rises by each meter ahead.
+        slope_y: How much it rises by each meter to the left.
+    """
+
+    height: float = 0.0
+    slope_x: float = 0.0
+    slope_y: float = 0.0
+
+    @property
+    def slope(self) -> Array:
+        """``(2,)`` how much it rises by each meter ahead and to the left."""
+        return np.array([self.slope_x, self.slope_y])
+
+    def heights(self, points: Array) -> Array:
+        """The heights ``(...)`` below points [m].
+
+        Args:
+            points: ``(..., 2)`` or ``(..., 3)`` points in the planning frame [m]; z is not used.
+        """
+        return self.height + self.slope_x * points[..., 0] + self.slope_y * points[..., 1]
+
+    def lever(self, foot_radius: float) -> Array:
+        """Where the plane touches a foot, from its center, as far as it is level ``(3,)`` [m].
+
+        A round foot on a slope is touched uphill of its center: by 3 mm for Solo12 on 10 degrees. A
+        robot that takes its center for the place drifts downhill by 0.02 m/s.
+
+        Args:
+            foot_radius: The radius of the foot spheres [m].
+        """
+        reach = foot_radius / np.sqrt(1.0 + self.slope_x**2 + self.slope_y**2)
+        return np.array([reach * self.slope_x, reach * self.slope_y, 0.0])
+
+
+LEVEL = GroundPlane()
+"""The plane z = 0, on which the planner plans where it is to take no notice of the ground."""
+
+
+def plane_under(feet: Array, loaded: BoolArray, center: Array, foot_radius: float) -> GroundPlane:
+    """The most probable plane under the feet of one robot.
+
+    Args:
+        feet: ``(4, 3)`` centers of the foot spheres, planning frame [m].
+        loaded: ``(4,)`` True for the feet that carry load.
+        center: ``(2,)`` the point to which a slope is referred: the center of mass [m].
+        foot_radius: The radius of the foot spheres [m].
+    """
+    if not (np.abs(feet) <= FARTHEST).all():
+        return LEVEL
+    A = np.zeros((4, 4))
+    A[:, 0] = 1.0
+    A[:, 1:3] = feet[:, :2] - center
+    A[:, 3] = ~loaded
+    weight = np.where(loaded, ROUGHNESS, UNEVENNESS) ** -2.0
+    H = A.T @ (weight[:, None] * A) + np.diag(PRIOR)
+    g = A.T @ (weight * (feet[:, 2] - foot_radius))
+    a, slope_x, slope_y, _ = np.linalg.solve(H, g).tolist()
+    return GroundPlane(a - slope_x * center[0] - slope_y * center[1], slope_x, slope_y)

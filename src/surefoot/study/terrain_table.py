@@ -1,0 +1,202 @@
+"""What the expert and some policies can do on several grounds, as one table.
+
+All begin in the same initial states, and each state meets the same ground whoever drives. A cell is
+one controller on one ground; its figures are those of an evaluation (`evaluation.robustness`).
+Cells that were measured before are kept. `docs/terrain.md` has the table.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.config import Config
+from surefoot.evaluation.robustness import Robustness, evaluate
+from surefoot.robots.scaling import with_own_values
+from surefoot.rollouts.summary import Summary
+from surefoot.scenarios.keys import ingredients_of, key_of
+from surefoot.scenarios.starts import starts_of
+from surefoot.study.tables import markdown
+from surefoot.workers import Workers
+
+GROUNDS = ("flat", "bumps:0.02", "bumps:0.05", "slope:10", "stairs:0.03")
+"""The grounds that are measured unless others are named."""
+EXPERT = "expert"
+"""The label of the expert."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Walker:
+    """A controller to measure.
+
+    Attributes:
+        label: What it is called in the table.
+        policy: The file of the policy; None is the expert.
+    """
+
+    label: str
+    policy: Path | None = None
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the policy's file; empty for the expert."""
+        return "" if self.policy is None else sha256(self.policy.read_bytes()).hexdigest()
+
+
+@dataclass(frozen=True)
+class TerrainCell:
+    """One controller on one ground.
+
+    Attributes:
+        key: SHA-256 of what it depends on.
+        terrain: The ground, as `SimulationConfig.terrain`.
+        label: The controller.
+        robustness: Its figures; `covered` are the successes that covered 70 % of the distance.
+        slower: Mean and largest lag of the mean velocity behind the command, along it, over the
+            episodes that succeeded with a command to go anywhere [m/s].
+    """
+
+    key: str
+    terrain: str
+    label: str
+    robustness: Robustness
+    slower: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class TerrainTable:
+    """All cells, ground by ground.
+
+    Attributes:
+        cells: The cells.
+    """
+
+    cells: tuple[TerrainCell, ...] = ()
+
+
+def measure_terrains(
+    config: Config,
+    walkers: Sequence[Walker],
+    terrains: Sequence[str],
+    workers: Workers,
+    known: TerrainTable | None = None,
+    keep: Callable[[TerrainTable], object] | None = None,
+) -> TerrainTable:
+    """Measure every controller on every ground, but for the cells that are known.
+
+    Args:
+        config: The robot, the expert, the simulator and the evaluation.
+        walkers: The controllers.
+        terrains: The grounds, as `SimulationConfig.terrain`.
+        workers: Processes that run the episodes.
+        known: What was measured before; cells that depend on something else are measured again.
+        keep: Called with the table after each cell.
+
+    Raises:
+        ValueError: Two labels or two grounds are the same, or there is no such terrain.
+    """
+    for names in ([walker.label for walker in walkers], list(terrains)):
+        if len(set(names)) < len(names):
+            raise ValueError(f"{', '.join(names)}: name each of them once")
+    grounds = [on(config, text) for text in terrains]
+    before = {cell.key: cell for cell in (known or TerrainTable()).cells}
+    table = TerrainTable()
+    for ground in grounds:
+        for walker in walkers:
+            key = key_of_cell(ground, walker)
+            cell = before.get(key) or _measure(ground, walker, workers)
+            cell = replace(cell, key=key, label=walker.label)
+            table = TerrainTable((*table.cells, cell))
+            if keep is not None:
+                keep(table)
+            logger.info(f"{cell.terrain}, {cell.label}: {_figures(cell)}")
+    return table
+
+
+def on(config: Config, terrain: str) -> Config:
+    """A configuration on some ground.
+
+    Args:
+        config: The configuration.
+        terrain: The ground.
+
+    Raises:
+        ValueError: There is no such terrain.
+    """
+    return replace(config, simulation=replace(config.simulation, terrain=terrain))
+
+
+def key_of_cell(config: Config, walker: Walker) -> str:
+    """SHA-256 of what a cell depends on, but for the code that only policies run.
+
+    Args:
+        config: The configuration, on the ground.
+        walker: The controller.
+    """
+    return key_of(
+        ingredients_of(with_own_values(config)),
+        starts_of(config).hash,
+        config.evaluation,
+        config.simulation.terrain,
+        walker.sha256,
+    )
+
+
+def _measure(config: Config, walker: Walker, workers: Workers) -> TerrainCell:
+    """Measure a cell; its key is not known here."""
+    robustness, summary = evaluate(config, walker.policy, "test", workers)
+    terrain = config.simulation.terrain or ""
+    return TerrainCell("", terrain, walker.label, robustness, lag(summary))
+
+
+def lag(summary: Summary) -> tuple[float, float]:
+    """Mean and largest lag of robots behind their commands, along them [m/s].
+
+    Args:
+        summary: The episodes. Those that failed, or were not to go anywhere, have no part in it.
+    """
+    commanded = summary.command[:, :2]
+    speed = np.hypot(*commanded.T)
+    going = ~summary.failed & (speed > 0.0)
+    if not going.any():
+        return 0.0, 0.0
+    along = (summary.mean_velocity[going, :2] * commanded[going]).sum(axis=1) / speed[going]
+    slower = speed[going] - along
+    return float(slower.mean()), float(slower.max())
+
+
+def terrain_page(table: TerrainTable) -> str:
+    """The table in Markdown, a line for each ground and a column for each controller.
+
+    Args:
+        table: The cells; a dash stands for one that is not there.
+    """
+    labels = list(dict.fromkeys(cell.label for cell in table.cells))
+    terrains = list(dict.fromkeys(cell.terrain for cell in table.cells))
+    figures = {(cell.terrain, cell.label): _figures(cell) for cell in table.cells}
+    lines = [
+        (f"`{terrain}`", *(figures.get((terrain, label), "-") for label in labels))
+        for terrain in terrains
+    ]
+    episodes = ", ".join(sorted({str(cell.robustness.episodes) for cell in table.cells}))
+    about = (
+        f"{episodes} `test` initial states on each ground: robots that stayed up and stepped, "
+        "those of them that covered 70 % of the distance commanded, and how much slower than "
+        "commanded they were, on average and at most [m/s]."
+    )
+    return f"{about}\n\n{markdown(('ground', *labels), lines)}"
+
+
+def _figures(cell: TerrainCell) -> str:
+    """The text of a cell."""
+    mean, most = cell.slower
+    return (
+        f"{cell.robustness.successes} up, {cell.robustness.covered} covered; {mean:.3f}, {most:.3f}"
+    )

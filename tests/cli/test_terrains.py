@@ -1,0 +1,78 @@
+"""The command terrains: its options, and the files that it writes."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import surefoot.cli.terrains as module
+from surefoot.cli.terrains import Terrains
+from surefoot.runs.policies import PACKAGED_POLICY
+from surefoot.study.terrain_table import GROUNDS, TerrainCell, TerrainTable, Walker
+from tests.fakes.results import robustness
+
+TABLE = TerrainTable(
+    (TerrainCell("k", "flat", "expert", robustness(3, 3, covered=2), (0.01, 0.02)),)
+)
+
+
+@pytest.fixture
+def asked(monkeypatch) -> list:
+    """What was to be measured; a table of one cell comes of it."""
+    calls = []
+
+    def measure_terrains(config, walkers, terrains, workers, known, keep):
+        calls.append((walkers, terrains, config.evaluation.episodes, known))
+        keep(TABLE)
+        return TABLE
+
+    monkeypatch.setattr(module, "measure_terrains", measure_terrains)
+    return calls
+
+
+def test_without_options_the_packaged_policy_is_measured_beside_the_expert(surefoot, asked):
+    assert surefoot("terrains") == 0
+    walkers = [Walker("expert"), Walker("packaged", Path(PACKAGED_POLICY))]
+    assert asked == [(walkers, GROUNDS, 100, TerrainTable())]
+
+
+def test_options_are_heard_and_files_are_written(surefoot, asked, capsys, tmp_path):
+    page = tmp_path / "terrain.md"
+    page.write_text("before\n<!-- table -->\nold\n<!-- end of table -->\nafter\n")
+    report = tmp_path / "table.json"
+    options = ("--names", "flat", "--terrains", "bumps:0.02", "slope:5..10", "--episodes", 3)
+    files = ("--json", report, "--page", page)
+    assert surefoot("terrains", PACKAGED_POLICY, *options, *files) == 0
+    [(walkers, terrains, episodes, _)] = asked
+    assert [walker.label for walker in walkers] == ["expert", "flat"]
+    assert (terrains, episodes) == (("bumps:0.02", "slope:5..10"), 3)
+    table = capsys.readouterr().out
+    assert "| `flat` | 3 up, 2 covered; 0.010, 0.020 |" in table
+    assert page.read_text() == f"before\n<!-- table -->\n{table}<!-- end of table -->\nafter\n"
+    assert json.loads(report.read_text())["cells"][0]["label"] == "expert"
+    assert surefoot("terrains", PACKAGED_POLICY, *options, *files) == 0
+    assert asked[-1][-1] == TABLE
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--names", "a", "b"), "--names: 2 names for 1 policies; give one for each"),
+        (("--json", "table.txt"), "table.txt must end in .json"),
+        (("nowhere",), "nowhere: there is no such run folder or policy file"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_before_any_work(
+    surefoot, asked, capsys, tmp_path, monkeypatch, options, message
+):
+    monkeypatch.chdir(tmp_path)
+    assert surefoot("terrains", *options) == 2
+    assert message in capsys.readouterr().err
+    assert asked == []
+
+
+@pytest.mark.parametrize("record", [TerrainTable, TerrainCell])
+def test_the_help_names_every_json_key(record):
+    words = set(re.findall(r"\w+", Terrains.__doc__ or ""))
+    assert set(record.__dataclass_fields__) <= words

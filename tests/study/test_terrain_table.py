@@ -1,0 +1,111 @@
+"""Controllers on several grounds: what is measured, what is kept, and the table."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import surefoot.study.terrain_table as module
+from surefoot.config import Config, EvaluationConfig
+from surefoot.config.json_io import from_json, to_json
+from surefoot.rollouts.outcome import Outcome
+from surefoot.study.terrain_table import (
+    EXPERT,
+    TerrainTable,
+    Walker,
+    lag,
+    measure_terrains,
+    terrain_page,
+)
+from surefoot.workers import Workers
+from tests.fakes.results import robustness
+from tests.fakes.rollouts import summary_of
+
+CONFIG = Config(evaluation=EvaluationConfig(duration=0.3, episodes=2))
+GROUNDS = ("flat", "slope:10")
+
+
+@pytest.fixture
+def measured(monkeypatch) -> list:
+    """What was evaluated: ground and policy."""
+    calls = []
+
+    def evaluate(config, policy, split, workers):
+        calls.append((config.simulation.terrain, policy, split, config.evaluation.episodes))
+        command = np.array([[0.2, 0.0, 0.0], [0.0, 0.0, 0.0]])
+        velocity = np.array([[0.15, 0.01, 0.0], [0.1, 0.0, 0.0]])
+        outcomes = [Outcome.SUCCESS] * 2
+        summary = summary_of(outcomes, command=command, mean_velocity=velocity)
+        return robustness(2, 2, covered=1), summary
+
+    monkeypatch.setattr(module, "evaluate", evaluate)
+    return calls
+
+
+@pytest.fixture
+def policy(tmp_path):
+    path = tmp_path / "mixed.safetensors"
+    path.write_bytes(b"weights")
+    return path
+
+
+def test_every_controller_is_measured_on_every_ground(measured, policy):
+    walkers = [Walker(EXPERT), Walker("mixed", policy)]
+    kept = []
+    table = measure_terrains(CONFIG, walkers, GROUNDS, Workers(1), keep=kept.append)
+    assert measured == [(text, path, "test", 2) for text in GROUNDS for path in (None, policy)]
+    assert [len(each.cells) for each in kept] == [1, 2, 3, 4]
+    assert kept[-1] == table
+    assert from_json(TerrainTable, to_json(table)) == table
+    page = terrain_page(table)
+    assert "| ground | expert | mixed |" in page
+    assert "| `slope:10` | 2 up, 1 covered; 0.050, 0.050 | 2 up, 1 covered; 0.050, 0.050 |" in page
+    assert page.startswith("2 `test` initial states on each ground")
+    assert "| `slope:10` | 2 up, 1 covered; 0.050, 0.050 | - |" in terrain_page(kept[2])
+
+
+def test_what_was_measured_is_kept_unless_it_depends_on_something_else(measured, policy):
+    walkers = [Walker(EXPERT), Walker("mixed", policy)]
+    table = measure_terrains(CONFIG, walkers, GROUNDS, Workers(1))
+    measured.clear()
+    renamed = [Walker(EXPERT), Walker("other", policy)]
+    again = measure_terrains(CONFIG, renamed, (*GROUNDS, "stairs:0.03"), Workers(1), table)
+    assert [(text, path) for text, path, *_ in measured] == [
+        ("stairs:0.03", None),
+        ("stairs:0.03", policy),
+    ]
+    assert {cell.label for cell in again.cells} == {EXPERT, "other"}
+    measured.clear()
+    policy.write_bytes(b"other weights")
+    measure_terrains(CONFIG, walkers, GROUNDS, Workers(1), table)
+    assert [path for _, path, *_ in measured] == [policy, policy]
+    measured.clear()
+    longer = replace(CONFIG, evaluation=EvaluationConfig(duration=0.4, episodes=2))
+    measure_terrains(longer, walkers[:1], GROUNDS, Workers(1), table)
+    assert len(measured) == 2
+
+
+def test_names_that_are_the_same_and_grounds_that_are_none_are_refused(measured, policy):
+    twice = [Walker("mixed"), Walker("mixed", policy)]
+    with pytest.raises(ValueError, match="mixed, mixed: name each of them once"):
+        measure_terrains(CONFIG, twice, GROUNDS, Workers(1))
+    with pytest.raises(ValueError, match="flat, flat: name each of them once"):
+        measure_terrains(CONFIG, twice[:1], ("flat", "flat"), Workers(1))
+    with pytest.raises(ValueError, match="size -1; use 0 to 45 deg"):
+        measure_terrains(CONFIG, twice[:1], ("flat", "slope:-1"), Workers(1))
+    assert measured == []
+
+
+def test_the_lag_is_that_of_successes_along_their_commands():
+    command = np.array([[0.2, 0, 0], [0, -0.1, 0], [0.3, 0, 0], [0, 0, 0]])
+    velocity = np.array([[0.18, 0.5, 0], [0.5, -0.06, 0], [0.0, 0, 0], [-0.2, 0, 0]])
+    outcome = [Outcome.SUCCESS, Outcome.SUCCESS, Outcome.FELL, Outcome.SUCCESS]
+    summary = summary_of(outcome, command=command, mean_velocity=velocity)
+    np.testing.assert_allclose(lag(summary), (0.03, 0.04), atol=1e-12)
+    assert lag(summary_of([Outcome.FELL])) == (0.0, 0.0)
+
+
+def test_the_expert_walks_on_a_ground_for_real():
+    config = replace(CONFIG, evaluation=EvaluationConfig(duration=0.1, episodes=1))
+    table = measure_terrains(config, [Walker(EXPERT)], ("slope:10",), Workers(1))
+    assert table.cells[0].robustness.episodes == 1
