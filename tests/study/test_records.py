@@ -29,6 +29,7 @@ LATER = {
     "lost_at": [],
     "latching": None,
     "covered": None,
+    "gaits": None,
 }
 """What the published evaluations do not hold yet."""
 
