@@ -189,7 +189,7 @@ def test_the_expert_drives_for_a_block_of_seconds_at_every_rate(policy, rate):
     still = np.zeros(12)
     level = np.array([0.0, 0.0, 0.0, 1.0])
     safe = Sensors(0, 0, bounded.nominal, still, still, level, np.zeros(3), np.zeros(3), None)
-    tilted = replace(safe, orientation=np.array([0.3, 0.0, 0.0, 0.954]))
+    tilted = safe._replace(orientation=np.array([0.3, 0.0, 0.0, 0.954]))
     step = 1000 // rate
     assert switch.expert_drives(tilted, 0, Command())
     drove = [switch.expert_drives(safe, tick * step, Command()) for tick in range(1, rate)]

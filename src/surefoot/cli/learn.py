@@ -116,8 +116,8 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         check_outputs([Output("--json", self.json)], new_run=folder)
         if self.heartbeat is not None:
             check_seconds(self.heartbeat, "--heartbeat")
+        only_gait(self.config, "learning on a robot")  # before initial states are prepared
         config = config_for(folder, self.with_commands(self.simulated(self.config)))
-        only_gait(config, "learning on a robot")
         check_config(config)
         run = create(folder, config, resume=True)
         check_robots_run(run)
