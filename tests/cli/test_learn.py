@@ -1,7 +1,9 @@
 """The command learn: what it refuses, and a whole run on a twin over real UDP, in lockstep."""
 
 import json
+import os
 import re
+import sys
 from threading import Thread
 
 import pytest
@@ -88,13 +90,35 @@ def test_a_bridge_of_another_robot_is_refused_before_any_work(surefoot, address,
         ((), "--robot"),
         (("--robot", "udp://127.0.0.1"), "no address of a bridge; use udp://127.0.0.1:PORT"),
         (("--robot", "udp://127.0.0.1:1", "--preset", "slow"), "no preset 'slow'"),
-        (("--robot", "udp://127.0.0.1:1", "--heartbeat", -1), "use at least 0.001 s"),
+        (("--robot", "udp://127.0.0.1:1", "--heartbeat", -1), "--heartbeat -1: use at least 0.001"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(surefoot, tmp_path, capsys, args, message):
     assert surefoot("learn", "--run", tmp_path / "run", *args) == 2
     printed = capsys.readouterr()
     assert message in printed.err + printed.out
+
+
+def test_several_gaits_are_refused_before_there_is_a_run(surefoot, tmp_path, capsys):
+    folder = tmp_path / "run"
+    args = ("--robot", "udp://127.0.0.1:1", "--run", folder, "--gaits", "trot", "walk")
+    assert surefoot("learn", *args) == 2
+    assert "learning on a robot takes one gait" in capsys.readouterr().err
+    assert not folder.exists()
+
+
+def test_the_operator_is_shown_only_what_has_an_effect(monkeypatch, caplog):
+    learn = parse_learn(["--robot", "udp://127.0.0.1:5151"])
+    assert all(word in learn.hint for word in ("start", "stop", "stand", "walk"))
+    assert not any(word in learn.hint for word in ("vx", "vy", "yaw"))
+    reader, writer = os.pipe()
+    with os.fdopen(reader) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        terminal = learn.terminal()
+        os.write(writer, b"vx 0.2\n")
+        os.close(writer)
+        terminal.wish()
+    assert "'vx 0.2' means nothing" in caplog.text
 
 
 def test_an_iteration_on_a_robot_is_shorter_than_a_simulated_one():

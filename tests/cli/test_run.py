@@ -3,18 +3,22 @@
 import json
 import time
 from dataclasses import replace
+from pathlib import Path
 from threading import Thread
 
 import numpy as np
 import pytest
 
 from surefoot.bench.engine import standing_policy
-from surefoot.cli.run import expert_config, gate_bounds, what_to_do
+from surefoot.cli.run import RunPolicy, expert_config, gate_bounds, what_to_do
 from surefoot.cli.twin import RunTwin, seen
 from surefoot.config import Config, Gait, PolicyConfig
+from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.twin import TwinConfig
 from surefoot.deploy.bridge import UdpChannel
 from surefoot.deploy.flight import FlightReport
+from surefoot.deploy.handover import PlanRequest
+from surefoot.deploy.interfaces import Sensors
 from surefoot.deploy.policy import OnnxPolicy, load
 from surefoot.deploy.recorder import load_flight
 from surefoot.deploy.udp_robot import address_text
@@ -25,8 +29,10 @@ from surefoot.learning.policy import save
 from surefoot.mpc.gaits import with_gait
 from surefoot.robots.bounds import table_bounds
 from surefoot.robots.load import load_robot
+from surefoot.robots.scaling import with_own_values
 from surefoot.scenarios import gains
 from surefoot.twin.serve import make_twin
+from surefoot.types import Command
 
 SHORT = ("--config.stand", 0.3, "--config.stand-kp", 6.0)
 
@@ -113,6 +119,7 @@ def test_a_fault_ends_with_status_1_and_is_recorded(surefoot, policy, twin, tmp_
         (("--robot", "127.0.0.1:5151"), "no address of a bridge"),
         (("--robot", "udp://127.0.0.1:1", "--start"), "--start and --seconds belong together"),
         (("--robot", "udp://127.0.0.1:1", "--seconds", 3), "--start and --seconds belong together"),
+        (("--robot", "udp://127.0.0.1:1", "--heartbeat", 0), "--heartbeat 0: use at least"),
         (("--robot", "udp://127.0.0.1:1", "--vx", "nan"), "--vx is nan"),
         (("--robot", "udp://127.0.0.1:1", "--recording", "a.txt"), "must end in .npz"),
     ],
@@ -169,6 +176,34 @@ def test_the_experts_gate_has_the_bounds_that_the_policy_was_trained_under(polic
     own = gate_bounds(with_description(policy, bounds=None), config)
     np.testing.assert_array_equal(own, table_bounds(config.safety))
     assert "does not hold the safety bounds" in caplog.text
+
+
+@pytest.mark.parametrize("rate", [1000, 500])
+def test_the_expert_drives_for_a_block_of_seconds_at_every_rate(policy, rate):
+    bounds = SafetyBounds((0.0, 1.0), (-0.1, 0.1), (-0.1, 0.1), ((-4.0, 4.0),) * 12)
+    bounded = with_description(policy, bounds=bounds, rate_hz=rate)
+    run = RunPolicy(Path("policy.onnx"), "udp://127.0.0.1:1", config=RuntimeConfig(block=0.1))
+    config = with_own_values(Config(), load_robot("solo12"))
+    switch = run.safeguard(bounded, NoLink(), config).switch
+    assert switch is not None
+    still = np.zeros(12)
+    level = np.array([0.0, 0.0, 0.0, 1.0])
+    safe = Sensors(0, 0, bounded.nominal, still, still, level, np.zeros(3), np.zeros(3), None)
+    tilted = safe._replace(orientation=np.array([0.3, 0.0, 0.0, 0.954]))
+    step = 1000 // rate
+    assert switch.expert_drives(tilted, 0, Command())
+    drove = [switch.expert_drives(safe, tick * step, Command()) for tick in range(1, rate)]
+    assert 1 + sum(drove) == 0.1 * rate
+
+
+class NoLink:
+    """A way to a planner that nobody goes."""
+
+    def ask(self, request: PlanRequest) -> None:
+        raise NotImplementedError
+
+    def answer(self, seconds: float = 0.0) -> None:
+        raise NotImplementedError
 
 
 def test_a_named_gait_has_its_own_steps_and_horizon(policy, monkeypatch):

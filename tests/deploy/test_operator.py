@@ -40,6 +40,13 @@ def test_a_line_that_means_nothing_is_named_and_an_empty_one_is_not(caplog):
     assert not caplog.text
 
 
+def test_who_does_not_steer_changes_no_command_and_is_told_so(caplog):
+    for line in ("vx 0.25", "vy -0.1", "yaw 1"):
+        assert obey(HERE, line, steers=False) == HERE
+        assert f"'{line}' means nothing; type start, stop, stand or walk; the velo" in caplog.text
+    assert obey(HERE, "start", steers=False).go
+
+
 def test_stop_is_obeyed():
     assert obey(Wish(True, Command()), "stop").go is False
 
@@ -49,6 +56,13 @@ def pipe():
     reader, writer = os.pipe()
     yield reader, writer
     os.close(reader)
+
+
+def test_at_a_terminal_that_does_not_steer_a_command_changes_nothing(pipe):
+    reader, writer = pipe
+    operator = Terminal(Command(), descriptor=reader, steers=False)
+    os.write(writer, b"vx 0.1\nstart\n")
+    assert operator.wish() == Wish(True, Command())
 
 
 def test_a_terminal_is_read_as_it_comes(pipe):

@@ -1,6 +1,7 @@
 """An iteration on a robot: the frames of the simulation, what is kept, dropped and resumed."""
 
 from dataclasses import replace
+from threading import Event
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from surefoot.field.attempts import cost_of, read_attempts
 from surefoot.field.collection import RobotCollection, on_robot
 from surefoot.field.episode import rollout_of
 from surefoot.field.session import Crew, Session, Unattended, deployed_policy
+from surefoot.learning.dataset import Dataset
 from surefoot.methods.loco_safe_dagger import collection
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.jobs import Job, chunks_of, play_out
@@ -204,6 +206,99 @@ def test_what_is_finished_outlives_an_interruption_and_the_rest_is_flown(run):
     ids = [attempt.episode for attempt in read_attempts(run.folder)]
     assert ids == [100000, 100001]
     assert run.dataset.before(100001).hash == before
+
+
+class Watching(Unattended):
+    """Knows when the second episode is under way."""
+
+    def __init__(self) -> None:
+        self.ticks = 0
+        self.walks = Event()
+
+    def wish(self) -> Wish:
+        self.ticks += 1
+        if self.ticks == 1600:
+            self.walks.set()
+        return super().wish()
+
+
+def test_what_a_robot_went_through_until_ctrl_c_is_written_down(run, monkeypatch):
+    person = Watching()
+    append = Dataset.append
+
+    def interrupted(dataset, name, recording) -> None:
+        append(dataset, name, recording)
+        person.walks.wait(60.0)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Dataset, "append", interrupted)
+    robot = RobotCollection(crew_of(run, LockstepTwin(STANDING), person))
+    with pytest.raises(KeyboardInterrupt):
+        robot(run, 1, job_of(run), ONE)
+    attempts = read_attempts(run.folder)
+    assert [(attempt.episode, attempt.end) for attempt in attempts] == [
+        (100000, "whole"),
+        (100001, "dropped"),
+    ]
+    assert attempts[1].seconds > 0.2
+    assert run.dataset.shards == ("iteration_001-000",)
+
+
+class Resting(Unattended):
+    """Lets the robot stand in the middle of an episode, from one tick until another."""
+
+    def __init__(self, twin: LockstepTwin, begin: int, end: int) -> None:
+        self.twin = twin
+        self.rest = range(begin, end)
+        self.ticks = 0
+
+    def wish(self) -> Wish:
+        self.ticks += 1
+        return super().wish()._replace(rest=self.ticks in self.rest)
+
+
+def flown_once(run: Run, twin: LockstepTwin, person: Resting):
+    """The report of the second episode, flown first."""
+    crew = crew_of(run, twin, person)
+    policy = deployed_policy(PACKAGED_POLICY, twin.model, crew.config)
+    session = Session(crew, policy, lambda: False)
+    report = session.fly(chunks_of(on_robot(job_of(run), twin.model))[1])
+    session.close()
+    return report
+
+
+def test_what_was_driven_before_a_rest_counts_and_the_episode_is_the_one_after_it(run):
+    twin = LockstepTwin(STANDING)
+    report = flown_once(run, twin, Resting(twin, 800, 900))
+    assert report.attempt.end == "whole"
+    # About half a second until the rest, and the whole episode after it.
+    assert 1.1 < report.attempt.seconds < 1.25
+    assert report.flown is not None
+    assert len(report.flown.flight.tick) == 700
+    # Lying and standing up, and the rest with standing up after it.
+    assert 0.6 < report.attempt.other_seconds < 0.8
+    assert report.attempt.expert_seconds > report.flown.flight.expert_drove.sum() / 1000
+
+
+class Knocking(Resting):
+    """Knocks the robot over while it rests."""
+
+    def wish(self) -> Wish:
+        if self.ticks == self.rest.start + 20:
+            driver = self.twin.twin.driver
+            q = driver.simulator.state.q[0].copy()
+            q[3:7] = np.array([1.0, 0.0, 0.0, 1.0]) / np.sqrt(2.0)
+            driver.place(q, np.zeros(18))
+        return super().wish()
+
+
+def test_a_robot_knocked_over_while_it_stands_as_wished_says_nothing_of_its_policy(run):
+    twin = LockstepTwin(STANDING)
+    report = flown_once(run, twin, Knocking(twin, 800, 2000))
+    assert report.attempt.fault == "tilt"
+    assert report.attempt.end == "dropped"
+    assert report.attempt.seconds > 0.4
+    assert report.flown is None
 
 
 class Stopping(Unattended):

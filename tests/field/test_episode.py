@@ -81,10 +81,16 @@ def test_only_driven_ticks_count_and_an_episode_that_begins_anew_is_kept_anew():
         add(log, tick, expert=True)
     assert (log.ticks, log.expert_ticks, log.takeovers) == (20, 20, 1)
     add(log, 19, expert=True)  # no new measurement has come
+    assert not log.stood
+    add(log, -1, Mode.STAND)
+    assert log.stood
     for tick in range(10):
         add(log, tick)
-    assert (log.ticks, log.expert_ticks, log.takeovers) == (10, 0, 0)
+    assert not log.stood
+    assert log.ticks == 10
     assert log.flight().gait_tick.tolist() == list(range(10))
+    # The robot has gone through all of it.
+    assert (log.driven, log.expert_ticks, log.takeovers) == (30, 21, 1)
 
 
 def test_ticks_after_the_last_one_are_left_out():

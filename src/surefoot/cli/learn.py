@@ -31,6 +31,7 @@ from surefoot.runs.layout import ATTEMPTS_FILE, CURVES_FILE, METRICS_FILE, RunEr
 from surefoot.types import Command
 
 if TYPE_CHECKING:
+    from surefoot.deploy.operator import Terminal
     from surefoot.field.attempts import RobotCost
     from surefoot.field.session import Crew
     from surefoot.runs.run import Run
@@ -68,7 +69,8 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
     it is one like those of `surefoot train`; its best policy is the last one.
 
     The robot is damped until you say start: type `start`, `stop`, `stand` or `walk`, each with the
-    enter key. After a fault and after each training it waits for another `start`.
+    enter key. After a fault and after each training it waits for another `start`. Each episode has
+    a velocity of its own, and all of them one gait.
 
     JSON keys: run [folder]; metrics [list, one object for each stage, with the keys of the run's
     metrics.jsonl]; cost, with robot_minutes [driven], other_minutes [lying, standing up, standing],
@@ -103,6 +105,7 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         from surefoot.field.attempts import cost_of, read_attempts
         from surefoot.field.collection import RobotCollection
         from surefoot.methods.loco_safe_dagger import loco_safe_dagger
+        from surefoot.mpc.gaits import only_gait
         from surefoot.runs.checks import check_config
         from surefoot.runs.metrics import line_values
         from surefoot.runs.run import config_for, create
@@ -112,7 +115,8 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         check_option("--run", folder / METRICS_FILE)
         check_outputs([Output("--json", self.json)], new_run=folder)
         if self.heartbeat is not None:
-            check_seconds(self.heartbeat)
+            check_seconds(self.heartbeat, "--heartbeat")
+        only_gait(self.config, "learning on a robot")  # before initial states are prepared
         config = config_for(folder, self.with_commands(self.simulated(self.config)))
         check_config(config)
         run = create(folder, config, resume=True)
@@ -132,9 +136,9 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
     @property
     def hint(self) -> str:
         """What to tell the operator when the robot waits for a start; nothing without one."""
-        from surefoot.deploy.operator import COMMANDS
+        from surefoot.deploy.operator import UNSTEERED
 
-        return "" if self.unattended else f"the robot is damped; {COMMANDS}"
+        return "" if self.unattended else f"the robot is damped; {UNSTEERED}"
 
     def prepare(self) -> None:
         """Prepare the thread that drives the robot."""
@@ -155,7 +159,6 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
             ValueError: It serves another robot, or one that does not measure its base.
         """
         from surefoot.deploy.bridge import UdpChannel
-        from surefoot.deploy.operator import Terminal
         from surefoot.deploy.udp_robot import UdpRobot, parse_address
         from surefoot.field.session import Crew, Unattended, check_bridge
         from surefoot.robots.load import load_robot
@@ -174,8 +177,14 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         config = with_own_values(run.config, robot)
         planner = PlannerProcess(config)
         closing.callback(planner.close)
-        person = Unattended() if self.unattended else Terminal(Command(), self.heartbeat)
+        person = Unattended() if self.unattended else self.terminal()
         return Crew(robot, config, self.runtime, planner, person, connection)
+
+    def terminal(self) -> Terminal:
+        """An operator who starts and stops the robot; each episode has its own velocity."""
+        from surefoot.deploy.operator import Terminal
+
+        return Terminal(Command(), self.heartbeat, steers=False)
 
 
 def check_robots_run(run: Run) -> None:

@@ -306,15 +306,19 @@ def check_outputs(
         names[file] = f"the file of {output.name}"
 
 
-def check_seconds(seconds: float) -> None:
+def check_seconds(seconds: float, option: str = "--seconds") -> None:
     """Check how long a robot is to be recorded, before memory is taken for all of it.
+
+    Args:
+        seconds: How long [s].
+        option: The option that says so.
 
     Raises:
         ValueError: The duration is less than a tick, or more than an hour.
     """
     if not 1 / TICKS_PER_SECOND <= seconds <= MOST_SECONDS:
         raise ValueError(
-            f"--seconds {seconds:g}: use at least {1 / TICKS_PER_SECOND} s, and at most "
+            f"{option} {seconds:g}: use at least {1 / TICKS_PER_SECOND} s, and at most "
             f"{MOST_SECONDS:.0f} s"
         )
 

@@ -20,7 +20,7 @@ from surefoot.cli.options import (
     show_record,
 )
 from surefoot.config.deploy import RuntimeConfig
-from surefoot.types import Command, to_ticks
+from surefoot.types import Command
 
 if TYPE_CHECKING:
     from surefoot.config import Config
@@ -131,9 +131,10 @@ class RunPolicy:
                 "--start and --seconds belong together: without a terminal, a robot that starts by "
                 "itself has to stop by itself"
             )
-        for seconds in (self.seconds, self.heartbeat):
-            if seconds is not None:
-                check_seconds(seconds)
+        if self.seconds is not None:
+            check_seconds(self.seconds)
+        if self.heartbeat is not None:
+            check_seconds(self.heartbeat, "--heartbeat")
 
     def operator(self, command: Command, robot: UdpRobot) -> Operator:
         """Who starts and stops the robot.
@@ -173,7 +174,9 @@ class RunPolicy:
             self.lockstep,
         )
         gate = BoundsGate(low, high, partial(com_in_base, table))
-        return Safeguard(GateSwitch(gate, to_ticks(self.config.block)), driver)
+        # The switch is asked once in a tick of the policy.
+        block = round(self.config.block * policy.rate_hz)
+        return Safeguard(GateSwitch(gate, block), driver)
 
 
 def gate_bounds(policy: OnnxPolicy, expert: Config) -> tuple[Array, Array]:

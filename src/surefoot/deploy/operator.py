@@ -23,6 +23,8 @@ NAMES = {"vx": "vx", "vy": "vy", "yaw": "yaw_rate"}
 """What an operator calls the parts of a command."""
 COMMANDS = "type start, stop, stand, walk, vx 0.2, vy 0.1 or yaw 0.5"
 """What an operator may say."""
+UNSTEERED = "type start, stop, stand or walk; the velocities are given"
+"""What an operator may say who does not steer."""
 logger = logging.getLogger(__name__)
 
 
@@ -89,6 +91,7 @@ class Terminal:
             input is a loss.
         clock: Gives the time [ns].
         descriptor: The file descriptor to read from.
+        steers: Whether the operator may change the command.
     """
 
     def __init__(
@@ -97,11 +100,13 @@ class Terminal:
         heartbeat: float | None = None,
         clock: Clock = wall_clock,
         descriptor: int | None = None,
+        steers: bool = True,
     ) -> None:
         self._wish = Wish(False, command)
         self._heartbeat = heartbeat
         self._clock = clock
         self._descriptor = sys.stdin.fileno() if descriptor is None else descriptor
+        self._steers = steers
         self._alive_ns = clock()
         self._text = b""
 
@@ -130,19 +135,20 @@ class Terminal:
             *lines, self._text = (self._text + part).split(b"\n")
             self._text = self._text[-LONGEST_LINE:]
             for line in lines:
-                self._wish = obey(self._wish, line.decode(errors="replace"))
+                self._wish = obey(self._wish, line.decode(errors="replace"), self._steers)
         silent = (now - self._alive_ns) / 1e9
         if self._heartbeat is not None and self._wish.go and silent > self._heartbeat:
             lost = f"the operator has given no sign of life for {silent:.2f} s"
             self._wish = self._wish._replace(go=False, lost=lost)
 
 
-def obey(wish: Wish, line: str) -> Wish:
+def obey(wish: Wish, line: str, steers: bool = True) -> Wish:
     """What the operator wants after a line; one that means nothing changes nothing, with a warning.
 
     Args:
         wish: What the operator wanted before.
         line: The line; an empty one is a sign of life only.
+        steers: Whether the operator may change the command.
     """
     words = line.lower().split()
     if not words:
@@ -155,8 +161,9 @@ def obey(wish: Wish, line: str) -> Wish:
         return wish._replace(rest=words == ["stand"])
     name = NAMES.get(words[0])
     value = _number(words[1]) if len(words) == 2 else None
-    if name is None or value is None:
-        logger.warning(f"{shown(line.strip())} means nothing; {COMMANDS}")
+    if name is None or value is None or not steers:
+        allowed = COMMANDS if steers else UNSTEERED
+        logger.warning(f"{shown(line.strip())} means nothing; {allowed}")
         return wish
     return wish._replace(command=wish.command._replace(**{name: value}))
 

@@ -91,19 +91,23 @@ class RobotCollection:
         attempts = read_attempts(folder)
         messages: SimpleQueue[Message] = SimpleQueue()
         stop = threading.Event()
-        with _driving(lambda: self._drive(policy, jobs, messages, stop), messages, stop):
-            while (message := messages.get()) is not None:
-                if isinstance(message, BaseException):
-                    raise message
-                number, report = message
-                attempts.append(report.attempt)
-                write_attempts(folder, attempts)
-                if report.last_seconds is not None:
-                    name = f"{report.attempt.episode}.npz"
-                    save_flight(unused(folder / "flights" / name), report.last_seconds)
-                _tell(report.attempt)
-                if report.flown is not None:
-                    yield number, result_of(jobs[number], report.flown, crew.robot, crew.config)
+        try:
+            with _driving(lambda: self._drive(policy, jobs, messages, stop), messages, stop):
+                while (message := messages.get()) is not None:
+                    if isinstance(message, BaseException):
+                        raise message
+                    number, report = message
+                    _record(folder, attempts, report)
+                    if report.flown is not None:
+                        yield number, result_of(jobs[number], report.flown, crew.robot, crew.config)
+        finally:
+            # After a Ctrl-C nobody takes these episodes any more, but the robot flew them.
+            while not messages.empty():
+                message = messages.get()
+                if isinstance(message, tuple):
+                    left = message[1]
+                    dropped = replace(left.attempt, end="dropped")
+                    _record(folder, attempts, replace(left, attempt=dropped))
 
     def _drive(
         self,
@@ -192,6 +196,16 @@ def _driving(
             stop.set()
             thread.join()
             sys.setswitchinterval(interval)
+
+
+def _record(folder: Path, attempts: list[Attempt], report: Report) -> None:
+    """Add an attempt to those of a run, write its last seconds, and say what it came to."""
+    attempts.append(report.attempt)
+    write_attempts(folder, attempts)
+    if report.last_seconds is not None:
+        name = f"{report.attempt.episode}.npz"
+        save_flight(unused(folder / "flights" / name), report.last_seconds)
+    _tell(report.attempt)
 
 
 def _tell(attempt: Attempt) -> None:

@@ -35,7 +35,8 @@ CONTACT = 0.005
 class EpisodeLog:
     """Keeps the ticks of an episode in which the robot is driven; a `Listener`.
 
-    An episode that begins anew, since the operator let the robot stand meanwhile, is kept anew.
+    An episode that begins anew, since the operator let the robot stand meanwhile, is kept anew;
+    what the robot went through before is counted all the same.
 
     Args:
         robot: The name of the robot.
@@ -43,14 +44,23 @@ class EpisodeLog:
 
     Attributes:
         ticks: What the gait clock has reached [ms]; 0 before the first tick.
-        expert_ticks: How many ticks the expert drove.
-        takeovers: How often the expert took over from the policy.
+        expert_ticks: How many ticks the expert drove, before the episode began anew too.
+        takeovers: How often the expert took over from the policy, then too.
+        stood: Whether the robot stood in the last tick in which it was not damped.
     """
 
     def __init__(self, robot: str, ticks: int) -> None:
         self._robot = robot
         self._total = ticks
+        self.expert_ticks = 0
+        self.takeovers = 0
+        self._before = 0  # ticks driven until the episode began anew
         self._begin()
+
+    @property
+    def driven(self) -> int:
+        """How many ticks the robot was driven, before the episode began anew too."""
+        return self._before + self.ticks
 
     @property
     def whole(self) -> bool:
@@ -59,9 +69,12 @@ class EpisodeLog:
 
     def __call__(self, record: TickRecord, sensors: Sensors, command: JointCommand | None) -> None:
         """Keep a tick; see `FlightRecorder.add`."""
+        if record.mode == Mode.STAND:
+            self.stood = True
         if record.mode != Mode.DRIVE or command is None or self.whole:
             return
-        if record.gait_tick < self.ticks - 1:
+        if self.stood:
+            self._before += self.ticks
             self._begin()
         self._recorder.add(record, sensors, command)
         self.ticks = record.gait_tick + 1
@@ -77,8 +90,7 @@ class EpisodeLog:
         """Keep nothing yet."""
         self._recorder = FlightRecorder(self._robot, ticks=self._total + REPEATED)
         self.ticks = 0
-        self.expert_ticks = 0
-        self.takeovers = 0
+        self.stood = False
         self._expert_drove = False
 
 

@@ -31,7 +31,7 @@ from surefoot.deploy.udp_robot import UdpRobot
 from surefoot.field.attempts import FALLS, Attempt, End
 from surefoot.field.episode import EpisodeLog, Flown
 from surefoot.field.switch import EpisodeSwitch
-from surefoot.interop.onnx_file import describe
+from surefoot.interop.onnx.file import describe
 from surefoot.learning.network import MINIMUM_ROWS
 from surefoot.learning.observation import Float32Array
 from surefoot.learning.policy import load
@@ -208,10 +208,10 @@ class Session:
             end=_END_OF[outcome],
             fault="" if runtime.fault is None else runtime.fault.kind,
             detail="" if runtime.fault is None else runtime.fault.detail,
-            seconds=log.ticks / TICKS_PER_SECOND,
+            seconds=log.driven / TICKS_PER_SECOND,
             expert_seconds=log.expert_ticks / TICKS_PER_SECOND,
             takeovers=log.takeovers,
-            other_seconds=(runtime.ticks - self._ticks - log.ticks) / TICKS_PER_SECOND,
+            other_seconds=(runtime.ticks - self._ticks - log.driven) / TICKS_PER_SECOND,
             missed=runtime.missed - self._missed,
         )
         self._ticks = runtime.ticks
@@ -268,6 +268,8 @@ def outcome_of(log: EpisodeLog, fault: Fault | None) -> Outcome | None:
     if log.whole:
         return Outcome.SUCCESS
     if fault is None or log.ticks == 0 or fault.detail == PLANNER_ENDED:
+        return None
+    if log.stood:  # as the operator wished: nobody drove it
         return None
     if fault.kind in FALLS or fault.kind in LOST:
         return Outcome.FELL
