@@ -102,7 +102,7 @@ def test_the_lag_is_that_of_successes_along_their_commands():
     velocity = np.array([[0.18, 0.5, 0], [0.5, -0.06, 0], [0.0, 0, 0], [-0.2, 0, 0]])
     outcome = [Outcome.SUCCESS, Outcome.SUCCESS, Outcome.FELL, Outcome.SUCCESS]
     summary = summary_of(outcome, command=command, mean_velocity=velocity)
-    np.testing.assert_allclose(lag(summary), (0.03, 0.04), atol=1e-12)
+    assert lag(summary) == pytest.approx((0.03, 0.04), abs=1e-12)
 
 
 def test_where_nobody_survives_there_is_no_lag_rather_than_one_of_0():
