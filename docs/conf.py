@@ -88,7 +88,7 @@ nitpick_ignore_regex = [
     ("py:exc", r"\w+"),
     # Type variables, and names of types that stand for longer ones.
     ("py:class", r"surefoot\.runs\.run\.Record|surefoot\.config\.checked\.Value"),
-    ("py:class", r"Array|IntArray|NDArray|VelocityError|bool|int\d+|float\d+|.*SeedSequence"),
+    ("py:class", r"Array|IntArray|NDArray|VelocityError|bool|int\d+|float\d+|str_|.*SeedSequence"),
     # The smallest and the largest value of a field of the configuration.
     ("py:class", r"-?[\d.]+(e[+-]?\d+)?"),
 ]
@@ -135,10 +135,11 @@ def shorten_signature(
     signature: str | None,
     result: str | None,
 ) -> tuple[str | None, str | None] | None:
-    """Write arrays as the code does; a protocol, which nobody makes, has no arguments."""
+    """Write arrays as the code does, and made defaults as Python; protocols have no arguments."""
     if isinstance(value, type) and is_protocol(value):
         return "", None
-    parts = (signature, result)
+    # Sphinx cannot read a signature with this word in it, and takes it to pieces at each comma.
+    parts = (signature and signature.replace("<factory>", "..."), result)
     short_signature, short_result = (part and ARRAY.sub(r"NDArray[\1]", part) for part in parts)
     return short_signature, short_result
 

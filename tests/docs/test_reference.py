@@ -1,12 +1,25 @@
 """The API reference has every public name, and the table of contents every page."""
 
 import re
+from pkgutil import resolve_name
+
+import pytest
 
 import surefoot
 from tests.docs.pages import ROOT
 
 FOLDER = ROOT / "docs"
 TOCTREE = re.compile(r"```\{toctree\}\n(.*?)```", flags=re.DOTALL)
+DOTTED = sorted(
+    name
+    for page in (FOLDER / "api").glob("*.md")
+    for name in re.findall(r"auto\w+:: (surefoot\.\S+)$", page.read_text(), flags=re.MULTILINE)
+)
+
+
+@pytest.mark.parametrize("name", DOTTED)
+def test_every_name_of_the_reference_exists(name):
+    assert resolve_name(name) is not None
 
 
 def test_every_public_name_is_documented_once():

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import re
 import sys
 from dataclasses import replace
 
@@ -212,6 +213,51 @@ def test_a_resumed_run_has_every_step_once_in_wandb_on_this_machine(tmp_path, wa
 def test_a_resumed_run_has_every_step_once_in_trackio_on_this_machine(tmp_path, trackio):
     resumed_run(tmp_path / "run", "trackio")
     assert trackio_history(trackio) == close(written(tmp_path / "run"))
+
+
+@pytest.mark.parametrize("content", [b"x/../../../victim", b"*", b"0123456789ab\n", b"\xff", b""])
+def test_an_id_that_wandb_was_not_given_deletes_nothing_and_is_replaced(tmp_path, wandb, content):
+    victim = tmp_path / "victim"
+    victim.mkdir()
+    run = create(tmp_path / "run", CONFIG)
+    foreign = run.folder / "wandb" / "offline-run-1-x"  # on which the first id climbs
+    foreign.mkdir(parents=True)
+    (foreign.parent / "id").write_bytes(content)
+    with tracked(run, "wandb"):
+        run.append_metrics(collected_record(0))
+    assert victim.is_dir()
+    assert foreign.is_dir()
+    assert re.fullmatch("[0-9a-f]{12}", (foreign.parent / "id").read_text())
+
+
+def test_an_id_that_is_a_link_is_replaced_and_its_target_is_not(tmp_path):
+    target = tmp_path / "target"
+    target.write_text("notes")
+    link = tmp_path / "id"
+    link.symlink_to(target)
+    identity = tracking._kept_id(link)
+    assert target.read_text() == "notes"
+    assert not link.is_symlink()
+    assert tracking._kept_id(link) == identity
+
+
+@pytest.mark.parametrize("tracker", ["tensorboard", "wandb"])
+def test_nothing_is_deleted_through_a_link(tmp_path, caplog, request, tracker):
+    request.getfixturevalue(tracker)
+    identity = "0123456789ab"
+    elsewhere = tmp_path / "elsewhere"
+    old = elsewhere / f"offline-run-1-{identity}"
+    old.mkdir(parents=True)
+    (elsewhere / "id").write_text(identity)
+    events_file = elsewhere / "events.out.tfevents.1"
+    events_file.write_bytes(b"events")
+    run = create(tmp_path / "run", CONFIG)
+    (run.folder / tracker).symlink_to(elsewhere)
+    with caplog.at_level(logging.WARNING), tracked(run, tracker):
+        run.append_metrics(collected_record(0))
+    assert {*elsewhere.iterdir()} == {old, elsewhere / "id", events_file}
+    assert "it is a symbolic link, through which nothing is deleted" in caplog.text
+    assert len(open_run(run.folder).metrics) == 1
 
 
 @needs_tensorboard

@@ -11,6 +11,7 @@ from surefoot.config.json_io import from_json, to_json
 from surefoot.rollouts.outcome import Outcome
 from surefoot.study.terrain_table import (
     EXPERT,
+    TerrainCell,
     TerrainTable,
     Walker,
     lag,
@@ -101,8 +102,15 @@ def test_the_lag_is_that_of_successes_along_their_commands():
     velocity = np.array([[0.18, 0.5, 0], [0.5, -0.06, 0], [0.0, 0, 0], [-0.2, 0, 0]])
     outcome = [Outcome.SUCCESS, Outcome.SUCCESS, Outcome.FELL, Outcome.SUCCESS]
     summary = summary_of(outcome, command=command, mean_velocity=velocity)
-    np.testing.assert_allclose(lag(summary), (0.03, 0.04), atol=1e-12)
-    assert lag(summary_of([Outcome.FELL])) == (0.0, 0.0)
+    assert lag(summary) == pytest.approx((0.03, 0.04), abs=1e-12)
+
+
+def test_where_nobody_survives_there_is_no_lag_rather_than_one_of_0():
+    assert lag(summary_of([Outcome.FELL])) is None
+    cell = TerrainCell("k", "slope:10", "flat", robustness(0, 2, covered=0), None)
+    table = TerrainTable((cell,))
+    assert "| `slope:10` | 0 up, 0 covered; - |" in terrain_page(table)
+    assert from_json(TerrainTable, to_json(table)) == table
 
 
 def test_the_expert_walks_on_a_ground_for_real():

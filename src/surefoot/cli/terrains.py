@@ -28,7 +28,8 @@ class Terrains(OnWorkers, OnSimulator):
     and expert are those of the first policy.
 
     JSON keys: cells, each with key (a hash of what it depends on), terrain, label, robustness (the
-    keys of `surefoot evaluate`) and slower [mean and largest lag behind the command, m/s].
+    keys of `surefoot evaluate`) and slower [mean and largest lag behind the command of the
+    successes, m/s; null if there are none].
     """
 
     policies: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()

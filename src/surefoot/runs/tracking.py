@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -34,6 +35,8 @@ LEFT_OUT = ("stage", "iteration", "failed_episodes", "lost_at")
 """Fields of a record that say where it belongs, and ids of episodes: they are no measurements."""
 VELOCITY = ("vx", "vy", "yaw_rate")
 """Names of the three numbers of a velocity error."""
+IDENTITY = re.compile(rb"[0-9a-f]{12}")
+"""What a kept id looks like. Folders are found by it, and deleted: it may hold nothing else."""
 
 
 class Copy(Protocol):
@@ -141,6 +144,7 @@ class _TensorBoard:
 
         self.folder = run.folder / "tensorboard"
         with writing(self.folder):
+            _refuse_link(self.folder)
             # Otherwise a resumed run would have every step twice, and half a record after a kill.
             for old in self.folder.glob("events.out.tfevents.*"):
                 old.unlink()
@@ -174,6 +178,7 @@ class _Wandb:
 
         folder = run.folder / "wandb"
         with writing(folder):
+            _refuse_link(folder)
             folder.mkdir(exist_ok=True)
             identity = _kept_id(folder / "id")
             for old in folder.glob(f"offline-run-*-{identity}"):
@@ -252,11 +257,31 @@ class _Trackio:
         self.run.finish()
 
 
+def _refuse_link(folder: Path) -> None:
+    """Check that what is cleared in a folder lies in the run's own folder.
+
+    Raises:
+        OSError: The folder is a symbolic link.
+    """
+    if folder.is_symlink():
+        raise OSError("it is a symbolic link, through which nothing is deleted")
+
+
 def _kept_id(path: Path) -> str:
-    """An id for a tracker's run that it keeps for good, made at random when it is first needed."""
-    if not path.exists():
-        write_atomic(path, uuid4().hex[:12].encode())
-    return path.read_text()
+    """An id for a tracker's run that it keeps for good, made at random when it is first needed.
+
+    A file that holds anything but an id (`IDENTITY`) is replaced, with a new id.
+    """
+    if path.is_symlink():
+        path.unlink()
+    if path.is_file():
+        with path.open("rb") as file:
+            kept = file.read(100)
+        if IDENTITY.fullmatch(kept):
+            return kept.decode()
+    identity = uuid4().hex[:12]
+    write_atomic(path, identity.encode())
+    return identity
 
 
 def scalars_of(record: StageRecord) -> Iterator[tuple[str, float]]:

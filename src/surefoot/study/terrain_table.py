@@ -60,14 +60,14 @@ class TerrainCell:
         label: The controller.
         robustness: Its figures; `covered` are the successes that covered 70 % of the distance.
         slower: Mean and largest lag of the mean velocity behind the command, along it, over the
-            episodes that succeeded with a command to go anywhere [m/s].
+            episodes that succeeded with a command to go anywhere [m/s]; None if there are none.
     """
 
     key: str
     terrain: str
     label: str
     robustness: Robustness
-    slower: tuple[float, float]
+    slower: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -156,17 +156,18 @@ def _measure(config: Config, walker: Walker, workers: Workers) -> TerrainCell:
     return TerrainCell("", terrain, walker.label, robustness, lag(summary))
 
 
-def lag(summary: Summary) -> tuple[float, float]:
+def lag(summary: Summary) -> tuple[float, float] | None:
     """Mean and largest lag of robots behind their commands, along them [m/s].
 
     Args:
-        summary: The episodes. Those that failed, or were not to go anywhere, have no part in it.
+        summary: The episodes. Those that failed, or were not to go anywhere, have no part in it;
+            None if no others are left.
     """
     commanded = summary.command[:, :2]
     speed = np.hypot(*commanded.T)
     going = ~summary.failed & (speed > 0.0)
     if not going.any():
-        return 0.0, 0.0
+        return None
     along = (summary.mean_velocity[going, :2] * commanded[going]).sum(axis=1) / speed[going]
     slower = speed[going] - along
     return float(slower.mean()), float(slower.max())
@@ -196,7 +197,8 @@ def terrain_page(table: TerrainTable) -> str:
 
 def _figures(cell: TerrainCell) -> str:
     """The text of a cell."""
-    mean, most = cell.slower
-    return (
-        f"{cell.robustness.successes} up, {cell.robustness.covered} covered; {mean:.3f}, {most:.3f}"
-    )
+    lags = "-"
+    if cell.slower is not None:
+        mean, most = cell.slower
+        lags = f"{mean:.3f}, {most:.3f}"
+    return f"{cell.robustness.successes} up, {cell.robustness.covered} covered; {lags}"
