@@ -2,8 +2,7 @@
 
 A stage (collect, train, validate of an iteration) is done once its record is in ``metrics.jsonl``;
 everything it wrote before that is whole or not there. A run that is opened again resumes with the
-first stage that is not done, and ends with the same bits. `Run` knows where each file lies;
-`create` and `open_run` make one. Read `runs.metrics` for the records, `runs.stages` for the stages.
+first stage that is not done, and ends with the same bits. Next: `runs.metrics`, `runs.stages`.
 """
 
 from __future__ import annotations
