@@ -2,13 +2,18 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import surefoot.cli.terrains as module
 from surefoot.cli.terrains import Terrains
+from surefoot.config import ExpertConfig, OtherGait
+from surefoot.mpc.gaits import GAITS
+from surefoot.runs import policies
 from surefoot.runs.policies import PACKAGED_POLICY
+from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.study.terrain_table import GROUNDS, TerrainCell, TerrainTable, Walker
 from tests.fakes.results import robustness
 
@@ -70,6 +75,34 @@ def test_what_cannot_be_done_is_refused_before_any_work(
     assert surefoot("terrains", *options) == 2
     assert message in capsys.readouterr().err
     assert asked == []
+
+
+@pytest.fixture
+def two_gaits(monkeypatch, tmp_path):
+    """A file that is a policy of two gaits, where the packaged one is of one."""
+    states = tmp_path / "bound.npz"
+    save_starts(replace(load_starts(), gait=GAITS["bound"]), states)
+    gains = ExpertConfig(command_gain=(1.0, 1.0, 1.0))
+    found = policies.find_policy
+
+    def find_policy(target):
+        path, config = found(PACKAGED_POLICY)
+        if target is None or target.name != "several.safetensors":
+            return path, config
+        return path, replace(config, other_gaits=(OtherGait(GAITS["bound"], gains, str(states)),))
+
+    monkeypatch.setattr(policies, "find_policy", find_policy)
+    return Path("several.safetensors")
+
+
+def test_a_policy_of_several_gaits_is_measured_but_not_beside_one_of_one(
+    surefoot, asked, capsys, two_gaits
+):
+    assert surefoot("terrains", two_gaits) == 0
+    assert len(asked) == 1
+    assert surefoot("terrains", PACKAGED_POLICY, two_gaits, "--names", "one", "two") == 2
+    assert "two is a policy of another robot or other gaits than one" in capsys.readouterr().err
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize("record", [TerrainTable, TerrainCell])

@@ -16,13 +16,14 @@ from surefoot.config import (
     Gait,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
+    OtherGait,
     PolicyConfig,
     RobotConfig,
     SafeDaggerConfig,
     SafetyConfig,
     SimulationConfig,
 )
-from surefoot.config.presets import ground_for, preset
+from surefoot.config.presets import ground_for, preset, with_earlier_ground, with_ground
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
 
@@ -157,3 +158,26 @@ def test_the_ground_under_the_feet_is_planned_on_where_robots_may_meet_uneven_gr
     assert ground_for(Config(simulation=hills, robot=RobotConfig("go2"))) == "feet"
     published = ExpertConfig(foothold_rule="published")
     assert ground_for(Config(simulation=hills, expert=published)) == "level"
+
+
+def test_the_ground_is_written_down_where_there_is_a_terrain():
+    hills = Config(simulation=SimulationConfig(terrain="slope:5"))
+    published = replace(hills, expert=ExpertConfig(foothold_rule="published"))
+    chosen = replace(hills, expert=ExpertConfig(ground="level"))
+    assert with_ground(Config()) == Config()
+    assert with_ground(hills).expert.ground == "feet"
+    assert with_ground(published).expert.ground == "level"
+    assert with_ground(chosen) == chosen
+
+
+def test_a_run_on_a_terrain_that_says_nothing_of_its_ground_planned_on_level_ground():
+    own = OtherGait(Gait(), ExpertConfig())
+    hills = Config(
+        simulation=SimulationConfig(terrain="slope:5"), other_gaits=(own, OtherGait(Gait()))
+    )
+    read = with_earlier_ground(hills)
+    assert read.expert.ground == "level"
+    assert read.other_gaits == (OtherGait(Gait(), ExpertConfig(ground="level")), OtherGait(Gait()))
+    assert with_earlier_ground(Config()) == Config()
+    felt = replace(hills, expert=ExpertConfig(ground="feet"), other_gaits=())
+    assert with_earlier_ground(felt) == felt

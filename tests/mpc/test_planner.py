@@ -210,7 +210,7 @@ def test_interpolation_passes_through_the_nodes():
         np.testing.assert_allclose(force[tick], stages.centroidal.forces[node], atol=1e-10)
     np.testing.assert_allclose(np.linalg.norm(q[:, 3:7], axis=1), 1.0)
     np.testing.assert_allclose(np.diff(v[17:67], 2, axis=0), 0.0, atol=1e-12)
-    expected = PLANNER.inverse_dynamics(q, v, a, force, NO_LEVER)[:, 6:]
+    expected = PLANNER.inverse_dynamics(q, v, a, force)[:, 6:]
     np.testing.assert_array_equal(stages.motion.torque, expected)
     np.testing.assert_array_equal(stages.motion.joint_position, q[:, 7:])
     np.testing.assert_array_equal(stages.motion.joint_velocity, v[:, 6:])

@@ -9,7 +9,7 @@ import pytest
 
 import surefoot.files
 import surefoot.runs.metrics as metrics_module
-from surefoot.config import BehaviorCloningConfig, Config, LocoSafeDaggerConfig
+from surefoot.config import BehaviorCloningConfig, Config, LocoSafeDaggerConfig, SimulationConfig
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.metrics import Best
 from surefoot.runs.run import RunError, create, open_run, run_of_policy
@@ -79,6 +79,35 @@ def test_a_run_is_resumed_with_its_own_configuration_only(tmp_path):
     ):
         with pytest.raises(RunError, match="another configuration"):
             create(tmp_path / "run", other, resume=True)
+
+
+def test_a_run_on_a_terrain_writes_down_the_ground_it_plans_on_and_one_without_does_not(tmp_path):
+    hills = Config(simulation=SimulationConfig(terrain="slope:5"), training=FLOAT32)
+    written = {}
+    for name, config in (("level", Config(training=FLOAT32)), ("hills", hills)):
+        create(tmp_path / name, config)
+        values = json.loads((tmp_path / name / "config.json").read_text())
+        written[name] = values["config"]["expert"]["ground"]
+    assert written == {"level": None, "hills": "feet"}
+
+
+@pytest.mark.parametrize("written", ["null", "nothing"])
+def test_a_run_that_was_begun_before_there_was_a_choice_of_ground_stays_on_level(tmp_path, written):
+    hills = Config(simulation=SimulationConfig(terrain="slope:5"), training=FLOAT32)
+    run = create(tmp_path / "run", hills)
+    run.append_metrics(collected_record(0))
+    path = tmp_path / "run" / "config.json"
+    values = json.loads(path.read_text())
+    values["config"]["expert"]["ground"] = None
+    if written == "nothing":
+        del values["config"]["expert"]["ground"]
+    path.write_text(json.dumps(values))
+    assert open_run(tmp_path / "run").config.expert.ground == "level"
+    again = create(tmp_path / "run", hills, resume=True)
+    assert again.config.expert.ground == "level"
+    felt = replace(hills, expert=replace(hills.expert, ground="feet"))
+    with pytest.raises(RunError, match="another configuration"):
+        create(tmp_path / "run", felt, resume=True)
 
 
 def test_a_folder_may_be_given_as_text(tmp_path):

@@ -8,11 +8,15 @@ import pytest
 from surefoot.config import (
     BehaviorCloningConfig,
     Config,
+    ExpertConfig,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
+    OtherGait,
     PushConfig,
 )
+from surefoot.mpc.gaits import GAITS
 from surefoot.runs.run import RunError, create, open_run
+from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.study.ground import WhichPolicy, open_comparable_runs, rows_of
 from tests.fakes.comparisons import SMALL, run_of, ten_rollouts
 from tests.fakes.learning import FLOAT32
@@ -39,6 +43,19 @@ def test_runs_on_other_ground_are_refused(runs, tmp_path, changed, message):
     other = run_of(tmp_path / "other", LocoDaggerConfig(), 20, **changed)
     with pytest.raises(ValueError, match=re.escape(f"{other} has {message}, {runs[0]} has")):
         open_comparable_runs([*runs, other])
+
+
+@pytest.mark.parametrize("first", [False, True])
+def test_a_run_of_several_gaits_is_refused_with_what_to_do_on_the_command_line(
+    runs, tmp_path, first
+):
+    path = tmp_path / "bound.npz"
+    save_starts(replace(load_starts(), gait=GAITS["bound"]), path)
+    other = OtherGait(GAITS["bound"], ExpertConfig(command_gain=(1.0, 1.0, 1.0)), str(path))
+    several = run_of(tmp_path / "several", LocoDaggerConfig(), 20, other_gaits=(other,))
+    message = r"several is a run of several gaits \(trot, bound\).*`surefoot train` with --gait, or"
+    with pytest.raises(ValueError, match=message):
+        open_comparable_runs([several, *runs] if first else [*runs, several])
 
 
 def test_what_bears_on_training_only_may_differ(runs, tmp_path):

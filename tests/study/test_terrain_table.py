@@ -6,16 +6,29 @@ import numpy as np
 import pytest
 
 import surefoot.study.terrain_table as module
-from surefoot.config import Config, EvaluationConfig
+from surefoot.config import (
+    Config,
+    EvaluationConfig,
+    ExpertConfig,
+    OtherGait,
+    RobotConfig,
+    SafetyConfig,
+)
 from surefoot.config.json_io import from_json, to_json
+from surefoot.config.profiles import ODRI
+from surefoot.files import write_json
+from surefoot.mpc.gaits import GAITS
 from surefoot.rollouts.outcome import Outcome
+from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.study.terrain_table import (
     EXPERT,
     TerrainCell,
     TerrainTable,
     Walker,
+    key_of_cell,
     lag,
     measure_terrains,
+    on,
     terrain_page,
 )
 from surefoot.workers import Workers
@@ -84,6 +97,70 @@ def test_what_was_measured_is_kept_unless_it_depends_on_something_else(measured,
     longer = replace(CONFIG, evaluation=EvaluationConfig(duration=0.4, episodes=2))
     measure_terrains(longer, walkers[:1], GROUNDS, Workers(1), table)
     assert len(measured) == 2
+
+
+def test_cells_that_are_not_asked_for_or_not_reached_are_kept(measured, policy):
+    walkers = [Walker(EXPERT), Walker("mixed", policy)]
+    known = measure_terrains(CONFIG, walkers, GROUNDS, Workers(1))
+    kept = []
+    again = measure_terrains(CONFIG, walkers[1:], GROUNDS[1:], Workers(1), known, kept.append)
+    assert again.cells == known.cells[-1:]
+    [every] = kept
+    assert set(every.cells) == set(known.cells)
+    assert every.cells[0] == again.cells[0]
+    # A kill after the first measurement, before the known cells are passed again.
+    kept.clear()
+    terrains = ("stairs:0.03", *GROUNDS)
+    measure_terrains(CONFIG, walkers, terrains, Workers(1), known, kept.append)
+    assert [len(each.cells) for each in kept] == [5, 6, 6, 6, 6, 6]
+    assert set(known.cells) <= set(kept[0].cells)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"safety": SafetyConfig(body_contact=0.1)},
+        {"safety": SafetyConfig(stepping_from=None)},
+        {"robot": RobotConfig(profile=ODRI.name)},
+    ],
+)
+def test_a_cell_depends_on_falls_steps_and_the_profile(changed):
+    config = on(CONFIG, "slope:10")
+    walker = Walker(EXPERT)
+    assert key_of_cell(replace(config, **changed), walker) != key_of_cell(config, walker)
+
+
+def test_a_cell_depends_on_what_is_in_a_file_of_a_profile(tmp_path):
+    path = tmp_path / "mine.json"
+    keys = set()
+    for damping in (0.2, 0.3):
+        write_json(path, replace(ODRI, name="mine", damping=damping))
+        config = replace(on(CONFIG, "flat"), robot=RobotConfig(profile=str(path)))
+        keys.add(key_of_cell(config, Walker(EXPERT)))
+    assert len(keys) == 2
+
+
+@pytest.mark.parametrize("room", ["rollouts", "evaluation", "mpc"])
+def test_a_cell_depends_on_the_code_that_measures_it(room, monkeypatch):
+    before = key_of_cell(on(CONFIG, "flat"), Walker(EXPERT))
+    monkeypatch.setattr(module, "code_hash", lambda rooms: "other" if room in rooms else "same")
+    assert key_of_cell(on(CONFIG, "flat"), Walker(EXPERT)) != before
+    assert room in module.DECIDING
+
+
+def test_policies_of_several_gaits_are_measured_from_the_states_of_each(measured, tmp_path):
+    path = tmp_path / "bound.npz"
+    save_starts(replace(load_starts(), gait=GAITS["bound"]), path)
+    other = OtherGait(GAITS["bound"], ExpertConfig(command_gain=(1.0, 1.0, 1.0)), str(path))
+    several = replace(CONFIG, other_gaits=(other,))
+    table = measure_terrains(several, [Walker(EXPERT)], ("flat",), Workers(1))
+    assert len(table.cells) == 1
+    assert table.cells[0].key != key_of_cell(on(CONFIG, "flat"), Walker(EXPERT))
+    measured.clear()
+    lost = replace(several, other_gaits=(replace(other, start_set=None),))
+    with pytest.raises(ValueError, match="there are no initial states"):
+        measure_terrains(lost, [Walker(EXPERT)], ("flat",), Workers(1))
+    assert measured == []
 
 
 def test_names_that_are_the_same_and_grounds_that_are_none_are_refused(measured, policy):

@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 
 from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
+from surefoot.config import Config
 from surefoot.files import write_atomic, write_json
 from surefoot.study.terrain_table import (
     EXPERT,
@@ -24,8 +25,9 @@ from surefoot.study.terrain_table import (
 class Terrains(OnWorkers, OnSimulator):
     """Measure policies, and the expert beside them, on several grounds.
 
-    All begin in the same `test` initial states, and meet the same ground in each. Robot, commands
-    and expert are those of the first policy.
+    All begin in the same `test` initial states, and meet the same ground in each. Robot, gaits,
+    commands and expert are those of the first policy. Policies of several gaits begin in the
+    initial states of each of them.
 
     JSON keys: cells, each with key (a hash of what it depends on), terrain, label, robustness (the
     keys of `surefoot evaluate`) and slower [mean and largest lag behind the command of the
@@ -40,18 +42,20 @@ class Terrains(OnWorkers, OnSimulator):
     terrains: tuple[str, ...] = GROUNDS
     """The grounds, each as --terrain of `surefoot evaluate`."""
     episodes: int = 100
-    """The number of initial states on each ground, spread over commands and phases."""
+    """The number of initial states of each gait on each ground, over all commands and phases."""
     json: Path | None = None
-    """Write the table to this file after each measurement, as JSON, and keep what it holds."""
+    """Write the table to this file after each measurement, as JSON. What the file holds is not
+    measured again, and stays in it, asked for or not."""
     page: Path | None = None
-    """Write the table to this Markdown file; in a file that exists, between its comments `table`
-    and `end of table`."""
+    """Write the table of what was asked for to this Markdown file; in a file that exists, between
+    its comments `table` and `end of table`."""
 
     def __call__(self) -> int:
         """Measure what is missing, write the table where asked, and print it."""
         from surefoot.config.json_io import read_record
         from surefoot.runs.policies import find_policy
         from surefoot.scenarios.gains import with_measured_gain
+        from surefoot.scenarios.gaits import all_starts_of
         from surefoot.study.tables import page_with
 
         # What would fail minutes later fails before any work.
@@ -72,11 +76,12 @@ class Terrains(OnWorkers, OnSimulator):
         walkers = [Walker(name, path) for name, (path, _) in zip(names, found, strict=True)]
         config = self.simulated(found[0][1])
         for name, (_, other) in zip(names, found, strict=True):
-            if (other.robot.model, other.gait.timing) != (config.robot.model, config.gait.timing):
+            if _walked(other) != _walked(config):
                 raise ValueError(
-                    f"{name} is a policy of another robot or gait than {names[0]}; give each robot "
-                    "and gait a table of its own"
+                    f"{name} is a policy of another robot or other gaits than {names[0]}; give "
+                    "them tables of their own"
                 )
+        all_starts_of(config)
         evaluation = replace(config.evaluation, episodes=self.episodes)
         config = with_measured_gain(replace(config, evaluation=evaluation))
         known = TerrainTable()
@@ -96,3 +101,8 @@ class Terrains(OnWorkers, OnSimulator):
         """Write what is measured so far, if a file was named."""
         if self.json is not None:
             write_json(self.json, table)
+
+
+def _walked(config: Config) -> tuple[str, list[tuple[float, ...]]]:
+    """The robot of a policy, and the timing of each of its gaits."""
+    return config.robot.model, [gait.timing for gait in config.gaits]

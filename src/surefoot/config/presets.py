@@ -13,6 +13,7 @@ from surefoot.config import (
     CommandBox,
     Config,
     DisturbanceConfig,
+    ExpertConfig,
     ExpertData,
     Gait,
     IterativeConfig,
@@ -146,6 +147,39 @@ def ground_for(config: Config) -> GroundRule:
     """
     published = config.expert.foothold_rule == "published"
     return "level" if published or config.simulation.terrain is None else "feet"
+
+
+def with_ground(config: Config) -> Config:
+    """The configuration of one gait with the ground that it plans on, where it has a terrain.
+
+    Without one it stays None: it is level then, and files are as they were before there was ground.
+    """
+    if config.simulation.terrain is None or config.expert.ground is not None:
+        return config
+    return replace(config, expert=replace(config.expert, ground=ground_for(config)))
+
+
+def with_earlier_ground(config: Config) -> Config:
+    """The configuration of a run that was begun, with the ground that its expert plans on.
+
+    A run on a terrain says so since there is a choice. One that does not planned on level ground,
+    and goes on like that.
+
+    Args:
+        config: The configuration as it is in the run's file.
+    """
+    if config.simulation.terrain is None:
+        return config
+    others = tuple(
+        other if other.expert is None else replace(other, expert=_on_level(other.expert))
+        for other in config.other_gaits
+    )
+    return replace(config, expert=_on_level(config.expert), other_gaits=others)
+
+
+def _on_level(expert: ExpertConfig) -> ExpertConfig:
+    """The same expert, on level ground if it has no other."""
+    return expert if expert.ground is not None else replace(expert, ground="level")
 
 
 def rules_for(config: Config) -> Rules:

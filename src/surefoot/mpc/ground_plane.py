@@ -31,6 +31,8 @@ STEEPNESS = 0.4
 HEIGHT = 0.1
 """[m] How far the ground is from z = 0, which is where the feet felt it last."""
 PRIOR = np.array([HEIGHT, STEEPNESS, STEEPNESS, CLEARANCE]) ** -2.0
+"""``(4,)`` What is known of a, both slopes and h before any foot is looked at: one over the
+variances."""
 FARTHEST = 100.0
 """[m] Feet that are farther from the robot, or at no place at all, are on no plane."""
 NO_LEVER = np.zeros(3)
@@ -97,6 +99,6 @@ def plane_under(feet: Array, loaded: BoolArray, center: Array, foot_radius: floa
     A[:, 3] = ~loaded
     weight = np.where(loaded, ROUGHNESS, UNEVENNESS) ** -2.0
     H = A.T @ (weight[:, None] * A) + np.diag(PRIOR)
-    g = A.T @ (weight * (feet[:, 2] - foot_radius))
-    a, slope_x, slope_y, _ = np.linalg.solve(H, g).tolist()
+    right_side = A.T @ (weight * (feet[:, 2] - foot_radius))
+    a, slope_x, slope_y, _ = np.linalg.solve(H, right_side).tolist()
     return GroundPlane(a - slope_x * center[0] - slope_y * center[1], slope_x, slope_y)

@@ -141,9 +141,8 @@ class Planner:
             state: The state of one robot, in any heading.
             tick: The gait clock [ms].
             command: The command in the heading frame.
-            previous: A plan to start from, for real-time use; the result then agrees with the cold
-                one within the solvers' tolerances. See `warm_start`. A warm start alone saves
-                little time, but it makes 2 `kinematic.max_iterations` nearly as good as 3.
+            previous: A plan to start from, in real time (`warm_start`); the result agrees with the
+                cold one within tolerances. It makes 2 `kinematic.max_iterations` as good as 3.
         """
         clock = [perf_counter()]
         q = to_heading_frame(state.q)
@@ -187,9 +186,8 @@ class Planner:
             x0: ``(9,)`` measured centroidal state, from `measure`.
 
         Returns:
-            A centroidal plan, and ``(kinematic nodes + 1, 19)`` configurations. Both are None, for
-            a cold start, if the earlier plan is not valid, has other nodes or does not cover the
-            tick.
+            A centroidal plan, and ``(kinematic nodes + 1, 19)`` configurations. Both are None if
+            the earlier plan is not valid, has other nodes or does not cover the tick.
         """
         N, M = self._horizon
         if (
@@ -283,8 +281,8 @@ class Planner:
             v: ``(18,)`` velocity.
             contacts: The contact plan.
             centroidal: The centroidal plan, for its momentum.
-            velocity: The planned velocity, for its yaw rate.
-            ground: The ground, for the height of the base.
+            velocity: The planned velocity in the heading frame.
+            ground: The ground, along which the base moves.
         """
         N = self._horizon.kinematic
         time = np.concatenate([[0.0], np.cumsum(contacts.dt[:N])])
@@ -294,7 +292,8 @@ class Planner:
         q_ref = np.empty((N + 1, 19))
         q_ref[:] = self._robot.nominal
         q_ref[:, 2] = known(self._config.kinematic.base_height, "expert.kinematic.base_height")
-        q_ref[:, 2] += ground.height
+        way = travel_along_arc(np.array(velocity[:2]), velocity.yaw_rate, time[:, None])
+        q_ref[:, 2] += ground.heights(way)
         q_ref[:, 5] = np.sin(0.5 * velocity.yaw_rate * time)
         q_ref[:, 6] = np.cos(0.5 * velocity.yaw_rate * time)
         v_ref = np.zeros((N + 1, 18))
@@ -350,7 +349,9 @@ class Planner:
         nodes = NodeRows(kinematic.q, kinematic.v, kinematic.acceleration, centroidal.forces)
         return interpolate(contacts.dt[:LAST_NODE], nodes, PLAN_TICKS)
 
-    def inverse_dynamics(self, q: Array, v: Array, a: Array, force: Array, lever: Array) -> Array:
+    def inverse_dynamics(
+        self, q: Array, v: Array, a: Array, force: Array, lever: Array = NO_LEVER
+    ) -> Array:
         """Return the generalized force ``(T, 18)`` that a motion needs beyond the contact forces.
 
         The first six columns are a wrench that nothing applies: the momentum mismatch of the plan.

@@ -2,8 +2,7 @@
 
 A stage (collect, train, validate of an iteration) is done once its record is in ``metrics.jsonl``;
 everything it wrote before that is whole or not there. A run that is opened again resumes with the
-first stage that is not done, and ends with the same bits. `Run` knows where each file lies;
-`create` and `open_run` make one. Read `runs.metrics` for the records, `runs.stages` for the stages.
+first stage that is not done, and ends with the same bits. Next: `runs.metrics`, `runs.stages`.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ import numpy as np
 from surefoot.config import Config, method_name
 from surefoot.config.json_io import from_json, read_json, to_json
 from surefoot.config.json_text import read_file
+from surefoot.config.presets import with_earlier_ground
 from surefoot.files import is_left_over, lock_file, write_atomic, write_json
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.precision import PrecisionChoice
@@ -269,7 +269,7 @@ class Run:
 def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
     """Create a run in a folder, or resume the one that is there; it belongs to this process.
 
-    A new run whose precision is `auto` first measures, for less than a second, which one is faster;
+    A new run whose precision is `auto` first measures which one is faster, in less than a second;
     what else is None in its configuration is filled in (`runs.initial_states`).
 
     Args:
@@ -334,7 +334,8 @@ def open_run(folder: Path | str) -> Run:
     """
     folder = Path(folder)
     setup = read_setup(folder)
-    return Run(folder, with_own_starts(folder, setup.config), setup.precision)
+    config = with_own_starts(folder, with_earlier_ground(setup.config))
+    return Run(folder, config, setup.precision)
 
 
 def run_of_policy(policy: Path) -> Run | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -91,11 +92,15 @@ def key_of(*records: object) -> str:
     return hashlib.sha256(json.dumps([to_json(each) for each in records]).encode()).hexdigest()
 
 
-def code_hash() -> str:
-    """SHA-256 of the package's code that decides how the expert walks."""
+def code_hash(rooms: Sequence[str] = ROOMS) -> str:
+    """SHA-256 of the package's code that decides how the expert walks.
+
+    Args:
+        rooms: The folders of the package with that code, and with more of it where that matters.
+    """
     sha = hashlib.sha256()
     package = Path(surefoot.__file__).parent
-    paths = [path for room in ROOMS for path in sorted((package / room).glob("*.py"))]
+    paths = [path for room in rooms for path in sorted((package / room).glob("*.py"))]
     for path in (*paths, *(package / name for name in MODULES)):
         sha.update(path.name.encode())
         sha.update(path.read_bytes())

@@ -22,6 +22,7 @@ import numpy as np
 from surefoot.caches import user_folder
 from surefoot.config import Config, PerturbationConfig, SafetyConfig, Split
 from surefoot.config.checked import Checked, known
+from surefoot.config.presets import with_ground
 from surefoot.config.safety import Range
 from surefoot.mpc.gaits import gait_name, only_gait
 from surefoot.robots.bounds import joint_rows
@@ -288,8 +289,8 @@ def completed(config: Config) -> Config:
     """The configuration with everything that its robot, gaits and commands need, for None.
 
     What follows from the robot is filled in (`with_own_values`); what has to be measured, the
-    command gains and the initial states, is prepared where it is not packaged, given or kept.
-    Values that are given stay.
+    command gains and the initial states, is prepared where it is not packaged, given or kept. Where
+    the robots walk on a terrain, so is the ground that they plan on. Values that are given stay.
 
     Args:
         config: The configuration.
@@ -297,7 +298,7 @@ def completed(config: Config) -> Config:
     Raises:
         ValueError: The robot does not walk in a gait, or not at the commands of the box.
     """
-    return for_each_gait(_completed, config)
+    return for_each_gait(lambda one: with_ground(_completed(one)), config)
 
 
 def _completed(config: Config) -> Config:

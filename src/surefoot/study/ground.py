@@ -24,6 +24,7 @@ from surefoot.config.checked import known
 from surefoot.config.json_io import changes
 from surefoot.config.methods import IterativeConfig
 from surefoot.methods import METHODS
+from surefoot.mpc.gaits import names_of
 from surefoot.rollouts.jobs import PLANNER
 from surefoot.runs.accounting import run_cost
 from surefoot.runs.metrics import Collected, Trained, Validated
@@ -155,8 +156,11 @@ def check_comparable(run: Run, first: Run) -> None:
     """Check that two runs were made on the same ground, with the packaged set and expert.
 
     Raises:
-        ValueError: Physics, gait, expert, falls, evaluation, pushes or initial states differ.
+        ValueError: Physics, gait, expert, falls, evaluation, pushes or initial states differ; or
+            one of them has several gaits.
     """
+    _check_gaits(first)
+    _check_gaits(run)
     ground = common_ground(run.config, 1)
     if _same_starts(run, first):  # each run has its own copy
         ground = replace(ground, start_set=first.config.start_set)
@@ -177,6 +181,20 @@ def check_comparable(run: Run, first: Run) -> None:
                 f"{run.folder} learned from your own expert {record.expert}, which has no row "
                 "here: use sf.evaluate and sf.push_recovery with your plan, from Python"
             )
+
+
+def _check_gaits(run: Run) -> None:
+    """Check that a run is of one gait, as the expert's row and the pushes are.
+
+    Raises:
+        ValueError: It is of several.
+    """
+    if run.config.other_gaits:
+        raise ValueError(
+            f"{run.folder} is a run of several gaits ({names_of(run.config)}), and runs of one "
+            "gait are compared: name runs of `surefoot train` with --gait, or measure this one "
+            "with `surefoot evaluate`"
+        )
 
 
 def label_of(run: Run) -> str:

@@ -2,7 +2,7 @@
 
 All begin in the same initial states, and each state meets the same ground whoever drives. A cell is
 one controller on one ground; its figures are those of an evaluation (`evaluation.robustness`).
-Cells that were measured before are kept. `docs/terrain.md` has the table.
+Cells that were measured before are kept, asked for or not. `docs/terrain.md` has the table.
 """
 
 from __future__ import annotations
@@ -17,10 +17,13 @@ import numpy as np
 
 from surefoot.config import Config
 from surefoot.evaluation.robustness import Robustness, evaluate
+from surefoot.mpc.gaits import each_gait
+from surefoot.robots.load import find_spec
+from surefoot.robots.profile import load_profile
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.summary import Summary
-from surefoot.scenarios.keys import ingredients_of, key_of
-from surefoot.scenarios.starts import starts_of
+from surefoot.scenarios.gaits import all_starts_of, for_each_gait
+from surefoot.scenarios.keys import ROOMS, code_hash, ingredients_of, key_of
 from surefoot.study.tables import markdown
 from surefoot.workers import Workers
 
@@ -28,6 +31,8 @@ GROUNDS = ("flat", "bumps:0.02", "bumps:0.05", "slope:10", "stairs:0.03")
 """The grounds that are measured unless others are named."""
 EXPERT = "expert"
 """The label of the expert."""
+DECIDING = (*ROOMS, "evaluation", "rollouts")
+"""Folders of the package whose code decides what an evaluation of the expert finds."""
 
 logger = logging.getLogger(__name__)
 
@@ -97,27 +102,43 @@ def measure_terrains(
         terrains: The grounds, as `SimulationConfig.terrain`.
         workers: Processes that run the episodes.
         known: What was measured before; cells that depend on something else are measured again.
-        keep: Called with the table after each cell.
+        keep: Called after each cell with all that is known then: the cells that were asked for, as
+            far as they are measured, and after them what was known besides.
+
+    Returns:
+        The cells that were asked for.
 
     Raises:
-        ValueError: Two labels or two grounds are the same, or there is no such terrain.
+        FileNotFoundError: There is no such file of initial states.
+        ValueError: Two labels or two grounds are the same, there is no such terrain, or a gait has
+            no initial states.
     """
     for names in ([walker.label for walker in walkers], list(terrains)):
         if len(set(names)) < len(names):
             raise ValueError(f"{', '.join(names)}: name each of them once")
     grounds = [on(config, text) for text in terrains]
-    before = {cell.key: cell for cell in (known or TerrainTable()).cells}
+    # All keys first: what is missing fails before any work.
+    asked = [
+        (key_of_cell(ground, walker), ground, walker) for ground in grounds for walker in walkers
+    ]
+    known = known or TerrainTable()
+    before = {cell.key: cell for cell in known.cells}
     table = TerrainTable()
-    for ground in grounds:
-        for walker in walkers:
-            key = key_of_cell(ground, walker)
-            cell = before.get(key) or _measure(ground, walker, workers)
-            cell = replace(cell, key=key, label=walker.label)
-            table = TerrainTable((*table.cells, cell))
-            if keep is not None:
-                keep(table)
-            logger.info(f"{cell.terrain}, {cell.label}: {_figures(cell)}")
+    for key, ground, walker in asked:
+        cell = before.get(key) or _measure(ground, walker, workers)
+        cell = replace(cell, key=key, label=walker.label)
+        table = TerrainTable((*table.cells, cell))
+        if keep is not None:
+            keep(_with_others(table, known))
+        logger.info(f"{cell.terrain}, {cell.label}: {_figures(cell)}")
     return table
+
+
+def _with_others(table: TerrainTable, known: TerrainTable) -> TerrainTable:
+    """A table, and after its cells those of another one that it does not have."""
+    keys = {cell.key for cell in table.cells}
+    others = (cell for cell in known.cells if cell.key not in keys)
+    return TerrainTable((*table.cells, *others))
 
 
 def on(config: Config, terrain: str) -> Config:
@@ -140,11 +161,18 @@ def key_of_cell(config: Config, walker: Walker) -> str:
         config: The configuration, on the ground.
         walker: The controller.
     """
+    own = for_each_gait(with_own_values, config)
+    profile = config.robot.profile
     return key_of(
-        ingredients_of(with_own_values(config)),
-        starts_of(config).hash,
-        config.evaluation,
-        config.simulation.terrain,
+        *(ingredients_of(one) for one in each_gait(own)),
+        own.robot,
+        own.safety,
+        # A profile may be a file, whose name says nothing of what is in it.
+        None if profile is None else load_profile(profile, find_spec(config.robot).name),
+        code_hash(DECIDING),
+        all_starts_of(own).hash,
+        own.evaluation,
+        own.simulation.terrain,
         walker.sha256,
     )
 
