@@ -7,14 +7,15 @@ from pathlib import Path
 
 import pytest
 
-import surefoot.cli.terrains as module
+import surefoot.study.terrain_table as module
 from surefoot.cli.terrains import Terrains
 from surefoot.config import ExpertConfig, OtherGait
+from surefoot.config.sim import GROUNDS
 from surefoot.mpc.gaits import GAITS
 from surefoot.runs import policies
 from surefoot.runs.policies import PACKAGED_POLICY
 from surefoot.scenarios.starts import load_starts, save_starts
-from surefoot.study.terrain_table import GROUNDS, TerrainCell, TerrainTable, Walker
+from surefoot.study.terrain_table import TerrainCell, TerrainTable, Walker
 from tests.fakes.results import robustness
 
 TABLE = TerrainTable(

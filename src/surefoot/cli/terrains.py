@@ -10,15 +10,8 @@ import tyro
 
 from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
 from surefoot.config import Config
+from surefoot.config.sim import GROUNDS
 from surefoot.files import write_atomic, write_json
-from surefoot.study.terrain_table import (
-    EXPERT,
-    GROUNDS,
-    TerrainTable,
-    Walker,
-    measure_terrains,
-    terrain_page,
-)
 
 
 @dataclass(frozen=True)
@@ -57,6 +50,13 @@ class Terrains(OnWorkers, OnSimulator):
         from surefoot.scenarios.gains import with_measured_gain
         from surefoot.scenarios.gaits import all_starts_of
         from surefoot.study.tables import page_with
+        from surefoot.study.terrain_table import (
+            EXPERT,
+            TerrainTable,
+            Walker,
+            measure_terrains,
+            terrain_page,
+        )
 
         # What would fail minutes later fails before any work.
         outputs = [
@@ -97,7 +97,7 @@ class Terrains(OnWorkers, OnSimulator):
         print(text)
         return 0
 
-    def _keep(self, table: TerrainTable) -> None:
+    def _keep(self, table: object) -> None:
         """Write what is measured so far, if a file was named."""
         if self.json is not None:
             write_json(self.json, table)

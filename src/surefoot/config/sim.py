@@ -29,6 +29,8 @@ A robot begins at a random place and with a random heading on each of them.
 """
 MOST_SIZE = {"flat": 0.0, "bumps": 0.3, "blocks": 0.3, "slope": 45.0, "stairs": 0.3}
 """The largest size of each kind [m], of a slope [deg]."""
+GROUNDS = ("flat", "bumps:0.02", "bumps:0.05", "slope:10", "stairs:0.03")
+"""The grounds that `surefoot terrains` measures unless others are named."""
 MOST_TERRAINS = 32
 """The number of terrains that a text may name."""
 _TERRAIN = re.compile(

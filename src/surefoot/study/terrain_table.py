@@ -27,8 +27,6 @@ from surefoot.scenarios.keys import ROOMS, code_hash, ingredients_of, key_of
 from surefoot.study.tables import markdown
 from surefoot.workers import Workers
 
-GROUNDS = ("flat", "bumps:0.02", "bumps:0.05", "slope:10", "stairs:0.03")
-"""The grounds that are measured unless others are named."""
 EXPERT = "expert"
 """The label of the expert."""
 DECIDING = (*ROOMS, "evaluation", "rollouts")
