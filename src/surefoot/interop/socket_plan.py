@@ -104,8 +104,8 @@ def question(state: State, tick: int, command: Command) -> bytes:
     """
     if command.gait != 0:
         raise ValueError(
-            f"the command is of gait number {command.gait}, but a question to a server has no gait: "
-            "start a server for each gait, and plan with "
+            f"the command is of gait number {command.gait}, but a question to a server has no "
+            "gait: start a server for each gait, and plan with "
             "plans[command.gait](state, tick, Command(*command)), where plans has a SocketPlan of "
             "each"
         )

@@ -140,8 +140,8 @@ def _fixed_states(robot: RobotModel, gaits: int) -> list[tuple[State, int, Comma
     """Return the arguments for which plans are kept.
 
     The first robot stands still; the second moves in every degree of freedom, between two ticks of
-    the planning grid, so that feedback on a position or a velocity shows. In each gait but the first
-    one, it does so too.
+    the planning grid, so that feedback on a position or a velocity shows. It does so in each
+    further gait too.
     """
     upright = standing(robot)
     count = np.arange(1.0, 19.0)
