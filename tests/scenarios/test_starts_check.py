@@ -115,7 +115,7 @@ def test_robots_can_begin_in_every_stored_state_and_at_rest():
 
 
 def test_robots_begin_in_no_gait_of_a_negative_number():
-    starts = at_rest(np.zeros((2, 3)))
+    starts = small()["train"][np.arange(2)]
     check_starts(replace(starts, gait=np.array([0, 3])))
     with pytest.raises(ValueError, match=r"initial states: gait\[1\] is -2; use 0 or more"):
         check_starts(replace(starts, gait=np.array([0, -2])))

@@ -6,7 +6,7 @@ import pytest
 
 from surefoot.config import METHODS, BudgetConfig
 from surefoot.config.presets import preset
-from surefoot.config.study import StudyConfig, Technique
+from surefoot.config.study import Measurement, StudyConfig, Technique
 from surefoot.mpc.gaits import each_gait, with_gaits
 from surefoot.study import estimate as module
 from surefoot.study.estimate import Rates, estimate_study, first_work, training_work
@@ -51,5 +51,5 @@ def test_cells_of_one_gait_and_of_several_are_measured_each(monkeypatch):
         return Rates(1.0, 1.0, 1.0)
 
     monkeypatch.setattr(module, "measure_rates", measure)
-    estimate_study(StudyConfig(name="mine", title="My study", techniques=techniques, seeds=(3,)))
+    estimate_study(StudyConfig("mine", "My study", techniques, (Measurement("test", "test"),)))
     assert sorted(measured) == [1, 2]
