@@ -1,6 +1,7 @@
 """States, commands and conversions that every room shares."""
 
 import pickle
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -142,9 +143,43 @@ def test_heights_above_the_ground_are_those_of_a_robot_on_level_ground():
 def test_a_command_of_several_gaits_is_its_three_numbers_and_a_gait():
     command = GaitCommand(0.1, 0.2, 0.3, gait=2)
     vx, vy, yaw_rate = command
-    assert (vx, vy, yaw_rate) == command == Command(0.1, 0.2, 0.3)
+    assert (vx, vy, yaw_rate) == (0.1, 0.2, 0.3)
     assert command.gait == 2
     assert Command(0.1).gait == GaitCommand(0.1).gait == 0
     assert np.array(command).shape == (3,)
     again = pickle.loads(pickle.dumps(command))
     assert (again, again.gait) == (command, 2)
+
+
+def test_a_command_keeps_its_gait_whatever_it_is_made_from():
+    command = GaitCommand(0.1, 0.2, 0.3, gait=2)
+    slower = command._replace(vx=0.0)
+    assert (type(slower), tuple(slower), slower.gait) == (GaitCommand, (0.0, 0.2, 0.3), 2)
+    assert command._replace(gait=1) == GaitCommand(0.1, 0.2, 0.3, 1)
+    assert GaitCommand._make([0.1, 0.2, 0.3]).gait == 0
+    assert copy(command).gait == 2
+    with pytest.raises((TypeError, ValueError), match="speed"):
+        command._replace(speed=1.0)
+
+
+def test_a_command_of_another_gait_is_another_one():
+    command = GaitCommand(0.1, gait=2)
+    others = [GaitCommand(0.1, gait=1), GaitCommand(0.2, gait=2), Command(0.1), (0.1, 0.0, 0.0), 3]
+    for other in others:
+        assert command != other
+        assert other != command
+        assert not command == other  # noqa: SIM201 (a tuple has its own rule for each)
+    same = GaitCommand(0.1, gait=2)
+    assert same == command
+    assert not same != command  # noqa: SIM202
+    # Three bare numbers are a command of the first gait.
+    assert len({command, same, *others}) == 5
+    first = GaitCommand(0.1, gait=0)
+    assert first == Command(0.1) == first
+    assert hash(first) == hash(Command(0.1))
+
+
+def test_a_command_says_its_gait():
+    command = GaitCommand(0.1, -0.2, 0.3, 2)
+    assert repr(command) == "GaitCommand(vx=0.1, vy=-0.2, yaw_rate=0.3, gait=2)"
+    assert eval(repr(command)) == command

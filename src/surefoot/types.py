@@ -56,8 +56,8 @@ class Command(NamedTuple):
 class GaitCommand(Command):
     """A velocity command that also says which of several gaits to walk.
 
-    It is the same three numbers as a `Command` of that velocity: whoever knows one gait alone can
-    take it for one.
+    It has the three numbers of a `Command` of that velocity, so that whoever knows one gait alone
+    can take it for one; it equals one of the same gait.
 
     Args:
         vx: Speed forward [m/s].
@@ -66,7 +66,7 @@ class GaitCommand(Command):
         gait: The number of the gait.
     """
 
-    _gait: int
+    _gait: int = 0
 
     def __new__(
         cls, vx: float = 0.0, vy: float = 0.0, yaw_rate: float = 0.0, gait: int = 0
@@ -80,6 +80,33 @@ class GaitCommand(Command):
     def gait(self) -> int:
         """The number of the gait to walk."""
         return self._gait
+
+    def _replace(self, **values: float) -> Self:
+        """The same command with other numbers, or with another ``gait``."""
+        gait = int(values.pop("gait", self._gait))
+        command = super()._replace(**values)
+        command._gait = gait
+        return command
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the numbers are the same and the gait is; three bare numbers are of gait 0."""
+        gait = other.gait if isinstance(other, Command) else 0
+        return tuple.__eq__(self, other) is True and self._gait == gait
+
+    def __ne__(self, other: object) -> bool:
+        """Whether it differs: a tuple has its own rule, which knows no gait."""
+        return not self == other
+
+    def __hash__(self) -> int:
+        """Equal for equal commands, and for three bare numbers in gait 0."""
+        return hash((*self, self._gait)) if self._gait else tuple.__hash__(self)
+
+    def __repr__(self) -> str:
+        """All that makes it again."""
+        return (
+            f"GaitCommand(vx={self.vx!r}, vy={self.vy!r}, yaw_rate={self.yaw_rate!r}, "
+            f"gait={self._gait!r})"
+        )
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ from surefoot.config import (
     BehaviorCloningConfig,
     Config,
     ExpertData,
+    Gait,
+    OtherGait,
     PerturbationConfig,
     RobotConfig,
     SafetyConfig,
@@ -18,6 +20,9 @@ from surefoot.config import (
 from surefoot.config.checked import Checked, Rising, Within
 from surefoot.config.robot_table import GO2, ROBOTS
 from surefoot.config.robots import RobotSpec
+
+FIRST_PERIOD = 0.45
+"""[s] The period of the first gait of a random configuration, which no other one has."""
 
 
 def config_classes() -> list[type[Checked]]:
@@ -102,6 +107,13 @@ def configs(kind) -> st.SearchStrategy:
     for name, hint in field_hints(kind).items():
         if name not in values:
             values[name] = values_of(hint)
+    if kind is Config:  # no gait is there twice
+        values["other_gaits"] = st.lists(
+            configs(OtherGait).filter(lambda other: other.gait.period != FIRST_PERIOD),
+            max_size=3,
+            unique_by=lambda other: other.gait.timing,
+        ).map(tuple)
+        values["gait"] = configs(Gait).map(lambda gait: replace(gait, period=FIRST_PERIOD))
     if "gates" in values:
         values["T"] = st.floats(0.31, 100.0)  # long enough for a history network
     if "centroidal" in values:  # forces are planned as far ahead as motions, or farther

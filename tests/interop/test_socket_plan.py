@@ -18,7 +18,7 @@ from surefoot.interop.socket_plan import (
 )
 from surefoot.methods import METHODS
 from surefoot.runs.run import create
-from surefoot.types import Command, MotionPlan, State
+from surefoot.types import Command, GaitCommand, MotionPlan, State
 from surefoot.workers import Workers
 from tests.fakes import toy
 from tests.fakes.toy_runs import CONFIG, SMALL_METHODS
@@ -142,3 +142,14 @@ def test_a_method_learns_the_same_bits_from_an_mpc_behind_a_socket(toys, served,
         METHODS[run.method].train(run, Workers(1), plan)
         hashes.append(run.dataset.hash)
     assert hashes[0] == hashes[1]
+
+
+def test_another_gait_is_refused_instead_of_dropped_and_has_a_server_of_its_own(served):
+    plans = [served(lambda *_: PLAN), served(lambda *_: replace(PLAN, torque=2.0 * PLAN.torque))]
+    command = GaitCommand(0.1, gait=1)
+    with pytest.raises(ValueError, match=r"gait number 1, .* has no gait: start a server for each"):
+        plans[0](STATE, 0, command)
+    # As the message says.
+    got = plans[command.gait](STATE, 0, Command(*command))
+    assert (got.torque == 2.0 * PLAN.torque).all()
+    assert (plans[0](STATE, 0, GaitCommand(0.1)).torque == PLAN.torque).all()

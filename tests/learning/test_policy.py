@@ -634,3 +634,13 @@ def test_numbers_of_the_provenance_that_are_not_finite_become_null(tmp_path):
     path = tmp_path / "policy.safetensors"
     save(make_policy(provenance={"loss": math.nan}), path)
     assert load(path).provenance == {"loss": None}
+
+
+@pytest.mark.parametrize("gait", [-1, 1, np.array([0, -1, 0]), np.array([0, 0, 1])])
+def test_a_gait_that_a_policy_does_not_have_is_refused(gait):
+    policy = make_policy()
+    wrong = gait if isinstance(gait, int) else gait[gait != 0][0]
+    message = f"the gait number {wrong} of a policy of .*; use 0 to 0"
+    with pytest.raises(ValueError, match=message):
+        policy.gait = gait
+    policy.gait = 0

@@ -86,6 +86,8 @@ def test_the_policy_of_each_gait_is_another_one(finished):
     assert (policy.target(frames.state, frames.tick, frames.command) != one).any()
     with pytest.raises(ValueError, match="gait number 2 of a policy of trot, bound; use 0 to 1"):
         policy.gait = np.full(40, 2)
+    with pytest.raises(ValueError, match="gait number -1 of a policy of trot, bound; use 0 to 1"):
+        policy.gait = -1
 
 
 def test_figures_are_given_gait_by_gait(finished):

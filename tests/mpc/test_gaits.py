@@ -5,7 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import CommandBox, Config, ExpertConfig, Gait, OtherGait
+from surefoot.config import (
+    CentroidalConfig,
+    CommandBox,
+    Config,
+    ExpertConfig,
+    Gait,
+    KinematicConfig,
+    OtherGait,
+)
 from surefoot.mpc.expert import make_plan, make_planner
 from surefoot.mpc.gaits import (
     GAITS,
@@ -169,3 +177,42 @@ def test_what_takes_one_gait_says_so_of_several():
     config = with_gaits(Config(), ["trot", "bound"])
     with pytest.raises(ValueError, match=r"a planner takes one gait, but .* has 2: trot, bound"):
         make_planner(ROBOT, config)
+
+
+OWN = replace(
+    Config(seed=3),
+    expert=ExpertConfig(
+        kp=7.0, centroidal=CentroidalConfig(nodes=16), kinematic=KinematicConfig(nodes=8)
+    ),
+)
+
+
+@pytest.mark.parametrize("config", [Config(), OWN])
+@pytest.mark.parametrize("names", [("walk", "trot", "bound"), ("trot", "pronk"), tuple(GAITS)])
+def test_a_gait_among_several_is_as_it_is_alone(config, names):
+    each = each_gait(with_gaits(config, names))
+    assert [replace(one, start_set=None) for one in each] == [
+        with_gait(config, name) for name in names
+    ]
+
+
+def test_other_gaits_follow_the_expert_of_the_first_one():
+    config = with_gaits(Config(), ["walk", "trot"])
+    told = replace(config, expert=replace(config.expert, kp=7.0))
+    assert each_gait(told)[1].expert == ExpertConfig(kp=7.0)
+
+
+def test_another_horizon_of_the_first_gait_leaves_that_of_a_trot_possible():
+    config = with_gaits(Config(), ["walk", "trot"])
+    short = replace(config.expert, centroidal=CentroidalConfig(nodes=8))
+    trot = each_gait(replace(config, expert=short))[1].expert
+    assert (trot.centroidal.nodes, trot.kinematic.nodes) == (8, 8)
+
+
+@pytest.mark.parametrize("number", [-1, 2])
+def test_a_plan_of_no_gait_is_refused_with_the_names_of_those_there_are(number):
+    plan = make_plan(ROBOT, with_gaits(Config(), ["trot", "bound"]))
+    state = state_of(ROBOT, standing(ROBOT)[None], np.zeros((1, 18)))[0]
+    message = f"gait number {number}; use 0 to 1, for trot, bound"
+    with pytest.raises(ValueError, match=message):
+        plan(state, 0, GaitCommand(0.1, gait=number))

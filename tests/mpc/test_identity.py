@@ -205,3 +205,23 @@ def test_a_plan_that_changes_its_arguments_is_none_that_an_expert_accepts():
     identity = identity_of(plan, ROBOT)
     assert identity.repeatable
     assert [each.failure for each in identity.plans] == ["gave no plan (ValueError)"] * 2
+
+
+def bounding(gain):
+    """A plan function whose plans of the second gait alone have a gain."""
+
+    def plan(state, tick, command):
+        return hold(state, tick, command, gain if command.gait == 1 else 1.0)
+
+    return plan
+
+
+def test_a_change_in_another_gait_is_noticed_where_robots_walk_it():
+    before = identity_of(bounding(1.0), ROBOT, gaits=3)
+    assert len(before.plans) == 4
+    assert difference(before, identity_of(bounding(1.0), ROBOT, gaits=3)) == ""
+    text = difference(before, identity_of(bounding(0.9), ROBOT, gaits=3))
+    assert text.startswith("which has changed since: at fixed state 3 of 4 its torque is up to 0.1")
+    alone = identity_of(bounding(1.0), ROBOT)
+    assert alone.plans == before.plans[:2]
+    assert difference(alone, identity_of(bounding(0.9), ROBOT)) == ""

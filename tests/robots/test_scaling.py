@@ -11,6 +11,7 @@ from surefoot.config import (
     ExpertConfig,
     Gait,
     KinematicConfig,
+    OtherGait,
     PolicyConfig,
     RobotConfig,
     SafetyConfig,
@@ -18,6 +19,7 @@ from surefoot.config import (
 from surefoot.config.checked import known
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.robot_table import ANYMAL_C, GO2, HYQ, ROBOTS, SOLO12
+from surefoot.mpc.gaits import GAITS, each_gait, with_gait, with_gaits
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import (
     joint_bounds,
@@ -219,3 +221,29 @@ def test_larger_robots_fall_from_higher_up():
         assert fall_height[0] == pytest.approx(0.5 * config.gait.com_height)
         assert com_height[0] == pytest.approx(0.75 * config.gait.com_height)
         assert fall_height[1] > config.gait.com_height
+
+
+@pytest.mark.parametrize("name", ["solo12", "go2"])
+@pytest.mark.parametrize("names", [("trot", "bound"), ("walk", "trot"), ("pronk", "walk", "pace")])
+def test_each_of_several_gaits_gets_what_it_has_alone(name, names):
+    config = Config(robot=RobotConfig(name))
+    filled = with_own_values(with_gaits(config, names))
+    assert with_own_values(filled) == filled
+    assert from_json(Config, to_json(filled)) == filled
+    for one, gait in zip(each_gait(filled), names, strict=True):
+        assert one == with_own_values(with_gait(config, gait))
+
+
+def test_rules_of_solo12s_trot_are_not_those_of_its_other_gaits():
+    trot, bound = each_gait(with_own_values(with_gaits(Config(), ["trot", "bound"])))
+    assert (trot.expert.capture_share, trot.expert.turn_compensation) == (0.0, 0.0)
+    assert (bound.expert.capture_share, bound.expert.turn_compensation) == (0.25, 0.3)
+    assert bound.expert.command_gain is None  # to be measured
+
+
+def test_bounds_of_robots_of_several_gaits_hold_those_of_each_of_them():
+    low = OtherGait(replace(GAITS["bound"], com_height=0.2))
+    config = replace(
+        Config(robot=RobotConfig("go2"), gait=Gait(com_height=0.3)), other_gaits=(low,)
+    )
+    assert with_own_values(config).safety.com_height == (0.15, 1.5)

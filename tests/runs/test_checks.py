@@ -24,7 +24,7 @@ from surefoot.config import (
     TrainingConfig,
 )
 from surefoot.config.presets import PRESETS, preset
-from surefoot.mpc.gaits import with_gait
+from surefoot.mpc.gaits import with_gait, with_gaits
 from surefoot.runs.checks import (
     check_config,
     check_expert,
@@ -213,3 +213,15 @@ def test_beside_a_run_of_an_own_expert_that_of_the_package_is_not_measured_silen
     run.append_metrics(collected_record(1, expert="my_plan"))
     with pytest.warns(UserWarning, match="your own expert my_plan, but the expert that"):
         warn_of_own_expert(run)
+
+
+def test_an_expert_that_has_changed_in_another_gait_is_refused(tmp_path):
+    run = Run(tmp_path, with_gaits(Config(), ["trot", "bound"]))
+
+    def of_two_gaits(torque):
+        return lambda state, tick, command: holding(torque * command.gait)(state, tick, command)
+
+    remember_expert(run, of_two_gaits(1.0))
+    check_expert(run, of_two_gaits(1.0))
+    with pytest.raises(RunError, match="at fixed state 3 of 3 its torque is up to 1 N m apart"):
+        check_expert(run, of_two_gaits(2.0))

@@ -133,3 +133,49 @@ def test_the_states_of_one_gait_among_several_are_those_of_it_alone(small_sets):
     assert among.other_gaits[0].expert == alone.expert
     trot = module.completed(GO2)
     assert (among.expert, among.start_set) == (trot.expert, trot.start_set)
+
+
+@pytest.mark.parametrize("copied", [False, True])
+def test_more_gaits_than_a_run_has_are_another_configuration(begun, copied, tmp_path):
+    asked = with_gaits(GO2, ["trot", "walk"])
+    if copied:  # states that are neither packaged nor the run's own
+        copy = tmp_path / "copy.npz"
+        shutil.copy(begun.folder / "starts.npz", copy)
+        asked = replace(asked, start_set=str(copy))
+    with pytest.raises(RunError, match="holds a run with another configuration"):
+        create(begun.folder, asked, resume=True)
+
+
+def test_a_run_of_several_gaits_is_resumed_with_the_same_states_in_other_files(
+    small_sets, tmp_path
+):
+    asked = with_gaits(GO2, ["trot", "walk"])
+    begun = create(tmp_path / "run", asked)
+    begun.append_metrics(collected_record(0))
+    first = tmp_path / "first.npz"
+    second = tmp_path / "second.npz"
+    shutil.copy(begun.folder / "starts.npz", first)
+    shutil.copy(begun.folder / "starts-1.npz", second)
+    other = replace(asked.other_gaits[0], start_set=str(second))
+    copied = replace(asked, start_set=str(first), other_gaits=(other,))
+    assert create(begun.folder, copied, resume=True).config == begun.config
+    # Of one set alone the copy is asked for, of the other one nothing is said.
+    half = replace(asked, other_gaits=(other,))
+    assert create(begun.folder, half, resume=True).config == begun.config
+
+
+def test_of_several_sets_the_one_that_is_damaged_is_named(small_sets, tmp_path):
+    asked = with_gaits(GO2, ["trot", "walk"])
+    begun = create(tmp_path / "run", asked)
+    begun.append_metrics(collected_record(0))
+    own = begun.folder / "starts-1.npz"
+    kept = own.read_bytes()
+    own.write_bytes(b"")
+    with pytest.raises(RunError, match=r"cannot be read.*Restore \S*starts-1\.npz from a copy"):
+        create(begun.folder, asked, resume=True)
+    changed = module.prepare(replace(with_gait(GO2, "walk"), commands=CommandBox(vx=(-0.2, 0.5))))
+    own.write_bytes(changed.path.read_bytes())
+    with pytest.raises(RunError, match=r"than those of \S*starts\.npz, \S*starts-1\.npz"):
+        create(begun.folder, asked, resume=True)
+    own.write_bytes(kept)
+    assert create(begun.folder, asked, resume=True).config == begun.config

@@ -2,8 +2,14 @@
 
 import pytest
 
-from surefoot.config import Config
-from surefoot.runs.layout import CONFIG_FILE, METRICS_FILE, OWN, run_that_owns
+from surefoot.config import MOST_GAITS, Config
+from surefoot.runs.layout import (
+    ALL_OTHER_STARTS,
+    CONFIG_FILE,
+    METRICS_FILE,
+    OWN,
+    run_that_owns,
+)
 from surefoot.runs.run import Run
 
 
@@ -50,3 +56,8 @@ def test_a_config_of_another_program_is_no_run(tmp_path):
     (tmp_path / CONFIG_FILE).write_text("{}")
     assert run_that_owns(tmp_path / CONFIG_FILE) is None
     assert run_that_owns(tmp_path / CONFIG_FILE, new_run=tmp_path) == tmp_path
+
+
+def test_a_run_has_a_file_of_initial_states_for_each_gait_that_a_policy_may_have():
+    assert len(ALL_OTHER_STARTS) == MOST_GAITS - 1
+    assert f"starts-{MOST_GAITS - 1}.npz" in OWN

@@ -153,3 +153,8 @@ def test_gaits_in_turn_have_an_equal_part_of_the_time():
 def test_switches_that_contradict_themselves_are_refused(elapsed, gait, words):
     with pytest.raises(ValueError, match=words):
         GaitSwitches(elapsed, gait)
+
+
+def test_a_switch_to_no_gait_is_refused():
+    with pytest.raises(ValueError, match="a switch to gait number -1; use 0 or more"):
+        GaitSwitches(np.array([[10, 20]]), np.array([[1, -1]]))

@@ -1,5 +1,6 @@
 """Checks of initial states as arrays: each fault has an error that names it."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -111,3 +112,10 @@ def test_robots_can_begin_in_every_stored_state_and_at_rest():
     for split in SPLITS:
         check_starts(packaged[split])
     check_starts(at_rest(packaged["nominal"].q[0], np.zeros((2, 3))))
+
+
+def test_robots_begin_in_no_gait_of_a_negative_number():
+    starts = small()["train"][np.arange(2)]
+    check_starts(replace(starts, gait=np.array([0, 3])))
+    with pytest.raises(ValueError, match=r"initial states: gait\[1\] is -2; use 0 or more"):
+        check_starts(replace(starts, gait=np.array([0, -2])))

@@ -6,7 +6,10 @@ import pytest
 
 from surefoot.config import METHODS, BudgetConfig
 from surefoot.config.presets import preset
-from surefoot.study.estimate import first_work, training_work
+from surefoot.config.study import Measurement, StudyConfig, Technique
+from surefoot.mpc.gaits import each_gait, with_gaits
+from surefoot.study import estimate as module
+from surefoot.study.estimate import Rates, estimate_study, first_work, training_work
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -33,3 +36,20 @@ def test_steps_are_those_of_all_trainings(name):
         assert training_work(replace(config, method=method)).steps == 1050
         method = replace(method, steps_before_last=10)
         assert training_work(replace(config, method=method)).steps == 50 + 9 * 10 + 100
+
+
+def test_cells_of_one_gait_and_of_several_are_measured_each(monkeypatch):
+    techniques = (Technique("one", "1", "dagger"), Technique("two", "2", "dagger"))
+    several = with_gaits(preset("dagger"), ["trot", "bound"])
+    configs = {"one": each_gait(several)[0], "two": several}
+    monkeypatch.setattr(module, "cell_config", lambda study, cell: configs[cell.technique])
+    monkeypatch.setattr(module, "completed", lambda config: config)
+    measured = []
+
+    def measure(config):
+        measured.append(len(config.gaits))
+        return Rates(1.0, 1.0, 1.0)
+
+    monkeypatch.setattr(module, "measure_rates", measure)
+    estimate_study(StudyConfig("mine", "My study", techniques, (Measurement("test", "test"),)))
+    assert sorted(measured) == [1, 2]

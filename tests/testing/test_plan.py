@@ -182,3 +182,23 @@ def test_a_broken_plan_is_caught(fault, name):
 def test_every_test_of_the_contract_catches_a_fault():
     names = {name for name in dir(PlanContract) if name.startswith("test_")}
     assert names == {name for _, name in FAULTS}
+
+
+def forgetful_in_the_second_gait():
+    calls = []
+
+    def plan(state, tick, command):
+        calls.append(tick)
+        made = toy.plan(state, tick, command)
+        return replace(made, torque=made.torque + 1e-15 * len(calls) * command.gait)
+
+    return plan
+
+
+def test_a_plan_that_is_broken_in_another_gait_is_caught_where_it_walks_it():
+    contract = TestToyPlan()
+    contract.make_plan = forgetful_in_the_second_gait
+    contract.test_same_input_same_bits()
+    contract.gaits = 2
+    with pytest.raises(AssertionError):
+        contract.test_same_input_same_bits()

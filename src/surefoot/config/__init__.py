@@ -63,6 +63,7 @@ from surefoot.config.sim import Backend, SimulationConfig
 
 __all__ = [
     "METHODS",
+    "MOST_GAITS",
     "TABLE_I",
     "Backend",
     "BehaviorCloningConfig",
@@ -113,9 +114,18 @@ __all__ = [
 ]
 
 
+MOST_GAITS = 16
+"""A policy has at most so many gaits, because each has a table with a row for each tick."""
+
+
 @dataclass(frozen=True)
 class Config(Checked):
-    """Everything that fixes a result, apart from the versions of the packages that compute it."""
+    """Everything that fixes a result, apart from the versions of the packages that compute it.
+
+    Raises:
+        ValueError: A field is out of its range, there are more than `MOST_GAITS` gaits, or one of
+            them is there twice.
+    """
 
     section: ClassVar[str] = ""
 
@@ -154,6 +164,22 @@ class Config(Checked):
     budget: BudgetConfig = field(default_factory=BudgetConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     push: PushConfig = field(default_factory=PushConfig)
+
+    def __post_init__(self) -> None:
+        """Check all fields, and the gaits together."""
+        super().__post_init__()
+        if len(self.gaits) > MOST_GAITS:
+            raise ValueError(
+                f"other_gaits makes {len(self.gaits)} gaits; use at most {MOST_GAITS}, with `gait`"
+            )
+        numbers: dict[tuple[object, ...], int] = {}
+        for number, gait in enumerate(self.gaits):
+            first = numbers.setdefault(gait.timing, number)
+            if first < number:
+                raise ValueError(
+                    f"other_gaits: the gaits number {first} and {number} have the same timing "
+                    f"{gait.timing}; a gait is known by its timing, name each of them once"
+                )
 
     @property
     def gaits(self) -> tuple[Gait, ...]:

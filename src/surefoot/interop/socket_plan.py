@@ -8,7 +8,8 @@ a message has a fixed layout, so that a server needs no library:
 - The answer is a 4-byte unsigned integer T, then T rows of 36 doubles, one a millisecond: joint
   positions, joint velocities, torques. T = 0 says that there is no valid plan.
 
-`serve_plan` is such a server in Python. Nothing that is received is run.
+A question has no gait: an MPC of several has a server for each, see `SocketPlan`. `serve_plan` is
+such a server in Python. Nothing that is received is run.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ class SocketPlan:
     """A plan function that asks a server.
 
     Each process that uses it opens a connection of its own with its first question, so that
-    `Workers` may have copies.
+    `Workers` may have copies. It asks for the first gait alone. Where robots walk several, let the
+    plan function choose among servers: ``plans[command.gait](state, tick, Command(*command))``.
 
     Args:
         port: The server's port.
@@ -71,12 +73,14 @@ class SocketPlan:
 
         Raises:
             PlanServerError: There is no server, it is silent, or its answer is no plan.
+            ValueError: The command is of another gait than the first one.
         """
+        asked = question(state, tick, command)
         try:
             if self._connection is None:
                 self._connection = socket.create_connection((self.host, self.port), self.timeout)
                 self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._connection.sendall(question(state, tick, command))
+            self._connection.sendall(asked)
             return read_answer(self._connection)
         except (OSError, EOFError) as error:
             self.close()
@@ -93,7 +97,18 @@ class SocketPlan:
 
 
 def question(state: State, tick: int, command: Command) -> bytes:
-    """The bytes of a question."""
+    """The bytes of a question.
+
+    Raises:
+        ValueError: The command is of another gait than the first one, which a question cannot say.
+    """
+    if command.gait != 0:
+        raise ValueError(
+            f"the command is of gait number {command.gait}, but a question to a server has no "
+            "gait: start a server for each gait, and plan with "
+            "plans[command.gait](state, tick, Command(*command)), where plans has a SocketPlan of "
+            "each"
+        )
     parts = [[tick], command, *(np.ravel(getattr(state, name)) for name in SIZES)]
     return np.concatenate(parts).astype(QUESTION).tobytes()
 

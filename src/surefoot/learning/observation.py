@@ -17,7 +17,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import Config, Gait, HeightRule, Phase
+from surefoot.config import MOST_GAITS, Config, Gait, HeightRule, Phase
 from surefoot.config.gait_table import gait_name
 from surefoot.config.robot_table import ROBOTS
 from surefoot.errors import shown, unknown
@@ -31,8 +31,6 @@ Float32Array = NDArray[np.float32]
 
 LONGEST_PERIOD = 10_000
 """[ms] The longest gait period, which is that of `Gait.period`."""
-MOST_GAITS = 16
-"""A policy has at most so many gaits, because each has a table with a row for each tick."""
 
 
 @dataclass(frozen=True)

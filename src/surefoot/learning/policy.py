@@ -172,13 +172,14 @@ class Policy:
         """Command the gaits.
 
         Raises:
-            ValueError: The policy has not so many gaits.
+            ValueError: The policy has no gait of a number.
         """
         gaits = self.spec.observation.gaits
-        if np.max(gait) >= len(gaits):
+        wrong = np.extract((np.asarray(gait) < 0) | (np.asarray(gait) >= len(gaits)), gait)
+        if wrong.size:
             names = ", ".join(each.name for each in gaits)
             raise ValueError(
-                f"the gait number {np.max(gait)} of a policy of {names}; use 0 to {len(gaits) - 1}"
+                f"the gait number {wrong[0]} of a policy of {names}; use 0 to {len(gaits) - 1}"
             )
         self._gait = gait
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from surefoot.config import Config, ExpertConfig, Gait
 from surefoot.config.checked import check_values, known
 from surefoot.config.presets import ground_for
-from surefoot.mpc.gaits import each_gait, only_gait
+from surefoot.mpc.gaits import each_gait, names_of, only_gait
 from surefoot.mpc.planner import PLAN_TICKS, Planner
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import own_expert, own_values
@@ -259,12 +259,20 @@ def make_plan(robot: RobotModel, config: Config) -> PlanFunction:
     Args:
         robot: The robot.
         config: The configuration, for gaits, planners and friction.
+
+    Returns:
+        The plan function. That of several gaits raises a `ValueError` for a number of none of them.
     """
     planners = [make_planner(robot, one) for one in each_gait(config)]
     if len(planners) == 1:
         return planners[0].plan
 
     def plan(state: State, tick: int, command: Command) -> MotionPlan:
+        if not 0 <= command.gait < len(planners):
+            raise ValueError(
+                f"the command is of gait number {command.gait}; use 0 to {len(planners) - 1}, for "
+                f"{names_of(config)}"
+            )
         return planners[command.gait].plan(state, tick, command)
 
     return plan

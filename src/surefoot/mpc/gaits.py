@@ -11,8 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from surefoot.config import Config, Gait, OtherGait
+from surefoot.config import Config, OtherGait
 from surefoot.config.gait_table import GAITS, gait_name
+from surefoot.config.single_gaits import each_gait, with_timing
 from surefoot.errors import unknown
 
 __all__ = [
@@ -45,25 +46,11 @@ def with_gait(config: Config, name: str) -> Config:
     return with_timing(config, GAITS[name])
 
 
-def with_timing(config: Config, gait: Gait) -> Config:
-    """The configuration, with any gait, and with what follows from another one than the trot.
-
-    Args:
-        config: The configuration.
-        gait: The gait.
-    """
-    if gait.timing == Gait().timing:
-        return replace(config, gait=gait)
-    expert = replace(
-        config.expert,
-        centroidal=replace(config.expert.centroidal, nodes=None),
-        kinematic=replace(config.expert.kinematic, nodes=None),
-    )
-    return replace(config, gait=gait, expert=expert)
-
-
 def with_gaits(config: Config, names: Sequence[str]) -> Config:
     """The configuration, with several named gaits that robots walk by command.
+
+    Each of them is as `with_gait` makes it alone (`each_gait`), but for initial states and command
+    gains that are given, which are the first one's.
 
     Args:
         config: The configuration.
@@ -77,29 +64,15 @@ def with_gaits(config: Config, names: Sequence[str]) -> Config:
     for name in names:
         if name not in GAITS:
             raise ValueError(unknown("gait", name, GAITS))
-    others = tuple(OtherGait(GAITS[name]) for name in names[1:])
-    return replace(with_gait(config, names[0]), other_gaits=others)
-
-
-def each_gait(config: Config) -> tuple[Config, ...]:
-    """A configuration of one gait for each of the gaits of a configuration, in their order.
-
-    Each has the expert and the initial states of its gait. What another gait leaves open, with an
-    expert that is None, is as for the first one, but for what follows from the timing, and for the
-    command gains.
-
-    Args:
-        config: The configuration.
-    """
-    first = replace(config, other_gaits=())
-    return (first, *(_alone(first, other) for other in config.other_gaits))
-
-
-def _alone(first: Config, other: OtherGait) -> Config:
-    """The configuration of one of the other gaits alone."""
-    timed = with_timing(first, other.gait)
-    expert = other.expert or replace(timed.expert, command_gain=None)
-    return replace(timed, expert=expert, start_set=other.start_set)
+    config = replace(config, other_gaits=())
+    first, *alone = (with_gait(config, name) for name in names)
+    several = replace(first, other_gaits=tuple(OtherGait(one.gait) for one in alone))
+    others = []
+    for one, open_ in zip(alone, each_gait(several)[1:], strict=True):
+        expert = replace(one.expert, command_gain=None)
+        # What is left open goes on to follow the first gait's expert.
+        others.append(OtherGait(one.gait, None if expert == open_.expert else expert))
+    return replace(first, other_gaits=tuple(others))
 
 
 def only_gait(config: Config, what: str) -> Config:

@@ -1,9 +1,9 @@
-"""Which MPC an expert is: the name of its plan function, and its plans at two fixed states.
+"""Which MPC an expert is: the name of its plan function, and its plans at a few fixed states.
 
 A run is to be continued with the expert it was begun with, or one dataset holds the labels of two.
 A name alone does not tell: all lambdas have the same one, and a function may have been edited. So a
 run keeps an `ExpertIdentity` of a user's MPC, and `difference` says in what another one differs. A
-change that shows at neither of the two states is not noticed. The package's own planner needs none:
+change that shows at none of the states is not noticed. The package's own planner needs none:
 the run's configuration is all of it. `runs.checks` decides with this whether a run may go on.
 """
 
@@ -19,7 +19,7 @@ from surefoot.mpc.expert import ask_for_plan
 from surefoot.robots.geometry import state_of
 from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import integrate
-from surefoot.types import Array, Command, PlanFunction, State
+from surefoot.types import Array, Command, GaitCommand, PlanFunction, State
 
 TOLERANCE = 1e-6
 """[rad, rad/s, N m] Plans this far apart are the same: another processor rounds differently."""
@@ -93,8 +93,8 @@ def plan_names(plan: PlanFunction) -> tuple[str, str]:
     return str(named.__module__), named.__qualname__
 
 
-def identity_of(plan: PlanFunction, robot: RobotModel) -> ExpertIdentity:
-    """Return the identity of a plan function; this asks it for three plans.
+def identity_of(plan: PlanFunction, robot: RobotModel, gaits: int = 1) -> ExpertIdentity:
+    """Return the identity of a plan function; this asks it for three plans, and one more per gait.
 
     A function that raises, or gives no plan that an expert accepts, has an identity too: the kind
     of its error is kept as the failure.
@@ -102,9 +102,10 @@ def identity_of(plan: PlanFunction, robot: RobotModel) -> ExpertIdentity:
     Args:
         plan: The plan function.
         robot: The robot that it plans for.
+        gaits: The number of gaits that it is asked for.
     """
     module, name = plan_names(plan)
-    states = _fixed_states(robot)
+    states = _fixed_states(robot, gaits)
     plans = tuple(_ask(plan, *state) for state in states)
     again = _ask(plan, *states[0])  # after the others, which must leave no trace
     repeatable = not _plan_difference(plans[0], again, REPEATABLE)
@@ -135,20 +136,23 @@ def difference(before: ExpertIdentity, now: ExpertIdentity) -> str:
     return ""
 
 
-def _fixed_states(robot: RobotModel) -> list[tuple[State, int, Command]]:
+def _fixed_states(robot: RobotModel, gaits: int) -> list[tuple[State, int, Command]]:
     """Return the arguments for which plans are kept.
 
     The first robot stands still; the second moves in every degree of freedom, between two ticks of
-    the planning grid, so that feedback on a position or a velocity shows.
+    the planning grid, so that feedback on a position or a velocity shows. It does so in each
+    further gait too.
     """
     upright = standing(robot)
     count = np.arange(1.0, 19.0)
     q = np.stack([upright, integrate(upright, 0.02 * np.sin(count))])
     v = np.stack([np.zeros(18), 0.1 * np.cos(count)])
     states = state_of(robot, q, v)
+    others = [GaitCommand(0.2, 0.05, 0.1, gait) for gait in range(1, gaits)]
     return [
         (states[0], 0, Command(0.3, 0.0, 0.0)),
         (states[1], 133, Command(0.2, 0.05, 0.1)),
+        *((states[1], 133, command) for command in others),
     ]
 
 

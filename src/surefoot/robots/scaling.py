@@ -42,6 +42,7 @@ from surefoot.robots.bounds import FRONT_HIND, LEFT_RIGHT, mirrored
 from surefoot.robots.canonical import joint_axes
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel, standing
+from surefoot.robots.several_gaits import for_each_gait
 from surefoot.types import LEGS, Array
 
 Section = TypeVar(
@@ -344,13 +345,18 @@ def with_own_values(config: Config, robot: RobotModel | None = None) -> Config:
     What has to be measured stays None: the command gains of all but Solo12's trot, and the initial
     states of all but its trot straight ahead (`scenarios.prepare`). A file that the configuration
     names as its robot is read, and its spec takes the file's place: what comes back depends on no
-    file but the robot's description.
+    file but the robot's description. Each of several gaits gets its own (`for_each_gait`).
 
     Args:
         config: The configuration.
         robot: The robot of the configuration, if it is loaded already.
     """
-    robot = robot or load_robot(config.robot)
+    model = robot or load_robot(config.robot)
+    return for_each_gait(lambda one: _with_own(one, model), config)
+
+
+def _with_own(config: Config, robot: RobotModel) -> Config:
+    """The same of a configuration of one gait."""
     gait = own_gait(config.gait, robot)
     expert = _filled(config.expert, **vars(rules_for(config)))
     expert = own_expert(expert, robot, gait)

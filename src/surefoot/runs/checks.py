@@ -155,7 +155,7 @@ def warn_of_own_expert(run: Run) -> None:
 
 def _identity(run: Run, plan: PlanFunction) -> ExpertIdentity:
     """The identity of a user's MPC; warns of one that gives other plans when it is asked again."""
-    identity = identity_of(plan, load_robot(run.config.robot))
+    identity = identity_of(plan, load_robot(run.config.robot), len(run.config.gaits))
     if not identity.repeatable:
         warnings.warn(
             f"the expert {identity.name} gives another plan when it is asked again for the same "

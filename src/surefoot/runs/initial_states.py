@@ -13,10 +13,11 @@ from pathlib import Path
 
 from surefoot.config import Config
 from surefoot.config.checked import known
+from surefoot.config.single_gaits import each_gait
 from surefoot.runs.layout import OTHER_STARTS_FILE, STARTS_FILE, RunError
 from surefoot.scenarios.gaits import AllStarts, all_starts_of, for_each_gait
 from surefoot.scenarios.prepare import completed, with_values_of
-from surefoot.scenarios.starts import PACKAGED, load_starts, save_starts
+from surefoot.scenarios.starts import PACKAGED, load_starts, save_starts, starts_of
 
 
 def begun_config(config: Config) -> Config:
@@ -44,15 +45,16 @@ def resumed_config(config: Config, before: Config, starts_hash: str) -> Config:
     """
     config = with_values_of(before, config)
     sets = _sets_of(config)
-    if all(now in (*PACKAGED, then) for now, then in zip(sets, _sets_of(before), strict=False)):
+    earlier = _sets_of(before)
+    if len(sets) != len(earlier):  # another configuration, whatever its initial states
+        return config
+    if all(now in (*PACKAGED, then) for now, then in zip(sets, earlier, strict=True)):
         return config
     config = for_each_gait(_resolved, config)
-    if starts_hash and None not in _sets_of(config) and len(sets) == len(_sets_of(before)):
-        stored = AllStarts(
-            tuple(load_starts(known(name, "start_set")) for name in _sets_of(config))
-        )
-        if stored.hash == starts_hash:
-            return _with_sets(config, _sets_of(before))
+    if starts_hash:
+        stored = [load_starts(known(name, "start_set")) for name in _sets_of(config)]
+        if AllStarts(tuple(stored)).hash == starts_hash:
+            return _with_sets(config, earlier)
     return config
 
 
@@ -114,17 +116,20 @@ def check_starts(folder: Path, config: Config, starts_hash: str) -> None:
     """
     if not starts_hash:
         return
-    try:
-        now = all_starts_of(config).hash
-    except (OSError, ValueError) as error:
-        raise RunError(
-            f"the initial states of {folder} cannot be read: {error}. Restore {config.start_set} "
-            "from a copy"
-        ) from error
+    sets = []
+    for one in each_gait(config):
+        try:
+            sets.append(starts_of(one))
+        except (OSError, ValueError) as error:
+            raise RunError(
+                f"the initial states of {folder} cannot be read: {error}. Restore {one.start_set} "
+                "from a copy"
+            ) from error
+    now = AllStarts(tuple(sets)).hash
     if now != starts_hash:
         raise RunError(
             f"{folder} was begun with other initial states ({starts_hash[:8]}...) than those of "
-            f"{config.start_set} ({now[:8]}...); restore them from a copy"
+            f"{', '.join(map(str, _sets_of(config)))} ({now[:8]}...); restore them from a copy"
         )
 
 

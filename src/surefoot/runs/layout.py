@@ -9,14 +9,16 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from surefoot.config import MOST_GAITS
+
 CONFIG_FILE = "config.json"
 """File in a run's folder that makes the folder a run."""
 STARTS_FILE = "starts.npz"
 """File of the run's own copy of its initial states, if these do not come with the package."""
 OTHER_STARTS_FILE = "starts-{number}.npz"
 """File of the copy of the initial states of another gait than the first one, by its number."""
-ALL_OTHER_STARTS = tuple(OTHER_STARTS_FILE.format(number=number) for number in range(1, 16))
-"""All files of such copies: a policy has at most 16 gaits."""
+ALL_OTHER_STARTS = tuple(OTHER_STARTS_FILE.format(number=number) for number in range(1, MOST_GAITS))
+"""All files of such copies."""
 METRICS_FILE = "metrics.jsonl"
 """File of the metrics: one line for each stage that is done."""
 EXPERT_FILE = "expert.json"

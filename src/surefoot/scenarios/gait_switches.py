@@ -36,7 +36,8 @@ class GaitSwitches:
         gait: ``(B, n)`` the number of that gait.
 
     Raises:
-        ValueError: The two have other shapes, or a row is not in the order of time.
+        ValueError: The two have other shapes, a row is not in the order of time, or a number of a
+            gait is negative.
     """
 
     elapsed: IntArray
@@ -51,6 +52,8 @@ class GaitSwitches:
             )
         if (np.diff(self.elapsed, axis=1) < 0).any():
             raise ValueError("switches of gait that are not in the order of time; sort each row")
+        if (np.asarray(self.gait) < 0).any():
+            raise ValueError(f"a switch to gait number {np.min(self.gait)}; use 0 or more")
 
     def __len__(self) -> int:
         return len(self.elapsed)

@@ -88,8 +88,8 @@ def check_starts(starts: Starts) -> None:
         starts: n initial states.
 
     Raises:
-        ValueError: An array has the wrong shape or type, a number is not finite, or a quaternion
-            is not of length 1.
+        ValueError: An array has the wrong shape or type, a number is not finite, a gait has a
+            negative number, or a quaternion is not of length 1.
     """
     n = len(starts)
     shapes = {
@@ -114,6 +114,9 @@ def check_starts(starts: Starts) -> None:
             raise ValueError(
                 f"initial states: {name}{place} is {array[tuple(place)]}; use finite numbers"
             )
+    if (np.asarray(starts.gait) < 0).any():
+        row = int((np.asarray(starts.gait) < 0).argmax())
+        raise ValueError(f"initial states: gait[{row}] is {starts.gait[row]}; use 0 or more")
     check_unit_quaternions(starts.q)
 
 

@@ -294,6 +294,7 @@ def estimate_study(study: StudyConfig, folder: Path | None = None) -> Estimate:
             (
                 config.robot,
                 config.gait,
+                config.other_gaits,
                 config.simulation,
                 config.expert,
                 config.policy,

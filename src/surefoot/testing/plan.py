@@ -7,6 +7,8 @@ Read `testing.gate` next.
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from surefoot.mpc.expert import ask_for_plan, read_only
@@ -14,7 +16,7 @@ from surefoot.mpc.identity import difference, identity_of
 from surefoot.robots.geometry import state_of
 from surefoot.robots.model import RobotModel
 from surefoot.testing.states import assert_same_states, copy_of, falling_moments
-from surefoot.types import Command, MotionPlan, PlanFunction, State
+from surefoot.types import Command, GaitCommand, MotionPlan, PlanFunction, State
 
 
 class PlanContract:
@@ -24,10 +26,18 @@ class PlanContract:
         command: A command in the range that your planner is made for.
         ticks: Gait clocks to plan at [ms]; takeovers happen at any tick, so they are not only those
             of a grid.
+        gaits: The number of gaits that your planner walks, as `Command.gait` says.
     """
 
     command: Command = Command(0.2, 0.0, 0.1)
     ticks: tuple[int, ...] = (0, 50, 133, 249)
+    gaits: int = 1
+
+    @property
+    def commands(self) -> list[Command]:
+        """The command in each of the gaits."""
+        others = [GaitCommand(*self.command, gait=gait) for gait in range(1, self.gaits)]
+        return [self.command, *others]
 
     def make_plan(self) -> PlanFunction:
         """Return your plan function, newly made."""
@@ -52,9 +62,9 @@ class PlanContract:
         """A plan is three arrays ``(ticks, 12)`` of finite numbers, and it is valid."""
         plan = self.make_plan()
         for state in self.make_states():
-            for tick in self.ticks:
+            for tick, command in product(self.ticks, self.commands):
                 try:
-                    arrays, valid = ask_for_plan(plan, copy_of(state), tick, self.command)
+                    arrays, valid = ask_for_plan(plan, copy_of(state), tick, command)
                 except (TypeError, ValueError) as error:
                     raise AssertionError(f"no plan that an expert accepts: {error}") from error
                 assert np.isfinite(arrays).all(), "a plan is not finite"
@@ -65,11 +75,11 @@ class PlanContract:
         plan = self.make_plan()
         another = self.make_plan()
         for state in self.make_states():
-            for tick in self.ticks:
-                first = plan(state, tick, self.command)
+            for tick, command in product(self.ticks, self.commands):
+                first = plan(state, tick, command)
                 copies = [array.copy() for array in _arrays(first)]
-                _assert_same_plans(plan(state, tick, self.command), copies)
-                _assert_same_plans(another(state, tick, self.command), copies)
+                _assert_same_plans(plan(state, tick, command), copies)
+                _assert_same_plans(another(state, tick, command), copies)
 
     def test_same_bits_whatever_was_planned_before(self) -> None:
         """Other states, other commands and states of NaN leave no trace."""
@@ -88,8 +98,8 @@ class PlanContract:
 
     def test_a_resumed_run_knows_the_plan_again(self) -> None:
         """A run is refused another MPC than it was begun with, and knows it by names and plans."""
-        before = identity_of(self.make_plan(), self.make_robot())
-        now = identity_of(self.make_plan(), self.make_robot())
+        before = identity_of(self.make_plan(), self.make_robot(), self.gaits)
+        now = identity_of(self.make_plan(), self.make_robot(), self.gaits)
         assert now.repeatable, "a plan that is asked again for the same state is another one"
         text = difference(before, now)
         assert not text, f"a run begun with {before.title}, {text}, could not be resumed"
