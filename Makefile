@@ -13,7 +13,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: help venv demo test test-slow check docs linkcheck format bench peers reproduce reproduce-smoke release-check system clean
+.PHONY: help venv demo test test-slow test-docs check docs linkcheck format bench peers reproduce reproduce-smoke release-check system clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -38,6 +38,9 @@ test: venv  ## the tests that are run often
 
 test-slow: venv  ## the tests that take minutes
 	$(BIN)/python -m pytest -n auto --dist loadgroup -m slow
+
+test-docs: venv  ## the programs and the cheap commands of the documentation, as they stand there
+	$(BIN)/python -m pytest -n auto --dist loadgroup -m documented tests/docs
 
 check: venv  ## format, lint, types, import contracts, plain Python
 	$(BIN)/ruff format --check .

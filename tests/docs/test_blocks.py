@@ -44,6 +44,7 @@ def test_a_mark_is_known_and_has_a_reason():
     assert marked
 
 
+@pytest.mark.documented
 @pytest.mark.parametrize("block", [block for block in PYTHON if not block.mark], ids=str)
 def test_a_program_runs(block, tmp_path):
     run_block(block, tmp_path)

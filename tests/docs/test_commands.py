@@ -96,6 +96,7 @@ def test_a_command_of_another_program_is_known(block, words):
         assert block.mark == "not run", f"{program} is no program that this test knows"
 
 
+@pytest.mark.documented
 @pytest.mark.parametrize("page", CHEAP)
 def test_the_cheap_commands_of_a_page_run(page, tmp_path):
     for block in BLOCKS:
