@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from surefoot.cli.main import main
-from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig, PolicyConfig, PushConfig
+from surefoot.config import Config, PolicyConfig, PushConfig
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.runs.run import create
 from surefoot.workers import Workers
-from tests.fakes.learning import FLOAT32
+from tests.fakes.learning import FLOAT32, TINY
 from tests.fakes.prepared import own_cache
 
 __all__ = ["own_cache"]
@@ -35,17 +35,7 @@ def surefoot(monkeypatch) -> Callable[..., int]:
 @pytest.fixture(scope="session")
 def run_folder(tmp_path_factory) -> Path:
     """A finished run, too small to have learned anything; tests must not write to it."""
-    method = LocoSafeDaggerConfig(
-        pretraining=ExpertData(2, 1, False, 0.3),
-        pretraining_epochs=1,
-        iterations=1,
-        velocities=2,
-        perturbations=1,
-        T=0.3,
-        T_end=0.1,
-        epochs=1,
-    )
-    config = Config(method=method, policy=PolicyConfig(hidden=(16, 16)), training=FLOAT32)
+    config = Config(method=TINY, policy=PolicyConfig(hidden=(16, 16)), training=FLOAT32)
     # The expert withstands these pushes, and the policy falls without any.
     push = PushConfig(speeds=1, before=0.05, after=0.8, directions=2, resolution=0.5, levels=1)
     evaluation = replace(config.evaluation, duration=0.2, episodes=4)

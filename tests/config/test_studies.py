@@ -16,6 +16,8 @@ from surefoot.config.json_io import from_json, to_json
 from surefoot.config.presets import preset
 from surefoot.config.studies import STUDIES, named_study
 from surefoot.config.study import StudyConfig, config_of
+from surefoot.robots.load import load_robot
+from surefoot.robots.scaling import size_of
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -80,12 +82,13 @@ def test_the_sensor_studies_differ_between_layouts_in_nothing_but_the_layout(nam
 
 
 def test_pushes_of_the_sensor_studies_change_the_velocity_of_each_robot_alike():
-    for ours, theirs in (("push-2", "push-12"), ("push-1", "push-6")):
-        light = named_study("sensors").measurement(ours)
-        heavy = named_study("sensors-go2").measurement(theirs)
+    ratio = size_of(load_robot("go2")).mass_ratio
+    for name in ("push-1", "push-2"):
+        light = named_study("sensors").measurement(name)
+        heavy = named_study("sensors-go2").measurement(name)
         pushed = "evaluation.disturbance.impulse"
         low, high = light.options[pushed]  # type: ignore[misc]
-        assert heavy.options[pushed] == (6.0 * low, 6.0 * high)  # type: ignore[operator]
+        assert heavy.options[pushed] == pytest.approx((ratio * low, ratio * high))  # type: ignore[operator]
 
 
 def test_iterative_techniques_of_the_paper_study_share_their_pretraining():

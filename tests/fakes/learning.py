@@ -6,7 +6,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from surefoot.config import Config, PolicyConfig, TrainingConfig
+from surefoot.config import (
+    Config,
+    ExpertData,
+    LocoSafeDaggerConfig,
+    PolicyConfig,
+    TrainingConfig,
+)
 from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import (
@@ -19,6 +25,17 @@ from surefoot.types import State
 
 SMALL = PolicyConfig(hidden=(64, 64))
 FLOAT32 = TrainingConfig(precision="float32")
+TINY = LocoSafeDaggerConfig(
+    pretraining=ExpertData(2, 1, False, 0.3),
+    pretraining_epochs=1,
+    iterations=1,
+    velocities=2,
+    perturbations=1,
+    T=0.3,
+    T_end=0.1,
+    epochs=1,
+)
+"""The whole method in seconds, too short to learn anything."""
 """A precision by its name: nothing is measured, and the bits are the same everywhere."""
 TROT = GaitTiming("trot", 500)
 OBSERVATION_SPEC = ObservationSpec("circle", (TROT,))

@@ -14,15 +14,9 @@ from surefoot.config import (
     KinematicConfig,
     OtherGait,
 )
+from surefoot.config.single_gaits import each_gait
 from surefoot.mpc.expert import make_plan, make_planner
-from surefoot.mpc.gaits import (
-    GAITS,
-    each_gait,
-    gait_name,
-    numbers_of,
-    with_gait,
-    with_gaits,
-)
+from surefoot.mpc.gaits import GAITS, gait_name, numbers_of, with_gait, with_gaits
 from surefoot.mpc.schedule import horizon, in_stance, stands
 from surefoot.robots.geometry import state_of
 from surefoot.robots.model import standing

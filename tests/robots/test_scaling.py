@@ -19,7 +19,8 @@ from surefoot.config import (
 from surefoot.config.checked import known
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.robot_table import ANYMAL_C, GO2, HYQ, ROBOTS, SOLO12
-from surefoot.mpc.gaits import GAITS, each_gait, with_gait, with_gaits
+from surefoot.config.single_gaits import each_gait
+from surefoot.mpc.gaits import GAITS, with_gait, with_gaits
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import (
     joint_bounds,

@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from surefoot.config import CommandBox, Config, RobotConfig
-from surefoot.mpc.gaits import each_gait, gait_name, with_gait, with_gaits
+from surefoot.config.single_gaits import each_gait
+from surefoot.mpc.gaits import gait_name, with_gait, with_gaits
 from surefoot.runs.prepare import first_stage
 from surefoot.runs.run import RunError, config_for, create, open_run
 from surefoot.scenarios import prepare as module

@@ -9,12 +9,12 @@ from dataclasses import replace
 import pytest
 
 import surefoot.runs.tracking as tracking
-from surefoot.config import Config, ExpertData, LocoSafeDaggerConfig, PolicyConfig
+from surefoot.config import Config, LocoSafeDaggerConfig, PolicyConfig
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.runs.run import create, open_run
 from surefoot.runs.tracking import tracked
 from surefoot.workers import Workers
-from tests.fakes.learning import FLOAT32
+from tests.fakes.learning import FLOAT32, TINY
 from tests.fakes.runs import collected_record, gate_record, trained_record, validated_record
 
 CONFIG = Config(method=LocoSafeDaggerConfig(iterations=2), training=FLOAT32)
@@ -124,17 +124,7 @@ def close(values):
 
 @needs_tensorboard
 def test_all_numbers_of_a_real_run_are_there(tmp_path):
-    method = LocoSafeDaggerConfig(
-        pretraining=ExpertData(2, 1, False, 0.3),
-        pretraining_epochs=1,
-        iterations=1,
-        velocities=2,
-        perturbations=1,
-        T=0.3,
-        T_end=0.1,
-        epochs=1,
-    )
-    config = Config(method=method, policy=PolicyConfig(hidden=(16, 16)), training=FLOAT32)
+    config = Config(method=TINY, policy=PolicyConfig(hidden=(16, 16)), training=FLOAT32)
     config = replace(config, evaluation=replace(config.evaluation, duration=0.2, episodes=4))
     run = create(tmp_path / "run", config)
     with tracked(run, "tensorboard"):

@@ -8,14 +8,8 @@ import pytest
 from surefoot.config import TABLE_I, Config, ExpertConfig, OtherGait
 from surefoot.mpc.gaits import GAITS, with_gaits
 from surefoot.robots.bounds import joint_rows
-from surefoot.scenarios.gaits import (
-    IDS_OF_A_GAIT,
-    AllStarts,
-    all_starts_of,
-    envelope,
-    for_each_gait,
-    gait_of,
-)
+from surefoot.robots.several_gaits import envelope, for_each_gait
+from surefoot.scenarios.gaits import IDS_OF_A_GAIT, AllStarts, all_starts_of, gait_of
 from surefoot.scenarios.starts import load_starts, save_starts, starts_of
 
 STORED = load_starts()

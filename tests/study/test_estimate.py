@@ -6,8 +6,9 @@ import pytest
 
 from surefoot.config import METHODS, BudgetConfig
 from surefoot.config.presets import preset
+from surefoot.config.single_gaits import each_gait
 from surefoot.config.study import Measurement, StudyConfig, Technique
-from surefoot.mpc.gaits import each_gait, with_gaits
+from surefoot.mpc.gaits import with_gaits
 from surefoot.study import estimate as module
 from surefoot.study.estimate import Rates, estimate_study, first_work, training_work
 

@@ -100,7 +100,8 @@ class Prepare(OnCommands, OnGait, OnRobot, OnSimulator):
 
     def __call__(self) -> int:
         """Prepare, write what was asked for, and print the table."""
-        from surefoot.mpc.gaits import each_gait, only_gait
+        from surefoot.config.single_gaits import each_gait
+        from surefoot.mpc.gaits import only_gait
         from surefoot.scenarios.make import scaled
         from surefoot.scenarios.prepare import prepare
         from surefoot.scenarios.starts import check_unused, save_starts

@@ -193,8 +193,8 @@ def with_gains(config: Config, command: Command) -> Config:
         ValueError: The robot does not walk in a gait.
     """
     from surefoot.robots.scaling import with_own_values
+    from surefoot.robots.several_gaits import for_each_gait
     from surefoot.scenarios.gains import with_measured_gain
-    from surefoot.scenarios.gaits import for_each_gait
 
     if not is_among(command, config.commands):
         config = replace(config, commands=box_around(command))

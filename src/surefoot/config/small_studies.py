@@ -176,15 +176,15 @@ def pushed_once(impulse: float, mass: float = 1.0) -> Measurement:
         impulse: Size of the push for Solo12 [N s].
         mass: Mass of the robot, as a multiple of Solo12's.
     """
-    impulse *= mass
+    scaled = impulse * mass
     return Measurement(
         f"push-{impulse:.0f}",
-        f"one push of {impulse:.0f} N s",
+        f"one push of {scaled:.3g} N s",
         split="nominal",
         options={
             "evaluation.episodes": 60,
             "evaluation.disturbance.pushes": 1,
-            "evaluation.disturbance.impulse": (impulse, impulse),
+            "evaluation.disturbance.impulse": (scaled, scaled),
             "evaluation.disturbance.fall_angle": 60.0,
         },
     )
@@ -232,7 +232,7 @@ LAYOUTS: dict[LayoutName, str] = {
     "full_history": "full state and history",
 }
 """Layouts of the observation, with what tables call them."""
-MASSES = {"solo12": 1.0, "go2": 6.0}
+MASSES = {"solo12": 1.0, "go2": 6.434}
 """The robots of the studies of what a policy sees, with their masses as multiples of Solo12's."""
 ONBOARD: Options = {
     "evaluation.disturbance.noise.base_orientation": 0.02,

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from surefoot.config import Config, ExpertConfig, Gait
 from surefoot.config.checked import check_values, known
 from surefoot.config.presets import ground_for
-from surefoot.mpc.gaits import each_gait, names_of, only_gait
+from surefoot.config.single_gaits import each_gait
+from surefoot.mpc.gaits import names_of, only_gait
 from surefoot.mpc.planner import PLAN_TICKS, Planner
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import own_expert, own_values

@@ -18,14 +18,12 @@ from surefoot.errors import unknown
 
 __all__ = [
     "GAITS",
-    "each_gait",
     "gait_name",
     "names_of",
     "numbers_of",
     "only_gait",
     "with_gait",
     "with_gaits",
-    "with_timing",
 ]
 
 
@@ -88,7 +86,7 @@ def only_gait(config: Config, what: str) -> Config:
     if config.other_gaits:
         raise ValueError(
             f"{what} takes one gait, but the configuration has {len(config.gaits)}: "
-            f"{names_of(config)}; use one of `surefoot.mpc.gaits.each_gait(config)`"
+            f"{names_of(config)}; use one of `surefoot.config.single_gaits.each_gait(config)`"
         )
     return config
 

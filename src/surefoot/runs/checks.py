@@ -23,11 +23,12 @@ from surefoot.config import (
     SafeDaggerConfig,
 )
 from surefoot.config.json_io import from_json, read_json
+from surefoot.config.single_gaits import each_gait
 from surefoot.evaluation.mirror_error import make_mirror
 from surefoot.files import write_json
 from surefoot.learning.samples import held_out
 from surefoot.learning.step import choose_device
-from surefoot.mpc.gaits import each_gait, names_of
+from surefoot.mpc.gaits import names_of
 from surefoot.mpc.identity import ExpertIdentity, difference, identity_of
 from surefoot.robots.load import load_robot
 from surefoot.rollouts.jobs import PLANNER

@@ -14,8 +14,9 @@ from pathlib import Path
 from surefoot.config import Config
 from surefoot.config.checked import known
 from surefoot.config.single_gaits import each_gait
+from surefoot.robots.several_gaits import for_each_gait
 from surefoot.runs.layout import OTHER_STARTS_FILE, STARTS_FILE, RunError
-from surefoot.scenarios.gaits import AllStarts, all_starts_of, for_each_gait
+from surefoot.scenarios.gaits import AllStarts, all_starts_of
 from surefoot.scenarios.prepare import completed, with_values_of
 from surefoot.scenarios.starts import PACKAGED, load_starts, save_starts, starts_of
 

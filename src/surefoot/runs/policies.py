@@ -24,18 +24,19 @@ from surefoot.config import (
     RobotConfig,
 )
 from surefoot.config.robot_table import ROBOTS
+from surefoot.config.single_gaits import with_timing
 from surefoot.learning.joint_limits import JointLimits, SafetyBounds
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.observation import GaitTiming, ObservationSpec
 from surefoot.learning.policy import Policy, load, policy_spec
-from surefoot.mpc.gaits import GAITS, gait_name, names_of, with_timing
+from surefoot.mpc.gaits import GAITS, gait_name, names_of
 from surefoot.robots.bounds import table_bounds
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import with_own_values
+from surefoot.robots.several_gaits import for_each_gait
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
-from surefoot.scenarios.gaits import for_each_gait
 from surefoot.types import TICKS_PER_SECOND, Array
 
 PACKAGED_POLICY = Path(__file__).parent / "data" / "solo12-trot.safetensors"

@@ -18,8 +18,8 @@ from surefoot.mpc.schedule import stands
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import size_of, with_own_values
+from surefoot.robots.several_gaits import for_each_gait
 from surefoot.scenarios.calibration import calibrate_command_gain, needed_axes
-from surefoot.scenarios.gaits import for_each_gait
 from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.preparation import CommandGain, Triple
 

@@ -16,19 +16,9 @@ import numpy as np
 
 from surefoot.config import Config
 from surefoot.config.single_gaits import each_gait
-from surefoot.robots.several_gaits import envelope, for_each_gait
 from surefoot.scenarios.starts import Starts, StartSet, join_starts, starts_of
 from surefoot.types import IntArray
 
-__all__ = [
-    "IDS_OF_A_GAIT",
-    "AllStarts",
-    "all_starts_of",
-    "envelope",
-    "for_each_gait",
-    "gait_of",
-    "of_gait",
-]
 IDS_OF_A_GAIT = 1_000_000
 """The initial states of gait number n have the ids from n times this on, before which there are
 those of the other gaits: more than a set can hold in a file of reasonable size."""

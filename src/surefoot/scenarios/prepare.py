@@ -31,9 +31,9 @@ from surefoot.robots.identity import description_hash
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import own_safety, size_of, with_own_values
+from surefoot.robots.several_gaits import for_each_gait
 from surefoot.scenarios.boxes import describe, largest_box, walks_enough
 from surefoot.scenarios.gains import ZERO, measured_gain, with_measured_gain
-from surefoot.scenarios.gaits import for_each_gait
 from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.make import (
     SEED,

@@ -16,13 +16,14 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.config import Config
+from surefoot.config.single_gaits import each_gait
 from surefoot.evaluation.robustness import Robustness, evaluate
-from surefoot.mpc.gaits import each_gait
 from surefoot.robots.load import find_spec
 from surefoot.robots.profile import load_profile
 from surefoot.robots.scaling import with_own_values
+from surefoot.robots.several_gaits import for_each_gait
 from surefoot.rollouts.summary import Summary
-from surefoot.scenarios.gaits import all_starts_of, for_each_gait
+from surefoot.scenarios.gaits import all_starts_of
 from surefoot.scenarios.keys import ROOMS, code_hash, ingredients_of, key_of
 from surefoot.study.tables import markdown
 from surefoot.workers import Workers

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.config import CommandBox, Config, LocoSafeDaggerConfig
+from surefoot.config.single_gaits import each_gait
 from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import make_expert, make_planner
-from surefoot.mpc.gaits import each_gait, gait_name, names_of, with_gait
+from surefoot.mpc.gaits import gait_name, names_of, with_gait
 from surefoot.mpc.planner import Planner, PlanStages
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import own_values, size_of, with_own_values
