@@ -46,7 +46,7 @@ def test_a_failed_job_is_named_with_its_log_and_how_to_run_it_again(surefoot, ca
     assert surefoot("study", "status", folder) == 0
     text = capsys.readouterr().out
     assert f"{name} failed, see " in text
-    assert f"--job {name}" in text
+    assert f"--jobs {name}" in text
 
 
 def test_an_output_never_replaces_the_study(surefoot, capsys, folder):

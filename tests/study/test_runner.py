@@ -82,7 +82,7 @@ def study_folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(folder, monkeypatch, ends=None, only=None):
+def run(folder, monkeypatch, ends=None, only=()):
     pool = FakePool(folder, ends or {})
     monkeypatch.setattr(runner, "make_pool", lambda workers: pool)
     outcome = run_study(folder, Workers(2), only)
@@ -128,10 +128,20 @@ def test_a_study_that_is_paused_says_so_when_it_is_started(study_folder, monkeyp
 
 
 def test_one_job_can_be_run_alone_with_what_it_needs(study_folder, monkeypatch):
-    pool, outcome = run(study_folder, monkeypatch, only=TEST_LOCO)
+    pool, outcome = run(study_folder, monkeypatch, only=[TEST_LOCO])
     assert (outcome.jobs, outcome.done) == (3, 3)
     assert pool.started == [SHARED, LOCO, TEST_LOCO]
-    assert [job.name for job in needed_jobs(STUDY, LOCO)] == [SHARED, LOCO]
+
+
+def test_jobs_are_named_by_patterns_and_keep_the_order_of_the_study():
+    names = [job.name for job in needed_jobs(STUDY, [TEST_LOCO, "measure--*"])]
+    assert names == [job.name for job in jobs_of(STUDY)]
+    assert [job.name for job in needed_jobs(STUDY, [LOCO])] == [SHARED, LOCO]
+
+
+def test_a_pattern_that_no_job_has_is_refused():
+    with pytest.raises(ValueError, match=r"no job 'mesure--\*'; did you mean 'measure--"):
+        needed_jobs(STUDY, ["train--*", "mesure--*"])
 
 
 def test_a_run_that_is_lost_is_made_again_only_if_it_was_not_measured(study_folder, monkeypatch):

@@ -76,8 +76,8 @@ class Study(OnWorkers):
     that has begun; before it status, pause or resume."""
     folder: Path | None = None
     """The folder of the study; without it, studies/NAME."""
-    job: str | None = None
-    """Run this job only, with those that it needs; for example one that failed."""
+    jobs: tuple[str, ...] = ()
+    """Run these jobs only, with those that they need: names, or patterns such as '*--seed-0'."""
     estimate: bool = False
     """Only say how many jobs there are and how long they will take here, and run nothing."""
     json: Path | None = None
@@ -135,7 +135,7 @@ class Study(OnWorkers):
         open_study(folder, study)
         estimate = estimate_study(study, folder)
         print(f"{study.title}, in {folder}: {describe_work(estimate, self.workers)}")
-        outcome = run_study(folder, self.spread, self.job)
+        outcome = run_study(folder, self.spread, self.jobs)
         self._show(folder)
         return 1 if outcome.failed else 0
 
@@ -156,7 +156,7 @@ class Study(OnWorkers):
             if status.state == "failed":
                 name = status.job.name
                 log = job_folder(folder, name) / LOG_FILE
-                print(f"{name} failed, see {log}; again: surefoot study {folder} --job {name}")
+                print(f"{name} failed, see {log}; again: surefoot study {folder} --jobs {name}")
 
 
 def study_named(name: str, folder: Path) -> StudyConfig:

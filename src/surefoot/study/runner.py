@@ -7,18 +7,21 @@ for the jobs, `state` for how far they are, `supervise` for how one is run.
 
 from __future__ import annotations
 
+import fnmatch
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from surefoot.config.json_io import changes
 from surefoot.config.learning import NumberFormat
 from surefoot.config.study import StudyConfig
+from surefoot.errors import unknown
 from surefoot.runs.checks import check_config
 from surefoot.runs.precision import choose_for_run
 from surefoot.runs.versions import versions
 from surefoot.scenarios.prepare import completed
-from surefoot.study.cells import StudyJob, find_job, jobs_of, trained_configs
+from surefoot.study.cells import StudyJob, jobs_of, trained_configs
 from surefoot.study.checkout import check_out, checkout_root, clean_commit
 from surefoot.study.pools import make_pool
 from surefoot.study.results import (
@@ -104,22 +107,23 @@ def measured_precision(study: StudyConfig) -> NumberFormat:
     return "float32"
 
 
-def run_study(folder: Path, workers: Workers, only: str | None = None) -> StudyOutcome:
+def run_study(folder: Path, workers: Workers, only: Sequence[str] = ()) -> StudyOutcome:
     """Run all jobs of a study that are not done yet.
 
     Args:
         folder: Folder of the study.
         workers: How many jobs run at a time, and where.
-        only: Name of the only job to run, with those that it needs; None runs all.
+        only: Names of the only jobs to run, with those that they need, or shell patterns of names;
+            none runs all.
 
     Raises:
         StudyError: There is no study, another process runs it, or its code is not there.
-        ValueError: There is no such job.
+        ValueError: No job has such a name.
     """
     folder = folder.resolve()
     setup = read_study(folder)
     claim_study(folder)
-    jobs = jobs_of(setup.study) if only is None else needed_jobs(setup.study, only)
+    jobs = needed_jobs(setup.study, only) if only else jobs_of(setup.study)
     queue = JobQueue(jobs, finished_jobs(folder, jobs))
     code = code_of(folder, setup)
     pool = make_pool(workers)
@@ -166,15 +170,29 @@ def code_of(folder: Path, setup: StudySetup) -> Path | None:
     return check_out(root, setup.commit, folder)
 
 
-def needed_jobs(study: StudyConfig, name: str) -> tuple[StudyJob, ...]:
-    """A job, after all those that it needs.
+def needed_jobs(study: StudyConfig, patterns: Sequence[str]) -> tuple[StudyJob, ...]:
+    """The jobs whose names match, and all those that they need, in the order of the study.
+
+    Args:
+        study: The study.
+        patterns: Names of jobs, or shell patterns of names such as ``*--seed-0``.
 
     Raises:
-        ValueError: There is no such job.
+        ValueError: No job has such a name.
     """
-    job = find_job(study, name)
-    before = [needed for need in job.needs for needed in needed_jobs(study, need)]
-    return (*before, job)
+    jobs = jobs_of(study)
+    names = [job.name for job in jobs]
+    needed: set[str] = set()
+    for pattern in patterns:
+        matching = fnmatch.filter(names, pattern)
+        if not matching:
+            raise ValueError(unknown("job", pattern, names))
+        needed.update(matching)
+    # A job stands after those that it needs.
+    for job in reversed(jobs):
+        if job.name in needed:
+            needed.update(job.needs)
+    return tuple(job for job in jobs if job.name in needed)
 
 
 class JobQueue:
