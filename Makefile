@@ -34,13 +34,13 @@ demo: venv  ## train a policy with LocoSafeDAGGER, evaluate it, film it (minutes
 	$(BIN)/surefoot demo --robot $(ROBOT) $(if $(RUN),--run $(RUN))
 
 test: venv  ## the tests that are run often
-	$(BIN)/python -m pytest -n auto --dist loadgroup
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 test-slow: venv  ## the tests that take minutes
-	$(BIN)/python -m pytest -n auto --dist loadgroup -m slow
+	$(BIN)/python -m pytest -n auto --dist worksteal -m slow
 
 test-docs: venv  ## the programs and the cheap commands of the documentation, as they stand there
-	$(BIN)/python -m pytest -n auto --dist loadgroup -m documented tests/docs
+	$(BIN)/python -m pytest -n auto --dist worksteal -m documented tests/docs
 
 test-pages: venv  ## the pages in the browser, in a headless Chromium (make system installs it)
 	$(BIN)/python -m pytest -rs -m page tests
