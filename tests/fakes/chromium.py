@@ -52,7 +52,7 @@ FIND = """
 
 
 def needs_chromium(test: Any) -> Any:
-    """Mark a test as one of a page in Chromium, which `make test-pages` runs, or skips without it."""
+    """Mark a test of a page in Chromium: `make test-pages` runs it, or skips it without one."""
     reason = "there is no Chromium: `make system` installs it on Debian"
     return pytest.mark.page(pytest.mark.skipif(EXECUTABLE is None, reason=reason)(test))
 
