@@ -89,7 +89,8 @@ release-check: venv  ## build wheel and sdist, install the wheel in an empty env
 	$(BIN)/python checks/release_check.py $(if $(DEMO),--demo)
 
 system:  ## Debian packages for headless rendering, and a browser for the page tests (needs root)
-	apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri chromium
+	apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri
+	apt-get install -y -qq --no-install-recommends chromium
 
 clean:  ## remove the environments and caches; runs stay
 	rm -rf $(VENV) .venv-peers docs/_build .pytest_cache .ruff_cache .hypothesis .import_linter_cache
