@@ -180,12 +180,12 @@ def test_kills_at_twenty_random_instants(tmp_path):
 
 def test_a_second_training_in_the_same_folder_is_refused(tmp_path):
     folder = tmp_path / "run"
-    first = start(folder, TINY, workers=1)
+    first = start(folder, TINY, workers=2)
     try:
         while not (folder / ".lock").exists():
             assert first.poll() is None
             time.sleep(0.02)
-        second = start(folder, TINY, workers=1)
+        second = start(folder, TINY, workers=2)
         _, errors = second.communicate(timeout=60)
         assert second.returncode == 2
         assert re.search(r"another process trains in .*run; wait for it", errors)
