@@ -13,7 +13,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: help venv demo test test-slow test-docs check docs linkcheck format bench peers reproduce reproduce-smoke release-check system clean
+.PHONY: help venv demo test test-slow test-docs test-pages check docs linkcheck format bench peers reproduce reproduce-smoke release-check system clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -34,13 +34,16 @@ demo: venv  ## train a policy with LocoSafeDAGGER, evaluate it, film it (minutes
 	$(BIN)/surefoot demo --robot $(ROBOT) $(if $(RUN),--run $(RUN))
 
 test: venv  ## the tests that are run often
-	$(BIN)/python -m pytest -n auto --dist loadgroup
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 test-slow: venv  ## the tests that take minutes
-	$(BIN)/python -m pytest -n auto --dist loadgroup -m slow
+	$(BIN)/python -m pytest -n auto --dist worksteal -m slow
 
 test-docs: venv  ## the programs and the cheap commands of the documentation, as they stand there
-	$(BIN)/python -m pytest -n auto --dist loadgroup -m documented tests/docs
+	$(BIN)/python -m pytest -n auto --dist worksteal -m documented tests/docs
+
+test-pages: venv  ## the pages in the browser, in a headless Chromium (make system installs it)
+	$(BIN)/python -m pytest -rs -m page tests
 
 check: venv  ## format, lint, types, import contracts, plain Python
 	$(BIN)/ruff format --check .
@@ -85,8 +88,9 @@ peers: .venv-peers/.complete  ## collection speed, compared with imitation and S
 release-check: venv  ## build wheel and sdist, install the wheel in an empty environment, use it there
 	$(BIN)/python checks/release_check.py $(if $(DEMO),--demo)
 
-system:  ## Debian packages for headless rendering (needs root)
+system:  ## Debian packages for headless rendering, and a browser for the page tests (needs root)
 	apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri
+	apt-get install -y -qq --no-install-recommends chromium
 
 clean:  ## remove the environments and caches; runs stay
 	rm -rf $(VENV) .venv-peers docs/_build .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -1,9 +1,22 @@
-"""Fixtures of the tests of every algorithm on the toy: its worlds, and finished runs."""
+"""Fixtures of all tests: files that wait for no disk, and the toy's worlds and finished runs."""
 
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import pytest
+
+
+@pytest.fixture(scope="session", autouse=True)
+def fsync() -> Iterator[Callable[[int], None]]:
+    """Files of a test need not outlast a power cut: thousands of writes would wait for the disk.
+
+    The value is what the system does; `test_files.py` tests it.
+    """
+    system = os.fsync
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda descriptor: None)
+        yield system
 
 
 @pytest.fixture(scope="module")

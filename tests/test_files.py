@@ -83,6 +83,21 @@ def test_the_file_has_its_name_only_when_it_is_whole(tmp_path):
     assert path.read_bytes() == b"whole"
 
 
+def test_the_content_is_on_the_disk_before_its_name_and_that_before_the_end(
+    tmp_path, monkeypatch, fsync
+):
+    path = tmp_path / "file"
+    flushed = []
+
+    def look(descriptor):
+        flushed.append((os.fstat(descriptor).st_ino, path.exists()))
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", look)
+    write_atomic(path, b"whole")
+    assert flushed == [(path.stat().st_ino, False), (tmp_path.stat().st_ino, True)]
+
+
 KILLED = """
 import os, sys
 from pathlib import Path

@@ -1,5 +1,6 @@
 """Ray: the same bits as processes of one machine, also when a node of the cluster is lost."""
 
+import fcntl
 import os
 import signal
 import sys
@@ -23,13 +24,19 @@ from ray.cluster_utils import Cluster  # noqa: E402
 # Workers cannot import this file: its functions travel with the tasks.
 ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
 
-# One after another: "auto" would find the cluster that another test has started.
-pytestmark = pytest.mark.xdist_group("ray")
 RAY = Workers(2, "ray")
 
 
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """No other process tests Ray: "auto" would find the cluster that its test has started."""
+    with (tmp_path_factory.getbasetemp().parent / "ray.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
 @pytest.fixture
-def fresh():
+def fresh(alone):
     """Ray is shut down before and after the test, and no cluster of another test is left."""
     ray.shutdown()
     for _ in range(300):

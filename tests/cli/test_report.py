@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import pytest
 
+from surefoot.study.report import study_page
+from surefoot.study.report.markup import NOTHING
 from tests.fakes.study_folders import paper_like, write_study
 
 
@@ -25,7 +27,9 @@ def test_a_study_has_a_page_and_figures_in_its_folder(
     assert json.loads((tmp_path / "r.json").read_text())["study"] == "paper"
 
 
-def test_claims_stand_in_the_page_that_was_asked_for(surefoot, tmp_path):
+def test_claims_stand_in_the_page_that_was_asked_for(surefoot, tmp_path, monkeypatch):
+    # That page has no figures, and drawing them takes most of a report's time.
+    monkeypatch.setattr(study_page, "draw_all", lambda figures, folder: [NOTHING] * len(figures))
     folder = write_study(tmp_path / "paper", paper_like(1), iterations=1)
     page = tmp_path / "claims.md"
     assert surefoot("report", folder, "--no-film-policies", "--tables", page) == 0

@@ -24,7 +24,6 @@ EXECUTABLE = next(filter(None, map(shutil.which, NAMES)), None)
 needs_viser = pytest.mark.skipif(
     importlib.util.find_spec("viser") is None, reason="viser is an optional extra"
 )
-needs_chromium = pytest.mark.skipif(EXECUTABLE is None, reason="there is no Chromium")
 OPTIONS = (
     "--headless=new",
     "--no-sandbox",
@@ -50,6 +49,12 @@ FIND = """
   return [box.x + box.width / 2, box.y + box.height / 2];
 })()
 """
+
+
+def needs_chromium(test: Any) -> Any:
+    """Mark a test of a page in Chromium: `make test-pages` runs it, or skips it without one."""
+    reason = "there is no Chromium: `make system` installs it on Debian"
+    return pytest.mark.page(pytest.mark.skipif(EXECUTABLE is None, reason=reason)(test))
 
 
 class Chromium:

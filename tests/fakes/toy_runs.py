@@ -6,6 +6,7 @@ expert answers in any state. Engine, methods and stages are the real ones. The f
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -99,8 +100,12 @@ def collection(run, i) -> Job:
     return methods.METHODS[run.method].collection(run, i, plan)
 
 
+@lru_cache(maxsize=20)
 def replayed(run, i):
-    """The rollouts of an iteration, played once more: (job, rollouts), and those that follow."""
+    """The rollouts of an iteration, played once more: (job, rollouts), and those that follow.
+
+    Of the same open run, they are played once for all tests, which must not write to them.
+    """
     job = collection(run, i)
     pairs = [(job, play_out(job)[0])]
     more = None if job.then is None else job.then(*pairs[0])

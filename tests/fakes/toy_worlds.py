@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from surefoot.config import DisturbanceConfig
+from surefoot.config import Config, DisturbanceConfig
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
 from surefoot.rollouts.jobs import Job
@@ -25,14 +25,20 @@ NEVER = 10**6
 """[ms] a tick after the end of every episode."""
 
 
+def with_random_policy(folder, config: Config, iteration: int = 0) -> Run:
+    """A run that has a policy of random weights, and no data: its next iteration can be played."""
+    run = create(folder / "run", config)
+    policy = Policy(PolicyNetwork(config.policy, 1), spec_of(config.policy), np.zeros((2, 3)))
+    save(policy, run.policy_path(iteration))
+    return run
+
+
 def one_iteration(
     folder, monkeypatch: pytest.MonkeyPatch, method, *scripts, safety=HEIGHT_ONLY, i=1
 ) -> tuple[Run, Collected, list]:
     """Iteration i on a policy of random weights; only the height of the base can be unsafe."""
     config = replace(CONFIG, method=method, chunk=40, safety=safety, collection=DisturbanceConfig())
-    run = create(folder / "run", config)
-    network = PolicyNetwork(config.policy, 1)
-    save(Policy(network, spec_of(config.policy), np.zeros((2, 3))), run.policy_path(i - 1))
+    run = with_random_policy(folder, config, i - 1)
     for script in scripts:
         heights = script.get("heights", {})
         script["heights"] = {b: heights.get(b, [(0, FLAT.height)]) for b in range(40)}

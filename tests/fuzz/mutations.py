@@ -35,7 +35,7 @@ MEMORY_BASE = 50_000_000
 MEMORY_FACTOR = 10
 LIMIT_SECONDS = 10.0
 """[s] What has not returned by then hangs; the machine may be busy."""
-CI_EXAMPLES = 60
+CI_EXAMPLES = 30
 """Draws of a test when SUREFOOT_FUZZ_SECONDS is not set."""
 SECONDS = "SUREFOOT_FUZZ_SECONDS"
 _TWICE = "(twice)"
@@ -288,7 +288,7 @@ def fuzz(
     Args:
         strategy: What is drawn.
         check: Raises if what is drawn shows a defect; Hypothesis then looks for a smaller one.
-        examples: Draws in CI; choose it so that a test takes two to four seconds at most.
+        examples: Draws in CI; choose it so that a test takes one to two seconds at most.
     """
     seconds = float(os.environ.get(SECONDS, "0"))
     common = settings(

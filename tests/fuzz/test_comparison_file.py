@@ -24,7 +24,7 @@ def test_a_comparison_of_another_shape(tmp_path):
         check_loader(read_comparison, tmp_path / "methods.json", damaged, ValueError)
 
     check(json.dumps(values).encode())
-    fuzz(json_texts(values), check, 30)
+    fuzz(json_texts(values), check, 20)
 
 
 def test_damaged_bytes_of_a_comparison(tmp_path):
@@ -33,7 +33,7 @@ def test_damaged_bytes_of_a_comparison(tmp_path):
     def check(damaged):
         check_loader(read_comparison, tmp_path / "methods.json", damaged, ValueError)
 
-    fuzz(byte_mutations(content), check, 30)
+    fuzz(byte_mutations(content), check, 20)
 
 
 def test_a_survey_of_another_shape(tmp_path):
@@ -43,7 +43,7 @@ def test_a_survey_of_another_shape(tmp_path):
         check_loader(read_survey, tmp_path / "survey.json", damaged, ValueError)
 
     check(json.dumps(values).encode())
-    fuzz(json_texts(values), check, 40)
+    fuzz(json_texts(values), check, 25)
 
 
 def test_an_evaluation_of_another_shape(tmp_path):

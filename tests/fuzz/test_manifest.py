@@ -48,9 +48,9 @@ def check(path: Path, content: bytes) -> None:
 
 def test_damaged_bytes(path):
     content = path.read_bytes()
-    fuzz(byte_mutations(content), lambda damaged: check(path, damaged), 100)
+    fuzz(byte_mutations(content), lambda damaged: check(path, damaged), 50)
 
 
 def test_damaged_values(path):
     values = json.loads(path.read_bytes())
-    fuzz(json_texts(values), lambda damaged: check(path, damaged), 120)
+    fuzz(json_texts(values), lambda damaged: check(path, damaged), 60)

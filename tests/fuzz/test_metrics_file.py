@@ -37,11 +37,11 @@ def test_records_of_another_shape(tmp_path):
         check_loader(read, tmp_path / "metrics.jsonl", damaged, RunError)
 
     check(b"\n".join([*LINES, b""]))
-    fuzz(damaged_lines(), check, 100)
+    fuzz(damaged_lines(), check, 50)
 
 
 def test_damaged_bytes_of_metrics(tmp_path):
     def check(damaged):
         check_loader(read, tmp_path / "metrics.jsonl", damaged, RunError)
 
-    fuzz(byte_mutations(b"\n".join([*LINES, b""])), check, 80)
+    fuzz(byte_mutations(b"\n".join([*LINES, b""])), check, 40)

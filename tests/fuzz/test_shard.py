@@ -37,7 +37,7 @@ def check(path: Path, content: bytes) -> None:
 
 def test_damaged_bytes(path):
     content = path.read_bytes()
-    fuzz(byte_mutations(content), lambda damaged: check(path, damaged), 80)
+    fuzz(byte_mutations(content), lambda damaged: check(path, damaged), 40)
 
 
 # --- what HDF5 can do, and a shard must not
@@ -181,10 +181,10 @@ def test_arrays_that_are_stored_in_another_way_are_refused(path, kind):
 
 def test_any_arrays_stored_in_any_other_way(path):
     damage = st.dictionaries(st.sampled_from(sorted(FIELDS)), st.sampled_from(sorted(DAMAGE)))
-    fuzz(damage, lambda kinds: check(path, rewritten(path, kinds)), 60)
+    fuzz(damage, lambda kinds: check(path, rewritten(path, kinds)), 30)
 
 
 def test_damaged_bytes_of_arrays_stored_in_any_other_way(path):
     damage = st.dictionaries(st.sampled_from(sorted(FIELDS)), st.sampled_from(sorted(DAMAGE)))
     contents = damage.flatmap(lambda kinds: byte_mutations(rewritten(path, kinds)))
-    fuzz(contents, lambda damaged: check(path, damaged), 60)
+    fuzz(contents, lambda damaged: check(path, damaged), 30)

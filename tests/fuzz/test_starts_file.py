@@ -30,7 +30,7 @@ def test_damaged_bytes_of_a_small_set(tmp_path):
     save_starts(replace(small(), robot="go2"), tmp_path / "whole.npz")
     content = (tmp_path / "whole.npz").read_bytes()
     check(content)
-    fuzz(byte_mutations(content), check, 120)
+    fuzz(byte_mutations(content), check, 60)
 
 
 @pytest.mark.parametrize("name", PACKAGED)
@@ -50,4 +50,4 @@ def test_a_set_of_other_arrays(tmp_path):
     buffer = BytesIO()
     np.savez(buffer, **parts, shapes=shapes)
     check(buffer.getvalue())
-    fuzz(other_arrays({**parts, "shapes": shapes}), check, 40)
+    fuzz(other_arrays({**parts, "shapes": shapes}), check, 25)

@@ -31,7 +31,7 @@ def test_damaged_bytes_of_a_summary(tmp_path):
 
     content = content_of(tmp_path)
     check(content)
-    fuzz(byte_mutations(content), check, 120)
+    fuzz(byte_mutations(content), check, 60)
 
 
 @st.composite
@@ -76,4 +76,4 @@ def test_a_summary_of_other_arrays(tmp_path):
     def check(damaged):
         check_loader(read, tmp_path / "iteration_000-000.npz", damaged, ValueError)
 
-    fuzz(other_arrays(vars(SUMMARY)), check, 40)
+    fuzz(other_arrays(vars(SUMMARY)), check, 25)

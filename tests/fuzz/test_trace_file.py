@@ -28,11 +28,11 @@ def test_damaged_bytes_of_a_trace(tmp_path):
     save_arrays(tmp_path / "whole.npz", TRACE)
     content = (tmp_path / "whole.npz").read_bytes()
     check(content)
-    fuzz(byte_mutations(content), check, 120)
+    fuzz(byte_mutations(content), check, 60)
 
 
 def test_a_trace_of_other_arrays(tmp_path):
     def check(damaged):
         check_loader(read, tmp_path / "iteration_001-000.npz", damaged, ValueError)
 
-    fuzz(other_arrays(vars(TRACE)), check, 40)
+    fuzz(other_arrays(vars(TRACE)), check, 25)

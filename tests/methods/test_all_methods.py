@@ -164,8 +164,9 @@ def small(tmp_path_factory):
     return finished
 
 
-@pytest.mark.parametrize("name", SMALL_METHODS)
-@pytest.mark.parametrize("chunk", [3, 50])
+@pytest.mark.parametrize(
+    ("name", "chunk"), [*((name, 50) for name in SMALL_METHODS), ("loco_dagger", 3)]
+)
 def test_results_do_not_depend_on_the_size_of_chunks(small, tmp_path, name, chunk):
     """Data and cost. A policy may: rows of a LocoDAGGER chunk come in another order."""
     run = run_method(tmp_path, replace(CONFIG, method=SMALL_METHODS[name], chunk=chunk))

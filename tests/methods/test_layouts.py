@@ -1,6 +1,8 @@
 """Every method trains and evaluates policies that remember, end to end on the toy."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import pytest
 from surefoot.learning.policy import load
 from surefoot.learning.samples import derive
 from surefoot.runs.policies import find_policy
+from surefoot.runs.run import Run
 from tests.fakes.runs import fingerprint
 from tests.fakes.toy_runs import CONFIG, SMALL_METHODS, run_method
 
@@ -24,9 +27,15 @@ def remembering(name, **changes):
     return replace(CONFIG, method=method, policy=policy, training=training)
 
 
+@pytest.fixture(scope="module")
+def remembered(tmp_path_factory) -> Callable[[str], Run]:
+    """A finished run of a method whose policies are proprioceptive, made once."""
+    return cache(lambda name: run_method(tmp_path_factory.mktemp(name), remembering(name)))
+
+
 @pytest.mark.parametrize("name", SMALL_METHODS)
-def test_a_method_trains_and_evaluates_a_policy_that_remembers(tmp_path, name):
-    run = run_method(tmp_path, remembering(name))
+def test_a_method_trains_and_evaluates_a_policy_that_remembers(remembered, name):
+    run = remembered(name)
     policy = load(run.best_policy_path, layout="proprioceptive")
     assert len(policy.network.mean) == 253
     assert policy.limits is not None
@@ -45,19 +54,17 @@ def test_a_method_trains_and_evaluates_a_policy_that_remembers(tmp_path, name):
         assert not recording.kept.all()
 
 
-def test_the_frames_of_an_expert_do_not_depend_on_the_layout(tmp_path):
+def test_the_frames_of_an_expert_do_not_depend_on_the_layout(remembered, tmp_path):
     full = remembering("behavior_cloning")
     full = replace(full, policy=replace(full.policy, layout="full"))
     one = run_method(tmp_path / "full", full).dataset
-    other = run_method(tmp_path / "blind", remembering("behavior_cloning")).dataset
-    assert one.hash == other.hash
+    assert one.hash == remembered("behavior_cloning").dataset.hash
 
 
-def test_runs_of_policies_that_remember_have_the_same_bits(tmp_path):
-    config = remembering("dagger")
-    runs = [run_method(tmp_path / name, config) for name in ("a", "b")]
-    assert fingerprint(runs[0]) == fingerprint(runs[1])
-    assert np.isfinite([runs[0].trained(1).validation_loss])  # pyright: ignore
+def test_runs_of_policies_that_remember_have_the_same_bits(remembered, tmp_path):
+    again = run_method(tmp_path, remembering("dagger"))
+    assert fingerprint(again) == fingerprint(remembered("dagger"))
+    assert np.isfinite([again.trained(1).validation_loss])  # pyright: ignore
 
 
 def test_mirror_images_of_a_history_are_trained_on(tmp_path):

@@ -22,7 +22,6 @@ from tests.fakes.toy_runs import (
     collection,
     kept_in,
     replayed,
-    run_method,
 )
 from tests.fakes.toy_worlds import (
     FALLEN,
@@ -32,6 +31,7 @@ from tests.fakes.toy_worlds import (
     one_iteration,
     shifted,
     spells,
+    with_random_policy,
 )
 
 pytestmark = pytest.mark.usefixtures("toys")
@@ -158,7 +158,8 @@ def test_queries_are_pushed_early_and_once_by_the_experts_impulse(tmp_path):
     method = replace(SMALL_METHODS["loco_dagger"], T_query=0.3)
     for name, impulse in (("a", (0.2, 0.3)), ("b", (0.0, 0.0))):
         disturbance = DisturbanceConfig(pushes=2, impulse=(0.05, 0.06), expert_impulse=impulse)
-        run = run_method(tmp_path / name, replace(CONFIG, method=method, collection=disturbance))
+        config = replace(CONFIG, method=method, collection=disturbance)
+        run = with_random_policy(tmp_path / name, config)
         _, (job, rollouts) = replayed(run, 1)
         drawn = draw_disturbances(
             replace(disturbance, pushes=0), CONFIG.seed, job.episode, 0.0, 0.5, 0.3
@@ -177,7 +178,7 @@ def test_a_query_of_the_experts_own_rollout_goes_on_as_the_rollout_did(tmp_path)
     """In iteration 1 the expert drives, with noise and late torques; the toy rounds its roll."""
     disturbance = DisturbanceConfig(noise=NoiseConfig(*[1e-3] * 6), delay=5)
     method = replace(SMALL_METHODS["loco_dagger"], T_query=0.1)
-    run = run_method(tmp_path, replace(CONFIG, method=method, collection=disturbance))
+    run = with_random_policy(tmp_path, replace(CONFIG, method=method, collection=disturbance))
     (job, rollouts), (queries, answered) = replayed(run, 1)
     compared = 0
     for n, id_ in enumerate(queries.episode.tolist()):

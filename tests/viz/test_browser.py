@@ -141,7 +141,6 @@ def colors_of(path):
 
 
 @needs_chromium
-@pytest.mark.slow
 def test_in_chromium_a_pushed_robot_recovers(page, tmp_path):
     with Chromium(page.address, tmp_path) as browser:
         browser.wait_for("expert drives", "solo12, trot", "real time", "hip abduction")
