@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
@@ -239,6 +240,14 @@ def test_a_traceback_is_shown_where_it_is_asked_for(surefoot, monkeypatch):
     monkeypatch.setenv("SUREFOOT_TRACEBACK", "1")
     with pytest.raises(ValueError, match="needs the name of a method"):
         surefoot("train")
+
+
+def test_a_warning_is_shown_without_the_code_that_gave_it(surefoot, monkeypatch):
+    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)  # is put back
+    monkeypatch.setattr(main_module, "parse", lambda args: lambda: 0)
+    assert surefoot("doctor") == 0
+    shown = warnings.formatwarning(UserWarning("it is far"), UserWarning, "a.py", 3)
+    assert shown == "surefoot: warning: it is far\n"
 
 
 @pytest.mark.parametrize("status", [0, 1])

@@ -204,6 +204,18 @@ def test_of_a_plan_that_is_not_repeatable_is_warned(tmp_path):
         remember_expert(run, holding(1.0))
 
 
+def test_of_an_expert_that_fails_when_it_is_asked_first_is_warned_by_its_failure(tmp_path):
+    count = itertools.count()
+
+    def slow(*given):
+        if next(count) == 0:
+            raise TimeoutError("it compiles")
+        return holding(1.0)(*given)
+
+    with pytest.warns(UserWarning, match=r"slow gave no plan \(TimeoutError\) when it was asked"):
+        remember_expert(Run(tmp_path, Config()), slow)
+
+
 def test_beside_a_run_of_an_own_expert_that_of_the_package_is_not_measured_silently(tmp_path):
     run = Run(tmp_path, Config())
     run.append_metrics(collected_record(0))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -218,6 +219,8 @@ def main() -> int:
         command was interrupted. If all is done, but what it prints could not be written, 141 where
         the reader has closed it and 2 otherwise; files are written nevertheless.
     """
+    if not os.environ.get("SUREFOOT_TRACEBACK"):
+        warnings.formatwarning = plain_warning
     with lasting_output() as output:
         status = run_command(sys.argv[1:])
         output.flush()
@@ -253,6 +256,25 @@ def run_command(args: Sequence[str]) -> int:
             raise
         print(f"surefoot: {_message(error, entry)}", file=sys.stderr)
         return 2
+
+
+def plain_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    line: str | None = None,
+) -> str:
+    """Return a warning as a user reads it, without the code that gave it.
+
+    Args:
+        message: The warning.
+        category: Its class.
+        filename: The file of the code.
+        lineno: The line of the code.
+        line: The code.
+    """
+    return f"surefoot: warning: {message}\n"
 
 
 def _message(error: Exception, entry: Entry | None) -> str:

@@ -157,7 +157,15 @@ def warn_of_own_expert(run: Run) -> None:
 def _identity(run: Run, plan: PlanFunction) -> ExpertIdentity:
     """The identity of a user's MPC; warns of one that gives other plans when it is asked again."""
     identity = identity_of(plan, load_robot(run.config.robot), len(run.config.gaits))
-    if not identity.repeatable:
+    failure = identity.plans[0].failure
+    if not identity.repeatable and failure:
+        warnings.warn(
+            f"the expert {identity.name} {failure} when it was asked first, and then one for the "
+            "same state: a resumed run knows it by its name alone. If it begins slowly, let it "
+            "plan once before the run begins",
+            stacklevel=4,
+        )
+    elif not identity.repeatable:
         warnings.warn(
             f"the expert {identity.name} gives another plan when it is asked again for the same "
             "state: results depend on the order of the work, and a resumed run knows it by its "

@@ -179,7 +179,7 @@ def log_of_flight(flight: Flight) -> SensorLog:
     driven = (flight.mode == DRIVE) & ~flight.expert_drove
     driven &= np.isfinite(flight.position).all(axis=1)
     if not driven.any():
-        raise ValueError("it is a flight in which no policy drove")
+        raise ValueError("it is a flight in which no policy drove; keep one in which it walked")
     if len(flight.gait_tick) == 0:
         raise ValueError("it is a flight of an earlier version, without the gait clock")
     first = int(driven.argmax())
