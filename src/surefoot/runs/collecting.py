@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.files import load_arrays, save_arrays
+from surefoot.array_files import load_arrays, save_arrays
 from surefoot.rollouts.jobs import ChunkResult, Job, chunks_of, expert_name, run_chunk
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join_summaries

@@ -20,12 +20,13 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.array_files import parse_npz
 from surefoot.config import Config, Gait, Split
 from surefoot.config.json_text import read_file
 from surefoot.config.presets import STRAIGHT_TROT, straight_trot
 from surefoot.config.robot_table import SOLO12
 from surefoot.errors import unknown
-from surefoot.files import parse_npz, write_atomic
+from surefoot.files import write_atomic
 from surefoot.mpc.gaits import GAITS, gait_name, only_gait
 from surefoot.scenarios.preparation import Preparation, read_preparation, text_of
 from surefoot.scenarios.spread import along_one_axis, spread_cells

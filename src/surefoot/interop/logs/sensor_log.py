@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.array_files import parse_npz
 from surefoot.config.json_text import read_file
 from surefoot.deploy.recorder import Flight, load_flight
 from surefoot.errors import shown
-from surefoot.files import parse_npz, write_atomic
+from surefoot.files import write_atomic
 from surefoot.learning.layouts import TARGET_SIZE, History
 from surefoot.learning.memory import samples_of
 from surefoot.learning.observation import Float32Array, network_input
