@@ -116,7 +116,8 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         check_outputs([Output("--json", self.json)], new_run=folder)
         if self.heartbeat is not None:
             check_seconds(self.heartbeat, "--heartbeat")
-        only_gait(self.config, "learning on a robot")  # before initial states are prepared
+        # Before initial states are prepared.
+        only_gait(self.config, "learning on a robot", "name one of them with --gait")
         config = config_for(folder, self.with_commands(self.simulated(self.config)))
         check_config(config)
         run = create(folder, config, resume=True)
