@@ -15,7 +15,7 @@ from surefoot.rollouts.jobs import run_chunk
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.budget import solves_of
 from surefoot.runs.checks import check_config
-from surefoot.runs.prepare import first_stage
+from surefoot.runs.first_stage import first_stage
 from surefoot.runs.run import Run, RunError, create, open_run
 from surefoot.runs.sampling import draw_starts, expert_rollouts
 from surefoot.runs.stages import collect_data

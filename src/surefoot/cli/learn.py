@@ -123,7 +123,7 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         run = create(folder, config, resume=True)
         check_robots_run(run)
         with ExitStack() as closing:
-            collection = RobotCollection(self.crew(run, closing), self.hint, self.prepare)
+            collection = RobotCollection(self.crew(run, closing), self.hint, self.take_priority)
             print(f"LocoSafeDAGGER on {self.robot}, preset {self.preset}, in {folder}", flush=True)
             policy = loco_safe_dagger(run, self.spread, on_robot=collection)
         cost = cost_of(read_attempts(folder))
@@ -141,8 +141,8 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
 
         return "" if self.unattended else f"the robot is damped; {UNSTEERED}"
 
-    def prepare(self) -> None:
-        """Prepare the thread that drives the robot."""
+    def take_priority(self) -> None:
+        """Give the thread that drives the robot its real-time priority, if it is to have one."""
         from surefoot.deploy.flight import take_real_time_priority
 
         if self.realtime:

@@ -51,15 +51,15 @@ class RobotCollection:
     Args:
         crew: The robot, its expert, and who watches over it.
         start: What is to be said while the robot waits for its operator; empty says nothing.
-        prepare: Called first in the thread that drives, such as for real-time priority.
+        on_thread: Called first in the thread that drives, such as for real-time priority.
     """
 
     def __init__(
-        self, crew: Crew, start: str = "", prepare: Callable[[], None] = lambda: None
+        self, crew: Crew, start: str = "", on_thread: Callable[[], None] = lambda: None
     ) -> None:
         self._crew = crew
         self._start = start
-        self._prepare = prepare
+        self._on_thread = on_thread
 
     def __call__(self, run: Run, iteration: int, job: Job, workers: Workers) -> Collected:
         """D <- D u D': fly the episodes of a job, and append the frames that its rule keeps.
@@ -117,7 +117,7 @@ class RobotCollection:
         stop: threading.Event,
     ) -> None:
         """Fly the episodes, each until it is no longer to be tried again; what the thread does."""
-        self._prepare()
+        self._on_thread()
         session: Session | None = None
         dropped = 0
         try:
