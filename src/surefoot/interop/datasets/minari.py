@@ -22,7 +22,7 @@ from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
 from surefoot.interop.datasets.segments import Exported, dataset_card, new_folder, segments
 from surefoot.interop.gym.ids import environment_of, import_gymnasium, register_environments
-from surefoot.interop.gym.walking import WalkingTask, reward_rate, task_spec
+from surefoot.interop.gym.task import WalkingTask, reward_rate, task_spec
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames
 from surefoot.learning.observation import network_input

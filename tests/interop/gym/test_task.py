@@ -7,7 +7,7 @@ import pytest
 
 from surefoot.config import CommandBox, SafetyConfig
 from surefoot.interop.gym import walking
-from surefoot.interop.gym.walking import (
+from surefoot.interop.gym.task import (
     Walkers,
     WalkingTask,
     reward_rate,
