@@ -143,7 +143,7 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
 
     def take_priority(self) -> None:
         """Give the thread that drives the robot its real-time priority, if it is to have one."""
-        from surefoot.deploy.flight import take_real_time_priority
+        from surefoot.deploy.drive import take_real_time_priority
 
         if self.realtime:
             take_real_time_priority()

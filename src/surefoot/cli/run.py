@@ -83,7 +83,7 @@ class RunPolicy:
     def __call__(self) -> int:
         """Drive until the robot is given up or stopped; 1 after a fault."""
         from surefoot.deploy.bridge import UdpChannel
-        from surefoot.deploy.flight import fly, take_real_time_priority
+        from surefoot.deploy.drive import drive, take_real_time_priority
         from surefoot.deploy.loop import Runtime
         from surefoot.deploy.policy import load
         from surefoot.deploy.udp_robot import UdpRobot, parse_address
@@ -112,7 +112,7 @@ class RunPolicy:
             runtime = Runtime(robot, policy, operator, self.config, safeguard=safeguard)
             if self.realtime:
                 take_real_time_priority()
-            report = fly(runtime, self.recording, self.keep)
+            report = drive(runtime, self.recording, self.keep)
         show_record(report, self.json)
         if report.recording:
             print(f"wrote {report.recording}", file=sys.stderr)
