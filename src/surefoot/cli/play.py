@@ -116,8 +116,8 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             pushes=push_ticks(job, rollouts),
             ground=rollouts.ground,
         )
-        driver = "policy" if episode is None else f"episode {episode}"
-        film_episode(recording, out, f"{driver}, vx {report.command[0]:.2f} m/s")
+        played = "policy" if episode is None else f"episode {episode}"
+        film_episode(recording, out, f"{played}, vx {report.command[0]:.2f} m/s")
         return int(rollouts.failed[0])
 
     @property

@@ -160,12 +160,12 @@ class RunPolicy:
         """
         from surefoot.config.checked import known
         from surefoot.deploy.gate import BoundsGate, GateSwitch
-        from surefoot.deploy.handover import ExpertDriver, Safeguard
+        from surefoot.deploy.handover import PlanFollower, Safeguard
         from surefoot.deploy.kinematics import com_in_base
 
         low, high = gate_bounds(policy, expert)
         table = policy.description.kinematics
-        driver = ExpertDriver(
+        expert = PlanFollower(
             link,
             known(expert.expert.kp, "expert.kp"),
             known(expert.expert.kd, "expert.kd"),
@@ -176,7 +176,7 @@ class RunPolicy:
         gate = BoundsGate(low, high, partial(com_in_base, table))
         # The switch is asked once in a tick of the policy.
         block = round(self.config.block * policy.rate_hz)
-        return Safeguard(GateSwitch(gate, block), driver)
+        return Safeguard(GateSwitch(gate, block), expert)
 
 
 def gate_bounds(policy: OnnxPolicy, expert: Config) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ from surefoot.config.checked import known
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.drive import LAST_WORDS
 from surefoot.deploy.faults import Fault
-from surefoot.deploy.handover import PLANNER_ENDED, ExpertDriver, PlanLink, Safeguard
+from surefoot.deploy.handover import PLANNER_ENDED, PlanFollower, PlanLink, Safeguard
 from surefoot.deploy.interfaces import Sensors, Stale
 from surefoot.deploy.loop import Runtime
 from surefoot.deploy.operator import Wish
@@ -155,7 +155,7 @@ class Session:
         self._robot = _connected(crew.connection, stopped)
         expert = crew.config.expert
         lockstep = self._robot.lockstep
-        self._expert = ExpertDriver(
+        self._expert = PlanFollower(
             crew.planner,
             known(expert.kp, "expert.kp"),
             known(expert.kd, "expert.kd"),
