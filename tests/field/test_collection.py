@@ -158,7 +158,7 @@ class Killing(Unattended):
         return super().wish()
 
 
-def test_a_twin_that_is_killed_loses_the_episode_that_is_flown_again(run, monkeypatch):
+def test_a_twin_that_is_killed_loses_the_episode_that_is_tried_again(run, monkeypatch):
     monkeypatch.setattr(udp_robot, "LOCKSTEP_PATIENCE", 0.05)
     twin = LockstepTwin(STANDING)
 
@@ -192,7 +192,7 @@ class Interrupting(Unattended):
         return super().wish()
 
 
-def test_what_is_finished_outlives_an_interruption_and_the_rest_is_flown(run):
+def test_what_is_finished_outlives_an_interruption_and_the_rest_is_collected(run):
     twin = LockstepTwin(STANDING)
     robot = RobotCollection(crew_of(run, twin, Interrupting()))
     with pytest.raises(KeyboardInterrupt):

@@ -48,14 +48,14 @@ def test_missed_ticks_repeat_the_one_before_and_are_not_kept():
         if tick not in (40, 41, 90):
             add(log, tick, expert=tick >= 30)
     assert log.whole
-    flown = RecordedEpisode(log.flight(), Outcome.SUCCESS, 3, 1)
-    rollout, measured = rollout_of(job(0.1), flown, ROBOT)
+    walked = RecordedEpisode(log.flight(), Outcome.SUCCESS, 3, 1)
+    rollout, measured = rollout_of(job(0.1), walked, ROBOT)
     assert np.flatnonzero(~measured[0]).tolist() == [40, 41, 90]
     ticks = np.round(1e4 * (rollout.q[0, :, 7] - NOMINAL[0])).astype(int)
     assert ticks[38:44].tolist() == [38, 39, 39, 39, 42, 43]
     assert rollout.torque.max() == ROBOT.torque_limit[0]
     config = with_own_values(Config(), ROBOT)
-    result = result_of(job(0.1), flown, ROBOT, config)
+    result = result_of(job(0.1), walked, ROBOT, config)
     assert sorted(set(range(30, 100)) - set(result.frames.elapsed.tolist())) == [40, 41, 90]
     assert result.summary.kept == 67 and result.summary.plans == 3
     assert result.summary.takeovers == 1

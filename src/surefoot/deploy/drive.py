@@ -1,4 +1,4 @@
-"""One drive of a robot: ticks until the robot is damped for good, and what is to be said of it afterwards.
+"""One drive: ticks until the robot is damped for good, and what is to be said of it afterwards.
 
 Read `recorder` for what is kept of it.
 """

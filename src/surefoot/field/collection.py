@@ -156,7 +156,7 @@ class RobotCollection:
 
 
 def on_robot(job: Job, robot: RobotModel) -> Job:
-    """A job whose episodes a robot can walk: it begins standing, and nothing disturbs it on purpose.
+    """A job whose episodes a robot can walk: it begins standing, and nothing is to disturb it.
 
     Each episode is a chunk of its own, so that it is stored as soon as it is over.
 

@@ -120,7 +120,7 @@ def result_of(job: Job, episode: RecordedEpisode, robot: RobotModel, config: Con
         robot: The robot.
         config: The configuration, with the robot's own values.
     """
-    rollout, measured = rollout_of(job, flown, robot)
+    rollout, measured = rollout_of(job, episode, robot)
     recording = concatenate([])
     if job.keep is not None:
         # What happened in the ticks that nothing measured is not known.

@@ -48,7 +48,7 @@ EXPERT_COLOR = "#0072B2"
 """Blue of the palette of Okabe and Ito, which color-blind people can tell apart."""
 POLICY_COLOR = "#D55E00"
 """Vermilion of the same palette."""
-NO_DRIVER_COLOR = "#666666"
+UNKNOWN_COLOR = "#666666"
 """Gray of the timeline where nobody knows who drove."""
 INK = "#282D37"
 """Color of texts and marks."""
@@ -67,8 +67,8 @@ class Recording:
         ground: The ground of that robot; None is level ground at z = 0.
 
     Raises:
-        ValueError: ``q`` is not the recording of one robot, or who drove, pushes or ground do not
-            belong to that recording.
+        ValueError: ``q`` is not the recording of one robot, or the expert's ticks, pushes or the
+            ground do not belong to that recording.
     """
 
     robot: RobotModel
@@ -110,8 +110,8 @@ def film(
 ) -> Path:
     """Film a robot from its front right, as an MP4 (H.264, yuv420p); whole or not at all.
 
-    If the recording says who drove, or has pushes, each frame shows it, and a timeline at the bottom edge
-    shows who drove when; a push is named for 150 ms.
+    If the recording has pushes, or says who drove, each frame says so, and a timeline at the bottom
+    edge shows who drove when; a push is named for 150 ms.
 
     Args:
         recording: What the robot did.
@@ -308,7 +308,7 @@ def _draw_timeline(picture: Image.Image, recording: Recording, tick: int) -> Non
     thick = max(height // 45, 2)
     pen = max(width // 480, 1)
     if recording.expert_drove is None:
-        draw.rectangle((0, height - thick, width, height), NO_DRIVER_COLOR)
+        draw.rectangle((0, height - thick, width, height), UNKNOWN_COLOR)
     else:
         by_column = recording.expert_drove[np.arange(width) * length // width, None]
         expert = ImageColor.getrgb(EXPERT_COLOR)
