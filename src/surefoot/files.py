@@ -1,9 +1,9 @@
 """Files that are there whole or not at all, whenever the process is killed.
 
 `write_atomic` is below every file of the package: a reader sees the old content or the new one,
-never a part. `write_json` writes records with it, and `array_files` arrays. `check_output` says
-before the work whether a file could be written, `lock_file` whether another process has it. Read
-`config.json_io` next for how a record becomes JSON.
+never a part. `write_json` and `save_arrays` write records with it. `check_output` says before the
+work whether a file could be written, `lock_file` whether another process has it. Read
+`config.json_io` and `config.array_io` next, which read the records again.
 """
 
 from __future__ import annotations
@@ -15,10 +15,18 @@ import os
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import fields
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from surefoot.config.json_io import to_json
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 _locks: list[int] = []
 """Descriptors of locked files, never closed: closing any descriptor of a file releases its lock."""
@@ -204,3 +212,19 @@ def write_json(path: Path, record: object) -> None:
         WriteError: The disk is full, or read-only.
     """
     write_atomic(path, json.dumps(to_json(record), indent=1, allow_nan=False).encode())
+
+
+def save_arrays(path: Path, record: DataclassInstance) -> None:
+    """Write a dataclass of arrays to an npz file, whole or not at all.
+
+    Args:
+        path: The file.
+        record: A dataclass instance whose fields are all arrays.
+
+    Raises:
+        WriteError: The disk is full, or read-only.
+    """
+    arrays = {field.name: getattr(record, field.name) for field in fields(record)}
+    buffer = BytesIO()
+    np.savez(buffer, **arrays)
+    write_atomic(path, buffer.getvalue())

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from surefoot.array_files import save_arrays
 from surefoot.config import BehaviorCloningConfig
 from surefoot.config.presets import preset
+from surefoot.files import save_arrays
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import load
 from surefoot.learning.train import fit

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.array_files import load_arrays
 from surefoot.config import LocoSafeDaggerConfig
+from surefoot.config.array_io import load_arrays
 from surefoot.learning.classifier import load_classifier
 from surefoot.methods import METHODS, loco_safe_dagger
 from surefoot.rollouts.outcome import Outcome

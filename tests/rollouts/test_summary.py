@@ -6,9 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from surefoot.array_files import load_arrays, save_arrays
 from surefoot.config import Config
+from surefoot.config.array_io import load_arrays
 from surefoot.config.checked import known
+from surefoot.files import save_arrays
 from surefoot.learning.frames import concatenate
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.outcome import Outcome

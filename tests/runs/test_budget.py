@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import surefoot.runs.collecting
-from surefoot.array_files import load_arrays
 from surefoot.config import BehaviorCloningConfig, BudgetConfig, Config, DaggerConfig, ExpertData
+from surefoot.config.array_io import load_arrays
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import whole_episode
 from surefoot.methods import METHODS as TRAINED

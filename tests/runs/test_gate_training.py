@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 
-from surefoot.array_files import load_arrays
 from surefoot.config import (
     TABLE_I,
     Config,
@@ -16,6 +15,7 @@ from surefoot.config import (
     PolicyConfig,
     TrainingConfig,
 )
+from surefoot.config.array_io import load_arrays
 from surefoot.learning.classifier import digest, load_classifier
 from surefoot.learning.policy import load
 from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from surefoot.array_files import load_arrays
 from surefoot.config import (
     BehaviorCloningConfig,
     Config,
@@ -17,6 +16,7 @@ from surefoot.config import (
     PolicyConfig,
     PushConfig,
 )
+from surefoot.config.array_io import load_arrays
 from surefoot.config.json_io import to_json
 from surefoot.evaluation.push_limits import PushDifference
 from surefoot.evaluation.statistics import paired_difference

@@ -12,11 +12,11 @@ import pytest
 import surefoot.cli.main as cli
 import surefoot.cli.play as play_command
 from surefoot import methods
-from surefoot.array_files import load_arrays
 from surefoot.config import (
     Backend,
     SimulationConfig,
 )
+from surefoot.config.array_io import load_arrays
 from surefoot.learning.frames import PART, whole_episode
 from surefoot.rollouts.jobs import disturbance_of, play_out, summarize_job
 from surefoot.rollouts.outcome import Outcome

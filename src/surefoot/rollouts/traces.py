@@ -15,8 +15,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.array_files import Shape
 from surefoot.config import Config, SafetyConfig
+from surefoot.config.array_io import Shape
 from surefoot.config.safety import HISTORY_HORIZON
 from surefoot.learning.observation import INPUT_SIZE, network_input, state_spec
 from surefoot.rollouts.episodes import Rollout

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.array_files import load_arrays
 from surefoot.config import GateName
+from surefoot.config.array_io import load_arrays
 from surefoot.config.checked import known
 from surefoot.learning.classifier import digest, fit_classifier, load_classifier, save_classifier
 from surefoot.learning.observation import network_input, state_spec

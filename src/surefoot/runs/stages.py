@@ -14,8 +14,8 @@ from collections.abc import Callable
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.array_files import load_arrays
 from surefoot.config import IterativeConfig, Steps
+from surefoot.config.array_io import load_arrays
 from surefoot.evaluation.mirror_error import make_mirror
 from surefoot.evaluation.robustness import evaluate
 from surefoot.learning.dataset import Dataset

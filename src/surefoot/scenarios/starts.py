@@ -20,8 +20,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.array_files import parse_npz
 from surefoot.config import Config, Gait, Split
+from surefoot.config.array_io import parse_npz
 from surefoot.config.json_text import read_file
 from surefoot.config.presets import STRAIGHT_TROT, straight_trot
 from surefoot.config.robot_table import SOLO12
@@ -44,8 +44,7 @@ HASHED = ("q", "v", "tick", "command", "id")
 """The arrays of a set, which its hash is of. All of its states are of one gait."""
 SPLITS: tuple[Split, ...] = get_args(Split)
 PACKAGED = (STRAIGHT_TROT, "solo12-trot-v1-wide")
-"""The sets that come with the package: Solo12 trots forward at 0 to 0.3 m/s. The first set is
-perturbed with the paper's standard deviations, the second with 1.5 times those."""
+"""Sets in the package: Solo12 trots at 0 to 0.3 m/s, perturbed as in the paper or 1.5 times so."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.array_files import parse_npz
+from surefoot.config.array_io import parse_npz
 from surefoot.config.json_text import read_file
 from surefoot.deploy.recorder import Flight, load_flight
 from surefoot.errors import shown

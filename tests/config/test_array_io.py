@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from surefoot.array_files import Shape, load_arrays, parse_npz, save_arrays
+from surefoot.config.array_io import Shape, load_arrays, parse_npz
+from surefoot.files import save_arrays
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
-"""Records of arrays in npz files, read without running anything and within the memory they justify.
+"""Records of arrays from npz files: nothing is run, and no more memory is taken than they justify.
 
-`save_arrays` writes a dataclass of arrays whole or not at all, and `load_arrays` reads it to the
-bit: names, types and shapes are those of the dataclass. `parse_npz` reads arrays of any names. Read
-`files` next for how a file is written.
+`load_arrays` reads a dataclass of arrays that `files.save_arrays` wrote, to the bit: names, types
+and shapes are those of the dataclass. `parse_npz` reads arrays of any names. Read `json_io` for
+records of other values.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar, get_args, get_type_hints
+from typing import ClassVar, Protocol, TypeVar, get_args, get_type_hints
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
@@ -20,10 +20,6 @@ from numpy.typing import NDArray
 
 from surefoot.config.json_text import MEMORY_BASE, MEMORY_FACTOR, read_file
 from surefoot.errors import shown
-from surefoot.files import write_atomic
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
 Shape = tuple[int | str, ...]
 """Lengths of an array's axes; axes of one name have one length."""
@@ -43,22 +39,6 @@ class ArrayRecord(Protocol):
 
 
 Record = TypeVar("Record", bound=ArrayRecord)
-
-
-def save_arrays(path: Path, record: DataclassInstance) -> None:
-    """Write a dataclass of arrays to an npz file, whole or not at all.
-
-    Args:
-        path: The file.
-        record: A dataclass instance whose fields are all arrays.
-
-    Raises:
-        WriteError: The disk is full, or read-only.
-    """
-    arrays = {field.name: getattr(record, field.name) for field in fields(record)}
-    buffer = BytesIO()
-    np.savez(buffer, **arrays)
-    write_atomic(path, buffer.getvalue())
 
 
 def load_arrays(path: Path, kind: type[Record]) -> Record:
