@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import CommandBox, SafetyConfig
-from surefoot.interop.gym import walking
+from surefoot.interop.gym import task as walking_task
 from surefoot.interop.gym.task import (
     Walkers,
     WalkingTask,
@@ -143,8 +143,8 @@ def test_an_expert_that_is_asked_has_measured_command_gains(monkeypatch):
         return replace(config, expert=replace(config.expert, command_gain=(1.5, 1.4, 1.3)))
 
     made = []
-    monkeypatch.setattr(walking, "with_measured_gain", measure)
-    monkeypatch.setattr(walking, "make_expert", lambda robot, config: made.append(config))
+    monkeypatch.setattr(walking_task, "with_measured_gain", measure)
+    monkeypatch.setattr(walking_task, "make_expert", lambda robot, config: made.append(config))
     config = walking_config("go2")
     assert config.expert.command_gain is None
     Walkers(config, WalkingTask(), 1)
