@@ -23,7 +23,7 @@ np.savez(
 )
 
 data = sf.Dataset("own_data")
-data.append("log", sf.frames_from_arrays(sf.read_log("log.npz"), robot))  # checked
+data.append("log", sf.frames_from_arrays(sf.read_expert_log("log.npz"), robot))  # checked
 spec = sf.policy_spec(config)
 network = sf.PolicyNetwork(config.policy)
 result = sf.fit(network, data, config.training, spec, epochs=2, seed=0)

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from surefoot.rotations import (
     from_heading,
     heading,
+    heading_velocity,
     roll_pitch,
     roll_pitch_yaw,
     rotation,
@@ -53,6 +54,30 @@ def test_the_heading_frame_is_turned_by_the_yaw_and_back():
         turned = Rotation.from_euler("Z", -yaw[row]).as_matrix()[:2, :2] @ vectors[row]
         np.testing.assert_allclose(inside[row], turned, atol=1e-12)
     np.testing.assert_allclose(from_heading(inside, cos_sin), vectors, atol=1e-12)
+
+
+def test_a_velocity_in_the_heading_frame_does_not_depend_on_the_heading():
+    yaw = Rotation.from_euler("Z", [[0.0], [2.0]]).as_matrix()
+    velocity = np.array([0.3, 0.1, 0.0, 0.0, 0.0, 0.7])
+    np.testing.assert_allclose(
+        heading_velocity(yaw, np.stack([velocity] * 2)), [[0.3, 0.1, 0.7]] * 2, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (7,), (2, 3)])
+def test_a_velocity_in_the_heading_frame_is_that_of_the_tilted_base(shape):
+    quaternions = random_quaternions(*shape)
+    velocity = np.random.default_rng(4).normal(size=(*shape, 18))
+    found = heading_velocity(rotation(quaternions), velocity)
+    assert found.shape == (*shape, 3)
+    for index in np.ndindex(shape):
+        tilted = Rotation.from_quat(quaternions[index])
+        upright = Rotation.from_euler("Z", tilted.as_euler("ZYX")[0]).inv() * tilted
+        linear = upright.apply(velocity[index][:3])
+        angular = upright.apply(velocity[index][3:6])
+        np.testing.assert_allclose(found[index], [*linear[:2], angular[2]], atol=1e-12)
+        alone = heading_velocity(rotation(quaternions[index]), velocity[index])
+        np.testing.assert_array_equal(found[index], alone)
 
 
 def test_one_heading_serves_many_vectors():

@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 import torch
 import tyro
-from imitation.data import rollout as imitation
-from imitation.data.wrappers import RolloutInfoWrapper
+from imitation.data import rollout as imitation  # pyright: ignore[reportMissingImports]
+from imitation.data.wrappers import RolloutInfoWrapper  # pyright: ignore[reportMissingImports]
 from solo12_env import Solo12Env, UsualSolo12Env
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env

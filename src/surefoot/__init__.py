@@ -56,7 +56,7 @@ _HOME = {
     "study.comparison": ("compare", "Measurements"),
     "evaluation.statistics": ("paired_difference", "run_bootstrap", "run_interval"),
     "interop.gym.ids": ("register_environments",),
-    "interop.datasets.arrays": ("frames_from_arrays", "read_log"),
+    "interop.datasets.arrays": ("frames_from_arrays", "read_expert_log"),
     "interop.socket_plan": ("SocketPlan", "serve_plan"),
     "interop.datasets.minari": ("export_minari",),
     "interop.datasets.lerobot": ("export_lerobot",),

@@ -17,7 +17,7 @@ from surefoot.evaluation.statistics import paired_difference as paired_differenc
 from surefoot.evaluation.statistics import run_bootstrap as run_bootstrap
 from surefoot.evaluation.statistics import run_interval as run_interval
 from surefoot.interop.datasets.arrays import frames_from_arrays as frames_from_arrays
-from surefoot.interop.datasets.arrays import read_log as read_log
+from surefoot.interop.datasets.arrays import read_expert_log as read_expert_log
 from surefoot.interop.datasets.lerobot import export_lerobot as export_lerobot
 from surefoot.interop.datasets.minari import export_minari as export_minari
 from surefoot.interop.gym.ids import register_environments as register_environments

@@ -80,6 +80,29 @@ def from_heading(vectors: Array, heading: Array) -> Array:
     return to_heading(vectors, heading * (1.0, -1.0))
 
 
+def heading_velocity(rotation: Array, velocity: Array) -> Array:
+    """The vx, vy [m/s] and yaw rate [rad/s] of bases in the heading frame ``(..., 3)``.
+
+    Args:
+        rotation: ``(..., 3, 3)`` matrices from the base frame to the world frame.
+        velocity: ``(..., 6 or more)`` linear and angular velocity in the base frame first, as in
+            ``v`` of a state.
+    """
+    # Column by column, so that the order of the sums does not depend on the shape.
+    horizontal = (
+        rotation[..., :2, 0] * velocity[..., 0, None]
+        + rotation[..., :2, 1] * velocity[..., 1, None]
+        + rotation[..., :2, 2] * velocity[..., 2, None]
+    )
+    yaw_rate = (
+        rotation[..., 2, 0] * velocity[..., 3]
+        + rotation[..., 2, 1] * velocity[..., 4]
+        + rotation[..., 2, 2] * velocity[..., 5]
+    )
+    in_heading = to_heading(horizontal, heading(rotation))
+    return np.concatenate([in_heading, yaw_rate[..., None]], axis=-1)
+
+
 def roll_pitch(rotation: Array) -> Array:
     """The roll and pitch ``(..., 2)`` [rad]: R = Rz(yaw) Ry(pitch) Rx(roll), pitch in +-pi/2.
 

@@ -175,19 +175,6 @@ def ground_height(state: State, foot_radius: float, before: Array | None = None)
     return np.where(count > 0, mean, in_flight)
 
 
-def above_ground(state: State, foot_radius: float) -> State:
-    """The same states with all heights measured from the ground under the feet.
-
-    That ground, `ground_height`, is then z = 0: a planner, a policy or a bound that knows level
-    ground alone can be asked about a robot on a slope or on steps.
-
-    Args:
-        state: States with any leading axes.
-        foot_radius: The radius of the foot spheres [m].
-    """
-    return lowered(state, ground_height(state, foot_radius))
-
-
 def lowered(state: State, by: Array) -> State:
     """The same states with everything lower.
 

@@ -7,7 +7,7 @@ import pytest
 
 import surefoot.cli.play as play
 from surefoot.deploy.policy import load
-from surefoot.interop.logs.sensor_log import read_log, write_log
+from surefoot.interop.logs.sensor_log import read_sensor_log, write_sensor_log
 from tests.fakes.exports import answered_log, exported
 
 
@@ -16,7 +16,7 @@ def files(tmp_path):
     """An exported file, and a log in which all agrees."""
     path, _ = exported(tmp_path)
     log = tmp_path / "log.csv"
-    write_log(answered_log(load(path), 60), log)
+    write_sensor_log(answered_log(load(path), 60), log)
     return path, log
 
 
@@ -56,8 +56,8 @@ def test_a_log_in_which_all_agrees(surefoot, capsys, files, tmp_path):
 
 def test_a_log_that_differs_is_explained(surefoot, capsys, files):
     path, file = files
-    log = read_log(file)
-    write_log(replace(log, joint_velocity=-log.joint_velocity), file)
+    log = read_sensor_log(file)
+    write_sensor_log(replace(log, joint_velocity=-log.joint_velocity), file)
     assert surefoot("check", path, "--log", file) == 1
     assert "joint_velocity: the input that was logged differs" in capsys.readouterr().out
 

@@ -18,7 +18,7 @@ from surefoot.cli.play import Play
 from surefoot.cli.run import RunPolicy
 from surefoot.cli.train import Train, TrainReport
 from surefoot.cli.walk import Walk, WalkReport
-from surefoot.deploy.flight import FlightReport
+from surefoot.deploy.drive import DriveReport
 from surefoot.evaluation.gate_warnings import GateWarnings, RunWarnings
 from surefoot.evaluation.report import EvaluationReport
 from surefoot.files import WriteError
@@ -89,7 +89,7 @@ def test_each_command_has_help_of_its_own(surefoot, capsys, monkeypatch, command
         (Evaluate, EvaluationReport),
         (Compare, Comparison),
         (Compare, Row),
-        (RunPolicy, FlightReport),
+        (RunPolicy, DriveReport),
         (MeasureWarnings, RunWarnings),
         (MeasureWarnings, GateWarnings),
     ],

@@ -94,4 +94,5 @@ def test_several_gaits_are_prepared_each_alone(surefoot, asked, capsys, tmp_path
     assert [each["gait"] for each in values] == ["trot", "walk"]
     assert [config.other_gaits for config, _, _ in asked] == [(), ()]
     assert surefoot("prepare", *options, "--out", tmp_path / "one.npz") == 2
-    assert "--out takes one gait" in capsys.readouterr().err
+    message = capsys.readouterr().err
+    assert "--out takes one gait" in message and "name one of them with --gait" in message

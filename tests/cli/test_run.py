@@ -16,7 +16,7 @@ from surefoot.config import Config, Gait, PolicyConfig
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.twin import TwinConfig
 from surefoot.deploy.bridge import UdpChannel
-from surefoot.deploy.flight import FlightReport
+from surefoot.deploy.drive import DriveReport
 from surefoot.deploy.handover import PlanRequest
 from surefoot.deploy.interfaces import Sensors
 from surefoot.deploy.policy import OnnxPolicy, load
@@ -77,7 +77,7 @@ def test_a_policy_drives_a_twin_and_is_stopped(surefoot, policy, twin, tmp_path,
     options = ("--lockstep", "--start", "--seconds", 0.8, "--recording", recording, "--keep")
     assert surefoot("run", policy, "--robot", address, *options, *SHORT, "--json", file) == 0
     report = json.loads(file.read_text())
-    assert set(report) == set(FlightReport.__dataclass_fields__)
+    assert set(report) == set(DriveReport.__dataclass_fields__)
     assert report["fault"] == ""
     assert report["seconds"] == pytest.approx(0.5, abs=0.01)
     assert report["ticks"] >= 800

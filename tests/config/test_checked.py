@@ -63,7 +63,7 @@ def path_of(kind, name, length) -> str:
 
 def test_all_classes_of_configurations_are_found():
     names = {kind.__name__ for kind in CLASSES}
-    assert {"Config", "ExpertData", "NoiseConfig", "KinematicConfig", "DaggerConfig"} <= names
+    assert {"Config", "ExpertData", "StateNoiseConfig", "KinematicConfig", "DaggerConfig"} <= names
     assert len(names) == len(CLASSES) == 26
     assert len(NUMBERS) > 90
 

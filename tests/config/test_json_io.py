@@ -19,9 +19,9 @@ from surefoot.config import (
     DisturbanceConfig,
     ExpertData,
     LocoSafeDaggerConfig,
-    NoiseConfig,
     PolicyConfig,
     SafetyConfig,
+    StateNoiseConfig,
 )
 from surefoot.config.json_io import changes, from_json, read_json, to_json
 from surefoot.config.presets import preset
@@ -334,7 +334,7 @@ def test_a_file_that_is_not_json_is_named(tmp_path):
 
 def test_changes_are_named_with_both_values():
     base = Config()
-    noise = NoiseConfig(joint_velocity=0.1)
+    noise = StateNoiseConfig(joint_velocity=0.1)
     other = replace(base, seed=3, collection=DisturbanceConfig(mass=(0.5, 2.0), noise=noise))
     assert list(changes(other, base)) == [
         ("seed", 3, 0),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from surefoot.config import DisturbanceConfig, NoiseConfig, PerturbationConfig
+from surefoot.config import DisturbanceConfig, PerturbationConfig, StateNoiseConfig
 
 NAN = float("nan")
 
@@ -11,7 +11,11 @@ NAN = float("nan")
     ("kind", "change", "text"),
     [
         (PerturbationConfig, {"velocity": -0.1}, "perturbation.velocity is -0.1; use 0.0 to 1000"),
-        (NoiseConfig, {"joint_velocity": -1e-9}, "disturbance.noise.joint_velocity is -1e-09; use"),
+        (
+            StateNoiseConfig,
+            {"joint_velocity": -1e-9},
+            "disturbance.noise.joint_velocity is -1e-09; use",
+        ),
         (DisturbanceConfig, {"impulse": (1.0, 0.5)}, "disturbance.impulse is 1.0 to 0.5; the"),
         (DisturbanceConfig, {"mass": (0.0, 1.0)}, "disturbance.mass[0] is 0.0; use 0.001 to 1000"),
         (DisturbanceConfig, {"push_duration": 0.0}, "disturbance.push_duration is 0.0; use 0.001"),
@@ -27,7 +31,11 @@ NAN = float("nan")
         (DisturbanceConfig, {"friction": (NAN, 1.0)}, "disturbance.friction[0] is nan; use 0.001"),
         (DisturbanceConfig, {"mass": (1.0, NAN)}, "disturbance.mass[1] is nan; use 0.001"),
         (DisturbanceConfig, {"impulse": (0.5, NAN)}, "disturbance.impulse[1] is nan; use 0.0 to"),
-        (NoiseConfig, {"base_height": 1e300}, "disturbance.noise.base_height is 1e+300; use 0.0"),
+        (
+            StateNoiseConfig,
+            {"base_height": 1e300},
+            "disturbance.noise.base_height is 1e+300; use 0.0",
+        ),
     ],
 )
 def test_values_outside_their_ranges_are_refused(kind, change, text):

@@ -5,7 +5,7 @@ import pytest
 
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.gate import Blocking, BoundsGate, GateSwitch
-from surefoot.deploy.handover import ExpertDriver, NoPlan, PlanRequest, Safeguard, expected
+from surefoot.deploy.handover import NoPlan, PlanFollower, PlanRequest, Safeguard, expected
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
 from surefoot.types import Command, MotionPlan
 from tests.fakes.bridge_world import World
@@ -58,7 +58,7 @@ class Link:
         return None
 
 
-def drive(driver: ExpertDriver, link: Link, start: int, ticks: int) -> list[float | None]:
+def drive(driver: PlanFollower, link: Link, start: int, ticks: int) -> list[float | None]:
     """The torques of some ticks; None where the expert waits."""
     torques: list[float | None] = []
     for tick in range(start, start + ticks):
@@ -68,8 +68,8 @@ def drive(driver: ExpertDriver, link: Link, start: int, ticks: int) -> list[floa
     return torques
 
 
-def expert(link: Link, latency: int = 8, patience: int = 60) -> ExpertDriver:
-    return ExpertDriver(link, 3.0, 0.05, latency, patience)
+def expert(link: Link, latency: int = 8, patience: int = 60) -> PlanFollower:
+    return PlanFollower(link, 3.0, 0.05, latency, patience)
 
 
 def test_the_state_that_is_expected_moves_on_as_it_moves():
@@ -109,7 +109,7 @@ def test_in_lockstep_the_robot_waits_for_a_planner_of_any_speed():
     torques = []
     for takes in (0, 3, 500):
         link = Link(takes, valid=lambda number: number != 0)
-        driver = ExpertDriver(link, 3.0, 0.05, 8, 60, lockstep=True)
+        driver = PlanFollower(link, 3.0, 0.05, 8, 60, lockstep=True)
         torques.append(drive(driver, link, 10, 200))
         assert driver.late == 0
     assert torques[0] == torques[1] == torques[2]
@@ -233,7 +233,7 @@ def test_a_gait_clock_that_skips_the_grid_has_its_plans_right_after_it():
 
 def test_without_latency_a_robot_in_lockstep_follows_a_plan_at_once_and_from_where_it_is():
     link = Link(takes=500)
-    driver = ExpertDriver(link, 3.0, 0.05, 0, 60, lockstep=True)
+    driver = PlanFollower(link, 3.0, 0.05, 0, 60, lockstep=True)
     torques = drive(driver, link, 123, 200)
     assert torques == [float(tick) for tick in range(123, 323)]
     assert [request.tick for request in link.requests] == [123, 150, 200, 250, 300]

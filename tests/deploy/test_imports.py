@@ -16,7 +16,7 @@ class Blocked(MetaPathFinder):
             raise ImportError(name + " is not on the robot")
 
 sys.meta_path.insert(0, Blocked())
-import surefoot.deploy.flight
+import surefoot.deploy.drive
 import surefoot.deploy.loop
 import surefoot.deploy.operator
 import surefoot.deploy.policy

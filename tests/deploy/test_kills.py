@@ -6,7 +6,7 @@ import time
 
 from surefoot.deploy import protocol
 from surefoot.deploy.bridge import Bridge, UdpChannel, serve
-from surefoot.deploy.flight import fly
+from surefoot.deploy.drive import drive
 from surefoot.deploy.recorder import load_flight
 from tests.fakes.bridge_process import PATIENT, make_runtime
 from tests.fakes.bridge_world import Clock, ToyDriver
@@ -53,7 +53,7 @@ def test_a_bridge_that_is_killed_ends_the_flight_and_the_recorder_says_why(tmp_p
                 return target(sensors, tick, command)
 
             policy.target = kill_after_a_while
-            report = fly(runtime, file)
+            report = drive(runtime, file)
         finally:
             bridge.kill()
     assert report.fault == "stale state"

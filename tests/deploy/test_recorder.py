@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from surefoot.deploy.flight import fly, report_of, unused
+from surefoot.deploy.drive import drive, report_of, unused
 from surefoot.deploy.interfaces import JointCommand
 from surefoot.deploy.recorder import FlightRecorder, TickRecord, load_flight, save_flight
 from surefoot.deploy.timing import Histogram
@@ -77,7 +77,7 @@ def test_a_file_that_is_no_flight_is_refused(tmp_path):
 class Ends(World):
     """A world in which every tick of the runtime is one of the bridge's too, until it is cut."""
 
-    def fly(self, ticks: int, **options):
+    def drive(self, ticks: int, **options):
         self.run(200)
         read = self.robot.read
         self.left = ticks
@@ -90,12 +90,12 @@ class Ends(World):
             return read()
 
         self.robot.read = read_after_a_tick
-        return fly(self.runtime, **options)
+        return drive(self.runtime, **options)
 
 
 def test_a_fault_is_written_and_a_stop_is_not_unless_wanted(tmp_path):
     file = tmp_path / "flight.npz"
-    report = Ends().fly(300, recording=file)
+    report = Ends().drive(300, recording=file)
     assert report.fault == "stale state"
     assert report.recording == str(file)
     flight = load_flight(file)
@@ -106,7 +106,7 @@ def test_a_fault_is_written_and_a_stop_is_not_unless_wanted(tmp_path):
         world = Ends()
         world.run(200)
         world.operator.wanted = world.operator.wanted._replace(go=False)
-        report = world.fly(100, recording=file, always=always)
+        report = world.drive(100, recording=file, always=always)
         assert report.fault == ""
         assert file.exists() == always
 
@@ -119,7 +119,7 @@ def test_an_interrupt_damps_and_is_no_fault():
         raise KeyboardInterrupt
 
     world.robot.read = interrupted
-    report = fly(world.runtime, None)
+    report = drive(world.runtime, None)
     assert report.fault == ""
     world.bridge.tick()
     assert world.is_latched
@@ -156,7 +156,7 @@ def test_an_empty_histogram_has_no_times():
 
 def test_a_recording_that_is_there_already_is_kept_and_the_next_is_numbered(tmp_path):
     file = tmp_path / "flight.npz"
-    reports = [Ends().fly(30, recording=file) for _ in range(3)]
+    reports = [Ends().drive(30, recording=file) for _ in range(3)]
     names = [Path(report.recording).name for report in reports]
     assert names == ["flight.npz", "flight-2.npz", "flight-3.npz"]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)

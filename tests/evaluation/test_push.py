@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import surefoot.evaluation.push as push_module
-from surefoot.config import Config, DisturbanceConfig, NoiseConfig, PushConfig
+from surefoot.config import Config, DisturbanceConfig, PushConfig, StateNoiseConfig
 from surefoot.config.checked import known
 from surefoot.config.json_io import from_json, to_json
 from surefoot.evaluation.push import branch_at_push, push_recovery, pushed_job, pushed_starts
@@ -343,7 +343,7 @@ def test_a_robot_keeps_its_friction_and_load_over_all_pushes():
 def test_a_push_without_impulse_changes_nothing_under_noise_and_delay(monkeypatch):
     """Torques under way, noise, friction and mass of the whole rollout go on in its branch."""
     monkeypatch.setattr("surefoot.rollouts.jobs.make_simulator", worlds)
-    noise = NoiseConfig(base_orientation=0.01, joint_position=0.01, joint_velocity=0.1)
+    noise = StateNoiseConfig(base_orientation=0.01, joint_position=0.01, joint_velocity=0.1)
     disturbance = DisturbanceConfig(friction=(0.5, 1.5), mass=(0.8, 1.2), noise=noise, delay=8)
     config = replace(CONFIG, chunk=2)
     begin = replace(job_of(4, 0.2, config, plan=toy.plan), disturbance=disturbance)
@@ -359,7 +359,7 @@ def test_a_push_without_impulse_changes_nothing_under_noise_and_delay(monkeypatc
 
 
 def test_a_branch_on_mujoco_goes_on_as_the_whole_rollout_does():
-    noise = NoiseConfig(joint_position=0.01, joint_velocity=0.05)
+    noise = StateNoiseConfig(joint_position=0.01, joint_velocity=0.05)
     disturbance = DisturbanceConfig(friction=(0.5, 1.5), mass=(0.8, 1.2), noise=noise, delay=8)
     begin = replace(job_of(2, 0.1), disturbance=disturbance)
     branch = branch_at_push(begin, Workers(1), "test")

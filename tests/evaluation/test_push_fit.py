@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import norm
 
 from surefoot.evaluation import statistics
+from surefoot.evaluation.digits import as_digits
 from surefoot.evaluation.push_fit import (
     fitted_level,
     limit_interval,
@@ -13,7 +14,6 @@ from surefoot.evaluation.push_fit import (
     robots_needed,
 )
 from surefoot.evaluation.statistics import RESAMPLES, resamples, wilson
-from surefoot.files import as_digits
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from surefoot.evaluation.statistics import (
     resamples,
     run_bootstrap,
     run_interval,
-    score_interval,
     unpaired_difference,
     wilson,
 )
@@ -52,9 +51,10 @@ def test_wilson_interval_as_published(successes, n, low, high):
 
 
 def test_wilson_interval_is_that_of_scipy():
-    for successes in range(11):
-        expected = binomtest(successes, 10).proportion_ci(0.95, "wilson")
-        assert wilson(successes, 10) == (expected.low, expected.high)
+    for n in (1, 10, 37, 400):
+        for successes in range(n + 1):
+            expected = binomtest(successes, n).proportion_ci(0.95, "wilson")
+            assert wilson(successes, n) == (expected.low, expected.high)
 
 
 def test_resamples_are_draws_with_replacement():
@@ -298,9 +298,8 @@ def test_effective_rollouts_are_all_of_them_or_one_for_each_run():
     assert effective_rollouts([10, 70]) < 80
 
 
-def test_score_interval_takes_fractions_of_trials():
-    assert score_interval(0.25, 40.0) == pytest.approx(wilson(10, 40))
-    low, high = score_interval(0.25, 39.5)
+def test_wilson_interval_takes_fractions_of_trials():
+    low, high = wilson(0.25 * 39.5, 39.5)
     assert low < wilson(10, 40)[0]
     assert high > wilson(10, 40)[1]
 

@@ -10,7 +10,7 @@ import sys
 
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.bridge import Bridge, UdpChannel, serve
-from surefoot.deploy.flight import fly
+from surefoot.deploy.drive import drive
 from surefoot.deploy.loop import Runtime
 from surefoot.deploy.udp_robot import UdpRobot
 from tests.fakes.bridge_world import TOY, Clock, ToyDriver, ToyOperator, ToyPolicy
@@ -33,7 +33,7 @@ def main() -> None:
         print(channel.address[1], flush=True)
         serve(Bridge(ToyDriver(Clock()), channel, PATIENT))
     else:
-        fly(make_runtime(int(sys.argv[2])), None)
+        drive(make_runtime(int(sys.argv[2])), None)
 
 
 if __name__ == "__main__":

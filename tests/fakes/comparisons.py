@@ -6,7 +6,7 @@ import numpy as np
 
 import surefoot.study.comparison as module
 from surefoot.config import BehaviorCloningConfig, Config, PolicyConfig
-from surefoot.files import as_digits
+from surefoot.evaluation.digits import as_digits
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
 from surefoot.rollouts.outcome import Outcome

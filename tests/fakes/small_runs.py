@@ -15,9 +15,9 @@ from surefoot.config import (
     ExpertData,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
-    NoiseConfig,
     PolicyConfig,
     SafeDaggerConfig,
+    StateNoiseConfig,
     TrainingConfig,
 )
 
@@ -80,7 +80,7 @@ METHODS = {
 ROUGH = DisturbanceConfig(
     pushes=2, impulse=(0.5, 2.0), gentle=0.5, friction=(0.8, 1.2), mass=(0.9, 1.1), delay=1
 )
-NOISY = replace(ROUGH, noise=NoiseConfig(base_orientation=0.002, joint_velocity=0.05))
+NOISY = replace(ROUGH, noise=StateNoiseConfig(base_orientation=0.002, joint_velocity=0.05))
 
 
 def config_of(method: str) -> Config:

@@ -7,7 +7,8 @@ import numpy as np
 
 from surefoot.config.studies import named_study
 from surefoot.config.study import StudyConfig
-from surefoot.files import as_digits, write_atomic, write_json
+from surefoot.evaluation.digits import as_digits
+from surefoot.files import write_atomic, write_json
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import Best, StageRecord, format_line
 from surefoot.runs.run import CONFIG_FILE, Setup

@@ -74,29 +74,29 @@ def test_in_lockstep_an_episode_is_that_of_the_simulation(run):
     policy = deployed_policy(PACKAGED_POLICY, twin.model, crew.config)
     session = Session(crew, policy, lambda: False)
     job = chunks_of(on_robot(job_of(run), twin.model))[1]
-    report = session.fly(job)
+    report = session.run_episode(job)
     session.close()
-    assert report.flown is not None
-    flown, measured = rollout_of(job, report.flown, twin.model)
+    assert report.episode is not None
+    walked, measured = rollout_of(job, report.episode, twin.model)
     assert measured.all()
-    again = replace(job, episodes=replace(job.episodes, starts=flown.starts))
+    again = replace(job, episodes=replace(job.episodes, starts=walked.starts))
     simulated, expert = play_out(again)
-    assert simulated.length == flown.length == 700
-    np.testing.assert_array_equal(simulated.expert_drove, flown.expert_drove)
-    share = flown.expert_drove[:, :600].mean()
+    assert simulated.length == walked.length == 700
+    np.testing.assert_array_equal(simulated.expert_drove, walked.expert_drove)
+    share = walked.expert_drove[:, :600].mean()
     assert 0.2 < share < 0.95  # both have driven
-    assert report.flown.plans == expert.plans[0] > 3
+    assert report.episode.plans == expert.plans[0] > 3
     for name, here, there in (
-        ("q", flown.q[..., 2:], simulated.q[..., 2:]),
-        ("v", flown.v, simulated.v),
-        ("torque", flown.torque, simulated.torque),
-        ("com", flown.com[..., 2], simulated.com[..., 2]),
-        ("feet", flown.feet[..., 2], simulated.feet[..., 2]),
+        ("q", walked.q[..., 2:], simulated.q[..., 2:]),
+        ("v", walked.v, simulated.v),
+        ("torque", walked.torque, simulated.torque),
+        ("com", walked.com[..., 2], simulated.com[..., 2]),
+        ("feet", walked.feet[..., 2], simulated.feet[..., 2]),
     ):
         np.testing.assert_allclose(here, there, atol=1e-6, err_msg=name)
     here, there = (
         rollout.frames(job.keep(rollout), job.episode)
-        for rollout in (flown, simulated)
+        for rollout in (walked, simulated)
         if job.keep is not None
     )
     for name in ("tick", "command", "expert_drove", "episode", "outcome", "elapsed"):
@@ -121,7 +121,7 @@ def test_the_expert_s_frames_enter_the_run_and_each_episode_is_a_shard(run):
     # It was greeted once, and stood between the episodes.
     assert twin.sessions == 1
     assert attempts[1].other_seconds == pytest.approx(0.3, abs=0.01)
-    with pytest.raises(ValueError, match="episode 100001 was flown on a robot"):
+    with pytest.raises(ValueError, match="episode 100001 was recorded on a robot"):
         recorded_episode(run.folder, 100001)
     # The same again does nothing, whatever the robot does.
     twin.alive = False
@@ -158,7 +158,7 @@ class Killing(Unattended):
         return super().wish()
 
 
-def test_a_twin_that_is_killed_loses_the_episode_that_is_flown_again(run, monkeypatch):
+def test_a_twin_that_is_killed_loses_the_episode_that_is_tried_again(run, monkeypatch):
     monkeypatch.setattr(udp_robot, "LOCKSTEP_PATIENCE", 0.05)
     twin = LockstepTwin(STANDING)
 
@@ -192,7 +192,7 @@ class Interrupting(Unattended):
         return super().wish()
 
 
-def test_what_is_finished_outlives_an_interruption_and_the_rest_is_flown(run):
+def test_what_is_finished_outlives_an_interruption_and_the_rest_is_collected(run):
     twin = LockstepTwin(STANDING)
     robot = RobotCollection(crew_of(run, twin, Interrupting()))
     with pytest.raises(KeyboardInterrupt):
@@ -257,27 +257,27 @@ class Resting(Unattended):
         return super().wish()._replace(rest=self.ticks in self.rest)
 
 
-def flown_once(run: Run, twin: LockstepTwin, person: Resting):
-    """The report of the second episode, flown first."""
+def report_of_second_episode(run: Run, twin: LockstepTwin, person: Resting):
+    """The report of the second episode, driven first."""
     crew = crew_of(run, twin, person)
     policy = deployed_policy(PACKAGED_POLICY, twin.model, crew.config)
     session = Session(crew, policy, lambda: False)
-    report = session.fly(chunks_of(on_robot(job_of(run), twin.model))[1])
+    report = session.run_episode(chunks_of(on_robot(job_of(run), twin.model))[1])
     session.close()
     return report
 
 
 def test_what_was_driven_before_a_rest_counts_and_the_episode_is_the_one_after_it(run):
     twin = LockstepTwin(STANDING)
-    report = flown_once(run, twin, Resting(twin, 800, 900))
+    report = report_of_second_episode(run, twin, Resting(twin, 800, 900))
     assert report.attempt.end == "whole"
     # About half a second until the rest, and the whole episode after it.
     assert 1.1 < report.attempt.seconds < 1.25
-    assert report.flown is not None
-    assert len(report.flown.flight.tick) == 700
+    assert report.episode is not None
+    assert len(report.episode.flight.tick) == 700
     # Lying and standing up, and the rest with standing up after it.
     assert 0.6 < report.attempt.other_seconds < 0.8
-    assert report.attempt.expert_seconds > report.flown.flight.expert_drove.sum() / 1000
+    assert report.attempt.expert_seconds > report.episode.flight.expert_drove.sum() / 1000
 
 
 class Knocking(Resting):
@@ -294,11 +294,11 @@ class Knocking(Resting):
 
 def test_a_robot_knocked_over_while_it_stands_as_wished_says_nothing_of_its_policy(run):
     twin = LockstepTwin(STANDING)
-    report = flown_once(run, twin, Knocking(twin, 800, 2000))
+    report = report_of_second_episode(run, twin, Knocking(twin, 800, 2000))
     assert report.attempt.fault == "tilt"
     assert report.attempt.end == "dropped"
     assert report.attempt.seconds > 0.4
-    assert report.flown is None
+    assert report.episode is None
 
 
 class Stopping(Unattended):

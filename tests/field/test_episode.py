@@ -8,7 +8,7 @@ from surefoot.config import Config
 from surefoot.deploy.interfaces import BaseEstimate, JointCommand, Sensors
 from surefoot.deploy.loop import Mode
 from surefoot.deploy.recorder import TickRecord
-from surefoot.field.episode import EpisodeLog, Flown, result_of, rollout_of
+from surefoot.field.episode import EpisodeLog, RecordedEpisode, result_of, rollout_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.robots.scaling import with_own_values
@@ -48,14 +48,14 @@ def test_missed_ticks_repeat_the_one_before_and_are_not_kept():
         if tick not in (40, 41, 90):
             add(log, tick, expert=tick >= 30)
     assert log.whole
-    flown = Flown(log.flight(), Outcome.SUCCESS, 3, 1)
-    rollout, measured = rollout_of(job(0.1), flown, ROBOT)
+    walked = RecordedEpisode(log.flight(), Outcome.SUCCESS, 3, 1)
+    rollout, measured = rollout_of(job(0.1), walked, ROBOT)
     assert np.flatnonzero(~measured[0]).tolist() == [40, 41, 90]
     ticks = np.round(1e4 * (rollout.q[0, :, 7] - NOMINAL[0])).astype(int)
     assert ticks[38:44].tolist() == [38, 39, 39, 39, 42, 43]
     assert rollout.torque.max() == ROBOT.torque_limit[0]
     config = with_own_values(Config(), ROBOT)
-    result = result_of(job(0.1), flown, ROBOT, config)
+    result = result_of(job(0.1), walked, ROBOT, config)
     assert sorted(set(range(30, 100)) - set(result.frames.elapsed.tolist())) == [40, 41, 90]
     assert result.summary.kept == 67 and result.summary.plans == 3
     assert result.summary.takeovers == 1
@@ -68,7 +68,7 @@ def test_an_episode_that_ended_early_has_its_length():
     for tick in range(57):
         add(log, tick)
     assert not log.whole
-    rollout, _ = rollout_of(job(0.1), Flown(log.flight(), Outcome.FELL, 0, 0), ROBOT)
+    rollout, _ = rollout_of(job(0.1), RecordedEpisode(log.flight(), Outcome.FELL, 0, 0), ROBOT)
     assert rollout.length == 57
     assert rollout.failed.all()
 
@@ -98,7 +98,9 @@ def test_ticks_after_the_last_one_are_left_out():
     for tick in (*range(8), 12, 13):
         add(log, tick)
     assert log.whole
-    rollout, measured = rollout_of(job(0.01), Flown(log.flight(), Outcome.SUCCESS, 0, 0), ROBOT)
+    rollout, measured = rollout_of(
+        job(0.01), RecordedEpisode(log.flight(), Outcome.SUCCESS, 0, 0), ROBOT
+    )
     assert rollout.length == 10
     assert measured[0].tolist() == [True] * 8 + [False] * 2
 

@@ -5,7 +5,8 @@ from io import BytesIO
 import numpy as np
 from hypothesis import strategies as st
 
-from surefoot.files import load_arrays, save_arrays
+from surefoot.config.array_io import load_arrays
+from surefoot.files import save_arrays
 from surefoot.rollouts.summary import Summary, join_summaries
 from tests.fakes.rollouts import summary_of
 from tests.fuzz.mutations import byte_mutations, check_loader, fuzz

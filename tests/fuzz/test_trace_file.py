@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from surefoot.files import load_arrays, save_arrays
+from surefoot.config.array_io import load_arrays
+from surefoot.files import save_arrays
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.rollouts.traces import Trace, history_rows
 from tests.fuzz.mutations import byte_mutations, check_loader, fuzz

@@ -10,7 +10,7 @@ import pytest
 
 import surefoot.config
 import surefoot.methods
-from surefoot.files import load_arrays
+from surefoot.config.array_io import load_arrays
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_chunk

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import DisturbanceConfig, LocoDaggerConfig, NoiseConfig
+from surefoot.config import DisturbanceConfig, LocoDaggerConfig, StateNoiseConfig
 from surefoot.learning.frames import PART
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.jobs import play_out
@@ -176,7 +176,7 @@ def test_queries_are_pushed_early_and_once_by_the_experts_impulse(tmp_path):
 
 def test_a_query_of_the_experts_own_rollout_goes_on_as_the_rollout_did(tmp_path):
     """In iteration 1 the expert drives, with noise and late torques; the toy rounds its roll."""
-    disturbance = DisturbanceConfig(noise=NoiseConfig(*[1e-3] * 6), delay=5)
+    disturbance = DisturbanceConfig(noise=StateNoiseConfig(*[1e-3] * 6), delay=5)
     method = replace(SMALL_METHODS["loco_dagger"], T_query=0.1)
     run = with_random_policy(tmp_path, replace(CONFIG, method=method, collection=disturbance))
     (job, rollouts), (queries, answered) = replayed(run, 1)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import LocoSafeDaggerConfig
-from surefoot.files import load_arrays
+from surefoot.config.array_io import load_arrays
 from surefoot.learning.classifier import load_classifier
 from surefoot.methods import METHODS, loco_safe_dagger
 from surefoot.rollouts.outcome import Outcome

@@ -12,11 +12,16 @@ from surefoot.mpc.ground_plane import LEVEL, GroundPlane, plane_under
 from surefoot.mpc.planner import Planner
 from surefoot.robots.model import standing
 from surefoot.testing import PlanContract
-from surefoot.types import Command, above_ground
+from surefoot.types import Command, State, ground_height, lowered
 from tests.fakes.plans import FORWARD, FRICTION, MODEL, PLANNER, ROBOT, same_bits, state_of
 
 ON_FEET = Planner(ROBOT, Gait(), ExpertConfig(ground="feet"), FRICTION)
 DIAGONAL = np.array([True, False, False, True])
+
+
+def on_its_feet(state: State) -> State:
+    """The same state with the ground under its feet at z = 0."""
+    return lowered(state, ground_height(state, ROBOT.foot_radius))
 
 
 def thrown(seed, scale=1.0):
@@ -25,14 +30,14 @@ def thrown(seed, scale=1.0):
     sigma = np.concatenate([[0, 0, 0.02], np.full(3, 0.15), np.full(12, 0.1)])
     q = pin.integrate(MODEL, standing(ROBOT), scale * sigma * rng.normal(size=18))
     state = state_of(q, 0.2 * scale * rng.normal(size=18))
-    return above_ground(replace(state, contacts=rng.random(4) < 0.6), ROBOT.foot_radius)
+    return on_its_feet(replace(state, contacts=rng.random(4) < 0.6))
 
 
 def pitched(angle):
     """A robot that stands on a slope as on the level, all of it turned: nose up, all feet down."""
     q = standing(ROBOT)
     q[3:7] = [0.0, -np.sin(0.5 * angle), 0.0, np.cos(0.5 * angle)]
-    return above_ground(state_of(q, np.zeros(18)), ROBOT.foot_radius)
+    return on_its_feet(state_of(q, np.zeros(18)))
 
 
 class TestOnTheGroundUnderTheFeet(PlanContract):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import DisturbanceConfig, NoiseConfig
+from surefoot.config import DisturbanceConfig, StateNoiseConfig
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, join_episodes
@@ -163,7 +163,7 @@ def disturbed(n):
         pushes=2,
         friction=(0.5, 1.5),
         mass=(0.8, 1.2),
-        noise=NoiseConfig(joint_position=0.05, joint_velocity=0.1),
+        noise=StateNoiseConfig(joint_position=0.05, joint_velocity=0.1),
         delay=8,
     )
     return draw_disturbances(config, 3, np.arange(n), 0.6, 0.5)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config, DisturbanceConfig, EvaluationConfig, PolicyConfig
+from surefoot.config.array_io import load_arrays
 from surefoot.config.checked import known
-from surefoot.files import load_arrays, save_arrays
+from surefoot.files import save_arrays
 from surefoot.learning.frames import concatenate
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save

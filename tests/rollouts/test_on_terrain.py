@@ -26,7 +26,7 @@ from surefoot.scenarios.ground import draw_ground, put_under
 from surefoot.scenarios.starts import at_rest, load_starts
 from surefoot.sim import make_simulator
 from surefoot.sim.terrain import Ground
-from surefoot.types import Command, above_ground, ground_height
+from surefoot.types import Command, ground_height, lowered
 from surefoot.workers import Workers
 from tests.fakes.robots import ROBOT, STANDING, pd
 from tests.fakes.rollouts import summary_of
@@ -124,12 +124,13 @@ def test_the_planner_plans_on_a_slope_as_on_level_ground_under_its_feet():
     planner = make_planner(load_robot(config.robot), config)
     simulator = make_simulator(ROBOT, 1)
     level = simulator.state[0]
-    high = above_ground(level, ROBOT.foot_radius)
+    high = lowered(level, ground_height(level, ROBOT.foot_radius))
     moved = replace(level, q=level.q.copy(), com=level.com.copy(), feet=level.feet.copy())
     for heights in (moved.q[2:3], moved.com[2:3], moved.feet[:, 2]):
         heights += 0.7
     expected = planner.plan(high, 0, Command(0.2))
-    lifted = planner.plan(above_ground(moved, ROBOT.foot_radius), 0, Command(0.2))
+    above = lowered(moved, ground_height(moved, ROBOT.foot_radius))
+    lifted = planner.plan(above, 0, Command(0.2))
     np.testing.assert_allclose(lifted.joint_position, expected.joint_position, atol=1e-9)
     assert lifted.valid
     unaware = planner.plan(moved, 0, Command(0.2))

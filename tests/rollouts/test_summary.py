@@ -7,8 +7,9 @@ import pinocchio as pin
 import pytest
 
 from surefoot.config import Config
+from surefoot.config.array_io import load_arrays
 from surefoot.config.checked import known
-from surefoot.files import load_arrays, save_arrays
+from surefoot.files import save_arrays
 from surefoot.learning.frames import concatenate
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.outcome import Outcome

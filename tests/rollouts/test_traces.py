@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config
-from surefoot.files import load_arrays, save_arrays
+from surefoot.config.array_io import load_arrays
+from surefoot.files import save_arrays
 from surefoot.learning.observation import INPUT_SIZE
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.traces import HORIZON, Trace, history_rows, labels_of, trace_of

@@ -7,7 +7,7 @@ import pytest
 
 import surefoot.runs.collecting
 from surefoot.config import BehaviorCloningConfig, BudgetConfig, Config, DaggerConfig, ExpertData
-from surefoot.files import load_arrays
+from surefoot.config.array_io import load_arrays
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import whole_episode
 from surefoot.methods import METHODS as TRAINED
@@ -15,7 +15,7 @@ from surefoot.rollouts.jobs import run_chunk
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.budget import solves_of
 from surefoot.runs.checks import check_config
-from surefoot.runs.prepare import first_stage
+from surefoot.runs.first_stage import first_stage
 from surefoot.runs.run import Run, RunError, create, open_run
 from surefoot.runs.sampling import draw_starts, expert_rollouts
 from surefoot.runs.stages import collect_data

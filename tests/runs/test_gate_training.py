@@ -15,7 +15,7 @@ from surefoot.config import (
     PolicyConfig,
     TrainingConfig,
 )
-from surefoot.files import load_arrays
+from surefoot.config.array_io import load_arrays
 from surefoot.learning.classifier import digest, load_classifier
 from surefoot.learning.policy import load
 from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger

@@ -9,7 +9,7 @@ import pytest
 from surefoot.config import CommandBox, Config, RobotConfig
 from surefoot.config.single_gaits import each_gait
 from surefoot.mpc.gaits import gait_name, with_gait, with_gaits
-from surefoot.runs.prepare import first_stage
+from surefoot.runs.first_stage import first_stage
 from surefoot.runs.run import RunError, config_for, create, open_run
 from surefoot.scenarios import prepare as module
 from surefoot.scenarios.gaits import all_starts_of

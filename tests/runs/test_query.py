@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import Config, DisturbanceConfig, NoiseConfig
+from surefoot.config import Config, DisturbanceConfig, StateNoiseConfig
 from surefoot.learning.frames import PART, whole_episode
 from surefoot.learning.samples import held_out
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
@@ -130,7 +130,7 @@ DISTURBED = DisturbanceConfig(
     expert_impulse=(0.5, 1.0),
     friction=(0.5, 1.5),
     mass=(0.8, 1.2),
-    noise=NoiseConfig(joint_position=0.01),
+    noise=StateNoiseConfig(joint_position=0.01),
     delay=4,
 )
 

@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from surefoot.config import TABLE_I, Config, DisturbanceConfig, NoiseConfig, PolicyConfig
+from surefoot.config import TABLE_I, Config, DisturbanceConfig, PolicyConfig, StateNoiseConfig
 from surefoot.learning.classifier import Classifier, ClassifierQuality
 from surefoot.learning.observation import INPUT_SIZE, network_input, observation_spec
 from surefoot.robots.scaling import with_own_values
@@ -65,7 +65,7 @@ class Shaking:
 
 def rollout_with_gate(gate, duration=0.735, starts=STARTS, config=CONFIG):
     """A real rollout with noise and pushes, with a tail; the gate is asked at every tick of T."""
-    disturbing = DisturbanceConfig(2, noise=NoiseConfig(*[0.02] * 6))
+    disturbing = DisturbanceConfig(2, noise=StateNoiseConfig(*[0.02] * 6))
     disturbance = draw_disturbances(disturbing, 3, starts.id, duration, 0.5)
     return rollout(
         make_simulator(ROBOT, len(starts), config.simulation),

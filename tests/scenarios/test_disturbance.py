@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from scipy.stats import kstest
 
-from surefoot.config import Config, DisturbanceConfig, NoiseConfig, SafetyConfig
+from surefoot.config import Config, DisturbanceConfig, SafetyConfig, StateNoiseConfig
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes
@@ -20,7 +20,7 @@ from tests.fakes.plans import MODEL, state_of
 from tests.fakes.robots import ROBOT, STANDING, random_states
 from tests.fakes.simulator import FakeSimulator
 
-NOISE = NoiseConfig(0.01, 0.05, 0.1, 0.2, 0.03, 0.4)
+NOISE = StateNoiseConfig(0.01, 0.05, 0.1, 0.2, 0.03, 0.4)
 ALL = DisturbanceConfig(
     pushes=3,
     impulse=(0.5, 2.0),
@@ -259,11 +259,11 @@ def test_feet_and_center_of_mass_are_those_of_the_measured_configuration():
 
 def test_one_kind_of_noise_leaves_all_else_alone():
     truth = batch(*random_states(3))
-    (seen,) = measured(truth, NoiseConfig(joint_velocity=0.1))
+    (seen,) = measured(truth, StateNoiseConfig(joint_velocity=0.1))
     np.testing.assert_allclose(seen.q, truth.q, atol=1e-15)
     np.testing.assert_array_equal(seen.v[:, :6], truth.v[:, :6])
     assert (seen.v[:, 6:] != truth.v[:, 6:]).all()
-    (seen,) = measured(truth, NoiseConfig(base_height=0.1))
+    (seen,) = measured(truth, StateNoiseConfig(base_height=0.1))
     np.testing.assert_allclose(np.delete(seen.q, 2, axis=1), np.delete(truth.q, 2, axis=1))
     assert (seen.q[:, 2] != truth.q[:, 2]).all()
 
@@ -314,7 +314,7 @@ def starts(n=2):
 
 def noisy(sigma, n=2):
     return draw_disturbances(
-        DisturbanceConfig(noise=NoiseConfig(*[sigma] * 6)), 0, np.arange(n), 1.0, 0.5
+        DisturbanceConfig(noise=StateNoiseConfig(*[sigma] * 6)), 0, np.arange(n), 1.0, 0.5
     )
 
 
@@ -421,7 +421,7 @@ def test_a_disturbance_of_nothing_changes_no_bit_on_mujoco():
         DisturbanceConfig(pushes=3),
         DisturbanceConfig(friction=(0.3, 0.6)),
         DisturbanceConfig(mass=(1.2, 1.5)),
-        DisturbanceConfig(noise=NoiseConfig(joint_velocity=0.1)),
+        DisturbanceConfig(noise=StateNoiseConfig(joint_velocity=0.1)),
         DisturbanceConfig(delay=2),
     ],
     ids=["pushes", "friction", "mass", "noise", "delay"],

@@ -118,8 +118,19 @@ def test_grounds_of_some_robots_and_of_several_parts():
 def test_a_ground_that_is_none_is_refused():
     with pytest.raises(ValueError, match=r"origin \(2, 3\).*for 1"):
         Ground((Terrain("flat"),), np.zeros((2, 3)), np.zeros(1))
-    with pytest.raises(ValueError, match="not finite"):
-        Ground((Terrain("flat"),), np.full((1, 3), np.nan), np.zeros(1))
+    flat = (Terrain("flat"), Terrain("flat"))
+    far = np.array([0.0, np.inf])
+    with pytest.raises(ValueError, match="origin of robot 0: not finite"):
+        Ground(flat, np.full((2, 3), np.nan), np.zeros(2))
+    with pytest.raises(ValueError, match="yaw of robot 1: not finite"):
+        Ground(flat, np.zeros((2, 3)), far)
+    with pytest.raises(ValueError, match="felt of robot 1: not finite"):
+        Ground(flat, np.zeros((2, 3)), np.zeros(2), far)
+    with pytest.raises(ValueError, match="origin of robot 1: not finite"):
+        Ground(flat, np.zeros((2, 3)), np.zeros(2)).raised(far)
+    with pytest.raises(ValueError, match="points of robot 0: not finite"):
+        lying("bumps:0.05").heights(np.array([[[0.0, np.nan]]]))
+    assert len(Ground((), np.zeros((0, 3)), np.zeros(0))) == 0
     with pytest.raises(ValueError, match=r"bumps of 0.01 to 0.05; give one size"):
         Ground(parse_terrains("bumps:0.01..0.05"), np.zeros((1, 3)), np.zeros(1))
     with pytest.raises(ValueError, match="is a plane"):

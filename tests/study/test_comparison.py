@@ -16,10 +16,10 @@ from surefoot.config import (
     PolicyConfig,
     PushConfig,
 )
+from surefoot.config.array_io import load_arrays
 from surefoot.config.json_io import to_json
 from surefoot.evaluation.push_limits import PushDifference
 from surefoot.evaluation.statistics import paired_difference
-from surefoot.files import load_arrays
 from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.robots.scaling import with_own_values

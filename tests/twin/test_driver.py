@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import RobotConfig, SimulationConfig
-from surefoot.config.twin import NoiseConfig, TwinConfig
+from surefoot.config.twin import SensorNoiseConfig, TwinConfig
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel, clip_torque, standing
 from surefoot.sim import make_simulator
@@ -132,7 +132,7 @@ def test_motors_that_are_late_apply_old_commands(robot):
 
 
 def test_noise_has_its_deviation_and_no_bias(robot):
-    noise = NoiseConfig(0.005, 0.2, 0.02, 0.1, 0.01, 0.05)
+    noise = SensorNoiseConfig(0.005, 0.2, 0.02, 0.1, 0.01, 0.05)
     twin = driver(robot, TwinConfig(pose="standing", noise=noise))
     exact = driver(robot).read()
     drawn = [twin.read() for _ in range(2000)]
@@ -158,7 +158,7 @@ def test_noise_has_its_deviation_and_no_bias(robot):
 def test_noise_moves_nothing_but_the_measurement(robot):
     plain, noisy = (
         driver(robot),
-        driver(robot, TwinConfig(pose="standing", noise=NoiseConfig(joint_position=0.1))),
+        driver(robot, TwinConfig(pose="standing", noise=SensorNoiseConfig(joint_position=0.1))),
     )
     for twin in (plain, noisy):
         for _ in range(50):

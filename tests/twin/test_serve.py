@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.config.deploy import RuntimeConfig
-from surefoot.config.twin import LinkConfig, NoiseConfig, TwinConfig
+from surefoot.config.twin import LinkConfig, SensorNoiseConfig, TwinConfig
 from surefoot.deploy import protocol
 from surefoot.deploy.bridge import RESTING, serve_lockstep
 from surefoot.deploy.interfaces import JointCommand
@@ -60,7 +60,7 @@ BITS = ("joint_position", "joint_velocity", "joint_torque", "orientation", "base
     "config",
     [
         TwinConfig(),
-        TwinConfig(payload=1.6, delay=3, noise=NoiseConfig(joint_velocity=0.1), seed=5),
+        TwinConfig(payload=1.6, delay=3, noise=SensorNoiseConfig(joint_velocity=0.1), seed=5),
     ],
 )
 def test_the_same_flight_has_the_same_bits(config):
@@ -94,7 +94,7 @@ def test_what_the_twin_measures_is_what_the_runtime_reads():
 
 
 def test_seeds_and_links_are_those_of_the_configuration():
-    noise = NoiseConfig(joint_position=0.01)
+    noise = SensorNoiseConfig(joint_position=0.01)
     first, again, other = (
         flight_of(TwinConfig(noise=noise, seed=seed), 50)[1] for seed in (1, 1, 2)
     )
@@ -114,7 +114,9 @@ def test_a_twin_that_is_told_to_damp_collapses_and_stays_down():
 
 
 def test_a_runtime_after_a_fault_finds_the_robot_set_up_in_its_first_state():
-    runtime, first, channel = flight_of(TwinConfig(noise=NoiseConfig(joint_position=0.01)), 100)
+    runtime, first, channel = flight_of(
+        TwinConfig(noise=SensorNoiseConfig(joint_position=0.01)), 100
+    )
     runtime.stop()
     for _ in range(1500):
         runtime.tick()

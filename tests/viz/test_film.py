@@ -19,8 +19,8 @@ from surefoot.sim.terrain import Ground
 from surefoot.viz.film import (
     EXPERT_COLOR,
     INK,
-    NO_DRIVER_COLOR,
     POLICY_COLOR,
+    UNKNOWN_COLOR,
     Recording,
     contact_sheet,
     film,
@@ -173,7 +173,7 @@ def test_a_push_is_marked_on_the_timeline_and_named_for_150_ms():
     assert named == [False, True, True, False]
     # Without a driver the timeline is gray, and no driver is named.
     picture = frame(0, expert_drove=None, pushes=(40,))
-    assert is_color(picture[-2, 10:], NO_DRIVER_COLOR, 1).all()
+    assert is_color(picture[-2, 10:], UNKNOWN_COLOR, 1).all()
     assert (picture[170:212] == 255).all()
 
 

@@ -16,7 +16,7 @@ from surefoot.config import (
     Backend,
     SimulationConfig,
 )
-from surefoot.files import load_arrays
+from surefoot.config.array_io import load_arrays
 from surefoot.learning.frames import PART, whole_episode
 from surefoot.rollouts.jobs import disturbance_of, play_out, summarize_job
 from surefoot.rollouts.outcome import Outcome

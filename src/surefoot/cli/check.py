@@ -77,11 +77,11 @@ class Check:
     def replayed(self, file: ExportFile) -> LogReport | None:
         """What the replay of the log shows, if there is one."""
         from surefoot.interop.logs.check import check_log, check_pipeline
-        from surefoot.interop.logs.sensor_log import read_log
+        from surefoot.interop.logs.sensor_log import read_sensor_log
 
         if self.log is None:
             return None
-        log = read_log(self.log)
+        log = read_sensor_log(self.log)
         torch = None if self.policy is None else torch_network(self.policy, file.description)
         if file.description.kind == "pipeline":
             return check_pipeline(log, file, torch)

@@ -110,9 +110,9 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         policy, trained_on = find_policy(self.target)
         config = self.as_asked(trained_on)
         if self.starts is not None:
-            only_gait(config, "--starts")
+            only_gait(config, "--starts", "leave --starts out, or evaluate a policy of one gait")
         if self.pushes:
-            only_gait(config, "--pushes")
+            only_gait(config, "--pushes", "leave --pushes out, or push a policy of one gait")
         all_starts_of(config)
         run = run_of_policy(policy)
         if self.expert and run is not None:

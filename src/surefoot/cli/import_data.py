@@ -31,7 +31,7 @@ class ImportData(OnRobot):
 
     def __call__(self) -> int:
         """Import the logs, and say how large the dataset is."""
-        from surefoot.interop.datasets.arrays import frames_from_arrays, read_log
+        from surefoot.interop.datasets.arrays import frames_from_arrays, read_expert_log
         from surefoot.learning.dataset import Dataset
         from surefoot.robots.load import load_robot
 
@@ -43,7 +43,7 @@ class ImportData(OnRobot):
             if log.stem in data.shards:
                 raise ValueError(f"{self.out} has a shard {log.stem!r} already; rename {log}")
             try:
-                frames = frames_from_arrays(read_log(log), robot, next_episode(data))
+                frames = frames_from_arrays(read_expert_log(log), robot, next_episode(data))
             except ValueError as error:
                 raise ValueError(f"{log}: {error}") from error
             data.append(log.stem, frames)

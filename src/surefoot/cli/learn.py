@@ -116,13 +116,14 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         check_outputs([Output("--json", self.json)], new_run=folder)
         if self.heartbeat is not None:
             check_seconds(self.heartbeat, "--heartbeat")
-        only_gait(self.config, "learning on a robot")  # before initial states are prepared
+        # Before initial states are prepared.
+        only_gait(self.config, "learning on a robot", "name one of them with --gait")
         config = config_for(folder, self.with_commands(self.simulated(self.config)))
         check_config(config)
         run = create(folder, config, resume=True)
         check_robots_run(run)
         with ExitStack() as closing:
-            collection = RobotCollection(self.crew(run, closing), self.hint, self.prepare)
+            collection = RobotCollection(self.crew(run, closing), self.hint, self.take_priority)
             print(f"LocoSafeDAGGER on {self.robot}, preset {self.preset}, in {folder}", flush=True)
             policy = loco_safe_dagger(run, self.spread, on_robot=collection)
         cost = cost_of(read_attempts(folder))
@@ -140,9 +141,9 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
 
         return "" if self.unattended else f"the robot is damped; {UNSTEERED}"
 
-    def prepare(self) -> None:
-        """Prepare the thread that drives the robot."""
-        from surefoot.deploy.flight import take_real_time_priority
+    def take_priority(self) -> None:
+        """Give the thread that drives the robot its real-time priority, if it is to have one."""
+        from surefoot.deploy.drive import take_real_time_priority
 
         if self.realtime:
             take_real_time_priority()

@@ -71,7 +71,7 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         """Play, print, film; 1 if the robot fell, or the expert gave up."""
         if self.target is not None and self.target.suffix == ".npz":
             return self.film_flight(self.target)
-        from surefoot.interop.logs.sensor_log import SUFFIXES, log_of, write_log
+        from surefoot.interop.logs.sensor_log import SUFFIXES, sensor_log_of, write_sensor_log
         from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
         from surefoot.rollouts.jobs import play_out
@@ -103,7 +103,7 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             rollouts, expert = play_out(job, progress=bar.update)
         if self.log is not None and job.policy is not None:
             policy = load(job.policy) if isinstance(job.policy, Path) else job.policy
-            write_log(log_of(rollouts, 0, policy.spec), self.log)
+            write_sensor_log(sensor_log_of(rollouts, 0, policy.spec), self.log)
         report = report_episode(job, rollouts, expert, episode)
         show_record(report, self.json)
         warn_of_divergence(rollouts)
@@ -116,8 +116,8 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             pushes=push_ticks(job, rollouts),
             ground=rollouts.ground,
         )
-        driver = "policy" if episode is None else f"episode {episode}"
-        film_episode(recording, out, f"{driver}, vx {report.command[0]:.2f} m/s")
+        played = "policy" if episode is None else f"episode {episode}"
+        film_episode(recording, out, f"{played}, vx {report.command[0]:.2f} m/s")
         return int(rollouts.failed[0])
 
     @property

@@ -113,7 +113,7 @@ class Prepare(OnCommands, OnGait, OnRobot, OnSimulator):
         perturbation = scaled(PerturbationConfig(), self.scale)
         config = self.with_commands(self.with_robot(self.simulated(self.config)))
         if self.out is not None:
-            only_gait(config, "--out")
+            only_gait(config, "--out", "name one of them with --gait, or leave --out out")
         reports = []
         for one in each_gait(config):
             prepared = prepare(one, perturbation, self.seed)

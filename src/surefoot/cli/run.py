@@ -83,7 +83,7 @@ class RunPolicy:
     def __call__(self) -> int:
         """Drive until the robot is given up or stopped; 1 after a fault."""
         from surefoot.deploy.bridge import UdpChannel
-        from surefoot.deploy.flight import fly, take_real_time_priority
+        from surefoot.deploy.drive import drive, take_real_time_priority
         from surefoot.deploy.loop import Runtime
         from surefoot.deploy.policy import load
         from surefoot.deploy.udp_robot import UdpRobot, parse_address
@@ -112,7 +112,7 @@ class RunPolicy:
             runtime = Runtime(robot, policy, operator, self.config, safeguard=safeguard)
             if self.realtime:
                 take_real_time_priority()
-            report = fly(runtime, self.recording, self.keep)
+            report = drive(runtime, self.recording, self.keep)
         show_record(report, self.json)
         if report.recording:
             print(f"wrote {report.recording}", file=sys.stderr)
@@ -160,12 +160,12 @@ class RunPolicy:
         """
         from surefoot.config.checked import known
         from surefoot.deploy.gate import BoundsGate, GateSwitch
-        from surefoot.deploy.handover import ExpertDriver, Safeguard
+        from surefoot.deploy.handover import PlanFollower, Safeguard
         from surefoot.deploy.kinematics import com_in_base
 
         low, high = gate_bounds(policy, expert)
         table = policy.description.kinematics
-        driver = ExpertDriver(
+        expert = PlanFollower(
             link,
             known(expert.expert.kp, "expert.kp"),
             known(expert.expert.kd, "expert.kd"),
@@ -176,7 +176,7 @@ class RunPolicy:
         gate = BoundsGate(low, high, partial(com_in_base, table))
         # The switch is asked once in a tick of the policy.
         block = round(self.config.block * policy.rate_hz)
-        return Safeguard(GateSwitch(gate, block), driver)
+        return Safeguard(GateSwitch(gate, block), expert)
 
 
 def gate_bounds(policy: OnnxPolicy, expert: Config) -> tuple[Array, Array]:

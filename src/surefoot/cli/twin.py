@@ -46,7 +46,7 @@ class RunTwin:
         """Serve until the time is over."""
         from surefoot.config import RobotConfig
         from surefoot.deploy.bridge import UdpChannel
-        from surefoot.deploy.flight import take_real_time_priority
+        from surefoot.deploy.drive import take_real_time_priority
         from surefoot.deploy.udp_robot import address_text
         from surefoot.robots.load import load_robot
         from surefoot.twin.serve import make_twin

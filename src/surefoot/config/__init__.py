@@ -54,9 +54,9 @@ from surefoot.config.robots import RobotConfig
 from surefoot.config.safety import TABLE_I, GateName, HandBack, SafetyConfig
 from surefoot.config.scenarios import (
     DisturbanceConfig,
-    NoiseConfig,
     PerturbationConfig,
     Split,
+    StateNoiseConfig,
     TeachingSplit,
 )
 from surefoot.config.sim import Backend, SimulationConfig
@@ -91,7 +91,6 @@ __all__ = [
     "MethodConfig",
     "MirrorChoice",
     "MirrorName",
-    "NoiseConfig",
     "NumberFormat",
     "OtherGait",
     "PerturbationConfig",
@@ -105,6 +104,7 @@ __all__ = [
     "Schedule",
     "SimulationConfig",
     "Split",
+    "StateNoiseConfig",
     "Steps",
     "TeachingSplit",
     "TrainingConfig",

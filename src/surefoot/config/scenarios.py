@@ -49,8 +49,8 @@ class PerturbationConfig(Checked):
 
 
 @dataclass(frozen=True)
-class NoiseConfig(Checked):
-    """Standard deviations of white noise on what a robot measures, drawn anew at every tick."""
+class StateNoiseConfig(Checked):
+    """Standard deviations of white noise on the measured state, drawn anew at every tick."""
 
     section: ClassVar[str] = "disturbance.noise"
 
@@ -98,6 +98,6 @@ class DisturbanceConfig(Checked):
     mass: Factor = (1.0, 1.0)
     """The smallest and the largest factor on mass and inertia of the base; the planner does not
     know of it either."""
-    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    noise: StateNoiseConfig = field(default_factory=StateNoiseConfig)
     delay: Annotated[int, Within(0, LONGEST_DELAY)] = 0
     """[ms] how long it takes from a torque's command to its action."""

@@ -30,8 +30,8 @@ class LinkConfig(Checked):
 
 
 @dataclass(frozen=True)
-class NoiseConfig(Checked):
-    """Standard deviations of the noise on measurements, drawn anew every tick."""
+class SensorNoiseConfig(Checked):
+    """Standard deviations of white noise on each sensor of a twin, drawn anew at every tick."""
 
     section: ClassVar[str] = "twin.noise"
 
@@ -65,7 +65,7 @@ class TwinConfig(Checked):
     """Coefficient of the pair of floor and robot."""
     delay: Annotated[int, Within(0, 100)] = 0
     """[ms] from a command at the bridge to the motors."""
-    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    noise: SensorNoiseConfig = field(default_factory=SensorNoiseConfig)
     link: LinkConfig = field(default_factory=LinkConfig)
     command_timeout: Duration = 0.02
     """[s] the runtime may be silent for so long, unless a hardware profile says otherwise."""

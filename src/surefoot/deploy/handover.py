@@ -98,7 +98,7 @@ def expected(sensors: Sensors, ticks: int) -> tuple[Array, Array]:
     return q, v
 
 
-class ExpertDriver:
+class PlanFollower:
     """Drives with plans, and asks for the next ones in time.
 
     Args:
@@ -216,7 +216,7 @@ class Safeguard:
     """
 
     switch: Switch | None = None
-    expert: ExpertDriver | None = None
+    expert: PlanFollower | None = None
 
 
 def _turned(orientation: Array, turn: Array) -> Array:

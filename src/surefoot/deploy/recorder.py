@@ -14,8 +14,9 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.config.array_io import Shape, load_arrays
 from surefoot.deploy.interfaces import JointCommand, Sensors
-from surefoot.files import Shape, load_arrays, save_arrays
+from surefoot.files import save_arrays
 from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, Command, IntArray
 
 SECONDS = 10

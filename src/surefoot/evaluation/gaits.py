@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.config import Config
+from surefoot.evaluation.digits import as_digits
 from surefoot.evaluation.statistics import Interval, wilson
-from surefoot.files import as_digits
 from surefoot.mpc.gaits import gait_name
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes, Rollout

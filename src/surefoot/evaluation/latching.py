@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from surefoot.evaluation.digits import as_digits
 from surefoot.evaluation.ids import ids_as_text
-from surefoot.files import as_digits
 from surefoot.rollouts.latching import Latch
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary

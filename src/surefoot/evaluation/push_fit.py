@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import isotonic_regression
 
+from surefoot.evaluation.digits import from_digits
 from surefoot.evaluation.statistics import Interval, Z, resamples
-from surefoot.files import from_digits
 from surefoot.types import Array
 
 

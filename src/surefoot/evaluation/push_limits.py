@@ -13,6 +13,7 @@ import numpy as np
 
 from surefoot.config import PushConfig
 from surefoot.config.checked import known
+from surefoot.evaluation.digits import as_digits
 from surefoot.evaluation.push_fit import (
     fitted_level,
     limit_interval,
@@ -20,7 +21,6 @@ from surefoot.evaluation.push_fit import (
     robots_needed,
 )
 from surefoot.evaluation.statistics import Interval, check_paired, percentiles
-from surefoot.files import as_digits
 from surefoot.scenarios.starts import StartSet
 from surefoot.types import Array, BoolArray
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from surefoot.config import Config
 from surefoot.errors import shown
+from surefoot.evaluation.digits import as_digits, from_digits
 from surefoot.evaluation.gaits import GaitResult, results_by_gait
 from surefoot.evaluation.ids import count_ids, ids_as_text, ids_from_text
 from surefoot.evaluation.latching import Latching, latching_of
@@ -25,7 +26,6 @@ from surefoot.evaluation.statistics import (
     paired_difference,
     wilson,
 )
-from surefoot.files import as_digits, from_digits
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import binomtest, norm, sem
+from scipy.stats import norm, sem
 from scipy.stats import t as student_t
 
 from surefoot.errors import shown
@@ -66,15 +66,23 @@ class RunMeans:
     runs: tuple[float, ...]
 
 
-def wilson(successes: int, n: int) -> Interval:
-    """Wilson's 95 % interval of a share.
+def wilson(successes: float, n: float) -> Interval:
+    """Wilson's 95 % score interval of a share.
+
+    The numbers may be fractions, where trials that depend on each other count as fewer independent
+    ones; SciPy's ``binomtest`` has the same formula for whole numbers only.
 
     Args:
-        successes: Number of successes.
-        n: Number of trials, at least 1.
+        successes: Number of successes, from 0 to n.
+        n: Number of trials, more than 0.
     """
-    interval = binomtest(successes, n).proportion_ci(method="wilson")
-    return float(interval.low), float(interval.high)
+    share = successes / n
+    center = (2 * n * share + Z**2) / (2 * (n + Z**2))
+    half = Z / (2 * (n + Z**2)) * np.sqrt(4 * n * share * (1 - share) + Z**2)
+    # Without rounding the ends are exactly 0 and 1 where all trials agree.
+    low = 0.0 if successes == 0 else float(center - half)
+    high = 1.0 if successes == n else float(center + half)
+    return low, high
 
 
 def newcombe(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> Interval:
@@ -253,7 +261,7 @@ def _t_interval(
         return of_means
     mean = float(means.mean())
     n_eff = effective_rollouts([len(run) for run in runs], correlation)
-    low, high = score_interval(mean, n_eff)
+    low, high = wilson(mean * n_eff, n_eff)
     if of_means is not None:
         low = min(low, of_means[0])
         high = max(high, of_means[1])
@@ -289,18 +297,6 @@ def effective_rollouts(rollouts: Sequence[int], correlation: float = 0.0) -> flo
     return len(counts) ** 2 / float(((1 + (counts - 1) * correlation) / counts).sum())
 
 
-def score_interval(share: float, n: float) -> Interval:
-    """Wilson's interval of a share in an effective number of trials, which may be a fraction.
-
-    Args:
-        share: The share, from 0 to 1.
-        n: The effective number of trials, more than 0.
-    """
-    center = (share + Z**2 / (2 * n)) / (1 + Z**2 / n)
-    half = Z / (1 + Z**2 / n) * np.sqrt(share * (1 - share) / n + Z**2 / (4 * n**2))
-    return max(float(center - half), 0.0), min(float(center + half), 1.0)
-
-
 def unpaired_difference(a: float, n_a: float, b: float, n_b: float) -> Interval:
     """Newcombe's 95 % score interval of a difference of shares, for independent outcomes.
 
@@ -313,8 +309,8 @@ def unpaired_difference(a: float, n_a: float, b: float, n_b: float) -> Interval:
         b: Share of the other arm, which is subtracted.
         n_b: Its effective number of trials.
     """
-    low_a, high_a = score_interval(a, n_a)
-    low_b, high_b = score_interval(b, n_b)
+    low_a, high_a = wilson(a * n_a, n_a)
+    low_b, high_b = wilson(b * n_b, n_b)
     below = _square_and_add(a - low_a, high_b - b, 0.0)
     above = _square_and_add(high_a - a, b - low_b, 0.0)
     return a - b - below, a - b + above

@@ -2,7 +2,7 @@
 
 A thread of its own drives the robot, so that episodes are stored while it stands. An episode is
 stored as soon as it is over; one that is interrupted, by the operator, a kill of either side or a
-fault that says nothing of the policy, is dropped whole and flown again. Read `session` for what
+fault that says nothing of the policy, is dropped whole and tried again. Read `session` for what
 becomes of an episode.
 """
 
@@ -18,7 +18,7 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from surefoot.config import DisturbanceConfig
-from surefoot.deploy.flight import unused, without_pauses
+from surefoot.deploy.drive import unused, without_pauses
 from surefoot.deploy.handover import PLANNER_ENDED
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.deploy.recorder import save_flight
@@ -51,18 +51,18 @@ class RobotCollection:
     Args:
         crew: The robot, its expert, and who watches over it.
         start: What is to be said while the robot waits for its operator; empty says nothing.
-        prepare: Called first in the thread that drives, such as for real-time priority.
+        on_thread: Called first in the thread that drives, such as for real-time priority.
     """
 
     def __init__(
-        self, crew: Crew, start: str = "", prepare: Callable[[], None] = lambda: None
+        self, crew: Crew, start: str = "", on_thread: Callable[[], None] = lambda: None
     ) -> None:
         self._crew = crew
         self._start = start
-        self._prepare = prepare
+        self._on_thread = on_thread
 
     def __call__(self, run: Run, iteration: int, job: Job, workers: Workers) -> Collected:
-        """D <- D u D': fly the episodes of a job, and append the frames that its rule keeps.
+        """D <- D u D': run the episodes of a job, and append the frames that its rule keeps.
 
         Args:
             run: The run.
@@ -74,17 +74,17 @@ class RobotCollection:
             raise ValueError("a robot is driven by the policy of a file, and the job names none")
         policy = deployed_policy(job.policy, self._crew.robot, run.config)
 
-        def fly(
+        def run_jobs(
             jobs: Sequence[Job], workers: Workers, title: str
         ) -> Generator[tuple[int, ChunkResult]]:
-            return self._fly(run.folder, policy, jobs)
+            return self._run_jobs(run.folder, policy, jobs)
 
-        return collect_data(run, iteration, on_robot(job, self._crew.robot), workers, fly)
+        return collect_data(run, iteration, on_robot(job, self._crew.robot), workers, run_jobs)
 
-    def _fly(
+    def _run_jobs(
         self, folder: Path, policy: OnnxPolicy, jobs: Sequence[Job]
     ) -> Generator[tuple[int, ChunkResult]]:
-        """Fly one episode after another; yield the number and the result of each."""
+        """Run one episode after another; yield the number and the result of each."""
         if not jobs:
             return
         crew = self._crew
@@ -98,10 +98,13 @@ class RobotCollection:
                         raise message
                     number, report = message
                     _record(folder, attempts, report)
-                    if report.flown is not None:
-                        yield number, result_of(jobs[number], report.flown, crew.robot, crew.config)
+                    if report.episode is not None:
+                        yield (
+                            number,
+                            result_of(jobs[number], report.episode, crew.robot, crew.config),
+                        )
         finally:
-            # After a Ctrl-C nobody takes these episodes any more, but the robot flew them.
+            # After a Ctrl-C nobody takes these episodes any more, but the robot walked them.
             while not messages.empty():
                 message = messages.get()
                 if isinstance(message, tuple):
@@ -116,23 +119,23 @@ class RobotCollection:
         messages: SimpleQueue[Message],
         stop: threading.Event,
     ) -> None:
-        """Fly the episodes, each until it is no longer to be tried again; what the thread does."""
-        self._prepare()
+        """Run the episodes, each until it is no longer to be tried again; what the thread does."""
+        self._on_thread()
         session: Session | None = None
         dropped = 0
         try:
             for number, job in enumerate(jobs):
-                flown = False
-                while not flown:
+                done = False
+                while not done:
                     if session is None:
                         session = Session(self._crew, policy, stop.is_set)
                         self._crew.person.halt()  # what was typed during a training is old
                         if self._start:
                             logger.info(self._start)
-                    report = session.fly(job)
+                    report = session.run_episode(job)
                     messages.put((number, report))
-                    flown = report.flown is not None
-                    dropped = 0 if flown else dropped + 1
+                    done = report.episode is not None
+                    dropped = 0 if done else dropped + 1
                     if stop.is_set():
                         return
                     ended = session.lost or report.attempt.detail
@@ -153,7 +156,7 @@ class RobotCollection:
 
 
 def on_robot(job: Job, robot: RobotModel) -> Job:
-    """A job whose episodes a robot can fly: it begins standing, and nothing disturbs it on purpose.
+    """A job whose episodes a robot can walk: it begins standing, and nothing is to disturb it.
 
     Each episode is a chunk of its own, so that it is stored as soon as it is over.
 

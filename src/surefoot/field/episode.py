@@ -95,8 +95,8 @@ class EpisodeLog:
 
 
 @dataclass(frozen=True)
-class Flown:
-    """An episode that has been flown.
+class RecordedEpisode:
+    """An episode that a robot has walked.
 
     Attributes:
         flight: Its ticks, those in which the robot was driven.
@@ -111,16 +111,16 @@ class Flown:
     invalid_plans: int
 
 
-def result_of(job: Job, flown: Flown, robot: RobotModel, config: Config) -> ChunkResult:
+def result_of(job: Job, episode: RecordedEpisode, robot: RobotModel, config: Config) -> ChunkResult:
     """What a run stores of an episode, as `rollouts.jobs.run_chunk` does of simulated ones.
 
     Args:
         job: The job of the episode, one of one robot.
-        flown: What happened.
+        episode: What happened.
         robot: The robot.
         config: The configuration, with the robot's own values.
     """
-    rollout, measured = rollout_of(job, flown, robot)
+    rollout, measured = rollout_of(job, episode, robot)
     recording = concatenate([])
     if job.keep is not None:
         # What happened in the ticks that nothing measured is not known.
@@ -129,25 +129,25 @@ def result_of(job: Job, flown: Flown, robot: RobotModel, config: Config) -> Chun
         episode=job.episode,
         query=False,
         expert=expert_name(job),
-        plans=np.array([flown.plans]),
-        invalid_plans=np.array([flown.invalid_plans]),
+        plans=np.array([episode.plans]),
+        invalid_plans=np.array([episode.invalid_plans]),
     )
     summary = summarize(rollout, recording.kept_frames, info, robot, config)
     trace = trace_of(rollout, job.episode, config) if job.trace else None
     return ChunkResult(summary, recording, trace)
 
 
-def rollout_of(job: Job, flown: Flown, robot: RobotModel) -> tuple[Rollout, BoolArray]:
+def rollout_of(job: Job, episode: RecordedEpisode, robot: RobotModel) -> tuple[Rollout, BoolArray]:
     """An episode as a rollout of one robot, and ``(1, T)`` True for the ticks that were measured.
 
     A tick of the gait clock that the runtime has missed repeats the one before it.
 
     Args:
         job: The job of the episode, one of one robot.
-        flown: What happened; one tick of it at least.
+        episode: What happened; one tick of it at least.
         robot: The robot.
     """
-    flight = flown.flight
+    flight = episode.flight
     proper = to_ticks(job.episodes.duration)
     total = proper + to_ticks(job.episodes.tail)
     clock = np.arange(total)
@@ -176,7 +176,7 @@ def rollout_of(job: Job, flown: Flown, robot: RobotModel) -> tuple[Rollout, Bool
         body_contact=np.zeros((1, total), dtype=bool),
         starts=starts,
         length=np.array([min(int(flight.gait_tick[-1]) + 1, total)]),
-        outcome=np.array([flown.outcome], dtype=np.int64),
+        outcome=np.array([episode.outcome], dtype=np.int64),
         duration=proper,
     )
     return rollout, measured[None]

@@ -1,6 +1,6 @@
 """A session with a robot: from the greeting of its bridge until its joints are damped.
 
-A session flies episodes one after another, and the robot stands in between. A fault ends it, and so
+A session runs episodes one after another, and the robot stands in between. A fault ends it, and so
 do the operator and the end of an iteration; the next one begins with a new greeting. Read
 `deploy.loop` for what a tick does, and `collection` next.
 """
@@ -19,9 +19,9 @@ import numpy as np
 from surefoot.config import Config
 from surefoot.config.checked import known
 from surefoot.config.deploy import RuntimeConfig
+from surefoot.deploy.drive import LAST_WORDS
 from surefoot.deploy.faults import Fault
-from surefoot.deploy.flight import LAST_WORDS
-from surefoot.deploy.handover import PLANNER_ENDED, ExpertDriver, PlanLink, Safeguard
+from surefoot.deploy.handover import PLANNER_ENDED, PlanFollower, PlanLink, Safeguard
 from surefoot.deploy.interfaces import Sensors, Stale
 from surefoot.deploy.loop import Runtime
 from surefoot.deploy.operator import Wish
@@ -29,7 +29,7 @@ from surefoot.deploy.policy import OnnxPolicy
 from surefoot.deploy.recorder import Flight
 from surefoot.deploy.udp_robot import UdpRobot
 from surefoot.field.attempts import FALLS, Attempt, End
-from surefoot.field.episode import EpisodeLog, Flown
+from surefoot.field.episode import EpisodeLog, RecordedEpisode
 from surefoot.field.switch import EpisodeSwitch
 from surefoot.interop.onnx.file import describe
 from surefoot.learning.network import MINIMUM_ROWS
@@ -125,12 +125,12 @@ class Report:
 
     Attributes:
         attempt: What the robot went through.
-        flown: The episode; None if it is to be tried again.
+        episode: The episode; None if it is to be tried again.
         last_seconds: The last ten seconds before a fault; None without one.
     """
 
     attempt: Attempt
-    flown: Flown | None
+    episode: RecordedEpisode | None
     last_seconds: Flight | None
 
 
@@ -155,7 +155,7 @@ class Session:
         self._robot = _connected(crew.connection, stopped)
         expert = crew.config.expert
         lockstep = self._robot.lockstep
-        self._driver = ExpertDriver(
+        self._expert = PlanFollower(
             crew.planner,
             known(expert.kp, "expert.kp"),
             known(expert.kd, "expert.kd"),
@@ -179,7 +179,7 @@ class Session:
         """Why nobody watches over the robot any more; empty as long as somebody does."""
         return self._operator.lost
 
-    def fly(self, job: Job) -> Report:
+    def run_episode(self, job: Job) -> Report:
         """Stand the robot up if it lies, drive it for an episode, and let it stand again.
 
         Args:
@@ -194,8 +194,8 @@ class Session:
             self._switch.job = job
         self._operator.command = Command(*job.starts.command[0].tolist())
         self._operator.rest = False
-        plans = self._driver.plans
-        invalid = self._driver.invalid
+        plans = self._expert.plans
+        invalid = self._expert.invalid
         while not (runtime.over or log.whole or self._stopped()):
             runtime.tick()
         self._operator.rest = True
@@ -216,14 +216,14 @@ class Session:
         )
         self._ticks = runtime.ticks
         self._missed = runtime.missed
-        flown = None
+        episode = None
         if outcome is not None:
-            counts = (self._driver.plans - plans, self._driver.invalid - invalid)
-            flown = Flown(log.flight(), outcome, *counts)
+            counts = (self._expert.plans - plans, self._expert.invalid - invalid)
+            episode = RecordedEpisode(log.flight(), outcome, *counts)
         last = None
         if runtime.fault is not None:
             last = runtime.recorder.flight(attempt.fault, attempt.detail)
-        return Report(attempt, flown, last)
+        return Report(attempt, episode, last)
 
     def close(self) -> None:
         """Damp the robot, and give it free."""
@@ -243,7 +243,7 @@ class Session:
             self._policy,
             self._operator,
             crew.runtime,
-            safeguard=Safeguard(self._switch, self._driver),
+            safeguard=Safeguard(self._switch, self._expert),
         )
         return self._runtime
 

@@ -194,7 +194,7 @@ class Policy:
         return runner(onnx_graph(layers))
 
     def reset(self, batch: int) -> None:
-        """Forget everything, and prepare for ``batch`` robots."""
+        """Forget everything, and be ready for ``batch`` robots."""
         history = self.spec.observation.layout.history
         self._batch = batch
         self._memory = None if history is None else Memory(history, batch)

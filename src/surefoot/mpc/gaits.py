@@ -26,6 +26,9 @@ __all__ = [
     "with_gaits",
 ]
 
+EACH_GAIT = "use one of `surefoot.config.single_gaits.each_gait(config)`"
+"""The advice to those who write Python."""
+
 
 def with_gait(config: Config, name: str) -> Config:
     """The configuration, with a named gait, and with what follows from another gait than the trot.
@@ -73,12 +76,13 @@ def with_gaits(config: Config, names: Sequence[str]) -> Config:
     return replace(first, other_gaits=tuple(others))
 
 
-def only_gait(config: Config, what: str) -> Config:
+def only_gait(config: Config, what: str, advice: str = EACH_GAIT) -> Config:
     """The configuration itself, if it has one gait.
 
     Args:
         config: The configuration.
         what: What takes one gait alone, as the beginning of a sentence.
+        advice: What to do instead, as the end of a sentence.
 
     Raises:
         ValueError: It has several; the message says what to do.
@@ -86,7 +90,7 @@ def only_gait(config: Config, what: str) -> Config:
     if config.other_gaits:
         raise ValueError(
             f"{what} takes one gait, but the configuration has {len(config.gaits)}: "
-            f"{names_of(config)}; use one of `surefoot.config.single_gaits.each_gait(config)`"
+            f"{names_of(config)}; {advice}"
         )
     return config
 

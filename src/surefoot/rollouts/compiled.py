@@ -94,7 +94,7 @@ class CompiledLayout:
         self._sample_columns = _columns(() if history is None else history.parts)
 
     def reset(self, batch: int) -> None:
-        """Forget everything, and prepare for ``batch`` robots."""
+        """Forget everything, and be ready for ``batch`` robots."""
         self._policy.reset(batch)
         spec = self._policy.spec.observation
         # The rows beyond the robots stay zero.

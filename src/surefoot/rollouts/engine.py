@@ -116,7 +116,7 @@ def rollout(
     felt_ground = None if episodes.ground is None else episodes.ground.felt
     apart = felt_ground is not None or measure is not None
     recorder = _Recorder(total, B, noisy=apart, ask_always=ask_always)
-    drivers = _Drivers(expert, policy, starts.command, robot.torque_limit, ask_always)
+    controllers = _Controllers(expert, policy, starts.command, robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)
     # For how many ticks without a break something other than a foot has touched the ground.
     lying = np.zeros(B, dtype=np.int64) if safety.body_contact > 0.0 else None
@@ -150,7 +150,7 @@ def rollout(
         for walker in walkers:
             walker.gait = episodes.gait_at(elapsed)
         choice = arbiter.choose(state, tick, starts.command) if elapsed < T else everyone
-        torque = drivers.torque(state, tick, choice, elapsed, recorder)
+        torque = controllers.torque(state, tick, choice, elapsed, recorder)
         if remembering is not None:  # whoever drove
             remembering.observe(state, tick, torque)
         if elapsed == 0:
@@ -280,7 +280,7 @@ class _Recorder:
         )
 
 
-class _Drivers:
+class _Controllers:
     """The expert and the policy: between them they give the torque of every tick."""
 
     def __init__(

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config, SafetyConfig
-from surefoot.files import Shape
+from surefoot.config.array_io import Shape
 from surefoot.learning.frames import Frames
 from surefoot.robots.model import RobotModel
 from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.latching import first_latches
 from surefoot.rollouts.outcome import failed, heights_of_swings, strictly_stepping
-from surefoot.rotations import heading, roll_pitch, roll_pitch_yaw, rotation, to_heading
+from surefoot.rotations import heading_velocity, roll_pitch, roll_pitch_yaw, rotation
 from surefoot.safety.gates import margin
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, Command, IntArray, to_ticks
 
@@ -273,11 +273,7 @@ def _mean(values: Array, mask: BoolArray) -> Array:
 
 def velocities(rollouts: Rollout) -> Array:
     """``(B, T, 3)`` base vx, vy [m/s] and yaw rate [rad/s] in the heading frame."""
-    R = rotation(rollouts.q[..., 3:7])
-    linear = np.einsum("...ij,...j->...i", R, rollouts.v[..., :3])
-    yaw_rate = np.einsum("...j,...j->...", R[..., 2, :], rollouts.v[..., 3:6])
-    horizontal = to_heading(linear[..., :2], heading(R))
-    return np.concatenate([horizontal, yaw_rate[..., None]], axis=-1)
+    return heading_velocity(rotation(rollouts.q[..., 3:7]), rollouts.v)
 
 
 def settled_part(length: int) -> slice:

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config, SafetyConfig
+from surefoot.config.array_io import Shape
 from surefoot.config.safety import HISTORY_HORIZON
-from surefoot.files import Shape
 from surefoot.learning.observation import INPUT_SIZE, network_input, state_spec
 from surefoot.rollouts.episodes import Rollout
 from surefoot.safety.gates import unsafe

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.files import load_arrays, save_arrays
+from surefoot.config.array_io import load_arrays
+from surefoot.files import save_arrays
 from surefoot.rollouts.jobs import ChunkResult, Job, chunks_of, expert_name, run_chunk
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join_summaries

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import GateName
+from surefoot.config.array_io import load_arrays
 from surefoot.config.checked import known
-from surefoot.files import load_arrays
 from surefoot.learning.classifier import digest, fit_classifier, load_classifier, save_classifier
 from surefoot.learning.observation import network_input, state_spec
 from surefoot.learning.policy import Policy, load

@@ -15,9 +15,9 @@ import numpy as np
 from tqdm import tqdm
 
 from surefoot.config import IterativeConfig, Steps
+from surefoot.config.array_io import load_arrays
 from surefoot.evaluation.mirror_error import make_mirror
 from surefoot.evaluation.robustness import evaluate
-from surefoot.files import load_arrays
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, policy_spec, save

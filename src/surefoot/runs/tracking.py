@@ -227,7 +227,7 @@ class _Trackio:
     """
 
     def __init__(self, run: Run) -> None:
-        import trackio
+        import trackio  # pyright: ignore[reportMissingImports]
 
         folder = run.folder.resolve()
         name = f"{folder.name}-{sha256(str(folder).encode()).hexdigest()[:8]}"

@@ -24,7 +24,7 @@ class Gate(Protocol):
     """Says which states are unsafe, so that the expert has to drive."""
 
     def reset(self, batch: int) -> None:
-        """Forget everything and prepare for ``batch`` robots."""
+        """Forget everything and be ready for ``batch`` robots."""
         ...
 
     def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:

@@ -41,7 +41,7 @@ class SafetyMonitor:
         self.reset(0)
 
     def reset(self, batch: int) -> None:
-        """Reset the gate and prepare for ``batch`` robots, none of which is blocked."""
+        """Reset the gate and be ready for ``batch`` robots, none of which is blocked."""
         self._gate.reset(batch)
         self._blocked_for = np.full(batch, -1)  # ticks since the takeover; -1: the policy drives
         self._any_blocked = False

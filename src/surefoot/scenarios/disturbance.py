@@ -14,7 +14,7 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import DisturbanceConfig, NoiseConfig
+from surefoot.config import DisturbanceConfig, StateNoiseConfig
 from surefoot.config.checked import known
 from surefoot.config.scenarios import LONGEST_DELAY, LONGEST_PUSH
 from surefoot.robots.model import RobotModel
@@ -117,7 +117,7 @@ class Disturbance:
     pushes: Pushes | None = None
     friction: Array | None = None
     mass: Array | None = None
-    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    noise: StateNoiseConfig = field(default_factory=StateNoiseConfig)
     delay: int = 0
     seeds: tuple[np.random.SeedSequence, ...] = ()
     measured: IntArray | None = None
@@ -341,7 +341,7 @@ def make_sensors(robot: RobotModel, disturbance: Disturbance) -> Callable[[State
     return _Sensors(robot, sigma, disturbance)
 
 
-def _standard_deviations(noise: NoiseConfig) -> Array:
+def _standard_deviations(noise: StateNoiseConfig) -> Array:
     """``(36,)`` standard deviations of a displacement in the base frame, and of a velocity."""
     return np.concatenate(
         [

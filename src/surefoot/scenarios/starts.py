@@ -21,11 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config, Gait, Split
+from surefoot.config.array_io import parse_npz
 from surefoot.config.json_text import read_file
 from surefoot.config.presets import STRAIGHT_TROT, straight_trot
 from surefoot.config.robot_table import SOLO12
 from surefoot.errors import unknown
-from surefoot.files import parse_npz, write_atomic
+from surefoot.files import write_atomic
 from surefoot.mpc.gaits import GAITS, gait_name, only_gait
 from surefoot.scenarios.preparation import Preparation, read_preparation, text_of
 from surefoot.scenarios.spread import along_one_axis, spread_cells
@@ -43,8 +44,7 @@ HASHED = ("q", "v", "tick", "command", "id")
 """The arrays of a set, which its hash is of. All of its states are of one gait."""
 SPLITS: tuple[Split, ...] = get_args(Split)
 PACKAGED = (STRAIGHT_TROT, "solo12-trot-v1-wide")
-"""The sets that come with the package: Solo12 trots forward at 0 to 0.3 m/s. The first set is
-perturbed with the paper's standard deviations, the second with 1.5 times those."""
+"""Sets in the package: Solo12 trots at 0 to 0.3 m/s, perturbed as in the paper or 1.5 times so."""
 
 
 @dataclass(frozen=True)

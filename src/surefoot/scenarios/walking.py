@@ -14,7 +14,7 @@ from surefoot.config import CommandBox, Config, SafetyConfig
 from surefoot.mpc.expert import make_expert
 from surefoot.robots.bounds import fallen
 from surefoot.robots.model import RobotModel, clip_torque, standing, stop_speeding
-from surefoot.rotations import heading, rotation, to_heading
+from surefoot.rotations import heading_velocity, rotation
 from surefoot.sim import make_simulator
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, to_ticks
 
@@ -67,11 +67,7 @@ class Walks:
     @property
     def mean_velocity(self) -> Array:
         """``(n, 3)`` mean vx, vy [m/s] and yaw rate [rad/s] in the heading frame."""
-        R = rotation(self.q[..., 3:7])
-        linear = np.einsum("...ij,...j->...i", R, self.v[..., :3])
-        yaw_rate = np.einsum("...j,...j->...", R[..., 2, :], self.v[..., 3:6])
-        horizontal = to_heading(linear[..., :2], heading(R))
-        return np.concatenate([horizontal, yaw_rate[..., None]], axis=-1).mean(axis=0)
+        return heading_velocity(rotation(self.q[..., 3:7]), self.v).mean(axis=0)
 
     def fallen(self, safety: SafetyConfig) -> BoolArray:
         """``(T, n)`` True where a robot has fallen."""

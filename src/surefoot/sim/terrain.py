@@ -136,8 +136,8 @@ class Ground:
             )
         if np.shape(self.felt) != (B,):
             raise ValueError(f"ground: felt {np.shape(self.felt)} for {B} terrains; give ({B},)")
-        if not (np.isfinite(self.origin).all() and np.isfinite(self.yaw).all()):
-            raise ValueError("ground: a place or a heading is not finite")
+        for name, values in (("origin", self.origin), ("yaw", self.yaw), ("felt", self.felt)):
+            _check_finite(f"ground: {name}", values)
         for terrain in self.terrains:
             if terrain.low != terrain.high:
                 raise ValueError(
@@ -172,11 +172,27 @@ class Ground:
 
         Args:
             points: ``(B, n, 2)`` or ``(B, n, 3)`` points of the world [m]; z is not used.
+
+        Raises:
+            ValueError: A point is not finite, so that there is nothing below it.
         """
+        _check_finite("ground: points", points[..., :2])
         turn = np.stack([np.cos(self.yaw), np.sin(self.yaw)], axis=-1)[:, None]
         local = to_heading(points[..., :2] - self.origin[:, None, :2], turn)
         rows = zip(self.terrains, local, strict=True)
         return self.origin[:, 2:] + np.array([_heights(terrain, xy) for terrain, xy in rows])
+
+
+def _check_finite(name: str, values: Array) -> None:
+    """Check the numbers of each of B robots.
+
+    Raises:
+        ValueError: One is not finite; the message names the robot.
+    """
+    is_finite = np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+    if not is_finite.all():
+        row = int(is_finite.argmin())
+        raise ValueError(f"{name} of robot {row}: not finite; give finite numbers")
 
 
 def join_grounds(parts: Sequence[Ground]) -> Ground:

@@ -15,7 +15,7 @@ from typing import Literal
 from surefoot.config import Config
 from surefoot.config.study import EXPERT, StudyConfig, Technique, config_of
 from surefoot.errors import unknown
-from surefoot.runs.prepare import Shared, first_stage
+from surefoot.runs.first_stage import Shared, first_stage
 
 JobKind = Literal["share", "train", "measure"]
 """What a job does: it makes what several cells begin with, trains a cell's run, or measures it."""

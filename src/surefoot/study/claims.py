@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from surefoot.evaluation.statistics import Interval, RunMeans, score_interval
+from surefoot.evaluation.statistics import Interval, RunMeans, wilson
 from surefoot.study.run_statistics import (
     RunDifference,
     Runs,
@@ -334,7 +334,8 @@ def reason_of(
     )
     if isinstance(estimate, RunDifference):
         return f"{agree}."
-    low, high = score_interval(estimate.mean, len(estimate.runs))
+    runs = len(estimate.runs)
+    low, high = wilson(estimate.mean * runs, runs)
     return (
         f"{agree}; if the rollouts of a run were all alike, it would be {_plain(low, quantity)} to "
         f"{_plain(high, quantity)} {quantity.unit}."

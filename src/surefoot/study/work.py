@@ -25,9 +25,9 @@ from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.robustness import evaluate
 from surefoot.files import write_atomic
 from surefoot.methods import METHODS
+from surefoot.runs.first_stage import copy_first_stage
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import StageRecord, Trained
-from surefoot.runs.prepare import copy_first_stage
 from surefoot.runs.run import config_for, create, open_run
 from surefoot.runs.stages import collect_data, train_policy
 from surefoot.runs.versions import versions

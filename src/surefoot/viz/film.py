@@ -48,8 +48,8 @@ EXPERT_COLOR = "#0072B2"
 """Blue of the palette of Okabe and Ito, which color-blind people can tell apart."""
 POLICY_COLOR = "#D55E00"
 """Vermilion of the same palette."""
-NO_DRIVER_COLOR = "#666666"
-"""Gray of the timeline where the driver is not known."""
+UNKNOWN_COLOR = "#666666"
+"""Gray of the timeline where nobody knows who drove."""
 INK = "#282D37"
 """Color of texts and marks."""
 
@@ -62,13 +62,13 @@ class Recording:
         robot: The robot.
         simulation: Configuration of the simulator that recorded it.
         q: ``(T, 19)`` configurations, one for each tick of 1 ms [m, unit quaternion, rad].
-        expert_drove: ``(T,)`` True where the expert drove; None if the driver is not to be shown.
+        expert_drove: ``(T,)`` True where the expert drove; None if that is not to be shown.
         pushes: Ticks at which a push begins.
         ground: The ground of that robot; None is level ground at z = 0.
 
     Raises:
-        ValueError: ``q`` is not the recording of one robot, or the drivers, pushes or ground do not
-            belong to that recording.
+        ValueError: ``q`` is not the recording of one robot, or the expert's ticks, pushes or the
+            ground do not belong to that recording.
     """
 
     robot: RobotModel
@@ -110,8 +110,8 @@ def film(
 ) -> Path:
     """Film a robot from its front right, as an MP4 (H.264, yuv420p); whole or not at all.
 
-    If the recording has drivers or pushes, each frame names them, and a timeline at the bottom edge
-    shows who drove when; a push is named for 150 ms.
+    If the recording has pushes, or says who drove, each frame says so, and a timeline at the bottom
+    edge shows who drove when; a push is named for 150 ms.
 
     Args:
         recording: What the robot did.
@@ -156,7 +156,7 @@ def contact_sheet(recording: Recording, path: Path, frames: int = 12) -> Path:
     """The middle of a recording in one picture (PNG): 24 frames a second, four in a row.
 
     The camera stands still on the robot's right: a stance foot that does not slip keeps its place
-    from frame to frame. Twelve frames are one period of the trot. Driver and pushes are named in
+    from frame to frame. Twelve frames are one period of the trot. Who drove and pushes are named in
     each frame, without a timeline.
 
     Args:
@@ -276,7 +276,7 @@ def _pictures(
 
 
 def _draw_caption(picture: Image.Image, recording: Recording, tick: int, title: str) -> None:
-    """Draw title and time at the top, and driver and push in boxes at the bottom left."""
+    """Draw title and time at the top, and who drives and a push in boxes at the bottom left."""
     width, height = picture.size
     margin = height // 30
     font = ImageFont.load_default(height // 22)
@@ -301,14 +301,14 @@ def _draw_caption(picture: Image.Image, recording: Recording, tick: int, title: 
 
 
 def _draw_timeline(picture: Image.Image, recording: Recording, tick: int) -> None:
-    """Draw the whole recording along the bottom edge: its drivers, its pushes, and now."""
+    """Draw the whole recording along the bottom edge: who drove, its pushes, and now."""
     width, height = picture.size
     length = len(recording.q)
     draw = ImageDraw.Draw(picture)
     thick = max(height // 45, 2)
     pen = max(width // 480, 1)
     if recording.expert_drove is None:
-        draw.rectangle((0, height - thick, width, height), NO_DRIVER_COLOR)
+        draw.rectangle((0, height - thick, width, height), UNKNOWN_COLOR)
     else:
         by_column = recording.expert_drove[np.arange(width) * length // width, None]
         expert = ImageColor.getrgb(EXPERT_COLOR)

@@ -100,7 +100,7 @@ def recorded_episode(
     collected = _collected_by(run, place)
     if place.iteration > 0 and (folder / ATTEMPTS_FILE).exists():
         raise ValueError(
-            f"episode {place.number} was flown on a robot, and no simulation repeats it; if a "
+            f"episode {place.number} was recorded on a robot, and no simulation repeats it; if a "
             f"fault ended it, `surefoot play {folder}/flights/{place.number}.npz` films it"
         )
     job = METHODS[run.method].collection(run, place.iteration, plan)

@@ -14,7 +14,7 @@ import numpy as np
 from surefoot.config import SafetyConfig
 from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
-from surefoot.rotations import from_heading, to_heading
+from surefoot.rotations import from_heading, heading_velocity
 from surefoot.safety.gates import distances
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, Command, IntArray, State
 
@@ -167,14 +167,12 @@ def trace_rows(state: State, tick: Array | IntArray) -> Array:
         state: ``(n, ...)`` states.
         tick: ``(n,)`` time of each since the start [ms].
     """
-    world = (state.rotation @ state.v[:, :3, None])[..., 0]
     return np.column_stack(
         [
             np.asarray(tick) / TICKS_PER_SECOND,
             state.roll_pitch,
             state.com[:, 2],
-            to_heading(world[:, :2], state.heading),
-            (state.rotation @ state.v[:, 3:6, None])[:, 2, 0],
+            heading_velocity(state.rotation, state.v),
         ]
     )
 

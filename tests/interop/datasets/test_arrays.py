@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from surefoot.interop.datasets.arrays import frames_from_arrays, read_log
+from surefoot.interop.datasets.arrays import frames_from_arrays, read_expert_log
 from surefoot.robots.solo12 import solo12
 from surefoot.rotations import rotation
 
@@ -44,8 +44,8 @@ def test_npz_and_csv_hold_the_same_log(log, tmp_path):
         header=",".join([*names, "vx", "vy", "yaw_rate", "tick"]),
         comments="",
     )
-    one = frames_from_arrays(read_log(tmp_path / "log.npz"), ROBOT)
-    assert frames_from_arrays(read_log(tmp_path / "log.csv"), ROBOT).hash == one.hash
+    one = frames_from_arrays(read_expert_log(tmp_path / "log.npz"), ROBOT)
+    assert frames_from_arrays(read_expert_log(tmp_path / "log.csv"), ROBOT).hash == one.hash
 
 
 def test_a_new_episode_begins_where_the_clock_jumps(log):
@@ -156,11 +156,11 @@ def test_a_file_that_is_no_log_is_named(tmp_path, name, content, message):
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(ValueError, match=message):
-        read_log(path)
+        read_expert_log(path)
 
 
 def test_nothing_in_a_log_is_run(tmp_path):
     path = tmp_path / "log.npz"
     np.savez(path, q=np.array([print], dtype=object))
     with pytest.raises(ValueError, match="is no log"):
-        read_log(path)
+        read_expert_log(path)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from surefoot.interop.datasets.minari import TASK, _episode, export_minari
-from surefoot.interop.gym.walking import Walkers, walking_config
+from surefoot.interop.gym.task import Walkers, walking_config
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.observation import network_input
 from surefoot.learning.policy import policy_spec, target_of

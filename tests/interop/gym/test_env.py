@@ -13,7 +13,7 @@ from surefoot.config import Config
 from surefoot.config.json_io import to_json
 from surefoot.interop.gym.env import WalkingEnv, WalkingVectorEnv
 from surefoot.interop.gym.ids import ENVIRONMENTS, environment_of, register_environments
-from surefoot.interop.gym.walking import WalkingTask
+from surefoot.interop.gym.task import WalkingTask
 
 register_environments()
 IDS = ("surefoot/Solo12-v0", "surefoot/Go2-v0")

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from surefoot.deploy.recorder import Flight, save_flight
-from surefoot.interop.logs.sensor_log import SensorLog, log_of, log_of_flight, read_log, write_log
+from surefoot.interop.logs.sensor_log import (
+    SensorLog,
+    read_sensor_log,
+    sensor_log_of,
+    sensor_log_of_flight,
+    write_sensor_log,
+)
 from surefoot.learning.policy import pd
 from surefoot.types import JOINTS
 from tests.fakes.exports import policy_of, smooth_log
@@ -30,19 +36,19 @@ def test_a_log_comes_back_to_the_last_bit(tmp_path, suffix):
         replace(log, base_height=None, linear_velocity=None),
         replace(log, joint_target=log.joint_position, network_input=np.ones((20, 47), np.float32)),
     ):
-        write_log(each, path)
-        assert_same(read_log(path), each)
+        write_sensor_log(each, path)
+        assert_same(read_sensor_log(path), each)
 
 
 def test_the_columns_of_a_text_may_have_any_order(tmp_path):
     path = tmp_path / "log.csv"
     log = smooth_log(4)
-    write_log(log, path)
+    write_sensor_log(log, path)
     rows = [line.split(",") for line in path.read_text().splitlines()]
     assert rows[0][:5] == ["time_ns", "tick", "command.vx", "command.vy", "command.yaw_rate"]
     assert "joint_position.FL_HAA" in rows[0]
     path.write_text("\n".join(",".join(reversed(row)) for row in rows))
-    assert_same(read_log(path), log)
+    assert_same(read_sensor_log(path), log)
 
 
 @pytest.mark.parametrize(
@@ -59,26 +65,26 @@ def test_the_columns_of_a_text_may_have_any_order(tmp_path):
 )
 def test_a_text_that_is_no_log_is_refused(tmp_path, change, text):
     path = tmp_path / "log.csv"
-    write_log(smooth_log(4), path)
+    write_sensor_log(smooth_log(4), path)
     head, *rows = [line.split(",") for line in path.read_text().splitlines()]
     head, rows = change(head, rows)
     path.write_text("\n".join(",".join(row) for row in [head, *rows]))
     with pytest.raises(ValueError, match=text):
-        read_log(path)
+        read_sensor_log(path)
 
 
 def test_other_files_are_refused(tmp_path):
     path = tmp_path / "log.npz"
     np.savez(path, joint_position=np.zeros((3, 12)))
     with pytest.raises(ValueError, match=r"log.npz is no log of sensors: it lacks"):
-        read_log(path)
+        read_sensor_log(path)
     path.write_bytes(b"PK")
     with pytest.raises(ValueError, match="is no log of sensors"):
-        read_log(path)
+        read_sensor_log(path)
     with pytest.raises(ValueError, match="must end in"):
-        write_log(smooth_log(3), tmp_path / "log.txt")
+        write_sensor_log(smooth_log(3), tmp_path / "log.txt")
     with pytest.raises(FileNotFoundError):
-        read_log(tmp_path / "nothing.npz")
+        read_sensor_log(tmp_path / "nothing.npz")
 
 
 def test_a_simulation_is_logged_as_the_robot_measured_it():
@@ -89,7 +95,7 @@ def test_a_simulation_is_logged_as_the_robot_measured_it():
     rollouts.v[:] = rng.normal(size=(2, 150, 18))
     target = rng.normal(size=(2, 150, 12))
     rollouts.torque[:] = pd(target, rollouts.q, rollouts.v, policy.spec)
-    log = log_of(rollouts, 1, policy.spec)
+    log = sensor_log_of(rollouts, 1, policy.spec)
     assert len(log) == 130
     np.testing.assert_array_equal(log.joint_position, rollouts.q[1, :130, 7:])
     assert log.joint_target is not None
@@ -136,7 +142,7 @@ def test_a_flight_is_a_log_of_the_ticks_that_the_policy_drove(tmp_path):
     flight = flight_of(log, [1] * 10 + [2] * 30, [False] * 35 + [True] * 5)
     path = tmp_path / "flight.npz"
     save_flight(path, flight)
-    found = read_log(path)
+    found = read_sensor_log(path)
     np.testing.assert_array_equal(found.joint_position, log.joint_position[10:35])
     assert found.tick.tolist() == log.tick[10:35].tolist()
     assert found.base_height is None
@@ -144,12 +150,12 @@ def test_a_flight_is_a_log_of_the_ticks_that_the_policy_drove(tmp_path):
 
 def test_a_flight_in_which_no_policy_drove_or_without_its_clock_is_no_log():
     with pytest.raises(ValueError, match="no policy drove"):
-        log_of_flight(flight_of(smooth_log(10), [1] * 10, [False] * 10))
+        sensor_log_of_flight(flight_of(smooth_log(10), [1] * 10, [False] * 10))
     flight = flight_of(smooth_log(10), [2] * 10, [False] * 10)
     with pytest.raises(ValueError, match="without the gait clock"):
-        log_of_flight(replace(flight, gait_tick=np.zeros(0, np.int64)))
+        sensor_log_of_flight(replace(flight, gait_tick=np.zeros(0, np.int64)))
 
 
 def test_a_log_that_is_not_there_says_what_writes_one(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"there is no log .*surefoot play --log"):
-        read_log(tmp_path / "log.npz")
+        read_sensor_log(tmp_path / "log.npz")

@@ -1,10 +1,11 @@
 """Import of plain arrays: a log of your own expert, or of a robot, becomes frames to learn from.
 
-A log is an npz file with the arrays q, v, torque, command and tick, or a CSV file with a column for
-each of their numbers (q0 ... q18, v0 ... v17, torque0 ... torque11, vx, vy, yaw_rate, tick). The
-torques are what the expert gives in each state; the policy learns to answer with them. Center of
-mass and feet follow from the configuration. What is wrong with a log is found here, before any
-training: shapes, order of the quaternion, joints out of range, velocities in another frame.
+Such an expert log is an npz file with the arrays q, v, torque, command and tick, or a CSV file with
+a column for each of their numbers (q0 ... q18, v0 ... v17, torque0 ... torque11, vx, vy, yaw_rate,
+tick). The torques are what the expert gives in each state; the policy learns to answer with them.
+Center of mass and feet follow from the configuration. What is wrong with a log is found here,
+before any training: shapes, order of the quaternion, joints out of range, velocities in another
+frame.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from surefoot.files import parse_npz
+from surefoot.config.array_io import parse_npz
 from surefoot.learning.frames import Frames
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import center_of_mass, difference, feet, legs_of, masses_of
@@ -39,8 +40,8 @@ SPARE = 1.05
 """Torques may exceed the motors' limits by this factor, for what sensors add."""
 
 
-def read_log(path: Path | str) -> dict[str, NDArray]:
-    """The arrays of a log, by name; nothing in it is run.
+def read_expert_log(path: Path | str) -> dict[str, NDArray]:
+    """The arrays of a log with an expert's torques, by name; nothing in it is run.
 
     Args:
         path: An npz or CSV file.
@@ -59,7 +60,7 @@ def read_log(path: Path | str) -> dict[str, NDArray]:
             return _read_csv(path)
         return parse_npz(path.read_bytes())
     except ValueError as error:
-        raise ValueError(f"{path} is no log: {error}") from error
+        raise ValueError(f"{path} is no log of an expert: {error}") from error
 
 
 def _read_csv(path: Path) -> dict[str, NDArray]:

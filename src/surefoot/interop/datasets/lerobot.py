@@ -21,7 +21,7 @@ from surefoot.config import Config
 from surefoot.config.json_io import Plain
 from surefoot.files import write_atomic, write_json
 from surefoot.interop.datasets.segments import Exported, dataset_card, new_folder, segments
-from surefoot.interop.gym.walking import task_spec
+from surefoot.interop.gym.task import task_spec
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames
 from surefoot.learning.layouts import GOAL_PARTS, PARTS

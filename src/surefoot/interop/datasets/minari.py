@@ -22,13 +22,14 @@ from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
 from surefoot.interop.datasets.segments import Exported, dataset_card, new_folder, segments
 from surefoot.interop.gym.ids import environment_of, import_gymnasium, register_environments
-from surefoot.interop.gym.walking import WalkingTask, heading_velocity, reward_rate, task_spec
+from surefoot.interop.gym.task import WalkingTask, reward_rate, task_spec
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames
 from surefoot.learning.observation import network_input
 from surefoot.learning.policy import PolicySpec, target_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
+from surefoot.rotations import heading_velocity
 from surefoot.types import TICKS_PER_SECOND
 
 TASK = WalkingTask(rate=TICKS_PER_SECOND)
@@ -147,7 +148,8 @@ def _episode(
     target = target_of(frames.torque, frames.q, frames.v, spec)
     action = (target - robot.nominal[7:]) / TASK.action_range
     effort = ((frames.torque / robot.torque_limit) ** 2).mean(axis=1)
-    velocity = heading_velocity(frames.state[1:])
+    after = frames.state[1:]
+    velocity = heading_velocity(after.rotation, after.v)
     reward = reward_rate(TASK, velocity, frames.command[1:], effort[:-1]) / TASK.rate
     # The frame after the last one is not recorded, so no fall is seen.
     last = np.arange(steps) == steps - 1

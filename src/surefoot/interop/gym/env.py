@@ -2,7 +2,7 @@
 
 The observation is what a policy of this package sees (47 numbers, `learning.observation`); the
 action is twelve joint targets, as shares of ``action_range`` [rad] from the nominal pose; reward
-and ends of episodes are in `walking`. Robot i of a vector environment that is seeded with s is the
+and ends of episodes are in `task`. Robot i of a vector environment that is seeded with s is the
 environment that is seeded with s + i. Read `ids` for their names.
 """
 
@@ -21,7 +21,7 @@ from gymnasium.vector.utils import batch_space
 from surefoot.config import Config
 from surefoot.config.json_io import Plain, from_json
 from surefoot.errors import unknown
-from surefoot.interop.gym.walking import (
+from surefoot.interop.gym.task import (
     MOST_SEEN,
     OBSERVATION_SHAPE,
     Decided,
@@ -120,7 +120,7 @@ class WalkingEnv(gymnasium.Env[Float32Array, Float32Array]):
         return self.walkers.observation[0], self._info(np.zeros(3))
 
     def step(self, action: Float32Array) -> tuple[Float32Array, float, bool, bool, Info]:
-        """Carry out one decision; see `walking` for reward and ends.
+        """Carry out one decision; see `task` for reward and ends.
 
         Args:
             action: ``(12,)`` targets as shares of ``action_range`` from the nominal pose.

@@ -1,5 +1,9 @@
 """Logs of what a robot measured, row by row, and of what its policy answered: npz or CSV.
 
+Any robot's software can write one, and `surefoot check` replays it. A runtime of this package keeps
+more, a `Flight`, of which `sensor_log_of_flight` takes the part that a replay needs. A log whose
+torques are to be learned is another thing, an expert log (`interop.datasets.arrays`).
+
 An npz file holds one array for each field of `SensorLog`; a CSV file one column for each number,
 named `field.component`, such as `joint_position.FL_HAA`. `docs/export.md` lists them. Read `replay`
 next, which runs a policy on a log.
@@ -17,10 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.config.array_io import parse_npz
 from surefoot.config.json_text import read_file
 from surefoot.deploy.recorder import Flight, load_flight
 from surefoot.errors import shown
-from surefoot.files import parse_npz, write_atomic
+from surefoot.files import write_atomic
 from surefoot.learning.layouts import TARGET_SIZE, History
 from surefoot.learning.memory import samples_of
 from surefoot.learning.observation import Float32Array, network_input
@@ -109,7 +114,7 @@ class SensorLog:
         return replace(self, **{name: array[:rows] for name, array in _present(self)})
 
 
-def log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
+def sensor_log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
     """What one robot of a simulation measured, with the joint targets that were applied.
 
     Args:
@@ -167,7 +172,7 @@ def remembered(state: State, target: Array, history: History) -> Float32Array:
     return np.concatenate(past, axis=1)
 
 
-def log_of_flight(flight: Flight) -> SensorLog:
+def sensor_log_of_flight(flight: Flight) -> SensorLog:
     """What a runtime recorded while the policy drove, until the expert or a fault took over.
 
     Args:
@@ -200,7 +205,7 @@ def log_of_flight(flight: Flight) -> SensorLog:
     )
 
 
-def write_log(log: SensorLog, path: Path) -> None:
+def write_sensor_log(log: SensorLog, path: Path) -> None:
     """Write a log, whole or not at all, as npz or as CSV, by the file's ending.
 
     Raises:
@@ -217,7 +222,7 @@ def write_log(log: SensorLog, path: Path) -> None:
         raise ValueError(f"{path} must end in {' or '.join(SUFFIXES)}")
 
 
-def read_log(path: Path) -> SensorLog:
+def read_sensor_log(path: Path) -> SensorLog:
     """Read a log, or the flight that a runtime recorded.
 
     Raises:
@@ -236,7 +241,7 @@ def read_log(path: Path) -> SensorLog:
         else:
             arrays = parse_npz(content)
         if "robot_time_ns" in arrays:
-            return log_of_flight(load_flight(path))
+            return sensor_log_of_flight(load_flight(path))
         known = {field.name for field in fields(SensorLog)}
         unknown = arrays.keys() - known
         missing = known - set(_OPTIONAL) - arrays.keys()

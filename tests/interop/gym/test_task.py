@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 
 from surefoot.config import CommandBox, SafetyConfig
-from surefoot.interop.gym import walking
-from surefoot.interop.gym.walking import (
+from surefoot.interop.gym import task as walking_task
+from surefoot.interop.gym.task import (
     Walkers,
     WalkingTask,
-    heading_velocity,
     reward_rate,
     walking_config,
 )
-from surefoot.rotations import from_heading
-from surefoot.types import State
 
 CONFIG = walking_config("solo12")
 STILL = np.zeros((2, 12))
@@ -43,18 +40,6 @@ def test_an_error_of_one_scale_leaves_a_share_of_1_over_e():
     task = WalkingTask(tracking=1.0, turning=0.0, alive=0.0, velocity_scale=0.2)
     wrong = np.array([[0.12, 0.16, 9.0]])
     assert reward_rate(task, wrong, np.zeros((1, 3)), np.zeros(1)) == pytest.approx(np.exp(-1.0))
-
-
-def test_a_velocity_in_the_heading_frame_does_not_depend_on_the_heading():
-    angle = np.array([0.0, 2.0])
-    q = np.zeros((2, 19))
-    q[:, 5] = np.sin(angle / 2)
-    q[:, 6] = np.cos(angle / 2)
-    v = np.zeros((2, 18))
-    v[:, :6] = [0.3, 0.1, 0.0, 0.0, 0.0, 0.7]
-    state = State(q, v, np.zeros((2, 3)), np.zeros((2, 4, 3)), np.zeros((2, 4), bool))
-    np.testing.assert_allclose(heading_velocity(state), [[0.3, 0.1, 0.7]] * 2, atol=1e-12)
-    np.testing.assert_allclose(from_heading(np.array([[0.3, 0.1]]), state.heading[:1])[0, 0], 0.3)
 
 
 def test_the_nominal_pose_stands_until_the_time_is_over():
@@ -158,8 +143,8 @@ def test_an_expert_that_is_asked_has_measured_command_gains(monkeypatch):
         return replace(config, expert=replace(config.expert, command_gain=(1.5, 1.4, 1.3)))
 
     made = []
-    monkeypatch.setattr(walking, "with_measured_gain", measure)
-    monkeypatch.setattr(walking, "make_expert", lambda robot, config: made.append(config))
+    monkeypatch.setattr(walking_task, "with_measured_gain", measure)
+    monkeypatch.setattr(walking_task, "make_expert", lambda robot, config: made.append(config))
     config = walking_config("go2")
     assert config.expert.command_gain is None
     Walkers(config, WalkingTask(), 1)

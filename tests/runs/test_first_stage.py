@@ -6,7 +6,7 @@ import pytest
 
 from surefoot.config import DisturbanceConfig, PolicyConfig
 from surefoot.methods import METHODS as TRAINED
-from surefoot.runs.prepare import copy_first_stage, first_stage
+from surefoot.runs.first_stage import copy_first_stage, first_stage
 from surefoot.runs.run import RunError, create
 from surefoot.workers import Workers
 from tests.fakes.runs import fingerprint

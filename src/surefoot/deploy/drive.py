@@ -1,4 +1,4 @@
-"""One flight: ticks until the robot is damped for good, and what is to be said of it afterwards.
+"""One drive: ticks until the robot is damped for good, and what is to be said of it afterwards.
 
 Read `recorder` for what is kept of it.
 """
@@ -28,7 +28,7 @@ LAST_WORDS = 20
 
 
 @dataclass(frozen=True)
-class FlightReport:
+class DriveReport:
     """What happened on a robot.
 
     Attributes:
@@ -56,7 +56,7 @@ class FlightReport:
     recording: str
 
 
-def fly(runtime: Runtime, recording: Path | None, always: bool = False) -> FlightReport:
+def drive(runtime: Runtime, recording: Path | None, always: bool = False) -> DriveReport:
     """Tick until the robot is damped for good; it is damped too if this is interrupted.
 
     Args:
@@ -99,15 +99,15 @@ def unused(path: Path) -> Path:
     return free
 
 
-def report_of(runtime: Runtime, recording: str = "") -> FlightReport:
-    """What is to be said of a flight.
+def report_of(runtime: Runtime, recording: str = "") -> DriveReport:
+    """What is to be said of a drive.
 
     Args:
         runtime: The loop, which has ended.
         recording: The file with the last ten seconds.
     """
     fault = runtime.fault
-    return FlightReport(
+    return DriveReport(
         fault="" if fault is None else fault.kind,
         detail="" if fault is None else fault.detail,
         seconds=runtime.driven / TICKS_PER_SECOND,

@@ -29,7 +29,7 @@ from surefoot.robots.model import standing, stop_speeding
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.compiled import clip_torque
 from surefoot.rollouts.outcome import fallen
-from surefoot.rotations import to_heading
+from surefoot.rotations import heading_velocity
 from surefoot.scenarios.gains import with_measured_gain
 from surefoot.scenarios.starts import Starts, at_rest, starts_of
 from surefoot.sim import make_simulator
@@ -234,7 +234,8 @@ class Walkers:
             ticks += moving
             effort += np.where(moving, ((torque / limit) ** 2).mean(axis=1), 0.0)
             with np.errstate(over="ignore", invalid="ignore"):  # of a robot that has blown up
-                velocity += np.where(moving[:, None], heading_velocity(state), 0.0)
+                reached = heading_velocity(state.rotation, state.v)
+                velocity += np.where(moving[:, None], reached, 0.0)
             lost = self._lost(state) & moving
             if np.count_nonzero(lost):
                 fell |= lost
@@ -313,17 +314,6 @@ def reward_rate(task: WalkingTask, velocity: Array, command: Array, effort: Arra
     reward = task.tracking * np.exp(-(error[:, :2] ** 2).sum(axis=1) / task.velocity_scale**2)
     reward += task.turning * np.exp(-((error[:, 2] / task.yaw_rate_scale) ** 2))
     return reward + task.alive - task.effort * effort
-
-
-def heading_velocity(state: State) -> Array:
-    """``(B, 3)`` vx, vy [m/s] and yaw rate [rad/s] of the base in the heading frame.
-
-    Args:
-        state: The states of B robots.
-    """
-    world = (state.rotation * state.v[:, None, :3]).sum(axis=2)
-    yaw_rate = (state.rotation[:, 2] * state.v[:, 3:6]).sum(axis=1)
-    return np.column_stack([to_heading(world[:, :2], state.heading), yaw_rate])
 
 
 OBSERVATION_SHAPE = (INPUT_SIZE,)

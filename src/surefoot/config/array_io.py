@@ -1,0 +1,170 @@
+"""Records of arrays from npz files: nothing is run, and no more memory is taken than they justify.
+
+`load_arrays` reads a dataclass of arrays that `files.save_arrays` wrote, to the bit: names, types
+and shapes are those of the dataclass. `parse_npz` reads arrays of any names. Read `json_io` for
+records of other values.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, fields
+from io import BytesIO
+from pathlib import Path
+from typing import ClassVar, Protocol, TypeVar, get_args, get_type_hints
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.config.json_text import MEMORY_BASE, MEMORY_FACTOR, read_file
+from surefoot.errors import shown
+
+Shape = tuple[int | str, ...]
+"""Lengths of an array's axes; axes of one name have one length."""
+_ARRAY_KINDS = "biufU"
+"""Kinds of arrays in files: truth values, integers of both sorts, floats, and text."""
+
+
+class ArrayRecord(Protocol):
+    """A dataclass of arrays, for `load_arrays`.
+
+    Attributes:
+        shapes: Shapes of the fields that are not ``("n",)``.
+    """
+
+    __dataclass_fields__: ClassVar[dict[str, Field]]
+    shapes: ClassVar[Mapping[str, Shape]]
+
+
+Record = TypeVar("Record", bound=ArrayRecord)
+
+
+def load_arrays(path: Path, kind: type[Record]) -> Record:
+    """Read a dataclass of arrays that `save_arrays` wrote, to the bit.
+
+    Args:
+        path: The file.
+        kind: The dataclass. A field that has a default may be absent from the file.
+
+    Raises:
+        ValueError: The file is missing, damaged, or holds other arrays than the dataclass has.
+    """
+    try:
+        arrays = parse_npz(read_file(path))
+        _check_arrays(arrays, kind)
+    except (OSError, ValueError) as error:
+        raise ValueError(
+            f"{path} is missing or damaged ({error}); delete it: `surefoot train ... --resume` "
+            "collects it again, to the same bits"
+        ) from error
+    return kind(**arrays)
+
+
+def _check_arrays(arrays: Mapping[str, NDArray], kind: type[ArrayRecord]) -> None:
+    """Check that arrays are those of a dataclass: names, types and shapes.
+
+    Raises:
+        ValueError: They are not.
+    """
+    known = {field.name: field for field in fields(kind)}
+    if extra := sorted(arrays.keys() - known.keys()):
+        raise ValueError(f"it has {shown(extra[0])}, which {kind.__name__} has not")
+    hints = get_type_hints(kind)
+    lengths: dict[str, int] = {}
+    for name, field in known.items():
+        if name not in arrays:
+            if field.default is MISSING and field.default_factory is MISSING:
+                raise ValueError(f"it lacks {name}")
+            continue
+        # NDArray[np.float64] is ndarray[shape, dtype[np.float64]].
+        expected = np.dtype(get_args(get_args(hints[name])[1])[0])
+        actual = arrays[name].dtype
+        # Text has the length of the longest.
+        if actual != expected and not actual.kind == expected.kind == "U":
+            raise ValueError(f"{name} holds {actual}, expected {expected}")
+        shape = kind.shapes.get(name, ("n",))
+        _check_shape(name, arrays[name].shape, shape, lengths)
+
+
+def _check_shape(
+    name: str, actual: tuple[int, ...], expected: Shape, lengths: dict[str, int]
+) -> None:
+    """Check the shape of an array, and note the lengths of its named axes.
+
+    Raises:
+        ValueError: It has another shape, or an axis of another length than in an earlier array.
+    """
+    if len(actual) == len(expected):
+        pairs = list(zip(expected, actual, strict=True))
+        wanted = [
+            lengths.setdefault(axis, length) if isinstance(axis, str) else axis
+            for axis, length in pairs
+        ]
+        if wanted == list(actual):
+            return
+    known = tuple(lengths.get(axis, axis) if isinstance(axis, str) else axis for axis in expected)
+    raise ValueError(f"{name} has shape {actual}, expected {known}")
+
+
+def parse_npz(content: bytes) -> dict[str, NDArray]:
+    """The arrays of an npz file, by their names.
+
+    An array is read once its header agrees with the number of bytes that there are for it.
+
+    Raises:
+        ValueError: The content is no such file, or promises more than its size justifies.
+    """
+    try:
+        with ZipFile(BytesIO(content)) as archive:
+            members = archive.infolist()
+            _check_members(members, len(content))
+            return {
+                member.filename.removesuffix(".npy"): _read_array(archive, member)
+                for member in members
+            }
+    except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
+        raise ValueError(str(error) or repr(error)) from error
+
+
+def _check_members(members: list[ZipInfo], size: int) -> None:
+    """Check the directory of an npz file of so many bytes.
+
+    Raises:
+        ValueError: A name is there twice, or there is too much to unpack, or in another format.
+    """
+    names = {member.filename for member in members}
+    if len(names) < len(members):
+        raise ValueError("an array is there twice")
+    # The bytes of all arrays are in memory beside the content, and those of one a second time.
+    if 2 * sum(member.file_size for member in members) > (MEMORY_FACTOR - 1) * size + MEMORY_BASE:
+        raise ValueError(f"its arrays are too large for a file of {size} bytes")
+    for member in members:
+        # Other formats allocate by numbers that stand in the file.
+        if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
+            raise ValueError(f"{shown(member.filename)} is packed in a way that NumPy never writes")
+
+
+def _read_array(archive: ZipFile, member: ZipInfo) -> NDArray:
+    """One array of an npz file.
+
+    Raises:
+        ValueError: Its header does not fit its bytes, or it holds something else than numbers,
+            truth values or text.
+    """
+    with archive.open(member) as stream:
+        # With the size, so that no more than this is unpacked.
+        packed = BytesIO(stream.read(member.file_size))
+    name = shown(member.filename)
+    if np.lib.format.read_magic(packed) != (1, 0):
+        raise ValueError(f"{name} has an unknown version")
+    shape, _, dtype = np.lib.format.read_array_header_1_0(packed)
+    if dtype.kind not in _ARRAY_KINDS or dtype.itemsize == 0:
+        raise ValueError(f"{name} holds {dtype}, which is neither numbers nor text")
+    expected = math.prod(shape) * dtype.itemsize
+    present = member.file_size - packed.tell()
+    if min(shape, default=0) < 0 or expected != present:
+        raise ValueError(f"{name} needs {expected} bytes for {shape} {dtype}, and has {present}")
+    packed.seek(0)
+    return np.lib.format.read_array(packed, allow_pickle=False)
