@@ -54,7 +54,7 @@ def load(
             f"{file.path} holds the whole {file.description.kind}, and this runs the network "
             "alone; give it the file of `surefoot export POLICY --onnx FILE`"
         )
-    return OnnxPolicy(file.description, runner(file.content))
+    return OnnxPolicy(file.description, runner(file.content, rows=1))
 
 
 class OnnxPolicy:
@@ -62,7 +62,7 @@ class OnnxPolicy:
 
     Args:
         description: What the file says.
-        forward: The network, ``(n, inputs)`` to ``(n, 12)`` joint targets [rad].
+        forward: The network, ``(1, inputs)`` to ``(1, 12)`` joint targets [rad].
 
     Attributes:
         description: What the file says.
