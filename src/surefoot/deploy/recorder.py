@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from surefoot.deploy.interfaces import JointCommand, Sensors
 from surefoot.files import Shape, load_arrays, save_arrays
@@ -182,7 +182,7 @@ class FlightRecorder:
             record.expert_drove,
             record.gait_tick,
         )
-        parts = [record.command, *sensors[2:8]]
+        parts: list[ArrayLike] = [record.command, *sensors[2:8]]
         if sensors.base is None:
             parts.append(_NO_BASE)
         else:
