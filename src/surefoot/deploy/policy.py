@@ -189,7 +189,7 @@ class OnnxPolicy:
         if memory.begins:
             memory.ring[:] = self._sample(observation, observation[OBSERVATION["joint_position"]])
 
-    def _sample(self, observation: Float32Array, target: Array) -> Float32Array:
+    def _sample(self, observation: Float32Array, target: Array | Float32Array) -> Float32Array:
         """``(sample_size,)`` what is remembered of a tick with these joint targets."""
         history = self.spec.layout.history
         sample = observation[self._sample_columns]
