@@ -9,7 +9,7 @@ import pytest
 
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.robot_table import ROBOTS
-from surefoot.deploy.kinematics import KinematicTable, com_in_base, feet_in_base, in_heading
+from surefoot.deploy.kinematics import KinematicTable, com_in_base, feet_and_com, in_heading
 from surefoot.interop.onnx.file import kinematic_table
 from surefoot.rotations import roll_pitch_yaw
 from tests.fakes.exports import robot_of
@@ -31,8 +31,8 @@ def test_feet_and_center_of_mass_are_pinocchios(name):
     joints = rng.uniform(-2.5, 2.5, (20, 12))
     quat = rng.normal(size=(20, 4))
     quat /= np.linalg.norm(quat, axis=1, keepdims=True)
-    feet = feet_in_base(table, joints)
-    com = com_in_base(table, joints)
+    feet, com = feet_and_com(table, joints)
+    np.testing.assert_array_equal(com_in_base(table, joints), com)
     level = in_heading(np.concatenate([feet, com[:, None]], axis=1), quat)
     for row in range(20):
         still = np.concatenate([np.zeros(3), [0.0, 0.0, 0.0, 1.0], joints[row]])
@@ -49,9 +49,10 @@ def test_feet_and_center_of_mass_are_pinocchios(name):
 def test_one_robot_and_a_batch_are_the_same():
     table = kinematic_table(robot_of())
     joints = np.random.default_rng(1).normal(size=(3, 2, 12))
-    for function in (feet_in_base, com_in_base):
-        batch = function(table, joints)
-        np.testing.assert_array_equal(batch[2, 1], function(table, joints[2, 1]))
+    for batch, one in zip(
+        feet_and_com(table, joints), feet_and_com(table, joints[2, 1]), strict=True
+    ):
+        np.testing.assert_array_equal(batch[2, 1], one)
 
 
 def test_a_table_survives_json_to_the_last_bit():

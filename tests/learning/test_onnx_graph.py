@@ -20,3 +20,14 @@ def test_the_graph_computes_what_the_network_computes():
     with torch.no_grad():
         expected = network(torch.from_numpy(inputs)).numpy()
     np.testing.assert_allclose(runner(graph)(inputs), expected, rtol=1e-5, atol=1e-5)
+
+
+def test_a_number_of_rows_that_is_known_before_gives_the_same_bits():
+    network = trained_network(PolicyConfig(hidden=(32, 16)))
+    graph = onnx_graph([(weight.numpy(), bias.numpy()) for weight, bias in network.folded()])
+    run = runner(graph, rows=1)
+    any_number = runner(graph)
+    rng = np.random.default_rng(6)
+    for _ in range(5):
+        inputs = rng.normal(size=(1, INPUT_SIZE)).astype(np.float32)
+        np.testing.assert_array_equal(run(inputs), any_number(inputs))

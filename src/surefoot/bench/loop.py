@@ -3,7 +3,7 @@
 The bridge is fed by hand in the same thread over real UDP on the loopback interface, so that
 nothing waits: a tick is reading, looking for faults, observing, the network, and writing. Both
 times are measured on the wall clock and on the processor's clock of this thread: on a busy machine
-the former holds what others take.
+the former holds what others take. As in a flight, Python does not stop to look for garbage.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from surefoot.bench.engine import standing_policy
 from surefoot.config import Config
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.bridge import Bridge, Measurement, UdpChannel
+from surefoot.deploy.flight import without_pauses
 from surefoot.deploy.loop import Mode, Runtime
 from surefoot.deploy.operator import Scripted
 from surefoot.deploy.policy import OnnxPolicy, load
@@ -93,7 +94,7 @@ def bench_loop(config: Config, ticks: int = 5000) -> LoopTimes:
         save(policy, file)
         write_onnx(network_model(policy), describe(policy, file, robot, config), exported)
         deployed = load(exported)
-        network = runner(exported.read_bytes())
+        network = runner(exported.read_bytes(), rows=1)
     return loop_times(deployed, network, standing(robot), ticks)
 
 
@@ -145,13 +146,14 @@ def loop_times(
         runtime.tick()
     if runtime.mode != Mode.DRIVE:
         raise RuntimeError(f"the policy does not drive in the benchmark: {runtime.fault}")
-    wall, processor = _measured(runtime.tick, ticks, next_state)
-    if runtime.fault is not None:
-        raise RuntimeError(f"the robot was given up in the benchmark: {runtime.fault}")
-    sensors = robot.read()
-    _, asked = _measured(lambda: policy.target(sensors, 0, Command()), ticks)
-    inputs = policy.inputs(sensors, 0, Command())[None]
-    network_wall, network = _measured(lambda: forward(inputs), ticks)
+    with without_pauses():
+        wall, processor = _measured(runtime.tick, ticks, next_state)
+        if runtime.fault is not None:
+            raise RuntimeError(f"the robot was given up in the benchmark: {runtime.fault}")
+        sensors = robot.read()
+        _, asked = _measured(lambda: policy.target(sensors, 0, Command()), ticks)
+        inputs = policy.inputs(sensors, 0, Command())[None]
+        network_wall, network = _measured(lambda: forward(inputs), ticks)
     robot.close()
     bridge.close()
     return LoopTimes(

@@ -69,21 +69,24 @@ class KinematicTable:
     @cached_property
     def arrays(self) -> _Arrays:
         """The same as arrays, made once."""
-        masses = np.array(self.link_masses)
         axes = np.array(self.joint_axes)
         along = axes[..., :, None] * axes[..., None, :]
+        centers = np.array(self.joint_positions)
+        total = self.base_mass + np.sum(self.link_masses)
+        shares = np.array(self.link_masses)[..., None] / total
+        moments = shares * np.array(self.link_coms)
+        # A joint carries its own link and those below it.
+        carried = np.cumsum(shares[:, ::-1], axis=1)[:, ::-1] * centers
+        arms = np.stack([-centers, moments - carried], axis=-1)
         return _Arrays(
-            axes=axes,
             along=along,
             across=np.eye(3) - along,
             # Its columns are the cross products of the axis with the unit vectors.
             skew=np.swapaxes(np.cross(axes[..., None, :], np.eye(3)), -1, -2),
-            centers=np.array(self.joint_positions),
-            feet=np.array(self.foot_positions),
-            masses=masses,
-            moments=masses[..., None] * np.array(self.link_coms),
-            base_moment=self.base_mass * np.array(self.base_com),
-            total=self.base_mass + float(masses.sum()),
+            arms=np.swapaxes(arms, 0, 1),
+            centers=np.swapaxes(np.stack([centers, carried], axis=-1), 0, 1),
+            ends=np.stack([np.array(self.foot_positions), np.zeros((len(LEGS), 3))], axis=-1),
+            base=self.base_mass / total * np.array(self.base_com),
         )
 
 
@@ -101,47 +104,50 @@ _SHAPES = {
 
 @dataclass(frozen=True)
 class _Arrays:
-    """The table as arrays, with moments of mass in place of centers.
+    """The table as arrays, so that one product turns two columns about a joint of each leg.
+
+    The first column is where the foot is. The second is the sum of the links' centers of mass,
+    each times its share m of the robot's mass. A joint at c turns a foot p into c + R (p - c), and
+    such a sum b of the share m into m c + R (b - m c).
 
     Attributes:
-        axes: ``(4, 3, 3)`` unit axes a.
-        along: ``(4, 3, 3, 3)`` projections on the axes, a a^T.
+        along: ``(4, 3, 3, 3)`` projections on the axes a, a a^T.
         across: ``(4, 3, 3, 3)`` projections on their normal planes, 1 - a a^T.
         skew: ``(4, 3, 3, 3)`` cross products with the axes.
-        centers: ``(4, 3, 3)`` points of the axes [m].
-        feet: ``(4, 3)`` centers of the feet [m].
-        masses: ``(4, 3)`` masses of the links [kg].
-        moments: ``(4, 3, 3)`` masses times centers of mass of the links [kg m].
-        base_moment: ``(3,)`` that of the base [kg m].
-        total: Mass of the robot [kg].
+        arms: ``(3, 4, 3, 2)`` of each joint -c, and the joint's own link less m c [m].
+        centers: ``(3, 4, 3, 2)`` of each joint c, and m c [m].
+        ends: ``(4, 3, 2)`` centers of the feet, and zeros, since nothing hangs on them [m].
+        base: ``(3,)`` center of mass of the base, times its share [m].
     """
 
-    axes: Array
     along: Array
     across: Array
     skew: Array
+    arms: Array
     centers: Array
-    feet: Array
-    masses: Array
-    moments: Array
-    base_moment: Array
-    total: float
+    ends: Array
+    base: Array
 
 
-def feet_in_base(table: KinematicTable, joints: Array) -> Array:
-    """The centers of the feet ``(..., 4, 3)`` in the base frame [m].
+def feet_and_com(table: KinematicTable, joints: Array) -> tuple[Array, Array]:
+    """The centers of the feet ``(..., 4, 3)`` and the center of mass ``(..., 3)``, base frame [m].
+
+    A robot asks for them at 1 kHz: few operations on all legs at once, and no cross product.
 
     Args:
         table: The robot.
         joints: ``(..., 12)`` joint angles [rad].
     """
     arrays = table.arrays
-    turns = _turns(arrays, joints)
-    point = arrays.feet
+    joints = np.asarray(joints, float)
+    angles = joints.reshape(*joints.shape[:-1], len(LEGS), LEG_JOINTS, 1, 1)
+    # Rodrigues' formula.
+    turns = arrays.along + np.cos(angles) * arrays.across + np.sin(angles) * arrays.skew
+    columns = arrays.ends
     for joint in reversed(range(LEG_JOINTS)):
-        center = arrays.centers[:, joint]
-        point = center + _turned(point - center, turns[..., joint, :, :])
-    return point
+        turned = turns[..., joint, :, :] @ (columns + arrays.arms[joint])
+        columns = turned + arrays.centers[joint]
+    return columns[..., 0], arrays.base + columns[..., 1].sum(axis=-2)
 
 
 def com_in_base(table: KinematicTable, joints: Array) -> Array:
@@ -151,17 +157,7 @@ def com_in_base(table: KinematicTable, joints: Array) -> Array:
         table: The robot.
         joints: ``(..., 12)`` joint angles [rad].
     """
-    arrays = table.arrays
-    turns = _turns(arrays, joints)
-    moment: Array = np.zeros((len(LEGS), 3))
-    hanging = np.zeros(len(LEGS))
-    for joint in reversed(range(LEG_JOINTS)):
-        center = arrays.centers[:, joint]
-        hanging = hanging + arrays.masses[:, joint]
-        at_center = hanging[:, None] * center
-        arm = moment + arrays.moments[:, joint] - at_center
-        moment = at_center + _turned(arm, turns[..., joint, :, :])
-    return (arrays.base_moment + moment.sum(axis=-2)) / arrays.total
+    return feet_and_com(table, joints)[1]
 
 
 def in_heading(points: Array, orientation: Array) -> Array:
@@ -176,18 +172,3 @@ def in_heading(points: Array, orientation: Array) -> Array:
     heading = rotations.heading(rotation)[..., None, :]
     level = rotations.to_heading(world[..., :2], heading)
     return np.concatenate([level, world[..., 2:]], axis=-1)
-
-
-def _turns(arrays: _Arrays, joints: Array) -> Array:
-    """The rotations ``(..., 4, 3, 3, 3)`` of all joints of all legs (Rodrigues).
-
-    A robot asks for them at 1 kHz: few operations on all joints at once, and no cross product.
-    """
-    joints = np.asarray(joints, float)
-    angles = joints.reshape(*joints.shape[:-1], len(LEGS), LEG_JOINTS, 1, 1)
-    return arrays.along + np.cos(angles) * arrays.across + np.sin(angles) * arrays.skew
-
-
-def _turned(points: Array, turns: Array) -> Array:
-    """Points ``(..., 4, 3)`` turned by rotations ``(..., 4, 3, 3)``."""
-    return (turns @ points[..., None])[..., 0]

@@ -391,4 +391,5 @@ def is_finite(command: JointCommand) -> bool:
     Args:
         command: The command.
     """
-    return math.isfinite((command.position + command.velocity + command.torque).sum())
+    parts = (command.position, command.velocity, command.torque)
+    return all(math.isfinite(sum(values.tolist())) for values in parts)

@@ -15,15 +15,18 @@ import numpy as np
 from surefoot.deploy.description import ExportFileError, PolicyDescription, start_limits
 from surefoot.deploy.export_file import read_export
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
-from surefoot.deploy.kinematics import com_in_base, feet_in_base
+from surefoot.deploy.kinematics import feet_and_com
+from surefoot.deploy.observer import observed
 from surefoot.learning.memory import Memory
-from surefoot.learning.observation import Float32Array, goal, observe
+from surefoot.learning.observation import OBSERVATION, OBSERVATION_SIZE, Float32Array, goal
 from surefoot.learning.onnx_graph import runner
 from surefoot.rotations import rotation
-from surefoot.types import Array, Command, State
+from surefoot.types import Array, Command, IntArray, State
 
 BASE_PARTS = ("base_height", "linear_velocity")
 """Parts of an observation that nothing on board measures."""
+UNKNOWN_BASE = BaseEstimate(0.0, np.zeros(3))
+"""Stands for the base where nothing measures it, and no layout asks for it."""
 
 
 def load(
@@ -51,7 +54,7 @@ def load(
             f"{file.path} holds the whole {file.description.kind}, and this runs the network "
             "alone; give it the file of `surefoot export POLICY --onnx FILE`"
         )
-    return OnnxPolicy(file.description, runner(file.content))
+    return OnnxPolicy(file.description, runner(file.content, rows=1))
 
 
 class OnnxPolicy:
@@ -59,7 +62,7 @@ class OnnxPolicy:
 
     Args:
         description: What the file says.
-        forward: The network, ``(n, inputs)`` to ``(n, 12)`` joint targets [rad].
+        forward: The network, ``(1, inputs)`` to ``(1, 12)`` joint targets [rad].
 
     Attributes:
         description: What the file says.
@@ -90,9 +93,11 @@ class OnnxPolicy:
         self.command_range = np.array(description.command_range)
         self.nominal = np.array(description.nominal)
         self.start_range = start_limits(description.start_range)
-        asked = set(self.spec.layout.parts)
-        if self.spec.layout.history is not None:
-            asked |= set(self.spec.layout.history.parts)
+        layout = self.spec.layout
+        remembered = () if layout.history is None else layout.history.parts
+        self._columns = _columns(layout.parts)
+        self._sample_columns = _columns(remembered)
+        asked = {*layout.parts, *remembered}
         self._base_parts = tuple(part for part in BASE_PARTS if part in asked)
         self.needs_base = bool(self._base_parts)
         self.gait = 0
@@ -111,10 +116,7 @@ class OnnxPolicy:
         """
         history = self.spec.layout.history
         self._memory = None if history is None else Memory(history, 1)
-        if self._memory is not None:
-            self._memory.read(self.state(sensors))
-        else:
-            self.state(sensors)
+        self._base(sensors)
 
     def target(self, sensors: Sensors, tick: int, command: Command) -> Array:
         """The joint targets ``(12,)`` [rad]; to be asked once in every tick.
@@ -127,12 +129,11 @@ class OnnxPolicy:
         Raises:
             ValueError: The layout needs what the robot does not measure.
         """
-        state = self.state(sensors)
-        inputs = self._inputs(state, tick, command)
+        observation = self._observed(sensors)
+        inputs = self._inputs(observation, tick, command)
         target = self._forward(inputs)[0].astype(float)
         if self._memory is not None:
-            applied = self.applied(target, sensors.joint_position, sensors.joint_velocity)
-            self._memory.store(state, applied[None])
+            self._store(self._memory, observation, sensors, target)
         return target
 
     def remember(self, sensors: Sensors, torque: Array) -> None:
@@ -145,31 +146,56 @@ class OnnxPolicy:
         if self._memory is None:
             return
         target = (torque + self.kd * sensors.joint_velocity) / self.kp + sensors.joint_position
-        applied = self.applied(target, sensors.joint_position, sensors.joint_velocity)
-        self._memory.store(self.state(sensors), applied[None])
+        self._store(self._memory, self._observed(sensors), sensors, target)
 
     def inputs(self, sensors: Sensors, tick: int, command: Command) -> Float32Array:
         """The network's input ``(inputs,)`` at this instant; nothing is remembered of it.
 
         The arguments are those of `target`.
         """
-        return self._inputs(self.state(sensors), tick, command)[0]
+        return self._inputs(self._observed(sensors), tick, command)[0]
 
-    def _inputs(self, state: State, tick: int, command: Command) -> Float32Array:
+    def _observed(self, sensors: Sensors) -> Float32Array:
+        """``(42,)`` all parts of the observation, of which a layout has some."""
+        return observed(self.description.kinematics, sensors, self._base(sensors))
+
+    def _inputs(self, observation: Float32Array, tick: int, command: Command) -> Float32Array:
         """``(1, inputs)`` the network's input."""
         spec = self.spec
         out = np.empty((1, spec.input_size), np.float32)
-        now = spec.observation_size
+        now = len(self._columns)
+        out[0, :now] = observation[self._columns]
         if spec.layout.history is not None:
             if self._memory is None:
                 raise ValueError(
                     "a policy with a history: call reset(sensors) before its first tick"
                 )
-            now -= spec.layout.history.size
-            out[:, now : spec.observation_size] = self._memory.read(state)
-        observe(state, spec.layout.parts, out=out[:, :now])
+            self._begin(self._memory, observation)
+            past = self._memory.ring[self._memory.rows()]
+            out[0, now : spec.observation_size] = past.ravel()
         goal(tick, np.array(command, float), spec, out[:, spec.observation_size :], self.gait)
         return out
+
+    def _store(
+        self, memory: Memory, observation: Float32Array, sensors: Sensors, target: Array
+    ) -> None:
+        """Remember a tick, with what the motors could follow of the joint targets ``(12,)``."""
+        self._begin(memory, observation)
+        applied = self.applied(target, sensors.joint_position, sensors.joint_velocity)
+        memory.ring[memory.next_row(), 0] = self._sample(observation, applied)
+
+    def _begin(self, memory: Memory, observation: Float32Array) -> None:
+        """Let the first tick stand for all before it, if none has been stored yet."""
+        if memory.begins:
+            memory.ring[:] = self._sample(observation, observation[OBSERVATION["joint_position"]])
+
+    def _sample(self, observation: Float32Array, target: Array | Float32Array) -> Float32Array:
+        """``(sample_size,)`` what is remembered of a tick with these joint targets."""
+        history = self.spec.layout.history
+        sample = observation[self._sample_columns]
+        if history is None or not history.targets:
+            return sample
+        return np.concatenate((sample, target), dtype=np.float32)
 
     def applied(self, target: Array, joint_position: Array, joint_velocity: Array) -> Array:
         """The targets ``(..., 12)`` that the motors can follow: those of the clipped torques [rad].
@@ -181,7 +207,7 @@ class OnnxPolicy:
         """
         damping = self.kd * joint_velocity
         torque = self.kp * (target - joint_position) - damping
-        torque = np.clip(torque, -self._torque_limit, self._torque_limit)
+        torque = np.minimum(np.maximum(torque, -self._torque_limit), self._torque_limit)
         return (torque + damping) / self.kp + joint_position
 
     def state(self, sensors: Sensors) -> State:
@@ -194,20 +220,27 @@ class OnnxPolicy:
         Raises:
             ValueError: The layout needs what the robot does not measure.
         """
-        base = sensors.base
-        if base is None:
-            if self.needs_base:
-                raise ValueError(
-                    f"the layout {self.spec.layout.name!r} needs {' and '.join(self._base_parts)}, "
-                    "and the sensors have no estimate of the base: give one, of an estimator or of "
-                    "motion capture, or train with the layout `proprioceptive`"
-                )
-            base = BaseEstimate(0.0, np.zeros(3))
-        q = np.concatenate([[0.0, 0.0, base.height], sensors.orientation, sensors.joint_position])[
-            None
-        ]
-        v = np.concatenate([base.velocity, sensors.angular_velocity, sensors.joint_velocity])[None]
+        base = self._base(sensors)
+        origin = (0.0, 0.0, base.height)
+        q = np.concatenate((origin, sensors.orientation, sensors.joint_position))[None]
+        v = np.concatenate((base.velocity, sensors.angular_velocity, sensors.joint_velocity))[None]
         return state_of_base(self.description, q, v)
+
+    def _base(self, sensors: Sensors) -> BaseEstimate:
+        """Height and linear velocity of the base; zeros where nothing needs them.
+
+        Raises:
+            ValueError: The layout needs them, and nothing measures them.
+        """
+        if sensors.base is not None:
+            return sensors.base
+        if self.needs_base:
+            raise ValueError(
+                f"the layout {self.spec.layout.name!r} needs {' and '.join(self._base_parts)}, "
+                "and the sensors have no estimate of the base: give one, of an estimator or of "
+                "motion capture, or train with the layout `proprioceptive`"
+            )
+        return UNKNOWN_BASE
 
 
 def state_of_base(description: PolicyDescription, q: Array, v: Array) -> State:
@@ -218,8 +251,14 @@ def state_of_base(description: PolicyDescription, q: Array, v: Array) -> State:
         q: ``(n, 19)`` configurations.
         v: ``(n, 18)`` velocities.
     """
-    table = description.kinematics
     turn = np.swapaxes(rotation(q[:, 3:7]), -1, -2)
-    feet = feet_in_base(table, q[:, 7:]) @ turn + q[:, None, :3]
-    com = (com_in_base(table, q[:, 7:])[:, None] @ turn)[:, 0] + q[:, :3]
+    feet, com = feet_and_com(description.kinematics, q[:, 7:])
+    feet = feet @ turn + q[:, None, :3]
+    com = (com[:, None] @ turn)[:, 0] + q[:, :3]
     return State(q, v, com, feet, np.zeros((len(q), 4), dtype=bool))
+
+
+def _columns(parts: tuple[str, ...]) -> IntArray:
+    """Where the numbers of some parts lie among those of all parts."""
+    every = np.arange(OBSERVATION_SIZE)
+    return np.concatenate([every[:0], *(every[OBSERVATION[name]] for name in parts)])

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from surefoot.config.array_io import Shape, load_arrays
 from surefoot.deploy.interfaces import JointCommand, Sensors
@@ -124,7 +124,7 @@ class TickRecord(NamedTuple):
     round_trip_us: float
 
 
-# A row of the ring holds all numbers of a tick side by side, so that a tick is a few writes.
+# A row of the ring holds all numbers of a tick side by side, so that a tick is two writes.
 _INTEGERS = ("tick", "time_ns", "robot_time_ns", "mode", "expert_drove", "gait_tick")
 _WIDTHS = {
     "command": 3,
@@ -143,10 +143,8 @@ _WIDTHS = {
     "work_us": 1,
     "round_trip_us": 1,
 }
-_COMMAND = slice(0, 3)
-_MEASURED = slice(3, 49)
-_BASE = slice(49, 53)
-_COMMANDED = slice(53, 113)
+_NO_BASE = np.full(_WIDTHS["base"], np.nan)
+_NO_COMMAND = np.full(5 * _JOINTS, np.nan)
 
 
 class FlightRecorder:
@@ -185,21 +183,17 @@ class FlightRecorder:
             record.expert_drove,
             record.gait_tick,
         )
-        numbers = self._numbers[row]
-        numbers[_COMMAND] = record.command
-        np.concatenate(sensors[2:8], out=numbers[_MEASURED])
+        parts: list[ArrayLike] = [record.command, *sensors[2:8]]
         if sensors.base is None:
-            numbers[_BASE] = np.nan
+            parts.append(_NO_BASE)
         else:
-            numbers[_BASE][0] = sensors.base.height
-            numbers[_BASE][1:] = sensors.base.velocity
+            parts += ((sensors.base.height,), sensors.base.velocity)
         if command is None:
-            numbers[_COMMANDED] = np.nan
+            parts.append(_NO_COMMAND)
         else:
-            parts = (command.position, command.velocity, command.kp, command.kd, command.torque)
-            np.concatenate(parts, out=numbers[_COMMANDED])
-        numbers[-2] = record.work_us
-        numbers[-1] = record.round_trip_us
+            parts += (command.position, command.velocity, command.kp, command.kd, command.torque)
+        parts.append((record.work_us, record.round_trip_us))
+        np.concatenate(parts, out=self._numbers[row])
 
     def flight(self, fault: str = "", detail: str = "") -> Flight:
         """What has been kept, the oldest tick first.

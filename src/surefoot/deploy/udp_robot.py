@@ -30,6 +30,8 @@ GREETING = 100_000_000
 LOCKSTEP_PATIENCE = 5.0
 """[s] A robot in lockstep may be silent for so long: nothing moves meanwhile."""
 NANOSECONDS = 1e9
+NUMBERS = np.dtype("<f8")
+"""The numbers in datagrams."""
 
 
 class UdpRobot:
@@ -154,7 +156,7 @@ class UdpRobot:
             return
         numbers = (command.position, command.velocity, command.kp, command.kd, command.torque)
         self._commands += 1
-        self._post(protocol.COMMAND, np.concatenate(numbers).astype("<f8").tobytes())
+        self._post(protocol.COMMAND, np.concatenate(numbers, dtype=NUMBERS).tobytes())
 
     def damp(self) -> None:
         """See `RobotInterface`."""
@@ -238,7 +240,7 @@ class UdpRobot:
         self.state = state
         self.heard_ns = now
         self.round_trip_ns = now - packet.echo_ns
-        values = np.frombuffer(packet.body, "<f8", offset=protocol.STATE_VALUES).astype(float)
+        values = np.frombuffer(packet.body, NUMBERS, offset=protocol.STATE_VALUES).astype(float)
         base = BaseEstimate(float(values[46]), values[47:50]) if state.has_base else None
         self._sensors = Sensors(
             time_ns=packet.time_ns,

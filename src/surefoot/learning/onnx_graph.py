@@ -17,6 +17,8 @@ OPSET = 17
 IR_VERSION = 8
 """Version of the file format, old enough for every runtime in use."""
 
+ROWS = "n"
+"""What a graph calls its number of rows."""
 LARGEST_BOUND = 256
 """[rows] Up to here the runtime reads and writes arrays that are kept for it: each of its calls
 then takes 20 us less beside a simulation."""
@@ -44,7 +46,7 @@ def onnx_graph(layers: Sequence[tuple[Float32Array, Float32Array]]) -> bytes:
             below = f"hidden{index}"
             nodes.append(helper.make_node("Relu", [sums], [below]))
     ends = [
-        helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", size])
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, [ROWS, size])
         for name, size in (("input", len(layers[0][0])), ("target", len(layers[-1][1])))
     ]
     graph = helper.make_graph(nodes, "policy", ends[:1], ends[1:], tensors)
@@ -53,11 +55,13 @@ def onnx_graph(layers: Sequence[tuple[Float32Array, Float32Array]]) -> bytes:
     return model.SerializeToString()
 
 
-def runner(model: bytes) -> Callable[[Float32Array], Float32Array]:
+def runner(model: bytes, rows: int | None = None) -> Callable[[Float32Array], Float32Array]:
     """A function that computes a model on one core of this process: one thread, so the same bits.
 
     Args:
         model: A serialized model with one input and one output.
+        rows: How many rows it will always be given; the runtime then plans its memory before. None
+            takes any number.
 
     Returns:
         The function, ``(n, inputs)`` to ``(n, outputs)``.
@@ -70,6 +74,8 @@ def runner(model: bytes) -> Callable[[Float32Array], Float32Array]:
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.log_severity_level = 3  # errors only
+    if rows is not None:
+        options.add_free_dimension_override_by_name(ROWS, rows)
     session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
     input_name = session.get_inputs()[0].name
     width = session.get_inputs()[0].shape[1]

@@ -208,31 +208,21 @@ def _feet_and_com(graph: GraphBuilder, joints: str, table: KinematicTable) -> tu
     angles = graph.shaped(joints, len(LEGS), LEG_JOINTS, 1, 1)
     identity = graph.constant(np.eye(3)[None])
     one = graph.constant([[[1.0]]])
-    point = graph.constant(arrays.feet[..., None])
-    moment = graph.constant(np.zeros((len(LEGS), 3, 1)))
-    hanging = np.zeros(len(LEGS))
+    columns = graph.constant(arrays.ends)
     for joint in reversed(range(LEG_JOINTS)):
         angle = graph.shaped(graph.picked(angles, joint), len(LEGS), 1, 1)
-        # Column i of [a] is a x e_i.
-        skew = np.cross(arrays.axes[:, None, joint], np.eye(3)).swapaxes(-1, -2)
+        skew = arrays.skew[:, joint]
         sine = graph.apply("Mul", graph.apply("Sin", angle), graph.constant(skew))
         rest = graph.apply("Sub", one, graph.apply("Cos", angle))
         rest = graph.apply("Mul", rest, graph.constant(skew @ skew))
         turn = graph.apply("Add", graph.apply("Add", identity, sine), rest)
-        center = arrays.centers[:, joint, :, None]
-        arm = graph.apply("Sub", point, graph.constant(center))
-        point = graph.apply("Add", graph.apply("MatMul", turn, arm), graph.constant(center))
-        hanging = hanging + arrays.masses[:, joint]
-        at_center = hanging[:, None, None] * center
-        moment = graph.apply(
-            "Add", moment, graph.constant(arrays.moments[:, joint, :, None] - at_center)
-        )
-        moment = graph.apply("MatMul", turn, moment)
-        moment = graph.apply("Add", moment, graph.constant(at_center))
-    legs = graph.apply("ReduceSum", moment, graph.integers(0), keepdims=0)
-    whole = graph.apply("Add", graph.shaped(legs, 1, 3), graph.constant(arrays.base_moment[None]))
-    com = graph.apply("Div", whole, graph.constant([[arrays.total]]))
-    return graph.shaped(point, len(LEGS), 3), com
+        arms = graph.apply("Add", columns, graph.constant(arrays.arms[joint]))
+        turned = graph.apply("MatMul", turn, arms)
+        columns = graph.apply("Add", turned, graph.constant(arrays.centers[joint]))
+    feet = graph.shaped(graph.picked(columns, 0, axis=2), len(LEGS), 3)
+    links = graph.shaped(graph.picked(columns, 1, axis=2), len(LEGS), 3)
+    legs = graph.apply("ReduceSum", links, graph.integers(0))
+    return feet, graph.apply("Add", legs, graph.constant(arrays.base[None]))
 
 
 def _goal(graph: GraphBuilder, policy: Policy, measured: Mapping[str, str]) -> list[str]:
