@@ -83,6 +83,7 @@ def test_what_cannot_be_done_is_said_and_ends_nothing(page):
     page.choose("solo12", "troot")
     asked(page, lambda: None)
     assert "troot" in page._error
+    assert page._controls._gait.value == "trot"
     assert page.loop.alive
 
 
@@ -97,6 +98,22 @@ def test_an_error_that_ends_the_page_is_shown_on_it(page, monkeypatch, caplog):
     assert "this page has stopped" in shown
     assert "KeyError" in shown
     assert "Traceback" in caplog.text
+
+
+def test_a_further_gait_is_walked_by_the_expert_as_the_robot_goes_on(page):
+    page.tell(Command(0.1))
+    wait(lambda: asked(page, lambda: page.live.snapshot().seconds) > 0.1)
+    page._controls._gait.value = "stand"
+    before, snapshot = asked(page, lambda: (page._setup.gaits, page.live.snapshot()))
+    assert before == ("trot", "stand")
+    assert snapshot.seconds > 0.1
+    assert (snapshot.asked_gait, snapshot.command) == (1, Command(0.1))
+    wait(lambda: asked(page, lambda: page.live.snapshot().gait) == 1)
+    wait(lambda: "gait stand" in page._instruments._status.content)
+    # The key takes the next one of those that are walked.
+    page._controls._next_gait()
+    assert asked(page, lambda: page.live.asked_gait) == 0
+    assert page._controls._gait.value == "trot"
 
 
 def test_another_robot_is_driven_and_drawn(page):
