@@ -7,6 +7,7 @@ import pytest
 
 from surefoot.bench.engine import standing_policy
 from surefoot.config import CommandBox, Config
+from surefoot.config.checked import known
 from surefoot.config.single_gaits import each_gait
 from surefoot.learning.policy import save
 from surefoot.mpc.gaits import with_gaits
@@ -80,8 +81,10 @@ def test_an_expert_without_a_policy_walks_a_further_gait_besides(unmeasured):
     assert again.config is bound.config
     assert again.gait == "walk"
     # The safety bounds hold those of each gait.
-    low = [expert_setup(Config(), "solo12", name).config.safety.com_height for name in bound.gaits]
-    assert bound.config.safety.com_height == (min(low)[0], max(high for _, high in low))
+    tables = [expert_setup(Config(), "solo12", name).config.safety for name in bound.gaits]
+    heights = [known(table.com_height, "safety.com_height") for table in tables]
+    low, high = zip(*heights, strict=True)
+    assert bound.config.safety.com_height == (min(low), max(high))
 
 
 def test_a_policy_of_several_gaits_drives_in_each_of_them(tmp_path, unmeasured):
