@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from surefoot.config.gait_clock import switch_tick
 from surefoot.config.gait_table import GAITS
 from surefoot.deploy.gate import GateSwitch
 from surefoot.deploy.handover import Safeguard
 from surefoot.deploy.interfaces import Fallen, JointCommand
 from surefoot.deploy.loop import FIRST_ANSWERS, Mode
-from surefoot.gait_clock import switch_tick
 from surefoot.types import Command
 from tests.fakes.bridge_world import ToyPolicy, World
 

@@ -7,7 +7,7 @@ import pytest
 
 from surefoot.config import ExpertConfig, Gait
 from surefoot.config.checked import known
-from surefoot.gait_clock import in_stance
+from surefoot.config.gait_clock import in_stance
 from surefoot.mpc.footholds import (
     GRAVITY,
     FootholdRule,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import CentroidalConfig, ExpertConfig, Gait, KinematicConfig
-from surefoot.gait_clock import in_stance, phase
+from surefoot.config.gait_clock import in_stance, phase
 from surefoot.mpc.schedule import (
     SHORTEST_NODE,
     horizon,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config
-from surefoot.gait_clock import in_stance, switch_tick
+from surefoot.config.gait_clock import in_stance, switch_tick
 from surefoot.learning.observation import goal, observation_spec
 from surefoot.mpc.gaits import GAITS, with_gaits
 from surefoot.scenarios.gait_switches import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import CommandBox, Config, Gait, PerturbationConfig, RobotConfig, Split
-from surefoot.gait_clock import in_stance
+from surefoot.config.gait_clock import in_stance
 from surefoot.mpc.gaits import with_gait
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from surefoot.config.gait_clock import switch_tick
 from surefoot.config.gait_table import GAITS
-from surefoot.gait_clock import switch_tick
 from surefoot.rotations import from_heading
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.types import Command

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from enum import IntEnum
 
 from surefoot.config.deploy import RuntimeConfig
+from surefoot.config.gait_clock import GaitChange
 from surefoot.deploy.faults import Fault, FaultKind, FaultTests
 from surefoot.deploy.fit import check_robot, limits_of, misfit_of, missing_base, posture_of
 from surefoot.deploy.handover import NoPlan, Safeguard
@@ -35,7 +36,6 @@ from surefoot.deploy.interfaces import (
 from surefoot.deploy.operator import Operator, Wish
 from surefoot.deploy.recorder import FlightRecorder, TickRecord
 from surefoot.deploy.timing import Histogram
-from surefoot.gait_clock import GaitChange
 from surefoot.types import Array, Command, to_ticks
 
 logger = logging.getLogger(__name__)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from surefoot.config import ExpertConfig, Gait
-from surefoot.gait_clock import grid_cycle, in_stance, phase
+from surefoot.config.gait_clock import grid_cycle, in_stance, phase
 from surefoot.types import GRID, Array, IntArray, to_ticks
 
 SHORTEST_NODE = 10

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config, Gait
-from surefoot.gait_clock import switch_tick
+from surefoot.config.gait_clock import switch_tick
 from surefoot.scenarios.seeds import seed_of
 from surefoot.scenarios.starts import Starts
 from surefoot.types import IntArray, to_ticks

@@ -16,8 +16,8 @@ from typing import Literal, Protocol, get_args
 import numpy as np
 
 from surefoot.config import Gait, SafetyConfig
+from surefoot.config.gait_clock import GaitChange
 from surefoot.errors import unknown
-from surefoot.gait_clock import GaitChange
 from surefoot.robots.model import RobotModel, standing, stop_speeding
 from surefoot.rollouts.compiled import clip_torque, driver
 from surefoot.rollouts.engine import Remembering

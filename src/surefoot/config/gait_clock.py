@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from surefoot.config import Gait
+from surefoot.config.mpc import Gait
 from surefoot.types import (
     GRID,
     TICKS_PER_SECOND,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from surefoot.config import Gait
+from surefoot.config.gait_clock import GaitChange, grid_cycle, in_stance, phase, switch_tick
 from surefoot.config.gait_table import GAITS
-from surefoot.gait_clock import GaitChange, grid_cycle, in_stance, phase, switch_tick
 from surefoot.types import GRID, Command
 
 TROT = GAITS["trot"]
