@@ -166,7 +166,11 @@ def with_description(policy, **changes) -> OnnxPolicy:
     return OnnxPolicy(replace(load(policy).description, **changes), lambda inputs: inputs)
 
 
-def test_the_gaits_of_a_policy_are_asked_for_by_name_and_others_refused(surefoot, policy, capsys):
+def test_the_gaits_of_a_policy_are_asked_for_by_name_and_others_refused(
+    surefoot, policy, capsys, monkeypatch
+):
+    # Measuring the command gains of a walk takes seconds.
+    monkeypatch.setattr(gains, "with_measured_gain", with_own_values)
     walk = GaitTiming("walk", 1000, 0.8, (0.5, 0.0, 0.25, 0.75))
     several = with_gaits(policy, walk)
     assert [gait_number(several, name) for name in (None, "trot", "walk")] == [0, 0, 1]
