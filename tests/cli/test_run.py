@@ -176,7 +176,7 @@ def test_the_gaits_of_a_policy_are_asked_for_by_name_and_others_refused(
     assert [gait_number(several, name) for name in (None, "trot", "walk")] == [0, 0, 1]
     assert [gait.period for gait in expert_config(several).gaits] == [0.5, 1.0]
     assert surefoot("run", policy, "--robot", "udp://127.0.0.1:1", "--gait", "walk") == 2
-    assert "--gait: unknown gait 'walk'" in capsys.readouterr().err
+    assert "--gait: there is no gait 'walk'. Known: trot" in capsys.readouterr().err
 
 
 def with_gaits(policy, *further) -> OnnxPolicy:
