@@ -133,7 +133,7 @@ def test_a_gait_that_is_asked_for_begins_where_a_cycle_of_it_does():
     assert world.runtime.fault is None
     gaits = {tick: command.gait for tick, command in world.policy.asked[FIRST_ANSWERS:]}
     walks = [tick for tick, gait in gaits.items() if gait == 1]
-    assert walks == list(range(switch_tick(*world.policy.gaits, 200), max(gaits) + 1))
+    assert walks == list(range(switch_tick(GAITS["trot"], GAITS["walk"], 200), max(gaits) + 1))
     assert walks[0] == 1000
     assert {tuple(command) for _, command in world.policy.asked[FIRST_ANSWERS:]} == {
         (0.2, 0.0, 0.0)

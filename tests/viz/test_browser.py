@@ -108,11 +108,12 @@ def test_an_error_that_ends_the_page_is_shown_on_it(page, monkeypatch, caplog):
 class Stander:
     """Stands for an expert of any gait: it holds the nominal pose."""
 
+    gait = 0
+
     def __init__(self, robot):
         self.robot = robot
 
     def reset(self, batch):
-        self.gait = 0
         self.diverged = np.zeros(batch, dtype=bool)
 
     def torque(self, state, tick, command, mask):
@@ -138,6 +139,7 @@ def test_a_further_gait_is_begun_as_the_robot_goes_on(monkeypatch):
         wait(lambda: asked(page, lambda: page.live.snapshot().seconds) > 0.1)
         page.choose("solo12", "stand")
         gaits, snapshot = asked(page, lambda: (page._setup.gaits, page.live.snapshot()))
+        assert page._error == ""
         assert gaits == ("trot", "stand")
         assert snapshot.seconds > 0.1
         assert (snapshot.asked_gait, snapshot.command) == (1, Command(0.1))
