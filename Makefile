@@ -56,8 +56,8 @@ docs: venv  ## the documentation site, in docs/_build; every warning is an error
 	$(BIN)/python -m sphinx -W --keep-going -q -b html -c docs . docs/_build
 	@echo "the site: docs/_build/index.html"
 
-linkcheck: venv  ## whether the links of the documentation to other sites lead somewhere (needs a network)
-	$(BIN)/python -m sphinx -q -b linkcheck -c docs . docs/_build/linkcheck
+linkcheck: venv  ## whether the links of the documentation lead somewhere; to other sites, where there is a network
+	$(BIN)/python -m sphinx -W --keep-going -q -b linkcheck -c docs . docs/_build/linkcheck
 
 format: venv  ## format, and fix what ruff can fix
 	$(BIN)/ruff format .

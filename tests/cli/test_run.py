@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from surefoot.bench.engine import standing_policy
-from surefoot.cli.run import RunPolicy, expert_config, gate_bounds, what_to_do
+from surefoot.cli.run import RunPolicy, expert_config, gait_number, gate_bounds, what_to_do
 from surefoot.cli.twin import RunTwin, seen
 from surefoot.config import Config, Gait, PolicyConfig
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.twin import TwinConfig
 from surefoot.deploy.bridge import UdpChannel
+from surefoot.deploy.description import layout_terms
 from surefoot.deploy.drive import DriveReport
 from surefoot.deploy.handover import PlanRequest
 from surefoot.deploy.interfaces import Sensors
@@ -24,7 +25,7 @@ from surefoot.deploy.recorder import load_flight
 from surefoot.deploy.udp_robot import address_text
 from surefoot.interop.onnx.file import describe, network_model, write_onnx
 from surefoot.learning.joint_limits import SafetyBounds
-from surefoot.learning.observation import GaitTiming
+from surefoot.learning.observation import GaitTiming, ObservationSpec
 from surefoot.learning.policy import save
 from surefoot.mpc.gaits import with_gait
 from surefoot.robots.bounds import table_bounds
@@ -163,6 +164,27 @@ def test_a_twin_may_have_a_hardware_profile(surefoot, capsys):
 def with_description(policy, **changes) -> OnnxPolicy:
     """A policy with another description and no network."""
     return OnnxPolicy(replace(load(policy).description, **changes), lambda inputs: inputs)
+
+
+def test_the_gaits_of_a_policy_are_asked_for_by_name_and_others_refused(
+    surefoot, policy, capsys, monkeypatch
+):
+    # Measuring the command gains of a walk takes seconds.
+    monkeypatch.setattr(gains, "with_measured_gain", with_own_values)
+    walk = GaitTiming("walk", 1000, 0.8, (0.5, 0.0, 0.25, 0.75))
+    several = with_gaits(policy, walk)
+    assert [gait_number(several, name) for name in (None, "trot", "walk")] == [0, 0, 1]
+    assert [gait.period for gait in expert_config(several).gaits] == [0.5, 1.0]
+    assert surefoot("run", policy, "--robot", "udp://127.0.0.1:1", "--gait", "walk") == 2
+    assert "--gait: there is no gait 'walk'. Known: trot" in capsys.readouterr().err
+
+
+def with_gaits(policy, *further) -> OnnxPolicy:
+    """A policy of further gaits, without a network."""
+    description = load(policy).description
+    gaits = (*description.gaits, *further)
+    goal = layout_terms(ObservationSpec(description.phase, gaits)).goal
+    return with_description(policy, gaits=gaits, goal=goal)
 
 
 def test_the_experts_gate_has_the_bounds_that_the_policy_was_trained_under(policy, caplog):

@@ -1,13 +1,18 @@
 """Episodes of a loop: from driving back to standing without a latch, and what listeners hear."""
 
+from typing import Any
+
+import numpy as np
 import pytest
 
+from surefoot.config.gait_clock import switch_tick
+from surefoot.config.gait_table import GAITS
 from surefoot.deploy.gate import GateSwitch
 from surefoot.deploy.handover import Safeguard
-from surefoot.deploy.interfaces import Fallen
-from surefoot.deploy.loop import Mode
+from surefoot.deploy.interfaces import Fallen, JointCommand
+from surefoot.deploy.loop import FIRST_ANSWERS, Mode
 from surefoot.types import Command
-from tests.fakes.bridge_world import World
+from tests.fakes.bridge_world import ToyPolicy, World
 
 
 def rest(world: World, resting: bool) -> None:
@@ -108,3 +113,70 @@ def test_a_gate_switch_forgets_its_block_at_a_reset(block):
     assert switch.expert_drives(sensors, 1, Command())
     switch.reset()
     assert not switch.expert_drives(sensors, 2, Command())
+
+
+def several_gaits(**parts: Any) -> World:
+    policy = ToyPolicy()
+    policy.gaits = (GAITS["trot"], GAITS["walk"])
+    return World(policy=policy, **parts)
+
+
+def ask_for_gait(world: World, gait: int) -> None:
+    world.operator.wanted = world.operator.wanted._replace(gait=gait)
+
+
+def test_a_gait_that_is_asked_for_begins_where_a_cycle_of_it_does():
+    world = several_gaits()
+    world.drive(200)
+    ask_for_gait(world, 1)
+    world.run(1500)
+    assert world.runtime.fault is None
+    gaits = {tick: command.gait for tick, command in world.policy.asked[FIRST_ANSWERS:]}
+    walks = [tick for tick, gait in gaits.items() if gait == 1]
+    assert walks == list(range(switch_tick(GAITS["trot"], GAITS["walk"], 200), max(gaits) + 1))
+    assert walks[0] == 1000
+    assert {tuple(command) for _, command in world.policy.asked[FIRST_ANSWERS:]} == {
+        (0.2, 0.0, 0.0)
+    }
+
+
+def test_a_robot_begins_to_drive_in_the_gait_that_was_asked_for():
+    world = several_gaits()
+    ask_for_gait(world, 1)
+    world.drive(20)
+    assert {command.gait for _, command in world.policy.asked[FIRST_ANSWERS:]} == {1}
+
+
+def test_the_expert_is_asked_ahead_for_a_plan_in_the_gait_that_is_walked_then():
+    expert: Any = Expert()  # in the place of an `ExpertDriver`
+    world = several_gaits(safeguard=Safeguard(Always(), expert))
+    world.drive(100)
+    ask_for_gait(world, 1)
+    world.run(1200)
+    ahead = world.runtime.config.plan_latency
+    assert ahead > 0
+    assert min(tick for tick, gait in expert.asked if gait == 1) == 1000 - ahead
+
+
+class Always:
+    """The expert always drives."""
+
+    def reset(self) -> None:
+        pass
+
+    def expert_drives(self, sensors, tick: int, command: Command) -> bool:
+        return True
+
+
+class Expert:
+    """Holds the nominal pose, and notes the gaits that it is asked for."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[int, int]] = []
+
+    def release(self) -> None:
+        pass
+
+    def command(self, sensors, tick: int, command: Command) -> JointCommand:
+        self.asked.append((tick, command.gait))
+        return JointCommand(ToyPolicy().nominal, np.full(12, 2.0), np.full(12, 0.1))

@@ -4,11 +4,13 @@ import os
 
 import pytest
 
-from surefoot.deploy.operator import Scripted, Terminal, Wish, obey
+from surefoot.deploy.operator import Scripted, Terminal, Vocabulary, Wish, obey
 from surefoot.types import Command
 from tests.fakes.bridge_world import Clock
 
 HERE = Wish(False, Command(0.1))
+TWO_GAITS = Vocabulary(gaits=("trot", "bound"))
+UNSTEERED = Vocabulary(steers=False, gaits=("trot", "bound"))
 
 
 @pytest.mark.parametrize(
@@ -26,29 +28,41 @@ HERE = Wish(False, Command(0.1))
         ("vx inf", HERE),
         ("start now", HERE),
         ("vz 1", HERE),
+        ("gait bound", HERE._replace(gait=1)),
+        (" Gait TROT ", HERE._replace(gait=0)),
+        ("gait", HERE),
+        ("gait pronk", HERE),
+        ("gait 1", HERE),
     ],
 )
 def test_a_line_changes_what_it_says_or_nothing(line, wish):
-    assert obey(HERE, line) == wish
+    assert obey(HERE, line, TWO_GAITS) == wish
 
 
 def test_a_line_that_means_nothing_is_named_and_an_empty_one_is_not(caplog):
-    obey(HERE, "stpo\n")
+    obey(HERE, "stpo\n", Vocabulary())
     assert "'stpo' means nothing; type start, stop" in caplog.text
+    assert "gait" not in caplog.text
     caplog.clear()
-    obey(HERE, "")
+    obey(HERE, "", Vocabulary())
     assert not caplog.text
 
 
 def test_who_does_not_steer_changes_no_command_and_is_told_so(caplog):
-    for line in ("vx 0.25", "vy -0.1", "yaw 1"):
-        assert obey(HERE, line, steers=False) == HERE
+    for line in ("vx 0.25", "vy -0.1", "yaw 1", "gait bound"):
+        assert obey(HERE, line, UNSTEERED) == HERE
         assert f"'{line}' means nothing; type start, stop, stand or walk; the velo" in caplog.text
-    assert obey(HERE, "start", steers=False).go
+    assert obey(HERE, "start", UNSTEERED).go
+
+
+def test_a_gait_that_the_policy_does_not_walk_is_named_with_those_that_it_does(caplog):
+    assert obey(HERE, "gait pronk", TWO_GAITS) == HERE
+    assert "'gait pronk' means nothing" in caplog.text
+    assert "gait NAME, which is one of trot, bound" in caplog.text
 
 
 def test_stop_is_obeyed():
-    assert obey(Wish(True, Command()), "stop").go is False
+    assert obey(Wish(True, Command()), "stop", Vocabulary()).go is False
 
 
 @pytest.fixture
@@ -60,7 +74,7 @@ def pipe():
 
 def test_at_a_terminal_that_does_not_steer_a_command_changes_nothing(pipe):
     reader, writer = pipe
-    operator = Terminal(Command(), descriptor=reader, steers=False)
+    operator = Terminal(Command(), descriptor=reader, vocabulary=UNSTEERED)
     os.write(writer, b"vx 0.1\nstart\n")
     assert operator.wish() == Wish(True, Command())
 
@@ -78,6 +92,14 @@ def test_a_terminal_is_read_as_it_comes(pipe):
     os.close(writer)
     assert operator.wish() == Wish(False, Command(0.2), "the operator's input has ended")
     assert operator.wish().lost
+
+
+def test_a_terminal_of_several_gaits_begins_in_one_and_asks_for_another(pipe):
+    reader, writer = pipe
+    operator = Terminal(Command(), descriptor=reader, vocabulary=TWO_GAITS, gait=1)
+    assert operator.wish() == Wish(False, Command(), gait=1)
+    os.write(writer, b"start\ngait trot\nvx 0.1\n")
+    assert operator.wish() == Wish(True, Command(0.1), gait=0)
 
 
 def test_after_a_halt_only_another_start_starts(pipe):
@@ -138,8 +160,8 @@ def test_a_sign_of_life_that_does_not_come_is_a_loss_once_the_robot_is_driven(pi
 
 def test_a_script_starts_at_once_and_stops_in_time():
     clock = Clock()
-    operator = Scripted(Command(0.3), 2.0, clock)
-    assert operator.wish() == Wish(True, Command(0.3))
+    operator = Scripted(Command(0.3), 2.0, clock, gait=1)
+    assert operator.wish() == Wish(True, Command(0.3), gait=1)
     clock.advance(1999)
     assert operator.wish().go
     clock.advance(1)

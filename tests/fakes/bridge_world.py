@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from surefoot.config import Gait
 from surefoot.config.deploy import RuntimeConfig
+from surefoot.config.gait_table import GAITS
 from surefoot.config.twin import LinkConfig
 from surefoot.deploy import protocol
 from surefoot.deploy.bridge import Address, Bridge, Measurement
@@ -143,6 +145,7 @@ class ToyPolicy:
         angles = np.concatenate([[0.0, 0.0], self.nominal])
         self.start_range = np.array([angles - 0.2, angles + 0.2])
         self.needs_base = True
+        self.gaits: tuple[Gait, ...] = (GAITS["trot"],)
         self.asked: list[tuple[int, Command]] = []
         self.resets = 0
         self.remembered: list[np.ndarray] = []

@@ -7,6 +7,7 @@ import pytest
 
 from surefoot.config import ExpertConfig, Gait
 from surefoot.config.checked import known
+from surefoot.config.gait_clock import in_stance
 from surefoot.mpc.footholds import (
     GRAVITY,
     FootholdRule,
@@ -20,7 +21,7 @@ from surefoot.mpc.footholds import (
     travel_along_arc,
 )
 from surefoot.mpc.ground_plane import GroundPlane
-from surefoot.mpc.schedule import in_stance, node_ticks, swing_fraction
+from surefoot.mpc.schedule import node_ticks, swing_fraction
 from surefoot.robots.scaling import own_expert, own_gait
 from surefoot.robots.solo12 import solo12
 from surefoot.types import Command

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 from surefoot.config import CentroidalConfig, ExpertConfig, Gait, KinematicConfig
+from surefoot.config.gait_clock import in_stance, phase
 from surefoot.mpc.schedule import (
     SHORTEST_NODE,
-    grid_cycle,
     horizon,
-    in_stance,
     node_ticks,
-    phase,
     stands,
     swing_fraction,
 )
@@ -153,10 +151,3 @@ def test_a_gait_stands_that_lifts_no_foot_at_a_node():
     assert stands(Gait(duty=0.95))  # 25 ms in the air, between two nodes
     assert not stands(Gait())
     assert not stands(Gait(duty=0.88))
-
-
-def test_gait_and_grid_meet_again():
-    assert grid_cycle(Gait()) == 500
-    assert grid_cycle(Gait(period=0.33)) == 1650
-    stance = in_stance(Gait(period=0.33), np.arange(0, 3300, GRID))
-    np.testing.assert_array_equal(stance[:33], stance[33:])

@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config
+from surefoot.config.gait_clock import in_stance, switch_tick
 from surefoot.learning.observation import goal, observation_spec
 from surefoot.mpc.gaits import GAITS, with_gaits
-from surefoot.mpc.schedule import in_stance
 from surefoot.scenarios.gait_switches import (
     NEVER,
     GaitSwitches,
     draw_switches,
     in_turn,
     join_switches,
-    switch_tick,
     switches_at,
 )
 from tests.fakes.drivers import starts_of

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from surefoot.config import CommandBox, Config, Gait, PerturbationConfig, RobotConfig, Split
+from surefoot.config.gait_clock import in_stance
 from surefoot.mpc.gaits import with_gait
-from surefoot.mpc.schedule import in_stance
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.robots.scaling import size_of, with_own_values

@@ -4,14 +4,33 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config
+from surefoot.config.single_gaits import each_gait
 from surefoot.deploy.handover import NoPlan, PlanRequest
 from surefoot.mpc.expert import make_planner
+from surefoot.mpc.gaits import with_gaits
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.robots.scaling import with_own_values
 from surefoot.twin.planner import PlannerProcess
-from surefoot.types import Command
+from surefoot.types import Command, GaitCommand
+
+
+def test_plans_of_several_gaits_are_those_of_the_gait_that_is_asked_for():
+    config = with_own_values(with_gaits(Config(), ["trot", "walk"]))
+    robot = load_robot("solo12")
+    link = PlannerProcess(config)
+    q = standing(robot)
+    state = state_of(robot, q[None], np.zeros((1, 18)))[0]
+    try:
+        for number, one in enumerate(each_gait(config)):
+            link.ask(PlanRequest(50, q, np.zeros(18), GaitCommand(0.1, gait=number)))
+            answer = link.answer(60.0)
+            assert answer is not None
+            expected = make_planner(robot, one).plan(state, 50, Command(0.1))
+            np.testing.assert_array_equal(answer[1].torque, expected.torque)
+    finally:
+        link.close()
 
 
 def test_another_process_plans_to_the_bit_and_its_end_is_told():

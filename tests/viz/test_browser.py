@@ -9,9 +9,14 @@ import pytest
 from PIL import Image
 
 from surefoot.config import Config
+from surefoot.robots.load import load_robot
+from surefoot.robots.model import standing
 from surefoot.runs.episode_ids import EpisodeId
+from surefoot.sim import make_simulator
 from surefoot.types import Command
+from surefoot.viz import browser
 from surefoot.viz.browser import Page
+from surefoot.viz.live import LiveSimulation
 from surefoot.viz.live_setup import expert_setup, find_setup
 from surefoot.viz.playback import Playback
 from tests.fakes.chromium import Chromium, needs_chromium, needs_viser, wait
@@ -83,6 +88,7 @@ def test_what_cannot_be_done_is_said_and_ends_nothing(page):
     page.choose("solo12", "troot")
     asked(page, lambda: None)
     assert "troot" in page._error
+    assert page._controls._gait.value == "trot"
     assert page.loop.alive
 
 
@@ -97,6 +103,55 @@ def test_an_error_that_ends_the_page_is_shown_on_it(page, monkeypatch, caplog):
     assert "this page has stopped" in shown
     assert "KeyError" in shown
     assert "Traceback" in caplog.text
+
+
+class Stander:
+    """Stands for an expert of any gait: it holds the nominal pose."""
+
+    gait = 0
+
+    def __init__(self, robot):
+        self.robot = robot
+
+    def reset(self, batch):
+        self.diverged = np.zeros(batch, dtype=bool)
+
+    def torque(self, state, tick, command, mask):
+        away = standing(self.robot)[7:] - state.q[:, 7:]
+        return 8.0 * away - 0.2 * state.v[:, 6:]
+
+
+def start_standing(setup):
+    """The simulation of a setup with such an expert, which plans nothing."""
+    robot = load_robot(setup.config.robot)
+    simulator = make_simulator(robot, 1, setup.config.simulation)
+    gaits = setup.config.gaits
+    live = LiveSimulation(simulator, setup.config.safety, 0.1, Stander(robot), gaits=gaits)
+    live.begin_in(setup.begin)
+    return live
+
+
+def test_a_further_gait_is_begun_as_the_robot_goes_on(monkeypatch):
+    monkeypatch.setattr(browser, "start", start_standing)
+    page = Page(expert_setup(Config(), "solo12", "trot"), port=0)
+    try:
+        page.tell(Command(0.1))
+        wait(lambda: asked(page, lambda: page.live.snapshot().seconds) > 0.1)
+        page.choose("solo12", "stand")
+        gaits, snapshot = asked(page, lambda: (page._setup.gaits, page.live.snapshot()))
+        assert page._error == ""
+        assert gaits == ("trot", "stand")
+        assert snapshot.seconds > 0.1
+        assert (snapshot.asked_gait, snapshot.command) == (1, Command(0.1))
+        assert page._controls._gait.value == "stand"
+        wait(lambda: asked(page, lambda: page.live.snapshot().gait) == 1)
+        wait(lambda: "gait stand" in page._instruments._status.content)
+        # The key takes the next one of those that are walked.
+        page._controls._next_gait()
+        wait(lambda: asked(page, lambda: page.live.asked_gait) == 0)
+        assert page._controls._gait.value == "trot"
+    finally:
+        page.close()
 
 
 def test_another_robot_is_driven_and_drawn(page):

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from surefoot.types import Command, State
-from surefoot.viz.browser_panels import NEAR_COLOR, OUTSIDE_COLOR, margins_html, status_html
+from surefoot.viz.browser_panels import (
+    NEAR_COLOR,
+    OUTSIDE_COLOR,
+    gait_text,
+    margins_html,
+    status_html,
+)
 from surefoot.viz.film import EXPERT_COLOR, POLICY_COLOR
 from surefoot.viz.snapshot import Margin, Snapshot
 
@@ -19,6 +25,14 @@ def test_the_status_says_who_drives_and_how_fast():
     for part in ("policy drives", POLICY_COLOR, "+0.20", "-0.10", "+0.19", "1.50 s", "real time"):
         assert part in text
     assert EXPERT_COLOR in status_html(replace(SNAPSHOT, expert_drives=True), "run", 1.0, 1.0, "")
+
+
+def test_the_status_says_which_gait_is_walked_and_which_one_comes_next():
+    names = ("trot", "bound")
+    assert gait_text(SNAPSHOT, names) == "gait trot"
+    assert gait_text(replace(SNAPSHOT, asked_gait=1), names) == "gait trot, soon bound"
+    both = replace(SNAPSHOT, gait=1, asked_gait=1)
+    assert "gait bound<" in status_html(both, "run", 1.0, 1.0, "", gait_text(both, names))
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from surefoot.config.gait_clock import switch_tick
+from surefoot.config.gait_table import GAITS
 from surefoot.rotations import from_heading
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.types import Command
@@ -184,6 +186,82 @@ def test_a_policy_with_a_history_remembers_every_tick_with_the_clipped_torque_wh
     np.testing.assert_array_equal(torques, np.concatenate(simulator.applied))
     np.testing.assert_array_equal(torques[0], -simulator.robot.torque_limit)
     assert torques[3][0] > 0.0
+
+
+class GaitController(FakeController):
+    """Notes the gait of each tick."""
+
+    gait = 0
+
+    def reset(self, batch):
+        super().reset(batch)
+        self.gaits_told = []
+        self.gait = 0
+
+    def torque(self, state, tick, command, mask):
+        self.gaits_told.append(self.gait)
+        return super().torque(state, tick, command, mask)
+
+
+def in_gaits(*names) -> Any:
+    gaits = [GAITS[name] for name in names]
+    controllers = (GaitController(EXPERT), GaitController(POLICY))
+    return LiveSimulation(FakeSimulator(1), SAFETY, 0.1, *controllers, gaits=gaits)
+
+
+def test_a_gait_begins_by_the_rule_of_episodes_for_policy_and_expert():
+    simulation = in_gaits("trot", "walk")
+    simulation.step(200)
+    simulation.set_gait(1)
+    simulation.step(300)
+    snapshot = simulation.snapshot()
+    assert (snapshot.gait, snapshot.asked_gait) == (0, 1)
+    simulation.step(600)
+    begun = switch_tick(GAITS["trot"], GAITS["walk"], 200)
+    assert begun == 1000
+    assert simulation._policy.gaits_told == [0] * begun + [1] * (1100 - begun)
+    simulation.set_driver("expert")
+    simulation.step(1)
+    assert simulation._expert.gaits_told == [1]
+    assert simulation.snapshot().gait == 1
+
+
+def test_a_reset_begins_in_the_gait_that_was_asked_for():
+    simulation = in_gaits("trot", "walk")
+    simulation.step(200)
+    simulation.set_gait(1)
+    simulation.reset()
+    simulation.step(2)
+    assert simulation._policy.gaits_told == [1, 1]
+    simulation.begin_in(0)
+    simulation.step(1)
+    assert simulation._policy.gaits_told == [0]
+
+
+def test_a_robot_goes_on_with_further_gaits_where_it_is():
+    first = in_gaits("trot")
+    first.set_command(Command(0.2))
+    first.step(230)
+    state = first.snapshot().state
+    second = in_gaits("trot", "walk")
+    second.go_on_from(first)
+    second.set_gait(1)
+    snapshot = second.snapshot()
+    np.testing.assert_array_equal(snapshot.state.q, state.q)
+    assert (snapshot.seconds, snapshot.command) == (0.23, Command(0.2))
+    np.testing.assert_array_equal(second.trace, first.trace)
+    second.step(771)
+    [(tick, _, _)] = second._policy.calls[-1:]
+    assert tick.tolist() == [1000]
+    assert second._policy.gaits_told == [0] * 770 + [1]
+
+
+def test_who_cannot_be_told_the_gait_or_has_none_of_that_number_is_refused():
+    gaits = [GAITS["trot"], GAITS["walk"]]
+    with pytest.raises(ValueError, match="FakeController takes none"):
+        LiveSimulation(FakeSimulator(1), SAFETY, 0.1, FakeController(), gaits=gaits)
+    with pytest.raises(ValueError, match="use 0 to 1"):
+        in_gaits("trot", "walk").set_gait(2)
 
 
 def test_a_simulation_is_of_one_robot():

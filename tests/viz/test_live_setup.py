@@ -5,7 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from surefoot.bench.engine import standing_policy
 from surefoot.config import CommandBox, Config
+from surefoot.config.checked import known
+from surefoot.config.single_gaits import each_gait
+from surefoot.learning.policy import save
+from surefoot.mpc.gaits import with_gaits
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes
@@ -61,6 +66,41 @@ def test_another_gait_is_driven_by_the_expert_and_the_policy_comes_back(queried_
     again = with_choice(first, walk, "solo12", "trot")
     assert again is first
     assert with_choice(first, walk, "solo12", "walk") is walk
+
+
+def test_an_expert_without_a_policy_walks_a_further_gait_besides(unmeasured):
+    first = expert_setup(Config(), "solo12", "trot")
+    walk = with_choice(first, first, "solo12", "walk")
+    bound = with_choice(first, walk, "solo12", "bound")
+    assert (bound.gaits, bound.gait) == (("trot", "walk", "bound"), "bound")
+    assert bound.extends(walk) and bound.extends(first)
+    assert not bound.extends(expert_setup(Config(), "go2", "trot"))
+    for one, alone in zip(each_gait(bound.config), bound.gaits, strict=True):
+        assert one.expert == expert_setup(Config(), "solo12", alone).config.expert
+    again = with_choice(first, bound, "solo12", "walk")
+    assert again.config is bound.config
+    assert again.gait == "walk"
+    # The safety bounds hold those of each gait.
+    tables = [expert_setup(Config(), "solo12", name).config.safety for name in bound.gaits]
+    heights = [known(table.com_height, "safety.com_height") for table in tables]
+    low, high = zip(*heights, strict=True)
+    assert bound.config.safety.com_height == (min(low), max(high))
+
+
+def test_a_policy_of_several_gaits_drives_in_each_of_them(tmp_path, unmeasured):
+    path = tmp_path / "policy.safetensors"
+    save(standing_policy(with_gaits(Config(), ["trot", "bound"])), path)
+    setup = find_setup(path, gait="bound")
+    assert setup.policy is not None
+    assert (setup.gaits, setup.gait) == (("trot", "bound"), "bound")
+    assert "first of them" not in setup.note
+    simulation = start(setup)
+    assert simulation.snapshot().gait == 1
+    simulation.step(20)
+    simulation.set_gait(0)
+    simulation.step(580)
+    assert simulation.snapshot().gait == 0
+    assert with_choice(setup, setup, "solo12", "walk").policy is None
 
 
 def test_a_larger_robot_may_walk_faster(unmeasured):

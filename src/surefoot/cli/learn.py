@@ -183,9 +183,9 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
 
     def terminal(self) -> Terminal:
         """An operator who starts and stops the robot; each episode has its own velocity."""
-        from surefoot.deploy.operator import Terminal
+        from surefoot.deploy.operator import Terminal, Vocabulary
 
-        return Terminal(Command(), self.heartbeat, steers=False)
+        return Terminal(Command(), self.heartbeat, vocabulary=Vocabulary(steers=False))
 
 
 def check_robots_run(run: Run) -> None:

@@ -20,6 +20,7 @@ from surefoot.cli.options import (
     show_record,
 )
 from surefoot.config.deploy import RuntimeConfig
+from surefoot.errors import unknown
 from surefoot.types import Command
 
 if TYPE_CHECKING:
@@ -38,8 +39,8 @@ class RunPolicy:
     """Drive a robot behind a bridge with an exported policy, and give it up at the first fault.
 
     The robot is damped until you say start: it then stands up in two seconds, and walks. Type
-    `start`, `stop`, `stand`, `walk`, `vx 0.2`, `vy 0.1` or `yaw 0.5`, each with the enter key. The
-    end of the input counts as a lost operator.
+    `start`, `stop`, `stand`, `walk`, `vx 0.2`, `vy 0.1`, `yaw 0.5` or, for a policy of several
+    gaits, `gait bound`, each with the enter key. The end of the input counts as a lost operator.
 
     JSON keys: fault and detail [empty if the operator ended it]; seconds and expert_seconds
     [driven, s]; takeovers; ticks; missed [ticks without a command in time]; work [count, median,
@@ -57,6 +58,9 @@ class RunPolicy:
     """The speed to the left asked for at first [m/s]."""
     yaw_rate: float = 0.0
     """The yaw rate to the left asked for at first [rad/s]."""
+    gait: str | None = None
+    """The gait asked for at first, of a policy of several; its first one without it. A gait that is
+    asked for later begins where a cycle of it does, while a foot stands."""
     start: bool = False
     """Start at once, without a terminal; needs --seconds."""
     seconds: float | None = None
@@ -96,6 +100,7 @@ class RunPolicy:
         peer = parse_address(self.robot)
         self.check_start()
         policy = load(self.policy)
+        gait = gait_number(policy, self.gait)
         expert = expert_config(policy) if self.expert else None
         # Any local address is heard from the loopback interface only if the bridge is there too.
         local = "127.0.0.1" if peer[0].startswith("127.") else "0.0.0.0"
@@ -108,7 +113,7 @@ class RunPolicy:
                 safeguard = self.safeguard(policy, planner, expert)
             closing.callback(robot.close)
             robot.connect()
-            operator = self.operator(command, robot)
+            operator = self.operator(command, robot, policy, gait)
             runtime = Runtime(robot, policy, operator, self.config, safeguard=safeguard)
             if self.realtime:
                 take_real_time_priority()
@@ -136,19 +141,24 @@ class RunPolicy:
         if self.heartbeat is not None:
             check_seconds(self.heartbeat, "--heartbeat")
 
-    def operator(self, command: Command, robot: UdpRobot) -> Operator:
+    def operator(
+        self, command: Command, robot: UdpRobot, policy: OnnxPolicy, gait: int
+    ) -> Operator:
         """Who starts and stops the robot.
 
         Args:
             command: The velocity asked for at first.
             robot: The robot, by whose clock the time runs.
+            policy: The policy, for its gaits.
+            gait: The number of the gait asked for at first.
         """
-        from surefoot.deploy.operator import COMMANDS, Scripted, Terminal
+        from surefoot.deploy.operator import Scripted, Terminal, Vocabulary
 
         if self.seconds is not None:
-            return Scripted(command, self.seconds, robot.robot_clock)
-        print(f"the robot is damped; {COMMANDS}", flush=True)
-        return Terminal(command, self.heartbeat)
+            return Scripted(command, self.seconds, robot.robot_clock, gait)
+        vocabulary = Vocabulary(gaits=gait_names(policy))
+        print(f"the robot is damped; {vocabulary.help}", flush=True)
+        return Terminal(command, self.heartbeat, vocabulary=vocabulary, gait=gait)
 
     def safeguard(self, policy: OnnxPolicy, link: PlanLink, expert: Config) -> Safeguard:
         """The safety bounds, and the expert that takes over outside of them.
@@ -179,8 +189,33 @@ class RunPolicy:
         return Safeguard(GateSwitch(gate, block), expert)
 
 
+def gait_names(policy: OnnxPolicy) -> tuple[str, ...]:
+    """The names of a policy's gaits, by their numbers."""
+    return tuple(gait.name for gait in policy.spec.gaits)
+
+
+def gait_number(policy: OnnxPolicy, name: str | None) -> int:
+    """The number of a policy's gait; 0 for None, which is its first one.
+
+    Args:
+        policy: The policy.
+        name: The name of the gait.
+
+    Raises:
+        ValueError: The policy does not walk it.
+    """
+    names = gait_names(policy)
+    if name is None:
+        return 0
+    if name not in names:
+        raise ValueError(f"--gait: {unknown('gait', name, names)}")
+    return names.index(name)
+
+
 def gate_bounds(policy: OnnxPolicy, expert: Config) -> tuple[Array, Array]:
     """Lower and upper bounds ``(15,)``, as `BoundsGate` takes them: those of the policy.
+
+    A policy of several gaits has one table, which holds the bounds of each of them.
 
     Args:
         policy: The policy; a file may hold the bounds that it was trained under.
@@ -219,7 +254,7 @@ def what_to_do(fault: str, recording: str, lockstep: bool) -> str:
 
 
 def expert_config(policy: OnnxPolicy) -> Config:
-    """The expert of a policy's robot, in the policy's first gait and over its commands.
+    """The expert of a policy's robot, in the policy's gaits and over its commands.
 
     Args:
         policy: The policy.
@@ -237,5 +272,5 @@ def expert_config(policy: OnnxPolicy) -> Config:
             f"is one of {policy.robot!r}, of which it does not hold the model: leave --expert out, "
             "or give surefoot.deploy.loop.Runtime a Safeguard whose planner has your robot's file"
         )
-    config = config_for(policy.robot, policy.spec.gaits[:1], policy.command_range)
+    config = config_for(policy.robot, policy.spec.gaits, policy.command_range)
     return with_measured_gain(config)

@@ -32,8 +32,8 @@ class View(OnSimulator):
     """The robot: the name of one of the package, or a JSON or TOML file with one of your own;
     without it, the policy's own, or Solo12. The expert drives another one than the policy's."""
     gait: str | None = None
-    """The gait: trot, walk, crawl, amble, pace, bound, pronk or stand; without it, the policy's, or
-    the trot. The expert drives in another one than the policy's."""
+    """The gait to begin in: trot, walk, crawl, amble, pace, bound, pronk or stand; without it, the
+    policy's first one, or the trot. The expert drives in one that the policy does not walk."""
     port: int = 8080
     """The port of the page; if it is taken, the next one that is free. 0 takes any."""
     browser: bool = True

@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from surefoot.config import Gait
 from surefoot.deploy.protocol import Description
 from surefoot.types import JOINTS, Array, Command
 
@@ -166,6 +167,7 @@ class DeployedPolicy(Protocol):
         start_range: ``(2, 14)`` smallest and largest roll, pitch and joint angles of the initial
             states trained on [rad].
         needs_base: Whether it asks for the height and the linear velocity of the base.
+        gaits: The gaits that it walks, by the numbers that commands have.
     """
 
     robot: str
@@ -177,6 +179,7 @@ class DeployedPolicy(Protocol):
     nominal: Array
     start_range: Array
     needs_base: bool
+    gaits: tuple[Gait, ...]
 
     def reset(self, sensors: Sensors) -> None:
         """Begin an episode: forget everything, and fill a history with this measurement."""
@@ -188,7 +191,7 @@ class DeployedPolicy(Protocol):
         Args:
             sensors: What the robot measures now.
             tick: The gait clock [ms].
-            command: The velocity that is asked for.
+            command: The velocity that is asked for, and the gait.
         """
         ...
 

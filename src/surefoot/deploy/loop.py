@@ -18,6 +18,7 @@ from collections.abc import Callable
 from enum import IntEnum
 
 from surefoot.config.deploy import RuntimeConfig
+from surefoot.config.gait_clock import GaitChange
 from surefoot.deploy.faults import Fault, FaultKind, FaultTests
 from surefoot.deploy.fit import check_robot, limits_of, misfit_of, missing_base, posture_of
 from surefoot.deploy.handover import NoPlan, Safeguard
@@ -115,6 +116,7 @@ class Runtime:
         self._clock = clock
         self._safeguard = safeguard or Safeguard()
         self._range = policy.command_range.tolist()
+        self._gaits = GaitChange(policy.gaits)
         self._period_ns = 1e9 / policy.rate_hz
         self._tests = FaultTests(limits_of(description), self.config, policy.rate_hz)
         self._missed_in_a_row = 0
@@ -177,7 +179,7 @@ class Runtime:
         if wrong is None:
             self._change_mode(sensors, wish)
             if not self.over:
-                command = self._command(sensors, velocity)
+                command = self._command(sensors, velocity, wish.gait)
         if command is not None and not is_finite(command):
             wrong = ("not a number", "the joint targets of " + self._driver)
             command = None
@@ -238,6 +240,7 @@ class Runtime:
         misfit = misfit_of(self._policy, sensors, self.config.posture)
         if misfit is None:
             self._policy.reset(sensors)
+            self._gaits.begin(wish.gait)
             self._begin_to_drive(sensors)
         elif self._gait_clock(sensors) >= standing + to_ticks(self.config.settle):
             self._give_up("posture", misfit)
@@ -258,7 +261,7 @@ class Runtime:
             return False
         return self._steady
 
-    def _command(self, sensors: Sensors, velocity: Command) -> JointCommand | None:
+    def _command(self, sensors: Sensors, velocity: Command, gait: int) -> JointCommand | None:
         """What the joints are to do in this tick; None leaves them damped."""
         if self.mode == Mode.DAMP:
             return None
@@ -273,6 +276,7 @@ class Runtime:
             )
         tick = self._gait_clock(sensors)
         self.driven += 1
+        self._gaits.ask(gait, tick)
         command = self._experts(sensors, tick, velocity)
         if command is not None:
             self.expert_ticks += 1
@@ -280,7 +284,7 @@ class Runtime:
             return command
         if self.over:
             return None
-        target = policy.target(sensors, tick, velocity)
+        target = policy.target(sensors, tick, self._gaits.command(velocity, tick))
         return JointCommand(position=target, kp=policy.kp, kd=policy.kd)
 
     def _experts(self, sensors: Sensors, tick: int, velocity: Command) -> JointCommand | None:
@@ -301,7 +305,9 @@ class Runtime:
                 expert.release()
             return None
         self.takeovers += not had_to
-        command = expert.command(sensors, tick, velocity)
+        # A plan is asked for ahead, in the gait that is walked when it takes effect.
+        ahead = self._gaits.command(velocity, tick + self.config.plan_latency)
+        command = expert.command(sensors, tick, ahead)
         self._expert_drives = command is not None
         return command
 

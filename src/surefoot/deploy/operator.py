@@ -11,6 +11,7 @@ import math
 import os
 import select
 import sys
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from surefoot.deploy.interfaces import Clock, wall_clock
@@ -21,11 +22,34 @@ LONGEST_LINE = 200
 """[B] No line of an operator is longer."""
 NAMES = {"vx": "vx", "vy": "vy", "yaw": "yaw_rate"}
 """What an operator calls the parts of a command."""
-COMMANDS = "type start, stop, stand, walk, vx 0.2, vy 0.1 or yaw 0.5"
-"""What an operator may say."""
 UNSTEERED = "type start, stop, stand or walk; the velocities are given"
 """What an operator may say who does not steer."""
 logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """What an operator may say besides `start`, `stop`, `stand` and `walk`.
+
+    Attributes:
+        steers: Whether the operator may change velocity and gait.
+        gaits: The names of the gaits that may be asked for, by their numbers.
+    """
+
+    steers: bool = True
+    gaits: tuple[str, ...] = ()
+
+    @property
+    def help(self) -> str:
+        """All of it, as the end of a sentence."""
+        if not self.steers:
+            return UNSTEERED
+        if len(self.gaits) < 2:
+            return "type start, stop, stand, walk, vx 0.2, vy 0.1 or yaw 0.5"
+        return (
+            "type start, stop, stand, walk, vx 0.2, vy 0.1, yaw 0.5 or gait NAME, which is one of "
+            f"{', '.join(self.gaits)}"
+        )
 
 
 class Wish(NamedTuple):
@@ -36,12 +60,14 @@ class Wish(NamedTuple):
         command: The velocity that is asked for.
         lost: Why nobody is there any more; empty as long as somebody is.
         rest: Whether the robot is to stand instead of walking.
+        gait: The number of the gait that is asked for; the robot begins it where it can.
     """
 
     go: bool
     command: Command
     lost: str = ""
     rest: bool = False
+    gait: int = 0
 
 
 class Operator(Protocol):
@@ -59,12 +85,18 @@ class Scripted:
         command: The velocity that is asked for.
         seconds: How long the robot is to be driven, standing up included; None does not end.
         clock: Gives the time [ns].
+        gait: The number of the gait that is asked for.
     """
 
     def __init__(
-        self, command: Command, seconds: float | None = None, clock: Clock = wall_clock
+        self,
+        command: Command,
+        seconds: float | None = None,
+        clock: Clock = wall_clock,
+        gait: int = 0,
     ) -> None:
         self.command = command
+        self._gait = gait
         self._seconds = seconds
         self._clock = clock
         self._begun: int | None = None
@@ -75,15 +107,15 @@ class Scripted:
         if self._begun is None:
             self._begun = now
         over = self._seconds is not None and now - self._begun >= self._seconds * 1e9
-        return Wish(not over, self.command)
+        return Wish(not over, self.command, gait=self._gait)
 
 
 class Terminal:
     """An operator at a terminal: lines of text on the standard input.
 
     `start` stands the robot up and lets it walk, `stop` damps it; `stand` lets it stand, and `walk`
-    go on; `vx 0.2`, `vy 0.1` and `yaw 0.5` change the command; an empty line is a sign of life, and
-    any other changes nothing and is named in a warning.
+    go on; `vx 0.2`, `vy 0.1` and `yaw 0.5` change the command, and `gait bound` the gait; an empty
+    line is a sign of life, and any other changes nothing and is named in a warning.
 
     Args:
         command: The velocity that is asked for at first.
@@ -91,7 +123,8 @@ class Terminal:
             input is a loss.
         clock: Gives the time [ns].
         descriptor: The file descriptor to read from.
-        steers: Whether the operator may change the command.
+        vocabulary: What the operator may say.
+        gait: The number of the gait that is asked for at first.
     """
 
     def __init__(
@@ -100,13 +133,14 @@ class Terminal:
         heartbeat: float | None = None,
         clock: Clock = wall_clock,
         descriptor: int | None = None,
-        steers: bool = True,
+        vocabulary: Vocabulary | None = None,
+        gait: int = 0,
     ) -> None:
-        self._wish = Wish(False, command)
+        self._wish = Wish(False, command, gait=gait)
         self._heartbeat = heartbeat
         self._clock = clock
         self._descriptor = sys.stdin.fileno() if descriptor is None else descriptor
-        self._steers = steers
+        self._vocabulary = vocabulary or Vocabulary()
         self._alive_ns = clock()
         self._text = b""
 
@@ -135,20 +169,20 @@ class Terminal:
             *lines, self._text = (self._text + part).split(b"\n")
             self._text = self._text[-LONGEST_LINE:]
             for line in lines:
-                self._wish = obey(self._wish, line.decode(errors="replace"), self._steers)
+                self._wish = obey(self._wish, line.decode(errors="replace"), self._vocabulary)
         silent = (now - self._alive_ns) / 1e9
         if self._heartbeat is not None and self._wish.go and silent > self._heartbeat:
             lost = f"the operator has given no sign of life for {silent:.2f} s"
             self._wish = self._wish._replace(go=False, lost=lost)
 
 
-def obey(wish: Wish, line: str, steers: bool = True) -> Wish:
+def obey(wish: Wish, line: str, vocabulary: Vocabulary) -> Wish:
     """What the operator wants after a line; one that means nothing changes nothing, with a warning.
 
     Args:
         wish: What the operator wanted before.
         line: The line; an empty one is a sign of life only.
-        steers: Whether the operator may change the command.
+        vocabulary: What the operator may say.
     """
     words = line.lower().split()
     if not words:
@@ -159,13 +193,15 @@ def obey(wish: Wish, line: str, steers: bool = True) -> Wish:
         return wish._replace(go=False)
     if words in (["stand"], ["walk"]):
         return wish._replace(rest=words == ["stand"])
-    name = NAMES.get(words[0])
-    value = _number(words[1]) if len(words) == 2 else None
-    if name is None or value is None or not steers:
-        allowed = COMMANDS if steers else UNSTEERED
-        logger.warning(f"{shown(line.strip())} means nothing; {allowed}")
-        return wish
-    return wish._replace(command=wish.command._replace(**{name: value}))
+    if len(words) == 2 and vocabulary.steers:
+        name, value = words
+        if name == "gait" and value in vocabulary.gaits:
+            return wish._replace(gait=vocabulary.gaits.index(value))
+        number = _number(value)
+        if name in NAMES and number is not None:
+            return wish._replace(command=wish.command._replace(**{NAMES[name]: number}))
+    logger.warning(f"{shown(line.strip())} means nothing; {vocabulary.help}")
+    return wish
 
 
 def _number(text: str) -> float | None:

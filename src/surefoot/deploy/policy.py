@@ -12,16 +12,23 @@ from pathlib import Path
 
 import numpy as np
 
+from surefoot.config import Gait
 from surefoot.deploy.description import ExportFileError, PolicyDescription, start_limits
 from surefoot.deploy.export_file import read_export
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
 from surefoot.deploy.kinematics import feet_and_com
 from surefoot.deploy.observer import observed
 from surefoot.learning.memory import Memory
-from surefoot.learning.observation import OBSERVATION, OBSERVATION_SIZE, Float32Array, goal
+from surefoot.learning.observation import (
+    OBSERVATION,
+    OBSERVATION_SIZE,
+    Float32Array,
+    GaitTiming,
+    goal,
+)
 from surefoot.learning.onnx_graph import runner
 from surefoot.rotations import rotation
-from surefoot.types import Array, Command, IntArray, State
+from surefoot.types import TICKS_PER_SECOND, Array, Command, IntArray, State
 
 BASE_PARTS = ("base_height", "linear_velocity")
 """Parts of an observation that nothing on board measures."""
@@ -77,7 +84,7 @@ class OnnxPolicy:
         start_range: ``(2, 14)`` smallest and largest roll, pitch and joint angles of the initial
             states trained on [rad]; infinite if unknown.
         needs_base: Whether it asks for the height or the linear velocity of the base.
-        gait: Which of the gaits it is to walk, as its place among those of the file.
+        gaits: The gaits that it walks, by the numbers that commands have.
     """
 
     def __init__(
@@ -100,7 +107,7 @@ class OnnxPolicy:
         asked = {*layout.parts, *remembered}
         self._base_parts = tuple(part for part in BASE_PARTS if part in asked)
         self.needs_base = bool(self._base_parts)
-        self.gait = 0
+        self.gaits = tuple(map(gait_of, self.spec.gaits))
         self._torque_limit = np.array(description.torque_limit)
         self._forward = forward
         self._memory: Memory | None = None
@@ -124,7 +131,7 @@ class OnnxPolicy:
         Args:
             sensors: What the robot measures now.
             tick: The gait clock [ms].
-            command: The velocity that is asked for.
+            command: The velocity that is asked for, and the gait.
 
         Raises:
             ValueError: The layout needs what the robot does not measure.
@@ -173,7 +180,7 @@ class OnnxPolicy:
             self._begin(self._memory, observation)
             past = self._memory.ring[self._memory.rows()]
             out[0, now : spec.observation_size] = past.ravel()
-        goal(tick, np.array(command, float), spec, out[:, spec.observation_size :], self.gait)
+        goal(tick, np.array(command, float), spec, out[:, spec.observation_size :], command.gait)
         return out
 
     def _store(
@@ -241,6 +248,15 @@ class OnnxPolicy:
                 "motion capture, or train with the layout `proprioceptive`"
             )
         return UNKNOWN_BASE
+
+
+def gait_of(timing: GaitTiming) -> Gait:
+    """A gait of a file, as far as its timing says.
+
+    Args:
+        timing: What the file says of it.
+    """
+    return Gait(timing.period_ticks / TICKS_PER_SECOND, timing.duty, timing.offsets)
 
 
 def state_of_base(description: PolicyDescription, q: Array, v: Array) -> State:

@@ -20,8 +20,9 @@ from numba import njit
 
 from surefoot.config import ExpertConfig, Gait
 from surefoot.config.checked import known
+from surefoot.config.gait_clock import in_stance
 from surefoot.mpc.ground_plane import LEVEL, GroundPlane
-from surefoot.mpc.schedule import horizon, in_stance, node_ticks, swing_fraction
+from surefoot.mpc.schedule import horizon, node_ticks, swing_fraction
 from surefoot.robots.model import RobotModel
 from surefoot.types import GRAVITY, TICKS_PER_SECOND, Array, BoolArray, Command
 

@@ -9,7 +9,7 @@ ends, and `jobs` for many episodes.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import fields, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from surefoot.rollouts.outcome import (
     judged_from,
     stepping,
 )
-from surefoot.rollouts.roles import InSeveralGaits, OfKnownGaits, OfOneRobot, Remembering
+from surefoot.rollouts.roles import OfKnownGaits, OfOneRobot, Remembering, in_several_gaits
 from surefoot.rotations import from_heading
 from surefoot.scenarios.disturbance import Disturbance, Pushes, make_sensors
 from surefoot.scenarios.torque_noise import HeldNoise
@@ -102,13 +102,12 @@ def rollout(
     simulator.vary(disturbance.friction, disturbance.mass)  # also undoes an earlier variation
     simulator.reset(starts.q, starts.v)
     expert.reset(B)
-    told: list[Controller] = [expert]
+    told = (expert, policy)
     if policy is not None:
-        told.append(policy)
         policy = driver(policy)
         policy.reset(B)
     remembering = policy if isinstance(policy, Remembering) else None
-    walkers = _in_several_gaits(told) if episodes.several_gaits else []
+    walkers = in_several_gaits(told) if episodes.several_gaits else []
     arbiter.reset(episodes.ids)
 
     measure = make_sensors(robot, disturbance)
@@ -185,23 +184,6 @@ def _own_safety(safety: SafetyConfig | None, robot: RobotModel, expert: Controll
     if safety is not None or not gaits:
         return own
     return replace(own, stepping_from=judged_from(own, *gaits))
-
-
-def _in_several_gaits(controllers: Sequence[Controller]) -> list[InSeveralGaits]:
-    """The controllers, which have to be told the gaits.
-
-    Raises:
-        ValueError: One of them cannot be.
-    """
-    walkers: list[InSeveralGaits] = []
-    for controller in controllers:
-        if not isinstance(controller, InSeveralGaits):
-            raise ValueError(
-                f"robots are to walk several gaits, but {type(controller).__name__} takes none: "
-                "give it an attribute gait, which is set to (B,) numbers of gaits"
-            )
-        walkers.append(controller)
-    return walkers
 
 
 class _Recorder:

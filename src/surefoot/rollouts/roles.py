@@ -5,10 +5,11 @@ Read `types.Controller` first, and `engine` next.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 from surefoot.config import Gait
-from surefoot.types import Array, IntArray, State
+from surefoot.types import Array, Controller, IntArray, State
 
 
 @runtime_checkable
@@ -56,3 +57,25 @@ class OfOneRobot(Protocol):
     def robot(self) -> object:
         """The name of the robot."""
         ...
+
+
+def in_several_gaits(controllers: Sequence[Controller | None]) -> list[InSeveralGaits]:
+    """The controllers, which have to be told the gaits.
+
+    Args:
+        controllers: Who may drive; None stands for nobody.
+
+    Raises:
+        ValueError: One of them cannot be told.
+    """
+    walkers: list[InSeveralGaits] = []
+    for controller in controllers:
+        if controller is None:
+            continue
+        if not isinstance(controller, InSeveralGaits):
+            raise ValueError(
+                f"robots are to walk several gaits, but {type(controller).__name__} takes none: "
+                "give it an attribute gait, which is set to (B,) numbers of gaits"
+            )
+        walkers.append(controller)
+    return walkers

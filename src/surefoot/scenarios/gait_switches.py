@@ -3,13 +3,13 @@
 A gait is commanded as a velocity is. All gaits keep one clock, that of the episode, and each is at
 the phase that this has in its own period: nothing is carried over, and what a controller does
 depends on state, clock and command alone. A gait may be asked for at any time; a robot begins it
-where a cycle of it begins (`switch_tick`). Of switches at any node of the grid of plans, those into
-a pronk that was about to take off were falls. Read `rollouts.engine` next, which commands them.
+where a cycle of it begins (`gait_clock.switch_tick`). Of switches at any node of the grid of plans,
+those into a pronk that was about to take off were falls. Read `rollouts.engine` next, which
+commands them.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Config, Gait
-from surefoot.mpc.schedule import grid_cycle, in_stance
+from surefoot.config.gait_clock import switch_tick
 from surefoot.scenarios.seeds import seed_of
 from surefoot.scenarios.starts import Starts
-from surefoot.types import GRID, IntArray, to_ticks
+from surefoot.types import IntArray, to_ticks
 
 NEVER = 2**31
 """[ms] When a robot changes its gait that does so less often than others."""
@@ -107,25 +107,6 @@ def join_switches(parts: Sequence[GaitSwitches]) -> GaitSwitches:
         elapsed.append(np.pad(part.elapsed, rows, constant_values=NEVER))
         gait.append(np.pad(part.gait, rows))
     return GaitSwitches(np.concatenate(elapsed), np.concatenate(gait))
-
-
-def switch_tick(old: Gait, new: Gait, tick: int) -> int:
-    """The tick of the gait clock at which a robot that is asked for a gait begins it [ms].
-
-    It is the first one at which a cycle of the new gait begins while a foot of the old one stands,
-    and has for a node, so that no robot has to land in a new gait; where there is none, the first
-    one at which a cycle begins. It is on the grid of plans, so that an expert plans there anyway.
-
-    Args:
-        old: The gait that the robot walks.
-        new: The gait that it is asked for.
-        tick: The tick at which it is asked.
-    """
-    cycle = grid_cycle(new)
-    several = math.lcm(grid_cycle(old), cycle) // cycle
-    begins = -(-tick // cycle) * cycle + cycle * np.arange(several)
-    standing = in_stance(old, begins).any(axis=1) & in_stance(old, begins - GRID).any(axis=1)
-    return int(begins[standing.argmax()])
 
 
 def switches_at(

@@ -16,8 +16,8 @@ import numpy as np
 from tqdm import tqdm
 
 from surefoot.config import Config, Gait, PerturbationConfig, Split
+from surefoot.config.gait_clock import grid_cycle, in_stance
 from surefoot.config.robot_table import SOLO12
-from surefoot.mpc.schedule import grid_cycle, in_stance
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import size_of, with_own_values

@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection
 
 from surefoot.config import Config
 from surefoot.deploy.handover import PLANNER_ENDED, NoPlan, PlanRequest
-from surefoot.types import Command, MotionPlan
+from surefoot.types import GaitCommand, MotionPlan
 
 READY_WITHIN = 600.0
 """[s] Loading the planner and compiling its code takes minutes where nothing is cached."""
@@ -21,7 +21,7 @@ class PlannerProcess:
     """`PlanLink` to a planner in another process.
 
     Args:
-        config: The robot, its gait and its expert, with the robot's own values.
+        config: The robot, its gaits and its expert, with the robot's own values.
 
     Raises:
         NoPlan: The process does not begin to plan.
@@ -72,16 +72,17 @@ def _plan(config: Config, pipe: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     import numpy as np
 
-    from surefoot.mpc.expert import make_planner
+    from surefoot.mpc.expert import make_plan
     from surefoot.robots.geometry import state_of
     from surefoot.robots.load import load_robot
     from surefoot.robots.model import standing
 
     robot = load_robot(config.robot)
-    planner = make_planner(robot, config)
-    # The first plan compiles; its answer says that the planner is ready.
+    plan = make_plan(robot, config)
+    # The first plans compile; the answer says that the planner is ready.
     standing_state = state_of(robot, standing(robot)[None], np.zeros((1, 18)))[0]
-    first = planner.plan(standing_state, 0, Command())
+    commands = [GaitCommand(gait=number) for number in range(len(config.gaits))]
+    first, *_ = [plan(standing_state, 0, command) for command in commands]
     pipe.send((0, first))
     while True:
         try:
@@ -89,5 +90,4 @@ def _plan(config: Config, pipe: Connection) -> None:
         except (EOFError, OSError):
             return
         state = state_of(robot, request.q[None], request.v[None])[0]
-        plan = planner.plan(state, request.tick, request.command)
-        pipe.send((request.tick, plan))
+        pipe.send((request.tick, plan(state, request.tick, request.command)))

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import size_of
 from surefoot.types import Command
 from surefoot.viz.browser_controls import Controls
 from surefoot.viz.browser_episodes import EpisodeList
-from surefoot.viz.browser_panels import Instruments, failure_html, status_html
+from surefoot.viz.browser_panels import Instruments, failure_html, gait_text, status_html
 from surefoot.viz.browser_scene import RobotScene
 from surefoot.viz.browser_server import address_of, open_server
 from surefoot.viz.live import DriverName, LiveSimulation
@@ -120,20 +119,40 @@ class Page:
             self.live.reset()
 
     def choose(self, robot: str, gait: str) -> None:
-        """Begin again with another robot, or in another gait; may take seconds."""
+        """Ask for another gait, or begin again with another robot; may take seconds."""
         self.loop.call(lambda: self._choose(robot, gait))
 
     def _choose(self, robot: str, gait: str) -> None:
-        self._show_busy(f"measuring the command gains of {robot} in a {gait} ...")
+        setup = self._setup
+        if robot != setup.robot or gait not in setup.gaits:
+            self._show_busy(f"measuring the command gains of {robot} in a {gait} ...")
         try:
-            setup = with_choice(self._first, self._setup, robot, gait)
-            if setup is not self._setup:
-                self.live = start(setup)
-                self._setup = setup
-            self._show_live()
+            self._drive(with_choice(self._first, setup, robot, gait))
         finally:
             self._busy = ""
+            self._controls.show_choice(self._setup.robot, self._gait, self._setup.gaits)
+
+    def _drive(self, setup: LiveSetup) -> None:
+        """Drive what was chosen; a robot that can go on does, and begins the gait where it can."""
+        before = self._setup
+        if setup.config is not before.config:
+            live = start(setup)
+            if setup.extends(before):
+                live.go_on_from(self.live)
+            self.live = live
+        self._setup = setup
+        self._error = ""
+        if self.loop.source is not self.live:
+            self._show_live()
+        if setup.config is before.config or setup.extends(before):
+            self.live.set_gait(setup.begin)
+        else:
             self._fit()
+
+    @property
+    def _gait(self) -> str:
+        """The name of the gait that was asked for."""
+        return self._setup.gaits[self.live.asked_gait]
 
     def open_episode(self, episode: int) -> None:
         """Show an episode of the run; it takes seconds to play it out again."""
@@ -185,10 +204,8 @@ class Page:
         self._instruments.fit(size.com_height)
         # A push that makes robots of all sizes equally fast for their size.
         push_scale = size.mass_ratio * size.length_ratio**0.5
-        name = load_robot(self._setup.config.robot).name
-        self._controls.fit(
-            name, self._setup.gait, self.live.drivers, self._setup.commands, push_scale
-        )
+        self._controls.show_choice(self._setup.robot, self._gait, self._setup.gaits)
+        self._controls.fit(self.live.drivers, self._setup.commands, push_scale)
         self.live.set_driver(self.live.drivers[0])
         self.live.set_command(self._controls.command)
 
@@ -221,9 +238,11 @@ class Page:
         """Show who drives what, and what is to be said."""
         source = self.loop.source
         title = self._setup.title
+        gait = gait_text(source.snapshot(), self._setup.gaits)
         note = " ".join(filter(None, (self._busy, self._error, self._setup.note)))
         if isinstance(source, Playback):
             title = f"episode {self._episode}"
+            gait = ""
             note = " ".join(filter(None, (self._busy, self._error)))
         speed = 0.0 if self.loop.paused else self.loop.pace.speed
         self._instruments.say(
@@ -233,5 +252,6 @@ class Page:
                 None if source.over else speed,
                 self.loop.pace.rate,
                 note,
+                gait,
             )
         )

@@ -1,4 +1,4 @@
-"""The page's controls: how to walk, who drives, pushes, time, robot and gait.
+"""The page's controls: who drives, how to walk and in which gait, pushes, time and robot.
 
 What a page sends is brought into the range of its control before anything is done with it, because
 a page may send anything. Read `browser` next, which does what the controls ask for.
@@ -63,7 +63,7 @@ class Driven(Protocol):
         ...
 
     def choose(self, robot: str, gait: str) -> None:
-        """Begin again with another robot, or in another gait."""
+        """Ask for another gait, or begin again with another robot."""
         ...
 
 
@@ -86,6 +86,7 @@ class Controls:
         self._low = Command()
         self._high = Command()
         self._push_scale = 1.0
+        self._walked: tuple[str, ...] = ()
         self._fitting = False
         self._add_time()
 
@@ -96,10 +97,12 @@ class Controls:
         self._add_choice()
 
     def _add_command(self) -> None:
-        """Add who drives, and the sliders of the command."""
+        """Add who drives, the gait, and the sliders of the command."""
         with self._gui.add_folder("Drive"):
             self._driver = self._gui.add_dropdown("driver", DRIVERS)
             self._driver.on_update(lambda _: self._let_drive())
+            self._gait = self._gui.add_dropdown("gait", tuple(GAITS), hint="key G: the next one")
+            self._gait.on_update(lambda _: self._choose())
             self._sliders = [
                 self._gui.add_slider(name, -1.0, 1.0, 0.01, 0.0, hint=f"keys {keys}")
                 for name, keys in zip(AXES, KEYS, strict=True)
@@ -111,6 +114,7 @@ class Controls:
                 word = "More" if sign > 0.0 else "Less"
                 self._add_key(f"{word} {name}", key, lambda a=axis, s=sign: self._nudge(a, s))
         self._add_key("Stand still", "X", self._stand)
+        self._add_key("Next gait of those that are walked", "G", self._next_gait)
 
     def _add_pushing(self) -> None:
         """Add the push."""
@@ -148,44 +152,50 @@ class Controls:
             self._driven.reset()
 
     def _add_choice(self) -> None:
-        """Add robot and gait."""
+        """Add the robot."""
         with self._gui.add_folder("Robot"):
             self._robot = self._gui.add_dropdown("robot", tuple(ROBOTS))
-            self._gait = self._gui.add_dropdown("gait", tuple(GAITS))
             self._robot.on_update(lambda _: self._choose())
-            self._gait.on_update(lambda _: self._choose())
 
     def _add_key(self, label: str, key: Any, function: Callable[[], None]) -> None:
         """Have a key do something; Ctrl-K lists the keys."""
         command: Any = self._gui.add_command(label, hotkey=key)
         command.on_trigger(lambda _: function())
 
-    def fit(
-        self,
-        robot: str,
-        gait: str,
-        drivers: Sequence[DriverName],
-        commands: tuple[Command, Command],
-        push_scale: float,
-    ) -> None:
-        """Show what is driven now, and allow what can be done with it.
-
-        The command that is shown afterwards is a slow walk.
+    def show_choice(self, robot: str, gait: str, walked: Sequence[str]) -> None:
+        """Show which robot is driven, and which gait was asked for.
 
         Args:
             robot: Name of the robot.
             gait: Name of the gait.
+            walked: Names of the gaits that can be begun without another simulation.
+        """
+        self._fitting = True  # what the page is told is not what somebody has asked for
+        self._walked = tuple(walked)
+        self._robot.options = with_names(tuple(ROBOTS), (robot,))
+        self._robot.value = robot
+        self._gait.options = with_names(tuple(GAITS), walked)
+        self._gait.value = gait
+        self._fitting = False
+
+    def fit(
+        self,
+        drivers: Sequence[DriverName],
+        commands: tuple[Command, Command],
+        push_scale: float,
+    ) -> None:
+        """Allow what can be done with what is driven now.
+
+        The command that is shown afterwards is a slow walk.
+
+        Args:
             drivers: Who can drive; the first one does.
             commands: The smallest and the largest command.
             push_scale: How much stronger pushes are than on a Solo12.
         """
-        self._fitting = True  # what the page is told is not what somebody has asked for
+        self._fitting = True
         self._low, self._high = commands
         self._push_scale = push_scale
-        self._robot.options = with_name(tuple(ROBOTS), robot)
-        self._robot.value = robot
-        self._gait.options = with_name(tuple(GAITS), gait)
-        self._gait.value = gait
         self._driver.options = tuple(drivers)
         self._driver.value = drivers[0]
         first = Command(vx=FIRST_SPEED)
@@ -230,6 +240,12 @@ class Controls:
         for slider, low, high in zip(self._sliders, self._low, self._high, strict=True):
             slider.value = clipped(0.0, low, high)
 
+    def _next_gait(self) -> None:
+        """Ask for the gait after the one that is shown, of those that are walked."""
+        if self._gait.value in self._walked:
+            place = self._walked.index(self._gait.value) + 1
+            self._gait.value = self._walked[place % len(self._walked)]
+
     def _push(self) -> None:
         """Push the robot as the sliders show."""
         size = clipped(self._size.value, 0.0, MOST_PUSH * self._push_scale)
@@ -245,6 +261,6 @@ class Controls:
             self._driven.choose(self._robot.value, self._gait.value)
 
 
-def with_name(names: tuple[str, ...], name: str) -> tuple[str, ...]:
-    """Names, and one more if it is not among them."""
-    return names if name in names else (*names, name)
+def with_names(names: tuple[str, ...], further: Sequence[str]) -> tuple[str, ...]:
+    """Names, and further ones that are not among them."""
+    return tuple(dict.fromkeys((*names, *further)))

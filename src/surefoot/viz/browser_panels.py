@@ -7,6 +7,7 @@ next.
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,7 +37,22 @@ HEIGHT_SHOWN = (0.4, 1.2)
 """Heights of the center of mass are drawn in this range, as shares of that of a standing robot."""
 
 
-def status_html(snapshot: Snapshot, title: str, speed: float | None, rate: float, note: str) -> str:
+def gait_text(snapshot: Snapshot, gaits: Sequence[str]) -> str:
+    """Which gait is walked, and which one comes next, in words.
+
+    Args:
+        snapshot: The moment.
+        gaits: The names of the gaits, by their numbers.
+    """
+    walked = gaits[snapshot.gait]
+    if snapshot.asked_gait == snapshot.gait:
+        return f"gait {walked}"
+    return f"gait {walked}, soon {gaits[snapshot.asked_gait]}"
+
+
+def status_html(
+    snapshot: Snapshot, title: str, speed: float | None, rate: float, note: str, gait: str = ""
+) -> str:
     """Who drives what, how fast it is told to go and goes, and whether time passes as asked for.
 
     Args:
@@ -46,6 +62,7 @@ def status_html(snapshot: Snapshot, title: str, speed: float | None, rate: float
             None when it is over.
         rate: The one that was reached.
         note: What else is to be said; it may be empty.
+        gait: Which gait is walked, in words; it may be empty.
     """
     told = snapshot.command
     vx, vy, yaw_rate = snapshot.velocity
@@ -60,7 +77,8 @@ def status_html(snapshot: Snapshot, title: str, speed: float | None, rate: float
         _row("told", told.vx, told.vy, told.yaw_rate),
         _row("walks", vx, vy, yaw_rate),
         "</table>",
-        f'<div style="margin:0.4em 0">{snapshot.seconds:.2f} s{_tempo(speed, rate)}</div>',
+        f'<div style="margin:0.4em 0">{snapshot.seconds:.2f} s{_tempo(speed, rate)}'
+        f'<span style="float:right">{html.escape(gait)}</span></div>',
     ]
     if snapshot.ended:
         lines.append(_badge(f"{snapshot.ended}: press Reset", INK))

@@ -1,24 +1,28 @@
 """A simulation that somebody drives while it runs: one robot, and no browser in it.
 
 Each tick is that of `rollouts.engine`: who drives, their torque, clipped, one step. What differs is
-that the command, the driver and the pushes come from outside, at any time. `LiveSimulation` is not
-made for several threads: `live_loop` runs it in one. Read `live_setup` for what can be driven.
+that the command, the gait, the driver and the pushes come from outside, at any time; a gait begins
+by the rule of episodes (`gait_clock.switch_tick`). `LiveSimulation` is not made for several
+threads: `live_loop` runs it in one. Read `live_setup` for what can be driven.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import Literal, Protocol, get_args
 
 import numpy as np
 
-from surefoot.config import SafetyConfig
+from surefoot.config import Gait, SafetyConfig
+from surefoot.config.gait_clock import GaitChange
 from surefoot.errors import unknown
 from surefoot.robots.model import RobotModel, standing, stop_speeding
 from surefoot.rollouts.compiled import clip_torque, driver
 from surefoot.rollouts.engine import Remembering
 from surefoot.rollouts.outcome import fallen
+from surefoot.rollouts.roles import in_several_gaits
 from surefoot.rotations import from_heading
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.sim.protocol import Simulator
@@ -45,6 +49,8 @@ LIMP_TICKS = 1000
 """[ms] A robot that has fallen lies down for so long before the simulation stands still."""
 PLAN_SHOWN = 100
 """[ms] How long a plan is followed at most, and shown."""
+TROT = Gait()
+"""The gait of whoever does not say in which one it walks."""
 EVERYONE = np.ones(1, dtype=bool)
 """The mask of the only robot."""
 
@@ -73,13 +79,15 @@ class LiveSimulation:
         policy: The policy; None if only the expert can drive.
         monitor: The gate that guards the policy; None if there is no policy.
         plans: Remembers the expert's plans; None draws none.
+        gaits: The gaits that expert and policy walk, by their numbers.
 
     Attributes:
         robot: The robot.
         safety: The bounds.
 
     Raises:
-        ValueError: The simulator has more robots than one.
+        ValueError: The simulator has more robots than one; or there are several gaits, and a
+            controller cannot be told which one is meant.
     """
 
     def __init__(
@@ -91,6 +99,7 @@ class LiveSimulation:
         policy: Controller | None = None,
         monitor: SafetyMonitor | None = None,
         plans: PlanWatcher | None = None,
+        gaits: Sequence[Gait] = (TROT,),
     ) -> None:
         if simulator.batch != 1:
             raise ValueError(f"a live simulation of {simulator.batch} robots; give it one")
@@ -103,6 +112,9 @@ class LiveSimulation:
         self._remembering = self._policy if isinstance(self._policy, Remembering) else None
         self._monitor = monitor
         self._plans = plans
+        self._gaits = GaitChange(gaits)
+        # They are told which gait to walk.
+        self._walkers = [] if len(gaits) == 1 else in_several_gaits((expert, policy))
         self._margins = MarginMeter(self.robot, safety)
         self._command = Command()
         self._driver: DriverName = "expert" if policy is None else "policy"
@@ -121,6 +133,11 @@ class LiveSimulation:
         return self._driver
 
     @property
+    def asked_gait(self) -> int:
+        """The number of the gait that was asked for."""
+        return self._gaits.asked
+
+    @property
     def over(self) -> bool:
         """True once the robot lies on the ground after a fall."""
         return self._limp >= LIMP_TICKS
@@ -131,8 +148,42 @@ class LiveSimulation:
         return np.array(self._rows).reshape(-1, 7)
 
     def reset(self) -> None:
-        """Begin again from standing, at the beginning of the gait cycle; the command stays."""
-        self._simulator.reset(standing(self.robot)[None], np.zeros((1, 18)))
+        """Begin again from standing, at tick 0 of the gait clock; command and gait stay."""
+        self._begin(standing(self.robot)[None], np.zeros((1, 18)))
+        self._elapsed = 0
+        self._push_begins = -PUSH_SHOWN
+        self._rows: deque[Array] = deque(maxlen=to_ticks(TRACE_SECONDS) // SAMPLE_TICKS)
+        self._gaits.begin(self._gaits.asked)
+
+    def begin_in(self, number: int) -> None:
+        """Begin again from standing, in another gait.
+
+        Args:
+            number: Its number.
+
+        Raises:
+            ValueError: There is no such gait here.
+        """
+        self._gaits.begin(number)
+        self.reset()
+
+    def go_on_from(self, other: LiveSimulation) -> None:
+        """Take over another simulation of the same robot, whose gaits are the first ones of this.
+
+        Args:
+            other: The other one, which is not to go on itself.
+        """
+        state = other._simulator.state
+        self._begin(state.q, state.v)
+        self._command = other._command
+        self._elapsed = other._elapsed
+        self._push_begins = -PUSH_SHOWN
+        self._rows = other._rows
+        self._gaits.begin(other._gaits.at(other._elapsed))
+
+    def _begin(self, q: Array, v: Array) -> None:
+        """Begin in a state ``(1, 19)`` and ``(1, 18)``, with nothing in anybody's memory."""
+        self._simulator.reset(q, v)
         self._expert.reset(1)
         if self._policy is not None:
             self._policy.reset(1)
@@ -140,15 +191,12 @@ class LiveSimulation:
             self._monitor.reset(1)
         if self._plans is not None:
             self._plans.forget()
-        self._elapsed = 0
         self._limp = 0
         self._lying = 0
         self._ended = ""
         self._expert_drives = self._driver == "expert"
         self._push = np.zeros(2)
-        self._push_begins = -PUSH_SHOWN
         self._pushed = np.zeros(3)
-        self._rows: deque[Array] = deque(maxlen=to_ticks(TRACE_SECONDS) // SAMPLE_TICKS)
 
     def set_command(self, command: Command) -> None:
         """Tell the robot how to walk from the next tick on.
@@ -162,6 +210,17 @@ class LiveSimulation:
         if not all(math.isfinite(value) for value in command):
             raise ValueError(f"the command {tuple(command)} is not finite")
         self._command = command
+
+    def set_gait(self, number: int) -> None:
+        """Ask for a gait, which begins where a cycle of it does, while a foot stands.
+
+        Args:
+            number: Its number.
+
+        Raises:
+            ValueError: There is no such gait here.
+        """
+        self._gaits.ask(number, self._elapsed)
 
     def set_driver(self, name: DriverName) -> None:
         """Say who drives from the next tick on.
@@ -237,6 +296,8 @@ class LiveSimulation:
     def _torque(self, state: State, tick: IntArray) -> Array:
         """``(1, 12)`` the torques of who drives [N m], as the motors give them."""
         command = np.array([self._command])
+        for walker in self._walkers:
+            walker.gait = self._gaits.at(self._elapsed)
         self._expert_drives = self._choose(state, tick, command)
         controller = self._expert if self._expert_drives else self._policy
         if controller is None:
@@ -279,6 +340,8 @@ class LiveSimulation:
             plan=self._followed_plan(),
             push=self._pushed if 0 < since_push < PUSH_SHOWN else None,
             ended=self._ended,
+            gait=self._gaits.at(self._elapsed),
+            asked_gait=self.asked_gait,
         )
 
     def _followed_plan(self) -> ShownPlan | None:

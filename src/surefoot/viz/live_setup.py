@@ -1,26 +1,29 @@
-"""What can be driven live: a robot in a gait, by a policy where there is one that fits.
+"""What can be driven live: a robot in its gaits, by a policy where there is one that fits.
 
 `find_setup` makes a `LiveSetup` of what the command line names, `with_choice` one of another robot
-or gait, and `start` the `LiveSimulation` of one. Read `live` next.
+or gait, and `start` the `LiveSimulation` of one. The gaits of a setup are changed as the robot
+walks; an expert without a policy learns further ones. Read `live` next.
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from surefoot.config import CommandBox, Config, LocoSafeDaggerConfig
+from surefoot.config import CommandBox, Config, LocoSafeDaggerConfig, OtherGait
 from surefoot.config.single_gaits import each_gait
 from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import make_expert, make_planner
-from surefoot.mpc.gaits import gait_name, names_of, with_gait
+from surefoot.mpc.gaits import gait_name, numbers_of, with_gait
 from surefoot.mpc.planner import Planner, PlanStages
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import own_values, size_of, with_own_values
+from surefoot.robots.several_gaits import envelope, for_each_gait
 from surefoot.runs.policies import find_policy
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor
@@ -43,24 +46,58 @@ LYING = 0.3
 
 @dataclass(frozen=True)
 class LiveSetup:
-    """A robot, its gait, and who can drive it.
+    """A robot, its gaits, and who can drive it.
 
     Attributes:
         config: The configuration, with the robot's own values in place of None.
         policy: The policy; None if only the expert can drive.
         title: What is driven, in words.
         note: What somebody who drives it should know; empty if there is nothing.
+        begin: The number of the gait that the robot begins in.
     """
 
     config: Config
     policy: Policy | None
     title: str
     note: str = ""
+    begin: int = 0
+
+    @property
+    def gaits(self) -> tuple[str, ...]:
+        """The names of the gaits, by their numbers; `custom` for one that has none."""
+        return tuple(map(gait_name, self.config.gaits))
 
     @property
     def gait(self) -> str:
-        """The name of the gait; `custom` for one that has none."""
-        return gait_name(self.config.gait)
+        """The name of the gait that the robot begins in."""
+        return self.gaits[self.begin]
+
+    @property
+    def robot(self) -> str:
+        """The name of the robot."""
+        return load_robot(self.config.robot).name
+
+    def extends(self, other: LiveSetup) -> bool:
+        """Whether it is another setup of an expert with further gaits, so that a robot can go on.
+
+        Args:
+            other: The other one.
+        """
+        experts = self.policy is None and other.policy is None
+        gaits = self.config.gaits[: len(other.config.gaits)]
+        return experts and self.robot == other.robot and gaits == other.config.gaits
+
+    def beginning_in(self, gait: str) -> LiveSetup:
+        """The same, beginning in a gait.
+
+        Args:
+            gait: The name of one of its gaits.
+
+        Raises:
+            ValueError: It has no such gait.
+        """
+        [number] = numbers_of(self.config, [gait])
+        return self if number == self.begin else replace(self, begin=number)
 
     @property
     def commands(self) -> tuple[Command, Command]:
@@ -74,20 +111,20 @@ class LiveSetup:
 
 
 class WatchedPlanner:
-    """A planner as a plan function that remembers its last plan, to be drawn.
+    """Planners as a plan function that remembers its last plan, to be drawn.
 
     Args:
-        planner: The planner.
+        planners: The planner of each gait, by their numbers.
     """
 
-    def __init__(self, planner: Planner) -> None:
-        self._planner = planner
+    def __init__(self, planners: Sequence[Planner]) -> None:
+        self._planners = tuple(planners)
         self._last: tuple[PlanStages, State] | None = None
 
     def __call__(self, state: State, tick: int, command: Command) -> MotionPlan:
         """Plan as `Planner.plan` does."""
         with np.errstate(all="ignore"):  # what is not finite shows in `valid`
-            stages = self._planner.solve(state, tick, command)
+            stages = self._planners[command.gait].solve(state, tick, command)
         self._last = (stages, state)
         return stages.motion
 
@@ -119,7 +156,7 @@ def find_setup(target: Path | None, robot: str | None = None, gait: str | None =
     Args:
         target: The folder of a run, a policy file, or None.
         robot: A robot other than the target's, or than Solo12.
-        gait: A gait other than the target's, or than the trot.
+        gait: A gait other than the target's first one, or than the trot.
 
     Raises:
         FileNotFoundError: There is no such folder or file.
@@ -129,15 +166,24 @@ def find_setup(target: Path | None, robot: str | None = None, gait: str | None =
     path, config = find_policy(target)
     policy = load(path, load_robot(config.robot).name)
     name = "the policy of the package" if target is None else target.resolve().name
-    gaits_note = _gaits_note(config)
-    config, note = _measured(each_gait(config)[0])
-    notes = [text for text in (gaits_note, note, _ground_note(config)) if text]
-    setup = LiveSetup(config, policy, f"{name}, {policy.robot}", "; ".join(notes))
+    notes: list[str] = []
+
+    def measured(one: Config) -> Config:
+        filled, note = _measured(one)
+        notes.append(note)
+        return filled
+
+    config = for_each_gait(measured, config)
+    notes.append(_ground_note(config))
+    note = "; ".join(filter(None, notes))
+    setup = LiveSetup(config, policy, f"{name}, {policy.robot}", note)
     return with_choice(setup, setup, robot or policy.robot, gait or setup.gait)
 
 
 def with_choice(first: LiveSetup, now: LiveSetup, robot: str, gait: str) -> LiveSetup:
     """What is driven after a robot and a gait were chosen.
+
+    An expert that drives the robot without a policy walks the gait besides those that it walks.
 
     Args:
         first: What the command line named; its policy drives again where it fits.
@@ -149,9 +195,33 @@ def with_choice(first: LiveSetup, now: LiveSetup, robot: str, gait: str) -> Live
         ValueError: There is no such robot or gait.
     """
     for setup in (now, first):
-        if (robot, gait) == (load_robot(setup.config.robot).name, setup.gait):
-            return setup
-    return expert_setup(replace(Config(), simulation=first.config.simulation), robot, gait)
+        if setup.robot == robot and gait in setup.gaits:
+            return setup.beginning_in(gait)
+    chosen = expert_setup(replace(Config(), simulation=first.config.simulation), robot, gait)
+    if now.policy is None and now.robot == robot:
+        return with_expert_of(now, chosen)
+    return chosen
+
+
+def with_expert_of(now: LiveSetup, chosen: LiveSetup) -> LiveSetup:
+    """An expert's setup, with the gait of another one of the same robot besides.
+
+    The safety bounds are those that hold the bounds of all gaits, as those of a policy of several.
+
+    Args:
+        now: What is driven now; its gaits keep their numbers.
+        chosen: The robot in one gait.
+    """
+    one = chosen.config
+    config = replace(
+        now.config,
+        other_gaits=(*now.config.other_gaits, OtherGait(one.gait, one.expert, one.start_set)),
+        safety=envelope([now.config.safety, one.safety]),
+    )
+    notes = dict.fromkeys(filter(None, (now.note, chosen.note)))
+    setup = LiveSetup(config, None, now.title, " ".join(notes))
+    title = f"{setup.robot}, {', '.join(setup.gaits)}"
+    return replace(setup, title=title, begin=len(setup.gaits) - 1)
 
 
 def expert_setup(config: Config, robot: str, gait: str) -> LiveSetup:
@@ -186,13 +256,6 @@ def _ground_note(config: Config) -> str:
     return f"The ground is level here: simulation.terrain, {terrain}, is that of episodes only."
 
 
-def _gaits_note(config: Config) -> str:
-    """What to know about a policy of several gaits, which walks the first one here."""
-    if not config.other_gaits:
-        return ""
-    return f"The policy walks {names_of(config)}, and here the first of them."
-
-
 def _scaled(interval: tuple[float, float], factor: float) -> tuple[float, float]:
     """An interval of speeds, scaled, and rounded to 0.01 m/s."""
     low, high = interval
@@ -213,7 +276,8 @@ def start(setup: LiveSetup) -> LiveSimulation:
     """The simulation of a setup, from standing.
 
     The guarded policy has the gate of the paper's Table I, with the blocking of the run if its
-    method has one. A robot may tilt as far as in the evaluation of pushes, from which many get up.
+    method has one; several gaits have one table, which holds the bounds of each of them. A robot
+    may tilt as far as in the evaluation of pushes, from which many get up.
 
     Args:
         setup: What is driven.
@@ -224,7 +288,7 @@ def start(setup: LiveSetup) -> LiveSimulation:
     config = setup.config
     robot = load_robot(config.robot)
     safety = config.safety
-    plans = WatchedPlanner(make_planner(robot, config))
+    plans = WatchedPlanner([make_planner(robot, one) for one in each_gait(config)])
     method = config.method
     blocking = method if isinstance(method, LocoSafeDaggerConfig) else LocoSafeDaggerConfig()
     monitor = SafetyMonitor(Bounds(config.safety), blocking.T_block, blocking.hand_back)
@@ -233,7 +297,7 @@ def start(setup: LiveSetup) -> LiveSimulation:
         fall_angle=max(safety.fall_angle, config.push.fall_angle),
         body_contact=max(safety.body_contact, LYING),
     )
-    return LiveSimulation(
+    simulation = LiveSimulation(
         make_simulator(robot, 1, config.simulation),
         safety,
         own_values(robot).policy_kd,
@@ -241,4 +305,7 @@ def start(setup: LiveSetup) -> LiveSimulation:
         setup.policy,
         None if setup.policy is None else monitor,
         plans,
+        config.gaits,
     )
+    simulation.begin_in(setup.begin)
+    return simulation

@@ -8,12 +8,13 @@ import pytest
 
 from surefoot.deploy.export_file import read_export
 from surefoot.deploy.policy import OnnxPolicy
-from surefoot.interop.logs.replay import run_pipeline, run_runtime
+from surefoot.interop.logs.replay import run_pipeline, run_runtime, sensors_of
 from surefoot.interop.onnx.pipeline import GAIT, MEMORY_IN, MEMORY_OUT, input_names
 from surefoot.interop.onnx.runner import PipelineRunner
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.observation import GaitTiming
 from surefoot.learning.onnx_graph import runner
+from surefoot.types import GaitCommand
 from tests.fakes.exports import TROT, exported, policy_of, smooth_log
 
 
@@ -70,9 +71,13 @@ def test_one_of_several_gaits_is_chosen_by_an_input(tmp_path):
     file = read_export(path)
     assert GAIT in input_names(file.description).values()
     runtime = OnnxPolicy(file.description, lambda inputs: np.zeros((len(inputs), 12), np.float32))
-    runtime.gait = 1
     log = smooth_log(5)
-    inputs, _, _ = run_runtime(runtime, log)
+    inputs = [
+        runtime.inputs(
+            sensors_of(log, row), int(log.tick[row]), GaitCommand(*log.command[row], gait=1)
+        )
+        for row in range(5)
+    ]
     seen, _ = run_pipeline(PipelineRunner(file, gait=1), log)
     np.testing.assert_allclose(seen, inputs, atol=1e-6)
     assert seen[0, -2:].tolist() == [0.0, 1.0]
