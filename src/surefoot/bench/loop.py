@@ -20,7 +20,7 @@ from surefoot.bench.engine import standing_policy
 from surefoot.config import Config
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.bridge import Bridge, Measurement, UdpChannel
-from surefoot.deploy.flight import without_pauses
+from surefoot.deploy.drive import without_pauses
 from surefoot.deploy.loop import Mode, Runtime
 from surefoot.deploy.operator import Scripted
 from surefoot.deploy.policy import OnnxPolicy, load

@@ -370,11 +370,10 @@ class Runtime:
         """Count and record a tick."""
         begun, measured = times
         work_ns = self._clock() - measured
-        if command is not None:
-            self.work.add(work_ns * MICROSECOND)
-            self._late_work = work_ns > self._period_ns and not self._robot.lockstep
         round_trip = self._robot.round_trip_ns * MICROSECOND
         if command is not None:
+            self._late_work = work_ns > self._period_ns and not self._robot.lockstep
+            self.work.add(work_ns * MICROSECOND)
             self.round_trips.add(round_trip)
         record = TickRecord(
             self.ticks,
