@@ -175,7 +175,7 @@ class RunPolicy:
 
         low, high = gate_bounds(policy, expert)
         table = policy.description.kinematics
-        expert = PlanFollower(
+        follower = PlanFollower(
             link,
             known(expert.expert.kp, "expert.kp"),
             known(expert.expert.kd, "expert.kd"),
@@ -186,7 +186,7 @@ class RunPolicy:
         gate = BoundsGate(low, high, partial(com_in_base, table))
         # The switch is asked once in a tick of the policy.
         block = round(self.config.block * policy.rate_hz)
-        return Safeguard(GateSwitch(gate, block), expert)
+        return Safeguard(GateSwitch(gate, block), follower)
 
 
 def gait_names(policy: OnnxPolicy) -> tuple[str, ...]:
