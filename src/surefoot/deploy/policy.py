@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.config import Gait
 from surefoot.deploy.description import ExportFileError, PolicyDescription, start_limits
 from surefoot.deploy.export_file import read_export
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
@@ -21,14 +20,13 @@ from surefoot.deploy.observer import observed
 from surefoot.learning.memory import Memory
 from surefoot.learning.observation import (
     OBSERVATION,
-    OBSERVATION_SIZE,
     Float32Array,
-    GaitTiming,
+    columns_of,
     goal,
 )
 from surefoot.learning.onnx_graph import runner
 from surefoot.rotations import rotation
-from surefoot.types import TICKS_PER_SECOND, Array, Command, IntArray, State
+from surefoot.types import Array, Command, State
 
 BASE_PARTS = ("base_height", "linear_velocity")
 """Parts of an observation that nothing on board measures."""
@@ -102,21 +100,21 @@ class OnnxPolicy:
         self.start_range = start_limits(description.start_range)
         layout = self.spec.layout
         remembered = () if layout.history is None else layout.history.parts
-        self._columns = _columns(layout.parts)
-        self._sample_columns = _columns(remembered)
+        self._columns = columns_of(layout.parts)
+        self._sample_columns = columns_of(remembered)
         asked = {*layout.parts, *remembered}
         self._base_parts = tuple(part for part in BASE_PARTS if part in asked)
         self.needs_base = bool(self._base_parts)
-        self.gaits = tuple(map(gait_of, self.spec.gaits))
+        self.gaits = tuple(timing.gait for timing in self.spec.gaits)
         self._torque_limit = np.array(description.torque_limit)
         self._forward = forward
         self._memory: Memory | None = None
 
     def reset(self, sensors: Sensors) -> None:
-        """Begin an episode: forget everything, and let this measurement stand for all before it.
+        """Begin an episode: forget everything; the first tick will stand for all before it.
 
         Args:
-            sensors: What the robot measures now.
+            sensors: What the robot measures now, to see whether that is enough.
 
         Raises:
             ValueError: The layout needs what the robot does not measure.
@@ -250,15 +248,6 @@ class OnnxPolicy:
         return UNKNOWN_BASE
 
 
-def gait_of(timing: GaitTiming) -> Gait:
-    """A gait of a file, as far as its timing says.
-
-    Args:
-        timing: What the file says of it.
-    """
-    return Gait(timing.period_ticks / TICKS_PER_SECOND, timing.duty, timing.offsets)
-
-
 def state_of_base(description: PolicyDescription, q: Array, v: Array) -> State:
     """The states of robots with these configurations and velocities, by the table of a file.
 
@@ -272,9 +261,3 @@ def state_of_base(description: PolicyDescription, q: Array, v: Array) -> State:
     feet = feet @ turn + q[:, None, :3]
     com = (com[:, None] @ turn)[:, 0] + q[:, :3]
     return State(q, v, com, feet, np.zeros((len(q), 4), dtype=bool))
-
-
-def _columns(parts: tuple[str, ...]) -> IntArray:
-    """Where the numbers of some parts lie among those of all parts."""
-    every = np.arange(OBSERVATION_SIZE)
-    return np.concatenate([every[:0], *(every[OBSERVATION[name]] for name in parts)])

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import MOST_GAITS, Config, Gait, HeightRule, Phase
-from surefoot.config.gait_table import gait_name
+from surefoot.config.gait_table import GAITS, gait_name
 from surefoot.config.robot_table import ROBOTS
 from surefoot.errors import shown, unknown
 from surefoot.learning.layouts import GOAL_PARTS, LAYOUTS, PARTS, Layout
 from surefoot.rotations import to_heading
-from surefoot.types import Array, IntArray, State, ground_height, to_ticks
+from surefoot.types import TICKS_PER_SECOND, Array, IntArray, State, ground_height, to_ticks
 
 Float32Array = NDArray[np.float32]
 """Arrays of the type that networks take and give."""
@@ -61,6 +61,12 @@ class GaitTiming:
             raise ValueError(
                 f"a gait with duty {self.duty} and offsets {self.offsets}; use shares from 0 to 1"
             )
+
+    @property
+    def gait(self) -> Gait:
+        """The gait of this timing: a named one, which may have heights too, or one without."""
+        gait = Gait(self.period_ticks / TICKS_PER_SECOND, self.duty, self.offsets)
+        return GAITS.get(gait_name(gait), gait)
 
 
 @dataclass(frozen=True)
@@ -213,6 +219,16 @@ GOAL = slices(_GOAL)
 GOAL_SIZE = sum(_GOAL.values())
 INPUT_SIZE = OBSERVATION_SIZE + GOAL_SIZE
 """Numbers that gates and traces see, and a policy of the layout `full` and one gait."""
+
+
+def columns_of(parts: Iterable[str]) -> IntArray:
+    """``(n,)`` where the numbers of some parts lie in the observation of the layout `full`.
+
+    Args:
+        parts: Names of the parts, from `PARTS`, in the order in which they are to be taken.
+    """
+    every = np.arange(OBSERVATION_SIZE)
+    return np.concatenate([every[:0], *(every[OBSERVATION[name]] for name in parts)])
 
 
 def observe(

@@ -3,7 +3,7 @@
 Between two runs of a network, whose weights fill the cache of a core, each of numpy's operations on
 a small array costs 5 us instead of 1. These functions make the same operations in the same order
 in one call: `driver` around a trained policy's network, `clip_torque` for every torque. The numpy
-forms are the reference, which training and deployment use: `learning.observation.network_input`,
+forms are the reference, which training uses: `learning.observation.network_input`,
 `learning.memory.Memory`, `learning.policy.pd`, `robots.model.clip_torque`. The results are the same
 to the bit, on a processor that fuses multiplications and additions as numpy does. Read `engine`
 next.
@@ -11,7 +11,6 @@ next.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,10 +21,10 @@ from surefoot.learning.memory import Memory
 from surefoot.learning.network import MINIMUM_ROWS
 from surefoot.learning.observation import (
     INPUT_SIZE,
-    OBSERVATION,
     OBSERVATION_SIZE,
     Float32Array,
     ObservationSpec,
+    columns_of,
     goal,
 )
 from surefoot.learning.policy import Policy
@@ -86,12 +85,12 @@ class CompiledLayout:
     def __init__(self, policy: Policy) -> None:
         spec = policy.spec.observation
         self._policy = policy
-        self._columns = _columns(spec.layout.parts)
+        self._columns = columns_of(spec.layout.parts)
         # A radius below 0 stands for a height that is absolute.
         self._radius = spec.foot_radius if spec.height == "above_feet" else -1.0
         history = spec.layout.history
         self._history = history
-        self._sample_columns = _columns(() if history is None else history.parts)
+        self._sample_columns = columns_of(() if history is None else history.parts)
 
     def reset(self, batch: int) -> None:
         """Forget everything, and be ready for ``batch`` robots."""
@@ -153,12 +152,6 @@ class CompiledLayout:
     def diverged(self) -> BoolArray:
         """``(B,)`` all False: a policy always answers."""
         return self._policy.diverged
-
-
-def _columns(parts: Sequence[str]) -> IntArray:
-    """Return where the numbers of some parts lie in the observation of the layout `full`."""
-    columns = [np.arange(OBSERVATION[name].start, OBSERVATION[name].stop) for name in parts]
-    return np.concatenate([np.zeros(0, dtype=np.int64), *columns])
 
 
 def _build_multiply_add(typingctx: Any, a: Any, b: Any, c: Any) -> Any:

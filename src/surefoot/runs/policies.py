@@ -17,7 +17,6 @@ import numpy as np
 from surefoot.config import (
     CommandBox,
     Config,
-    Gait,
     LayoutName,
     OtherGait,
     PolicyConfig,
@@ -29,7 +28,7 @@ from surefoot.learning.joint_limits import JointLimits, SafetyBounds
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.observation import GaitTiming, ObservationSpec
 from surefoot.learning.policy import Policy, load, policy_spec
-from surefoot.mpc.gaits import GAITS, gait_name, names_of
+from surefoot.mpc.gaits import names_of
 from surefoot.robots.bounds import table_bounds
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
@@ -37,7 +36,7 @@ from surefoot.robots.scaling import with_own_values
 from surefoot.robots.several_gaits import for_each_gait
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
-from surefoot.types import TICKS_PER_SECOND, Array
+from surefoot.types import Array
 
 PACKAGED_POLICY = Path(__file__).parent / "data" / "solo12-trot.safetensors"
 """The policy that comes with the package: Solo12's trot at 0 to 0.3 m/s, cloned from 80 s of a
@@ -108,18 +107,12 @@ def config_for(robot: str, gaits: Sequence[GaitTiming], command_range: Array) ->
         gaits: The gaits.
         command_range: ``(2, 3)`` smallest and largest command trained on.
     """
-    first, *others = map(_gait_of, gaits)
+    first, *others = (timing.gait for timing in gaits)
     config = with_timing(Config(robot=RobotConfig(model=robot)), first)
     config = replace(config, other_gaits=tuple(map(OtherGait, others)))
     trained = CommandBox(*zip(*command_range.tolist(), strict=True))
     # Data drawn from a box need not reach its ends.
     return config if _lies_in(trained, config.commands) else replace(config, commands=trained)
-
-
-def _gait_of(timing: GaitTiming) -> Gait:
-    """The gait of a timing: the one of that name, which may have heights, or one without."""
-    gait = Gait(timing.period_ticks / TICKS_PER_SECOND, timing.duty, timing.offsets)
-    return GAITS.get(gait_name(gait), gait)
 
 
 def _lies_in(inner: CommandBox, outer: CommandBox) -> bool:
