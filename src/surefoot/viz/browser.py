@@ -59,6 +59,7 @@ class Page:
         self._scene = RobotScene(self._server, self.live.robot)
         self._scene.look()
         self.loop = LiveLoop(self.live, self._draw, self._report, self._fail)
+        self._show_choice()
         self._fit()
         self.loop.start()
 
@@ -130,29 +131,33 @@ class Page:
             self._drive(with_choice(self._first, setup, robot, gait))
         finally:
             self._busy = ""
-            self._controls.show_choice(self._setup.robot, self._gait, self._setup.gaits)
+            self._show_choice()
 
     def _drive(self, setup: LiveSetup) -> None:
         """Drive what was chosen; a robot that can go on does, and begins the gait where it can."""
         before = self._setup
-        if setup.config is not before.config:
+        known = setup.config is before.config
+        # A robot that has fallen begins again from standing.
+        goes_on = known or (setup.extends(before) and not self.live.snapshot().ended)
+        if not known:
             live = start(setup)
-            if setup.extends(before):
+            if goes_on:
                 live.go_on_from(self.live)
             self.live = live
         self._setup = setup
         self._error = ""
         if self.loop.source is not self.live:
             self._show_live()
-        if setup.config is before.config or setup.extends(before):
+        if goes_on:
             self.live.set_gait(setup.begin)
         else:
             self._fit()
 
-    @property
-    def _gait(self) -> str:
-        """The name of the gait that was asked for."""
-        return self._setup.gaits[self.live.asked_gait]
+    def _show_choice(self) -> None:
+        """Have the controls show which robot is driven, and which gait was asked for."""
+        setup = self._setup
+        gait = setup.gaits[self.live.asked_gait]
+        self._controls.show_choice(setup.robot, gait, setup.gaits)
 
     def open_episode(self, episode: int) -> None:
         """Show an episode of the run; it takes seconds to play it out again."""
@@ -204,7 +209,6 @@ class Page:
         self._instruments.fit(size.com_height)
         # A push that makes robots of all sizes equally fast for their size.
         push_scale = size.mass_ratio * size.length_ratio**0.5
-        self._controls.show_choice(self._setup.robot, self._gait, self._setup.gaits)
         self._controls.fit(self.live.drivers, self._setup.commands, push_scale)
         self.live.set_driver(self.live.drivers[0])
         self.live.set_command(self._controls.command)
@@ -237,21 +241,23 @@ class Page:
     def _say(self) -> None:
         """Show who drives what, and what is to be said."""
         source = self.loop.source
-        title = self._setup.title
-        gait = gait_text(source.snapshot(), self._setup.gaits)
-        note = " ".join(filter(None, (self._busy, self._error, self._setup.note)))
+        snapshot = source.snapshot()
+        notes = [self._busy, self._error]
         if isinstance(source, Playback):
             title = f"episode {self._episode}"
             gait = ""
-            note = " ".join(filter(None, (self._busy, self._error)))
+        else:
+            title = self._setup.title
+            gait = gait_text(snapshot, self._setup.gaits)
+            notes.append(self._setup.note)
         speed = 0.0 if self.loop.paused else self.loop.pace.speed
         self._instruments.say(
             status_html(
-                source.snapshot(),
+                snapshot,
                 title,
                 None if source.over else speed,
                 self.loop.pace.rate,
-                note,
+                " ".join(filter(None, notes)),
                 gait,
             )
         )

@@ -19,7 +19,7 @@ from surefoot.config import CommandBox, Config, LocoSafeDaggerConfig, OtherGait
 from surefoot.config.single_gaits import each_gait
 from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import make_expert, make_planner
-from surefoot.mpc.gaits import gait_name, numbers_of, with_gait
+from surefoot.mpc.gaits import gait_name, names_of, numbers_of, with_gait
 from surefoot.mpc.planner import Planner, PlanStages
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import own_values, size_of, with_own_values
@@ -175,7 +175,7 @@ def find_setup(target: Path | None, robot: str | None = None, gait: str | None =
 
     config = for_each_gait(measured, config)
     notes.append(_ground_note(config))
-    note = "; ".join(filter(None, notes))
+    note = "; ".join(dict.fromkeys(filter(None, notes)))
     setup = LiveSetup(config, policy, f"{name}, {policy.robot}", note)
     return with_choice(setup, setup, robot or policy.robot, gait or setup.gait)
 
@@ -218,10 +218,9 @@ def with_expert_of(now: LiveSetup, chosen: LiveSetup) -> LiveSetup:
         other_gaits=(*now.config.other_gaits, OtherGait(one.gait, one.expert, one.start_set)),
         safety=envelope([now.config.safety, one.safety]),
     )
+    title = f"{now.robot}, {names_of(config)}"
     notes = dict.fromkeys(filter(None, (now.note, chosen.note)))
-    setup = LiveSetup(config, None, now.title, " ".join(notes))
-    title = f"{setup.robot}, {', '.join(setup.gaits)}"
-    return replace(setup, title=title, begin=len(setup.gaits) - 1)
+    return LiveSetup(config, None, title, " ".join(notes), begin=len(now.gaits))
 
 
 def expert_setup(config: Config, robot: str, gait: str) -> LiveSetup:
