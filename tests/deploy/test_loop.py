@@ -148,7 +148,7 @@ def test_a_robot_begins_to_drive_in_the_gait_that_was_asked_for():
 
 
 def test_the_expert_is_asked_ahead_for_a_plan_in_the_gait_that_is_walked_then():
-    expert: Any = Expert()  # in the place of an `PlanFollower`
+    expert: Any = Expert()  # in the place of a `PlanFollower`
     world = several_gaits(safeguard=Safeguard(Always(), expert))
     world.drive(100)
     ask_for_gait(world, 1)

@@ -16,7 +16,7 @@ from surefoot.learning.observation import Float32Array
 from surefoot.types import Array
 
 NO_HEADING = 1e-9
-"""A base whose x axis is so close to the vertical has no heading; any will do."""
+"""A base whose x axis is so close to the vertical has no heading: its axes are zeros."""
 
 
 def observed(table: KinematicTable, sensors: Sensors, base: BaseEstimate) -> Float32Array:
@@ -45,8 +45,8 @@ def observed(table: KinematicTable, sensors: Sensors, base: BaseEstimate) -> Flo
 def attitude(orientation: Array) -> tuple[tuple[float, float, float], Array]:
     """The upward direction in the base frame, and the heading frame's x and y axes there.
 
-    The y axis is level and normal to the base's x axis, and the x axis is normal to both: how the
-    base is tilted says all, and its yaw nothing.
+    Both are level; the y axis is normal to the base's x axis, and the x axis to the y axis. They
+    follow from how the base is tilted, whatever its yaw.
 
     Args:
         orientation: ``(4,)`` unit quaternion xyzw, base frame to world frame.

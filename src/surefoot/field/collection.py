@@ -99,10 +99,8 @@ class RobotCollection:
                     number, report = message
                     _record(folder, attempts, report)
                     if report.episode is not None:
-                        yield (
-                            number,
-                            result_of(jobs[number], report.episode, crew.robot, crew.config),
-                        )
+                        job = jobs[number]
+                        yield number, result_of(job, report.episode, crew.robot, crew.config)
         finally:
             # After a Ctrl-C nobody takes these episodes any more, but the robot walked them.
             while not messages.empty():

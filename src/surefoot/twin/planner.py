@@ -82,8 +82,8 @@ def _plan(config: Config, pipe: Connection) -> None:
     # The first plans compile; the answer says that the planner is ready.
     standing_state = state_of(robot, standing(robot)[None], np.zeros((1, 18)))[0]
     commands = [GaitCommand(gait=number) for number in range(len(config.gaits))]
-    first, *_ = [plan(standing_state, 0, command) for command in commands]
-    pipe.send((0, first))
+    plans = [plan(standing_state, 0, command) for command in commands]
+    pipe.send((0, plans[0]))
     while True:
         try:
             request = pipe.recv()
