@@ -1,6 +1,7 @@
 """A finished run, and the command line as its entry point runs it."""
 
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
@@ -30,7 +31,8 @@ def sources_read_once() -> Iterator[None]:
 
 @pytest.fixture
 def surefoot(monkeypatch) -> Callable[..., int]:
-    """Run a command and return its exit status."""
+    """Run a command and return its exit status; what it does to all warnings is put back."""
+    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
 
     def run(*args: object) -> int:
         monkeypatch.setattr(sys, "argv", ["surefoot", *map(str, args)])

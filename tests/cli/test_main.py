@@ -243,7 +243,6 @@ def test_a_traceback_is_shown_where_it_is_asked_for(surefoot, monkeypatch):
 
 
 def test_a_warning_is_shown_without_the_code_that_gave_it(surefoot, monkeypatch):
-    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)  # is put back
     monkeypatch.setattr(main_module, "parse", lambda args: lambda: 0)
     assert surefoot("doctor") == 0
     shown = warnings.formatwarning(UserWarning("it is far"), UserWarning, "a.py", 3)
