@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from surefoot.bench.engine import standing_policy
-from surefoot.config import CommandBox, Config
+from surefoot.config import CommandBox, Config, RobotConfig
 from surefoot.config.checked import known
+from surefoot.config.robot_table import GO2
 from surefoot.config.single_gaits import each_gait
 from surefoot.learning.policy import save
 from surefoot.mpc.gaits import with_gaits
@@ -85,6 +86,13 @@ def test_an_expert_without_a_policy_walks_a_further_gait_besides(unmeasured):
     heights = [known(table.com_height, "safety.com_height") for table in tables]
     low, high = zip(*heights, strict=True)
     assert bound.config.safety.com_height == (min(low), max(high))
+
+
+def test_a_robot_of_a_users_own_walks_another_gait(unmeasured):
+    own = RobotConfig(spec=replace(GO2, name="mine"))
+    first = expert_setup(Config(robot=own), "mine", "trot")
+    walk = with_choice(first, first, "mine", "walk")
+    assert (walk.robot, walk.gait, walk.config.robot.spec) == ("mine", "walk", own.spec)
 
 
 def test_a_policy_of_several_gaits_drives_in_each_of_them(tmp_path, unmeasured):

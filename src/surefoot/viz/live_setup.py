@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.config import CommandBox, Config, LocoSafeDaggerConfig, OtherGait
+from surefoot.config import CommandBox, Config, LocoSafeDaggerConfig, OtherGait, RobotConfig
 from surefoot.config.single_gaits import each_gait
 from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import make_expert, make_planner
 from surefoot.mpc.gaits import gait_name, names_of, numbers_of, with_gait
 from surefoot.mpc.planner import Planner, PlanStages
-from surefoot.robots.load import load_robot
+from surefoot.robots.load import find_spec, load_robot
 from surefoot.robots.scaling import own_values, size_of, with_own_values
 from surefoot.robots.several_gaits import envelope, for_each_gait
 from surefoot.runs.policies import find_policy
@@ -197,7 +197,8 @@ def with_choice(first: LiveSetup, now: LiveSetup, robot: str, gait: str) -> Live
     for setup in (now, first):
         if setup.robot == robot and gait in setup.gaits:
             return setup.beginning_in(gait)
-    chosen = expert_setup(replace(Config(), simulation=first.config.simulation), robot, gait)
+    beginning = Config(simulation=first.config.simulation, robot=first.config.robot)
+    chosen = expert_setup(beginning, robot, gait)
     if now.policy is None and now.robot == robot:
         return with_expert_of(now, chosen)
     return chosen
@@ -230,14 +231,16 @@ def expert_setup(config: Config, robot: str, gait: str) -> LiveSetup:
     measured, which takes a few seconds the first time.
 
     Args:
-        config: The configuration of everything else.
+        config: The configuration of everything else, and of the robot if it is of this name: one
+            of a user's own is known by its description only.
         robot: Name of the robot, or the file of one.
         gait: Name of the gait.
 
     Raises:
         ValueError: There is no such robot or gait.
     """
-    config = replace(config, robot=replace(config.robot, model=robot, spec=None))
+    if robot != find_spec(config.robot).name:
+        config = replace(config, robot=RobotConfig(robot))
     config = with_own_values(with_gait(config, gait))
     model = load_robot(config.robot)
     root = float(np.sqrt(size_of(model).length_ratio))
