@@ -183,7 +183,7 @@ class FlightRecorder:
             record.expert_drove,
             record.gait_tick,
         )
-        parts: list[ArrayLike] = [record.command, *sensors[2:8]]
+        parts: list[ArrayLike] = [tuple(record.command), *sensors[2:8]]
         if sensors.base is None:
             parts.append(_NO_BASE)
         else:
