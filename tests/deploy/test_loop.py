@@ -140,6 +140,20 @@ def test_a_gait_that_is_asked_for_begins_where_a_cycle_of_it_does():
     }
 
 
+def test_each_tick_is_recorded_with_the_gait_that_is_walked():
+    world = several_gaits()
+    ask_for_gait(world, 1)
+    world.drive(200)
+    ask_for_gait(world, 0)
+    world.run(1500)
+    flight = world.runtime.recorder.flight()
+    driven = flight.mode == Mode.DRIVE
+    asked = [command.gait for _, command in world.policy.asked[FIRST_ANSWERS:]]
+    assert set(asked) == {0, 1}
+    assert flight.gait[driven].tolist() == asked
+    assert (~driven).any() and not flight.gait[~driven].any()
+
+
 def test_a_robot_begins_to_drive_in_the_gait_that_was_asked_for():
     world = several_gaits()
     ask_for_gait(world, 1)
