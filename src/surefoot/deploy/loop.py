@@ -304,7 +304,7 @@ class Runtime:
             return None
         self.takeovers += not had_to
         # A plan is asked for ahead, in the gait that is walked when it takes effect.
-        ahead = self._gaits.command(velocity, tick + self.config.plan_latency)
+        ahead = self._gaits.command(velocity, tick + expert.latency)
         command = expert.command(sensors, tick, ahead)
         self._expert_drives = command is not None
         return command
