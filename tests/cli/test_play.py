@@ -111,15 +111,6 @@ def test_a_film_that_could_not_be_written_is_refused_before_any_work(
         assert f"{out}" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--gaits", "trot", "bound"], "bound"),
-        (["--log", "log.npz", "--gaits", "trot"], "leave out --gaits"),
-    ],
-)
-def test_gaits_that_a_policy_does_not_have_are_refused(
-    surefoot, capsys, run_folder, options, words
-):
-    assert surefoot("play", run_folder, *options) == 2
-    assert words in capsys.readouterr().err
+def test_gaits_that_a_policy_does_not_have_are_refused(surefoot, capsys, run_folder):
+    assert surefoot("play", run_folder, "--gaits", "trot", "bound") == 2
+    assert "bound" in capsys.readouterr().err

@@ -7,7 +7,7 @@ from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.gate import Blocking, BoundsGate, GateSwitch
 from surefoot.deploy.handover import NoPlan, PlanFollower, PlanRequest, Safeguard, expected
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
-from surefoot.types import Command, MotionPlan
+from surefoot.types import Command, GaitCommand, MotionPlan
 from tests.fakes.bridge_world import World
 
 COMMAND = Command(0.1)
@@ -249,3 +249,26 @@ def test_plans_of_an_episode_before_are_not_followed_though_the_gait_clock_begin
     driver.release()
     torques = drive(driver, link, 0, 60)
     assert torques[8:] == [float(tick) for tick in range(8, 60)]
+
+
+def test_a_plan_of_another_gait_is_asked_for_at_once_though_the_grid_is_not_reached():
+    link = Link(takes=0)
+    driver = PlanFollower(link, 3.0, 0.05, 0, 60, lockstep=True)
+    torques = []
+    for tick in range(100, 160):
+        command = driver.command(sensors(), tick, GaitCommand(0.1, gait=int(tick >= 120)))
+        assert command is not None
+        torques.append(float(command.torque[0]))
+    asked = [(request.tick, request.command.gait) for request in link.requests]
+    assert asked == [(100, 0), (120, 1), (150, 1)]
+    assert torques == [float(tick) for tick in range(100, 160)]
+
+
+def test_after_a_hand_back_the_gait_of_the_next_plan_is_that_of_its_own_command():
+    link = Link(takes=0)
+    driver = expert(link)
+    driver.command(sensors(), 0, GaitCommand(0.1, gait=1))
+    driver.release()
+    drive(driver, link, 10, 20)
+    asked = [(request.tick, request.command.gait) for request in link.requests]
+    assert asked == [(8, 1), (18, 0)]

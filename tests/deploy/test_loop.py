@@ -140,6 +140,20 @@ def test_a_gait_that_is_asked_for_begins_where_a_cycle_of_it_does():
     }
 
 
+def test_each_tick_is_recorded_with_the_gait_that_is_walked():
+    world = several_gaits()
+    ask_for_gait(world, 1)
+    world.drive(200)
+    ask_for_gait(world, 0)
+    world.run(1500)
+    flight = world.runtime.recorder.flight()
+    driven = flight.mode == Mode.DRIVE
+    asked = [command.gait for _, command in world.policy.asked[FIRST_ANSWERS:]]
+    assert set(asked) == {0, 1}
+    assert flight.gait[driven].tolist() == asked
+    assert (~driven).any() and not flight.gait[~driven].any()
+
+
 def test_a_robot_begins_to_drive_in_the_gait_that_was_asked_for():
     world = several_gaits()
     ask_for_gait(world, 1)
@@ -147,15 +161,15 @@ def test_a_robot_begins_to_drive_in_the_gait_that_was_asked_for():
     assert {command.gait for _, command in world.policy.asked[FIRST_ANSWERS:]} == {1}
 
 
-def test_the_expert_is_asked_ahead_for_a_plan_in_the_gait_that_is_walked_then():
-    expert: Any = Expert()  # in the place of a `PlanFollower`
+@pytest.mark.parametrize("latency", [0, 3])
+def test_the_expert_is_asked_ahead_for_a_plan_in_the_gait_that_is_walked_then(latency):
+    expert: Any = Expert(latency)  # in the place of a `PlanFollower`
     world = several_gaits(safeguard=Safeguard(Always(), expert))
     world.drive(100)
     ask_for_gait(world, 1)
     world.run(1200)
-    ahead = world.runtime.config.plan_latency
-    assert ahead > 0
-    assert min(tick for tick, gait in expert.asked if gait == 1) == 1000 - ahead
+    assert world.runtime.config.plan_latency != latency
+    assert min(tick for tick, gait in expert.asked if gait == 1) == 1000 - latency
 
 
 class Always:
@@ -171,7 +185,8 @@ class Always:
 class Expert:
     """Holds the nominal pose, and notes the gaits that it is asked for."""
 
-    def __init__(self) -> None:
+    def __init__(self, latency: int) -> None:
+        self.latency = latency
         self.asked: list[tuple[int, int]] = []
 
     def release(self) -> None:

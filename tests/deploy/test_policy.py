@@ -150,6 +150,14 @@ def permute(values, model):
         (lambda v, _: v.update(rate_hz=0), "rate_hz is 0; use a divisor"),
         (lambda v, _: v.update(kp=[2.0] * 11), "kp has 11 values, expected 12"),
         (lambda v, _: v.update(surprise=1), "surprise"),
+        (
+            lambda v, _: v["gaits"][0].update(period_ticks=50),
+            r"network\.onnx has a gait 'trot' that no robot walks: gait\.period is 0\.05",
+        ),
+        (
+            lambda v, _: v["gaits"][0].update(duty=0.0),
+            r"network\.onnx has a gait 'trot' that no robot walks: gait\.duty is 0",
+        ),
         (lambda v, _: v["observation"].pop(), r"describes|has parts of the observation"),
         (lambda v, _: v["observation"][0].update(unit="mm"), "has parts of the observation"),
         (

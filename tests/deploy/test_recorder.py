@@ -15,7 +15,7 @@ from tests.fakes.bridge_world import World
 
 
 def record(tick: int) -> TickRecord:
-    return TickRecord(tick, 10 * tick, 2, tick % 2 == 0, Command(tick, 0.0, 0.5), 7, 1.5, 2.5)
+    return TickRecord(tick, 10 * tick, 2, tick % 2 == 0, Command(tick, 0.0, 0.5), 7, 1.5, 2.5, 1)
 
 
 def test_a_tick_is_kept_with_all_that_was_measured_and_commanded():
@@ -40,6 +40,7 @@ def test_a_tick_is_kept_with_all_that_was_measured_and_commanded():
         np.testing.assert_array_equal(getattr(flight, name)[0], getattr(command, name))
         assert np.isnan(getattr(flight, name)[1]).all()
     assert flight.gait_tick.tolist() == [7, 7]
+    assert flight.gait.tolist() == [1, 1]
     assert flight.work_us.tolist() == [1.5, 1.5]
     assert flight.round_trip_us.tolist() == [2.5, 2.5]
 
@@ -60,6 +61,15 @@ def test_a_flight_comes_back_from_its_file_to_the_bit(tmp_path):
     again = load_flight(tmp_path / "flight.npz")
     for name in flight.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(again, name), getattr(flight, name))
+
+
+def test_a_flight_of_an_earlier_version_which_has_no_gait_is_of_the_first_one(tmp_path):
+    recorder = FlightRecorder("toy")
+    recorder.add(record(0), sensors(), None)
+    arrays = dict(vars(recorder.flight()))
+    del arrays["gait"]
+    np.savez(tmp_path / "flight.npz", **arrays)
+    assert load_flight(tmp_path / "flight.npz").gait.tolist() == [0]
 
 
 def test_a_file_that_is_no_flight_is_refused(tmp_path):

@@ -23,6 +23,7 @@ from surefoot.robots.load import load_robot
 from surefoot.scenarios.starts import load_starts
 
 TROT = GaitTiming("trot", 500)
+GAITS = (TROT, GaitTiming("walk", 1000, 0.8, (0.5, 0.0, 0.25, 0.75)))
 NOMINAL = np.array([0.0, 0.8, -1.6] * 2 + [0.0, -0.8, 1.6] * 2)
 
 

@@ -87,8 +87,6 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             raise ValueError(
                 "--log has what a policy measured that drives alone; leave out --episode"
             )
-        if self.log is not None and self.gaits:
-            raise ValueError("--log has no gait, and is of the first one: leave out --gaits")
         if self.episode is None:
             job = self.policy_job()
             episode = None

@@ -62,8 +62,9 @@ def read_export(
 
     Raises:
         FileNotFoundError: There is no such file.
-        ExportFileError: It is cut short or changed, of a newer version, or made for another robot,
-            another order of joints, or another layout; the message says what to do.
+        ExportFileError: It is cut short or changed, of a newer version, of a gait that no robot
+            walks, or made for another robot, another order of joints, or another layout; the
+            message says what to do.
     """
     path = Path(path)
     if not path.exists():
@@ -79,6 +80,7 @@ def read_export(
         )
     description = _description(path, content, metadata[KEY])
     try:
+        _check_gaits(description)
         _check_made_for(description, metadata, robot, joints, layout)
         if description.kind == "network":
             _check_sizes(description, content)
@@ -143,6 +145,22 @@ def _description(path: Path, content: bytes, text: str) -> PolicyDescription:
     except ValueError as error:
         raise ExportFileError(f"{path}: {error}; {_AGAIN}") from error
     return description
+
+
+def _check_gaits(description: PolicyDescription) -> None:
+    """Check that each gait is one that a robot can walk: its ranges are narrower than a timing's.
+
+    Raises:
+        ValueError: One is not.
+    """
+    for timing in description.gaits:
+        try:
+            _ = timing.gait
+        except ValueError as error:
+            raise ValueError(
+                f"has a gait {shown(timing.name)} that no robot walks: {error}; export the policy "
+                "again"
+            ) from error
 
 
 def _check_made_for(

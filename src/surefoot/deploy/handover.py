@@ -3,7 +3,8 @@
 A plan is asked for `latency` ticks before it is to take effect, and for the state that is expected
 then: joints and base go on as they move. Row k of the plan belongs to the tick k after that. New
 plans are asked for so that they take effect on the 50-ms grid, or right after it where the gait
-clock skips ticks; at a takeover one is asked for at once, and the policy drives until it is there.
+clock skips ticks; where another gait is to be walked one is asked for at once, as at a takeover,
+where the policy drives until it is there.
 Read `loop` next.
 """
 
@@ -109,6 +110,12 @@ class PlanFollower:
         patience: How long the robot may be without a valid plan [ticks].
         lockstep: Whether the robot waits for its plans. Each then takes effect at its tick, however
             long the planner takes, and the same flight has the same bits.
+
+    Attributes:
+        latency: How long before it takes effect a plan is asked for [ticks].
+        plans: How many plans have come.
+        late: How many of them came after the tick at which they were to take effect.
+        invalid: How many of them were not valid.
     """
 
     def __init__(
@@ -123,7 +130,7 @@ class PlanFollower:
         self._link = link
         self._kp = np.full(len(JOINTS), kp)
         self._kd = np.full(len(JOINTS), kd)
-        self._latency = latency
+        self.latency = latency
         self._patience = patience
         self._lockstep = lockstep
         self._outstanding = 0  # requests without an answer
@@ -138,6 +145,7 @@ class PlanFollower:
         self._followed: tuple[int, MotionPlan] | None = None
         self._next: tuple[int, MotionPlan] | None = None
         self._asked_for: int | None = None  # the tick of the newest request
+        self._asked_gait = 0  # and its gait
         self._begun: int | None = None
 
     def command(self, sensors: Sensors, tick: int, command: Command) -> JointCommand | None:
@@ -146,7 +154,8 @@ class PlanFollower:
         Args:
             sensors: What the robot measures.
             tick: The gait clock [ms].
-            command: The velocity that is asked for.
+            command: The velocity that is asked for, and the gait that is walked `latency` ticks
+                later.
 
         Raises:
             NoPlan: There has been no valid plan for too long.
@@ -154,13 +163,14 @@ class PlanFollower:
         if self._begun is None:
             self._begun = tick
         self._receive(tick)
-        effect = tick + self._latency
-        if self._asked_for is None or effect // GRID > self._asked_for // GRID:
-            q, v = expected(sensors, self._latency)
+        effect = tick + self.latency
+        if self._has_to_ask(effect, command.gait):
+            q, v = expected(sensors, self.latency)
             self._link.ask(PlanRequest(effect, q, v, command))
             self._outstanding += 1
             self._asked_for = effect
-            if self._lockstep and self._latency == 0:
+            self._asked_gait = command.gait
+            if self._lockstep and self.latency == 0:
                 self._receive(tick)
         if self._next is not None and self._next[0] <= tick:
             self._followed = self._next
@@ -180,6 +190,12 @@ class PlanFollower:
             velocity=plan.joint_velocity[row],
             torque=plan.torque[row],
         )
+
+    def _has_to_ask(self, effect: int, gait: int) -> bool:
+        """Whether a plan of a gait that takes effect at a tick has to be asked for."""
+        if self._asked_for is None or gait != self._asked_gait:
+            return True
+        return effect // GRID > self._asked_for // GRID
 
     def _receive(self, tick: int) -> None:
         """Take the plans that have come, and ask anew where a first one is not valid."""

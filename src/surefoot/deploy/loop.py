@@ -253,8 +253,7 @@ class Runtime:
             if missing is not None:
                 self._give_up("posture", missing)
                 return False
-            # A first answer takes long, where code is compiled or memory is fetched; meanwhile the
-            # robot's states pile up.
+            # A first answer takes long (code is compiled); meanwhile the robot's states pile up.
             self._policy.reset(sensors)
             for tick in range(FIRST_ANSWERS):
                 self._policy.target(sensors, tick, Command())
@@ -265,14 +264,13 @@ class Runtime:
         """What the joints are to do in this tick; None leaves them damped."""
         if self.mode == Mode.DAMP:
             return None
-        policy = self._policy
         if self.mode == Mode.STAND:
             share = min(self._gait_clock(sensors) / to_ticks(self.config.stand), 1.0)
             weight = 0.5 - 0.5 * math.cos(math.pi * share)
             return JointCommand(
                 position=self._stand_from + weight * (self._stand_to - self._stand_from),
-                kp=self.config.stand_kp * policy.kp,
-                kd=self.config.stand_kd * policy.kd,
+                kp=self.config.stand_kp * self._policy.kp,
+                kd=self.config.stand_kd * self._policy.kd,
             )
         tick = self._gait_clock(sensors)
         self.driven += 1
@@ -280,12 +278,12 @@ class Runtime:
         command = self._experts(sensors, tick, velocity)
         if command is not None:
             self.expert_ticks += 1
-            policy.remember(sensors, command.torque_at(sensors))
+            self._policy.remember(sensors, command.torque_at(sensors))
             return command
         if self.over:
             return None
-        target = policy.target(sensors, tick, self._gaits.command(velocity, tick))
-        return JointCommand(position=target, kp=policy.kp, kd=policy.kd)
+        target = self._policy.target(sensors, tick, self._gaits.command(velocity, tick))
+        return JointCommand(position=target, kp=self._policy.kp, kd=self._policy.kd)
 
     def _experts(self, sensors: Sensors, tick: int, velocity: Command) -> JointCommand | None:
         """What the expert commands, where it has to drive; None lets the policy drive."""
@@ -306,7 +304,7 @@ class Runtime:
             return None
         self.takeovers += not had_to
         # A plan is asked for ahead, in the gait that is walked when it takes effect.
-        ahead = self._gaits.command(velocity, tick + self.config.plan_latency)
+        ahead = self._gaits.command(velocity, tick + expert.latency)
         command = expert.command(sensors, tick, ahead)
         self._expert_drives = command is not None
         return command
@@ -375,15 +373,17 @@ class Runtime:
             self._late_work = work_ns > self._period_ns and not self._robot.lockstep
             self.work.add(work_ns * MICROSECOND)
             self.round_trips.add(round_trip)
+        tick = self._gait_clock(sensors) if self.mode == Mode.DRIVE else -1
         record = TickRecord(
             self.ticks,
             begun,
             self.mode,
             self._expert_drives,
             velocity,
-            self._gait_clock(sensors) if self.mode == Mode.DRIVE else -1,
+            tick,
             work_ns * MICROSECOND,
             round_trip,
+            self._gaits.at(tick) if tick >= 0 else 0,
         )
         self.recorder.add(record, sensors, command)
         for listener in self.listeners:

@@ -53,6 +53,8 @@ class Flight:
         work_us: ``(n,)`` from the measurement to the written command [us].
         round_trip_us: ``(n,)`` from a command to the state that knows of it [us].
         gait_tick: ``(n,)`` the gait clock [ms]; -1 where the robot was not driven.
+        gait: ``(n,)`` the number of the gait that was walked; 0 where the robot was not driven, and
+            throughout in files of earlier versions, which do not say it.
     """
 
     shapes: ClassVar[Mapping[str, Shape]] = {
@@ -98,6 +100,12 @@ class Flight:
     work_us: Array
     round_trip_us: Array
     gait_tick: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    gait: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def __post_init__(self) -> None:
+        """Fill in the first gait where none is given."""
+        if len(self.gait) == 0:
+            object.__setattr__(self, "gait", np.zeros(len(self.tick), np.int64))
 
 
 class TickRecord(NamedTuple):
@@ -112,6 +120,7 @@ class TickRecord(NamedTuple):
         gait_tick: The gait clock [ms]; -1 where the robot is not driven.
         work_us: From the measurement to the written command [us].
         round_trip_us: From a command to the state that knows of it [us].
+        gait: The number of the gait that is walked; 0 where the robot is not driven.
     """
 
     tick: int
@@ -122,10 +131,11 @@ class TickRecord(NamedTuple):
     gait_tick: int
     work_us: float
     round_trip_us: float
+    gait: int = 0
 
 
 # A row of the ring holds all numbers of a tick side by side, so that a tick is two writes.
-_INTEGERS = ("tick", "time_ns", "robot_time_ns", "mode", "expert_drove", "gait_tick")
+_INTEGERS = ("tick", "time_ns", "robot_time_ns", "mode", "expert_drove", "gait_tick", "gait")
 _WIDTHS = {
     "command": 3,
     "joint_position": _JOINTS,
@@ -182,6 +192,7 @@ class FlightRecorder:
             record.mode,
             record.expert_drove,
             record.gait_tick,
+            record.gait,
         )
         parts: list[ArrayLike] = [tuple(record.command), *sensors[2:8]]
         if sensors.base is None:

@@ -8,9 +8,9 @@ import pytest
 from surefoot.deploy.export_file import read_export
 from surefoot.deploy.policy import load
 from surefoot.interop.logs.check import check_log, check_pipeline
-from surefoot.interop.logs.replay import torch_network_of
+from surefoot.interop.logs.replay import run_runtime, torch_network_of
 from surefoot.rotations import rotation
-from tests.fakes.exports import answered_log, exported
+from tests.fakes.exports import GAITS, answered_log, exported, policy_of, smooth_log
 
 BY_JOINT = np.arange(12).reshape(4, 3).T.ravel()
 OTHER_LEGS = np.arange(12).reshape(4, 3)[[1, 0, 3, 2]].ravel()
@@ -182,3 +182,27 @@ def test_a_log_from_the_middle_of_an_episode_is_judged_where_its_past_is_known(t
     assert check_log(late, read_export(path)).findings == ()
     wrong = replace(late, joint_velocity=-late.joint_velocity)
     assert check_log(wrong, read_export(path)).findings[0].term == "joint_velocity"
+
+
+def test_a_log_of_several_gaits_is_replayed_in_the_gait_that_was_walked(tmp_path):
+    policy = policy_of(gaits=GAITS)
+    path, _ = exported(tmp_path, policy=policy)
+    log = replace(smooth_log(60), gait=np.repeat([0, 1], 30))
+    inputs, _, applied = run_runtime(load(path), log)
+    log = replace(log, joint_target=applied, network_input=inputs)
+    torch = torch_network_of(policy)
+    pipeline = read_export(exported(tmp_path, kind="pipeline", policy=policy)[0])
+    assert inputs[:, -2:].argmax(axis=1).tolist() == log.gaits.tolist()
+    assert check_log(log, read_export(path), torch).findings == ()
+    assert check_pipeline(log, pipeline, torch).findings == ()
+    # Without the gait, the first one is taken to have been walked.
+    assert check_log(replace(log, gait=None), read_export(path)).findings[0].term == "phase"
+
+
+@pytest.mark.parametrize("gait", [-1, 1])
+def test_a_log_of_a_gait_that_the_policy_lacks_is_refused(case, gait):
+    file, _, log = case
+    gaits = np.full(len(log), 0)
+    gaits[3] = gait
+    with pytest.raises(ValueError, match=rf"gait {gait} in row 3, and the policy has the gaits 0"):
+        check_log(replace(log, gait=gaits), file)

@@ -14,8 +14,9 @@ from surefoot.interop.logs.sensor_log import (
     write_sensor_log,
 )
 from surefoot.learning.policy import pd
+from surefoot.scenarios.gait_switches import GaitSwitches
 from surefoot.types import JOINTS
-from tests.fakes.exports import policy_of, smooth_log
+from tests.fakes.exports import GAITS, policy_of, smooth_log
 from tests.fakes.rollouts import blank
 
 
@@ -35,6 +36,7 @@ def test_a_log_comes_back_to_the_last_bit(tmp_path, suffix):
     for each in (
         replace(log, base_height=None, linear_velocity=None),
         replace(log, joint_target=log.joint_position, network_input=np.ones((20, 47), np.float32)),
+        replace(log, gait=np.repeat([0, 1], 10)),
     ):
         write_sensor_log(each, path)
         assert_same(read_sensor_log(path), each)
@@ -105,6 +107,16 @@ def test_a_simulation_is_logged_as_the_robot_measured_it():
     assert np.diff(log.time_ns).tolist() == [10**6] * 129
 
 
+def test_a_simulation_is_logged_with_the_gait_that_each_tick_was_of():
+    policy = policy_of(gaits=GAITS)
+    switches = GaitSwitches(np.array([[20]]), np.array([[1]]))
+    rollouts = replace(blank(1, 50, length=np.array([50])), switches=switches)
+    log = sensor_log_of(rollouts, 0, policy.spec)
+    assert log.gaits.tolist() == [0] * 20 + [1] * 30
+    assert log.network_input is not None
+    assert log.network_input[:, -2:].argmax(axis=1).tolist() == log.gaits.tolist()
+
+
 def flight_of(log, mode, expert):
     """A flight with the measurements of a log."""
     n = len(log)
@@ -146,6 +158,14 @@ def test_a_flight_is_a_log_of_the_ticks_that_the_policy_drove(tmp_path):
     np.testing.assert_array_equal(found.joint_position, log.joint_position[10:35])
     assert found.tick.tolist() == log.tick[10:35].tolist()
     assert found.base_height is None
+
+
+def test_a_flight_keeps_the_gait_and_an_older_one_is_of_the_first_gait():
+    log = smooth_log(20)
+    flight = flight_of(log, [1] * 5 + [2] * 15, [False] * 20)
+    gait = np.repeat([0, 1], 10)
+    assert sensor_log_of_flight(replace(flight, gait=gait)).gaits.tolist() == [0] * 5 + [1] * 10
+    assert sensor_log_of_flight(flight).gaits.tolist() == [0] * 15
 
 
 def test_a_flight_in_which_no_policy_drove_or_without_its_clock_is_no_log():

@@ -1,6 +1,7 @@
 """The whole pipeline as a graph: the runtime's numbers, from exploy's inputs."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import onnx
@@ -12,10 +13,9 @@ from surefoot.interop.logs.replay import run_pipeline, run_runtime, sensors_of
 from surefoot.interop.onnx.pipeline import GAIT, MEMORY_IN, MEMORY_OUT, input_names
 from surefoot.interop.onnx.runner import PipelineRunner
 from surefoot.learning.layouts import LAYOUTS
-from surefoot.learning.observation import GaitTiming
 from surefoot.learning.onnx_graph import runner
 from surefoot.types import GaitCommand
-from tests.fakes.exports import TROT, exported, policy_of, smooth_log
+from tests.fakes.exports import GAITS, exported, policy_of, smooth_log
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -66,22 +66,22 @@ def test_a_proprioceptive_pipeline_asks_the_imu_and_its_memory(tmp_path):
 
 
 def test_one_of_several_gaits_is_chosen_by_an_input(tmp_path):
-    gaits = (TROT, GaitTiming("walk", 800, 0.8, (0.5, 0.0, 0.25, 0.75)))
-    path, policy = exported(tmp_path, kind="pipeline", policy=policy_of(gaits=gaits))
+    path, policy = exported(tmp_path, kind="pipeline", policy=policy_of(gaits=GAITS))
     file = read_export(path)
     assert GAIT in input_names(file.description).values()
     runtime = OnnxPolicy(file.description, lambda inputs: np.zeros((len(inputs), 12), np.float32))
-    log = smooth_log(5)
+    log = replace(smooth_log(5), gait=np.array([1, 1, 0, 0, 1]))
     inputs = [
         runtime.inputs(
-            sensors_of(log, row), int(log.tick[row]), GaitCommand(*log.command[row], gait=1)
+            sensors_of(log, row), int(log.tick[row]), GaitCommand(*log.command[row], gait=gait)
         )
-        for row in range(5)
+        for row, gait in enumerate(log.gaits.tolist())
     ]
-    seen, _ = run_pipeline(PipelineRunner(file, gait=1), log)
+    seen, _ = run_pipeline(PipelineRunner(file), log)
     np.testing.assert_allclose(seen, inputs, atol=1e-6)
     assert seen[0, -2:].tolist() == [0.0, 1.0]
-    assert policy.spec.observation.gaits == gaits
+    assert seen[2, -2:].tolist() == [1.0, 0.0]
+    assert policy.spec.observation.gaits == GAITS
 
 
 def test_a_base_that_stands_on_its_tail_has_a_heading_too(tmp_path):

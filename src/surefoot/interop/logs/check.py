@@ -22,6 +22,7 @@ from surefoot.interop.logs.hypotheses import explain_sensors, explain_targets, e
 from surefoot.interop.logs.replay import (
     Finding,
     Network,
+    check_gaits,
     clipped,
     reference_inputs,
     run_pipeline,
@@ -72,8 +73,10 @@ def check_log(log: SensorLog, file: ExportFile, torch: Network | None = None) ->
         torch: The network of the policy file that was exported, in PyTorch, if it is at hand.
 
     Raises:
-        ValueError: The layout needs what the log does not have.
+        ValueError: The layout needs what the log does not have, or the log has a gait that the
+            policy lacks.
     """
+    check_gaits(log, file.description)
     network = runner(file.content)
     policy = OnnxPolicy(file.description, network)
     comparison = _Comparison(log, file.description)
@@ -93,6 +96,7 @@ def check_log(log: SensorLog, file: ExportFile, torch: Network | None = None) ->
 def check_pipeline(log: SensorLog, file: ExportFile, torch: Network | None = None) -> LogReport:
     """Compare a log with what the whole pipeline of a file makes of it; see `check_log`."""
     description = file.description
+    check_gaits(log, description)
     comparison = _Comparison(log, description)
     comparison.clock()
     policy = OnnxPolicy(description, _no_network)

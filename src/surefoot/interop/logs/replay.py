@@ -19,7 +19,7 @@ from surefoot.interop.logs.sensor_log import SensorLog, remembered
 from surefoot.interop.onnx.runner import PipelineRunner
 from surefoot.learning.observation import Float32Array, goal, observe
 from surefoot.learning.policy import Policy
-from surefoot.types import Array, Command, State
+from surefoot.types import Array, Command, GaitCommand, State
 
 Network = Callable[[Float32Array], Float32Array]
 """A network, ``(n, inputs)`` to ``(n, 12)`` joint targets [rad]."""
@@ -90,7 +90,7 @@ def reference_inputs(
         now -= history.size
         out[:, now : spec.observation_size] = remembered(state, applied, history)
     observe(state, spec.layout.parts, out=out[:, :now])
-    goal(log.tick, log.command, spec, out[:, spec.observation_size :])
+    goal(log.tick, log.command, spec, out[:, spec.observation_size :], log.gaits)
     return out
 
 
@@ -114,6 +114,32 @@ def sensors_of(log: SensorLog, row: int) -> Sensors:
     )
 
 
+def command_of(log: SensorLog, row: int) -> Command:
+    """The velocity and the gait that were asked for in one row of a log."""
+    gait = 0 if log.gait is None else int(log.gait[row])
+    return GaitCommand(*log.command[row].tolist(), gait=gait)
+
+
+def check_gaits(log: SensorLog, description: PolicyDescription) -> None:
+    """Check that a policy has the gaits of a log.
+
+    Args:
+        log: The log.
+        description: The policy.
+
+    Raises:
+        ValueError: It lacks one.
+    """
+    gaits = len(description.gaits)
+    wrong = (log.gaits < 0) | (log.gaits >= gaits)
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise ValueError(
+            f"the log has gait {log.gaits[row]} in row {row}, and the policy has the gaits 0 to "
+            f"{gaits - 1}; give the file of the policy that was run"
+        )
+
+
 def run_runtime(policy: OnnxPolicy, log: SensorLog) -> tuple[Float32Array, Array, Array]:
     """Run the runtime through a log, row by row.
 
@@ -131,7 +157,7 @@ def run_runtime(policy: OnnxPolicy, log: SensorLog) -> tuple[Float32Array, Array
     policy.reset(sensors_of(log, 0))
     for row in tqdm(range(T), "replay", leave=False, unit="ms"):
         sensors = sensors_of(log, row)
-        command = Command(*log.command[row].tolist())
+        command = command_of(log, row)
         inputs[row] = policy.inputs(sensors, int(log.tick[row]), command)
         targets[row] = policy.target(sensors, int(log.tick[row]), command)
     return inputs, targets, clipped(policy, log, targets)
@@ -151,7 +177,7 @@ def run_pipeline(runner: PipelineRunner, log: SensorLog) -> tuple[Float32Array, 
     inputs = []
     targets = []
     for row in tqdm(range(len(log)), "replay", leave=False, unit="ms"):
-        command = Command(*log.command[row].tolist())
+        command = command_of(log, row)
         target, seen = runner.run(sensors_of(log, row), int(log.tick[row]), command)
         inputs.append(seen)
         targets.append(target)

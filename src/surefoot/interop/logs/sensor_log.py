@@ -47,12 +47,13 @@ _COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "base_height": (),
     "linear_velocity": _AXES,
     "joint_target": JOINTS,
+    "gait": (),
 }
 """The components of each field; that of `network_input` are numbers from 0 on."""
 DRIVE = 2
 """The mode of a flight in which the robot is driven."""
-_OPTIONAL = ("base_height", "linear_velocity", "joint_target", "network_input")
-_INTEGERS = ("time_ns", "tick")
+_OPTIONAL = ("base_height", "linear_velocity", "joint_target", "network_input", "gait")
+_INTEGERS = ("time_ns", "tick", "gait")
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,8 @@ class SensorLog:
         linear_velocity: ``(T, 3)`` of the base, base frame [m/s], if something measured it.
         joint_target: ``(T, 12)`` the joint targets that were commanded [rad], if they were kept.
         network_input: ``(T, n)`` what the network was given, if that was kept.
+        gait: ``(T,)`` the number of the gait that was walked, of a policy of several; None, as in
+            older files, is the first one throughout.
 
     Raises:
         ValueError: There are fewer than two rows, or an array has another shape, or numbers that
@@ -88,6 +91,7 @@ class SensorLog:
     linear_velocity: Array | None = None
     joint_target: Array | None = None
     network_input: Float32Array | None = None
+    gait: IntArray | None = None
 
     def __post_init__(self) -> None:
         """Check all arrays."""
@@ -108,6 +112,11 @@ class SensorLog:
 
     def __len__(self) -> int:
         return len(self.time_ns)
+
+    @property
+    def gaits(self) -> IntArray:
+        """``(T,)`` the number of the gait that was walked; zeros where that was not kept."""
+        return np.zeros(len(self), np.int64) if self.gait is None else self.gait
 
     def first(self, rows: int) -> SensorLog:
         """The first rows of the log."""
@@ -134,6 +143,7 @@ def sensor_log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
     elapsed = np.arange(T)
     tick = rollouts.starts.tick[robot] + elapsed
     command = np.tile(rollouts.starts.command[robot], (T, 1))
+    gait = rollouts.gait[robot, :T]
     target = target_of(rollouts.torque[robot, :T], state.q, state.v, spec)
     past = None
     if seen.layout.history is not None:
@@ -149,7 +159,8 @@ def sensor_log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
         base_height=state.q[:, 2] - ground,
         linear_velocity=state.v[:, :3].copy(),
         joint_target=target,
-        network_input=network_input(state, tick, command, seen, history=past),
+        network_input=network_input(state, tick, command, seen, history=past, gait=gait),
+        gait=gait,
     )
 
 
@@ -202,6 +213,7 @@ def sensor_log_of_flight(flight: Flight) -> SensorLog:
         base_height=flight.base[rows, 0] if measured else None,
         linear_velocity=flight.base[rows, 1:] if measured else None,
         joint_target=flight.position[rows],
+        gait=flight.gait[rows],
     )
 
 

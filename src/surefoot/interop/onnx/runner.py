@@ -24,18 +24,16 @@ class PipelineRunner:
 
     Args:
         file: The exported file of a pipeline.
-        gait: Which of several gaits it is to walk, as its place among those of the file.
 
     Raises:
         ValueError: It holds the network alone.
     """
 
-    def __init__(self, file: ExportFile, gait: int = 0) -> None:
+    def __init__(self, file: ExportFile) -> None:
         if file.description.kind != "pipeline":
             raise ValueError(f"{file.path} holds the network alone; `deploy.policy.load` runs it")
         self._names = input_names(file.description)
         self._session: Any = open_session(file.content)
-        self._gait = gait
         self._output = f"{output_name(file.description)}.pos"
         self._memory: Float32Array | None = None
         if file.description.history is not None:
@@ -53,7 +51,7 @@ class PipelineRunner:
         Args:
             sensors: What the robot measures now.
             tick: The gait clock [ms].
-            command: The velocity that is asked for.
+            command: The velocity that is asked for, and the gait.
         """
         x, y, z, w = sensors.orientation
         values = {
@@ -72,7 +70,7 @@ class PipelineRunner:
             if part in values
         }
         if "gait" in self._names:
-            feed[self._names["gait"]] = np.array([[self._gait]], np.float32)
+            feed[self._names["gait"]] = np.array([[command.gait]], np.float32)
         feed[self._names["tick"]] = np.array([[tick]], np.int32)
         outputs = [self._output, INPUT]
         if self._memory is not None:
