@@ -36,7 +36,7 @@ OPTIONS = (
     "--enable-unsafe-swiftshader",
     "--disable-dev-shm-usage",
 )
-PATIENCE = 120.0
+PATIENCE = 400.0
 """[s] The machine may be busy."""
 FIND = """
 (() => {

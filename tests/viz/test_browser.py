@@ -19,7 +19,7 @@ from surefoot.viz.browser import Page
 from surefoot.viz.live import LiveSimulation
 from surefoot.viz.live_setup import expert_setup, find_setup
 from surefoot.viz.playback import Playback
-from tests.fakes.chromium import Chromium, needs_chromium, needs_viser, wait
+from tests.fakes.chromium import PATIENCE, Chromium, needs_chromium, needs_viser, wait
 
 pytestmark = needs_viser
 
@@ -51,7 +51,7 @@ def asked(page, question):
         done.set()
 
     page.loop.call(ask)
-    assert done.wait(120)
+    assert done.wait(PATIENCE)
     return answers[0]
 
 
