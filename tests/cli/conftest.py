@@ -1,7 +1,6 @@
 """A finished run, and the command line as its entry point runs it."""
 
 import sys
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
@@ -31,8 +30,7 @@ def sources_read_once() -> Iterator[None]:
 
 @pytest.fixture
 def surefoot(monkeypatch) -> Callable[..., int]:
-    """Run a command and return its exit status; what it does to all warnings is put back."""
-    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
+    """Run a command and return its exit status."""
 
     def run(*args: object) -> int:
         monkeypatch.setattr(sys, "argv", ["surefoot", *map(str, args)])

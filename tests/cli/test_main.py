@@ -243,10 +243,17 @@ def test_a_traceback_is_shown_where_it_is_asked_for(surefoot, monkeypatch):
 
 
 def test_a_warning_is_shown_without_the_code_that_gave_it(surefoot, monkeypatch):
-    monkeypatch.setattr(main_module, "parse", lambda args: lambda: 0)
+    shown = []
+    before = warnings.formatwarning
+
+    def command() -> int:
+        shown.append(warnings.formatwarning(UserWarning("it is far"), UserWarning, "a.py", 3))
+        return 0
+
+    monkeypatch.setattr(main_module, "parse", lambda args: command)
     assert surefoot("doctor") == 0
-    shown = warnings.formatwarning(UserWarning("it is far"), UserWarning, "a.py", 3)
-    assert shown == "surefoot: warning: it is far\n"
+    assert shown == ["surefoot: warning: it is far\n"]
+    assert warnings.formatwarning is before
 
 
 @pytest.mark.parametrize("status", [0, 1])

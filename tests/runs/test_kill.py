@@ -152,7 +152,7 @@ def kill_until_done(
             assert process.returncode == 0
             break
         except subprocess.TimeoutExpired:
-            whole_group = attempt % 2 == 0
+            whole_group = attempt % 2 == 1  # at first the parent alone, whose workers live on
             if whole_group:
                 os.killpg(process.pid, signal.SIGKILL)
             else:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -219,9 +220,7 @@ def main() -> int:
         command was interrupted. If all is done, but what it prints could not be written, 141 where
         the reader has closed it and 2 otherwise; files are written nevertheless.
     """
-    if not os.environ.get("SUREFOOT_TRACEBACK"):
-        warnings.formatwarning = plain_warning
-    with lasting_output() as output:
+    with plain_warnings(), lasting_output() as output:
         status = run_command(sys.argv[1:])
         output.flush()
         failure = failure_of(output)
@@ -256,6 +255,18 @@ def run_command(args: Sequence[str]) -> int:
             raise
         print(f"surefoot: {_message(error, entry)}", file=sys.stderr)
         return 2
+
+
+@contextmanager
+def plain_warnings() -> Iterator[None]:
+    """Show warnings as a user reads them, unless tracebacks are asked for, until it is left."""
+    before = warnings.formatwarning
+    if not os.environ.get("SUREFOOT_TRACEBACK"):
+        warnings.formatwarning = plain_warning
+    try:
+        yield
+    finally:
+        warnings.formatwarning = before
 
 
 def plain_warning(

@@ -160,9 +160,9 @@ def _identity(run: Run, plan: PlanFunction) -> ExpertIdentity:
     failure = identity.plans[0].failure
     if not identity.repeatable and failure:
         warnings.warn(
-            f"the expert {identity.name} {failure} when it was asked first, and then one for the "
-            "same state: a resumed run knows it by its name alone. If it begins slowly, let it "
-            "plan once before the run begins",
+            f"the expert {identity.name} {failure} when it was asked first, and answered "
+            "otherwise for the same state: a resumed run knows it by its name alone. If it begins "
+            "slowly, let it plan once before the run begins",
             stacklevel=4,
         )
     elif not identity.repeatable:
