@@ -1,6 +1,7 @@
 """The work of runs with a budget, and of trainings of a number of steps."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -54,3 +55,27 @@ def test_cells_of_one_gait_and_of_several_are_measured_each(monkeypatch):
     monkeypatch.setattr(module, "measure_rates", measure)
     estimate_study(StudyConfig("mine", "My study", techniques, (Measurement("test", "test"),)))
     assert sorted(measured) == [1, 2]
+
+
+def test_what_else_the_machine_computes_does_not_count(monkeypatch):
+    """Each of the measurements has a quarter of a core: the rates are those of a whole one."""
+    clock = {"wall": 0.0, "processor": 0.0}
+
+    def measures(result):
+        def measure(*_: object):
+            clock["wall"] += 4.0
+            clock["processor"] += 1.0
+            return result
+
+        return measure
+
+    config = preset("dagger")
+    speed = SimpleNamespace(float32_step_ms=8.0, bfloat16_step_ms=4.0)
+    times = SimpleNamespace(rollout=2.0 * config.chunk)
+    monkeypatch.setattr(module.time, "perf_counter", lambda: clock["wall"])
+    monkeypatch.setattr(module.time, "process_time", lambda: clock["processor"])
+    monkeypatch.setattr(module, "bench_train", measures(speed))
+    monkeypatch.setattr(module, "rollout_times", measures(times))
+    monkeypatch.setattr(module, "cold_plans", measures(None))
+    monkeypatch.setattr(module, "times_of", lambda _: SimpleNamespace(median=8.0))
+    assert module.measure_rates(config) == Rates(plan=0.002, robot_second=1.0, step=0.001)

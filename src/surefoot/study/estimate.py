@@ -7,9 +7,11 @@ begins; once jobs have ended, what they took corrects the estimate.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -36,6 +38,8 @@ from surefoot.scenarios.prepare import completed
 from surefoot.study.cells import StudyJob, cell_config, jobs_of, measurements_of
 from surefoot.study.state import JobStatus
 from surefoot.types import GRID, TICKS_PER_SECOND
+
+T = TypeVar("T")
 
 ESTIMATE_FILE = "estimate.json"
 """File in the folder of a study that keeps its estimate."""
@@ -102,22 +106,33 @@ class Rates:
 def measure_rates(config: Config) -> Rates:
     """Measure what the parts of the work take, in half a minute, on one core of this machine.
 
+    Processor time counts: what else the machine computes meanwhile does not.
+
     Args:
         config: The configuration of a cell.
     """
-    speed = bench_train(config, 40)
+    speed, had = _with_share_of_core(lambda: bench_train(config, 40))
     step_ms = {
         "auto": min(speed.float32_step_ms, speed.bfloat16_step_ms),
         "float32": speed.float32_step_ms,
         "bfloat16": speed.bfloat16_step_ms,
     }
+    step = had * step_ms[config.training.precision] / 1e3
     seconds = 0.5
-    times = rollout_times(config, config.chunk, seconds)
-    return Rates(
-        plan=times_of(cold_plans(config, 40)).median / 1e3,
-        robot_second=times.rollout / (config.chunk * seconds),
-        step=step_ms[config.training.precision] / 1e3,
-    )
+    times, had = _with_share_of_core(lambda: rollout_times(config, config.chunk, seconds))
+    robot_second = had * times.rollout / (config.chunk * seconds)
+    plans, had = _with_share_of_core(lambda: cold_plans(config, 40))
+    plan = had * times_of(plans).median / 1e3
+    return Rates(plan, robot_second, step)
+
+
+def _with_share_of_core(measure: Callable[[], T]) -> tuple[T, float]:
+    """What a measurement on one thread gives, and the share of a core that it had meanwhile."""
+    began = time.perf_counter()
+    computed = time.process_time()
+    measured = measure()
+    share = (time.process_time() - computed) / (time.perf_counter() - began)
+    return measured, min(share, 1.0)
 
 
 def work_of(study: StudyConfig, job: StudyJob) -> Work:
