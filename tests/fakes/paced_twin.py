@@ -115,3 +115,6 @@ class SlowPlanner:
         if self._coming and self._coming[0][0] <= self._twin.now:
             return self._coming.pop(0)[1]
         return None
+
+    def forget(self) -> None:
+        self._coming.clear()

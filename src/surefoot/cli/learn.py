@@ -123,7 +123,7 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         run = create(folder, config, resume=True)
         check_robots_run(run)
         with ExitStack() as closing:
-            collection = RobotCollection(self.crew(run, closing), self.hint, self.take_priority)
+            collection = RobotCollection(self.crew(run, closing), self.hint, self.realtime)
             print(f"LocoSafeDAGGER on {self.robot}, preset {self.preset}, in {folder}", flush=True)
             policy = loco_safe_dagger(run, self.spread, on_robot=collection)
         cost = cost_of(read_attempts(folder))
@@ -140,13 +140,6 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         from surefoot.deploy.operator import UNSTEERED
 
         return "" if self.unattended else f"the robot is damped; {UNSTEERED}"
-
-    def take_priority(self) -> None:
-        """Give the thread that drives the robot its real-time priority, if it is to have one."""
-        from surefoot.deploy.drive import take_real_time_priority
-
-        if self.realtime:
-            take_real_time_priority()
 
     def crew(self, run: Run, closing: ExitStack) -> Crew:
         """The robot, its expert, and who watches over it.

@@ -54,7 +54,7 @@ class PlanRequest:
 
 
 class PlanLink(Protocol):
-    """The way to a planner in another process; neither method may wait."""
+    """The way to a planner in another process; `ask` and `answer` may not wait."""
 
     def ask(self, request: PlanRequest) -> None:
         """Ask for a plan.
@@ -72,6 +72,13 @@ class PlanLink(Protocol):
 
         Raises:
             NoPlan: The planner's process has ended.
+        """
+        ...
+
+    def forget(self) -> None:
+        """Drop the answers to all that was asked, also those to come; while nobody drives.
+
+        A follower counts the answers that it waits for, so it must not get those of another one.
         """
         ...
 

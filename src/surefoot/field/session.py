@@ -154,6 +154,7 @@ class Session:
         self._crew = crew
         self._policy = policy
         self._stopped = stopped
+        crew.planner.forget()
         self._robot = _connected(crew.connection, stopped)
         expert = crew.config.expert
         lockstep = self._robot.lockstep
