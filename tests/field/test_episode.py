@@ -98,9 +98,7 @@ def test_ticks_after_the_last_one_are_left_out():
     for tick in (*range(8), 12, 13):
         add(log, tick)
     assert log.whole
-    rollout, measured = rollout_of(
-        job(0.01), RecordedEpisode(log, Outcome.SUCCESS, 0, 0), ROBOT
-    )
+    rollout, measured = rollout_of(job(0.01), RecordedEpisode(log, Outcome.SUCCESS, 0, 0), ROBOT)
     assert rollout.length == 10
     assert measured[0].tolist() == [True] * 8 + [False] * 2
 

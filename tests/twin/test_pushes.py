@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from surefoot.config import DisturbanceConfig
 from surefoot.config.twin import TwinConfig
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.robots.scaling import own_pushes
-from surefoot.config import DisturbanceConfig
 from surefoot.twin.driver import TwinDriver
 from surefoot.twin.pushes import SPAN_TICKS, RandomPushes
 

@@ -74,8 +74,9 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
 
     JSON keys: run [folder]; metrics [list, one object for each stage, with the keys of the run's
     metrics.jsonl]; cost, with robot_minutes [driven], other_minutes [lying, standing up, standing],
-    attempts, dropped, falls, latches [other faults], takeovers, falls_per_robot_minute,
-    latches_per_robot_minute, takeovers_per_robot_minute and expert_share.
+    attempts, dropped, falls, latches [other faults], takeovers, missed [ticks without a command in
+    time], falls_per_robot_minute, latches_per_robot_minute, takeovers_per_robot_minute and
+    expert_share.
     """
 
     robot: str
@@ -231,6 +232,8 @@ def cost_text(cost: RobotCost) -> str:
     for name, count, rate in counts:
         each = "" if rate is None else f", {rate:.2f} in a robot-minute"
         lines.append(f"{name + ':':<12} {count}{each}")
+    if cost.missed:
+        lines.append(f"missed:      {cost.missed} ticks had no command in time")
     return "\n".join(lines)
 
 

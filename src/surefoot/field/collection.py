@@ -162,7 +162,8 @@ class RobotCollection:
                         raise RuntimeError(
                             f"{dropped} attempts in a row say nothing of the policy, the last "
                             f"because of {report.attempt.fault or 'the operator'} "
-                            f"({report.attempt.detail}); mend that, and the same command goes on"
+                            f"({report.attempt.detail}); mend that, and the same command goes on "
+                            "(where other programs keep this machine busy, with --realtime)"
                         )
         finally:
             if session is not None:

@@ -20,7 +20,7 @@ from surefoot.sim.protocol import Simulator
 from surefoot.types import TICKS_PER_SECOND
 
 SPAN = 5
-"""[s] `TwinConfig.pushes` is a number in this time, about that of an episode of `surefoot learn`."""
+"""[s] `TwinConfig.pushes` is a number in this time, that of an episode of `surefoot learn`."""
 SPAN_TICKS = SPAN * TICKS_PER_SECOND
 ONE = np.ones(1, dtype=bool)
 
