@@ -64,6 +64,9 @@ class Link:
             return self.coming.pop(0)[1]
         return None
 
+    def forget(self) -> None:
+        self.coming.clear()
+
 
 def drive(driver: PlanFollower, link: Link, start: int, ticks: int) -> list[float | None]:
     """The torques of some ticks; None where the expert waits."""

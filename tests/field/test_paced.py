@@ -1,6 +1,7 @@
 """Paced by a clock, with ticks that are missed: what is stored is what was read and commanded."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,8 +67,9 @@ class Flown:
             twin.lost = lost
         policy_file = folder / "policy.safetensors"
         calm = policy_of("full_history")
+        last: Any = calm.network.linear[-1]
         with torch.no_grad():
-            calm.network.linear[-1].weight *= 0.1
+            last.weight *= 0.1
         save(calm, policy_file)
         self.config = with_own_values(CONFIG, twin.model)
         self.planner = SlowPlanner(SamePlanner(CONFIG), twin, takes)
