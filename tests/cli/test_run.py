@@ -227,6 +227,9 @@ class NoLink:
     def answer(self, seconds: float = 0.0) -> None:
         raise NotImplementedError
 
+    def forget(self) -> None:
+        raise NotImplementedError
+
 
 def test_a_named_gait_has_its_own_steps_and_horizon(policy, monkeypatch):
     monkeypatch.setattr(gains, "with_measured_gain", lambda config: config)

@@ -5,7 +5,14 @@ import pytest
 
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.gate import Blocking, BoundsGate, GateSwitch
-from surefoot.deploy.handover import NoPlan, PlanFollower, PlanRequest, Safeguard, expected
+from surefoot.deploy.handover import (
+    LatePlan,
+    NoPlan,
+    PlanFollower,
+    PlanRequest,
+    Safeguard,
+    expected,
+)
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
 from surefoot.types import Command, GaitCommand, MotionPlan
 from tests.fakes.bridge_world import World
@@ -56,6 +63,9 @@ class Link:
         if self.coming and (seconds or self.coming[0][0] <= self.now):
             return self.coming.pop(0)[1]
         return None
+
+    def forget(self) -> None:
+        self.coming.clear()
 
 
 def drive(driver: PlanFollower, link: Link, start: int, ticks: int) -> list[float | None]:
@@ -139,6 +149,23 @@ def test_a_plan_that_ends_without_a_next_one_is_an_end():
     link = Link(valid=lambda number: number == 0)
     with pytest.raises(NoPlan, match="has ended after 100 ms"):
         drive(expert(link), link, 0, 150)
+
+
+def test_a_planner_that_does_not_answer_is_late_and_has_not_failed():
+    link = Link(takes=500)
+    with pytest.raises(LatePlan, match="no plan came within 60 ms: the planner is slow"):
+        drive(expert(link), link, 0, 100)
+    link = Link(takes=0)
+    driver = expert(link)
+    drive(driver, link, 0, 60)
+    link.takes = 500
+    with pytest.raises(LatePlan, match="no plan followed one that has ended after 100 ms"):
+        drive(driver, link, 60, 150)
+    # An invalid one says that the planner has failed.
+    link = Link(valid=lambda number: False)
+    with pytest.raises(NoPlan) as raised:
+        drive(expert(link), link, 0, 100)
+    assert not isinstance(raised.value, LatePlan)
 
 
 def test_plans_of_an_earlier_takeover_are_not_followed():

@@ -195,3 +195,42 @@ class Expert:
     def command(self, sensors, tick: int, command: Command) -> JointCommand:
         self.asked.append((tick, command.gait))
         return JointCommand(ToyPolicy().nominal, np.full(12, 2.0), np.full(12, 0.1))
+
+
+def test_a_tick_without_a_new_measurement_repeats_the_command_and_asks_nobody():
+    world = World()
+    world.drive()
+    heard: list[int] = []
+    world.runtime.listeners.append(lambda record, sensors, command: heard.append(record.tick))
+    asked = len(world.policy.asked)
+    written = world.bridge.accepted
+    world.bridge_runs = False
+    world.run(5)
+    # The first of them finds the newest state, which it has not seen yet, or none of them does.
+    assert len(world.policy.asked) - asked == len(heard) <= 1
+    assert world.runtime.repeated >= 4
+    world.bridge_runs = True
+    world.bridge.receive()
+    assert world.bridge.accepted - written >= 5
+    assert world.runtime.fault is None
+
+
+def test_an_operator_stops_a_robot_that_says_nothing_new():
+    world = World()
+    world.drive()
+    world.bridge_runs = False
+    world.run(3)
+    world.operator.wanted = world.operator.wanted._replace(go=False)
+    world.run(1)
+    assert world.runtime.stopped and world.runtime.mode == Mode.DAMP
+
+
+def test_a_policy_is_told_of_the_ticks_that_nobody_saw():
+    world = World()
+    world.drive()
+    world.policy.missed.clear()
+    world.runtime_runs = False
+    world.run(3)
+    world.runtime_runs = True
+    world.run(2)
+    assert world.policy.missed == [3, 0]

@@ -4,7 +4,7 @@ import hashlib
 import json
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import onnx
@@ -13,7 +13,7 @@ import pytest
 from surefoot.deploy.description import KEY, NO_HASH, ExportFileError, file_hash
 from surefoot.deploy.export_file import read_export
 from surefoot.deploy.policy import load
-from surefoot.interop.logs.replay import run_runtime, sensors_of, states_of
+from surefoot.interop.logs.replay import reference_inputs, run_runtime, sensors_of, states_of
 from surefoot.interop.onnx.file import network_model
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.policy import pd
@@ -103,6 +103,29 @@ def test_a_reset_forgets_everything(tmp_path):
     again = run_runtime(runtime, smooth_log(120))
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_a_tick_that_nobody_saw_is_the_last_one_before_it(tmp_path):
+    """What is remembered keeps its age: a row stands for the ticks after it that have none."""
+    runtime = load(exported(tmp_path, "full_history")[0])
+    log = smooth_log(130)
+    rows = np.array([row for row in range(130) if row not in (50, 51, 52)])
+    arrays = {entry.name: getattr(log, entry.name) for entry in fields(log)}
+    some = replace(log, **{k: v if v is None else v[rows] for k, v in arrays.items()})
+    inputs, _, applied = run_runtime(runtime, some)
+    reference = reference_inputs(some, runtime.description, applied)
+    np.testing.assert_allclose(inputs, reference, atol=2e-6)
+    history = runtime.spec.layout.history
+    assert history is not None
+    end = runtime.spec.observation_size
+    newest = inputs[:, end - history.sample_size : end]  # of 20 ms ago
+
+    def at(tick: int) -> np.ndarray:
+        return newest[np.flatnonzero(rows == tick)[0]]
+
+    for tick in (70, 71, 72):
+        np.testing.assert_array_equal(at(tick), at(69))
+    assert np.abs(at(73) - at(69)).max() > 1e-4
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.999])

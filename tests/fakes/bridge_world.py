@@ -149,9 +149,13 @@ class ToyPolicy:
         self.asked: list[tuple[int, Command]] = []
         self.resets = 0
         self.remembered: list[np.ndarray] = []
+        self.missed: list[int] = []
 
     def reset(self, sensors: Sensors) -> None:
         self.resets += 1
+
+    def miss(self, ticks: int) -> None:
+        self.missed.append(ticks)
 
     def remember(self, sensors: Sensors, torque: np.ndarray) -> None:
         self.remembered.append(torque)

@@ -376,13 +376,14 @@ def test_a_robot_that_always_fails_for_other_reasons_is_not_tried_for_ever(run, 
     assert [attempt.end for attempt in read_attempts(run.folder)] == ["dropped"] * 3
 
 
-def test_a_block_of_the_expert_that_ends_in_a_fall_teaches_nothing(tmp_path):
+def test_a_block_of_the_expert_that_ends_in_a_fall_teaches_nothing(tmp_path, caplog):
     run = create(tmp_path / "run", strict(0.01))
     twin = LockstepTwin(STANDING)
     robot = RobotCollection(crew_of(run, twin, tilt=1.0))
     record = robot(run, 1, job_of(run), ONE)
     assert record.falls == record.falls_expert_driving >= 1
     assert record.expert_seconds > 0.1
+    assert f"the expert drove {100 * record.expert_share:.0f} % of iteration 1" in caplog.text
     frames = run.dataset.load()
     assert not np.isin(frames.episode, record.failed_episodes).any()
     # The other one, if there is one, teaches.

@@ -48,7 +48,7 @@ def test_missed_ticks_repeat_the_one_before_and_are_not_kept():
         if tick not in (40, 41, 90):
             add(log, tick, expert=tick >= 30)
     assert log.whole
-    walked = RecordedEpisode(log.flight(), Outcome.SUCCESS, 3, 1)
+    walked = RecordedEpisode(log, Outcome.SUCCESS, 3, 1)
     rollout, measured = rollout_of(job(0.1), walked, ROBOT)
     assert np.flatnonzero(~measured[0]).tolist() == [40, 41, 90]
     ticks = np.round(1e4 * (rollout.q[0, :, 7] - NOMINAL[0])).astype(int)
@@ -68,7 +68,7 @@ def test_an_episode_that_ended_early_has_its_length():
     for tick in range(57):
         add(log, tick)
     assert not log.whole
-    rollout, _ = rollout_of(job(0.1), RecordedEpisode(log.flight(), Outcome.FELL, 0, 0), ROBOT)
+    rollout, _ = rollout_of(job(0.1), RecordedEpisode(log, Outcome.FELL, 0, 0), ROBOT)
     assert rollout.length == 57
     assert rollout.failed.all()
 
@@ -80,7 +80,7 @@ def test_only_driven_ticks_count_and_an_episode_that_begins_anew_is_kept_anew():
     for tick in range(20):
         add(log, tick, expert=True)
     assert (log.ticks, log.expert_ticks, log.takeovers) == (20, 20, 1)
-    add(log, 19, expert=True)  # no new measurement has come
+    add(log, 19, expert=True)  # two measurements within a millisecond
     assert not log.stood
     add(log, -1, Mode.STAND)
     assert log.stood
@@ -98,9 +98,7 @@ def test_ticks_after_the_last_one_are_left_out():
     for tick in (*range(8), 12, 13):
         add(log, tick)
     assert log.whole
-    rollout, measured = rollout_of(
-        job(0.01), RecordedEpisode(log.flight(), Outcome.SUCCESS, 0, 0), ROBOT
-    )
+    rollout, measured = rollout_of(job(0.01), RecordedEpisode(log, Outcome.SUCCESS, 0, 0), ROBOT)
     assert rollout.length == 10
     assert measured[0].tolist() == [True] * 8 + [False] * 2
 

@@ -51,10 +51,18 @@ def test_another_process_plans_to_the_bit_and_its_end_is_told():
         np.testing.assert_array_equal(plan.torque, expected.torque)
         np.testing.assert_array_equal(plan.joint_position, expected.joint_position)
         assert plan.valid
+        # What somebody else has asked is of no use to the next one.
+        link.ask(PlanRequest(60, q, v, Command(0.2)))
+        link.ask(PlanRequest(70, q, v, Command(0.2)))
+        link.forget()
+        link.ask(PlanRequest(80, q, v, Command(0.2)))
+        answer = link.answer(60.0)
+        assert answer is not None and answer[0] == 80
         link._process.kill()
         link._process.join()
         with pytest.raises(NoPlan, match="has ended"):
             link.ask(PlanRequest(100, q, v, Command()))
             link.answer(60.0)
+        link.forget()  # without a word: whoever asks next is told
     finally:
         link.close()

@@ -74,8 +74,9 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
 
     JSON keys: run [folder]; metrics [list, one object for each stage, with the keys of the run's
     metrics.jsonl]; cost, with robot_minutes [driven], other_minutes [lying, standing up, standing],
-    attempts, dropped, falls, latches [other faults], takeovers, falls_per_robot_minute,
-    latches_per_robot_minute, takeovers_per_robot_minute and expert_share.
+    attempts, dropped, falls, latches [other faults], takeovers, missed [ticks without a command in
+    time], falls_per_robot_minute, latches_per_robot_minute, takeovers_per_robot_minute and
+    expert_share.
     """
 
     robot: str
@@ -123,7 +124,7 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         run = create(folder, config, resume=True)
         check_robots_run(run)
         with ExitStack() as closing:
-            collection = RobotCollection(self.crew(run, closing), self.hint, self.take_priority)
+            collection = RobotCollection(self.crew(run, closing), self.hint, self.realtime)
             print(f"LocoSafeDAGGER on {self.robot}, preset {self.preset}, in {folder}", flush=True)
             policy = loco_safe_dagger(run, self.spread, on_robot=collection)
         cost = cost_of(read_attempts(folder))
@@ -140,13 +141,6 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         from surefoot.deploy.operator import UNSTEERED
 
         return "" if self.unattended else f"the robot is damped; {UNSTEERED}"
-
-    def take_priority(self) -> None:
-        """Give the thread that drives the robot its real-time priority, if it is to have one."""
-        from surefoot.deploy.drive import take_real_time_priority
-
-        if self.realtime:
-            take_real_time_priority()
 
     def crew(self, run: Run, closing: ExitStack) -> Crew:
         """The robot, its expert, and who watches over it.
@@ -238,6 +232,8 @@ def cost_text(cost: RobotCost) -> str:
     for name, count, rate in counts:
         each = "" if rate is None else f", {rate:.2f} in a robot-minute"
         lines.append(f"{name + ':':<12} {count}{each}")
+    if cost.missed:
+        lines.append(f"missed:      {cost.missed} ticks had no command in time")
     return "\n".join(lines)
 
 

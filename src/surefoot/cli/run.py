@@ -236,6 +236,10 @@ def gate_bounds(policy: OnnxPolicy, expert: Config) -> tuple[Array, Array]:
     return low, high
 
 
+BUSY = ("missed deadlines", "late plan")
+"""Faults of a machine that is busy with other things."""
+
+
 def what_to_do(fault: str, recording: str, lockstep: bool) -> str:
     """What to do after a fault, in words.
 
@@ -245,7 +249,7 @@ def what_to_do(fault: str, recording: str, lockstep: bool) -> str:
         lockstep: Whether the robot is a twin in lockstep.
     """
     text = f"`surefoot play {recording}` says why again, and films what happened"
-    if fault == "missed deadlines" and not lockstep:
+    if fault in BUSY and not lockstep:
         text += (
             "; where other programs keep this machine busy, use --realtime, or with a twin "
             "--lockstep in both commands"

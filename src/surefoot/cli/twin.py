@@ -19,8 +19,8 @@ class RunTwin:
     """Simulate a robot behind the bridge that a real one has; Ctrl-C ends it.
 
     A runtime drives it, `surefoot run POLICY --robot udp://127.0.0.1:PORT`: paced by the wall
-    clock, or in lockstep with one tick for each command; with noise, delay, loss, jitter and a
-    payload.
+    clock, or in lockstep with one tick for each command; with noise, delay, loss, jitter, a payload
+    and pushes.
     """
 
     robot: str = "solo12"

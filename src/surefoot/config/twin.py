@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal
 
 from surefoot.config.checked import Checked, Duration, Share, Within
+from surefoot.config.scenarios import Impulse
 
 Deviation = Annotated[float, Within(0.0, 10.0)]
 """A standard deviation."""
@@ -63,6 +64,14 @@ class TwinConfig(Checked):
     """Factor on mass and rotational inertia of the base."""
     friction: Annotated[float, Within(0.001, 10.0)] = 0.5
     """Coefficient of the pair of floor and robot."""
+    pushes: Annotated[int, Within(0, 1000)] = 0
+    """How many pushes act on the base in five seconds in which its joints have stiffness, from any
+    horizontal direction, at any time; also while it stands."""
+    impulse: Impulse | None = None
+    """[N s] the smallest and the largest push; None is the robot's own, by its mass (Solo12: 0.3 to
+    1.5)."""
+    push_duration: Annotated[float, Within(0.001, 1.0)] = 0.01
+    """[s] how long the force of a push acts (paper, IV-F)."""
     delay: Annotated[int, Within(0, 100)] = 0
     """[ms] from a command at the bridge to the motors."""
     noise: SensorNoiseConfig = field(default_factory=SensorNoiseConfig)
@@ -75,4 +84,4 @@ class TwinConfig(Checked):
     """[s] the bridge may be silent for so long. A bridge on a robot's own computer has 0.02; a twin
     shares its processor with others."""
     seed: Annotated[int, Within(0, 2**63 - 1)] = 0
-    """The root of noise, loss and jitter."""
+    """The root of noise, loss, jitter and pushes."""

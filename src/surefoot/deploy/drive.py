@@ -9,7 +9,7 @@ import gc
 import logging
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -121,15 +121,33 @@ def report_of(runtime: Runtime, recording: str = "") -> DriveReport:
     )
 
 
-def take_real_time_priority() -> None:
-    """Ask the system to run this process before all that are not in real time.
+def take_real_time_priority(priority: int = PRIORITY) -> None:
+    """Ask the system to run this thread before all that are not in real time.
 
     Without the right to that (CAP_SYS_NICE), or on another system than Linux, it warns.
+
+    Args:
+        priority: Its priority; a larger one goes first.
     """
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except (AttributeError, OSError) as error:
         logger.warning("this process has no real-time priority (%s); its ticks may be late", error)
+
+
+@contextmanager
+def beside_real_time() -> Iterator[None]:
+    """A context in which this thread goes right after one that has taken real-time priority.
+
+    Both take turns under Python's lock: if this one were made to wait while it holds the lock, the
+    other one would wait with it, whatever its priority.
+    """
+    take_real_time_priority(PRIORITY - 1)
+    try:
+        yield
+    finally:
+        with suppress(AttributeError, OSError):
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 @contextmanager

@@ -32,6 +32,7 @@ FaultKind = Literal[
     "posture",
     "gate",
     "expert",
+    "late plan",
     "defect",
 ]
 """Names of the faults."""

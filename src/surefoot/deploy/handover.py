@@ -32,6 +32,10 @@ class NoPlan(RuntimeError):  # noqa: N818
     """The planner has failed, and nobody can take over."""
 
 
+class LatePlan(NoPlan):
+    """The planner has not answered in time, which says nothing of the robot's state."""
+
+
 @dataclass(frozen=True)
 class PlanRequest:
     """What a planner is asked.
@@ -50,7 +54,7 @@ class PlanRequest:
 
 
 class PlanLink(Protocol):
-    """The way to a planner in another process; neither method may wait."""
+    """The way to a planner in another process; `ask` and `answer` may not wait."""
 
     def ask(self, request: PlanRequest) -> None:
         """Ask for a plan.
@@ -68,6 +72,13 @@ class PlanLink(Protocol):
 
         Raises:
             NoPlan: The planner's process has ended.
+        """
+        ...
+
+    def forget(self) -> None:
+        """Drop the answers to all that was asked, also those to come; while nobody drives.
+
+        A follower counts the answers that it waits for, so it must not get those of another one.
         """
         ...
 
@@ -147,6 +158,7 @@ class PlanFollower:
         self._asked_for: int | None = None  # the tick of the newest request
         self._asked_gait = 0  # and its gait
         self._begun: int | None = None
+        self._refused = False  # whether the newest answer was not valid
 
     def command(self, sensors: Sensors, tick: int, command: Command) -> JointCommand | None:
         """What the expert commands in this tick; None as long as it waits for its first plan.
@@ -159,6 +171,7 @@ class PlanFollower:
 
         Raises:
             NoPlan: There has been no valid plan for too long.
+            LatePlan: There has been no answer for too long.
         """
         if self._begun is None:
             self._begun = tick
@@ -177,12 +190,12 @@ class PlanFollower:
             self._next = None
         if self._followed is None:
             if tick - self._begun > self._patience:
-                raise NoPlan(f"no valid plan came within {self._patience} ms")
+                raise self._missing(f"came within {self._patience} ms")
             return None
         start, plan = self._followed
         row = tick - start
         if row >= len(plan.torque):
-            raise NoPlan(f"no valid plan followed one that has ended after {row} ms")
+            raise self._missing(f"followed one that has ended after {row} ms")
         return JointCommand(
             position=plan.joint_position[row],
             kp=self._kp,
@@ -190,6 +203,12 @@ class PlanFollower:
             velocity=plan.joint_velocity[row],
             torque=plan.torque[row],
         )
+
+    def _missing(self, text: str) -> NoPlan:
+        """Why there is no plan: the planner found none, or it did not answer."""
+        if self._refused:
+            return NoPlan(f"no valid plan {text}")
+        return LatePlan(f"no plan {text}: the planner is slow, or its machine busy")
 
     def _has_to_ask(self, effect: int, gait: int) -> bool:
         """Whether a plan of a gait that takes effect at a tick has to be asked for."""
@@ -216,6 +235,7 @@ class PlanFollower:
                 self._of_old -= 1
                 continue
             self.late += start < tick
+            self._refused = not plan.valid
             if plan.valid:
                 self._next = answer
             elif self._followed is None:

@@ -21,7 +21,7 @@ from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.gait_clock import GaitChange
 from surefoot.deploy.faults import Fault, FaultKind, FaultTests
 from surefoot.deploy.fit import check_robot, limits_of, misfit_of, missing_base, posture_of
-from surefoot.deploy.handover import NoPlan, Safeguard
+from surefoot.deploy.handover import LatePlan, NoPlan, Safeguard
 from surefoot.deploy.interfaces import (
     Clock,
     DeployedPolicy,
@@ -35,7 +35,7 @@ from surefoot.deploy.interfaces import (
 )
 from surefoot.deploy.operator import Operator, Wish
 from surefoot.deploy.recorder import FlightRecorder, TickRecord
-from surefoot.deploy.timing import Histogram
+from surefoot.deploy.timing import Deadlines, Histogram
 from surefoot.types import Array, Command, to_ticks
 
 logger = logging.getLogger(__name__)
@@ -77,7 +77,7 @@ class Runtime:
         driven: How many of them the policy or the expert drove.
         expert_ticks: How many of them the expert drove.
         takeovers: How often the expert took over.
-        missed: How many ticks of the robot had no command in time.
+        repeated: How often no new measurement had come, and the last command was written again.
         work: Times from a measurement to the written command.
         round_trips: Times from a command to the state that knows of it.
         listeners: Are told of every tick.
@@ -105,7 +105,7 @@ class Runtime:
         self.driven = 0
         self.expert_ticks = 0
         self.takeovers = 0
-        self.missed = 0
+        self.repeated = 0
         self.work = Histogram()
         self.round_trips = Histogram()
         self.listeners: list[Listener] = []
@@ -118,18 +118,21 @@ class Runtime:
         self._range = policy.command_range.tolist()
         self._gaits = GaitChange(policy.gaits)
         self._period_ns = 1e9 / policy.rate_hz
+        self._deadlines = Deadlines(policy.rate_hz)
         self._tests = FaultTests(limits_of(description), self.config, policy.rate_hz)
-        self._missed_in_a_row = 0
-        self._last_time_ns: int | None = None
+        self._last_command: JointCommand | None = None
         self._stand_from: Array = policy.nominal
         self._stand_to = posture_of(policy)
         self._begun_ns = 0  # when the mode began, by the robot's clock
-        self._late_work = False
         self._expert_drives = False
         self._expert_has_to = False
         self._warned = False
         self._asked = False
-        self._steady = False
+
+    @property
+    def missed(self) -> int:
+        """How many ticks of the robot had no command in time."""
+        return self._deadlines.missed
 
     @property
     def over(self) -> bool:
@@ -150,6 +153,8 @@ class Runtime:
             self._give_up("latched bridge", str(error))
         except Stale as error:
             self._give_up("stale state", str(error))
+        except LatePlan as error:
+            self._give_up("late plan", str(error))
         except NoPlan as error:
             self._give_up("expert", str(error))
         except Fallen as error:
@@ -167,12 +172,21 @@ class Runtime:
     def damp(self) -> None:
         """Damp the joints."""
         self.mode = Mode.DAMP
+        self._last_command = None
         self._robot.damp()
 
     def _serve(self, sensors: Sensors, begun: int) -> None:
         """Do what a measurement asks for, and record it."""
         measured = self._clock()
         wish = self._operator.wish()
+        same = self._last_command
+        if same is not None and wish.go and not (wish.lost or self._deadlines.is_new(sensors)):
+            # Nobody is asked twice about a tick, but the bridge hears that the runtime is alive.
+            self.repeated += 1
+            self._deadlines.wait()
+            self._robot.write(same)
+            return
+        self._deadlines.see(sensors)
         wrong = self._wrong(sensors, wish)
         command: JointCommand | None = None
         velocity = self._within_range(wish.command)
@@ -180,13 +194,14 @@ class Runtime:
             self._change_mode(sensors, wish)
             if not self.over:
                 command = self._command(sensors, velocity, wish.gait)
-        if command is not None and not is_finite(command):
+        if command is not None and not command.is_finite:
             wrong = ("not a number", "the joint targets of " + self._driver)
             command = None
         if wrong is not None:
             self._give_up(*wrong)
         elif command is not None:
             self._robot.write(command)
+        self._last_command = command
         self._record(sensors, command, velocity, (begun, measured))
 
     def _wrong(self, sensors: Sensors, wish: Wish) -> tuple[FaultKind, str] | None:
@@ -195,27 +210,16 @@ class Runtime:
         if wrong is not None:
             return wrong
         if self.mode == Mode.DAMP:
-            since = sensors.time_ns - (self._last_time_ns or 0)
-            self._steady = since < 1.5 * self._period_ns
-            self._last_time_ns = sensors.time_ns
             return None
         if wish.lost:
             return "operator lost", wish.lost
-        if self._last_time_ns is not None:
-            skipped = round((sensors.time_ns - self._last_time_ns) / self._period_ns) - 1
-            self._miss(max(skipped, int(self._late_work)))
-        self._last_time_ns = sensors.time_ns
-        if self._missed_in_a_row >= self.config.missed_deadlines:
+        self._deadlines.count()
+        if self._deadlines.in_a_row >= self.config.missed_deadlines:
             return "missed deadlines", (
-                f"{self._missed_in_a_row} ticks in a row had no command in time; "
+                f"{self._deadlines.in_a_row} ticks in a row had no command in time; "
                 f"{self.config.missed_deadlines} are a fault"
             )
         return self._tests.unsafe(sensors)
-
-    def _miss(self, ticks: int) -> None:
-        """Count missed deadlines; a tick that misses none ends a row of them."""
-        self.missed += ticks
-        self._missed_in_a_row = self._missed_in_a_row + ticks if ticks else 0
 
     def _change_mode(self, sensors: Sensors, wish: Wish) -> None:
         """Do what the operator wants, and let the policy drive once the robot stands."""
@@ -226,8 +230,7 @@ class Runtime:
         if self.mode == Mode.DAMP:
             if self._is_ready(sensors):
                 self._begin(Mode.STAND, sensors)
-                self._missed_in_a_row = 0
-                self._late_work = False
+                self._deadlines.begin()
             return
         standing = to_ticks(self.config.stand)
         if self.mode == Mode.DRIVE and wish.rest:
@@ -258,7 +261,7 @@ class Runtime:
             for tick in range(FIRST_ANSWERS):
                 self._policy.target(sensors, tick, Command())
             return False
-        return self._steady
+        return self._deadlines.steady
 
     def _command(self, sensors: Sensors, velocity: Command, gait: int) -> JointCommand | None:
         """What the joints are to do in this tick; None leaves them damped."""
@@ -274,6 +277,8 @@ class Runtime:
             )
         tick = self._gait_clock(sensors)
         self.driven += 1
+        if tick > 0:
+            self._policy.miss(self._deadlines.unseen)
         self._gaits.ask(gait, tick)
         command = self._experts(sensors, tick, velocity)
         if command is not None:
@@ -370,7 +375,7 @@ class Runtime:
         work_ns = self._clock() - measured
         round_trip = self._robot.round_trip_ns * MICROSECOND
         if command is not None:
-            self._late_work = work_ns > self._period_ns and not self._robot.lockstep
+            self._deadlines.worked(0 if self._robot.lockstep else work_ns)
             self.work.add(work_ns * MICROSECOND)
             self.round_trips.add(round_trip)
         tick = self._gait_clock(sensors) if self.mode == Mode.DRIVE else -1
@@ -388,13 +393,3 @@ class Runtime:
         self.recorder.add(record, sensors, command)
         for listener in self.listeners:
             listener(record, sensors, command)
-
-
-def is_finite(command: JointCommand) -> bool:
-    """Whether all numbers of a command are finite.
-
-    Args:
-        command: The command.
-    """
-    parts = (command.position, command.velocity, command.torque)
-    return all(math.isfinite(sum(values.tolist())) for values in parts)

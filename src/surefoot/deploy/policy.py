@@ -141,6 +141,15 @@ class OnnxPolicy:
             self._store(self._memory, observation, sensors, target)
         return target
 
+    def miss(self, ticks: int) -> None:
+        """Take ticks into the history that nobody saw; to be called before the one after them.
+
+        Args:
+            ticks: How many there were; the last one that was seen stands for them.
+        """
+        if self._memory is not None:
+            self._memory.repeat(ticks)
+
     def remember(self, sensors: Sensors, torque: Array) -> None:
         """Take a tick into the history in which another drove; to be called instead of `target`.
 

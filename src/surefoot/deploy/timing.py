@@ -1,10 +1,15 @@
-"""How long the runtime's ticks take: a histogram that costs nothing to fill. Read `loop` next."""
+"""How long the runtime's ticks take, and which ticks of the robot it has missed.
+
+A histogram costs nothing to fill; deadlines are counted by the robot's clock. Read `loop` next.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+
+from surefoot.deploy.interfaces import Sensors
 
 BIN = 5
 """[us] The width of a bin."""
@@ -58,3 +63,71 @@ class Histogram:
             return min(upper, self.longest) if count else 0.0
 
         return Times(count, quantile(0.5), quantile(0.99), quantile(0.999), self.longest)
+
+
+class Deadlines:
+    """Counts the ticks of the robot that had no command in time, by the robot's clock.
+
+    Args:
+        rate_hz: The number of ticks in a second [Hz].
+
+    Attributes:
+        missed: How many ticks had none.
+        in_a_row: How many of them came without a break until now.
+        unseen: How many ticks nobody saw between the last two measurements.
+        steady: Whether no tick was missed between the last two measurements.
+        late_work: Whether the command of the last measurement took longer than a tick.
+    """
+
+    def __init__(self, rate_hz: int) -> None:
+        self.missed = 0
+        self.in_a_row = 0
+        self.unseen = 0
+        self.steady = False
+        self.late_work = False
+        self._period_ns = 1e9 / rate_hz
+        self._last: Sensors | None = None
+
+    def is_new(self, sensors: Sensors) -> bool:
+        """Whether a measurement is another one than the last.
+
+        Args:
+            sensors: The measurement.
+        """
+        return self._last is None or sensors.sequence != self._last.sequence
+
+    def see(self, sensors: Sensors) -> None:
+        """Take a measurement; nothing is missed as long as nobody drives.
+
+        Args:
+            sensors: The measurement.
+        """
+        since = sensors.time_ns - (0 if self._last is None else self._last.time_ns)
+        self.steady = self._last is not None and since < 1.5 * self._period_ns
+        self.unseen = 0 if self._last is None else max(round(since / self._period_ns) - 1, 0)
+        self._last = sensors
+
+    def wait(self) -> None:
+        """Note that no new measurement has come, and the last command was written again in time."""
+        self.unseen = 0
+        self.count()
+        self.late_work = False
+
+    def count(self) -> None:
+        """Count what was missed before the last measurement; none missed ends a row of them."""
+        missed = max(self.unseen, int(self.late_work))
+        self.missed += missed
+        self.in_a_row = self.in_a_row + missed if missed else 0
+
+    def worked(self, nanoseconds: int) -> None:
+        """Note how long a command took.
+
+        Args:
+            nanoseconds: From the measurement to the written command [ns].
+        """
+        self.late_work = nanoseconds > self._period_ns
+
+    def begin(self) -> None:
+        """Begin a row of ticks that count."""
+        self.in_a_row = 0
+        self.late_work = False

@@ -65,6 +65,7 @@ class RobotCost:
         falls: Number of falls.
         latches: Number of times that another fault damped the robot.
         takeovers: Number of times that the expert took over.
+        missed: Number of ticks of the robot that had no command in time.
         falls_per_robot_minute: Falls per minute driven; None if nothing was driven.
         latches_per_robot_minute: Other faults per minute driven.
         takeovers_per_robot_minute: Takeovers per minute driven.
@@ -78,6 +79,7 @@ class RobotCost:
     falls: int
     latches: int
     takeovers: int
+    missed: int
     falls_per_robot_minute: float | None
     latches_per_robot_minute: float | None
     takeovers_per_robot_minute: float | None
@@ -107,6 +109,7 @@ def cost_of(attempts: Sequence[Attempt]) -> RobotCost:
         falls=falls,
         latches=latches,
         takeovers=takeovers,
+        missed=sum(attempt.missed for attempt in attempts),
         falls_per_robot_minute=per_minute(falls),
         latches_per_robot_minute=per_minute(latches),
         takeovers_per_robot_minute=per_minute(takeovers),

@@ -12,13 +12,19 @@ import logging
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 
 from surefoot.config import DisturbanceConfig
-from surefoot.deploy.drive import unused, without_pauses
+from surefoot.deploy.drive import (
+    beside_real_time,
+    take_real_time_priority,
+    unused,
+    without_pauses,
+)
 from surefoot.deploy.handover import PLANNER_ENDED
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.deploy.recorder import save_flight
@@ -40,6 +46,9 @@ SWITCH_INTERVAL = 2e-4
 MOST_DROPPED = 10
 """So many attempts may be dropped in a row before something has to be mended."""
 
+MOSTLY = 0.8
+"""The expert drives nearly all of the time if its share is more than this."""
+
 Message = tuple[int, Report] | BaseException | None
 """What the thread that drives says: the number of an episode and what an attempt at it left behind,
 why it ends early, or that it is done."""
@@ -51,15 +60,13 @@ class RobotCollection:
     Args:
         crew: The robot, its expert, and who watches over it.
         start: What is to be said while the robot waits for its operator; empty says nothing.
-        on_thread: Called first in the thread that drives, such as for real-time priority.
+        realtime: Whether to ask the system for real-time priority while the robot is driven.
     """
 
-    def __init__(
-        self, crew: Crew, start: str = "", on_thread: Callable[[], None] = lambda: None
-    ) -> None:
+    def __init__(self, crew: Crew, start: str = "", realtime: bool = False) -> None:
         self._crew = crew
         self._start = start
-        self._on_thread = on_thread
+        self._realtime = realtime
 
     def __call__(self, run: Run, iteration: int, job: Job, workers: Workers) -> Collected:
         """D <- D u D': run the episodes of a job, and append the frames that its rule keeps.
@@ -79,7 +86,11 @@ class RobotCollection:
         ) -> Generator[tuple[int, ChunkResult]]:
             return self._run_jobs(run.folder, policy, jobs)
 
-        return collect_data(run, iteration, on_robot(job, self._crew.robot), workers, run_jobs)
+        had = run.collected(iteration)
+        record = collect_data(run, iteration, on_robot(job, self._crew.robot), workers, run_jobs)
+        if had is None and record.expert_share > MOSTLY:
+            logger.warning(mostly_expert(record))
+        return record
 
     def _run_jobs(
         self, folder: Path, policy: OnnxPolicy, jobs: Sequence[Job]
@@ -92,7 +103,11 @@ class RobotCollection:
         messages: SimpleQueue[Message] = SimpleQueue()
         stop = threading.Event()
         try:
-            with _driving(lambda: self._drive(policy, jobs, messages, stop), messages, stop):
+            with ExitStack() as closing:
+                if self._realtime:
+                    closing.enter_context(beside_real_time())
+                drive = partial(self._drive, policy, jobs, messages, stop)
+                closing.enter_context(_driving(drive, messages, stop))
                 while (message := messages.get()) is not None:
                     if isinstance(message, BaseException):
                         raise message
@@ -118,7 +133,8 @@ class RobotCollection:
         stop: threading.Event,
     ) -> None:
         """Run the episodes, each until it is no longer to be tried again; what the thread does."""
-        self._on_thread()
+        if self._realtime:
+            take_real_time_priority()
         session: Session | None = None
         dropped = 0
         try:
@@ -146,11 +162,26 @@ class RobotCollection:
                         raise RuntimeError(
                             f"{dropped} attempts in a row say nothing of the policy, the last "
                             f"because of {report.attempt.fault or 'the operator'} "
-                            f"({report.attempt.detail}); mend that, and the same command goes on"
+                            f"({report.attempt.detail}); mend that, and the same command goes on "
+                            "(where other programs keep this machine busy, with --realtime)"
                         )
         finally:
             if session is not None:
                 session.close()
+
+
+def mostly_expert(record: Collected) -> str:
+    """What to say of an iteration in which the expert drove nearly all of the time.
+
+    Args:
+        record: What the iteration cost.
+    """
+    return (
+        f"the expert drove {100 * record.expert_share:.0f} % of iteration {record.iteration}: its "
+        "gate calls unsafe what this robot does nearly always. The policy learns from that all the "
+        "same, but hardly shows what it would do; relaxing bounds let it drive more in each "
+        "iteration, and a new run with --config.method.gates bounds from the first one on"
+    )
 
 
 def on_robot(job: Job, robot: RobotModel) -> Job:

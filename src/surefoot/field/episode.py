@@ -27,7 +27,7 @@ from surefoot.rollouts.traces import trace_of
 from surefoot.types import Array, BoolArray, to_ticks
 
 REPEATED = 1000
-"""So many ticks may be recorded twice, where no new measurement came in time."""
+"""So many measurements may fall into the same millisecond of the gait clock as the one before."""
 CONTACT = 0.005
 """[m] A foot that is no higher above the lowest one touches the ground."""
 
@@ -99,16 +99,21 @@ class RecordedEpisode:
     """An episode that a robot has walked.
 
     Attributes:
-        flight: Its ticks, those in which the robot was driven.
+        log: Its ticks, those in which the robot was driven.
         outcome: How it ended.
         plans: Number of MPC solves.
         invalid_plans: Number of MPC solves that were not valid.
     """
 
-    flight: Flight
+    log: EpisodeLog
     outcome: Outcome
     plans: int
     invalid_plans: int
+
+    @property
+    def flight(self) -> Flight:
+        """Its ticks as arrays, made anew: that takes milliseconds, in which nobody may drive."""
+        return self.log.flight()
 
 
 def result_of(job: Job, episode: RecordedEpisode, robot: RobotModel, config: Config) -> ChunkResult:

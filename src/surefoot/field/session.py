@@ -22,8 +22,8 @@ from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.drive import LAST_WORDS
 from surefoot.deploy.faults import Fault
 from surefoot.deploy.handover import PLANNER_ENDED, PlanFollower, PlanLink, Safeguard
-from surefoot.deploy.interfaces import Sensors, Stale
-from surefoot.deploy.loop import Runtime
+from surefoot.deploy.interfaces import Clock, Sensors, Stale, wall_clock
+from surefoot.deploy.loop import Mode, Runtime
 from surefoot.deploy.operator import Wish
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.deploy.recorder import Flight
@@ -109,6 +109,7 @@ class Crew:
         planner: The way to the expert's planner.
         person: Who starts and stops the robot.
         connection: Makes a robot that has not been greeted yet.
+        clock: Gives the time [ns].
     """
 
     robot: RobotModel
@@ -117,6 +118,7 @@ class Crew:
     planner: PlanLink
     person: Person
     connection: Callable[[], UdpRobot]
+    clock: Clock = wall_clock
 
 
 @dataclass(frozen=True)
@@ -152,6 +154,7 @@ class Session:
         self._crew = crew
         self._policy = policy
         self._stopped = stopped
+        crew.planner.forget()
         self._robot = _connected(crew.connection, stopped)
         expert = crew.config.expert
         lockstep = self._robot.lockstep
@@ -166,7 +169,7 @@ class Session:
         self._switch: EpisodeSwitch | None = None
         self._operator = EpisodeOperator(crew.person)
         self._runtime: Runtime | None = None
-        self._ticks = 0  # when the last episode was over
+        self._seen = 0  # ticks of the robot until the last episode was over
         self._missed = 0
 
     @property
@@ -187,6 +190,7 @@ class Session:
         """
         crew = self._crew
         runtime = self._runtime or self._begin(job)
+        driven = runtime.driven
         total = to_ticks(job.episodes.duration) + to_ticks(job.episodes.tail)
         log = EpisodeLog(crew.robot.name, total)
         runtime.listeners[:] = [log]
@@ -199,8 +203,10 @@ class Session:
         while not (runtime.over or log.whole or self._stopped()):
             runtime.tick()
         self._operator.rest = True
-        if log.whole and not runtime.over:
-            runtime.tick()  # from here on it stands
+        while runtime.mode == Mode.DRIVE and log.whole and not runtime.over:
+            runtime.tick()  # until a new measurement comes, from which on it stands
+        seen = runtime.ticks - runtime.repeated
+        lay = seen - self._seen - (runtime.driven - driven)
         outcome = outcome_of(log, runtime.fault)
         attempt = Attempt(
             iteration=EpisodeId.from_number(int(job.episode[0])).iteration,
@@ -211,15 +217,15 @@ class Session:
             seconds=log.driven / TICKS_PER_SECOND,
             expert_seconds=log.expert_ticks / TICKS_PER_SECOND,
             takeovers=log.takeovers,
-            other_seconds=(runtime.ticks - self._ticks - log.driven) / TICKS_PER_SECOND,
+            other_seconds=lay / TICKS_PER_SECOND,
             missed=runtime.missed - self._missed,
         )
-        self._ticks = runtime.ticks
+        self._seen = seen
         self._missed = runtime.missed
         episode = None
         if outcome is not None:
             counts = (self._expert.plans - plans, self._expert.invalid - invalid)
-            episode = RecordedEpisode(log.flight(), outcome, *counts)
+            episode = RecordedEpisode(log, outcome, *counts)
         last = None
         if runtime.fault is not None:
             last = runtime.recorder.flight(attempt.fault, attempt.detail)
@@ -234,15 +240,18 @@ class Session:
     def _begin(self, job: Job) -> Runtime:
         """Make the loop, once the robot has told what it measures."""
         crew = self._crew
-        check_base(self._robot.read())
+        sensors = self._robot.read()
+        check_base(sensors)
         fall_angle = max(crew.config.safety.fall_angle, job.disturbance.fall_angle)
         safety = replace(crew.config.safety, fall_angle=fall_angle)
         self._switch = EpisodeSwitch(self._policy, safety, job)
+        self._switch.prepare(sensors)
         self._runtime = Runtime(
             self._robot,
             self._policy,
             self._operator,
             crew.runtime,
+            crew.clock,
             safeguard=Safeguard(self._switch, self._expert),
         )
         return self._runtime

@@ -32,6 +32,17 @@ class EpisodeSwitch:
         self._grace = to_ticks(safety.grace)
         self.job = job
 
+    def prepare(self, sensors: Sensors) -> None:
+        """Ask all that will be asked once, before the robot moves: a first answer takes long.
+
+        Args:
+            sensors: What the robot measures.
+        """
+        state = self._policy.state(sensors)
+        fallen(state, self._safety)
+        self.reset()
+        self.job.arbiter.choose(state, np.zeros(1, np.int64), np.zeros((1, 3)))
+
     def reset(self) -> None:
         """See `Switch`."""
         self.job.arbiter.reset(self.job.episode)

@@ -69,6 +69,18 @@ class Memory:
         self._count += 1
         return row
 
+    def repeat(self, ticks: int) -> None:
+        """Let the last tick stand for the next ones, which nobody saw; nothing if there is none.
+
+        Args:
+            ticks: How many there are.
+        """
+        if self.begins:
+            return
+        last = self.ring[(self._count - 1) % len(self.ring)].copy()
+        for _ in range(min(ticks, len(self.ring))):
+            self.ring[self.next_row()] = last
+
     def read(self, state: State) -> Float32Array:
         """``(B, size)`` the samples of the past.
 

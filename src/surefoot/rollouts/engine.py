@@ -29,8 +29,8 @@ from surefoot.rollouts.outcome import (
     stepping,
 )
 from surefoot.rollouts.roles import OfKnownGaits, OfOneRobot, Remembering, in_several_gaits
-from surefoot.rotations import from_heading
-from surefoot.scenarios.disturbance import Disturbance, Pushes, make_sensors
+from surefoot.scenarios.disturbance import Disturbance, make_sensors
+from surefoot.scenarios.push import push
 from surefoot.scenarios.torque_noise import HeldNoise
 from surefoot.sim.protocol import Simulator
 from surefoot.types import (
@@ -156,7 +156,7 @@ def rollout(
             line.extend(_before_the_first(episodes, disturbance.delay, torque))
         line.append(torque)
         if disturbance.pushes is not None:
-            _push(simulator, disturbance.pushes, elapsed, recorder.active)
+            push(simulator, disturbance.pushes, elapsed, recorder.active)
         acting = line[0]
         if noise is not None:
             acting = clip_torque(acting + noise.at(elapsed), robot.torque_limit)
@@ -326,13 +326,6 @@ def _before_the_first(episodes: Episodes, delay: int, first: Array) -> list[Arra
         return [first] * delay
     torques = np.swapaxes(episodes.late, 0, 1)
     return [np.where(np.isnan(torque), first, torque) for torque in torques]
-
-
-def _push(simulator: Simulator, pushes: Pushes, elapsed: int, active: BoolArray) -> None:
-    """Push the robots that a push acts on in this tick, each in its own heading frame."""
-    if (impulse := pushes.during(elapsed)) is not None:
-        impulse[:, :2] = from_heading(impulse[:, :2], simulator.state.heading)
-        simulator.push(impulse, impulse.any(axis=1) & active)
 
 
 def _blank_states(ticks: int, batch: int) -> State:

@@ -21,6 +21,7 @@ from surefoot.robots.profile import position_limits, speed_limits
 from surefoot.rotations import rotation
 from surefoot.sim import make_simulator
 from surefoot.sim.protocol import TIME_STEP
+from surefoot.twin.pushes import RandomPushes
 from surefoot.types import GRAVITY, JOINTS, LEGS, TICKS_PER_SECOND, Array
 
 TICK_NS = round(1e9 * TIME_STEP)
@@ -46,6 +47,7 @@ class TwinDriver:
     Attributes:
         time_ns: The robot's own clock, which moves with its ticks [ns].
         simulator: The simulator, which holds one robot.
+        pushes: What pushes the robot while its joints have stiffness.
     """
 
     def __init__(self, robot: RobotModel, config: TwinConfig, seed: np.random.SeedSequence) -> None:
@@ -63,6 +65,7 @@ class TwinDriver:
             self.simulator.vary(None, np.array([config.payload]))
         if config.pose == "lying":
             self._begin = self._lying()
+        self.pushes = RandomPushes(config, robot)
         self.set_up()
 
     def set_up(self) -> None:
@@ -92,6 +95,8 @@ class TwinDriver:
         self.time_ns += TICK_NS
         values = np.array(command, dtype=float).reshape(5, len(JOINTS))
         self._held = self._held and not values[2].any()
+        if self._config.pushes and values[2].any():
+            self.pushes.act(self.simulator)
         self._under_way.append(values)
         if len(self._under_way) <= self._config.delay:
             return self._step(np.zeros((5, len(JOINTS))))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
+from contextlib import suppress
 from multiprocessing.connection import Connection
 
 from surefoot.config import Config
@@ -30,6 +31,7 @@ class PlannerProcess:
     def __init__(self, config: Config) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, other = context.Pipe()
+        self._outstanding = 1  # requests without an answer; it says by itself that it is ready
         self._process = context.Process(target=_plan, args=(config, other), daemon=True)
         self._process.start()
         other.close()
@@ -42,6 +44,7 @@ class PlannerProcess:
         """See `PlanLink`."""
         try:
             self._pipe.send(request)
+            self._outstanding += 1
         except OSError as error:
             raise NoPlan(PLANNER_ENDED) from error
 
@@ -52,6 +55,12 @@ class PlannerProcess:
         except OSError as error:
             raise NoPlan(PLANNER_ENDED) from error
 
+    def forget(self) -> None:
+        """See `PlanLink`; it waits for the answers that are still to come."""
+        with suppress(NoPlan):  # whoever asks next will be told
+            while self._outstanding and self.answer(READY_WITHIN) is not None:
+                pass
+
     def close(self) -> None:
         """End the process."""
         self._pipe.close()
@@ -61,7 +70,9 @@ class PlannerProcess:
     def _receive(self) -> tuple[int, MotionPlan]:
         """The next answer."""
         try:
-            return self._pipe.recv()
+            answer = self._pipe.recv()
+            self._outstanding -= 1
+            return answer
         except (EOFError, OSError) as error:
             raise NoPlan(PLANNER_ENDED) from error
 

@@ -88,7 +88,9 @@ def reference_inputs(
     now = spec.observation_size
     if history is not None:
         now -= history.size
-        out[:, now : spec.observation_size] = remembered(state, applied, history)
+        # A pipeline counts its calls; the runtime is told of ticks that it has missed.
+        elapsed = np.arange(T) if description.kind == "pipeline" else log.elapsed
+        out[:, now : spec.observation_size] = remembered(state, applied, elapsed, history)
     observe(state, spec.layout.parts, out=out[:, :now])
     goal(log.tick, log.command, spec, out[:, spec.observation_size :], log.gaits)
     return out
@@ -155,9 +157,11 @@ def run_runtime(policy: OnnxPolicy, log: SensorLog) -> tuple[Float32Array, Array
     inputs = np.empty((T, policy.spec.input_size), np.float32)
     targets = np.empty((T, 12))
     policy.reset(sensors_of(log, 0))
+    unseen = np.diff(log.elapsed, prepend=-1) - 1
     for row in tqdm(range(T), "replay", leave=False, unit="ms"):
         sensors = sensors_of(log, row)
         command = command_of(log, row)
+        policy.miss(int(unseen[row]))
         inputs[row] = policy.inputs(sensors, int(log.tick[row]), command)
         targets[row] = policy.target(sensors, int(log.tick[row]), command)
     return inputs, targets, clipped(policy, log, targets)

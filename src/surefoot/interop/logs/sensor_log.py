@@ -118,6 +118,16 @@ class SensorLog:
         """``(T,)`` the number of the gait that was walked; zeros where that was not kept."""
         return np.zeros(len(self), np.int64) if self.gait is None else self.gait
 
+    @property
+    def elapsed(self) -> IntArray:
+        """``(T,)`` ticks since the first row; rows that nobody measured leave gaps."""
+        steps = np.diff(self.time_ns)
+        usual = float(np.median(steps))
+        if usual <= 0.0:  # no times of measurements
+            return np.arange(len(self))
+        ticks = np.maximum(np.rint(steps / usual), 1.0).astype(np.int64)
+        return np.concatenate([[0], np.cumsum(ticks)])
+
     def first(self, rows: int) -> SensorLog:
         """The first rows of the log."""
         return replace(self, **{name: array[:rows] for name, array in _present(self)})
@@ -147,7 +157,7 @@ def sensor_log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
     target = target_of(rollouts.torque[robot, :T], state.q, state.v, spec)
     past = None
     if seen.layout.history is not None:
-        past = remembered(state, target, seen.layout.history)
+        past = remembered(state, target, elapsed, seen.layout.history)
     return SensorLog(
         time_ns=elapsed * (10**9 // TICKS_PER_SECOND),
         tick=tick,
@@ -164,21 +174,24 @@ def sensor_log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
     )
 
 
-def remembered(state: State, target: Array, history: History) -> Float32Array:
-    """``(T, size)`` the samples of the past at every tick of one episode, as `Memory` has them.
+def remembered(state: State, target: Array, elapsed: IntArray, history: History) -> Float32Array:
+    """``(T, size)`` the samples of the past at every row of one episode, as `Memory` has them.
+
+    A row stands for the ticks after it that have none.
 
     Args:
         state: The T states, from the first tick on.
         target: ``(T, 12)`` the joint targets that were applied [rad].
+        elapsed: ``(T,)`` ticks since the first row.
         history: What is remembered.
     """
     samples = samples_of(state, target, history)
-    rows = np.arange(len(samples))
     past = []
     for age in history.ages.tolist():
-        sample = samples[np.maximum(rows - age, 0)]
+        row = np.searchsorted(elapsed, elapsed - age, side="right") - 1
+        sample = samples[np.maximum(row, 0)]
         if history.targets:
-            sample[rows < age, -TARGET_SIZE:] = state.q[0, 7:]
+            sample[row < 0, -TARGET_SIZE:] = state.q[0, 7:]
         past.append(sample)
     return np.concatenate(past, axis=1)
 
