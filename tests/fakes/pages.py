@@ -126,7 +126,9 @@ class Files:
         if name == "div":
             return values[0] / values[1], int(values[1])
         if name == "mean":
-            return math.fsum(values) / len(values), None
+            trials = [count for _, count in parts if count is not None]
+            together = sum(trials) if len(trials) == len(parts) else None
+            return math.fsum(values) / len(values), together
         assert name in ("low", "high"), source
         interval = interval_over_runs(values, [trials for _, trials in parts])
         assert interval is not None

@@ -43,7 +43,7 @@ SIGNIFICANT = 0.05
 QUANTITIES: dict[Measure, Quantity] = {
     "robustness": POINTS,
     "impulse": Quantity("N s", 1.0, 2),
-    "imitation": Quantity("rad", 1.0, 4),
+    "imitation": Quantity("mrad", 1.0, 1),
 }
 """How the differences of each measure are written."""
 MARGINS: dict[Measure, float] = {"robustness": 0.05, "impulse": 0.25}
@@ -72,7 +72,7 @@ class ComparisonOutcome:
         number: The difference with its interval and every run, as text.
         reason: Why the verdict is what it is, in sentences.
         measured: The difference and both means, in the unit of the values (success as a share, N s,
-            rad); None if not measured yet.
+            mrad); None if not measured yet.
         p: The p-value of the permutation test; None with fewer than two runs of a technique.
         adjusted_p: The same, adjusted by Holm's method over all comparisons of the study.
         smallest_p: The smallest p-value that so many runs can give; None where there is none.

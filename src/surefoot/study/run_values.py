@@ -202,6 +202,12 @@ def mean_impulse(cell: CellResult, measurement: str) -> float | None:
     return test.pushes.mean_fitted_impulse
 
 
+def imitation_mrad(cell: CellResult, measurement: str) -> float | None:
+    """How far the best policy deviates from the expert's targets, in the mean [mrad]."""
+    test = cell.best_test(measurement)
+    return None if test is None or test.imitation is None else test.imitation.mean_mrad
+
+
 def direction_impulses(cells: Iterable[CellResult], measurement: str) -> tuple[float, ...]:
     """Impulse from each direction [N s], mean over runs of their best policies; empty if none."""
     best = [cell.best_test(measurement) for cell in cells]
@@ -220,13 +226,14 @@ def best_value(cells: Sequence[CellResult], measurement: str, measure: Measure) 
         measure: What it measures.
 
     Returns:
-        Success as a share, or the mean impulse [N s]; None if not measured yet.
+        Success as a share, the mean impulse [N s], or the deviation from the expert [mrad]; None
+        if not measured yet.
     """
     if measure == "robustness":
         return shares_of(cells, lambda cell: successes(_best_robustness(cell, measurement)))
     if measure == "impulse":
         return runs_of(cells, lambda cell: mean_impulse(cell, measurement))
-    return None
+    return runs_of(cells, lambda cell: imitation_mrad(cell, measurement))
 
 
 def _best_robustness(cell: CellResult, measurement: str) -> Robustness | None:

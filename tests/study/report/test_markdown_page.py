@@ -46,7 +46,7 @@ def test_what_is_not_measured_is_not_there_and_the_page_says_how_much_is(tmp_pat
     text = page(results, tmp_path / "page.md")
     assert "| DAGGER |" in text and "| DART |" not in text
     total = len(results.cells) + len(results.missing)
-    assert f"{len(results.cells)} of {total} runs of commit 0123456789ab are complete" in text
+    assert f"{len(results.cells)} of {total} trainings of commit 0123456789ab are complete" in text
 
 
 def test_planned_comparisons_stand_below_with_their_verdicts(tmp_path):

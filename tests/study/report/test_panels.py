@@ -4,12 +4,16 @@ from dataclasses import replace
 
 import pytest
 
-from surefoot.config.study import Setting
+from surefoot.config.study import Measurement, Setting
+from surefoot.evaluation.imitation import ImitationError
+from surefoot.study import results as study_results
 from surefoot.study.report.collecting import collecting_figures
 from surefoot.study.report.drawing import draw
 from surefoot.study.report.performance import performance_figures
 from surefoot.study.report.pictures import inline_svg
 from surefoot.study.results import read_results
+from surefoot.study.run_statistics import mean_of_runs
+from surefoot.study.run_values import best_value
 from tests.fakes.runs import collected_record
 from tests.fakes.study_folders import paper_like, write_study
 
@@ -94,3 +98,43 @@ def test_a_picture_has_the_colors_of_the_page_and_a_text(results):
     assert "var(--ink)" in picture and "var(--technique-3)" in picture
     assert "#0072b2" not in picture
     assert 'role="img"' in picture and "Share of the MPC while collecting data" in picture
+
+
+def test_trainings_of_a_seed_are_one_run_in_figures_as_in_verdicts(tmp_path):
+    study = paper_like(1)
+    cloning = replace(study.technique("behavior_cloning"), trainings=2)
+    study = replace(study, techniques=(cloning,), comparisons=(), seeds=(0, 1), claims="none")
+    results = read_results(write_study(tmp_path / "two", study, iterations=1))
+    best = performance_figures(results)[-1]
+    [group] = best.panels[0].curves[0].groups
+    assert [run.seed for run in group.runs] == [0, 1]
+    measurement = next(each for each in study.measurements if each.measure == "robustness")
+    runs = best_value(results.cells, measurement.name, "robustness")
+    assert group.estimate is not None and runs is not None
+    assert group.estimate.low is not None and group.estimate.high is not None
+    means = mean_of_runs(runs)
+    assert [run.y.value for run in group.runs] == pytest.approx(means.runs)
+    ends = (group.estimate.low.value, group.estimate.high.value)
+    assert ends == pytest.approx(means.interval)
+
+
+def test_the_deviation_from_the_expert_is_shown_and_judged(results):
+    imitation = Measurement("imitation", "states of a pushed expert", "imitation")
+    study = replace(results.study, measurements=(*results.study.measurements, imitation))
+    cells = tuple(replace(cell, tests={"imitation": deviation(cell)}) for cell in results.cells)
+    results = replace(results, setup=replace(results.setup, study=study), cells=cells)
+    figure = performance_figures(results)[-1]
+    [panel] = figure.panels
+    shown = {curve.technique: curve.groups[0].runs[0].y.value for curve in panel.curves}
+    assert set(shown.values()) == {79.5}
+    cloning = results.of("behavior_cloning", "all")
+    runs = best_value(cloning, "imitation", "imitation")
+    assert runs is not None and set(runs.values) == {79.5}
+
+
+def deviation(cell):
+    """The deviation from the expert of the best policy of a cell."""
+    best = cell.best_test("test")
+    error = ImitationError("starts", "hash", 60, 4800, 79.5, 425.0)
+    policy = replace(best, robustness=None, pushes=None, imitation=error)
+    return study_results.Tests("imitation", (policy,), finished=True)

@@ -1,13 +1,17 @@
 """The model card of a run: its numbers, and the commands that replay its failures."""
 
 import json
+from dataclasses import replace
 from hashlib import sha256
 
 import pytest
 
-from surefoot.config import LocoSafeDaggerConfig
+from surefoot.config import BehaviorCloningConfig, LocoSafeDaggerConfig
+from surefoot.config.presets import preset
+from surefoot.robots.scaling import with_own_values
+from surefoot.runs.layout import ATTEMPTS_FILE
 from surefoot.runs.run import open_run
-from surefoot.study.report.run_card import run_card
+from surefoot.study.report.run_card import option_changes, run_card
 from surefoot.study.report.run_page import write_run_card
 from tests.fakes.comparisons import run_of
 from tests.fakes.pages import Page, check_numbers
@@ -71,3 +75,36 @@ def test_a_run_that_has_only_collected_has_a_card(tmp_path):
     page = page_of(folder, tmp_path / "out")
     assert "No rollout fell" in page.text
     check_numbers(page, folder)
+
+
+@pytest.mark.parametrize("method", ["behavior_cloning", "loco_safe_dagger"])
+def test_a_run_of_the_papers_preset_differs_in_nothing(method):
+    config = with_own_values(preset(method, "paper"))
+    assert option_changes(config) == []
+    other = replace(config, training=replace(config.training, weight_decay=0.3))
+    assert option_changes(other) == [("training.weight_decay", 0.3, 0.0)]
+
+
+def test_behavior_cloning_keeps_the_policy_of_most_data(tmp_path):
+    folder = run_of(tmp_path / "run", BehaviorCloningConfig(), 0, best=1)
+    text = page_of(folder, tmp_path / "out").text
+    assert "the policy of most data, number 1" in text and "did best on" not in text
+
+
+def test_the_network_is_that_of_the_layout(folder, tmp_path):
+    card = run_card(folder)
+    assert "47 inputs" in page_of(folder, tmp_path / "full").text
+    policy = replace(card.config.policy, layout="full_history")
+    other = replace(card, config=replace(card.config, policy=policy), policy=None)
+    page = Page(write_run_card(other, tmp_path / "history").read_text())
+    assert "full_history" in page.text and "47 inputs" not in page.text
+
+
+def test_episodes_of_a_robot_have_no_command_that_simulates_them_again(folder, tmp_path):
+    lines = (folder / "metrics.jsonl").read_text().splitlines()
+    lines[4] = json.dumps(json.loads(lines[4]) | {"failed_episodes": [100_017]})
+    (folder / "metrics.jsonl").write_text("\n".join([*lines, ""]))
+    (folder / ATTEMPTS_FILE).write_text("")
+    assert run_card(folder).failures == ()
+    text = page_of(folder, tmp_path / "out").text
+    assert "finished: the last policy, of iteration 1" in text and "attempts.jsonl" in text

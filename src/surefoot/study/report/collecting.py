@@ -99,7 +99,7 @@ def _by_iteration(cells: Sequence[CellResult], value: ValueOf) -> tuple[Group, .
         for stage, record in collections(cell):
             if record.iteration > 0:
                 point = RunPoint(
-                    cell.cell.name, stage.number("iteration"), value(stage, cell.config.method.name)
+                    cell.cell.seed, stage.number("iteration"), value(stage, cell.config.method.name)
                 )
                 places.setdefault(f"iteration {record.iteration}", []).append(point)
     return grouped(dict(sorted(places.items(), key=lambda item: item[1][0].x.value)))

@@ -50,8 +50,9 @@ def _about(results: StudyResults, report: StudyReport) -> str:
     complete = cells - len(report.missing)
     made_by = f" of commit {report.commit[:12]}" if report.commit else ""
     return (
-        f"{complete} of {cells} runs{made_by} are complete. A cell holds the mean "
-        "over runs in percent, its 95 % interval over runs in brackets, and every run. Falls are "
+        f"{complete} of {cells} trainings{made_by} are complete. A cell holds the mean "
+        "over runs in percent, its 95 % interval over runs in brackets, and every run, which is a "
+        "seed of the data: several trainings on it count as one run, with their mean. Falls are "
         "those of all rollouts from which a run learned; the seconds are those of the MPC, solves "
         "of 0.05 s each."
     )

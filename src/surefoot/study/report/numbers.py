@@ -100,6 +100,22 @@ def difference(a: Number, b: Number) -> Number:
     return Number(a.value - b.value, f"sub({a.source};{b.source})")
 
 
+def over_trainings(numbers: Sequence[Number]) -> Number:
+    """The mean of the trainings of one seed, which together are one run.
+
+    Args:
+        numbers: The number of each training, at least one, in the same unit. A share of trials is
+            then one of the trials of all of them.
+    """
+    known = [number for number in numbers if number.is_known]
+    if len(known) < 2:
+        return known[0] if known else numbers[0]
+    value = math.fsum(number.value for number in known) / len(known)
+    sources = ";".join(number.source for number in known)
+    counts = [number.trials for number in known if number.trials is not None]
+    return Number(value, f"mean({sources})", sum(counts) if len(counts) == len(known) else None)
+
+
 def over_runs(numbers: Sequence[Number]) -> Estimate | None:
     """The mean over runs, with its interval; None if no run has a number.
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from surefoot.study.report.numbers import Estimate, Number, over_runs
+from surefoot.study.report.numbers import Estimate, Number, over_runs, over_trainings
 
 Kind = Literal["iterations", "frames", "directions", "techniques"]
 """What the horizontal axis counts: iterations, frames of the dataset, directions of a push [deg],
@@ -23,12 +23,12 @@ class RunPoint:
     """What one run has at one place.
 
     Attributes:
-        run: Name of the run, which is its folder among the results.
+        seed: Seed of the run.
         x: Its place on the horizontal axis.
         y: What was measured.
     """
 
-    run: str
+    seed: int
     x: Number
     y: Number
 
@@ -141,13 +141,22 @@ class ReportFigure:
         return tuple(sorted(found.values(), key=lambda curve: curve.style))
 
 
-def group_of(label: str, runs: Sequence[RunPoint]) -> Group:
+def group_of(label: str, trainings: Sequence[RunPoint]) -> Group:
     """All runs at one place, with their mean.
+
+    Trainings on the data of one seed are not independent: they count as one run, with their mean.
 
     Args:
         label: Name of the place.
-        runs: The runs, at least one.
+        trainings: What each training has there, at least one.
     """
+    by_seed: dict[int, list[RunPoint]] = {}
+    for training in trainings:
+        by_seed.setdefault(training.seed, []).append(training)
+    runs = []
+    for seed, points in by_seed.items():
+        x = over_trainings([point.x for point in points])
+        runs.append(RunPoint(seed, x, over_trainings([point.y for point in points])))
     sources = ";".join(run.x.source for run in runs)
     x = Number(sum(run.x.value for run in runs) / len(runs), f"mean({sources})")
     return Group(label, x, tuple(runs), over_runs([run.y for run in runs]))

@@ -1,8 +1,8 @@
 """The figures of what policies can do: success and tracking against data, pushes, other simulators.
 
-The paper's third to fifth figure, and one that shows the best policy of every run in all
-measurements of robustness, for example in the other simulator. The best policy of a run is the one
-that was chosen on the `select` initial states.
+The paper's third to fifth figure, and others that show the best policy of every run: its success in
+all measurements, for example in the other simulator, and how far it is from the expert. The best
+policy of a run is the one that was chosen on the `select` initial states.
 """
 
 from __future__ import annotations
@@ -48,6 +48,8 @@ MEAN_IMPULSES = (
 """Means of both over all directions."""
 BEST_FIGURE = "7-best"
 """Name of the figure of the best policies of all runs."""
+IMITATION = Quantity("deviation from the expert", "mrad", 1.0, 1)
+"""Mean absolute deviation from the expert's targets."""
 COLUMNS = 3
 """Panels beside each other where every setting has one."""
 
@@ -65,6 +67,7 @@ def performance_figures(results: StudyResults) -> tuple[ReportFigure, ...]:
     figures += [_push_figure(results, each) for each in _measurements(results, "impulse")]
     figures += [_mean_push_figure(results, each) for each in _measurements(results, "impulse")]
     figures.append(_best_figure(results))
+    figures += [_imitation_figure(results, each) for each in _measurements(results, "imitation")]
     return tuple(figure for figure in figures if figure.curves)
 
 
@@ -140,7 +143,7 @@ def _by_size(
         places: dict[str, list[RunPoint]] = {}
         for cell in cells:
             for test in tests(cell, measurement.name):
-                point = RunPoint(cell.cell.name, test.frames, value(test))
+                point = RunPoint(cell.cell.seed, test.frames, value(test))
                 places.setdefault(f"policy {test.test.iteration}", []).append(point)
         return grouped(dict(sorted(places.items(), key=lambda item: int(item[0].split()[1]))))
 
@@ -189,7 +192,7 @@ def _by_direction(
                 continue
             for position, degrees in enumerate(test.test.pushes.direction_deg):
                 point = RunPoint(
-                    cell.cell.name,
+                    cell.cell.seed,
                     test.pushes("direction_deg", position),
                     test.pushes(field, position),
                 )
@@ -241,6 +244,25 @@ def _best_figure(results: StudyResults) -> ReportFigure:
     )
 
 
+def _imitation_figure(results: StudyResults, measurement: Measurement) -> ReportFigure:
+    """The deviation of the best policies from the expert's targets."""
+    panels = [
+        _by_technique(
+            results, setting.name, measurement, IMITATION, lambda test: test.imitation("mean_mrad")
+        )
+        for setting in results.study.settings
+    ]
+    return ReportFigure(
+        f"8-imitation-{measurement.name}",
+        "Deviation from the expert",
+        f"Mean absolute deviation of the joint targets of the best policy of each run from the "
+        f"expert's ({measurement.title}): every run as a point, the mean over runs with its "
+        "interval.",
+        "techniques",
+        grid(panels, COLUMNS),
+    )
+
+
 def _by_technique(
     results: StudyResults,
     setting: str,
@@ -256,7 +278,7 @@ def _by_technique(
         for cell in cells:
             test = best_test(cell, measurement.name)
             if test is not None:
-                points.append(RunPoint(cell.cell.name, test.frames, value(test)))
+                points.append(RunPoint(cell.cell.seed, test.frames, value(test)))
         return grouped({"best policy": points})
 
     return Panel(

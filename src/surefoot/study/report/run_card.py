@@ -12,10 +12,13 @@ from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
-from surefoot.config import METHODS, Config
+from surefoot.config import Config
 from surefoot.config.json_io import changes, from_json, read_json
+from surefoot.config.presets import preset
+from surefoot.robots.scaling import with_own_values
+from surefoot.robots.several_gaits import for_each_gait
 from surefoot.runs.episode_ids import EpisodeId
-from surefoot.runs.layout import KEPT_POLICY_FILE
+from surefoot.runs.layout import ATTEMPTS_FILE, KEPT_POLICY_FILE
 from surefoot.runs.metrics import Best, Collected, StageRecord, Validated
 from surefoot.runs.run import open_run, read_setup
 from surefoot.study.report.collecting import LIMIT, falls, paper_failures
@@ -67,6 +70,7 @@ class RunCard:
         config: Its configuration.
         versions: Versions with which it was begun, by name.
         best_iteration: Iteration of the best policy; None if the run is not finished.
+        is_field_run: Whether it went on learning on a robot, behind a bridge.
         metrics: Its metrics, in the order of the file.
         tests: What was measured of its policies, where it lies among the results of a study.
         policy: File of the best policy; None if there is none.
@@ -80,6 +84,7 @@ class RunCard:
     config: Config
     versions: dict[str, str]
     best_iteration: int | None
+    is_field_run: bool
     metrics: tuple[StageRecord, ...]
     tests: tuple[Tests, ...]
     policy: Path | None
@@ -102,6 +107,7 @@ def run_card(folder: Path) -> RunCard:
     metrics = tuple(run.metrics)
     best = next((r.best_iteration for r in metrics if isinstance(r, Best)), None)
     policy = _policy_of(folder, best)
+    is_field_run = (folder / ATTEMPTS_FILE).exists()
     tests = tuple(from_json(Tests, read_json(path)) for path in sorted(folder.glob("tests/*.json")))
     return RunCard(
         folder=folder,
@@ -109,19 +115,30 @@ def run_card(folder: Path) -> RunCard:
         config=run.config,
         versions=read_setup(folder).versions,
         best_iteration=best,
+        is_field_run=is_field_run,
         metrics=metrics,
         tests=tests,
         policy=policy,
         policy_sha256="" if policy is None else sha256(policy.read_bytes()).hexdigest(),
-        failures=tuple(_failures(folder, metrics)),
+        failures=tuple(_failures(folder, metrics, is_field_run)),
         figures=_figures(run.method, stages(metrics)),
     )
 
 
 def option_changes(config: Config) -> list[tuple[str, object, object]]:
-    """The options of a run that differ from the paper's, with both values."""
-    paper = Config(method=METHODS[config.method.name](), seed=config.seed)
-    return list(changes(config, paper))
+    """The options of a run that differ from the paper's, with both values.
+
+    Robot, gaits and seed are the run's own, so that what follows from them is no difference.
+    """
+    paper = replace(
+        preset(config.method.name, "paper"),
+        robot=config.robot,
+        gait=config.gait,
+        other_gaits=config.other_gaits,
+        start_set=config.start_set,
+        seed=config.seed,
+    )
+    return list(changes(config, for_each_gait(with_own_values, paper)))
 
 
 def _policy_of(folder: Path, best: int | None) -> Path | None:
@@ -135,12 +152,14 @@ def _policy_of(folder: Path, best: int | None) -> Path | None:
     return None
 
 
-def _failures(folder: Path, metrics: Sequence[StageRecord]) -> list[Failure]:
+def _failures(folder: Path, metrics: Sequence[StageRecord], is_field_run: bool) -> list[Failure]:
     """The episodes that failed while data was collected."""
     failures = []
     for record in metrics:
         if not isinstance(record, Collected):
             continue
+        if is_field_run and record.iteration > 0:
+            continue  # a robot's episode is not simulated again; its flight tells what happened
         for episode in record.failed_episodes:
             index = EpisodeId.from_number(episode).index
             where = shlex.quote(str(folder))
@@ -193,7 +212,7 @@ def _curve(title: str, groups: Sequence[Group]) -> tuple[Curve, ...]:
 def _group(stage: StageSource, value: Number) -> Group:
     """What a stage has measured, at its iteration."""
     label = f"iteration {stage.record.iteration}"
-    return group_of(label, [RunPoint("", stage.number("iteration"), value)])
+    return group_of(label, [RunPoint(0, stage.number("iteration"), value)])
 
 
 def _success(stage: StageSource) -> Group:

@@ -7,9 +7,11 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from surefoot.config import BehaviorCloningConfig
+from surefoot.config.gait_table import gait_name
 from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
-from surefoot.learning.policy import Policy, load
+from surefoot.learning.policy import Policy, load, policy_spec
 from surefoot.robots.load import load_robot
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
 from surefoot.study.report.markup import (
@@ -32,6 +34,7 @@ from surefoot.study.report.panels import Quantity
 from surefoot.study.report.performance import ERRORS, SUCCESS
 from surefoot.study.report.pictures import draw_all
 from surefoot.study.report.run_card import RunCard, option_changes
+from surefoot.study.report.run_limits import SIMULATORS, limits_of
 from surefoot.study.report.source import StageSource, TestSource, stages
 from surefoot.study.report.study_page import FIGURES_FOLDER, PAGE_FILE
 from surefoot.study.report.style import document
@@ -44,8 +47,6 @@ PERCENT = Quantity("", "%", 0.01, 1)
 """A share in percent."""
 IMPULSE = Quantity("", "N s", 1.0, 2)
 """An impulse."""
-SIMULATORS = {"mujoco": "MuJoCo", "bullet": "PyBullet"}
-"""The simulators as their authors write them."""
 MOST_OPTIONS = 12
 """A list of more options is folded at first."""
 MOST_FAILURES = 20
@@ -88,7 +89,7 @@ def run_body(card: RunCard, pictures: Sequence[Markup]) -> Markup:
         ("what", "What it is", _what(card, policy)),
         ("training", "How it was trained", _training(card)),
         ("results", "What it can do", _results(card, pictures)),
-        ("limits", "Limits", _limits(card, policy)),
+        ("limits", "Limits", _limits(card)),
         ("failures", "Known failures", _failures(card)),
         ("provenance", "Versions and hashes", _provenance(card)),
     ]
@@ -99,22 +100,25 @@ def run_body(card: RunCard, pictures: Sequence[Markup]) -> Markup:
 def _what(card: RunCard, policy: Policy | None) -> list[Markup]:
     """The policy and how to use it."""
     config = card.config
+    spec = policy_spec(config)
+    inputs = spec.observation.input_size
     hidden = " x ".join(str(width) for width in config.policy.hidden)
     pairs = [
         ("method", code(card.method)),
         ("robot", escaped(load_robot(config.robot).name)),
-        ("network", escaped(f"47 inputs, {hidden} units with ReLU, 12 joint targets, at 1 kHz")),
-        ("gains", escaped(f"kp {config.policy.kp} N m/rad, kd {config.policy.kd} N m s/rad")),
-        ("gait period", escaped(f"{config.gait.period} s")),
+        (
+            "network",
+            escaped(f"{inputs} inputs, {hidden} units with ReLU, 12 joint targets, at 1 kHz"),
+        ),
+        ("observation", code(config.policy.layout)),
+        ("gains", escaped(f"kp {spec.kp:g} N m/rad, kd {spec.kd:g} N m s/rad")),
+        (
+            "gaits",
+            escaped(", ".join(f"{gait_name(gait)}, {gait.period} s" for gait in config.gaits)),
+        ),
         ("seed", escaped(str(config.seed))),
     ]
-    if card.best_iteration is None:
-        state = "not finished: no best policy yet"
-    else:
-        state = (
-            f"the policy of iteration {card.best_iteration} did best on the select initial states"
-        )
-    pairs.append(("state", escaped(state)))
+    pairs.append(("state", escaped(_state(card))))
     if policy is not None:
         low, high = policy.command_range.tolist()
         ranges = ", ".join(
@@ -126,6 +130,17 @@ def _what(card: RunCard, policy: Policy | None) -> list[Markup]:
         pairs.append(("commands trained on", escaped(ranges)))
         pairs.append(("play it", code(f"surefoot play {shlex.quote(str(card.policy))}")))
     return [facts(pairs)]
+
+
+def _state(card: RunCard) -> str:
+    """Whether the run is finished, and which policy it chose."""
+    if card.best_iteration is None:
+        return "not finished: no best policy yet"
+    if card.is_field_run:
+        return f"finished: the last policy, of iteration {card.best_iteration}"
+    if isinstance(card.config.method, BehaviorCloningConfig):
+        return f"finished: the policy of most data, number {card.best_iteration}"
+    return f"the policy of iteration {card.best_iteration} did best on the select initial states"
 
 
 def _training(card: RunCard) -> list[Markup]:
@@ -282,42 +297,26 @@ def _interval(low: Number, high: Number, quantity: Quantity = SUCCESS) -> Markup
     return Markup(f"{number(low, quantity, unit=False)} to {number(high, quantity, unit=False)}")
 
 
-def _limits(card: RunCard, policy: Policy | None) -> list[Markup]:
+def _limits(card: RunCard) -> list[Markup]:
     """What must not be expected of the policy."""
-    simulator = SIMULATORS[card.config.simulation.backend]
-    disturbed = list(_disturbances(card))
-    texts = [
-        f"Everything here was collected in {simulator}, and nothing of it has been tried on a "
-        "robot. The command surefoot evaluate measures a policy in the other simulator.",
-        "The success on the select initial states chose the best policy, and so flatters it; what "
-        "is to be reported is measured on the test initial states.",
-        "This is one run. Another seed of the data or of the training gives another policy, which "
-        "may differ more than the intervals above say: these are over initial states only.",
-        "The ground was flat, and the network sees the true state of the simulator.",
-    ]
-    if policy is not None:
-        texts.append("Commands outside of the range above were never trained on.")
-    if disturbed:
-        texts.append(f"While data was collected, robots were disturbed: {', '.join(disturbed)}.")
-    else:
-        texts.append("No robot was pushed or otherwise disturbed while data was collected.")
+    texts = limits_of(card.config, card.is_field_run)
     return [element("ul", joined([element("li", escaped(text)) for text in texts]))]
-
-
-def _disturbances(card: RunCard) -> list[str]:
-    """What disturbed the robots while data was collected, as options with their values."""
-    prefix = "collection."
-    return [
-        f"{name.removeprefix(prefix)} {_plain(value)}"
-        for name, value, _ in option_changes(card.config)
-        if name.startswith(prefix)
-    ]
 
 
 def _failures(card: RunCard) -> list[Markup]:
     """The episodes that failed, each with the command that replays it."""
+    parts = []
+    if card.is_field_run:
+        parts.append(
+            paragraph(
+                "The run's folder has a line in attempts.jsonl for each episode of the robot, and "
+                "in flights the last ten seconds before each fault; below are the rollouts of the "
+                "pre-training."
+            )
+        )
     if not card.failures:
-        return [paragraph("No rollout fell, and none was given up, while data was collected.")]
+        nothing = "No rollout fell, and none was given up, while data was collected."
+        return [*parts, paragraph(nothing)]
     rows = [
         (escaped(str(each.iteration)), escaped(str(each.episode)), code(each.command))
         for each in card.failures
@@ -329,6 +328,7 @@ def _failures(card: RunCard) -> list[Markup]:
         heads=2,
     )
     return [
+        *parts,
         paragraph(
             "These failed while data was collected. The replay needs the run's own folder, with "
             "its policies."

@@ -74,6 +74,10 @@ class TestSource:
         """A number of the impulses that it withstands; not known if not measured."""
         return self._of("pushes", self.test.pushes, field, keys)
 
+    def imitation(self, field: str) -> Number:
+        """A number of its deviation from the expert; not known if not measured."""
+        return self._of("imitation", self.test.imitation, field, ())
+
     def _of(self, part: str, record: object, field: str, keys: tuple[int, ...]) -> Number:
         """A number of a part of the test."""
         value = None

@@ -54,7 +54,8 @@ HOURS = Quantity("", "h", 3600.0, 2)
 MOST_ROWS = 14
 """Tables of more rows are folded at first."""
 ABOUT_INTERVALS = (
-    "The run is the unit: every run is a point, means are over runs, and intervals are 95 % t "
+    "The run, which is a seed of the data, is the unit; several trainings on it count as one run, "
+    "with their mean. Every run is a point, means are over runs, and intervals are 95 % t "
     "intervals over the means of runs, which are wide with few runs and may reach beyond the axes; "
     "axes of shares may begin above 0. An interval of a share of episodes is never narrower than "
     "the score interval of all episodes together. A dash stands for what has not been measured, or "

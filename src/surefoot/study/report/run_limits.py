@@ -1,0 +1,95 @@
+"""What must not be expected of a run's policy, as sentences that follow from its configuration."""
+
+from __future__ import annotations
+
+import json
+
+from surefoot.config import BehaviorCloningConfig, Config, DisturbanceConfig
+from surefoot.config.json_io import changes
+
+SIMULATORS = {"mujoco": "MuJoCo", "bullet": "PyBullet"}
+"""The simulators as their authors write them."""
+SEEN = {
+    "full": "the full state",
+    "full_history": "the full state, with a history of it",
+    "proprioceptive": "what a robot measures, with a history of it",
+}
+"""What the network of each observation layout sees."""
+PUSHES = ("pushes", "impulse", "gentle", "push_duration")
+"""Options that describe pushes, and mean nothing without any."""
+
+
+def limits_of(config: Config, is_field_run: bool) -> list[str]:
+    """What must not be expected of the policy of a run, in sentences.
+
+    Args:
+        config: Configuration of the run.
+        is_field_run: Whether it went on learning on a robot, behind a bridge.
+    """
+    return [
+        _where(config, is_field_run),
+        _flattery(config, is_field_run),
+        "This is one run. Another seed of the data or of the training gives another policy, which "
+        "may differ more than the intervals above say: these are over initial states only.",
+        f"The network sees {SEEN[config.policy.layout]}.",
+        "It was not trained on commands outside the range above.",
+        *_disturbed(config, is_field_run),
+    ]
+
+
+def _where(config: Config, is_field_run: bool) -> str:
+    """Where the data was collected."""
+    terrain = config.simulation.terrain
+    ground = "level ground" if terrain is None else f"the terrain {terrain}"
+    simulated = f"in {SIMULATORS[config.simulation.backend]}, on {ground}"
+    if is_field_run:
+        return (
+            f"The data of the pre-training was collected {simulated}; that of the iterations on a "
+            "robot behind a bridge, or on its twin."
+        )
+    return (
+        f"Everything here was collected {simulated}, and nothing of it has been tried on a robot. "
+        "The command surefoot evaluate measures a policy in the other simulator, and on other "
+        "terrains."
+    )
+
+
+def _flattery(config: Config, is_field_run: bool) -> str:
+    """What success on the initial states of `select` says."""
+    if is_field_run or isinstance(config.method, BehaviorCloningConfig):
+        return (
+            "Success on the select initial states is for choosing among runs; what is to be "
+            "reported is measured on the test initial states."
+        )
+    return (
+        "Success on the select initial states chose the best policy, and so flatters it; what is "
+        "to be reported is measured on the test initial states."
+    )
+
+
+def _disturbed(config: Config, is_field_run: bool) -> list[str]:
+    """What disturbed the robots while data was collected."""
+    is_cloned = isinstance(config.method, BehaviorCloningConfig)
+    first = config.collection if is_cloned else config.pretraining
+    parts = [("While the expert was recorded", disturbances(first))]
+    if not is_cloned and not is_field_run:
+        parts.append(("In the iterations", disturbances(config.collection)))
+    told = [f"{when}, robots were disturbed: {', '.join(what)}." for when, what in parts if what]
+    if told:
+        return told
+    where = " in simulation" if is_field_run else ""
+    return [f"No robot was pushed or otherwise disturbed{where} while data was collected."]
+
+
+def disturbances(disturbance: DisturbanceConfig) -> list[str]:
+    """What disturbs robots, as options with their values; empty if nothing does.
+
+    Args:
+        disturbance: What is drawn for each episode.
+    """
+    return [
+        f"{name} {json.dumps(value)}"
+        for name, value, _ in changes(disturbance, DisturbanceConfig())
+        # A range of impulses or an angle of falls disturbs nobody where nobody is pushed.
+        if name != "fall_angle" and (disturbance.pushes > 0 or name not in PUSHES)
+    ]

@@ -1,0 +1,59 @@
+"""The limits on a model card say what the configuration says."""
+
+from dataclasses import replace
+
+import pytest
+
+from surefoot.config import DisturbanceConfig
+from surefoot.config.presets import preset
+from surefoot.study.report.run_limits import disturbances, limits_of
+
+
+def text_of(config, is_field_run=False):
+    return " ".join(limits_of(config, is_field_run))
+
+
+def test_the_ground_and_what_the_network_sees_are_those_of_the_run():
+    config = preset("loco_safe_dagger")
+    level = text_of(config)
+    assert "on level ground" in level and "sees the full state." in level
+    config = replace(config, simulation=replace(config.simulation, terrain="bumps:0.03"))
+    config = replace(config, policy=replace(config.policy, layout="proprioceptive"))
+    rough = text_of(config)
+    assert "on the terrain bumps:0.03" in rough and "level ground" not in rough
+    assert "what a robot measures" in rough and "full state" not in rough
+
+
+def test_pushes_of_pretraining_and_of_iterations_are_told_apart():
+    calm = replace(preset("loco_safe_dagger"), collection=DisturbanceConfig())
+    assert "No robot was pushed" in text_of(calm)
+    pushed = replace(calm, pretraining=DisturbanceConfig(1, (0.5, 3.0)))
+    first = text_of(pushed)
+    assert "While the expert was recorded, robots were disturbed: pushes 1" in first
+    assert "In the iterations" not in first and "No robot was pushed" not in first
+    assert "In the iterations, robots were disturbed" in text_of(preset("loco_safe_dagger"))
+    # Behavior cloning has no pre-training: its data is that of `collection`.
+    cloning = replace(preset("behavior_cloning"), collection=DisturbanceConfig(2))
+    assert "While the expert was recorded, robots were disturbed: pushes 2" in text_of(cloning)
+
+
+def test_options_of_pushes_that_never_come_disturb_nobody():
+    disturbance = DisturbanceConfig(0, (0.3, 1.5), gentle=0.7, fall_angle=60.0)
+    assert disturbances(disturbance) == []
+    assert disturbances(replace(disturbance, expert_impulse=(0.5, 3.0))) == [
+        "expert_impulse [0.5, 3.0]"
+    ]
+    assert disturbances(replace(disturbance, delay=3)) == ["delay 3"]
+
+
+@pytest.mark.parametrize("method", ["behavior_cloning", "dagger"])
+def test_only_a_best_policy_that_select_chose_is_flattered(method):
+    chosen = method == "dagger"
+    assert ("chose the best policy" in text_of(preset(method))) == chosen
+    assert "chose the best policy" not in text_of(preset(method), is_field_run=True)
+
+
+def test_a_run_on_a_robot_was_not_collected_in_simulation_alone():
+    text = text_of(preset("loco_safe_dagger"), is_field_run=True)
+    assert "on a robot behind a bridge" in text
+    assert "nothing of it has been tried on a robot" not in text
