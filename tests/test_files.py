@@ -139,6 +139,25 @@ def test_standard_output_is_written_through(tmp_path):
         assert json.loads(output) == {"a": 1}
 
 
+@pytest.mark.parametrize("mode", ["ab", "wb"])
+def test_a_file_that_the_output_goes_to_keeps_what_it_has(tmp_path, mode):
+    log = tmp_path / "log"
+    log.write_text("old\n")
+    names = ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "/dev/stderr"]
+    code = f"""
+from surefoot.files import write_atomic
+for name in {names}:
+    print("before")
+    write_atomic(name, f"{{name}}\\n".encode())
+print("after")
+"""
+    with log.open(mode) as stream:
+        subprocess.run([sys.executable, "-c", code], stdout=stream, stderr=stream, check=True)
+    old = ["old"] if mode == "ab" else []
+    written = [line for name in names for line in ("before", name)]
+    assert log.read_text().splitlines() == [*old, *written, "after"]
+
+
 def test_a_folder_is_refused(tmp_path):
     with pytest.raises(WriteError, match="cannot be written"):
         write_atomic(tmp_path, b"text")

@@ -261,6 +261,28 @@ def test_no_worker_outlives_the_parent_after_ctrl_c_or_a_kill(tmp_path, ending):
         process.wait()
 
 
+def process_of(number):
+    return os.getpid()
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
+def test_workers_outlive_the_thread_that_started_them():
+    from loky import get_reusable_executor
+
+    get_reusable_executor(2).shutdown(kill_workers=True)  # those of other tests
+    found = []
+
+    def work():
+        found.extend(map_chunks(process_of, range(4), Workers(2), "in a thread"))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    time.sleep(0.5)
+    assert len(found) == 4 and os.getpid() not in found
+    assert all(alive(pid) for pid in found)
+
+
 def test_a_number_of_workers_far_above_the_cores_is_not_started(monkeypatch):
     assert Workers(1).started == 1
     assert Workers(100_000).started == PROCESSES_PER_CORE * default_workers()

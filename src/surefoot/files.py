@@ -13,6 +13,7 @@ import fcntl
 import json
 import os
 import re
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
@@ -28,6 +29,10 @@ from surefoot.config.json_io import to_json
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+STREAMS = {Path("/dev/stdin"): 0, Path("/dev/stdout"): 1, Path("/dev/stderr"): 2}
+"""Streams of this process that have names of their own, and their descriptors."""
+DESCRIPTORS = (Path("/dev/fd"), Path("/proc/self/fd"))
+"""Folders that have the descriptors of this process as files."""
 _locks: list[int] = []
 """Descriptors of locked files, never closed: closing any descriptor of a file releases its lock."""
 
@@ -156,8 +161,16 @@ def _write_content(path: Path, content: bytes | Callable[[Path], object]) -> Non
 def is_stream(path: Path) -> bool:
     """Whether a path is a device, a pipe or a stream of this process, which has no old content."""
     # Standard output may be a file: what reads it holds that very file, and not the name.
-    own_stream = path.parent in (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))
+    own_stream = path.parent in (Path("/dev"), *DESCRIPTORS)
     return own_stream or (path.exists() and not path.is_file() and not path.is_dir())
+
+
+def _descriptor(path: Path) -> int | None:
+    """The descriptor of this process that a path stands for; None if it stands for none."""
+    if path in STREAMS:
+        return STREAMS[path]
+    is_number = re.fullmatch("[0-9]+", path.name) is not None
+    return int(path.name) if path.parent in DESCRIPTORS and is_number else None
 
 
 def _write_through(path: Path, content: bytes | Callable[[Path], object]) -> None:
@@ -165,7 +178,14 @@ def _write_through(path: Path, content: bytes | Callable[[Path], object]) -> Non
     with TemporaryDirectory() as folder:
         whole = Path(folder) / "content"
         _write_content(whole, content)
-        with path.open("wb") as stream:
+        descriptor = _descriptor(path)
+        if descriptor is None:
+            path.write_bytes(whole.read_bytes())
+            return
+        # Opened by its name, a file that the output is redirected to would lose what it has.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        with os.fdopen(os.dup(descriptor), "wb") as stream:
             stream.write(whole.read_bytes())
 
 

@@ -8,13 +8,12 @@ what is run.
 
 from __future__ import annotations
 
-import ctypes
 import logging
 import os
 import signal
 import socket
-import sys
 import threading
+import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future
@@ -46,8 +45,8 @@ ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THRE
 """Environment of every process: the work is spread over processes, and bits may depend on the
 number of threads. It must be set before NumPy and PyTorch are loaded."""
 
-_PR_SET_PDEATHSIG = 1
-"""Linux's prctl: send a signal to this process when its parent ends."""
+PARENT_INTERVAL = 0.5
+"""[s] A worker looks this often whether its parent is still there."""
 
 
 def default_workers() -> int:
@@ -278,11 +277,21 @@ def _ctrl_c_held_back() -> Iterator[None]:
 
 
 def end_with_the_parent(parent: int) -> None:
-    """Make this worker end when its parent does, however that ends."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # the parent has ended already
+    """Make this worker end when its parent does, however that ends.
+
+    A thread looks for it: Linux's own signal comes when the parent's thread ends that started the
+    worker, even if the parent goes on.
+
+    Args:
+        parent: The process id of the parent.
+    """
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(PARENT_INTERVAL)
         os._exit(1)
+
+    threading.Thread(target=watch, name="end with the parent", daemon=True).start()
 
 
 class _Cluster:

@@ -11,6 +11,7 @@ from surefoot.config import (
     ExpertConfig,
     SafetyConfig,
     SimulationConfig,
+    StateNoiseConfig,
 )
 from surefoot.config.sim import parse_terrains
 from surefoot.mpc.expert import make_planner
@@ -22,11 +23,12 @@ from surefoot.rollouts.episodes import Episodes, join_episodes
 from surefoot.rollouts.jobs import Job, ground_of, play_out, run_episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, covered
+from surefoot.scenarios.disturbance import Disturbance
 from surefoot.scenarios.ground import draw_ground, put_under
 from surefoot.scenarios.starts import at_rest, load_starts
 from surefoot.sim import make_simulator
 from surefoot.sim.terrain import Ground
-from surefoot.types import Command, ground_height, lowered
+from surefoot.types import Command, State, ground_height, lowered
 from surefoot.workers import Workers
 from tests.fakes.robots import ROBOT, STANDING, pd
 from tests.fakes.rollouts import summary_of
@@ -214,6 +216,25 @@ def test_robots_in_flight_feel_the_ground_where_they_left_it():
     branch = rollouts.branch(np.array([0, 0]), np.array([50, 299]), 0.1, np.array([7, 8]))
     assert branch.ground is not None
     np.testing.assert_allclose(branch.ground.felt, felt[[50, 299]], atol=1e-12)
+
+
+def test_the_ground_of_a_branch_is_as_it_was_felt_whatever_the_sensors_say():
+    starts = STORED["test"][10:12]
+    ground = ground_of(job_on("bumps:0.05", episodes=2))
+    assert ground is not None
+    noise = StateNoiseConfig(base_height=0.05)
+    disturbance = Disturbance(noise=noise, seeds=tuple(np.random.SeedSequence(3).spawn(2)))
+    episodes = Episodes(starts, 0.1, disturbance=disturbance, ground=ground)
+    simulator = make_simulator(ROBOT, 2, None, ground)
+    rollouts = rollout(simulator, episodes, ExpertOnly(), Standing())
+    robot = np.array([0, 1])
+    landed = rollouts.contacts.any(axis=2).argmax(axis=1)
+    assert rollouts.contacts[robot, landed].any(axis=1).all()
+    branch = rollouts.branch(robot, landed, 0.05, robot)
+    assert branch.ground is not None
+    states = State(*(getattr(rollouts, field.name) for field in fields(State)))
+    felt = ground_height(states, ROBOT.foot_radius)[robot, landed]
+    np.testing.assert_allclose(branch.ground.felt, felt, atol=1e-12)
 
 
 @pytest.mark.parametrize(("text", "heading"), [("slope:10", np.pi), ("slope:10", 0.0)])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config, DisturbanceConfig, StateNoiseConfig
+from surefoot.config.sim import parse_terrains
 from surefoot.learning.frames import PART, whole_episode
 from surefoot.learning.samples import held_out
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
@@ -15,6 +16,7 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.query import Query
 from surefoot.scenarios.disturbance import draw_disturbances
 from surefoot.scenarios.starts import load_starts
+from surefoot.sim.terrain import Ground
 from surefoot.types import GRID
 from tests.fakes.rollouts import blank
 
@@ -163,6 +165,27 @@ def test_a_query_is_the_same_robot_on_the_same_floor(played):
     assert own.pushes is not None and own.pushes.tick.shape == (9, 1)
     np.testing.assert_array_equal(asked.pushes.impulse, own.pushes.impulse)
     np.testing.assert_array_equal(asked.pushes.tick, own.pushes.tick)
+
+
+@pytest.mark.parametrize("text", ["slope:10", "bumps:0.05"])
+def test_queries_stand_on_the_ground_that_was_below_their_robots(played, text):
+    job, rollouts = played
+    origin = np.random.default_rng(2).normal(size=(4, 3))
+    ground = Ground(parse_terrains(text) * 4, origin, np.array([0.0, 0.5, 1.0, 3.0]))
+    queries = QUERY(job, replace(rollouts, ground=ground, felt_ground=np.zeros((4, T))))
+    assert queries is not None
+    asked = queries.episodes.ground
+    assert asked is not None
+    robots = np.array([0, 1, 3]).repeat(3)
+    elapsed = queries.starts.tick - job.starts.tick[robots]
+    before = rollouts.q[robots, elapsed, None, :2]
+    around = np.array([[0.0, 0.0], [0.2, 0.1], [-0.2, 0.1]])
+    assert np.abs(before).max() > 0.5
+    np.testing.assert_allclose(
+        asked.heights(np.tile(around, (9, 1, 1))),
+        ground[robots].heights(before + around),
+        atol=1e-12,
+    )
 
 
 def test_failed_queries_are_dropped_whole(played):

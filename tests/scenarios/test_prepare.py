@@ -1,5 +1,6 @@
 """What a robot, a gait and a box need: measured once, kept whole, refused with numbers."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +20,9 @@ from surefoot.config import (
     TrainingConfig,
 )
 from surefoot.config.checked import known
+from surefoot.config.json_io import to_json
 from surefoot.config.presets import TROT_GAIN
+from surefoot.config.profiles import ODRI
 from surefoot.config.robot_table import GO2
 from surefoot.mpc.gaits import with_gait
 from surefoot.robots.geometry import state_of
@@ -28,7 +31,7 @@ from surefoot.robots.scaling import with_own_values
 from surefoot.safety.gates import unsafe
 from surefoot.scenarios import prepare as module
 from surefoot.scenarios.gains import measured_gain
-from surefoot.scenarios.make import SEED, SIZES, cycle_instants, settle
+from surefoot.scenarios.make import SEED, SIZES, cycle_instants, make_starts, settle
 from surefoot.scenarios.prepare import (
     completed,
     prepare,
@@ -136,6 +139,16 @@ def test_the_key_changes_with_the_content_of_the_description_but_not_with_its_pl
     assert keys[0] == keys[1] != keys[2]
 
 
+def test_the_key_changes_with_the_content_of_the_profile_but_not_with_its_place(tmp_path):
+    keys = []
+    for number, torque in enumerate((20.0, 20.0, 5.0)):
+        profile = replace(ODRI, robot="go2", torque_limit=(torque,) * 3)
+        file = tmp_path / f"{number}.json"
+        file.write_text(json.dumps(to_json(profile)))
+        keys.append(key(replace(GO2_TROT, robot=RobotConfig("go2", profile=str(file)))))
+    assert key() != keys[0] == keys[1] != keys[2]
+
+
 def test_the_key_takes_no_notice_of_what_has_no_part_in_it():
     assert key(replace(GO2_TROT, seed=7, chunk=3)) == key()
 
@@ -160,6 +173,23 @@ def test_a_killed_preparation_leaves_nothing_half(fake_walks, tmp_path, monkeypa
     assert len(fake_walks.asked) == asked + 1  # the gains were kept
     assert not made().kept
     assert made().kept
+
+
+def test_what_another_process_has_prepared_meanwhile_is_kept(fake_walks, monkeypatch):
+    others = []
+
+    def overtaken(*arguments):
+        monkeypatch.setattr(module, "make_starts", make_starts)
+        other = made()
+        others.append((other, other.path.stat().st_ino))
+        return make_starts(*arguments)
+
+    monkeypatch.setattr(module, "make_starts", overtaken)
+    mine = made()
+    other, file = others[0]
+    assert mine.kept and not other.kept
+    assert mine.path.stat().st_ino == file
+    assert mine.starts.hash == other.starts.hash
 
 
 @pytest.mark.parametrize("content", [b"", b"PK", b"x" * 1000])

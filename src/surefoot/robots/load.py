@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from surefoot.config.json_io import from_json
 from surefoot.config.json_text import parse_json, read_file
+from surefoot.config.profiles import HardwareProfile
 from surefoot.config.robot_table import ROBOTS
 from surefoot.config.robots import RobotConfig, RobotSpec
 from surefoot.errors import unknown
@@ -50,7 +51,7 @@ def load_robot(robot: RobotConfig | RobotSpec | str | Path = "solo12") -> RobotM
     spec = find_spec(robot)
     description = read_description(spec)
     model = canonical_model(description, spec)
-    profile = None if config.profile is None else load_profile(config.profile, spec.name)
+    profile = find_profile(config)
     torque_limit = _torque_limits(description, spec, config.torque_limit)
     if profile is not None:
         torque_limit = np.minimum(torque_limit, torque_limits(profile))
@@ -93,6 +94,18 @@ def find_spec(robot: RobotConfig | RobotSpec | str | Path) -> RobotSpec:
     raise ValueError(
         f"{unknown('robot', name, ROBOTS)}; a robot of your own is a {' or '.join(SUFFIXES)} file"
     )
+
+
+def find_profile(config: RobotConfig) -> HardwareProfile | None:
+    """Return the hardware profile of a configured robot; None if it has none.
+
+    Args:
+        config: The configuration of the robot.
+
+    Raises:
+        ValueError: There is no such profile or file, or it belongs to another robot.
+    """
+    return None if config.profile is None else load_profile(config.profile, find_spec(config).name)
 
 
 def read_spec(path: Path) -> RobotSpec:

@@ -114,7 +114,7 @@ def rollout(
     # The height of the ground that robots feel; what they felt last holds through a flight.
     felt_ground = None if episodes.ground is None else episodes.ground.felt
     apart = felt_ground is not None or measure is not None
-    recorder = _Recorder(total, B, noisy=apart, ask_always=ask_always)
+    recorder = _Recorder(total, B, apart, ask_always, uneven=felt_ground is not None)
     controllers = _Controllers(expert, policy, starts.command, robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)
     # For how many ticks without a break something other than a foot has touched the ground.
@@ -131,6 +131,8 @@ def rollout(
         if felt_ground is not None:
             felt_ground = ground_height(state, robot.foot_radius, felt_ground)
             felt = lowered(state, felt_ground)
+            if recorder.felt_ground is not None and elapsed < total:
+                recorder.felt_ground[elapsed] = felt_ground
         if lying is not None:
             lying = np.where(touching, lying + 1, 0)
         if elapsed >= grace:
@@ -166,7 +168,7 @@ def rollout(
         if progress is not None and (elapsed + 1) % PROGRESS_TICKS == 0:
             progress(PROGRESS_TICKS)
     if safety.stepping_from is not None and to_ticks(safety.stepping_from) <= T:
-        recorder.mark_stalled(T, robot.foot_radius, felt_ground is not None)
+        recorder.mark_stalled(T, robot.foot_radius)
     return recorder.rollout(episodes, disturbance, T)
 
 
@@ -198,12 +200,16 @@ class _Recorder:
         expert_torque: ``(ticks, B, 12)`` torque of the expert [N m]; the same array as ``torque``
             if it is asked only where it drives.
         body_contact: ``(ticks, B)`` True where something other than a foot touched the ground.
+        felt_ground: ``(ticks, B)`` the height of the ground as robots felt it, without noise [m];
+            None on level ground.
         active: ``(B,)`` True for robots whose episode has not ended.
         length: ``(B,)`` number of ticks simulated.
         outcome: ``(B,)`` values of `Outcome`.
     """
 
-    def __init__(self, ticks: int, batch: int, noisy: bool, ask_always: bool) -> None:
+    def __init__(
+        self, ticks: int, batch: int, noisy: bool, ask_always: bool, uneven: bool
+    ) -> None:
         self.truth = _blank_states(ticks, batch)
         self.seen = _blank_states(ticks, batch) if noisy else self.truth
         self.drove = np.zeros((ticks, batch), dtype=bool)
@@ -211,6 +217,7 @@ class _Recorder:
         self.torque = np.zeros((ticks, batch, 12))
         self.expert_torque = np.zeros((ticks, batch, 12)) if ask_always else self.torque
         self.body_contact = np.zeros((ticks, batch), dtype=bool)
+        self.felt_ground = np.zeros((ticks, batch)) if uneven else None
         self.active = np.ones(batch, dtype=bool)
         self.length = np.full(batch, ticks)
         self.outcome = np.full(batch, Outcome.SUCCESS, dtype=np.int64)
@@ -226,12 +233,12 @@ class _Recorder:
             self.length[ending] = elapsed
             self.active[ending] = False
 
-    def mark_stalled(self, T: int, foot_radius: float, uneven: bool) -> None:
+    def mark_stalled(self, T: int, foot_radius: float) -> None:
         """Change the outcome of robots that survived, but stopped stepping within T ticks."""
         feet = _by_robot(self.truth.feet[:T])
         height = feet[..., 2]
         contacts = _by_robot(self.truth.contacts[:T])
-        if uneven:
+        if self.felt_ground is not None:
             height = heights_of_swings(feet, contacts, foot_radius)
         stalled = ~stepping(height, contacts, foot_radius)
         self.outcome[stalled & (self.outcome == Outcome.SUCCESS)] = Outcome.STALLED
@@ -259,6 +266,7 @@ class _Recorder:
             late=episodes.late,
             ground=episodes.ground,
             switches=episodes.switches,
+            felt_ground=None if self.felt_ground is None else _by_robot(self.felt_ground),
         )
 
 

@@ -180,6 +180,8 @@ class Rollout:
             them; None without any.
         ground: The ground of the robots; None is level ground at z = 0.
         switches: When the robots changed their gait; None if none did.
+        felt_ground: ``(B, T)`` the height of the ground as the robots' feet felt it, without noise,
+            world frame [m]; None on level ground.
     """
 
     q: Array
@@ -201,6 +203,7 @@ class Rollout:
     late: Array | None = None
     ground: Ground | None = None
     switches: GaitSwitches | None = None
+    felt_ground: Array | None = None
 
     @property
     def gait(self) -> IntArray:
@@ -267,10 +270,9 @@ class Rollout:
 
     def _ground_from(self, robot: IntArray, elapsed: IntArray) -> Ground | None:
         """The ground of robots that go on from a tick, with what their feet felt of it there."""
-        if self.ground is None:
+        if self.ground is None or self.felt_ground is None:
             return None
-        felt = self.q[robot, elapsed, 2] - self.seen.q[robot, elapsed, 2]
-        return replace(self.ground[robot], felt=felt)
+        return replace(self.ground[robot], felt=self.felt_ground[robot, elapsed])
 
     def _under_way(self, robot: IntArray, elapsed: IntArray) -> Array | None:
         """``(n, delay, 12)`` torques commanded to robots before a tick that have not acted yet."""

@@ -89,10 +89,12 @@ class Query:
 
 
 def _at_the_origin(episodes: Episodes) -> Episodes:
-    """Episodes that begin at x = y = 0, as initial states do."""
+    """Episodes that begin at x = y = 0, as initial states do, on the ground that they were on."""
     q = episodes.starts.q.copy()
+    place = q[:, :2].copy()
     q[:, :2] = 0.0
-    return replace(episodes, starts=replace(episodes.starts, q=q))
+    ground = None if episodes.ground is None else episodes.ground.moved(-place)
+    return replace(episodes, starts=replace(episodes.starts, q=q), ground=ground)
 
 
 def _with_own_pushes(queries: Job) -> Job:

@@ -16,8 +16,9 @@ from pathlib import Path
 import surefoot
 from surefoot.config import Config, ExpertConfig, Gait, SimulationConfig
 from surefoot.config.json_io import to_json
+from surefoot.config.profiles import HardwareProfile
 from surefoot.robots.identity import description_hash
-from surefoot.robots.load import find_spec
+from surefoot.robots.load import find_profile, find_spec
 
 VERSION = 1
 """Changes with what is kept and how it is made; another one makes everything anew."""
@@ -27,7 +28,7 @@ SIMULATORS = {"mujoco": "mujoco", "bullet": "pybullet"}
 """The package of each simulator."""
 ROOMS = ("mpc", "robots", "scenarios", "sim")
 """Folders of the package whose code decides it too, while somebody changes that code."""
-MODULES = ("rotations.py", "types.py")
+MODULES = ("rotations.py", "types.py", "config/commands.py", "config/gait_clock.py")
 """Modules outside of these folders that do so."""
 
 
@@ -42,6 +43,7 @@ class Ingredients:
         robot: SHA-256 of the robot's spec and description.
         torque_limit: The torque limit of all joints, if it is one [N m].
         enforce_speed_limit: Whether motors stop at the joints' speed limits.
+        profile: The content of the hardware profile, to which torques are clipped; None without.
         simulation: The simulator, without its terrain: what is prepared is made on the plane.
         gait: The gait.
         expert: The expert.
@@ -56,6 +58,7 @@ class Ingredients:
     robot: str
     torque_limit: float | None
     enforce_speed_limit: bool
+    profile: HardwareProfile | None
     simulation: SimulationConfig
     gait: Gait
     expert: ExpertConfig
@@ -78,6 +81,7 @@ def ingredients_of(config: Config) -> Ingredients:
         robot=description_hash(find_spec(config.robot)),
         torque_limit=config.robot.torque_limit,
         enforce_speed_limit=config.robot.enforce_speed_limit,
+        profile=find_profile(config.robot),
         simulation=replace(config.simulation, terrain=None),
         gait=config.gait,
         expert=config.expert,

@@ -146,8 +146,11 @@ def prepare(
     cycles = {count: _cycle(settled, up, config, each) for count, each in spread.items()}
     starts = make_starts(key[:8], config, cycles, perturbation, seed, sizes)
     made = replace(made, seconds=round(time.perf_counter() - began, 1))
-    path.unlink(missing_ok=True)  # a damaged one
-    save_starts(replace(starts, preparation=made), path)
+    # Another process may have made the same meanwhile, and its user may read that file now.
+    found = _find(path, key)
+    if found is not None:
+        return found
+    save_starts(replace(starts, preparation=made), path, overwrite=True)
     return Prepared(load_starts(path), made, path, kept=False)
 
 

@@ -356,15 +356,22 @@ def check_unused(path: Path) -> None:
         raise FileExistsError(f"{path} exists; a set of starts is never changed: use a new name")
 
 
-def save_starts(starts: StartSet, path: Path) -> None:
-    """Write a set, whole or not at all; an existing file is never overwritten.
+def save_starts(starts: StartSet, path: Path, overwrite: bool = False) -> None:
+    """Write a set, whole or not at all.
+
+    Args:
+        starts: The set.
+        path: The file.
+        overwrite: Whether the set takes the place of a file that is there already.
 
     Raises:
-        FileExistsError: A set of this name exists already; new states get a new name.
+        FileExistsError: A set of this name exists already, and is not to be replaced; new states
+            get a new name.
         ValueError: The states are not such as `load_starts` reads.
         WriteError: The disk is full, or read-only.
     """
-    check_unused(path)
+    if not overwrite:
+        check_unused(path)
     everything = join_starts([starts.grid[split] for split in SPLITS])
     arrays = {
         "q": everything.q,

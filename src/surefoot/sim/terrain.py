@@ -164,6 +164,16 @@ class Ground:
         origin[:, 2] += by
         return replace(self, origin=origin)
 
+    def moved(self, by: Array) -> Ground:
+        """The same ground, elsewhere.
+
+        Args:
+            by: ``(B, 2)`` how far along x and y [m].
+        """
+        origin = self.origin.copy()
+        origin[:, :2] += by
+        return replace(self, origin=origin)
+
     def heights(self, points: Array) -> Array:
         """The height of each robot's ground ``(B, n)`` below points, world frame [m].
 
