@@ -486,6 +486,26 @@ def test_a_checkpoint_of_another_fit_or_cut_short_is_not_taken(tmp_path):
     assert torch.equal(weights(other.network), weights(again.network))
 
 
+@pytest.mark.parametrize(("layout", "resumes"), [("proprioceptive", False), ("full", True)])
+def test_a_changed_past_is_another_fit_where_the_network_remembers(tmp_path, layout, resumes):
+    spec = spec_of(replace(SMALL, layout=layout))
+    path = tmp_path / "fit.safetensors"
+    frames = replace(FRAMES, elapsed=np.tile(np.arange(100, dtype=np.int32), 20))
+    changed = replace(frames, applied=frames.applied + 1.0)
+    assert changed.hash == frames.hash
+    epochs = []
+    for one in (frames, changed):
+        dataset = Dataset(tmp_path / str(len(epochs)))
+        dataset.append("all", one)
+        network = PolicyNetwork(SMALL, 0, spec.observation.input_size)
+
+        def progress(done, *_):
+            epochs.append(done)
+
+        fit(network, dataset, TRAINING, spec, 1, 0, progress, path)
+    assert epochs == ([1] if resumes else [1, 1])
+
+
 def test_a_changed_bit_of_a_checkpoint_changes_no_weights(tmp_path):
     path = tmp_path / "fit.safetensors"
     whole = run(epochs=3)
