@@ -102,8 +102,8 @@ class Measurement(Checked):
     measure: Measure = "robustness"
     """What is measured."""
     policies: Literal["best", "all"] = "best"
-    """The best policy of a run, as chosen on the `select` initial states, or that of every
-    iteration (behavior cloning: of every size of the data)."""
+    """The policy that a run chose, the best on the `select` initial states (behavior cloning: its
+    last), or that of every iteration (behavior cloning: of every size of the data)."""
     split: Split = "test"
     """Split of the initial states where the episodes begin; `imitation` has states of its own."""
     options: Options = field(default_factory=dict)

@@ -142,7 +142,7 @@ class CellResult:
 
     @property
     def best_iteration(self) -> int | None:
-        """The iteration of the best policy on `select`; None if the run is not finished."""
+        """The iteration of the policy that the run chose; None if the run is not finished."""
         for record in self.metrics:
             if isinstance(record, Best):
                 return record.best_iteration
