@@ -5,6 +5,7 @@ import os
 import stat
 import subprocess
 import sys
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from surefoot.files import (
     WriteError,
     check_output,
     is_left_over,
+    is_locked,
     lock_file,
     write_atomic,
     write_json,
@@ -227,8 +229,9 @@ def test_json_of_a_record_has_its_fields_as_keys_and_null_for_nan(tmp_path):
     assert values == {"successes": 3, "mse": [0.5, None]}
 
 
-def test_a_lock_holds_for_other_processes_until_its_own_ends(tmp_path):
-    path = tmp_path / "made" / ".lock"
+@contextmanager
+def locked_by_another_process(path):
+    """Another process holds the lock of a file; its answer, and the process."""
     program = (
         "import sys, time\n"
         "from pathlib import Path\n"
@@ -241,8 +244,34 @@ def test_a_lock_holds_for_other_processes_until_its_own_ends(tmp_path):
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
-        assert process.stdout.readline() == "True\n"
+        try:
+            yield process.stdout.readline().strip()
+        finally:
+            process.kill()
+
+
+def test_a_lock_holds_for_other_processes_until_its_own_ends(tmp_path):
+    path = tmp_path / "made" / ".lock"
+    with locked_by_another_process(path) as answer:
+        assert answer == "True"
+        assert is_locked(path)
         assert not lock_file(path)
-        process.kill()
-        process.wait()
+    assert not is_locked(path)
     assert lock_file(path)
+
+
+def test_to_ask_whether_a_file_is_locked_takes_no_lock(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr("fcntl.lockf", lambda *arguments: asked.append(arguments))
+    (tmp_path / "free").write_bytes(b"")
+    assert not is_locked(tmp_path / "free")
+    assert not is_locked(tmp_path / "no-such-file")
+    assert not asked
+
+
+def test_to_ask_about_a_lock_of_ones_own_does_not_lose_it(tmp_path):
+    path = tmp_path / ".lock"
+    assert lock_file(path)
+    assert not is_locked(path)
+    with locked_by_another_process(path) as answer:
+        assert answer == "False"

@@ -2,7 +2,7 @@
 
 `write_atomic` is below every file of the package: a reader sees the old content or the new one,
 never a part. `write_json` and `save_arrays` write records with it. `check_output` says before the
-work whether a file could be written, `lock_file` whether another process has it. Read
+work whether a file could be written, `is_locked` whether another process has it. Read
 `config.json_io` and `config.array_io` next, which read the records again.
 """
 
@@ -13,6 +13,7 @@ import fcntl
 import json
 import os
 import re
+import struct
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -213,12 +214,50 @@ def lock_file(path: Path) -> bool:
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(path, os.O_CREAT | os.O_RDWR)
-    _locks.append(descriptor)
     try:
         fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except (BlockingIOError, PermissionError):  # POSIX allows either
+        os.close(descriptor)  # which releases nothing: another process has the lock
         return False
+    _locks.append(descriptor)
     return True
+
+
+def is_locked(path: Path) -> bool:
+    """Whether another process has locked a file; asking takes no lock, and loses none.
+
+    Args:
+        path: The file; it need not exist, and may be read-only.
+
+    Raises:
+        PermissionError: The file cannot be read.
+    """
+    if not path.exists() or _is_locked_here(path):
+        return False
+    with path.open("rb") as file:
+        answer = fcntl.fcntl(file, fcntl.F_GETLK, _lock_request())
+    kind = struct.unpack_from("h", answer, _LOCK_KIND_AT)[0]
+    return kind != fcntl.F_UNLCK
+
+
+_IS_BSD = sys.platform == "darwin" or "bsd" in sys.platform
+_LOCK_KIND_AT = struct.calcsize("qqi") if _IS_BSD else 0
+"""Where the kind of a lock stands in C's ``struct flock``, whose order differs between systems."""
+
+
+def _lock_request() -> bytes:
+    """C's ``struct flock`` for a lock of a whole file, as `lock_file` takes it."""
+    kind = fcntl.F_WRLCK
+    whence = os.SEEK_SET
+    if _IS_BSD:  # start, length (0: all), process, kind, whence
+        return struct.pack("qqihh0q", 0, 0, 0, kind, whence)
+    return struct.pack("hhqqi0q", kind, whence, 0, 0, 0)
+
+
+def _is_locked_here(path: Path) -> bool:
+    """Whether this process has locked a file: to open and close it would release the lock."""
+    status = path.stat()
+    return any(os.path.samestat(status, os.fstat(descriptor)) for descriptor in _locks)
 
 
 def write_json(path: Path, record: object) -> None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from surefoot.config.json_io import to_json
 from surefoot.config.robot_table import GO2
@@ -56,6 +57,47 @@ def test_a_policy_of_any_layout_and_robot_is_fitted(surefoot, logs, tmp_path):
     assert policy.limits.torque == tuple(load_robot("go2").torque_limit.tolist())
     assert policy.bounds is not None
     assert policy.bounds.com_height[0] > 0.15
+
+
+@pytest.fixture
+def fitted(surefoot, logs, tmp_path):
+    """Fit a tiny policy to the logs with some options; the file that it leaves."""
+    data = tmp_path / "data"
+    assert surefoot("import-data", *logs, "--out", data) == 0
+
+    def fit(*options):
+        out = tmp_path / "policy.safetensors"
+        common = ("--epochs", 1, "--config.training.batch", 32, "--config.policy.hidden", 8)
+        assert surefoot("fit", data, out, *common, *options) == 0
+        return load(out)
+
+    return fit
+
+
+def test_every_option_for_the_seed_of_a_fit_counts(fitted):
+    def weights(*options):
+        return fitted(*options).network.linear[0].weight.tolist()
+
+    asked = weights("--seed", 5)
+    assert asked == weights("--config.training.seed", 5) == weights("--config.seed", 5)
+    assert asked == weights("--config.seed", 6, "--seed", 5) != weights()
+    assert weights() == weights("--seed", 0)
+
+
+def test_two_seeds_for_one_fit_are_refused(surefoot, logs, tmp_path, capsys):
+    data = tmp_path / "data"
+    assert surefoot("import-data", *logs, "--out", data) == 0
+    options = ("--seed", 5, "--config.training.seed", 6)
+    assert surefoot("fit", data, tmp_path / "policy.safetensors", *options) == 2
+    assert "--seed 5 and --config.training.seed 6" in capsys.readouterr().err
+
+
+def test_a_policy_is_fitted_to_mirror_images_too(fitted, capsys):
+    plain = fitted("--config.training.batch", 8)
+    mirrored = fitted("--config.training.batch", 8, "--config.training.mirror", "left_right")
+    assert not torch.equal(plain.network.linear[0].weight, mirrored.network.linear[0].weight)
+    before, after = (int(line.split()[1]) for line in capsys.readouterr().out.splitlines()[-2:])
+    assert after == 2 * before
 
 
 def test_a_log_of_the_same_name_is_not_imported_twice(surefoot, logs, tmp_path, capsys):

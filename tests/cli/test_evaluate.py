@@ -173,11 +173,20 @@ def test_pushes_are_measured_and_compared(surefoot, capsys, run_copy, tmp_path):
 @pytest.mark.parametrize("split", ["select", "test"])
 def test_pushes_are_on_the_split_asked_for(split):
     command = Evaluate(Path("run"), split=split, pushes=True)
-    config = command.as_asked(Config())
-    assert config == replace(Config(), push=replace(PushConfig(), split=split))
     nominal = replace(Config(), push=replace(PushConfig(), split="nominal"))
-    expected = "nominal" if split == "test" else split  # what a run was configured with
-    assert command.as_asked(nominal).push.split == expected
+    for config in (Config(), nominal):
+        expected = replace(config, push=replace(config.push, split=split))
+        assert command.as_asked(config) == expected
+
+
+def test_pushes_are_on_the_split_of_the_run_where_none_is_asked_for():
+    nominal = replace(Config(), push=replace(PushConfig(), split="nominal"))
+    command = Evaluate(Path("run"), pushes=True)
+    assert command.as_asked(nominal) == nominal
+    assert command.file_name(nominal, nominal) == "evaluation-test-pushes_nominal.json"
+    asked = replace(command, split="test")
+    name = asked.file_name(asked.as_asked(nominal), nominal)
+    assert name == "evaluation-test-pushes.json"
 
 
 def test_the_file_is_named_after_what_is_evaluated(surefoot, run_copy, tmp_path):

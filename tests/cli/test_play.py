@@ -36,6 +36,25 @@ def test_a_policy_is_filmed_from_standing(surefoot, films, run_folder, tmp_path)
     assert (out, title) == (run_folder / "play.mp4", "policy, vx 0.10 m/s")
 
 
+def test_the_film_of_an_iterations_policy_is_beside_the_runs_other_films(
+    surefoot, films, run_folder
+):
+    policy = run_folder / "policies" / "001.safetensors"
+    surefoot("play", policy, "--seconds", 0.01)
+    [(_, out, _)] = films
+    assert out == run_folder / "play-001.mp4"
+
+
+def test_the_film_of_a_policy_outside_of_any_run_is_beside_it(
+    surefoot, films, run_folder, tmp_path
+):
+    policy = tmp_path / "mine.safetensors"
+    shutil.copyfile(run_folder / "policies" / "001.safetensors", policy)
+    surefoot("play", policy, "--seconds", 0.01)
+    [(_, out, _)] = films
+    assert out == tmp_path / "play.mp4"
+
+
 def test_the_packaged_policy_walks_where_nothing_is_named(surefoot, films, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert surefoot("play", "--vx", 0.2, "--seconds", 2.0, "--json", "play.json") == 0

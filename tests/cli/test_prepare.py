@@ -40,7 +40,7 @@ def test_a_table_is_printed_and_the_file_named(surefoot, asked, capsys, tmp_path
     assert values["commands"] == {"vx": [-0.2, 0.6], "vy": [0, 0], "yaw_rate": [-0.5, 0.5]}
     assert values["starts_hash"] in printed
     assert load_starts(values["file"]).hash == values["starts_hash"]
-    assert (values["told"], values["fell"]) == (3, 0)
+    assert (values["tried"], values["fell"]) == (3, 0)
     assert surefoot("prepare", *OPTIONS) == 0
     assert "made before:    in" in capsys.readouterr().out
 

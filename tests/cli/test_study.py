@@ -1,11 +1,14 @@
 """The command study: its words, and what it says of a study that nobody runs."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
+from surefoot.cli import study
 from surefoot.config.json_io import to_json
 from surefoot.config.studies import named_study
+from surefoot.study import state
 from surefoot.study.cells import jobs_of
 from surefoot.study.results import StudySetup, save_setup
 from surefoot.study.state import FAILED_FILE, is_paused, job_folder
@@ -72,3 +75,45 @@ def test_bad_words_are_one_clear_line(surefoot, capsys, tmp_path, monkeypatch, w
     (tmp_path / "broken.json").write_text(json.dumps(to_json(SMOKE) | {"sedes": [1]}))
     assert surefoot("study", *words) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.fixture
+def elsewhere(tmp_path, monkeypatch):
+    """The current folder, with a study in the file grids/a.json whose name is `mine`."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "grids").mkdir()
+    mine = to_json(SMOKE) | {"name": "mine"}
+    (tmp_path / "grids" / "a.json").write_text(json.dumps(mine))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("word", "folder"),
+    [("v1.2", "studies/v1.2"), ("smoke", "studies/smoke"), ("grids/a.json", "studies/mine")],
+)
+def test_the_folder_of_a_study_has_its_name(surefoot, capsys, elsewhere, word, folder):
+    assert surefoot("study", "status", word) == 2
+    assert f"{folder} holds no study" in capsys.readouterr().err
+
+
+def test_a_study_that_has_begun_in_the_folder_of_its_file_goes_on_there(surefoot, elsewhere):
+    mine = replace(SMOKE, name="mine")
+    save_setup(elsewhere / "studies" / "a", StudySetup(mine, None, "0", "float32"))
+    assert surefoot("study", "pause", "grids/a.json") == 0
+    assert is_paused(elsewhere / "studies" / "a")
+
+
+def test_the_hours_that_are_left_are_those_of_the_workers_that_run_it(
+    surefoot, folder, monkeypatch
+):
+    asked = []
+
+    def described(_statuses, _estimate, workers):
+        asked.append(workers)
+        return ""
+
+    monkeypatch.setattr(study, "describe_state", described)
+    assert surefoot("study", "status", folder, "--workers", 7) == 0
+    monkeypatch.setattr(state, "workers_of", lambda _folder: 3)
+    assert surefoot("study", "status", folder, "--workers", 7) == 0
+    assert asked == [7, 3]

@@ -54,10 +54,10 @@ def test_the_options_reach_the_configuration():
 
 
 def test_an_option_of_any_number_of_values_ends_with_the_next_option():
-    args = "--config.method.frames 100 200 --resume behavior_cloning"
+    args = "--config.method.frames 4000 8000 --resume behavior_cloning"
     command = parse_train(args.split())
     assert isinstance(command.config.method, BehaviorCloningConfig)
-    assert command.config.method.frames == (100, 200)
+    assert command.config.method.frames == (4000, 8000)
     assert command.resume
 
 

@@ -74,7 +74,7 @@ def test_folded_layers_compute_what_the_network_computes(config):
 @pytest.mark.parametrize("hidden", [(64, 64), (5,)])
 def test_the_table_of_tensors_is_that_of_a_network(hidden):
     state = PolicyNetwork(PolicyConfig(hidden=hidden)).state_dict()
-    kinds = {kind.name: (kind.shape, kind.dtype) for kind in tensor_kinds(hidden)}
+    kinds = {kind.name: (kind.shape, kind.dtype) for kind in tensor_kinds(hidden, INPUT_SIZE)}
     assert kinds == {name: (tuple(t.shape), t.dtype) for name, t in state.items()}
 
 

@@ -14,6 +14,7 @@ import surefoot.learning.train as train_module
 from surefoot.config import Steps, TrainingConfig
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames, concatenate
+from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE, OBSERVATION_SIZE
 from surefoot.learning.policy import Policy
@@ -21,7 +22,7 @@ from surefoot.learning.samples import WIDTH, derive, held_out
 from surefoot.learning.symmetry import Mirror, Mirrored
 from surefoot.learning.train import fit, split_samples
 from tests.fakes.killed import Killed
-from tests.fakes.learning import SMALL, SPEC, toy_frames
+from tests.fakes.learning import SMALL, SPEC, spec_of, toy_frames
 
 TRAINING = TrainingConfig(batch=64, precision="float32")
 FRAMES = toy_frames(range(20))
@@ -449,6 +450,30 @@ def test_a_fit_killed_after_an_epoch_resumes_to_the_same_bits(tmp_path, schedule
     assert resumed.validation_loss == whole.validation_loss
 
 
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_killed_fit_of_any_layout_resumes_where_it_was(tmp_path, layout):
+    spec = spec_of(replace(SMALL, layout=layout))
+    inputs = spec.observation.input_size
+    elapsed = np.tile(np.arange(100, dtype=np.int32), 20)
+    frames = replace(FRAMES, elapsed=elapsed)
+
+    def fitted(**kwargs):
+        network = PolicyNetwork(SMALL, 0, inputs)
+        return fit(network, frames, TRAINING, spec, 2, 0, **kwargs)
+
+    def die(*_):
+        raise Killed
+
+    with pytest.raises(Killed):
+        fitted(progress=die, checkpoint=tmp_path / "fit.safetensors")
+    epochs = []
+    resumed = fitted(
+        checkpoint=tmp_path / "fit.safetensors", progress=lambda done, *_: epochs.append(done)
+    )
+    assert epochs == [2]
+    assert torch.equal(weights(resumed.network), weights(fitted().network))
+
+
 def test_a_checkpoint_of_another_fit_or_cut_short_is_not_taken(tmp_path):
     path = tmp_path / "fit.safetensors"
     run(replace(FRAMES, torque=2.0 * FRAMES.torque), epochs=2, checkpoint=path)
@@ -459,6 +484,26 @@ def test_a_checkpoint_of_another_fit_or_cut_short_is_not_taken(tmp_path):
     path.write_bytes(path.read_bytes()[:-9])
     again = run(epochs=2, seed=1, checkpoint=path)
     assert torch.equal(weights(other.network), weights(again.network))
+
+
+@pytest.mark.parametrize(("layout", "resumes"), [("proprioceptive", False), ("full", True)])
+def test_a_changed_past_is_another_fit_where_the_network_remembers(tmp_path, layout, resumes):
+    spec = spec_of(replace(SMALL, layout=layout))
+    path = tmp_path / "fit.safetensors"
+    frames = replace(FRAMES, elapsed=np.tile(np.arange(100, dtype=np.int32), 20))
+    changed = replace(frames, applied=frames.applied + 1.0)
+    assert changed.hash == frames.hash
+    epochs = []
+    for one in (frames, changed):
+        dataset = Dataset(tmp_path / str(len(epochs)))
+        dataset.append("all", one)
+        network = PolicyNetwork(SMALL, 0, spec.observation.input_size)
+
+        def progress(done, *_):
+            epochs.append(done)
+
+        fit(network, dataset, TRAINING, spec, 1, 0, progress, path)
+    assert epochs == ([1] if resumes else [1, 1])
 
 
 def test_a_changed_bit_of_a_checkpoint_changes_no_weights(tmp_path):
@@ -508,7 +553,7 @@ robotics = "pinocchio mujoco pybullet numba scipy example_robot_data loky ray on
 for name in robotics.split():
     sys.modules[name] = None
 import surefoot as sf
-from tests.fakes.learning import SMALL, SPEC, toy_frames
+from tests.fakes.learning import SMALL, SPEC, spec_of, toy_frames
 frames = toy_frames(range(5))
 from surefoot.config import Steps, TrainingConfig
 data = sf.Dataset(sys.argv[1])

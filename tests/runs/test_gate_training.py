@@ -140,7 +140,7 @@ def test_a_policy_answers_a_part_of_the_data_at_a_time(run, tmp_path, monkeypatc
 
     monkeypatch.setattr(gate_training, "load", load_counted)
     for together in (1_000_000, 64):
-        monkeypatch.setattr(gate_training, "ROWS_AT_ONCE", together)
+        monkeypatch.setattr("surefoot.learning.policy.ROWS_AT_ONCE", together)
         folder = tmp_path / str(together)
         shutil.copytree(run.folder, folder)
         train_gates(open_run(folder), 0, ["classifier"])

@@ -95,6 +95,18 @@ def test_a_setting_that_changes_the_first_policy_is_not_shared():
     assert needs["train--small--safe--seed-0"] == ()
 
 
+def test_settings_that_only_measure_otherwise_share_the_data_of_behavior_cloning():
+    settings = tuple(
+        Setting(f"{seconds}s", "S", {"evaluation.duration": seconds}) for seconds in (2, 4)
+    )
+    technique = Technique("clone", "BC", "behavior_cloning")
+    study = replace(STUDY, techniques=(technique,), settings=settings, seeds=(0,))
+    [share] = [job for job in jobs_of(study) if job.kind == "share"]
+    assert (share.name, share.shared) == ("data--2s--clone--seed-0", "data")
+    needs = {job.name: job.needs for job in jobs_of(study)}
+    assert needs["train--2s--clone--seed-0"] == needs["train--4s--clone--seed-0"] == (share.name,)
+
+
 def test_a_job_comes_after_those_that_it_needs_and_measurements_after_the_training():
     before: set[str] = set()
     for job in jobs_of(STUDY):

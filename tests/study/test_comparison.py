@@ -27,8 +27,8 @@ from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_cost
 from surefoot.runs.run import create, open_run
 from surefoot.scenarios.starts import PACKAGED, load_starts
+from surefoot.study.comparable import label_of
 from surefoot.study.comparison import Measurements, compare
-from surefoot.study.ground import label_of
 from surefoot.study.records import Difference, Differences, read_comparison
 from surefoot.study.tables import comparison_tables
 from surefoot.workers import Workers
@@ -185,7 +185,7 @@ def test_pushes_can_be_shortened(monkeypatch, runs, tmp_path):
 
 def test_runs_are_compared_in_their_own_initial_states(monkeypatch, tmp_path):
     pretend_measurements(monkeypatch)
-    monkeypatch.setattr("surefoot.study.ground.check_comparable", lambda run, first: None)
+    monkeypatch.setattr("surefoot.study.comparable.check_comparable", lambda run, first: None)
     wide = "solo12-trot-v1-wide"
     run = run_of(tmp_path / "bc", BehaviorCloningConfig(), 0, start_set=wide)
     comparison = compare([run], Measurements(("mujoco",), episodes=4), Workers(1))

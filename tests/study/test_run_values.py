@@ -1,11 +1,12 @@
 """Values of runs: the paper's failure count, only finished runs, seeds with several trainings."""
 
+from dataclasses import replace
+
 import pytest
 
 from surefoot.study.paper_runs import early_half, first_iteration, late_half, second_on, third_on
 from surefoot.study.run_values import (
     best_value,
-    collections,
     dataset_frames,
     direction_impulses,
     early_error,
@@ -14,6 +15,7 @@ from surefoot.study.run_values import (
     falls_per_minute,
     fell,
     is_trained,
+    iterations_collected,
     largest_rise,
     mean_impulse,
     paper_failures,
@@ -58,9 +60,14 @@ def test_a_rollout_of_loco_safe_dagger_fails_if_the_mpc_diverges():
     assert paper_failures(record, "loco_safe_dagger") == 1
 
 
+def test_the_gate_of_safe_dagger_is_counted_like_that_of_loco_safe_dagger():
+    record = collected_record(1, falls=5, falls_expert_driving=2, diverged=1)
+    assert paper_failures(record, "safe_dagger") == 1
+
+
 def test_failures_and_falls_of_some_iterations_are_added_up():
     cell = cell_of(RUN)
-    assert failed(collections(cell), "loco_dagger") == (3 + 1 + 0 + 2, 160)
+    assert failed(iterations_collected(cell), "loco_dagger") == (3 + 1 + 0 + 2, 160)
     assert failed(third_on(cell), "loco_dagger") == (2, 80)
     assert fell(second_on(cell)) == (4, 120)
     assert fell(first_iteration(cell)) == (4, 40)
@@ -68,7 +75,7 @@ def test_failures_and_falls_of_some_iterations_are_added_up():
 
 def test_the_pre_training_is_no_iteration():
     cell = cell_of(RUN)
-    assert [record.iteration for record in collections(cell)] == [1, 2, 3, 4]
+    assert [record.iteration for record in iterations_collected(cell)] == [1, 2, 3, 4]
     assert rollouts(cell) == 160
     assert solves(cell) == 8000
     assert solves_per_second(cell) == pytest.approx(8000 / 1600)
@@ -78,13 +85,27 @@ def test_the_pre_training_is_no_iteration():
 
 def test_the_share_of_the_expert_and_its_largest_rise():
     cell = cell_of(RUN)
-    assert expert_share(collections(cell)) == pytest.approx(0.2)
+    assert expert_share(iterations_collected(cell)) == pytest.approx(0.2)
     assert expert_share(early_half(cell)) == pytest.approx(0.25)
     assert expert_share(late_half(cell)) == pytest.approx(0.15)
     assert largest_rise(cell) == pytest.approx(0.1)
     assert share_with_tail(cell) == pytest.approx((0.2 + 0.1) / 1.1)
     falling = cell_of(FakeRun(share=(1.0, 0.5, 0.25)))
     assert largest_rise(falling) == pytest.approx(-0.25)
+
+
+def test_an_iteration_that_could_afford_no_rollout_has_no_share_of_the_expert():
+    cell = cell_of(FakeRun(share=(0.4, 0.0, 0.2), plans=(5, 0, 5)))
+    empty = iterations_collected(cell)[1]
+    none = replace(empty, episodes=0, expert_share=0.0, expert_share_with_tail=0.0)
+    metrics = tuple(none if record is empty else record for record in cell.metrics)
+    cell = replace(cell, metrics=metrics)
+    records = iterations_collected(cell)
+    assert [record.episodes > 0 for record in records] == [True, False, True]
+    assert expert_share(records) == pytest.approx(0.3)
+    assert expert_share(records[1:2]) is None
+    assert share_with_tail(cell) == pytest.approx((0.3 + 0.1) / 1.1)
+    assert largest_rise(cell) == pytest.approx(-0.2)
 
 
 def test_robustness_and_errors_are_those_of_a_policy():
@@ -105,15 +126,15 @@ def test_impulses_are_those_of_the_best_policy():
 def test_nothing_is_taken_of_a_run_that_is_not_finished():
     cell = cell_of(FakeRun(falls=(1, 2), finished=False))
     assert not is_trained(cell)
-    assert collections(cell) == []
+    assert iterations_collected(cell) == []
     assert robustness_of(cell, "test", -1) is None
     for value_of in (solves, solves_per_second, falls_per_minute, dataset_frames, rollouts):
         assert value_of(cell) is None
-    assert expert_share(collections(cell)) is None
+    assert expert_share(iterations_collected(cell)) is None
     assert mean_impulse(cell, "push") is None
     assert best_value([cell], "test", "robustness") is None
     assert runs_of([cell], solves) is None
-    assert shares_of([cell], lambda each: fell(collections(each))) is None
+    assert shares_of([cell], lambda each: fell(iterations_collected(each))) is None
 
 
 def test_a_value_of_the_best_policy_by_measure():

@@ -78,7 +78,7 @@ def finish(folder: Path, name: str) -> None:
 @pytest.fixture
 def study_folder(tmp_path, monkeypatch):
     save_setup(tmp_path, StudySetup(STUDY, None, "0", "float32"))
-    monkeypatch.setattr(runner, "claim_study", lambda folder: None)
+    monkeypatch.setattr(runner, "claim_study", lambda folder, workers: None)
     return tmp_path
 
 

@@ -11,7 +11,6 @@ from surefoot.study.results import StudySetup, save_setup
 from surefoot.study.state import (
     FAILED_FILE,
     LOG_FILE,
-    is_locked,
     job_folder,
     pause_study,
     resume_study,
@@ -100,9 +99,3 @@ def test_a_job_is_held_while_the_study_is_paused_and_ends_when_it_is_stopped(fol
     thread.join(20.0)
     assert [ended.status for ended in results] == ["stopped"]
     assert not Path(f"/proc/{pid}").exists()
-
-
-def test_a_lock_is_free_where_nobody_holds_it(folder):
-    assert not is_locked(folder / "no-such-file")
-    (folder / "free").write_bytes(b"")
-    assert not is_locked(folder / "free")

@@ -1,6 +1,8 @@
 """What a job measures of a policy: how far it imitates the expert."""
 
+import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -8,8 +10,10 @@ import surefoot.study.results as results
 import surefoot.study.work as work
 from surefoot.config import Config
 from surefoot.config.json_io import from_json, to_json
-from surefoot.config.study import Measurement
+from surefoot.config.studies import named_study
+from surefoot.config.study import Measurement, Setting
 from surefoot.evaluation.imitation import ImitationError
+from surefoot.study.cells import jobs_of
 from surefoot.study.results import PolicyTest
 
 ERROR = ImitationError("starts", "28d8", 60, 4800, 61.5, 210.0)
@@ -44,3 +48,24 @@ def test_results_from_before_the_imitation_error_are_read():
 def test_the_expert_does_not_deviate_from_itself():
     with pytest.raises(AssertionError):
         work._measure(Config(), work.MeasuredPolicy(), Measurement("i", "i", "imitation"))
+
+
+def test_time_in_which_a_job_does_not_compute_is_no_work():
+    piece = work.Slice(2400.0)
+    time.sleep(0.2)
+    assert piece.spent < 0.1
+
+
+def test_an_error_before_the_first_stage_is_done_is_the_one_that_is_told(tmp_path, monkeypatch):
+    study = replace(named_study("smoke"), settings=(Setting("all", "all"),))
+    setup = results.StudySetup(study, None, "0", "float32")
+    job = next(job for job in jobs_of(study) if job.kind == "train" and not job.needs)
+
+    def give_up(run, workers, plan):
+        raise RuntimeError("the expert gave up in all rollouts")
+
+    methods = {name: SimpleNamespace(train=give_up) for name in work.METHODS}
+    monkeypatch.setattr(work, "METHODS", methods)
+    with pytest.raises(RuntimeError, match="gave up in all rollouts"):
+        work.train_cell(tmp_path, setup, job, work.Slice(10.0))
+    assert not results.results_folder(tmp_path, job.cell).exists()

@@ -23,7 +23,7 @@ from surefoot.files import write_atomic
 
 @dataclass(frozen=True)
 class Compare(OnPushes, OnWorkers, OnHardware, OnSimulator):
-    """Compare the policies of several runs, and the expert, on the same ground.
+    """Compare the policies of several runs, and the expert, in the same settings.
 
     All are measured in both simulators, from the same `test` initial states: their robustness,
     tracking and pushes, the paired differences to the expert and to a baseline, and what each run

@@ -16,6 +16,7 @@ import tyro
 
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
+from surefoot.cli.evaluation_text import print_controller, print_differences, print_switching
 from surefoot.cli.options import (
     OnHardware,
     OnSimulator,
@@ -32,11 +33,10 @@ from surefoot.mpc.gaits import only_gait
 from surefoot.scenarios.starts import PACKAGED, load_starts, starts_of
 
 if TYPE_CHECKING:
-    from surefoot.evaluation.gaits import GaitSpeed, Switching
-    from surefoot.evaluation.latching import Latching
+    from surefoot.evaluation.gaits import Switching
     from surefoot.evaluation.push_limits import PushResult
     from surefoot.evaluation.report import EvaluationReport
-    from surefoot.evaluation.robustness import Robustness, VelocityError
+    from surefoot.evaluation.robustness import Robustness
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,9 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
     target: Annotated[Path | None, tyro.conf.Positional] = None
     """The folder of a run, of which the best policy is evaluated, or a policy file. Without one,
     the policy that comes with the package."""
-    split: Literal["select", "test"] = "test"
-    """The split of initial states to use, for the pushes too. A policy is reported on `test`,
-    once."""
+    split: Literal["select", "test"] | None = None
+    """The split of initial states to use, for the pushes too; without it, `test`, and for the
+    pushes the split of the run's configuration. A policy is reported on `test`, once."""
     starts: str | None = None
     """The name of a set of initial states, or a file, instead of that of the run's configuration;
     solo12-trot-v1-wide is perturbed 1.5 times as far as solo12-trot-v1."""
@@ -145,7 +145,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         from surefoot.scenarios.gaits import all_starts_of
 
         robustness, pushes = self.measure_controller(policy, config)
-        starts = all_starts_of(config).first(self.split, config.evaluation.episodes)
+        starts = all_starts_of(config).first(self.of_split, config.evaluation.episodes)
         report = EvaluationReport(
             **vars(robustness),
             policy=str(policy),
@@ -198,7 +198,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         from surefoot.evaluation.push import push_recovery
         from surefoot.evaluation.robustness import evaluate
 
-        robustness, _ = evaluate(config, policy, self.split, self.spread)
+        robustness, _ = evaluate(config, policy, self.of_split, self.spread)
         pushes = None
         if self.pushes:
             pushes = push_recovery(config, policy, self.spread)
@@ -215,7 +215,12 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
 
         if not config.other_gaits:
             return None
-        return evaluate_switching(config, policy, self.split, self.spread)
+        return evaluate_switching(config, policy, self.of_split, self.spread)
+
+    @property
+    def of_split(self) -> Literal["select", "test"]:
+        """The split of the initial states."""
+        return self.split or "test"
 
     def as_asked(self, config: Config) -> Config:
         """A run's configuration with what the options change."""
@@ -224,7 +229,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             evaluation = replace(evaluation, episodes=self.episodes)
         evaluation = replace(evaluation, disturbance=self.disturbance)
         push = self.shortened(config.push)
-        if self.split != "test":  # pushes on `test` states would be the report already
+        if self.split is not None:
             push = replace(push, split=self.split)
         start_set = config.start_set if self.starts is None else self.starts
         asked = replace(config, evaluation=evaluation, push=push, start_set=start_set)
@@ -237,7 +242,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             config: What is evaluated.
             trained_on: The run's configuration.
         """
-        parts = [self.split]
+        parts: list[str] = [self.of_split]
         if config.simulation.backend != trained_on.simulation.backend:
             parts.append(config.simulation.backend)
         if config.simulation.terrain != trained_on.simulation.terrain:
@@ -257,7 +262,8 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
                 numbers = value if isinstance(value, list) else [value]
                 parts.append("_".join([name, *(f"{number:g}" for number in numbers)]))
         if self.pushes:
-            parts.append("pushes")
+            pushed_on = config.push.split
+            parts.append("pushes" if pushed_on == self.of_split else f"pushes_{pushed_on}")
             short = changes(replace(config.push, split=trained_on.push.split), trained_on.push)
             parts.extend(f"{name}_{value:g}" for name, value, _ in short)
         return f"evaluation-{'-'.join(parts)}.json"
@@ -301,100 +307,3 @@ def own_disturbance(target: Path) -> DisturbanceConfig:
 def disturbances(config: Config) -> Iterator[tuple[str, Any, Any]]:
     """What disturbs an evaluation: names, values, and the values that disturb nothing."""
     return changes(config.evaluation.disturbance, DisturbanceConfig())
-
-
-def print_controller(name: str, robustness: Robustness, pushes: PushResult | None) -> None:
-    """Print one controller's robustness in a few lines, and its pushes in one more."""
-    low, high = robustness.success_interval
-    print(
-        f"{name}: {robustness.successes} of {robustness.episodes} {robustness.split} initial "
-        f"states ({100 * low:.1f} to {100 * high:.1f} %), {robustness.falls} fell, "
-        f"{robustness.stalls} stalled, {robustness.diverged} diverged"
-    )
-    if robustness.covered is not None:
-        print(f"  up, and 70 % of the distance commanded: {robustness.covered}")
-    if robustness.body_contacts is not None:
-        print(
-            f"  touched the ground with something other than a foot: {robustness.body_contacts}, "
-            f"of them {robustness.body_contact_successes} among the successes"
-        )
-    if robustness.latching is not None:
-        print(f"  {_latching_line(robustness.latching)}")
-    print(f"  velocity MSE vx, vy, yaw rate (successes): {_numbers(robustness.mse)}")
-    print(f"  velocity MSE vx, vy, yaw rate (all, from 1 s on): {_numbers(robustness.settled_mse)}")
-    if pushes is not None:
-        print(f"  {_pushes_line(pushes)}")
-    for gait in robustness.gaits or ():
-        low, high = gait.success_interval
-        print(
-            f"  {gait.speed.gait}: {gait.successes} of {gait.episodes} "
-            f"({100 * low:.1f} to {100 * high:.1f} %), {gait.falls} fell; {_speed_text(gait.speed)}"
-        )
-
-
-def print_switching(switching: Switching) -> None:
-    """Print what became of robots that changed their gait."""
-    low, high = switching.success_interval
-    print(
-        f"  {switching.switches} changes of gait in {switching.seconds:g} s: "
-        f"{switching.successes} of {switching.episodes} ({100 * low:.1f} to {100 * high:.1f} %), "
-        f"{switching.falls} fell"
-    )
-    for speed in switching.speeds:
-        print(f"    {speed.gait}: {_speed_text(speed)}")
-
-
-def _speed_text(speed: GaitSpeed) -> str:
-    """How robots followed their commands in one gait."""
-    vx, vy, yaw_rate = ("-" if each is None else f"{each:.3f}" for each in speed.error)
-    return (
-        f"{speed.on_speed} of {speed.robots} at the speed commanded, mean error {vx}, {vy} m/s, "
-        f"{yaw_rate} rad/s"
-    )
-
-
-def print_differences(report: EvaluationReport) -> None:
-    """Print how policy and expert differ, with 95 % intervals."""
-    success = report.success_difference
-    if success is not None:
-        line = f"policy minus expert: {100 * success.difference:+.1f} points of success"
-        if success.interval is not None:
-            low, high = success.interval
-            line += f" ({100 * low:+.1f} to {100 * high:+.1f})"
-        print(line)
-    if report.push_difference is not None:
-        low, high = report.push_difference.interval
-        difference = report.push_difference.difference
-        print(f"policy minus expert: {difference:+.2f} N s ({low:+.2f} to {high:+.2f})")
-
-
-def _latching_line(latching: Latching) -> str:
-    """How many robots would have switched themselves off."""
-    line = (
-        f"under the profile {latching.profile}: {latching.latched} would have latched "
-        f"(joint position {latching.by_position}, speed {latching.by_speed}, torque "
-        f"{latching.by_torque}), {latching.latched_successes} of them among the successes"
-    )
-    if latching.outside:
-        line += f"; {latching.outside} initial states lie outside it: {latching.outside_states}"
-    return line
-
-
-def _numbers(mse: VelocityError) -> str:
-    """The velocity errors; a dash where there is none."""
-    return ", ".join("-" if error is None else f"{error:.5f}" for error in mse)
-
-
-def _pushes_line(pushes: PushResult) -> str:
-    """The impulses that one controller withstands."""
-    low, high = pushes.mean_interval
-    directions = ", ".join(
-        f"{direction:.0f}: {impulse:.2f} ({weakest:.2f} to {strongest:.2f})"
-        for direction, impulse, (weakest, strongest) in zip(
-            pushes.direction_deg, pushes.fitted_impulse, pushes.interval, strict=True
-        )
-    )
-    return (
-        f"push that {100 * pushes.share:.0f} % survive [N s]: "
-        f"{pushes.mean_fitted_impulse:.2f} ({low:.2f} to {high:.2f}); by direction: {directions}"
-    )

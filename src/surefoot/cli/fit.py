@@ -11,7 +11,6 @@ import tyro
 
 from surefoot.cli.command_line import read_options
 from surefoot.cli.options import OnGait, OnRobot, Output, check_outputs, config_of_gait
-from surefoot.cli.progress import epochs_bar
 from surefoot.config import Config
 
 
@@ -30,8 +29,9 @@ class Fit(OnGait, OnRobot):
     """The policy file to write, with the ending .safetensors."""
     epochs: int = 30
     """The number of passes over the data."""
-    seed: int = 0
-    """The root of the training's randomness."""
+    seed: int | None = None
+    """The root of the training's randomness, short for --config.training.seed; without either of
+    the two, --config.seed."""
     config: Config = field(default_factory=Config)
 
     def __call__(self) -> int:
@@ -43,6 +43,8 @@ class Fit(OnGait, OnRobot):
         from surefoot.robots.load import load_robot
         from surefoot.robots.scaling import with_own_values
         from surefoot.runs.policies import joint_limits, safety_bounds
+        from surefoot.runs.progress import epochs_bar
+        from surefoot.runs.stages import training_data
 
         check_outputs([Output("OUT", self.out, (".safetensors",))])
         data = Dataset(self.data)
@@ -51,11 +53,13 @@ class Fit(OnGait, OnRobot):
         config = self.with_robot(self.config)
         robot = load_robot(config.robot)
         config = with_own_values(config, robot)
+        seed = self.seed_of(config)
+        seen = training_data(config, data)
         spec = policy_spec(config)
-        network = PolicyNetwork(config.policy, self.seed, spec.observation.input_size)
+        network = PolicyNetwork(config.policy, seed, spec.observation.input_size)
         with epochs_bar("fit") as progress:
-            result = fit(network, data, config.training, spec, self.epochs, self.seed, progress)
-        origin = {"dataset": data.folder.name, "dataset_hash": data.hash, "seed": self.seed}
+            result = fit(network, seen, config.training, spec, self.epochs, seed, progress)
+        origin = {"dataset": data.folder.name, "dataset_hash": data.hash, "seed": seed}
         policy = Policy(
             result.network,
             spec,
@@ -71,6 +75,25 @@ class Fit(OnGait, OnRobot):
             f"L1 {result.train_loss[-1]:.4f} rad, held out {result.validation_loss[-1]:.4f} rad"
         )
         return 0
+
+    def seed_of(self, config: Config) -> int:
+        """The root of the training's randomness.
+
+        Args:
+            config: The configuration, whose own seed counts where none is given for the training.
+
+        Raises:
+            ValueError: Two options give it.
+        """
+        given = config.training.seed
+        if self.seed is None:
+            return config.seed if given is None else given
+        if given is not None:
+            raise ValueError(
+                f"--seed {self.seed} and --config.training.seed {given} give the same seed: use "
+                "one of the two options"
+            )
+        return self.seed
 
 
 def parse_fit(args: Sequence[str]) -> Fit:

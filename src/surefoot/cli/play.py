@@ -59,8 +59,9 @@ class Play(OnHardware, OnSimulator, OnTerrain):
     iteration: int | None = None
     """Count --episode within this iteration: 17 is then its 18th rollout."""
     out: Path | None = None
-    """The film to write; without it, play.mp4 or episode_ID.mp4 in the run's folder, play.mp4
-    beside the policy, or play.mp4 in the current folder."""
+    """The film to write; without it, play.mp4, play-NNN.mp4 (of the policy of an iteration) or
+    episode_ID.mp4 in the run's folder, play.mp4 beside another policy, or play.mp4 in the current
+    folder."""
     log: Path | None = None
     """Write what the robot measured and was commanded to this file, .npz or .csv, tick by tick;
     `surefoot check` replays it."""
@@ -90,11 +91,11 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         if self.episode is None:
             job = self.policy_job()
             episode = None
-            out = self.out or self.folder / "play.mp4"
+            out = self.out or self.film
         else:
             job = self.recorded_job(self.episode)
             episode = int(job.episode[0])
-            out = self.out or self.folder / f"episode_{episode}.mp4"
+            out = self.out or self._folder / f"episode_{episode}.mp4"
         check_outputs([*outputs, *film_outputs("--out", out)], reads)
         job = replace(job, config=self.on_terrain(self.with_profile(self.simulated(job.config))))
         with seconds_bar(job.episodes.duration + job.episodes.tail, "play") as bar:
@@ -119,8 +120,20 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         return int(rollouts.failed[0])
 
     @property
-    def folder(self) -> Path:
-        """The folder of the film, where no file is named for it."""
+    def film(self) -> Path:
+        """The film of a policy, where no file is named for it."""
+        from surefoot.runs.run import run_of_policy
+
+        if self.target is not None and self.target.is_file():
+            run = run_of_policy(self.target)
+            # Beside the policies of its iterations only the run itself writes.
+            if run is not None and run.folder != self.target.resolve().parent:
+                return run.folder / f"play-{self.target.stem}.mp4"
+        return self._folder / "play.mp4"
+
+    @property
+    def _folder(self) -> Path:
+        """The folder of what was named to be played."""
         if self.target is None:
             return Path()
         return self.target if self.target.is_dir() else self.target.parent

@@ -37,7 +37,7 @@ class PrepareReport:
         command_gain: The gains of vx, vy and yaw rate.
         safety: The bounds.
         tracking_error: The largest error of the mean vx, vy [m/s] and yaw rate [rad/s].
-        told: The number of commands that were tried.
+        tried: The number of commands that were tried.
         fell: The number of those at which the robot fell; they have no initial states.
         states: The number of initial states of each split.
         starts_hash: The hash of the initial states.
@@ -51,7 +51,7 @@ class PrepareReport:
     command_gain: tuple[float, float, float]
     safety: SafetyConfig
     tracking_error: tuple[float, float, float]
-    told: int
+    tried: int
     fell: int
     states: dict[str, int]
     starts_hash: str
@@ -83,7 +83,7 @@ class Prepare(OnCommands, OnGait, OnRobot, OnSimulator):
 
     JSON keys: robot, gait; commands, with vx, vy [m/s] and yaw_rate [rad/s]; command_gain [vx, vy,
     yaw rate]; safety, with the bounds as in the configuration; tracking_error [largest, m/s, m/s,
-    rad/s]; told and fell [numbers of commands]; states [numbers, by split]; starts_hash; seconds;
+    rad/s]; tried and fell [numbers of commands]; states [numbers, by split]; starts_hash; seconds;
     file. With --gaits, each gait is prepared alone, and gaits lists these objects.
     """
 
@@ -147,7 +147,7 @@ def report_of(prepared: Prepared) -> PrepareReport:
         command_gain=made.command_gain,
         safety=made.safety,
         tracking_error=made.tracking_error,
-        told=len(made.followed),
+        tried=len(made.followed),
         fell=sum(each.fell for each in made.followed),
         states={split: len(states) for split, states in starts.grid.items()},
         starts_hash=starts.hash,
@@ -179,7 +179,7 @@ def table_of(report: PrepareReport, kept: bool) -> list[str]:
             *box.vx, *box.vy, *box.yaw_rate
         ),
         "command gain:   {:g} {:g} {:g}".format(*report.command_gain),
-        f"largest error:  {error} of the mean, at {report.told} commands",
+        f"largest error:  {error} of the mean, at {report.tried} commands",
         f"fell:           at {report.fell} of them",
         f"center of mass: above {low:g} m; a base below {fall:g} m has fallen",
         f"roll, pitch:    within {safety.roll_pitch:g} deg; {fallen}",

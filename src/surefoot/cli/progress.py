@@ -1,14 +1,14 @@
 """What is shown while a command runs: the log, and bars with an estimate of the time that is left.
 
 Progress that is logged goes to stdout, warnings go to stderr, and so do the bars. What takes longer
-than ten seconds has a bar, here or where it is done (`workers`, `runs.stages`, `scenarios.make`).
+than ten seconds has a bar, here or where it is done (`workers`, `runs.progress`, `scenarios.make`).
 """
 
 from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from tqdm import tqdm
@@ -41,23 +41,6 @@ def seconds_bar(seconds: float, title: str) -> tqdm:
     """
     ticks = round(seconds * TICKS_PER_SECOND)
     return tqdm(total=ticks, desc=title, unit="ms", leave=False)
-
-
-@contextmanager
-def epochs_bar(title: str) -> Iterator[Callable[[int, int, float, float], None]]:
-    """A bar of the epochs of a training; the value is the progress for `surefoot.learning.train`.
-
-    Args:
-        title: Text of the bar.
-    """
-    with tqdm(desc=title, unit="epoch", leave=False) as bar:
-
-        def progress(_epoch: int, epochs: int, train_loss: float, validation_loss: float) -> None:
-            bar.total = epochs
-            bar.set_postfix(train=f"{train_loss:.4f}", validation=f"{validation_loss:.4f}")
-            bar.update()
-
-        yield progress
 
 
 @contextmanager

@@ -35,7 +35,7 @@ class JobReport:
     Attributes:
         name: Name of the job.
         state: `done`, `running`, `ready`, `waiting` or `failed`.
-        seconds: How long it has worked so far [s].
+        seconds: How long it has worked so far, in processor time [s].
     """
 
     name: str
@@ -115,20 +115,28 @@ class Study(OnWorkers):
 
     def _folder(self, name: str) -> Path:
         """The folder of the study."""
-        from surefoot.study.results import STUDY_FILE
+        from surefoot.study.results import STUDY_FILE, read_study
 
         if self.folder is not None:
             return self.folder
-        if (Path(name) / STUDY_FILE).is_file():
-            return Path(name)
-        return Path("studies") / Path(name).stem
+        path = Path(name)
+        if (path / STUDY_FILE).is_file():
+            return path
+        studies = Path("studies")
+        if not path.is_file():
+            return studies / name
+        study = study_named(name)
+        folder = studies / study.name
+        former = studies / path.stem  # where earlier versions began it
+        is_former = (former / STUDY_FILE).is_file() and read_study(former).study.name == study.name
+        return former if is_former and not (folder / STUDY_FILE).is_file() else folder
 
     def _run(self, name: str, folder: Path) -> int:
         """Run the study, after saying what there is to do."""
         from surefoot.study.estimate import estimate_study
         from surefoot.study.runner import open_study, run_study
 
-        study = study_named(name, folder)
+        study = study_named(name)
         if self.estimate:
             print(describe_work(estimate_study(study), self.workers))
             return 0
@@ -142,14 +150,21 @@ class Study(OnWorkers):
     def _show(self, folder: Path) -> None:
         """Write how far the jobs are where asked, and print it."""
         from surefoot.study.estimate import read_estimate
-        from surefoot.study.state import LOG_FILE, is_paused, job_folder, job_statuses
+        from surefoot.study.state import (
+            LOG_FILE,
+            is_paused,
+            job_folder,
+            job_statuses,
+            workers_of,
+        )
 
         statuses = job_statuses(folder)
         paused = is_paused(folder)
         if self.json is not None:
             jobs = [JobReport(s.job.name, s.state, s.seconds) for s in statuses]
             write_json(self.json, StudyReport(folder, paused, jobs))
-        print(describe_state(statuses, read_estimate(folder), self.workers))
+        workers = workers_of(folder) or self.workers
+        print(describe_state(statuses, read_estimate(folder), workers))
         if paused:
             print(f"paused: `surefoot study resume {folder}` lets it go on")
         for status in statuses:
@@ -159,12 +174,11 @@ class Study(OnWorkers):
                 print(f"{name} failed, see {log}; again: surefoot study {folder} --jobs {name}")
 
 
-def study_named(name: str, folder: Path) -> StudyConfig:
+def study_named(name: str) -> StudyConfig:
     """The study that a word of the command line means.
 
     Args:
         name: Name of a study of the package, a JSON file, or the folder of a study.
-        folder: Folder of the study, if it has begun.
 
     Raises:
         ValueError: There is no such study, or its file cannot be read.

@@ -46,12 +46,12 @@ class Terrains(OnWorkers, OnSimulator):
     def __call__(self) -> int:
         """Measure what is missing, write the table where asked, and print it."""
         from surefoot.config.json_io import read_record
+        from surefoot.config.study import EXPERT
         from surefoot.runs.policies import find_policy
         from surefoot.scenarios.gains import with_measured_gain
         from surefoot.scenarios.gaits import all_starts_of
         from surefoot.study.tables import page_with
         from surefoot.study.terrain_table import (
-            EXPERT,
             TerrainTable,
             Walker,
             measure_terrains,

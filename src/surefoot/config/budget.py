@@ -10,7 +10,7 @@ from surefoot.config.checked import Checked, Share, Within
 
 @dataclass(frozen=True)
 class BudgetConfig(Checked):
-    """How many seconds of the expert a method may spend in all; as it comes, without end.
+    """How many seconds of the expert a method may spend in all; no limit by default.
 
     An expert that drives, or is asked, solves its MPC every 50 ms: a solve counts as 0.05 s of it,
     be it for a label, a query, a takeover, a tail or the pre-training. With a budget, the rollouts

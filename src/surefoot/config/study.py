@@ -102,8 +102,8 @@ class Measurement(Checked):
     measure: Measure = "robustness"
     """What is measured."""
     policies: Literal["best", "all"] = "best"
-    """The best policy of a run, as chosen on the `select` initial states, or that of every
-    iteration (behavior cloning: of every size of the data)."""
+    """The policy that a run chose, the best on the `select` initial states (behavior cloning: its
+    last), or that of every iteration (behavior cloning: of every size of the data)."""
     split: Split = "test"
     """Split of the initial states where the episodes begin; `imitation` has states of its own."""
     options: Options = field(default_factory=dict)
@@ -227,8 +227,14 @@ def config_of(technique: Technique, setting: Setting, seed: int) -> Config:
     """
     method = "behavior_cloning" if technique.method == EXPERT else technique.method
     config = preset(method, technique.preset)
-    config = with_options(config, technique.options, f"techniques.{technique.name}")
-    config = with_options(config, setting.options, f"settings.{setting.name}")
+    for part in (technique, setting):
+        where = f"{part.section}.{part.name}"
+        if "seed" in part.options:
+            raise ValueError(
+                f"{where}: the option seed would be ignored, because a study's seeds are its "
+                "`seeds`; leave it out, and name the seeds there"
+            )
+        config = with_options(config, part.options, where)
     return replace(config, seed=seed)
 
 

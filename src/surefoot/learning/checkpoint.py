@@ -98,7 +98,7 @@ def load_checkpoint(
 
 def _expected(network: PolicyNetwork) -> Iterator[TensorKind]:
     """What a checkpoint of this network and its Adam holds besides the losses."""
-    for kind in tensor_kinds(network.hidden):
+    for kind in tensor_kinds(network.hidden, len(network.mean)):
         yield replace(kind, name=f"network.{kind.name}")
     for index, parameter in enumerate(network.parameters()):
         shape = tuple(parameter.shape)

@@ -10,11 +10,10 @@ A shard counts once the manifest names it. A kill between the two leaves a file 
 
 from __future__ import annotations
 
-import re
+import hashlib
 import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -32,60 +31,21 @@ from surefoot.learning.frames import (
     uninitialized_arrays,
     whole_episode,
 )
+from surefoot.learning.manifest import (
+    DatasetError,
+    Manifest,
+    ShardEntry,
+    check_entries,
+    check_name,
+)
 from surefoot.learning.shard import FORMAT, STORED, check_size, read_shard, shard_content
 from surefoot.types import BoolArray, IntArray
-
-
-class DatasetError(ValueError):
-    """A dataset's files are damaged, or a request contradicts what it holds."""
-
-
-@dataclass(frozen=True)
-class ShardEntry:
-    """What the manifest says about a shard.
-
-    Attributes:
-        frames: Number of kept frames.
-        sha256: Hash of all of them.
-        episodes: Hash of each episode's kept frames, by the episode's id as text.
-        ticks: Number of all ticks; None in format 1, whose files hold the kept frames alone.
-        ticks_sha256: Hash of all arrays of all ticks; None in format 1.
-    """
-
-    frames: int
-    sha256: str
-    episodes: dict[str, str]
-    ticks: int | None = None
-    ticks_sha256: str | None = None
-
-    @property
-    def rows(self) -> int:
-        """Number of ticks in the file."""
-        return self.frames if self.ticks is None else self.ticks
-
-    @property
-    def format(self) -> int:
-        """Version of the file."""
-        return 1 if self.ticks is None else FORMAT
-
-
-@dataclass(frozen=True)
-class Manifest:
-    """What a dataset holds, as its ``manifest.json``.
-
-    Attributes:
-        format: Version of the shards and of the manifest.
-        shards: The shards, by name.
-    """
-
-    format: int
-    shards: dict[str, ShardEntry]
 
 
 class Dataset:
     """An append-only folder of shards. Counts and hash are read from its manifest alone.
 
-    Only the frames of a view that ends within a shard are counted in that shard's file.
+    Counting the frames of a view that cuts through a shard reads that shard.
 
     Args:
         folder: Folder of the files; the first ``append`` creates it.
@@ -134,7 +94,7 @@ class Dataset:
         # The manifest would lose the shards that a view leaves out.
         if self._leaves_out or self._skip_damaged:
             raise DatasetError(f"a view of {self.folder} is only read: append to the whole")
-        _check_name(name)
+        check_name(name)
         if name == self._manifest.stem:
             raise DatasetError(f"shard name {name!r}: the manifest has it; use another one")
         frames = sorted_by_episode(frames)
@@ -220,11 +180,24 @@ class Dataset:
 
     @property
     def hash(self) -> str:
-        """SHA-256 of all arrays, episode by episode: the same however the frames are sharded."""
+        """SHA-256 of the kept frames, episode by episode: the same however they are sharded.
+
+        It covers `frames.FRAME_FIELDS`, and the gait; not the ticks before the kept ones, nor what
+        was applied in them (`ticks_hash`).
+        """
         digests: dict[str, str] = {}
         for entry in self._shards().values():
             digests |= self._kept_episodes(entry)
         return combine_digests(digests)
+
+    @property
+    def ticks_hash(self) -> str:
+        """SHA-256 of all arrays of all ticks, of whole shards: that of what a history is made of.
+
+        Shards of format 1 have no ticks but the kept ones.
+        """
+        digests = [entry.ticks_sha256 or entry.sha256 for entry in self._shards().values()]
+        return hashlib.sha256("\n".join(sorted(digests)).encode()).hexdigest()
 
     @property
     def _manifest(self) -> Path:
@@ -255,7 +228,7 @@ class Dataset:
             version = values.get("format") if isinstance(values, dict) else FORMAT
             if type(version) is int and version in STORED:
                 manifest = from_json(Manifest, values, "the manifest")
-                _check_entries(manifest.shards)
+                check_entries(manifest.shards)
                 return manifest.shards
         except ValueError as error:
             raise DatasetError(
@@ -359,42 +332,3 @@ class Dataset:
                 "from a copy, or delete it: `surefoot train ... --resume` collects it again, to "
                 "the same bits; or read what is left with Dataset(folder, skip_damaged=True)"
             ) from error
-
-
-def _check_entries(shards: Mapping[str, ShardEntry]) -> None:
-    """Check that entries name files of the folder and contradict neither themselves nor others.
-
-    Raises:
-        ValueError: An entry has a name that is no file's, other numbers than its episodes allow, or
-            an episode that is no number or is in another entry too.
-    """
-    shard_of = {}
-    for name, entry in shards.items():
-        _check_name(name)
-        if not min(entry.frames, 1) <= len(entry.episodes) <= entry.frames:
-            raise ValueError(
-                f"shard {name!r} has {entry.frames} frames and {len(entry.episodes)} episodes"
-            )
-        if entry.rows < entry.frames or (entry.ticks is None) != (entry.ticks_sha256 is None):
-            raise ValueError(
-                f"shard {name!r} has {entry.frames} frames and {entry.ticks} ticks with the hash "
-                f"{shown(entry.ticks_sha256)}"
-            )
-        for episode in entry.episodes:
-            if not re.fullmatch(r"0|-?[1-9]\d{0,18}", episode, re.ASCII):
-                raise ValueError(f"shard {name!r} has an episode {shown(episode)}, not a number")
-            if episode in shard_of:
-                raise ValueError(f"episode {episode} is in {shard_of[episode]!r} and in {name!r}")
-            shard_of[episode] = name
-        if combine_digests(entry.episodes) != entry.sha256:
-            raise ValueError(f"the hashes of the episodes of {name!r} do not match its own")
-
-
-def _check_name(name: str) -> None:
-    """Check that a shard's name leads to no other folder than the dataset's.
-
-    Raises:
-        DatasetError: It could.
-    """
-    if not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
-        raise DatasetError(f"shard name {shown(name)}: use letters, digits, '_', '-' and dots")

@@ -148,6 +148,11 @@ class Frames:
         return combine_digests(episode_digests(sorted_by_episode(self)))
 
     @property
+    def ticks_hash(self) -> str:
+        """SHA-256 of all arrays of all ticks, in the order of the episodes."""
+        return digest_of_all(sorted_by_episode(self))
+
+    @property
     def command_range(self) -> Array:
         """``(2, 3)`` smallest and largest vx, vy [m/s] and yaw rate [rad/s] among all ticks."""
         return np.stack([self.command.min(0), self.command.max(0)])

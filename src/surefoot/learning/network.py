@@ -113,7 +113,7 @@ class PolicyNetwork(nn.Module):
         return layers
 
 
-def tensor_kinds(hidden: Sequence[int], inputs: int = INPUT_SIZE) -> Iterator[TensorKind]:
+def tensor_kinds(hidden: Sequence[int], inputs: int) -> Iterator[TensorKind]:
     """What the state of a policy's network consists of, without making one.
 
     Args:

@@ -147,6 +147,11 @@ class Mirrored:
         text = json.dumps([self.data.hash, mirror])
         return hashlib.sha256(text.encode()).hexdigest()
 
+    @property
+    def ticks_hash(self) -> str:
+        """SHA-256 of all recorded ticks, without the mirror."""
+        return self.data.ticks_hash
+
 
 def parts_of(
     data: Frames | Dataset | Mirrored, all_ticks: bool = False

@@ -154,7 +154,8 @@ def fit(
     key = ""
     if checkpoint is not None:
         platform = [torch.__version__, device_name(device), has_bfloat16(device)]
-        key = _fingerprint(network, [data.hash, config, spec, epochs, seed, *platform])
+        past = [data.ticks_hash] if spec.remembers else []
+        key = _fingerprint(network, [data.hash, *past, config, spec, epochs, seed, *platform])
     network = copy.deepcopy(network).to(device)
     losses: Losses = []
     with torch_threads(config.threads):
@@ -219,11 +220,11 @@ def split_samples(
     frames = 0
     for images in parts_of(data, all_ticks=spec.remembers):
         frames += int(images[0].kept.sum())
-        for recorded in images:
-            if not recorded.kept.any():
+        for image in images:
+            if not image.kept.any():
                 continue
-            rows = derive(recorded, spec)
-            part = recorded.kept_frames
+            rows = derive(image, spec)
+            part = image.kept_frames
             is_held_out = held_out(part.episode, config.validation)
             training.append(rows[~is_held_out])
             validation.append(rows[is_held_out])

@@ -1,14 +1,15 @@
 """DAGGER (Ross et al., 2011; paper, Algorithm 1): visit the policy's states, ask the expert there.
 
 D <- {}
-for i = 1 .. N:
+for i = 1 .. N + 1:
     sample trajectories with pi_i = beta_i pi* + (1 - beta_i) pi_i: a coin at every step
     D <- D u {(s, pi*(s))}, all visited states with the expert's actions
     train pi_{i+1} on D
 return the best pi_i on validation
 
 beta_1 = 1: the first iteration is the expert alone, on the rollouts with which the other methods
-pre-train. A run numbers from 0: its iteration k is i = k + 1, so beta = p^k.
+pre-train. N more follow, as with these methods; Algorithm 1 counts N in all. A run numbers from 0:
+its iteration k is i = k + 1, so beta = p^k.
 """
 
 from __future__ import annotations

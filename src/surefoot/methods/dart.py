@@ -17,7 +17,6 @@ held here, for 50 ms.
 from __future__ import annotations
 
 import logging
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,9 +52,6 @@ from surefoot.types import JOINTS, Array, PlanFunction, to_ticks
 from surefoot.workers import Workers
 
 logger = logging.getLogger(__name__)
-
-ROWS_AT_ONCE = 8192
-"""Rows that a policy answers at a time, to bound the memory."""
 
 
 def dart(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
@@ -140,12 +136,9 @@ def learner_error(run: Run, i: int) -> Array:
     inputs, targets = np.split(
         derive(frames, policy.spec), [policy.spec.observation.input_size], axis=1
     )
-    # None of the parts is too small for the policy to be exact.
-    parts = np.array_split(inputs, math.ceil(len(inputs) / ROWS_AT_ONCE))
-    answers = np.concatenate([policy.forward(part) for part in parts])
     # Two PDs of the same gains differ by kp times the difference of their targets.
-    error = policy.spec.kp * (answers - targets).astype(np.float64)
-    covariance = error.T @ error / len(error)
-    deviation = np.sqrt(np.trace(covariance) / len(JOINTS))
+    error = policy.spec.kp * (policy.answers(inputs) - targets).astype(np.float64)
+    moments = error.T @ error / len(error)
+    deviation = np.sqrt(np.trace(moments) / len(JOINTS))
     logger.info(f"iteration {i + 1}: the learner's error is {deviation:.3f} N m a joint")
-    return covariance
+    return moments

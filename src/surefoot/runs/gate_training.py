@@ -9,7 +9,6 @@ will be left (the paper's future work). Read `safety.learned` for what they do i
 from __future__ import annotations
 
 import logging
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,8 +37,6 @@ logger = logging.getLogger(__name__)
 
 HELD_OUT = 0.1
 """Share of episodes that judge a history network, chosen by episode id."""
-ROWS_AT_ONCE = 8192
-"""Rows that a policy answers at a time: its hidden layers take 4 kB each, 4 GB for a million."""
 
 
 @dataclass(frozen=True)
@@ -157,9 +154,7 @@ def deviation_samples(run: Run, i: int, unsafe_share: float) -> GateSamples:
     held = held_out(episode, run.config.training.validation)
     first = run.gate_trained("classifier", 0)
     sigma = targets.std(axis=0, dtype=np.float64) if first is None else np.array(first.sigma)
-    # None of the parts is too small for the policy to be exact.
-    parts = np.array_split(inputs, math.ceil(len(inputs) / ROWS_AT_ONCE))
-    error = np.concatenate([policy.forward(part) for part in parts]) - targets
+    error = policy.answers(inputs) - targets
     deviation = ((error / sigma) ** 2).sum(axis=1)
     if first is None or first.tau is None:
         tau = float(np.quantile(deviation[held], 1.0 - unsafe_share))

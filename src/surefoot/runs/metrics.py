@@ -139,7 +139,8 @@ class Best:
     Attributes:
         stage: Name of the stage in the file.
         iteration: Always 0, as the stage belongs to the whole run.
-        best_iteration: Iteration that trained the policy with most successes.
+        best_iteration: Iteration that trained the policy that the run chose: the one with most
+            successes on `select`; the last of behavior cloning and of a run on a robot.
     """
 
     stage: Literal["best"] = "best"

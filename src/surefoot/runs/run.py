@@ -153,7 +153,7 @@ class Run:
 
     @property
     def best_policy_path(self) -> Path:
-        """File of the policy that did best on the `select` initial states.
+        """File of the policy that the run chose, as `metrics.Best` says.
 
         Raises:
             RunError: The run is not finished.

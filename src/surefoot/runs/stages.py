@@ -12,9 +12,8 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from tqdm import tqdm
 
-from surefoot.config import IterativeConfig, Steps
+from surefoot.config import Config, IterativeConfig, Steps
 from surefoot.config.array_io import load_arrays
 from surefoot.evaluation.mirror_error import make_mirror
 from surefoot.evaluation.robustness import evaluate
@@ -34,6 +33,7 @@ from surefoot.runs.episode_ids import end_of_iteration
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
 from surefoot.runs.policies import joint_limits, safety_bounds
 from surefoot.runs.precision import kept_precision
+from surefoot.runs.progress import epochs_bar
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import pretraining_rollouts, series_order
 from surefoot.scenarios.gaits import all_starts_of
@@ -221,17 +221,10 @@ def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bo
     else:
         before = run.policy_path(iteration - 1)
         network = load(before, find_spec(config.robot).name).network
-    with tqdm(desc=f"iteration {iteration}: train", unit="epoch", leave=False) as bar:
-
-        def progress(_epoch: int, epochs: int, train_loss: float, validation_loss: float) -> None:
-            bar.total = epochs
-            bar.set_postfix(train=f"{train_loss:.4f}", validation=f"{validation_loss:.4f}")
-            bar.update()
-
-        mirror = config.training.mirror
+    with epochs_bar(f"iteration {iteration}: train") as progress:
         return fit(
             network,
-            data if mirror == "none" else Mirrored(data, make_mirror(config, mirror)),
+            training_data(config, data),
             kept_precision(config.training, run.precision),
             policy_spec(config),
             epochs,
@@ -239,6 +232,20 @@ def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bo
             progress,
             run.checkpoint_path(iteration),
         )
+
+
+def training_data(config: Config, data: Dataset) -> Dataset | Mirrored:
+    """What a fit sees of a dataset: with the mirror image of each frame, if that is asked for.
+
+    Args:
+        config: Robot, gaits, and the training's mirror.
+        data: The dataset.
+
+    Raises:
+        ValueError: The robot or a gait is not its own mirror image.
+    """
+    mirror = config.training.mirror
+    return data if mirror == "none" else Mirrored(data, make_mirror(config, mirror))
 
 
 def _save_policy(run: Run, iteration: int, data: Dataset, result: FitResult) -> None:

@@ -12,7 +12,7 @@ import json
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from surefoot.config import Config
+from surefoot.config import Config, IterativeConfig
 from surefoot.config.study import EXPERT, StudyConfig, Technique, config_of
 from surefoot.errors import unknown
 from surefoot.runs.first_stage import Shared, first_stage
@@ -167,14 +167,17 @@ def find_job(study: StudyConfig, name: str) -> StudyJob:
 def _shared_jobs(study: StudyConfig) -> dict[str, StudyJob]:
     """The shared job of each cell that has one, by the cell's name.
 
-    Cells whose first policies are the same share them; others may still share their data.
+    Cells whose first policies are the same share them, if their method goes on from there; others
+    may still share their data.
     """
     jobs: dict[str, StudyJob] = {}
     configs = trained_configs(study)
     for shared in ("policy", "data"):
         groups: dict[str, list[Cell]] = {}
         for cell, config in configs.items():
-            if cell.name not in jobs:
+            # Behavior cloning has no policy to go on from: its trainings have their data in common.
+            may_share = shared == "data" or isinstance(config.method, IterativeConfig)
+            if may_share and cell.name not in jobs:
                 beginning = json.dumps(first_stage(config, shared), sort_keys=True)
                 groups.setdefault(beginning, []).append(cell)
         for group in groups.values():

@@ -1,9 +1,9 @@
-"""The methods side by side: policies of several runs, and the expert, on the same ground.
+"""The methods side by side: policies of several runs, and the expert, in the same settings.
 
 All are evaluated from the same `test` initial states and are pushed the same way, in each
 simulator, under the first run's settings. A comparison in progress is a sequence of immutable
 `Comparison` records; each is written down after its measurement, so that one that is interrupted
-resumes where it stopped. Read `records` for what it holds, `ground` for which runs can be compared.
+resumes where it stopped. Read `records` for what it holds, `comparable` for which runs can be.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import get_args
 from surefoot.config import Backend, Config, DisturbanceConfig, simulated
 from surefoot.config.evaluation import shortened
 from surefoot.config.json_io import changes
+from surefoot.config.study import EXPERT
 from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.push_limits import push_difference
 from surefoot.evaluation.robustness import evaluate, success_difference
@@ -26,7 +27,7 @@ from surefoot.robots.load import find_spec
 from surefoot.robots.profile import load_profile
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import starts_of
-from surefoot.study.ground import EXPERT, WhichPolicy, common_ground, open_comparable_runs, rows_of
+from surefoot.study.comparable import WhichPolicy, open_comparable_runs, rows_of, shared_settings
 from surefoot.study.records import (
     Comparison,
     Difference,
@@ -112,11 +113,11 @@ def compare(
     for simulator, number in product(measurements.simulators, range(len(rows))):
         row = comparison.rows[number]
         title = f"{simulator}, {row.label}"
-        ground = simulated(config, simulator)
+        settings = simulated(config, simulator)
         policy = None if row.policy is None else Path(row.policy)
         measured = row.results.get(simulator, Measured())
         if measured.evaluation is None:
-            evaluation, _ = evaluate(ground, policy, "test", workers)
+            evaluation, _ = evaluate(settings, policy, "test", workers)
             measured = replace(measured, evaluation=evaluation)
             comparison = with_results(comparison, number, simulator, measured)
             save_comparison(path, comparison)
@@ -128,7 +129,7 @@ def compare(
                 evaluation.falls,
             )
         if measurements.pushes and measured.pushes is None:
-            pushes = push_recovery(ground, policy, workers)
+            pushes = push_recovery(settings, policy, workers)
             measured = replace(measured, pushes=pushes)
             comparison = with_results(comparison, number, simulator, measured)
             save_comparison(path, comparison)
@@ -140,22 +141,22 @@ def compare(
 
 def _config_of(config: Config, measurements: Measurements) -> Config:
     """The configuration under which all are measured, from that of the first run."""
-    ground = replace(common_ground(config, measurements.episodes), chunk=config.chunk)
+    settings = replace(shared_settings(config, measurements.episodes), chunk=config.chunk)
     push = shortened(
-        ground.push,
+        settings.push,
         measurements.push_speeds,
         measurements.push_directions,
         measurements.push_resolution,
     )
-    evaluation = ground.evaluation
+    evaluation = settings.evaluation
     if measurements.disturbance is not None:
         evaluation = replace(evaluation, disturbance=measurements.disturbance)
     start_set = config.start_set if measurements.starts is None else measurements.starts
-    robot = ground.robot
+    robot = settings.robot
     if measurements.profile is not None:
         load_profile(measurements.profile, find_spec(robot).name)  # fails here, not later
         robot = replace(robot, profile=measurements.profile)
-    return replace(ground, robot=robot, push=push, evaluation=evaluation, start_set=start_set)
+    return replace(settings, robot=robot, push=push, evaluation=evaluation, start_set=start_set)
 
 
 def baseline_label(rows: Sequence[Row], baseline: Path | None) -> str | None:

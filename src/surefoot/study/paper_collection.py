@@ -38,9 +38,9 @@ from surefoot.study.paper_runs import (
 )
 from surefoot.study.run_statistics import mean_of_runs
 from surefoot.study.run_values import (
-    collections,
     dataset_frames,
     falls_per_minute,
+    iterations_collected,
     largest_rise,
     rollouts,
     share_with_tail,
@@ -114,10 +114,12 @@ def failure_claims(paper: PaperRuns) -> tuple[Claim, ...]:
 
 def _rates(paper: PaperRuns, technique: str, skipped: int) -> str:
     """Failure rate of each iteration but some first ones, mean over runs, as text."""
-    longest = max((len(collections(cell)) for cell in paper.cells(technique)), default=0)
+    longest = max((len(iterations_collected(cell)) for cell in paper.cells(technique)), default=0)
     rates = []
     for number in range(skipped, longest):
-        one = paper.failures(technique, lambda cell, n=number: collections(cell)[n : n + 1])
+        one = paper.failures(
+            technique, lambda cell, n=number: iterations_collected(cell)[n : n + 1]
+        )
         rates.append(percent(one))
     return ", ".join(rates) or "none"
 

@@ -16,10 +16,10 @@ from surefoot.study.run_statistics import Runs, mean_of_runs
 from surefoot.study.run_values import (
     Axis,
     Counted,
-    collections,
     expert_share,
     failed,
     fell,
+    iterations_collected,
     mean_impulse,
     robustness_of,
     runs_of,
@@ -73,16 +73,16 @@ class PaperRuns:
         """A share of the rollouts of each run of a technique."""
         return self.sample(technique, shares_of(self.cells(technique), counted))
 
-    def failures(self, technique: str, part: Part = collections) -> Sample:
+    def failures(self, technique: str, part: Part = iterations_collected) -> Sample:
         """Share of failed rollouts in some iterations, in the paper's count."""
         method = self.method(technique)
         return self.shares(technique, lambda cell: failed(part(cell), method))
 
-    def falls(self, technique: str, part: Part = collections) -> Sample:
+    def falls(self, technique: str, part: Part = iterations_collected) -> Sample:
         """Share of rollouts in some iterations that ended in a fall, whoever drove."""
         return self.shares(technique, lambda cell: fell(part(cell)))
 
-    def expert(self, technique: str, part: Part = collections) -> Sample:
+    def expert(self, technique: str, part: Part = iterations_collected) -> Sample:
         """The expert's share of the rollouts' time in some iterations."""
         return self.values(technique, lambda cell: expert_share(part(cell)))
 
@@ -108,28 +108,28 @@ class PaperRuns:
 
 def first_iteration(cell: CellResult) -> Sequence[Collected]:
     """The first iteration."""
-    return collections(cell)[:1]
+    return iterations_collected(cell)[:1]
 
 
 def second_on(cell: CellResult) -> Sequence[Collected]:
     """The iterations after the first one."""
-    return collections(cell)[1:]
+    return iterations_collected(cell)[1:]
 
 
 def third_on(cell: CellResult) -> Sequence[Collected]:
     """The iterations after the second one."""
-    return collections(cell)[2:]
+    return iterations_collected(cell)[2:]
 
 
 def early_half(cell: CellResult) -> Sequence[Collected]:
     """The first half of the iterations."""
-    found = collections(cell)
+    found = iterations_collected(cell)
     return found[: len(found) // 2]
 
 
 def late_half(cell: CellResult) -> Sequence[Collected]:
     """The second half of the iterations; none if there is but one iteration."""
-    found = collections(cell)
+    found = iterations_collected(cell)
     return found[len(found) // 2 :] if len(found) > 1 else []
 
 

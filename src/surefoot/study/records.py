@@ -98,7 +98,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Several policies, and the expert, measured on the same ground.
+    """Several policies, and the expert, measured in the same settings.
 
     Attributes:
         config: Robot, gait, expert, falls, evaluation and pushes, the same for all rows.

@@ -68,7 +68,8 @@ class JobRecord:
         versions: Version of Python and of each package, by name.
         precision: Number format of the products in training; empty if nothing was trained.
         started: When it was started first, in UTC, as ISO 8601.
-        seconds: How long it ran in all [s].
+        seconds: Processor time of all its slices [s]; in files of earlier versions how long they
+            took, pauses included.
         finished: Whether it is done; if not, it goes on where it stopped.
     """
 
@@ -141,7 +142,7 @@ class CellResult:
 
     @property
     def best_iteration(self) -> int | None:
-        """The iteration of the best policy on `select`; None if the run is not finished."""
+        """The iteration of the policy that the run chose; None if the run is not finished."""
         for record in self.metrics:
             if isinstance(record, Best):
                 return record.best_iteration
@@ -241,11 +242,15 @@ def shared_folder(folder: Path, job: str) -> Path:
 def save_run(folder: Path, cell: Cell, run: Run) -> None:
     """Keep the configuration and the metrics of a cell's run, as they are now.
 
+    Before the first stage is done there is nothing to keep.
+
     Args:
         folder: Folder of the study.
         cell: The cell.
         run: Its run.
     """
+    if not run.metrics_path.exists():
+        return
     results = results_folder(folder, cell)
     write_json(results / CONFIG_FILE, read_setup(run.folder))
     starts = run.folder / STARTS_FILE

@@ -21,6 +21,9 @@ from surefoot.study.run_statistics import Runs, shares
 
 Counted = tuple[int, int]
 """How many rollouts are counted, and the number of all of them."""
+MONITORED = ("safe_dagger", "loco_safe_dagger")
+"""Methods whose rollouts fail in the paper's count only if the MPC diverges: the expert takes over
+before the policy falls."""
 Axis = Literal[0, 1, 2]
 """Component of a velocity error: vx, vy, yaw rate."""
 
@@ -68,7 +71,7 @@ def is_trained(cell: CellResult) -> bool:
     return any(isinstance(record, Best) for record in cell.metrics)
 
 
-def collections(cell: CellResult) -> list[Collected]:
+def iterations_collected(cell: CellResult) -> list[Collected]:
     """What the iterations after the pre-training have collected, in their order.
 
     Returns:
@@ -85,7 +88,8 @@ def collections(cell: CellResult) -> list[Collected]:
 def paper_failures(record: Collected, method: str) -> int:
     """Failed rollouts of an iteration in the paper's count (IV-F), as far as it can be repeated.
 
-    With LocoSafeDAGGER a rollout fails if the MPC diverges. With LocoDAGGER it fails if the MPC
+    With LocoSafeDAGGER a rollout fails if the MPC diverges, and so it does with SafeDAGGER, which
+    the paper does not count. With LocoDAGGER it fails if the MPC
     diverges while it drives, or if the robot falls while the policy drives: here, while it drives
     in the tick of the fall. Our rollouts end with a fall, those of the paper's research code go on;
     an MPC that would have diverged on a fallen robot is no failure here.
@@ -94,7 +98,7 @@ def paper_failures(record: Collected, method: str) -> int:
         record: What an iteration has collected.
         method: Name of the method.
     """
-    if method == "loco_safe_dagger":
+    if method in MONITORED:
         return record.diverged
     return record.diverged + record.falls - record.falls_expert_driving
 
@@ -112,7 +116,7 @@ def fell(records: Sequence[Collected]) -> Counted:
 
 def falls_per_minute(cell: CellResult) -> float | None:
     """Falls per minute of rollouts after the pre-training, tails included [1/min]."""
-    records = collections(cell)
+    records = iterations_collected(cell)
     minutes = [record.rollout_seconds_with_tail for record in records]
     known = [seconds / 60 for seconds in minutes if seconds is not None]
     if not records or len(known) < len(records):
@@ -120,32 +124,39 @@ def falls_per_minute(cell: CellResult) -> float | None:
     return sum(record.falls for record in records) / sum(known)
 
 
+def _with_rollouts(records: Sequence[Collected]) -> list[Collected]:
+    """Those iterations that could afford a rollout: in the others nobody drove."""
+    return [record for record in records if record.episodes > 0]
+
+
 def expert_share(records: Sequence[Collected]) -> float | None:
     """Mean over some iterations of the share of the time before the tails that the expert drove."""
-    return float(np.mean([record.expert_share for record in records])) if records else None
+    found = [record.expert_share for record in _with_rollouts(records)]
+    return float(np.mean(found)) if found else None
 
 
 def share_with_tail(cell: CellResult) -> float | None:
     """Mean over the iterations of the expert's share of the whole time, tails included."""
-    found = [record.expert_share_with_tail for record in collections(cell)]
+    records = _with_rollouts(iterations_collected(cell))
+    found = [record.expert_share_with_tail for record in records]
     return float(np.mean(found)) if found else None
 
 
 def largest_rise(cell: CellResult) -> float | None:
     """Largest rise of the expert's share from one iteration to the next; negative if none rises."""
-    found = [record.expert_share for record in collections(cell)]
+    found = [record.expert_share for record in _with_rollouts(iterations_collected(cell))]
     return float(np.diff(found).max()) if len(found) > 1 else None
 
 
 def solves(cell: CellResult) -> float | None:
     """Number of MPC solves of all iterations after the pre-training."""
-    records = collections(cell)
+    records = iterations_collected(cell)
     return float(sum(record.plans for record in records)) if records else None
 
 
 def solves_per_second(cell: CellResult) -> float | None:
     """MPC solves of these iterations for each second of their rollouts before the tails [1/s]."""
-    records = collections(cell)
+    records = iterations_collected(cell)
     known = [record.rollout_seconds for record in records if record.rollout_seconds is not None]
     if not records or len(known) < len(records):
         return None
@@ -154,13 +165,13 @@ def solves_per_second(cell: CellResult) -> float | None:
 
 def rollouts(cell: CellResult) -> float | None:
     """Number of rollouts after the pre-training."""
-    records = collections(cell)
+    records = iterations_collected(cell)
     return float(sum(record.episodes for record in records)) if records else None
 
 
 def dataset_frames(cell: CellResult) -> float | None:
     """Number of frames in the dataset at the end."""
-    records = collections(cell)
+    records = iterations_collected(cell)
     return float(records[-1].dataset_frames) if records else None
 
 

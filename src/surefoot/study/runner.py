@@ -122,7 +122,7 @@ def run_study(folder: Path, workers: Workers, only: Sequence[str] = ()) -> Study
     """
     folder = folder.resolve()
     setup = read_study(folder)
-    claim_study(folder)
+    claim_study(folder, workers.count)
     jobs = needed_jobs(setup.study, only) if only else jobs_of(setup.study)
     queue = JobQueue(jobs, finished_jobs(folder, jobs))
     code = code_of(folder, setup)

@@ -7,12 +7,12 @@ paused, and a log for each job. Read `runner` next.
 
 from __future__ import annotations
 
-import fcntl
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from surefoot.files import lock_file, write_atomic
+from surefoot.config.json_io import read_json
+from surefoot.files import is_locked, lock_file, write_atomic, write_json
 from surefoot.study.cells import StudyJob, jobs_of
 from surefoot.study.results import StudyError, read_job, read_study, run_folder, shared_folder
 
@@ -24,6 +24,10 @@ FAILED_FILE = "failed.txt"
 """There if the job failed the last time: the end of what it printed."""
 PAUSED_FILE = "paused"
 """There while the study is paused."""
+LOCK_FILE = ".lock"
+"""Locked by the process that runs the study or, in the folder of a job, does the job."""
+WORKERS_FILE = ".workers"
+"""How many jobs the process that has claimed the study runs at a time."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,7 @@ class JobStatus:
     Attributes:
         job: The job.
         state: How far it is.
-        seconds: How long it has worked, in all its slices that have ended [s].
+        seconds: How long it has worked, in all its slices that have ended, in processor time [s].
     """
 
     job: StudyJob
@@ -41,18 +45,35 @@ class JobStatus:
     seconds: float
 
 
-def claim_study(folder: Path) -> None:
+def claim_study(folder: Path, workers: int) -> None:
     """Keep other processes from running a study, until this one ends, however it ends.
+
+    Args:
+        folder: Folder of the study.
+        workers: How many jobs this process runs at a time.
 
     Raises:
         StudyError: Another process runs it.
         WriteError: The folder cannot be written to.
     """
-    if not lock_file(folder / ".lock"):
+    if not lock_file(folder / LOCK_FILE):
         raise StudyError(
             f"another process runs the study in {folder}; `surefoot study status` shows how far "
             "it is"
         )
+    write_json(folder / WORKERS_FILE, workers)
+
+
+def workers_of(folder: Path) -> int | None:
+    """How many jobs the process that runs a study runs at a time; None if no other one does.
+
+    An earlier version that runs it does not say so either.
+    """
+    path = folder / WORKERS_FILE
+    if not is_locked(folder / LOCK_FILE) or not path.exists():
+        return None
+    workers = read_json(path)
+    return workers if type(workers) is int and workers > 0 else None
 
 
 def claim_job(folder: Path, job: str) -> None:
@@ -62,20 +83,8 @@ def claim_job(folder: Path, job: str) -> None:
         StudyError: Another process does it.
         WriteError: The folder cannot be written to.
     """
-    if not lock_file(job_folder(folder, job) / ".lock"):
+    if not lock_file(job_folder(folder, job) / LOCK_FILE):
         raise StudyError(f"another process does the job {job} of {folder}; wait for it")
-
-
-def is_locked(path: Path) -> bool:
-    """Whether another process has locked a file."""
-    if not path.exists():
-        return False
-    with path.open("rb+") as file:
-        try:
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except (BlockingIOError, PermissionError):
-            return True
-    return False
 
 
 def job_folder(folder: Path, job: str) -> Path:
@@ -129,7 +138,7 @@ def _state_of(folder: Path, job: StudyJob, done: set[str]) -> JobState:
     """How far a job is, given the names of those that are done."""
     if job.name in done:
         return "done"
-    if is_locked(job_folder(folder, job.name) / ".lock"):
+    if is_locked(job_folder(folder, job.name) / LOCK_FILE):
         return "running"
     if (job_folder(folder, job.name) / FAILED_FILE).exists():
         return "failed"

@@ -28,8 +28,6 @@ from surefoot.scenarios.keys import ROOMS, code_hash, ingredients_of, key_of
 from surefoot.study.tables import markdown
 from surefoot.workers import Workers
 
-EXPERT = "expert"
-"""The label of the expert."""
 DECIDING = (*ROOMS, "evaluation", "rollouts")
 """Folders of the package whose code decides what an evaluation of the expert finds."""
 

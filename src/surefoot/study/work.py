@@ -14,7 +14,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
 
@@ -54,7 +54,8 @@ from surefoot.workers import Workers, end_with_the_parent
 logger = logging.getLogger(__name__)
 
 SLICE = 2400.0
-"""How long a job works before it stops at the next opportunity [s]. The longest stage, a training
+"""How long a job works before it stops at the next opportunity, in processor time [s]. The longest
+stage, a training
 on all frames of the paper's data, takes an hour, so that no job is longer than 100 minutes."""
 UNFINISHED = 75
 """Exit status of a job that is to be started again."""
@@ -72,18 +73,22 @@ class SliceOver(Exception):  # noqa: N818  # not an error: the job goes on later
 class Slice:
     """The time that a job works until it stops.
 
+    Processor time counts: a study that is paused, or waits for a core, does not work.
+
     Attributes:
         seconds: How long [s].
-        began: When it began, by the monotonic clock [s].
+        began: The processor time of this process when it began [s].
+        started: When that was.
     """
 
     seconds: float
-    began: float = field(default_factory=time.monotonic)
+    began: float = field(default_factory=time.process_time)
+    started: datetime = field(default_factory=lambda: datetime.now(UTC))
 
     @property
     def spent(self) -> float:
         """How long the job has worked [s]."""
-        return time.monotonic() - self.began
+        return time.process_time() - self.began
 
     def stop_if_over(self, _record: StageRecord | None = None) -> None:
         """End the job if its time is over; what it did is on the disk.
@@ -101,7 +106,7 @@ def do_job(folder: Path, name: str, seconds: float = SLICE) -> bool:
     Args:
         folder: Folder of the study.
         name: Name of the job.
-        seconds: How long it works before it stops at the next opportunity [s].
+        seconds: How long it works before it stops at the next opportunity, in processor time [s].
 
     Returns:
         Whether it is finished.
@@ -256,14 +261,13 @@ def job_record(folder: Path, job: StudyJob, piece: Slice, finished: bool) -> Job
     config = run_config(setup, job.cell)
     now = versions(config.simulation.backend)
     before = read_job(folder, job.cell, job.name)
-    began = datetime.now(UTC) - timedelta(seconds=piece.spent)
     record = JobRecord(
         job=job.name,
         commit=setup.commit,
         processors=(now["processor"],),
         versions=now,
         precision="" if job.kind == "measure" else config.training.precision,
-        started=began.isoformat(timespec="seconds"),
+        started=piece.started.isoformat(timespec="seconds"),
         seconds=piece.spent,
         finished=finished,
     )

@@ -3,11 +3,20 @@
 import re
 from base64 import b64decode
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from surefoot.config import Config, RobotConfig
 from surefoot.study.report import films
-from surefoot.study.report.films import Filmed, best_cells, film_section, study_films
+from surefoot.study.report.films import (
+    Filmed,
+    best_cells,
+    film_policy,
+    film_section,
+    study_films,
+)
 from surefoot.study.results import read_results
 from surefoot.viz.renderer import RenderingUnavailable
 
@@ -33,7 +42,7 @@ def test_every_technique_and_the_expert_are_pushed_alike(monkeypatch, results):
 
     def film_policy(title, config, policy, run):
         filmed.append((title, policy is None))
-        return Filmed(title, "stays up", b"film")
+        return Filmed(title, "stays up", 1.5, b"film")
 
     monkeypatch.setattr(films, "film_policy", film_policy)
     text = study_films(results)
@@ -45,8 +54,36 @@ def test_every_technique_and_the_expert_are_pushed_alike(monkeypatch, results):
         ("expert", True),
     ]
     assert "<b>" not in text
+    assert "a push of 1.5 N s to the left" in text
     contents = re.findall(r"base64,([^\"]*)", text)
     assert [b64decode(content) for content in contents] == [b"film"] * 5
+
+
+@pytest.mark.parametrize(("robot", "impulse"), [("solo12", 1.5), ("go2", 9.65)])
+def test_a_film_shows_the_ground_and_a_push_that_fits_the_robot(
+    monkeypatch, tmp_path, robot, impulse
+):
+    asked = []
+    ground = ("the ground of one robot",)
+    q = np.zeros((1, 9, 19))
+
+    def played(job):
+        asked.append(job.episodes.disturbance.pushes.impulse)
+        return SimpleNamespace(length=[9], failed=[False], q=q, ground=ground), None
+
+    def film(recording, path, title, **_):
+        asked.append(recording.ground)
+        path.write_bytes(b"film")
+        return path
+
+    monkeypatch.setattr(films, "play_out", played)
+    monkeypatch.setattr(films, "film", film)
+    config = Config(robot=RobotConfig(model=robot))
+    filmed = film_policy("BC", config, tmp_path / "policy.safetensors", "seed-0")
+    assert filmed.impulse == pytest.approx(impulse, abs=0.01)
+    np.testing.assert_allclose(asked[0], [[[0.0, filmed.impulse, 0.0]]])
+    assert asked[1] is ground
+    assert f"a push of {filmed.impulse:.3g} N s" in film_section([filmed])
 
 
 def test_without_a_policy_there_are_no_films(results):

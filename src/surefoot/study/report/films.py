@@ -19,6 +19,7 @@ import numpy as np
 from surefoot.config import Config
 from surefoot.config.study import EXPERT, Technique
 from surefoot.robots.load import load_robot
+from surefoot.robots.scaling import size_of
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out
@@ -40,7 +41,7 @@ DURATION = 4.0
 PUSH_AT = 2.0
 """[s] when the push begins, as in the paper's test."""
 IMPULSE = 1.5
-"""[N s] impulse of the push, to the left."""
+"""[N s] impulse of the push on Solo12, to the left; on another robot it grows with the mass."""
 PUSH_TICKS = 10
 """[ms] how long the push lasts."""
 RATE = 25.0
@@ -56,11 +57,13 @@ class Filmed:
     Attributes:
         title: The technique, and the run whose policy it is.
         outcome: How the episode ended, in words.
+        impulse: Impulse of the push [N s].
         content: The film, an MP4.
     """
 
     title: str
     outcome: str
+    impulse: float
     content: bytes
 
 
@@ -124,9 +127,10 @@ def film_policy(title: str, config: Config, policy: Path | None, run: str) -> Fi
         PolicyFileError: The policy's file is damaged.
     """
     start = standing_start(Command(SPEED, 0.0, 0.0), config.robot)
-    impulse = np.array([[[0.0, IMPULSE, 0.0]]])
+    robot = load_robot(config.robot)
+    impulse = IMPULSE * size_of(robot).mass_ratio
     push_tick = round(1000 * PUSH_AT)
-    pushes = Pushes(impulse, np.array([[push_tick]]), PUSH_TICKS)
+    pushes = Pushes(np.array([[[0.0, impulse, 0.0]]]), np.array([[push_tick]]), PUSH_TICKS)
     episodes = Episodes(start, DURATION, disturbance=Disturbance(pushes=pushes))
     arbiter = ExpertOnly() if policy is None else PolicyOnly()
     # What counts as a fall is what does so in the measurement of pushes.
@@ -134,10 +138,11 @@ def film_policy(title: str, config: Config, policy: Path | None, run: str) -> Fi
     rollouts, _ = play_out(Job(config, episodes, arbiter, policy=policy))
     length = max(int(rollouts.length[0]), 1)
     recording = Recording(
-        robot=load_robot(config.robot),
+        robot=robot,
         simulation=config.simulation,
         q=rollouts.q[0, :length],
         pushes=pushes.begun(0, length),
+        ground=rollouts.ground,
     )
     if not rollouts.failed[0]:
         outcome = "stays up"
@@ -148,7 +153,7 @@ def film_policy(title: str, config: Config, policy: Path | None, run: str) -> Fi
     with TemporaryDirectory() as folder:
         path = film(recording, Path(folder) / "film.mp4", title, rate=RATE, size=SIZE)
         name = title if policy is None else f"{title} ({run})"
-        return Filmed(name, outcome, path.read_bytes())
+        return Filmed(name, outcome, impulse, path.read_bytes())
 
 
 def film_section(filmed: Sequence[Filmed]) -> Markup:
@@ -173,8 +178,9 @@ def film_section(filmed: Sequence[Filmed]) -> Markup:
             },
         )
         figures.append(element("figure", joined([video, element("figcaption", escaped(words))])))
+    impulses = " or ".join(dict.fromkeys(f"{each.impulse:.3g}" for each in filmed))
     about = paragraph(
-        f"From standing to {SPEED:g} m/s; after {PUSH_AT:g} s a push of {IMPULSE:g} N s to the "
+        f"From standing to {SPEED:g} m/s; after {PUSH_AT:g} s a push of {impulses} N s to the "
         f"left for {PUSH_TICKS} ms. One episode says little: the figures count."
     )
     return joined([about, element("div", joined(figures), {"class": "films"})])

@@ -1,4 +1,4 @@
-"""Which policies are compared, and the ground on which all of them are measured.
+"""Which policies can be compared, and the settings in which all of them are measured.
 
 Only its policy, with its gains, and its cost come from a run; robot, physics, gait, expert, falls,
 evaluation and pushes must be the same in all runs. Next: `comparison`, which measures them.
@@ -23,6 +23,7 @@ from surefoot.config import (
 from surefoot.config.checked import known
 from surefoot.config.json_io import changes
 from surefoot.config.methods import IterativeConfig
+from surefoot.config.study import EXPERT
 from surefoot.methods import METHODS
 from surefoot.mpc.gaits import names_of
 from surefoot.rollouts.jobs import PLANNER
@@ -33,11 +34,8 @@ from surefoot.runs.run import Run, RunError, open_run, read_setup
 from surefoot.scenarios.starts import starts_of
 from surefoot.study.records import Row
 
-EXPERT = "expert"
-"""Label of the expert's row."""
-
 WhichPolicy = Literal["best", "last"]
-"""The policy of a run that did best on the `select` initial states, or the one trained last."""
+"""The policy that a run chose (`runs.metrics.Best`), or the one that it trained last."""
 
 
 def open_comparable_runs(folders: Sequence[Path]) -> list[Run]:
@@ -118,7 +116,7 @@ def labels_of(runs: Sequence[Run], names: Sequence[str]) -> list[str]:
     return labels
 
 
-def common_ground(config: Config, episodes: int) -> Config:
+def shared_settings(config: Config, episodes: int) -> Config:
     """The part of a run's configuration that affects an evaluation; the rest is the default.
 
     Args:
@@ -153,7 +151,7 @@ def _same_starts(run: Run, other: Run) -> bool:
 
 
 def check_comparable(run: Run, first: Run) -> None:
-    """Check that two runs were made on the same ground, with the packaged set and expert.
+    """Check that two runs share settings and initial states, and learned from the package's expert.
 
     Raises:
         ValueError: Physics, gait, expert, falls, evaluation, pushes or initial states differ; or
@@ -161,10 +159,10 @@ def check_comparable(run: Run, first: Run) -> None:
     """
     _check_gaits(first)
     _check_gaits(run)
-    ground = common_ground(run.config, 1)
+    settings = shared_settings(run.config, 1)
     if _same_starts(run, first):  # each run has its own copy
-        ground = replace(ground, start_set=first.config.start_set)
-    for name, value, other in changes(ground, common_ground(first.config, 1)):
+        settings = replace(settings, start_set=first.config.start_set)
+    for name, value, other in changes(settings, shared_settings(first.config, 1)):
         raise ValueError(
             f"{run.folder} has {name} {value}, {first.folder} has {other}: they cannot be compared"
         )

@@ -17,7 +17,7 @@ from surefoot.config import (
 from surefoot.mpc.gaits import GAITS
 from surefoot.runs.run import RunError, create, open_run
 from surefoot.scenarios.starts import load_starts, save_starts
-from surefoot.study.ground import WhichPolicy, open_comparable_runs, rows_of
+from surefoot.study.comparable import WhichPolicy, open_comparable_runs, rows_of
 from tests.fakes.comparisons import SMALL, run_of, ten_rollouts
 from tests.fakes.learning import FLOAT32
 

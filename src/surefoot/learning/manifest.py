@@ -1,0 +1,101 @@
+"""The manifest of a dataset: which shards it has, and the hashes of what they hold.
+
+The frames, which are the ticks that a method keeps to train on, have a hash by episode, so that it
+is the same however they are sharded; all ticks of a shard have one of their own. Read next:
+``dataset.py``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from surefoot.errors import shown
+from surefoot.learning.frames import combine_digests
+from surefoot.learning.shard import FORMAT
+
+
+class DatasetError(ValueError):
+    """A dataset's files are damaged, or a request contradicts what it holds."""
+
+
+@dataclass(frozen=True)
+class ShardEntry:
+    """What the manifest says about a shard.
+
+    Attributes:
+        frames: Number of kept frames.
+        sha256: Hash of all of them.
+        episodes: Hash of each episode's kept frames, by the episode's id as text.
+        ticks: Number of all ticks; None in format 1, whose files hold the kept frames alone.
+        ticks_sha256: Hash of all arrays of all ticks; None in format 1.
+    """
+
+    frames: int
+    sha256: str
+    episodes: dict[str, str]
+    ticks: int | None = None
+    ticks_sha256: str | None = None
+
+    @property
+    def rows(self) -> int:
+        """Number of ticks in the file."""
+        return self.frames if self.ticks is None else self.ticks
+
+    @property
+    def format(self) -> int:
+        """Version of the file."""
+        return 1 if self.ticks is None else FORMAT
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a dataset holds, as its ``manifest.json``.
+
+    Attributes:
+        format: Version of the shards and of the manifest.
+        shards: The shards, by name.
+    """
+
+    format: int
+    shards: dict[str, ShardEntry]
+
+
+def check_entries(shards: Mapping[str, ShardEntry]) -> None:
+    """Check that entries name files of the folder and contradict neither themselves nor others.
+
+    Raises:
+        ValueError: An entry has a name that is no file's, other numbers than its episodes allow, or
+            an episode that is no number or is in another entry too.
+    """
+    shard_of = {}
+    for name, entry in shards.items():
+        check_name(name)
+        if not min(entry.frames, 1) <= len(entry.episodes) <= entry.frames:
+            raise ValueError(
+                f"shard {name!r} has {entry.frames} frames and {len(entry.episodes)} episodes"
+            )
+        if entry.rows < entry.frames or (entry.ticks is None) != (entry.ticks_sha256 is None):
+            raise ValueError(
+                f"shard {name!r} has {entry.frames} frames and {entry.ticks} ticks with the hash "
+                f"{shown(entry.ticks_sha256)}"
+            )
+        for episode in entry.episodes:
+            if not re.fullmatch(r"0|-?[1-9]\d{0,18}", episode, re.ASCII):
+                raise ValueError(f"shard {name!r} has an episode {shown(episode)}, not a number")
+            if episode in shard_of:
+                raise ValueError(f"episode {episode} is in {shard_of[episode]!r} and in {name!r}")
+            shard_of[episode] = name
+        if combine_digests(entry.episodes) != entry.sha256:
+            raise ValueError(f"the hashes of the episodes of {name!r} do not match its own")
+
+
+def check_name(name: str) -> None:
+    """Check that a shard's name leads to no other folder than the dataset's.
+
+    Raises:
+        DatasetError: It could.
+    """
+    if not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
+        raise DatasetError(f"shard name {shown(name)}: use letters, digits, '_', '-' and dots")

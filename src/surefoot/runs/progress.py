@@ -1,0 +1,27 @@
+"""A bar that shows the epochs of a training, with the losses so far."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from tqdm import tqdm
+
+from surefoot.learning.train import Progress
+
+
+@contextmanager
+def epochs_bar(title: str) -> Iterator[Progress]:
+    """A bar of the epochs of a training; the value is the progress for `surefoot.learning.train`.
+
+    Args:
+        title: Text of the bar.
+    """
+    with tqdm(desc=title, unit="epoch", leave=False) as bar:
+
+        def progress(_epoch: int, epochs: int, train_loss: float, validation_loss: float) -> None:
+            bar.total = epochs
+            bar.set_postfix(train=f"{train_loss:.4f}", validation=f"{validation_loss:.4f}")
+            bar.update()
+
+        yield progress
