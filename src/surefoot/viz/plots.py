@@ -29,8 +29,8 @@ RED = "#D55E00"
 GREEN = "#009E73"
 GRAY = "#666666"
 """Colors of the palette of Okabe and Ito, which color-blind people can tell apart."""
-PALETTE = (BLUE, RED, GREEN, "#CC79A7", "#E69F00", "#56B4E9", GRAY, "#F0E442")
-"""Colors of the methods; the expert is black."""
+PALETTE = (BLUE, RED, GREEN, "#CC79A7", "#E69F00", "#56B4E9", GRAY, "#F0E442", "#7B4FA3")
+"""Colors of the methods, the ninth a violet beside that palette; the expert is black."""
 MOST_LABELS = 12
 """Iterations named on the axis; of more, every second, third, and so on."""
 STYLE: dict[RcKeyType, Any] = {

@@ -25,7 +25,7 @@ INK = "#1B1F24"
 """Color of texts and axes, and of the expert."""
 GRID = "#E3E3E3"
 """Color of the grid."""
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "p")
 """Markers of the techniques, in the order of the palette."""
 LINES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)), "-", "--", "-.")
 """Line styles of the techniques."""

@@ -15,12 +15,14 @@ DARK = """
   --panel: #1b2027; --link: #7cc4f5; --good: #4fd0a5; --bad: #ff9b66;
   --technique-0: #56b4e9; --technique-1: #ff8c4b; --technique-2: #2fc493; --technique-3: #e3a5cb;
   --technique-4: #f2b632; --technique-5: #9ad7ff; --technique-6: #a9a9a9; --technique-7: #f0e442;
+  --technique-8: #b794e0;
 """
 LIGHT = """
   --paper: #ffffff; --ink: #1b1f24; --soft: #59636e; --grid: #e3e3e3; --line: #d0d7de;
   --panel: #f6f8fa; --link: #0058a3; --good: #00704f; --bad: #a94400;
   --technique-0: #0072b2; --technique-1: #d55e00; --technique-2: #009e73; --technique-3: #cc79a7;
   --technique-4: #e69f00; --technique-5: #56b4e9; --technique-6: #666666; --technique-7: #f0e442;
+  --technique-8: #7b4fa3;
 """
 STYLE = Template("""
 :root { color-scheme: light dark; $light }
