@@ -16,6 +16,7 @@ from surefoot.cli.doctor import (
     run_check,
     run_child,
 )
+from surefoot.cli.extras import Extra
 
 
 def run_code(code: str) -> Finding:
@@ -100,6 +101,27 @@ def test_the_simulator_that_is_asked_for_is_essential(findings, surefoot):
     findings["bullet"] = Finding(False, "no wheel")
     assert surefoot("doctor") == 0
     assert surefoot("doctor", "--sim", "bullet") == 1
+
+
+def test_what_is_not_made_for_this_python_is_no_failure(findings, surefoot, capsys, monkeypatch):
+    """There is nothing to install: only who asks for it is told that it fails."""
+    findings["bullet"] = Finding(False, "no wheel")
+    monkeypatch.setattr(doctor, "extras", lambda: [Extra("pybullet", "", (), available=False)])
+    assert surefoot("doctor") == 0
+    report = capsys.readouterr().out
+    assert "none  bullet    not made for this Python\n" in report
+    assert "FAIL" not in report and "fix" not in report
+    assert surefoot("doctor", "--sim", "bullet") == 1
+    assert "FAIL  bullet    no wheel\n" in capsys.readouterr().out
+
+
+def test_a_missing_library_of_the_system_is_no_reason_to_reinstall(findings, capsys):
+    text = "ImportError: libgomp.so.1: cannot open shared object file: No such file or directory"
+    findings["plan"] = Finding(False, text)
+    assert not examine_machine()
+    report = capsys.readouterr().out
+    assert "fix: a library of the system is missing; on Debian: apt-get install libgomp1\n" in report
+    assert "reinstall" not in report
 
 
 def test_without_a_cache_nothing_else_is_blamed(findings, capsys):
