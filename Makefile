@@ -89,7 +89,7 @@ release-check: venv  ## build wheel and sdist, install the wheel in an empty env
 	$(BIN)/python checks/release_check.py $(if $(DEMO),--demo)
 
 system:  ## Debian packages for Pinocchio and headless rendering, and a browser for the page tests (needs root)
-	apt-get update -qq && apt-get install -y -qq libgomp1 libegl1 libgl1-mesa-dri
+	apt-get update -qq && apt-get install -y -qq libgomp1 libegl1 libopengl0 libgl1-mesa-dri
 	apt-get install -y -qq --no-install-recommends chromium
 
 clean:  ## remove the environments and caches; runs stay

@@ -9,6 +9,9 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
+from surefoot.cli.doctor import CHECKS, LIBRARIES
+from surefoot.viz.renderer import FIX
+
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 ALLOWED = [
@@ -63,6 +66,21 @@ def test_what_the_package_asks_for_has_a_pin_that_fits(text):
         return
     (version,) = pinned(wanted.name)
     assert wanted.specifier.contains(version)
+
+
+def debian_packages(text):
+    """The packages that the first apt-get install of a text installs."""
+    line = re.findall(r"apt-get install ([^\n\\]+)", text)[0]
+    return {word for word in line.split() if not word.startswith("-")}
+
+
+def test_container_and_make_install_what_wheels_and_films_need_of_debian():
+    container = debian_packages((ROOT / "Containerfile").read_text())
+    assert container == debian_packages((ROOT / "Makefile").read_text())
+    (drawing,) = re.findall(r"apt-get install ([\w -]+)", FIX)
+    assert container == {*LIBRARIES.values(), *drawing.split()}
+    (render,) = [check for check in CHECKS if check.name == "render"]
+    assert drawing in render.remedy
 
 
 def test_the_container_takes_a_python_that_is_allowed_and_the_pinned_torch():

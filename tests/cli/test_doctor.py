@@ -120,7 +120,9 @@ def test_a_missing_library_of_the_system_is_no_reason_to_reinstall(findings, cap
     findings["plan"] = Finding(False, text)
     assert not examine_machine()
     report = capsys.readouterr().out
-    assert "fix: a library of the system is missing; on Debian: apt-get install libgomp1\n" in report
+    assert (
+        "fix: a library of the system is missing; on Debian: apt-get install libgomp1\n" in report
+    )
     assert "reinstall" not in report
 
 

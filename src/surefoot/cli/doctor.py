@@ -180,7 +180,7 @@ CHECKS = (
         "render",
         check_rendering,
         "films need OpenGL through EGL and the extra viz: "
-        "apt-get install libegl1 libgl1-mesa-dri, pip install 'surefoot[viz]'",
+        "apt-get install libegl1 libopengl0 libgl1-mesa-dri, pip install 'surefoot[viz]'",
         essential=False,
     ),
 )
