@@ -74,7 +74,8 @@ def test_the_command_line_imports_nothing_that_may_crash():
 
 @pytest.fixture
 def findings(monkeypatch) -> dict[str, Finding]:
-    """What the checks find, by name; the others work."""
+    """What the checks find, by name; the others work, and no extra is known."""
+    monkeypatch.setattr(doctor, "extras", list)
     by_name: dict[str, Finding] = {}
     fine = Finding(True, "fine")
     monkeypatch.setattr(doctor, "run_check", lambda check: by_name.get(check.name, fine))
@@ -103,13 +104,22 @@ def test_the_simulator_that_is_asked_for_is_essential(findings, surefoot):
     assert surefoot("doctor", "--sim", "bullet") == 1
 
 
-def test_what_is_not_made_for_this_python_is_no_failure(findings, surefoot, capsys, monkeypatch):
-    """There is nothing to install: only who asks for it is told that it fails."""
+@pytest.mark.parametrize(
+    ("extra", "state"),
+    [
+        (Extra("pybullet", "", (), available=False), "not made for this Python"),
+        (Extra("pybullet", "", ("pybullet",)), "missing: pip install 'surefoot[pybullet]'"),
+    ],
+)
+def test_an_extra_that_is_not_here_is_no_failure(
+    findings, surefoot, capsys, monkeypatch, extra, state
+):
+    """It is optional: only who asks for it is told that it fails."""
     findings["bullet"] = Finding(False, "no wheel")
-    monkeypatch.setattr(doctor, "extras", lambda: [Extra("pybullet", "", (), available=False)])
+    monkeypatch.setattr(doctor, "extras", lambda: [extra])
     assert surefoot("doctor") == 0
     report = capsys.readouterr().out
-    assert "none  bullet    not made for this Python\n" in report
+    assert f"none  bullet    {state}\n" in report
     assert "FAIL" not in report and "fix" not in report
     assert surefoot("doctor", "--sim", "bullet") == 1
     assert "FAIL  bullet    no wheel\n" in capsys.readouterr().out

@@ -49,8 +49,8 @@ class Check:
         run: Function that returns one line if it works, and raises if it does not.
         remedy: How to fix it.
         essential: False for what only films or the second simulator need.
-        extra: The extra that it needs; where that is not made for this Python, there is nothing to
-            check. Empty if it needs none, or if it can fail for other reasons, too.
+        extra: The extra that is checked; without it, there is nothing to check. Empty if the check
+            is of something else, too.
     """
 
     name: str
@@ -246,12 +246,12 @@ def examine_machine(backend: Backend = "mujoco") -> bool:
     known = extras()
     for extra in known:
         print(f"  {extra.line}")
-    unavailable = {extra.name for extra in known if not extra.available}
+    lacking = {extra.name: extra.state for extra in known if not extra.installed}
     healthy = True
     with tqdm(CHECKS, "check", leave=False, unit="part") as bar:
         for check in bar:
-            if check.extra in unavailable and check.name != backend:
-                tqdm.write(f"none  {check.name:<9} not made for this Python")
+            if check.extra in lacking and check.name != backend:
+                tqdm.write(f"none  {check.name:<9} {lacking[check.extra]}")
                 continue
             bar.set_postfix_str(f"{check.name}; the first plan on a machine compiles, a minute")
             finding = run_check(check)
