@@ -88,8 +88,8 @@ peers: .venv-peers/.complete  ## collection speed, compared with imitation and S
 release-check: venv  ## build wheel and sdist, install the wheel in an empty environment, use it there
 	$(BIN)/python checks/release_check.py $(if $(DEMO),--demo)
 
-system:  ## Debian packages for headless rendering, and a browser for the page tests (needs root)
-	apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri
+system:  ## Debian packages for Pinocchio and headless rendering, and a browser for the page tests (needs root)
+	apt-get update -qq && apt-get install -y -qq libgomp1 libegl1 libopengl0 libgl1-mesa-dri
 	apt-get install -y -qq --no-install-recommends chromium
 
 clean:  ## remove the environments and caches; runs stay

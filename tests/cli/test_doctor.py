@@ -16,6 +16,7 @@ from surefoot.cli.doctor import (
     run_check,
     run_child,
 )
+from surefoot.cli.extras import Extra
 
 
 def run_code(code: str) -> Finding:
@@ -73,7 +74,8 @@ def test_the_command_line_imports_nothing_that_may_crash():
 
 @pytest.fixture
 def findings(monkeypatch) -> dict[str, Finding]:
-    """What the checks find, by name; the others work."""
+    """What the checks find, by name; the others work, and no extra is known."""
+    monkeypatch.setattr(doctor, "extras", list)
     by_name: dict[str, Finding] = {}
     fine = Finding(True, "fine")
     monkeypatch.setattr(doctor, "run_check", lambda check: by_name.get(check.name, fine))
@@ -100,6 +102,38 @@ def test_the_simulator_that_is_asked_for_is_essential(findings, surefoot):
     findings["bullet"] = Finding(False, "no wheel")
     assert surefoot("doctor") == 0
     assert surefoot("doctor", "--sim", "bullet") == 1
+
+
+@pytest.mark.parametrize(
+    ("extra", "state"),
+    [
+        (Extra("pybullet", "", (), available=False), "not made for this Python"),
+        (Extra("pybullet", "", ("pybullet",)), "missing: pip install 'surefoot[pybullet]'"),
+    ],
+)
+def test_an_extra_that_is_not_here_is_no_failure(
+    findings, surefoot, capsys, monkeypatch, extra, state
+):
+    """It is optional: only who asks for it is told that it fails."""
+    findings["bullet"] = Finding(False, "no wheel")
+    monkeypatch.setattr(doctor, "extras", lambda: [extra])
+    assert surefoot("doctor") == 0
+    report = capsys.readouterr().out
+    assert f"none  bullet    {state}\n" in report
+    assert "FAIL" not in report and "fix" not in report
+    assert surefoot("doctor", "--sim", "bullet") == 1
+    assert "FAIL  bullet    no wheel\n" in capsys.readouterr().out
+
+
+def test_a_missing_library_of_the_system_is_no_reason_to_reinstall(findings, capsys):
+    text = "ImportError: libgomp.so.1: cannot open shared object file: No such file or directory"
+    findings["plan"] = Finding(False, text)
+    assert not examine_machine()
+    report = capsys.readouterr().out
+    assert (
+        "fix: a library of the system is missing; on Debian: apt-get install libgomp1\n" in report
+    )
+    assert "reinstall" not in report
 
 
 def test_without_a_cache_nothing_else_is_blamed(findings, capsys):

@@ -262,6 +262,6 @@ def test_without_pybullet_the_error_says_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "pybullet", None)
     monkeypatch.delitem(sys.modules, "surefoot.sim.bullet", raising=False)
     monkeypatch.delattr(surefoot.sim, "bullet", raising=False)
-    with pytest.raises(ImportError, match=r"up to Python 3.11 only: pip install 'surefoot\[pyb"):
+    with pytest.raises(ImportError, match=r"up to Python 3.11 only: there, pip install 'surefoot"):
         make_simulator(ROBOT, 1, BULLET)
     make_simulator(ROBOT, 1)  # MuJoCo does not need it

@@ -8,6 +8,7 @@ how to fix it. This module imports nothing compiled, apart from NumPy, for the s
 from __future__ import annotations
 
 import platform
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -26,6 +27,8 @@ from surefoot.runs.versions import PACKAGES
 
 TIMEOUT = 900.0
 """[s] for one check; the first plan on a machine compiles, for a minute on a slow one."""
+LIBRARIES = {"libgomp.so.1": "libgomp1"}
+"""Debian's packages of the libraries that a wheel needs and does not bring: here Pinocchio's."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +49,15 @@ class Check:
         run: Function that returns one line if it works, and raises if it does not.
         remedy: How to fix it.
         essential: False for what only films or the second simulator need.
+        extra: The extra that is checked; without it, there is nothing to check. Empty if the check
+            is of something else, too.
     """
 
     name: str
     run: Callable[[], str]
     remedy: str
     essential: bool = True
+    extra: str = ""
 
 
 @dataclass(frozen=True)
@@ -161,8 +167,9 @@ CHECKS = (
         "bullet",
         check_bullet,
         "the paper's simulator is optional, and has wheels up to Python 3.11 only: "
-        "pip install 'surefoot[pybullet]'",
+        "there, pip install 'surefoot[pybullet]'",
         essential=False,
+        extra="pybullet",
     ),
     Check(
         "train",
@@ -173,10 +180,24 @@ CHECKS = (
         "render",
         check_rendering,
         "films need OpenGL through EGL and the extra viz: "
-        "apt-get install libegl1 libgl1-mesa-dri, pip install 'surefoot[viz]'",
+        "apt-get install libegl1 libopengl0 libgl1-mesa-dri, pip install 'surefoot[viz]'",
         essential=False,
     ),
 )
+
+
+def remedy_of(check: Check, finding: Finding) -> str:
+    """How to fix what a check has found; where a library is missing, no wheel is to blame.
+
+    Args:
+        check: The check.
+        finding: What it found: it failed.
+    """
+    missing = re.search(r"(\S+): cannot open shared object file", finding.line)
+    package = LIBRARIES.get(missing.group(1)) if missing else None
+    if package is None:
+        return check.remedy
+    return f"a library of the system is missing; on Debian: apt-get install {package}"
 
 
 def run_check(check: Check) -> Finding:
@@ -222,16 +243,21 @@ def examine_machine(backend: Backend = "mujoco") -> bool:
         except PackageNotFoundError:
             print(f"  {package:<10} missing: pip install {package}")
     print("extras:")
-    for extra in extras():
+    known = extras()
+    for extra in known:
         print(f"  {extra.line}")
+    lacking = {extra.name: extra.state for extra in known if not extra.installed}
     healthy = True
     with tqdm(CHECKS, "check", leave=False, unit="part") as bar:
         for check in bar:
+            if check.extra in lacking and check.name != backend:
+                tqdm.write(f"none  {check.name:<9} {lacking[check.extra]}")
+                continue
             bar.set_postfix_str(f"{check.name}; the first plan on a machine compiles, a minute")
             finding = run_check(check)
             tqdm.write(f"{'ok  ' if finding.works else 'FAIL'}  {check.name:<9} {finding.line}")
             if not finding.works:
-                tqdm.write(f"      fix: {check.remedy}")
+                tqdm.write(f"      fix: {remedy_of(check, finding)}")
                 healthy = healthy and not (check.essential or check.name == backend)
                 if check == CACHE:
                     break

@@ -40,15 +40,23 @@ class Extra:
     available: bool = True
 
     @property
+    def installed(self) -> bool:
+        """Whether all of it is here."""
+        return self.available and not self.missing
+
+    @property
+    def state(self) -> str:
+        """Whether it is here, and if not, how it is installed."""
+        if not self.available:
+            return "not made for this Python"
+        if self.missing:
+            return f"missing: pip install '{PACKAGE}[{self.name}]'"
+        return "installed"
+
+    @property
     def line(self) -> str:
         """What a report says of it."""
-        if not self.available:
-            state = "not made for this Python"
-        elif self.missing:
-            state = f"missing: pip install '{PACKAGE}[{self.name}]'"
-        else:
-            state = "installed"
-        return f"{self.name:<12}{self.adds}: {state}"
+        return f"{self.name:<12}{self.adds}: {self.state}"
 
 
 def extras() -> list[Extra]:

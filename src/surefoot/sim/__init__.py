@@ -44,7 +44,7 @@ def make_simulator(
         except ImportError as error:
             raise ImportError(
                 f"the simulator 'bullet' needs PyBullet ({error}), which has wheels up to Python "
-                "3.11 only: pip install 'surefoot[pybullet]'"
+                "3.11 only: there, pip install 'surefoot[pybullet]'; elsewhere, take MuJoCo"
             ) from error
         return BulletSimulator(robot, batch, config, ground)
     from surefoot.sim.mujoco import MujocoSimulator

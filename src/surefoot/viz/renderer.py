@@ -37,7 +37,7 @@ SHOWN_GROUND = 3.0
 as long."""
 LEAST_SHARE = 6
 """Pictures of a process: to start one takes as long as to draw them."""
-FIX = "on Debian or Ubuntu: `make system`, or `apt-get install libegl1 libgl1-mesa-dri`"
+FIX = "on Debian or Ubuntu: `make system`, or `apt-get install libegl1 libopengl0 libgl1-mesa-dri`"
 
 
 class RenderingUnavailable(RuntimeError):  # noqa: N818
