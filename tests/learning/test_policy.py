@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from surefoot.config import Config, PolicyConfig
 from surefoot.learning.joint_limits import JointLimits, SafetyBounds
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.observation import network_input
+from surefoot.learning.observation import INPUT_SIZE, network_input
 from surefoot.learning.policy import (
     Policy,
     PolicyFileError,
@@ -195,6 +195,16 @@ def test_a_policy_keeps_a_copy_of_its_network():
         network.linear[0].weight.zero_()
     np.testing.assert_array_equal(policy.target(*arguments(5)), before)
     assert policy.network.state_dict()["linear.0.weight"].any()
+
+
+def test_a_policy_answers_any_number_of_inputs_to_the_bit(monkeypatch):
+    policy = make_policy()
+    inputs = np.random.default_rng(0).normal(size=(100, INPUT_SIZE)).astype(np.float32)
+    together = policy.answers(inputs)
+    monkeypatch.setattr("surefoot.learning.policy.ROWS_AT_ONCE", 30)
+    np.testing.assert_array_equal(policy.answers(inputs), together)
+    np.testing.assert_array_equal(policy.forward(inputs), together)
+    assert policy.answers(inputs[:0]).shape == (0, 12)
 
 
 def test_a_policy_can_be_sent_to_workers():

@@ -1,0 +1,13 @@
+"""The bar of a training shows its epochs and its losses."""
+
+from surefoot.runs.progress import epochs_bar
+
+
+def test_a_bar_counts_the_epochs_of_a_training_and_shows_its_losses(capsys):
+    with epochs_bar("fit") as progress:
+        for epoch in (1, 2, 3):
+            progress(epoch, 3, 0.25, 0.5)
+    shown = capsys.readouterr().err
+    assert "fit:" in shown
+    assert "/3 [" in shown
+    assert "train=0.2500, validation=0.5000" in shown
