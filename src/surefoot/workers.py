@@ -277,13 +277,10 @@ def _ctrl_c_held_back() -> Iterator[None]:
 
 
 def end_with_the_parent(parent: int) -> None:
-    """Make this worker end when its parent does, however that ends.
+    """Make this worker end when its parent does, a process id, however that ends.
 
     A thread looks for it: Linux's own signal comes when the parent's thread ends that started the
     worker, even if the parent goes on.
-
-    Args:
-        parent: The process id of the parent.
     """
 
     def watch() -> None:

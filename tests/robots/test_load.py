@@ -14,6 +14,7 @@ from surefoot.config.json_io import to_json
 from surefoot.config.robot_table import ANYMAL_C, GO2, HYQ, ROBOTS, SOLO12
 from surefoot.robots.canonical import joint_axes
 from surefoot.robots.description import find_urdf, read_description
+from surefoot.robots.examine import examine_robot
 from surefoot.robots.load import find_spec, load_robot, read_spec
 from surefoot.robots.model import standing
 from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
@@ -351,10 +352,23 @@ def test_other_joints_are_locked_and_their_masses_stay(tmp_path):
     np.testing.assert_allclose(moment, expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("encoding", ["ISO-8859-1", "UTF-16", "UTF-8"])
+def test_a_description_may_be_in_any_encoding_that_it_declares(tmp_path, encoding):
+    root = ElementTree.parse(find_urdf(GO2)).getroot()
+    root.set("name", "Müllers Hund")
+    file = tmp_path / "go2.urdf"
+    ElementTree.ElementTree(root).write(file, encoding=encoding, xml_declaration=True)
+    spec = replace(GO2, urdf=str(file))
+    assert load_robot(spec).mass == MODELS["go2"].mass
+    np.testing.assert_array_equal(load_robot(spec).nominal, MODELS["go2"].nominal)
+    assert examine_robot(RobotConfig(spec=spec)).name == "go2"
+
+
 @pytest.mark.parametrize(
     ("content", "text"),
     [
         (b"", "it is not XML"),
+        (b"<?xml version='1.0' encoding='klingon'?><robot name='x'/>", "it is not XML"),
         (b"\xff\xfe\x00", "it is not XML"),
         (b"<robot", "it is not XML"),
         (b"<sdf/>", "its root is <sdf>, expected <robot>"),

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from surefoot import rotations
+from surefoot import rotations, types
 from surefoot.config import PolicyConfig
 from surefoot.learning.layouts import LAYOUTS, History, Layout
 from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork
@@ -17,11 +17,11 @@ from surefoot.rollouts.compiled import (
     CompiledPolicy,
     clip_torque,
     driver,
-    ground,
+    ground_height,
     heading,
     to_heading,
 )
-from surefoot.types import State, ground_height
+from surefoot.types import State
 from tests.fakes.drivers import FakeController
 from tests.fakes.learning import SMALL, spec_of, trained_network
 
@@ -143,8 +143,8 @@ def test_the_memory_of_a_robot_does_not_depend_on_the_batch():
 def test_the_height_of_the_ground_has_the_bits_of_the_array_function(seed):
     state = random_moment(seed, 20)[0]
     state.feet[3, 1, 2] = np.nan
-    expected = ground_height(state, 0.02)
-    actual = [ground(state.feet[i], state.contacts[i], 0.02) for i in range(20)]
+    expected = types.ground_height(state, 0.02)
+    actual = [ground_height(state.feet[i], state.contacts[i], 0.02) for i in range(20)]
     np.testing.assert_array_equal(actual, expected)
 
 

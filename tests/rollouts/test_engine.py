@@ -297,11 +297,13 @@ def test_an_arbiter_that_asks_for_a_policy_needs_one():
         rollout(FakeSimulator(1), standing_for(0.1), PolicyOnly(), FakeController())
 
 
-def test_progress_counts_all_ticks():
+@pytest.mark.parametrize(("duration", "tail"), [(0.4, 0.1), (0.43, 0.129), (0.05, 0.0)])
+def test_progress_counts_all_ticks(duration, tail):
     done = []
-    episodes = standing_for(0.4, tail=0.1)
+    episodes = standing_for(duration, tail=tail)
     rollout(FakeSimulator(1), episodes, ExpertOnly(), FakeController(), progress=done.append)
-    assert sum(done) == 500
+    assert sum(done) == round(1000 * (duration + tail))
+    assert all(done)
 
 
 def test_a_push_acts_on_its_robot_at_its_time_in_its_heading():

@@ -1,23 +1,35 @@
 """Many episodes: the same for any number of workers, chunks and companions."""
 
+import json
 from dataclasses import fields, replace
 from functools import partial
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from surefoot.config import Config, DisturbanceConfig, EvaluationConfig, PolicyConfig
+from surefoot.config import (
+    Config,
+    DisturbanceConfig,
+    EvaluationConfig,
+    PolicyConfig,
+    RobotConfig,
+)
 from surefoot.config.array_io import load_arrays
 from surefoot.config.checked import known
+from surefoot.config.json_io import to_json
+from surefoot.config.profiles import ODRI
+from surefoot.config.robot_table import SOLO12
 from surefoot.files import save_arrays
 from surefoot.learning.frames import concatenate
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
+from surefoot.robots.description import find_urdf
 from surefoot.robots.model import standing
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly, SafetySwitch
-from surefoot.rollouts.episodes import Episodes
+from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job, chunks_of, disturbance_of, play_out, run_chunk, run_episodes
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.safety.gates import Bounds
@@ -162,6 +174,31 @@ def test_the_disturbance_of_an_episode_does_not_depend_on_its_companions():
     np.testing.assert_array_equal(alone.pushes.impulse, together.pushes.impulse[[1]])
     np.testing.assert_array_equal(alone.pushes.tick, together.pushes.tick[[1]])
     np.testing.assert_array_equal(alone.mass, together.mass[[1]])
+
+
+def test_a_robot_whose_files_have_changed_is_loaded_again(tmp_path):
+    urdf = tmp_path / "mine.urdf"
+    text = find_urdf(SOLO12).read_text()
+    profile = tmp_path / "mine.json"
+
+    def played(mass: str, torque: float) -> Rollout:
+        root = ElementTree.fromstring(text)
+        base = root.find("link[@name='base_link']/inertial/mass")
+        assert base is not None
+        base.set("value", mass)
+        urdf.write_bytes(ElementTree.tostring(root))
+        profile.write_text(json.dumps(to_json(replace(ODRI, torque_limit=(torque,) * 3))))
+        spec = replace(SOLO12, urdf=str(urdf))
+        job = job_of(episodes=1, tail=0.0)
+        robot = RobotConfig(spec=spec, profile=str(profile))
+        return play_out(replace(job, config=replace(job.config, robot=robot)))[0]
+
+    light = played("1.0", 1.8)
+    heavy = played("3.0", 1.8)
+    weak = played("3.0", 0.2)
+    assert light.com[0, 0, 2] < heavy.com[0, 0, 2]  # the base is above the legs
+    assert np.abs(heavy.torque).max() > 0.2
+    assert np.abs(weak.torque).max() <= 0.2
 
 
 def first_again(job, rollouts):

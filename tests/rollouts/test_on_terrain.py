@@ -158,8 +158,9 @@ def test_a_job_whose_robots_begin_inside_their_ground_is_refused():
     assert ground is not None
     inside = ground.raised(np.array([0.0, 0.1]))
     job = replace(job, episodes=replace(job.episodes, ground=inside))
-    with pytest.raises(ValueError, match=r"state 1: .* 10.0 cm deep in the ground \(bumps\)"):
-        play_out(job)
+    with pytest.raises(ValueError, match=r"episode \d+: .* 10.0 cm deep in the ground") as error:
+        run_episodes(replace(job, config=replace(job.config, chunk=1)), Workers(1), "inside")
+    assert str(error.value).startswith(f"episode {job.episode[1]}: ")
     with pytest.raises(ValueError, match="ground of 1 robots, but there are 2"):
         replace(job.episodes, ground=inside[:1])
 

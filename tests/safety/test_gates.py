@@ -138,6 +138,11 @@ def test_any_of_several_gates_makes_a_state_unsafe_and_all_are_asked_every_tick(
     assert answers == [True, True, False, True, False]
 
 
+def test_no_gates_are_refused():
+    with pytest.raises(ValueError, match="no gates; give at least one"):
+        AnyOf([])
+
+
 def test_relaxing_bounds_start_tight_and_end_as_in_the_table():
     level = state_of(turned_robot())
     tilted = state_of(turned_robot(roll=20))

@@ -76,16 +76,25 @@ def test_an_axis_without_commands_needs_no_gain(monkeypatch):
     assert measured.gain == pytest.approx((1.25, 1.0, 1.0))
 
 
+def test_a_robot_that_has_fallen_and_stands_at_the_end_has_no_share_in_the_gains(monkeypatch):
+    walks_at(np.array([0.8, 0.8, 0.8]), monkeypatch)
+    upright = calibration.expert_walks
+
+    def stumble(*arguments) -> Walks:
+        walks = upright(*arguments)
+        walks.q[1500:2000, 4, 2] = 0.01  # told to walk to the right
+        return walks
+
+    monkeypatch.setattr(calibration, "expert_walks", stumble)
+    box = CommandBox(vy=(0.0, 0.0), yaw_rate=(0.0, 0.0))
+    measured = calibrate_command_gain(ROBOT, Gait(), Config(commands=box))
+    assert measured.gain == pytest.approx((1.25, 1.0, 1.25))
+
+
 def test_a_gait_that_falls_is_refused_with_numbers():
     gallop = Gait(period=0.5, duty=0.35, offsets=(0.0, 0.2, 0.55, 0.75))
     with pytest.raises(ValueError, match=r"the gait custom does not carry the robot: \d of 2 fell"):
         calibrate_command_gain(ROBOT, gallop, Config())
-
-
-def test_standing_needs_no_walks(monkeypatch):
-    asked = walks_at(np.ones(3), monkeypatch)
-    assert calibrate_command_gain(ROBOT, GAITS["stand"], Config()).gain == (1.0, 1.0, 1.0)
-    assert asked == []
 
 
 def test_the_gains_of_the_trot_come_out_as_those_of_the_first_initial_states():

@@ -94,6 +94,8 @@ def test_one_more_push_comes_early_in_the_tail_if_there_is_one():
     short = pushes_of(draw_disturbances(config, 0, IDS, 5.0, 0.5, tail=0.01))
     assert short.tick[:, 1].max() < 5010
     assert pushes_of(draw_disturbances(config, 0, IDS, 5.0, 0.5)).impulse.shape == (1000, 1, 3)
+    none = pushes_of(draw_disturbances(config, 0, IDS, 5.0, 0.5, tail=0.0004))
+    assert none.impulse.shape == (1000, 1, 3)  # such a tail has no tick
     alone = pushes_of(draw_disturbances(replace(config, pushes=0), 0, IDS, 5.0, 0.5, tail=1.0))
     assert alone.tick.min() == 5000
 

@@ -229,6 +229,14 @@ def test_a_box_that_is_too_large_is_refused_with_the_largest_that_works(fake_wal
     assert refused.value.largest == CommandBox(vx=(-0.3, 0.4), yaw_rate=(-0.5, 0.5))
 
 
+@pytest.mark.parametrize("period", [0.5, 0.52, 0.612, 1.02])
+def test_what_is_followed_is_a_mean_over_whole_periods_on_the_grid_or_off_it(fake_walks, period):
+    prepared = made(replace(GO2_TROT, gait=replace(GO2_TROT.gait, period=period)))
+    for each in prepared.made.followed:
+        assert each.velocity == pytest.approx(each.command, abs=1e-3)
+    assert max(prepared.made.tracking_error) < 1e-3
+
+
 def test_a_gait_that_falls_on_the_spot_is_refused(fake_walks):
     with pytest.raises(ValueError, match="the gait trot does not carry the robot: 2 of 2 fell"):
         fake_walks.limit = -1.0

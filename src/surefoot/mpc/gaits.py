@@ -11,13 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from surefoot.config import Config, OtherGait
+from surefoot.config import Config, Gait, OtherGait
 from surefoot.config.gait_table import GAITS, gait_name
 from surefoot.config.single_gaits import each_gait, with_timing
 from surefoot.errors import unknown
 
 __all__ = [
     "GAITS",
+    "gait_in_words",
     "gait_name",
     "names_of",
     "numbers_of",
@@ -111,3 +112,12 @@ def numbers_of(config: Config, names: Sequence[str]) -> list[int]:
         if name not in known:
             raise ValueError(unknown("gait", name, known))
     return [known.index(name) for name in names]
+
+
+def gait_in_words(gait: Gait) -> str:
+    """A gait for messages: its name where it is a named one, or its numbers."""
+    name = gait_name(gait)
+    if name in GAITS:
+        return f"the gait {name}"
+    offsets = ", ".join(f"{offset:g}" for offset in gait.offsets)
+    return f"a gait of period {gait.period:g} s, duty {gait.duty:g} and offsets {offsets}"

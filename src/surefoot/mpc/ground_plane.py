@@ -20,17 +20,19 @@ import numpy as np
 
 from surefoot.types import Array, BoolArray
 
-ROUGHNESS = 0.01
-"""[m] How far a foot on the ground is from the plane."""
-UNEVENNESS = 0.02
-"""[m] How much the clearances of feet differ that swing together."""
-CLEARANCE = 0.4
-"""[m] How high feet swing: more than they ever do, so that nothing is known of it."""
-STEEPNESS = 0.4
-"""How steep ground is: 0.4 is 22 degrees."""
-HEIGHT = 0.1
-"""[m] How far the ground is from z = 0, which is where the feet felt it last."""
-PRIOR = np.array([HEIGHT, STEEPNESS, STEEPNESS, CLEARANCE]) ** -2.0
+ROUGHNESS_STD = 0.01
+"""[m] Standard deviation of the distance of a loaded foot from the plane."""
+UNEVENNESS_STD = 0.02
+"""[m] Standard deviation of the clearances of feet that swing together."""
+CLEARANCE_STD = 0.4
+"""[m] Prior standard deviation of how high feet swing: more than they ever do, so that nothing is
+known of it."""
+SLOPE_STD = 0.4
+"""Prior standard deviation of the slope (0.4 is 22 degrees)."""
+HEIGHT_STD = 0.1
+"""[m] Prior standard deviation of the height of the ground; z = 0 is where the feet felt it
+last."""
+PRIOR = np.array([HEIGHT_STD, SLOPE_STD, SLOPE_STD, CLEARANCE_STD]) ** -2.0
 """``(4,)`` What is known of a, both slopes and h before any foot is looked at: one over the
 variances."""
 FARTHEST = 100.0
@@ -97,7 +99,7 @@ def plane_under(feet: Array, loaded: BoolArray, center: Array, foot_radius: floa
     A[:, 0] = 1.0
     A[:, 1:3] = feet[:, :2] - center
     A[:, 3] = ~loaded
-    weight = np.where(loaded, ROUGHNESS, UNEVENNESS) ** -2.0
+    weight = np.where(loaded, ROUGHNESS_STD, UNEVENNESS_STD) ** -2.0
     H = A.T @ (weight[:, None] * A) + np.diag(PRIOR)
     right_side = A.T @ (weight * (feet[:, 2] - foot_radius))
     a, slope_x, slope_y, _ = np.linalg.solve(H, right_side).tolist()

@@ -114,7 +114,8 @@ class KinematicSolver:
 
     Args:
         robot: The robot.
-        config: The nodes, weights and stopping rule; None is the robot's own.
+        config: The nodes, weights and stopping rule. Fields that are None stand for the robot's own
+            values.
     """
 
     def __init__(self, robot: RobotModel, config: KinematicConfig) -> None:

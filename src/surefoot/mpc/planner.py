@@ -98,8 +98,8 @@ class Planner:
 
     Args:
         robot: The robot.
-        gait: The timing and posture; None is the robot's own.
-        config: The horizon, weights and stopping rules; None is the robot's own.
+        gait: The timing and posture; fields that are None stand for the robot's own values.
+        config: The horizon, weights and stopping rules, with the same meaning of None.
         friction: The coefficient of the force cone, which should be the simulator's.
     """
 
@@ -386,7 +386,7 @@ def _within(a: Array, limit: float) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def to_heading_frame(q: Array) -> Array:
-    """Return the configuration ``(19,)`` seen from below the base, turned by minus its ZYX yaw."""
+    """Return q ``(19,)`` in the heading frame, whose origin is on the vertical through the base."""
     x, y, z, w = q[3:7] / np.sqrt(np.sum(q[3:7] ** 2))
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     s = np.sin(-0.5 * yaw)

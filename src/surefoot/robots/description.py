@@ -89,20 +89,11 @@ def read_description(spec: RobotSpec) -> Description:
         ImportError: The package ``example-robot-data`` is missing.
     """
     path = find_urdf(spec)
-    if path.stat().st_size > MOST_BYTES:
-        raise ValueError(f"{path} has {path.stat().st_size} bytes; a URDF has at most {MOST_BYTES}")
-    try:
-        text = read_file(path).decode()
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is no URDF: it is not XML ({error})") from error
-    if root.tag != "robot":
-        raise ValueError(f"{path} is no URDF: its root is <{root.tag}>, expected <robot>")
-    endless = [joint for joint in root.iter("joint") if joint.get("type") == "continuous"]
-    for joint in endless:
-        _limit_widely(joint)
-    if endless:
-        text = ElementTree.tostring(root, encoding="unicode")
+    root = read_urdf(path)
+    for joint in root.iter("joint"):
+        if joint.get("type") == "continuous":
+            _limit_widely(joint)
+    text = ElementTree.tostring(root, encoding="unicode")
     try:
         model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
     except (ValueError, RuntimeError) as error:
@@ -113,6 +104,28 @@ def read_description(spec: RobotSpec) -> Description:
         raise ValueError(f"{path}: {error}") from error
     links = {name: own for name, own in inertias.items() if own is not None}
     return Description(path, model, links)
+
+
+def read_urdf(path: Path) -> ElementTree.Element:
+    """Read the elements of a URDF, in whatever encoding it declares.
+
+    Args:
+        path: The file.
+
+    Raises:
+        ValueError: The file is too large, or no URDF.
+    """
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise ValueError(f"{path} has {size} bytes; a URDF has at most {MOST_BYTES}")
+    content = read_file(path)
+    try:
+        root = ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # of unknown encodings too
+        raise ValueError(f"{path} is no URDF: it is not XML ({error})") from error
+    if root.tag != "robot":
+        raise ValueError(f"{path} is no URDF: its root is <{root.tag}>, expected <robot>")
+    return root
 
 
 def frame_id(description: Description, name: str, robot: str) -> int:

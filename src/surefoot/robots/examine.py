@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
 from surefoot.config.robots import RobotConfig
 from surefoot.robots.canonical import PARTS
-from surefoot.robots.description import Description, read_description
+from surefoot.robots.description import Description, read_description, read_urdf
 from surefoot.robots.geometry import lowest_points
 from surefoot.robots.load import load_robot
 from surefoot.robots.meshes import missing_meshes
@@ -43,8 +42,8 @@ class JointRow:
         nominal: Its angle in the nominal pose [rad].
         low: Its smallest angle [rad]; None if it has no limit.
         high: Its largest angle [rad]; None if it has no limit.
-        torque_limit: [N m].
-        speed_limit: [rad/s]; None if it has none.
+        torque_limit: The torque limit [N m].
+        speed_limit: The speed limit [rad/s]; None if it has none.
         link_mass: Mass of what it turns by itself [kg].
     """
 
@@ -65,7 +64,7 @@ class RobotReport:
     Attributes:
         name: The robot's name.
         urdf: The description.
-        mass: [kg].
+        mass: The total mass [kg].
         size: Its ratios to Solo12, and its heights in the nominal pose.
         own: The values that it has of its own: gains, heights, weights.
         joints: All twelve joints, in canonical order.
@@ -186,7 +185,7 @@ def _of_limits(robot: RobotModel) -> Iterator[str]:
 
 def _of_feet(robot: RobotModel, description: Description) -> Iterator[str]:
     """Remarks on the feet: what the description has there in place of the package's spheres."""
-    root = ElementTree.fromstring(description.path.read_text())
+    root = read_urdf(description.path)
     names = [robot.spec.foot.replace("{leg}", leg) for leg in robot.spec.legs]
     if robot.model.frames[robot.feet[0]].inertia.mass == 0.0:
         yield f"The feet have no inertia of their own; they are a part of the {PARTS[-1]} links."

@@ -6,27 +6,23 @@ Read `robots.model` for what comes of it, `config.robot_table` for the robots of
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
-from surefoot.config.json_io import from_json
-from surefoot.config.json_text import parse_json, read_file
 from surefoot.config.profiles import HardwareProfile
 from surefoot.config.robot_table import ROBOTS
 from surefoot.config.robots import RobotConfig, RobotSpec
 from surefoot.errors import unknown
 from surefoot.robots.canonical import canonical_model, joint_axes
+from surefoot.robots.data_file import SUFFIXES, read_data_file
 from surefoot.robots.description import Description, read_description
 from surefoot.robots.model import RobotModel, Shape, standing
 from surefoot.robots.profile import load_profile, torque_limits
 from surefoot.types import LEGS, Array
 
-SUFFIXES = (".json", ".toml")
-"""The endings of files with a spec."""
 MOST_BYTES = 1_000_000
 """[B] No file with a spec is larger."""
 FREE_TRAVEL = 4 * np.pi
@@ -118,19 +114,7 @@ def read_spec(path: Path) -> RobotSpec:
         ValueError: The file is not there, not JSON or TOML, or holds no spec; the message names the
             file and the key that is wrong.
     """
-    if not path.exists():
-        raise ValueError(f"there is no file {path} with a robot's spec")
-    if path.is_file() and path.stat().st_size > MOST_BYTES:
-        raise ValueError(f"{path} is no spec of a robot: it has more than {MOST_BYTES} bytes")
-    content = read_file(path)
-    try:
-        if path.suffix.lower() == ".toml":
-            values = tomllib.loads(content.decode())
-        else:
-            values = parse_json(content)
-        spec = from_json(RobotSpec, values)
-    except (ValueError, RecursionError) as error:  # of TOML and of UTF-8 too
-        raise ValueError(f"{path} is no spec of a robot: {error}") from error
+    spec = read_data_file(path, RobotSpec, MOST_BYTES, "spec of a robot")
     beside = path.parent / spec.urdf
     return replace(spec, urdf=str(beside.resolve())) if beside.is_file() else spec
 

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
 from surefoot.robots.canonical import BASE, PARTS
-from surefoot.robots.description import read_description
+from surefoot.robots.description import read_description, read_urdf
 from surefoot.robots.model import RobotModel
 from surefoot.types import LEGS, Array, IntArray
 
@@ -64,7 +63,7 @@ def missing_meshes(path: Path) -> tuple[int, list[str]]:
     Args:
         path: The description; what it calls packages are folders above it.
     """
-    root = ElementTree.fromstring(path.read_bytes())
+    root = read_urdf(path)
     names = {mesh.get("filename", "") for mesh in root.iterfind("link/visual/geometry/mesh")}
     missing = []
     for name in sorted(names):

@@ -6,19 +6,15 @@ switched themselves off in an episode.
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 import numpy as np
 
-from surefoot.config.json_io import from_json
-from surefoot.config.json_text import parse_json, read_file
 from surefoot.config.profiles import PROFILES, HardwareProfile
 from surefoot.errors import unknown
+from surefoot.robots.data_file import SUFFIXES, read_data_file
 from surefoot.types import LEGS, Array, BoolArray
 
-SUFFIXES = (".json", ".toml")
-"""The endings of files with a profile."""
 MOST_BYTES = 100_000
 """[B] No file with a profile is larger."""
 
@@ -36,7 +32,7 @@ def load_profile(which: str, robot: str) -> HardwareProfile:
     if which in PROFILES:
         profile = PROFILES[which]
     elif which.lower().endswith(SUFFIXES):
-        profile = _read_profile(Path(which))
+        profile = read_data_file(Path(which), HardwareProfile, MOST_BYTES, "hardware profile")
     else:
         raise ValueError(
             f"{unknown('profile', which, PROFILES)}; a profile of your own is a "
@@ -48,21 +44,6 @@ def load_profile(which: str, robot: str) -> HardwareProfile:
             f"{robot}; name a profile of {robot}, or write one in a {' or '.join(SUFFIXES)} file"
         )
     return profile
-
-
-def _read_profile(path: Path) -> HardwareProfile:
-    """The profile of a JSON or TOML file, which is data: nothing in it is run."""
-    if not path.exists():
-        raise ValueError(f"there is no file {path} with a hardware profile")
-    if path.is_file() and path.stat().st_size > MOST_BYTES:
-        raise ValueError(f"{path} is no hardware profile: it has more than {MOST_BYTES} bytes")
-    content = read_file(path)
-    try:
-        is_toml = path.suffix.lower() == ".toml"
-        values = tomllib.loads(content.decode()) if is_toml else parse_json(content)
-        return from_json(HardwareProfile, values)
-    except (ValueError, RecursionError) as error:  # of TOML and of UTF-8 too
-        raise ValueError(f"{path} is no hardware profile: {error}") from error
 
 
 def torque_limits(profile: HardwareProfile) -> Array:

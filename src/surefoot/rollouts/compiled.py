@@ -217,13 +217,13 @@ def _fill_parts(
     for robot in range(len(q)):
         _fill_row(q[robot], v[robot], com[robot], feet[robot], row)
         if radius >= 0.0:
-            row[0] = q[robot, 2] - ground(feet[robot], contacts[robot], radius)
+            row[0] = q[robot, 2] - ground_height(feet[robot], contacts[robot], radius)
         for i in range(len(columns)):
             out[robot, i] = row[columns[i]]
 
 
 @njit(cache=True, error_model="numpy")
-def ground(feet: Array, contacts: BoolArray, radius: float) -> float:
+def ground_height(feet: Array, contacts: BoolArray, radius: float) -> float:
     """Return the height of the ground under one robot [m], as `types.ground_height` gives it."""
     total = 0.0
     count = 0

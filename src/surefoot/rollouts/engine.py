@@ -167,6 +167,8 @@ def rollout(
         simulator.step(acting, recorder.active)
         if progress is not None and (elapsed + 1) % PROGRESS_TICKS == 0:
             progress(PROGRESS_TICKS)
+    if progress is not None and elapsed % PROGRESS_TICKS:
+        progress(elapsed % PROGRESS_TICKS)
     if safety.stepping_from is not None and to_ticks(safety.stepping_from) <= T:
         recorder.mark_stalled(T, robot.foot_radius)
     return recorder.rollout(episodes, disturbance, T)
@@ -207,9 +209,7 @@ class _Recorder:
         outcome: ``(B,)`` values of `Outcome`.
     """
 
-    def __init__(
-        self, ticks: int, batch: int, noisy: bool, ask_always: bool, uneven: bool
-    ) -> None:
+    def __init__(self, ticks: int, batch: int, noisy: bool, ask_always: bool, uneven: bool) -> None:
         self.truth = _blank_states(ticks, batch)
         self.seen = _blank_states(ticks, batch) if noisy else self.truth
         self.drove = np.zeros((ticks, batch), dtype=bool)

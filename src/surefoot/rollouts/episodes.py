@@ -155,7 +155,7 @@ def join_episodes(parts: Sequence[Episodes]) -> Episodes:
 
 @dataclass(frozen=True)
 class Rollout:
-    """B episodes of at most T ticks, and a tail. Ticks from ``length[b]`` on are undefined.
+    """B episodes of at most T ticks, tail included. Ticks from ``length[b]`` on are undefined.
 
     Attributes:
         q: ``(B, T, 19)`` configuration [m, unit quaternion, rad].
@@ -174,7 +174,7 @@ class Rollout:
         starts: The B initial states.
         length: ``(B,)`` number of ticks simulated.
         outcome: ``(B,)`` values of `Outcome`.
-        duration: Number of ticks of the episode proper; what follows them is the tail.
+        duration: Number of ticks of the episode proper; of the T ticks, the others are the tail.
         disturbance: What disturbed the robots.
         late: ``(B, delay, 12)`` the torques that were under way at the beginning, as `Episodes` has
             them; None without any.

@@ -20,6 +20,7 @@ from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import Expert, make_expert, make_plan
 from surefoot.mpc.identity import plan_names
+from surefoot.robots.identity import content_hash
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import own_pushes, with_own_values
@@ -210,7 +211,7 @@ def ground_of(job: Job) -> Ground | None:
     """
     robot = _robot(job.config.robot)
     if job.episodes.ground is not None:
-        check_outside(job.episodes.ground, robot, job.starts.q)
+        check_outside(job.episodes.ground, robot, job.starts.q, job.episode)
         return job.episodes.ground
     terrains = job.config.simulation.terrains
     if not terrains:
@@ -255,19 +256,34 @@ def _policy_of(job: Job) -> Policy | None:
     return job.policy
 
 
-@lru_cache(maxsize=4)
 def _robot(config: RobotConfig) -> RobotModel:
-    """The robot of a configuration, built once per process."""
+    """The robot of a configuration, as its files are now; built once per process."""
+    return _robot_of(config, content_hash(config))
+
+
+def _own(config: Config) -> Config:
+    """The configuration with the robot's own values in place of None."""
+    return _own_of(config, content_hash(config.robot))
+
+
+def _plan(config: Config) -> PlanFunction:
+    """The planner of a configuration; planning does not change it."""
+    return _plan_of(config, content_hash(config.robot))
+
+
+# What is kept is of a robot's files as they were: the configuration has but their names.
+
+
+@lru_cache(maxsize=4)
+def _robot_of(config: RobotConfig, content: str) -> RobotModel:
     return load_robot(config)
 
 
 @lru_cache(maxsize=4)
-def _own(config: Config) -> Config:
-    """The configuration with the robot's own values in place of None, found once per process."""
-    return with_own_values(config, _robot(config.robot))
+def _own_of(config: Config, content: str) -> Config:
+    return with_own_values(config, _robot_of(config.robot, content))
 
 
 @lru_cache(maxsize=4)
-def _plan(config: Config) -> PlanFunction:
-    """The planner of a configuration, built once per process; planning does not change it."""
-    return make_plan(_robot(config.robot), config)
+def _plan_of(config: Config, content: str) -> PlanFunction:
+    return make_plan(_robot_of(config.robot, content), config)

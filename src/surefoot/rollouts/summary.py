@@ -56,7 +56,8 @@ class Summary:
         ticks: ``(n,)`` number of ticks simulated, tail included [ms].
         proper_ticks: ``(n,)`` number of ticks simulated before the tail [ms].
         expert_ticks: ``(n,)`` number of ticks before the tail that the expert drove [ms].
-        takeovers: ``(n,)`` how often the expert took over from the policy before the tail.
+        takeovers: ``(n,)`` how often the expert took over from the policy before the tail, or
+            drove first.
         expert_drove_last: ``(n,)`` True where the expert drove the last tick.
         expert_drove_before: ``(n,)`` True where it drove the tick 0.5 s before the last.
         plans: ``(n,)`` number of MPC solves.

@@ -47,24 +47,29 @@ class Bounds:
 
     def __init__(self, config: SafetyConfig) -> None:
         self._config = config
-        self._low, self._high = table_bounds(config)
+        table_bounds(config)  # a table with missing values is refused at once
 
     def reset(self, batch: int) -> None:
         """Do nothing: this gate has no memory."""
 
     def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
         """``(B,)`` True where a robot is outside the table."""
-        return outside(state.com[:, 2], state.q, self._low, self._high)
+        return unsafe(state, self._config)
 
 
 class AnyOf:
     """The gate that calls a state unsafe if one of several gates does.
 
     Args:
-        gates: The gates.
+        gates: The gates, at least one.
+
+    Raises:
+        ValueError: There are no gates.
     """
 
     def __init__(self, gates: Sequence[Gate]) -> None:
+        if not gates:
+            raise ValueError("no gates; give at least one")
         self._gates = gates
 
     def reset(self, batch: int) -> None:

@@ -22,7 +22,7 @@ STEPS = (0.2, 0.4, 0.6, 0.8, 1.0)
 SHRUNK = 0.8
 """A box whose ends are walked, but whose corners are not, is made so much smaller at a time."""
 TRIALS = 8
-"""How often at most."""
+"""The most times a box is shrunk."""
 COMMANDS = 20
 """The number of commands at which a smaller box is tried."""
 DIGITS = 2

@@ -14,10 +14,9 @@ import numpy as np
 
 from surefoot.config import CommandBox, Config, Gait
 from surefoot.mpc.gaits import gait_name
-from surefoot.mpc.schedule import stands
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import with_own_values
-from surefoot.scenarios.preparation import CommandGain
+from surefoot.scenarios.preparation import CommandGain, rounded
 from surefoot.scenarios.walking import GaitError, expert_walks
 from surefoot.types import Array, BoolArray, to_ticks
 
@@ -66,7 +65,7 @@ def calibrate_command_gain(
 
     Args:
         robot: The robot.
-        gait: The gait; the gains of one that stands are 1.
+        gait: The gait, which is one that moves.
         config: The expert, whose own gains have no influence, the commands, the simulator and the
             fall bounds.
         scale: The robot's leg length over Solo12's.
@@ -78,8 +77,6 @@ def calibrate_command_gain(
     config = with_own_values(replace(config, gait=gait), robot)
     told = np.array(TRIED) * (np.sqrt(scale), np.sqrt(scale), 1.0)
     gain = np.ones(3)
-    if stands(gait):
-        return CommandGain(_triple(gain), _triple(told), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     reached = _reached(robot, config, told, gain)
     _check_moved(reached, needed_axes(config.commands), gait_name(gait))
     usable = reached.up & (reached.share >= LEAST_SHARE)
@@ -89,7 +86,7 @@ def calibrate_command_gain(
         usable = reached.up & (reached.share >= LEAST_SHARE)
         gain = gain / np.where(usable, reached.share, 1.0)
     return CommandGain(
-        _triple(gain), _triple(told), _triple(reached.forward), _triple(reached.backward)
+        rounded(gain), rounded(told), rounded(reached.forward), rounded(reached.backward)
     )
 
 
@@ -99,7 +96,7 @@ def needed_axes(box: CommandBox) -> BoolArray:
 
 
 def _reached(robot: RobotModel, config: Config, told: Array, gain: Array) -> _Reached:
-    """What six robots reach.
+    """The mean velocities of six robots, two for each axis.
 
     Args:
         robot: The robot.
@@ -119,7 +116,8 @@ def _reached(robot: RobotModel, config: Config, told: Array, gain: Array) -> _Re
     period = to_ticks(config.gait.period)
     counted = max((to_ticks(SECONDS) - to_ticks(SETTLED)) // period, 1) * period
     velocity = walks.since(to_ticks(SECONDS) - counted).mean_velocity
-    up = ~walks.fallen(config.safety)[-1].reshape(2, 3).any(axis=0)
+    forward_fell, backward_fell = walks.lost(config.safety).reshape(2, 3)
+    up = ~(forward_fell | backward_fell)
     return _Reached(told, np.diag(velocity[:3]), np.diag(velocity[3:]), up)
 
 
@@ -140,9 +138,3 @@ def _check_moved(reached: _Reached, needed: BoolArray, gait: str) -> None:
         f"reached {reached.forward[axis]:.3f}, and of the opposite {reached.backward[axis]:.3f} "
         f"{unit}, in {SECONDS:g} s; close that axis of the commands, or use another gait"
     )
-
-
-def _triple(values: Array) -> tuple[float, float, float]:
-    """Three numbers, rounded to four digits, as a configuration holds them."""
-    x, y, z = (round(float(value), 4) for value in values)
-    return x, y, z

@@ -316,7 +316,7 @@ def _draw(
     size = rng.uniform(*known(config.impulse, "impulse"), config.pushes)
     tick = rng.integers(0, max(to_ticks(duration), 1), config.pushes)
     extra = known(config.expert_impulse, "expert_impulse")
-    if tail > 0.0 and extra[1] > 0.0:
+    if to_ticks(tail) > 0 and extra[1] > 0.0:
         size = np.append(size, rng.uniform(*extra))
         early = rng.integers(0, to_ticks(min(tail, EARLY)))
         tick = np.append(tick, to_ticks(duration) + early)

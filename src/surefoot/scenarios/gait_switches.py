@@ -23,7 +23,7 @@ from surefoot.scenarios.starts import Starts
 from surefoot.types import IntArray, to_ticks
 
 NEVER = 2**31
-"""[ms] When a robot changes its gait that does so less often than others."""
+"""[ms] Padding for robots with fewer switches than the others."""
 
 
 @dataclass(frozen=True)

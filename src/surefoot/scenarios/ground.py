@@ -71,13 +71,14 @@ def put_under(ground: Ground, robot: RobotModel, q: Array) -> Ground:
     return ground.raised(by)
 
 
-def check_outside(ground: Ground, robot: RobotModel, q: Array) -> None:
+def check_outside(ground: Ground, robot: RobotModel, q: Array, episode: IntArray) -> None:
     """Check that no robot begins inside its ground.
 
     Args:
         ground: The ground of B robots.
         robot: The robot.
         q: ``(B, 19)`` configurations in which the robots begin.
+        episode: ``(B,)`` ids of the episodes, for the message.
 
     Raises:
         ValueError: A part of a robot is deeper than 2 cm in its ground.
@@ -90,7 +91,7 @@ def check_outside(ground: Ground, robot: RobotModel, q: Array) -> None:
         if depth[worst] > DEEPEST:
             link = robot.shapes[of_shape[worst]].link
             raise ValueError(
-                f"initial state {row}: {link} is {100 * depth[worst]:.1f} cm deep in the ground "
+                f"episode {episode[row]}: {link} is {100 * depth[worst]:.1f} cm deep in the ground "
                 f"({ground.terrains[row].kind}), at x {points[worst, 0]:.2f} m, y "
                 f"{points[worst, 1]:.2f} m; put the ground under the robots with "
                 "surefoot.scenarios.ground.put_under, or leave it out, and it is drawn"

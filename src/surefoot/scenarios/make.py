@@ -157,7 +157,7 @@ def sized(perturbation: PerturbationConfig, robot: RobotModel) -> PerturbationCo
 
 
 def settle(config: Config, command: Array) -> Walks:
-    """Let the expert walk at n commands until its gait has settled, and for one more cycle.
+    """Let the expert walk at n commands until its gait has settled, and for one more period.
 
     Args:
         config: The robot, the gait, the expert and the simulator.
@@ -166,7 +166,10 @@ def settle(config: Config, command: Array) -> Walks:
     Returns:
         What all robots did, tick by tick, those that fell too.
     """
-    end = max(int(cycle_instants(config.gait)[-1]) + GRID, to_ticks(SURVIVED))
+    instants = cycle_instants(config.gait)
+    # The instants of a period that is rounded down to the grid end before it does.
+    cycle_end = max(int(instants[-1]) + GRID, int(instants[0]) + to_ticks(config.gait.period))
+    end = max(cycle_end, to_ticks(SURVIVED))
     with tqdm(total=end, desc=f"walking at {len(command)} commands", unit="ms", leave=False) as bar:
         return expert_walks(load_robot(config.robot), config, command, end, 1, bar.update)
 

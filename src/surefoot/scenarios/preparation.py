@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from surefoot.config import CommandBox, SafetyConfig
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.json_text import parse_json
+from surefoot.types import Array
 
 Triple = tuple[float, float, float]
 """vx [m/s], vy [m/s] and yaw rate [rad/s], or a factor of each."""
@@ -86,6 +87,12 @@ class Preparation:
             for axis in range(3)
         )
         return vx, vy, yaw_rate
+
+
+def rounded(values: Array) -> Triple:
+    """Three numbers of an array, rounded to four digits, as a configuration holds them."""
+    x, y, z = (round(float(value), 4) + 0.0 for value in values)  # no negative zero
+    return x, y, z
 
 
 def text_of(preparation: Preparation) -> str:

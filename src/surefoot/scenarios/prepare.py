@@ -1,4 +1,4 @@
-"""Prepare a robot, a gait and a box of commands: everything that runs on them need, made once.
+"""Prepare a robot, a gait and a box of commands: everything a run with them needs, made once.
 
 In this order: the command gains (`gains`), the settled gait at commands all over the box, the
 safety bounds that it stays within, and initial states in four splits (`make`). All of it is one
@@ -46,7 +46,7 @@ from surefoot.scenarios.make import (
     make_starts,
     settle,
 )
-from surefoot.scenarios.preparation import CommandGain, Followed, Preparation, Triple
+from surefoot.scenarios.preparation import CommandGain, Followed, Preparation, Triple, rounded
 from surefoot.scenarios.starts import StartSet, load_starts, save_starts
 from surefoot.scenarios.walking import GaitError, Walks
 from surefoot.types import Array, BoolArray, IntArray, to_ticks
@@ -260,7 +260,7 @@ def _followed(settled: Walks, up: BoolArray, period: int) -> tuple[Followed, ...
     last = settled.since(int(settled.tick[-1]) + 1 - ticks)
     rows = zip(settled.command, last.mean_velocity, up, strict=True)
     return tuple(
-        Followed(_triple(command), _triple(velocity) if stays else ZERO, not stays)
+        Followed(rounded(command), rounded(velocity) if stays else ZERO, not stays)
         for command, velocity, stays in rows
     )
 
@@ -280,12 +280,6 @@ def _cycle(settled: Walks, up: BoolArray, config: Config, commands: Array) -> Ga
     distance = np.where(up, np.linalg.norm(away, axis=2), np.inf)
     nearest: IntArray = distance.argmin(axis=1)
     return cycle_of(settled, config.gait, nearest)
-
-
-def _triple(values: Array) -> Triple:
-    """Three numbers, rounded to four digits."""
-    x, y, z = (round(float(value), 4) + 0.0 for value in values)
-    return x, y, z
 
 
 def completed(config: Config) -> Config:

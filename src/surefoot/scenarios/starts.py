@@ -27,7 +27,7 @@ from surefoot.config.presets import STRAIGHT_TROT, straight_trot
 from surefoot.config.robot_table import SOLO12
 from surefoot.errors import unknown
 from surefoot.files import write_atomic
-from surefoot.mpc.gaits import GAITS, gait_name, only_gait
+from surefoot.mpc.gaits import gait_in_words, gait_name, only_gait
 from surefoot.scenarios.preparation import Preparation, read_preparation, text_of
 from surefoot.scenarios.spread import along_one_axis, spread_cells
 from surefoot.scenarios.starts_check import check_stored_arrays
@@ -255,8 +255,8 @@ def starts_of(config: Config) -> StartSet:
     spec = find_spec(config.robot)
     if name is None:
         raise ValueError(
-            f"there are no initial states for the robot {spec.name}, {_described(config.gait)} and "
-            "these commands yet: `surefoot.scenarios.prepare.completed` makes them, as do the "
+            f"there are no initial states for the robot {spec.name}, {gait_in_words(config.gait)} "
+            "and these commands yet: `surefoot.scenarios.prepare.completed` makes them, as do the "
             "commands `surefoot prepare` and `surefoot train`"
         )
     stored = load_starts(name)
@@ -273,19 +273,10 @@ def starts_of(config: Config) -> StartSet:
         )
     if config.gait.timing != stored.gait.timing:
         raise ValueError(
-            f"the initial states {stored.name!r} belong to {_described(stored.gait)}, but the "
-            f"configuration asks for {_described(config.gait)}: {ANOTHER}"
+            f"the initial states {stored.name!r} belong to {gait_in_words(stored.gait)}, but the "
+            f"configuration asks for {gait_in_words(config.gait)}: {ANOTHER}"
         )
     return stored
-
-
-def _described(gait: Gait) -> str:
-    """A gait for messages: its name where it is a named one, or its numbers."""
-    name = gait_name(gait)
-    if name in GAITS:
-        return f"the gait {name}"
-    offsets = ", ".join(f"{offset:g}" for offset in gait.offsets)
-    return f"a gait of period {gait.period:g} s, duty {gait.duty:g} and offsets {offsets}"
 
 
 def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:

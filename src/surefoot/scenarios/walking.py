@@ -77,8 +77,7 @@ class Walks:
 
     def lost(self, safety: SafetyConfig) -> BoolArray:
         """``(n,)`` True for robots that fell, from `SafetyConfig.grace` on, as in episodes."""
-        counted = self.tick >= to_ticks(safety.grace)
-        return np.asarray(self.fallen(safety)[counted].any(axis=0))
+        return np.asarray(self._counted_falls(safety).any(axis=0))
 
     def check(self, safety: SafetyConfig, gait: str) -> None:
         """Check that no robot fell; falls count from `SafetyConfig.grace` on, as in episodes.
@@ -90,11 +89,10 @@ class Walks:
         Raises:
             GaitError: A robot fell; the message names the commands and the times.
         """
-        fallen = self.fallen(safety) & (self.tick >= to_ticks(safety.grace))[:, None]
-        lost = np.flatnonzero(fallen.any(axis=0))
+        lost = np.flatnonzero(self.lost(safety))
         if not len(lost):
             return
-        seconds = self.tick[fallen.argmax(axis=0)] / TICKS_PER_SECOND
+        seconds = self.tick[self._counted_falls(safety).argmax(axis=0)] / TICKS_PER_SECOND
         falls = [f"({_numbers(self.command[n])}) after {seconds[n]:.2f} s" for n in lost]
         more = ", ..." if len(falls) > MOST_SHOWN else ""
         raise GaitError(
@@ -102,6 +100,10 @@ class Walks:
             f"at the commands (vx, vy, yaw rate) {', '.join(falls[:MOST_SHOWN])}{more}; use "
             "a smaller box of commands, or another gait"
         )
+
+    def _counted_falls(self, safety: SafetyConfig) -> BoolArray:
+        """``(T, n)`` True where a robot has fallen, from `SafetyConfig.grace` on."""
+        return self.fallen(safety) & (self.tick >= to_ticks(safety.grace))[:, None]
 
 
 def _numbers(values: Array) -> str:
@@ -119,7 +121,7 @@ def expert_walks(
 ) -> Walks:
     """Let the expert walk from standing still, on the plane whatever the terrain.
 
-    Robots that have fallen stay where they are.
+    Robots that have fallen are simulated to the end like the others.
 
     Args:
         robot: The robot.
