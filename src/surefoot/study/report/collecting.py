@@ -7,15 +7,16 @@ Physical falls are shown beside it: all of them, whoever drove.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from surefoot.study.report.numbers import Number, difference, share, total
 from surefoot.study.report.panels import Group, Panel, Quantity, ReportFigure, RunPoint
 from surefoot.study.report.source import StageSource, collections, grouped, titled, trained_curves
 from surefoot.study.results import CellResult, StudyResults
+from surefoot.study.run_values import MONITORED
 
-MONITORED = ("safe_dagger", "loco_safe_dagger")
-"""Methods whose gate calls the expert before a fall: the paper counts divergence only."""
 LIMIT = 0.05
 """The share of failed rollouts that the paper's text names (V-A)."""
 SHARE_LIMIT = 0.10
@@ -126,5 +127,10 @@ def falls(stage: StageSource, method: str = "") -> Number:
 
 
 def _field(name: str) -> ValueOf:
-    """A field of the collection that is a share of a time."""
-    return lambda stage, _method: stage.share(name)
+    """A field of the collection that is a share of a time; not known without any rollout."""
+
+    def value(stage: StageSource, _method: str) -> Number:
+        shown = stage.share(name)
+        return shown if stage.number("episodes").value > 0 else replace(shown, value=math.nan)
+
+    return value

@@ -159,7 +159,14 @@ def job_table(results: StudyResults) -> Markup:
                     escaped("done" if job.finished else "goes on"),
                 )
             )
-    head = ("job", "started (UTC)", "minutes", "processor", "precision of training", "state")
+    head = (
+        "job",
+        "started (UTC)",
+        "minutes of work",
+        "processor",
+        "precision of training",
+        "state",
+    )
     return table("Jobs", head, rows)
 
 
