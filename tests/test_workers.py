@@ -261,26 +261,24 @@ def test_no_worker_outlives_the_parent_after_ctrl_c_or_a_kill(tmp_path, ending):
         process.wait()
 
 
-def process_of(number):
-    return os.getpid()
+def mark_and_sleep(argument):
+    number, folder = argument
+    (folder / f"{number}.{os.getpid()}").touch()
+    time.sleep(0.0 if number == 0 else 2.0)
+    return number
 
 
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
-def test_workers_outlive_the_thread_that_started_them():
-    from loky import get_reusable_executor
-
-    get_reusable_executor(2).shutdown(kill_workers=True)  # those of other tests
-    found = []
-
-    def work():
-        found.extend(map_chunks(process_of, range(4), Workers(2), "in a thread"))
-
-    thread = threading.Thread(target=work)
+def test_workers_outlive_the_thread_that_started_them(tmp_path, caplog):
+    """The processes of a thread are its own: another thread takes over what they have begun."""
+    chunks = [(number, tmp_path) for number in range(3)]
+    results = each_chunk(mark_and_sleep, chunks, Workers(2), "taken over")
+    first = []
+    thread = threading.Thread(target=lambda: first.append(next(results)))
     thread.start()
     thread.join()
-    time.sleep(0.5)
-    assert len(found) == 4 and os.getpid() not in found
-    assert all(alive(pid) for pid in found)
+    assert dict([*first, *results]) == {0: 0, 1: 1, 2: 2}
+    assert len(list(tmp_path.iterdir())) == 3  # none was run twice
+    assert "died" not in caplog.text
 
 
 def test_a_number_of_workers_far_above_the_cores_is_not_started(monkeypatch):
