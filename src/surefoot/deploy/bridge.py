@@ -62,7 +62,7 @@ class Driver(Protocol):
     """What a bridge needs of a robot's driver; neither method may wait for long."""
 
     def read(self) -> Measurement:
-        """What the robot measures now."""
+        """What the robot measures now; it raises an error once the robot has gone silent."""
         ...
 
     def write(self, command: Sequence[float]) -> None:
@@ -215,7 +215,7 @@ class Bridge:
             return
         measured = self._measured
         values = [value for part in measured[:6] for value in part]
-        values += measured.base or (0.0,) * 4
+        values += (0.0,) * 4 if measured.base is None else list(measured.base)
         state = protocol.State(
             self.status,
             self.cause,
