@@ -23,6 +23,7 @@ from surefoot.deploy.interfaces import Sensors
 from surefoot.deploy.policy import OnnxPolicy, load
 from surefoot.deploy.recorder import load_flight
 from surefoot.deploy.udp_robot import address_text
+from surefoot.files import WriteError
 from surefoot.interop.onnx.file import describe, network_model, write_onnx
 from surefoot.learning.joint_limits import SafetyBounds
 from surefoot.learning.observation import GaitTiming, ObservationSpec
@@ -111,6 +112,21 @@ def test_a_fault_ends_with_status_1_and_is_recorded(surefoot, policy, twin, tmp_
     assert f"`surefoot play {recording}` says why again" in printed.err
     assert "--lockstep" not in printed.err
     assert str(load_flight(recording).fault) == "tilt"
+
+
+def test_a_fault_is_told_though_its_recording_cannot_be_written(
+    surefoot, policy, twin, tmp_path, capsys, monkeypatch
+):
+    def full(path, flight):
+        raise WriteError(f"{path} cannot be written (the disk is full)")
+
+    monkeypatch.setattr("surefoot.deploy.drive.save_flight", full)
+    _, address = twin
+    options = ("--lockstep", "--start", "--seconds", 5, "--recording", tmp_path / "flight.npz")
+    assert surefoot("run", policy, "--robot", address, *options, *SHORT, "--config.tilt", 0.0) == 2
+    printed = capsys.readouterr()
+    assert '"tilt"' in printed.out
+    assert "flight.npz cannot be written (the disk is full)" in printed.err
 
 
 @pytest.mark.parametrize(

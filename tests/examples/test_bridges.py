@@ -29,7 +29,7 @@ class Anything:
     def __init__(self, *args):
         self.head = [0, 0]
 
-    def Init(self, *args):  # noqa: N802
+    def Init(self, *args):
         pass
 
 

@@ -21,6 +21,7 @@ from surefoot.cli.options import (
 )
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.errors import unknown
+from surefoot.files import WriteError
 from surefoot.types import Command
 
 if TYPE_CHECKING:
@@ -45,7 +46,8 @@ class RunPolicy:
     JSON keys: fault and detail [empty if the operator ended it]; seconds and expert_seconds
     [driven, s]; takeovers; ticks; missed [ticks without a command in time]; work [count, median,
     p99, p999, longest us, from a measurement to the written command]; round_trip [the same, from a
-    command to the state that knows of it]; recording [the file with the last ten seconds].
+    command to the state that knows of it]; recording [the file with the last ten seconds];
+    unwritten [why it could not be written].
     """
 
     policy: Annotated[Path, tyro.conf.Positional]
@@ -85,7 +87,11 @@ class RunPolicy:
     config: RuntimeConfig = field(default_factory=RuntimeConfig)
 
     def __call__(self) -> int:
-        """Drive until the robot is given up or stopped; 1 after a fault."""
+        """Drive until the robot is given up or stopped; 1 after a fault.
+
+        Raises:
+            WriteError: The last ten seconds could not be written; the report has been shown.
+        """
         from surefoot.deploy.bridge import UdpChannel
         from surefoot.deploy.drive import drive, take_real_time_priority
         from surefoot.deploy.loop import Runtime
@@ -121,6 +127,8 @@ class RunPolicy:
         show_record(report, self.json)
         if report.recording:
             print(f"wrote {report.recording}", file=sys.stderr)
+        if report.unwritten:
+            raise WriteError(report.unwritten)
         if report.fault:
             print(what_to_do(report.fault, report.recording, self.lockstep), file=sys.stderr)
         return int(bool(report.fault))

@@ -7,6 +7,7 @@ drives a robot with a policy, and `udp_robot` for a robot behind a bridge.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
@@ -98,6 +99,12 @@ class JointCommand(NamedTuple):
     kd: Array
     velocity: Array = NO_VALUES
     torque: Array = NO_VALUES
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether positions, velocities and torques are finite."""
+        parts = (self.position, self.velocity, self.torque)
+        return all(math.isfinite(sum(values.tolist())) for values in parts)
 
     def torque_at(self, sensors: Sensors) -> Array:
         """The torques ``(12,)`` that the motors are to apply, before they clip them [N m].

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from surefoot.deploy import protocol
-from surefoot.deploy.bridge import Address, Channel
+from surefoot.deploy.bridge import MOST_DATAGRAMS, Address, Channel
 from surefoot.deploy.interfaces import (
     BaseEstimate,
     Clock,
@@ -195,8 +195,11 @@ class UdpRobot:
         self._channel.send(self._last_sent, self._peer)
 
     def take(self) -> None:
-        """Take all datagrams that have come; of the states the newest counts."""
-        while True:
+        """Take the datagrams that have come, as many as the bridge takes; the newest state counts.
+
+        A flood of them does not delay a tick.
+        """
+        for _ in range(MOST_DATAGRAMS):
             received = self._channel.receive()
             if received is None:
                 return
