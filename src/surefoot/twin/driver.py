@@ -85,7 +85,7 @@ class TwinDriver:
         self._under_way.clear()
         self._torque = np.zeros(len(JOINTS))
         self._velocity = self._world_velocity()
-        self._acceleration = np.zeros(3)
+        self._acceleration = rotation(q[3:7]).T @ (0.0, 0.0, GRAVITY)  # of what stands still
 
     def write(self, command: Sequence[float]) -> None:
         """Take a command over, and let a tick pass; a robot that is held does not move."""
