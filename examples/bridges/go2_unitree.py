@@ -32,7 +32,7 @@ JOINTS = tuple(
 MOTORS = (3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8)
 """The motor of each of these joints: Unitree counts FR, FL, RR, RL."""
 SILENT = 0.02
-"""[s] The robot sends 500 states a second; after so long without one, its link is lost."""
+"""[s] Maximum time without a state, of which the robot sends 500 a second."""
 DESCRIPTION = protocol.Description(
     robot="go2",
     joints=JOINTS,

@@ -66,9 +66,9 @@ class RunPolicy:
     start: bool = False
     """Start at once, without a terminal; needs --seconds."""
     seconds: float | None = None
-    """Stop after so long, standing up included [s]; with --start only."""
+    """The time after which it stops, standing up included [s]; with --start only."""
     heartbeat: float | None = None
-    """Damp the robot if no line has come for so long [s]; an empty one will do."""
+    """Damp the robot if no line has come for this time [s]; an empty one will do."""
     expert: bool = False
     """Let the expert take over outside of the safety bounds that the policy was trained under, with
     a planner in another process; it needs the whole package, a robot of the package, and height and

@@ -37,7 +37,7 @@ class RunTwin:
     profile: str | None = None
     """A hardware profile of the robot (solo12: odri), or a JSON or TOML file with one."""
     seconds: float | None = None
-    """End after so much time of the robot [s]; without it, when it is interrupted."""
+    """The time of the robot after which it ends [s]; without it, when it is interrupted."""
     realtime: bool = False
     """Ask the system for real-time priority (Linux, needs the right to)."""
     watch: bool = False

@@ -194,7 +194,7 @@ def _answer_all(connection: socket.socket, plan: Callable[..., MotionPlan]) -> N
 
 
 def _receive(connection: socket.socket, size: int) -> bytes:
-    """Exactly so many bytes.
+    """Exactly this number of bytes.
 
     Raises:
         EOFError: The connection has been closed before.

@@ -28,7 +28,7 @@ TICK_NS = round(1e9 * TIME_STEP)
 BLOWN_UP = 1
 """The bit of a simulation whose numbers have run away."""
 SETTLING = 1500
-"""[ticks] A robot that lies has come to rest after so long."""
+"""[ticks] Time after which a robot that lies has come to rest."""
 MARGIN = 0.05
 """[rad] A folded joint stays so far within its limits."""
 FOLDED = (0.0, 1.25, 2.55)

@@ -40,7 +40,7 @@ from surefoot.types import JOINTS, TICKS_PER_SECOND
 VERSION = "v3.0"
 """The version of the layout."""
 FRAMES_PER_FILE = 100_000
-"""A Parquet file ends with the episode that reaches so many frames, at about 60 MB."""
+"""Number of frames at which a Parquet file ends with the episode, at about 60 MB."""
 FILES_PER_CHUNK = 1000
 """Files in a folder."""
 QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)

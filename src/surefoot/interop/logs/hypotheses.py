@@ -187,7 +187,7 @@ def _reordered(terms: tuple[str, ...], order: list[int]) -> Callable[[SensorLog]
 
 
 MOST_ROWS = 400
-"""Hypotheses are tried on so many rows: a few of them settle it."""
+"""Number of rows on which hypotheses are tried: a few of them settle it."""
 
 
 def explain_targets(
