@@ -45,6 +45,22 @@ def test_it_stands_up_and_waits_if_it_is_to_rest_from_the_beginning():
     assert world.runtime.driven == 0
 
 
+def test_at_any_rate_the_time_to_settle_begins_when_the_robot_is_to_walk():
+    policy = ToyPolicy()
+    policy.rate_hz = 500
+    policy.start_range[:, 0] += 0.5  # the robot would have to lean
+    description = TOY._replace(rate_hz=500)
+    config = RuntimeConfig(stand=0.05, settle=0.1)
+    world = World(policy=policy, description=description, config=config)
+    rest(world, True)
+    world.run(200)
+    rest(world, False)
+    world.run(95)
+    assert world.runtime.fault is None
+    world.run(10)
+    assert world.runtime.fault is not None and world.runtime.fault.kind == "posture"
+
+
 def test_a_robot_that_rests_is_damped_by_a_stop():
     world = World()
     world.drive(100)
@@ -196,19 +212,3 @@ class Expert:
     def command(self, sensors, tick: int, command: Command) -> JointCommand:
         self.asked.append((tick, command.gait))
         return JointCommand(ToyPolicy().nominal, np.full(12, 2.0), np.full(12, 0.1))
-
-
-def test_at_any_rate_the_time_to_settle_begins_when_the_robot_is_to_walk():
-    policy = ToyPolicy()
-    policy.rate_hz = 500
-    policy.start_range[:, 0] += 0.5  # the robot would have to lean
-    description = TOY._replace(rate_hz=500)
-    config = RuntimeConfig(stand=0.05, settle=0.1)
-    world = World(policy=policy, description=description, config=config)
-    rest(world, True)
-    world.run(200)
-    rest(world, False)
-    world.run(95)
-    assert world.runtime.fault is None
-    world.run(10)
-    assert world.runtime.fault is not None and world.runtime.fault.kind == "posture"
