@@ -1,5 +1,6 @@
 """The operator: lines of text, the end of the input, signs of life."""
 
+import errno
 import os
 
 import pytest
@@ -192,9 +193,13 @@ def test_a_halt_forgets_much_that_was_typed(pipe):
     assert not any(operator.wish().go for _ in range(10))
 
 
-def test_a_terminal_that_has_been_closed_is_a_lost_operator():
-    ours, theirs = os.openpty()
-    operator = Terminal(Command(), descriptor=theirs)
-    os.close(ours)
+def test_a_terminal_that_has_been_closed_is_a_lost_operator(pipe, monkeypatch):
+    reader, writer = pipe
+
+    def read(descriptor, size):
+        raise OSError(errno.EIO, "Input/output error")
+
+    operator = Terminal(Command(), descriptor=reader)
+    os.close(writer)
+    monkeypatch.setattr(os, "read", read)
     assert operator.wish().lost == "the operator's input has ended"
-    os.close(theirs)
