@@ -10,6 +10,7 @@ import pytest
 
 import surefoot.__main__
 from surefoot.__main__ import PATIENCE, Interrupt
+from surefoot.errors import HangUp
 from surefoot.workers import ONE_THREAD
 
 
@@ -51,9 +52,12 @@ def test_only_the_first_interrupt_is_heard_while_the_command_ends(monkeypatch):
     ended = []
     monkeypatch.setattr(surefoot.__main__, "monotonic", lambda: now[0])
     monkeypatch.setattr(os, "_exit", ended.append)
+    with pytest.raises(HangUp):
+        Interrupt()(signal.SIGHUP, None)
     interrupt = Interrupt()
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt) as raised:
         interrupt(signal.SIGINT, None)
+    assert raised.type is KeyboardInterrupt
     interrupt(signal.SIGTERM, None)
     now[0] += PATIENCE
     interrupt(signal.SIGINT, None)
@@ -90,18 +94,19 @@ sys.exit(status)
 """
 
 
-@pytest.mark.parametrize("first", ["SIGINT", "SIGTERM"])
-@pytest.mark.parametrize("second", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("first", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("second", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_second_interrupt_changes_neither_words_nor_status(first, second):
     code = TWICE.format(first=first, second=second)
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (child.returncode, child.stderr) == (130, "\ninterrupted\n")
 
 
-def test_a_process_in_the_background_ignores_ctrl_c_as_before():
+@pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
+def test_a_process_in_the_background_ignores_ctrl_c_and_one_of_nohup_its_end(name):
     code = "import signal, surefoot.__main__ as entry\n"
-    code += "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+    code += f"signal.signal(signal.{name}, signal.SIG_IGN)\n"
     code += "for step in (entry.answer_signals, lambda: entry.leave_signals(0)):\n"
     code += "    step()\n"
-    code += "    assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN"
+    code += f"    assert signal.getsignal(signal.{name}) == signal.SIG_IGN"
     subprocess.run([sys.executable, "-c", code], check=True)

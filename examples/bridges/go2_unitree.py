@@ -11,6 +11,7 @@ xyzw and turns base into world; that the gyroscope is in the base frame.
 """
 
 import sys
+import time
 from collections.abc import Sequence
 
 import bridge  # pyright: ignore
@@ -30,6 +31,8 @@ JOINTS = tuple(
 """surefoot's order."""
 MOTORS = (3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8)
 """The motor of each of these joints: Unitree counts FR, FL, RR, RL."""
+SILENT = 0.02
+"""[s] Maximum time without a state, of which the robot sends 500 a second."""
 DESCRIPTION = protocol.Description(
     robot="go2",
     joints=JOINTS,
@@ -51,7 +54,7 @@ class Driver:
 
     def __init__(self, interface: str) -> None:
         ChannelFactoryInitialize(0, interface)
-        self.state = None
+        self.newest = None
         self.command = unitree_go_msg_dds__LowCmd_()
         self.command.head[0] = 0xFE
         self.command.head[1] = 0xEF
@@ -64,14 +67,17 @@ class Driver:
         self.subscriber = subscriber
 
     def receive(self, state: LowState_) -> None:
-        """Keep the newest state; the SDK calls this in a thread of its own."""
-        self.state = state
+        """Keep the newest state and its time; the SDK calls this in a thread of its own."""
+        self.newest = (state, time.monotonic())
 
     def read(self) -> bridge.Measurement:
-        """What the robot measures; without a state yet, the bridge is not made."""
-        state = self.state
-        if state is None:
+        """What the robot measures; a robot that has gone silent is a fault, not its last state."""
+        if self.newest is None:
             raise OSError("the robot has sent no state yet")
+        state, received = self.newest
+        silent = time.monotonic() - received
+        if silent > SILENT:
+            raise OSError(f"the robot has sent no state for {1e3 * silent:.0f} ms")
         motors = [state.motor_state[number] for number in MOTORS]
         w, x, y, z = state.imu_state.quaternion
         return bridge.Measurement(
@@ -95,7 +101,7 @@ class Driver:
 
 if __name__ == "__main__":
     driver = Driver(sys.argv[1])
-    while driver.state is None:
+    while driver.newest is None:
         input("no state yet; switch the robot on, and press enter")
     channel = bridge.UdpChannel(port=5151)
     print(f"udp://{channel.address[0]}:{channel.address[1]}", flush=True)

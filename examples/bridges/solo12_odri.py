@@ -44,7 +44,10 @@ class Driver:
         self.robot.initialize(np.zeros(12))  # calibrates; the legs move
 
     def read(self) -> bridge.Measurement:
-        """What the robot measures; a fault of the driver is the bridge's fault too."""
+        """What the robot measures; a fault of the driver is the bridge's fault too.
+
+        The driver also counts it as an error that the master board has gone silent.
+        """
         self.robot.parse_sensor_data()
         joints = self.robot.joints
         imu = self.robot.imu

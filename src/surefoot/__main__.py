@@ -11,6 +11,7 @@ from contextlib import suppress
 from time import monotonic
 from types import FrameType
 
+from surefoot.errors import HangUp
 from surefoot.workers import ONE_THREAD
 
 os.environ.update(ONE_THREAD)
@@ -22,7 +23,7 @@ PATIENCE = 5.0
 
 
 class Interrupt:
-    """The answer to Ctrl-C, and to SIGTERM, with which a cluster's batch system asks to stop.
+    """The answer to Ctrl-C, to a closed terminal (SIGHUP), and to SIGTERM of a batch system.
 
     The first one interrupts the work. What follows within a few seconds, as from a user who presses
     twice, would interrupt the ending; what follows later ends this process at once, and the workers
@@ -36,24 +37,27 @@ class Interrupt:
         """Answer a signal.
 
         Raises:
-            KeyboardInterrupt: It is the first.
+            HangUp: It is the first, and says that the terminal has been closed.
+            KeyboardInterrupt: It is the first, and says something else.
         """
         if self.first is None:
             self.first = monotonic()
-            raise KeyboardInterrupt
+            raise HangUp if number == signal.SIGHUP else KeyboardInterrupt
         if monotonic() - self.first > PATIENCE:
             os._exit(INTERRUPTED)
 
 
 def answer_signals() -> None:
-    """Answer Ctrl-C and SIGTERM; Ctrl-C is not answered where the shell has it ignored.
+    """Answer Ctrl-C, a closed terminal and SIGTERM; the first two only where they are not ignored.
 
-    A shell that is no terminal has its processes in the background ignore it.
+    A shell that is no terminal has its processes in the background ignore Ctrl-C, and `nohup` has
+    its command ignore that the terminal is closed.
     """
     interrupt = Interrupt()
     signal.signal(signal.SIGTERM, interrupt)
-    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
-        signal.signal(signal.SIGINT, interrupt)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, interrupt)
 
 
 def leave_signals(status: int) -> None:
@@ -64,8 +68,9 @@ def leave_signals(status: int) -> None:
     """
     answer = signal.SIG_IGN if status == INTERRUPTED else signal.SIG_DFL
     signal.signal(signal.SIGTERM, answer)
-    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
-        signal.signal(signal.SIGINT, answer)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, answer)
 
 
 def main() -> int:

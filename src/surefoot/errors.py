@@ -11,6 +11,10 @@ _BRIEF.maxstring = 200
 _BRIEF.maxother = 200
 
 
+class HangUp(KeyboardInterrupt):
+    """The terminal has been closed (SIGHUP), which interrupts the work as Ctrl-C does."""
+
+
 def shown(value: object) -> str:
     """A value as a message shows it: of a long or a nested one, which a file may hold, a part.
 

@@ -121,3 +121,9 @@ def test_what_is_measured_is_written_before_the_next_measurement(
     file = tmp_path / "bench.json"
     assert surefoot("bench", "--json", file) == 2
     assert list(json.loads(file.read_text())) == ["plan", "engine"]
+
+
+def test_a_configuration_that_end_to_end_would_ignore_is_refused(surefoot, calls, capsys):
+    assert surefoot("bench", "end_to_end", "--config.seed", 7) == 2
+    assert "--config does not change end_to_end" in capsys.readouterr().err
+    assert not calls

@@ -1,5 +1,6 @@
 """The commands import-data, fit and export-data."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from surefoot.files import write_json
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.policy import load
 from surefoot.robots.load import load_robot
+from surefoot.runs.layout import ATTEMPTS_FILE
 from surefoot.runs.run import open_run
 
 
@@ -135,3 +137,27 @@ def test_a_run_is_exported_in_both_formats(surefoot, run_folder, tmp_path, capsy
 def test_an_export_without_a_format_is_an_error(surefoot, run_folder, capsys):
     assert surefoot("export-data", run_folder) == 2
     assert "--minari FOLDER, --lerobot FOLDER" in capsys.readouterr().err
+
+
+def test_both_folders_are_checked_before_anything_is_written(
+    surefoot, run_folder, tmp_path, capsys
+):
+    (tmp_path / "lerobot").mkdir()
+    options = ["--minari", tmp_path / "minari", "--lerobot", tmp_path / "lerobot"]
+    assert surefoot("export-data", run_folder, *options) == 2
+    assert "lerobot exists; an export never changes a folder" in capsys.readouterr().err
+    assert not (tmp_path / "minari").exists()
+
+
+@pytest.mark.parametrize(
+    ("learned", "words"), [(False, "in simulation"), (True, "on a robot, and")]
+)
+def test_the_card_says_where_the_frames_were_recorded(
+    surefoot, run_folder, tmp_path, learned, words
+):
+    run = tmp_path / "run"
+    shutil.copytree(run_folder, run)
+    if learned:
+        (run / ATTEMPTS_FILE).touch()
+    assert surefoot("export-data", run, "--lerobot", tmp_path / "lerobot") == 0
+    assert f"recorded {words}" in (tmp_path / "lerobot" / "README.md").read_text()

@@ -2,16 +2,22 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from surefoot.cli import play
+from surefoot.config.json_io import to_json
+from surefoot.config.robot_table import SOLO12
+from surefoot.deploy.recorder import save_flight
+from surefoot.files import write_json
 from surefoot.rollouts.jobs import play_out
 from surefoot.runs.run import open_run
 from surefoot.viz.replay import recorded_episode
 from tests.fakes.robots import needs_pybullet
+from tests.viz.test_flight import flight_of
 
 
 @pytest.fixture
@@ -133,3 +139,20 @@ def test_a_film_that_could_not_be_written_is_refused_before_any_work(
 def test_gaits_that_a_policy_does_not_have_are_refused(surefoot, capsys, run_folder):
     assert surefoot("play", run_folder, "--gaits", "trot", "bound") == 2
     assert "bound" in capsys.readouterr().err
+
+
+def test_of_a_flight_of_an_own_robot_the_fault_is_told_and_its_file_asked_for(
+    surefoot, films, capsys, tmp_path
+):
+    file = tmp_path / "flight.npz"
+    save_flight(file, replace(flight_of(None, 3), robot=np.array("mine")))
+    assert surefoot("play", file) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "tilt: too far\n"
+    assert "name its file with --robot FILE" in printed.err
+    mine = tmp_path / "mine.json"
+    write_json(mine, to_json(replace(SOLO12, name="mine")))
+    assert surefoot("play", file, "--robot", mine) == 1
+    assert films[0][0].robot.name == "mine"
+    assert surefoot("play", "--robot", mine) == 2
+    assert "--robot is for a flight" in capsys.readouterr().err

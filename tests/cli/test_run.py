@@ -14,7 +14,7 @@ from surefoot.cli.run import RunPolicy, expert_config, gait_number, gate_bounds,
 from surefoot.cli.twin import RunTwin, seen
 from surefoot.config import Config, Gait, PolicyConfig
 from surefoot.config.deploy import RuntimeConfig
-from surefoot.config.twin import TwinConfig
+from surefoot.config.twin import LinkConfig, TwinConfig
 from surefoot.deploy.bridge import UdpChannel
 from surefoot.deploy.description import layout_terms
 from surefoot.deploy.drive import DriveReport
@@ -23,6 +23,7 @@ from surefoot.deploy.interfaces import Sensors
 from surefoot.deploy.policy import OnnxPolicy, load
 from surefoot.deploy.recorder import load_flight
 from surefoot.deploy.udp_robot import address_text
+from surefoot.files import WriteError
 from surefoot.interop.onnx.file import describe, network_model, write_onnx
 from surefoot.learning.joint_limits import SafetyBounds
 from surefoot.learning.observation import GaitTiming, ObservationSpec
@@ -113,6 +114,21 @@ def test_a_fault_ends_with_status_1_and_is_recorded(surefoot, policy, twin, tmp_
     assert str(load_flight(recording).fault) == "tilt"
 
 
+def test_a_fault_is_told_though_its_recording_cannot_be_written(
+    surefoot, policy, twin, tmp_path, capsys, monkeypatch
+):
+    def full(path, flight):
+        raise WriteError(f"{path} cannot be written (the disk is full)")
+
+    monkeypatch.setattr("surefoot.deploy.drive.save_flight", full)
+    _, address = twin
+    options = ("--lockstep", "--start", "--seconds", 5, "--recording", tmp_path / "flight.npz")
+    assert surefoot("run", policy, "--robot", address, *options, *SHORT, "--config.tilt", 0.0) == 2
+    printed = capsys.readouterr()
+    assert '"tilt"' in printed.out
+    assert "flight.npz cannot be written (the disk is full)" in printed.err
+
+
 @pytest.mark.parametrize(
     ("args", "message"),
     [
@@ -151,6 +167,29 @@ def test_a_twin_says_where_it_listens_and_ends_in_time(surefoot, capsys):
     first, second = capsys.readouterr().out.splitlines()[:2]
     assert first.startswith("the twin of go2 listens at udp://127.0.0.1:")
     assert "height 0.334 m" in second and second.endswith("0 commands, idle")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--seconds", "nan"), "--seconds nan: use more than 0"),
+        (("--seconds", -1), "--seconds -1: use more than 0"),
+        (("--port", 99999), "--port 99999: use 0 to 65535"),
+        (("--host", "192.0.2.1"), "--host 192.0.2.1, --port 5151: nothing can listen there"),
+        (("--lockstep", "--config.link.delay", 1), "--lockstep excludes --config.link.delay"),
+        (("--lockstep", "--config.link.jitter", 1), "--lockstep excludes --config.link.delay"),
+    ],
+)
+def test_a_twin_that_cannot_be_is_refused_with_its_option(surefoot, capsys, options, message):
+    assert surefoot("twin", *options) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_twin_in_lockstep_may_lose_datagrams_and_have_slow_motors(surefoot, capsys):
+    options = ("--lockstep", "--config.delay", 3, "--config.link.loss", 0.1)
+    RunTwin(lockstep=True, config=TwinConfig(delay=3, link=LinkConfig(loss=0.1))).check_options()
+    assert surefoot("twin", *options, "--port", 99999) == 2
+    assert "--port 99999" in capsys.readouterr().err
 
 
 def test_a_twin_may_have_a_hardware_profile(surefoot, capsys):

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from surefoot.deploy import bridge as bridge_module
@@ -116,6 +117,16 @@ def test_a_command_that_answers_a_state_of_the_future_is_refused():
     world.robot._post(protocol.COMMAND, command)
     world.bridge.tick()
     assert world.bridge.refused == refused + 1
+
+
+def test_a_base_may_be_an_array():
+    world = World()
+    plain = world.driver.measurement
+    world.driver.measurement = lambda measured: plain(measured)._replace(base=np.arange(4.0))
+    world.tick()
+    base = world.robot.read().base
+    assert base is not None
+    assert (base.height, base.velocity.tolist()) == (0.0, [1.0, 2.0, 3.0])
 
 
 def test_a_flood_does_not_delay_the_driver():

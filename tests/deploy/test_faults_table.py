@@ -336,6 +336,24 @@ def test_an_operator_who_is_lost_is_a_fault():
     assert stays_damped(world)
 
 
+def test_an_operator_who_is_lost_before_the_robot_moves_is_a_fault():
+    world = World()
+    world.operator.wanted = world.operator.wanted._replace(go=False, lost="the input has ended")
+    world.run(1)
+    fault = world.runtime.fault
+    assert fault is not None
+    assert (fault.kind, fault.detail) == ("operator lost", "the input has ended")
+
+
+def test_a_robot_that_lies_on_its_side_is_not_stood_up():
+    world = World()
+    lying = {"orientation": (0.766, 0.0, 0.0, 0.643)}
+    world.driver.measurement = lambda measured: measured._replace(**lying)
+    world.run(50)
+    assert not world.driver.commanded
+    assert world.runtime.fault is not None and world.runtime.fault.kind == "tilt"
+
+
 def test_an_operator_who_says_stop_is_obeyed_without_a_fault():
     world = World()
     world.drive()

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.gait_clock import switch_tick
 from surefoot.config.gait_table import GAITS
 from surefoot.deploy.gate import GateSwitch
@@ -12,7 +13,7 @@ from surefoot.deploy.handover import Safeguard
 from surefoot.deploy.interfaces import Fallen, JointCommand
 from surefoot.deploy.loop import FIRST_ANSWERS, Mode
 from surefoot.types import Command
-from tests.fakes.bridge_world import ToyPolicy, World
+from tests.fakes.bridge_world import TOY, ToyPolicy, World
 
 
 def rest(world: World, resting: bool) -> None:
@@ -42,6 +43,22 @@ def test_it_stands_up_and_waits_if_it_is_to_rest_from_the_beginning():
     assert world.runtime.fault is None
     assert world.runtime.mode == Mode.STAND
     assert world.runtime.driven == 0
+
+
+def test_at_any_rate_the_time_to_settle_begins_when_the_robot_is_to_walk():
+    policy = ToyPolicy()
+    policy.rate_hz = 500
+    policy.start_range[:, 0] += 0.5  # the robot would have to lean
+    description = TOY._replace(rate_hz=500)
+    config = RuntimeConfig(stand=0.05, settle=0.1)
+    world = World(policy=policy, description=description, config=config)
+    rest(world, True)
+    world.run(200)
+    rest(world, False)
+    world.run(95)
+    assert world.runtime.fault is None
+    world.run(10)
+    assert world.runtime.fault is not None and world.runtime.fault.kind == "posture"
 
 
 def test_a_robot_that_rests_is_damped_by_a_stop():

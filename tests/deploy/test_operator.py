@@ -1,5 +1,6 @@
 """The operator: lines of text, the end of the input, signs of life."""
 
+import errno
 import os
 
 import pytest
@@ -134,7 +135,7 @@ def test_bytes_that_are_no_text_start_nothing_and_take_no_memory(pipe):
     reader, writer = pipe
     operator = Terminal(Command(), descriptor=reader)
     for _ in range(20):
-        os.write(writer, bytes(range(128, 256)) * 20)
+        os.write(writer, bytes(range(128, 256)))
         assert operator.wish() == Wish(False, Command())
     assert len(operator._text) <= 200
     os.close(writer)
@@ -166,3 +167,39 @@ def test_a_script_starts_at_once_and_stops_in_time():
     assert operator.wish().go
     clock.advance(1)
     assert not operator.wish().go
+
+
+def test_a_writer_that_never_stops_does_not_delay_a_tick(pipe, monkeypatch):
+    reader, writer = pipe
+    reads = []
+
+    def read(descriptor, size):
+        reads.append(size)
+        assert len(reads) < 1000, "it reads for ever"
+        return b"\n" * size
+
+    operator = Terminal(Command(), descriptor=reader)
+    os.write(writer, b"\n")
+    monkeypatch.setattr(os, "read", read)
+    operator.wish()
+    assert len(reads) == 1
+
+
+def test_a_halt_forgets_much_that_was_typed(pipe):
+    reader, writer = pipe
+    operator = Terminal(Command(), descriptor=reader)
+    os.write(writer, b"start\n" * 500)
+    operator.halt()
+    assert not any(operator.wish().go for _ in range(10))
+
+
+def test_a_terminal_that_has_been_closed_is_a_lost_operator(pipe, monkeypatch):
+    reader, writer = pipe
+
+    def read(descriptor, size):
+        raise OSError(errno.EIO, "Input/output error")
+
+    operator = Terminal(Command(), descriptor=reader)
+    os.close(writer)
+    monkeypatch.setattr(os, "read", read)
+    assert operator.wish().lost == "the operator's input has ended"

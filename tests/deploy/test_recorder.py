@@ -9,9 +9,10 @@ from surefoot.deploy.drive import drive, report_of, unused
 from surefoot.deploy.interfaces import JointCommand
 from surefoot.deploy.recorder import FlightRecorder, TickRecord, load_flight, save_flight
 from surefoot.deploy.timing import Histogram
+from surefoot.errors import HangUp
 from surefoot.types import Command
 from tests.deploy.test_handover import sensors
-from tests.fakes.bridge_world import World
+from tests.fakes.bridge_world import TOY, ToyPolicy, World
 
 
 def record(tick: int) -> TickRecord:
@@ -133,6 +134,37 @@ def test_an_interrupt_damps_and_is_no_fault():
     assert report.fault == ""
     world.bridge.tick()
     assert world.is_latched
+
+
+def test_a_terminal_that_closes_is_a_lost_operator_and_the_flight_is_written(tmp_path):
+    world = World()
+    world.drive()
+
+    def hung_up():
+        raise HangUp
+
+    world.robot.read = hung_up
+    report = drive(world.runtime, tmp_path / "flight.npz")
+    assert (report.fault, report.detail) == ("operator lost", "the terminal has been closed")
+    assert str(load_flight(tmp_path / "flight.npz").fault) == "operator lost"
+    world.bridge.tick()
+    assert world.is_latched
+
+
+def test_the_reason_of_a_fault_outlives_a_disk_that_is_full(tmp_path):
+    (tmp_path / "file").touch()
+    report = Ends().drive(30, recording=tmp_path / "file" / "flight.npz")
+    assert report.fault == "stale state"
+    assert report.recording == ""
+    assert "flight.npz cannot be written" in report.unwritten
+
+
+def test_seconds_are_those_of_the_robots_rate():
+    policy = ToyPolicy()
+    policy.rate_hz = 500
+    world = World(policy=policy, description=TOY._replace(rate_hz=500))
+    world.drive(500)
+    assert report_of(world.runtime).seconds == world.runtime.driven / 500 > 0.9
 
 
 def test_a_report_counts_what_was_driven():

@@ -1,10 +1,12 @@
-"""The addresses of bridges: names are resolved, and what is none is refused."""
+"""The addresses of bridges: names are resolved, and what is none is refused; a flood is borne."""
 
 import socket
+from typing import Any
 
 import pytest
 
-from surefoot.deploy.udp_robot import address_text, parse_address
+from surefoot.deploy.bridge import MOST_DATAGRAMS
+from surefoot.deploy.udp_robot import UdpRobot, address_text, parse_address
 
 
 def test_a_name_is_resolved_because_senders_are_numbers():
@@ -19,3 +21,20 @@ def test_a_name_that_nobody_knows_is_a_clear_error(monkeypatch):
     monkeypatch.setattr(socket, "gethostbyname", unknown)
     with pytest.raises(ValueError, match=r"the host 'robto' has no IPv4 address .*give the number"):
         parse_address("udp://robto:5151")
+
+
+def test_a_flood_does_not_delay_a_tick():
+    class Endless:
+        """A channel in which there is always another datagram."""
+
+        received = 0
+
+        def receive(self):
+            self.received += 1
+            assert self.received < 1000, "it receives for ever"
+            return b"x", ("stranger", 3)
+
+    channel: Any = Endless()
+    robot = UdpRobot(channel, ("bridge", 1))
+    robot.take()
+    assert robot.refused == channel.received == MOST_DATAGRAMS

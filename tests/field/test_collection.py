@@ -159,7 +159,7 @@ class Killing(Unattended):
 
 
 def test_a_twin_that_is_killed_loses_the_episode_that_is_tried_again(run, monkeypatch):
-    monkeypatch.setattr(udp_robot, "LOCKSTEP_PATIENCE", 0.05)
+    monkeypatch.setattr(udp_robot, "STATE_PATIENCE", 0.05)
     twin = LockstepTwin(STANDING)
 
     def connection() -> udp_robot.UdpRobot:

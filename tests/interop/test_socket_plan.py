@@ -132,6 +132,7 @@ def test_an_answer_that_is_no_plan_takes_no_memory(content):
         threading.Thread(target=reply, daemon=True).start()
         with pytest.raises(PlanServerError, match="use at most 10000"):
             remote(STATE, 0, COMMAND)
+        assert remote._connection is None  # what is left in it is no beginning of an answer
 
 
 def test_a_method_learns_the_same_bits_from_an_mpc_behind_a_socket(toys, served, tmp_path):

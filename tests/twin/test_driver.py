@@ -196,3 +196,10 @@ def test_its_description_is_that_of_the_robot_or_of_a_profile(robot):
 def test_damping_follows_the_torque_limit(robot):
     assert damping_of(robot) == 0.2
     assert 1.0 < damping_of(load_robot("go2")) < 3.5
+
+
+@pytest.mark.parametrize("pose", ["standing", "lying"])
+def test_a_robot_that_is_held_measures_gravity(robot, pose):
+    twin = driver(robot, TwinConfig(pose=pose))
+    assert np.linalg.norm(twin.read().acceleration) == pytest.approx(9.81)
+    assert twin.read().acceleration[2] > 9.5

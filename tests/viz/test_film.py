@@ -141,9 +141,14 @@ DROVE = np.arange(200) >= 100
 """The policy drives for 100 ms, then the expert."""
 
 
-def frame(tick, expert_drove: np.ndarray | None = DROVE, pushes=()):
+def frame(
+    tick,
+    expert_drove: np.ndarray | None = DROVE,
+    pushes=(),
+    waiting: np.ndarray | None = None,
+):
     picture = Image.new("RGB", (400, 225), "white")
-    recording = recording_of(walk(), expert_drove, pushes)
+    recording = replace(recording_of(walk(), expert_drove, pushes), waiting=waiting)
     film_module._draw_caption(picture, recording, tick, "")
     film_module._draw_timeline(picture, recording, tick)
     return np.array(picture).astype(int)
@@ -175,6 +180,18 @@ def test_a_push_is_marked_on_the_timeline_and_named_for_150_ms():
     picture = frame(0, expert_drove=None, pushes=(40,))
     assert is_color(picture[-2, 10:], UNKNOWN_COLOR, 1).all()
     assert (picture[170:212] == 255).all()
+
+
+def test_where_nobody_drives_a_gray_box_and_a_gray_timeline_say_so():
+    waiting = np.where(DROVE, -1, 1)
+    for tick in (0, 150):
+        waits = waiting[tick] >= 0
+        picture = frame(tick, waiting=waiting)
+        label = picture[170:212, :100]
+        assert is_color(label, UNKNOWN_COLOR, 1).any() == waits
+        assert is_color(label, EXPERT_COLOR, 1).any() != waits
+        assert is_color(picture[-2, 20:180], UNKNOWN_COLOR, 1).all()
+        assert is_color(picture[-2, 380:], EXPERT_COLOR, 1).all()
 
 
 def test_a_film_names_the_driver_only_if_it_is_known(tmp_path, monkeypatch):

@@ -1,10 +1,15 @@
 """Flights as films: where the robot was, as far as something measured it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from surefoot.config.json_io import to_json
+from surefoot.config.robot_table import SOLO12
 from surefoot.deploy.interfaces import BaseEstimate
 from surefoot.deploy.recorder import Flight, FlightRecorder, TickRecord
+from surefoot.files import write_json
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
@@ -47,3 +52,22 @@ def test_ticks_that_are_no_numbers_are_left_out():
     assert len(recording_of(flight_of(None, 10, broken=3)).q) == 7
     with pytest.raises(ValueError, match="nothing to film"):
         recording_of(flight_of(None, 3, broken=3))
+
+
+def test_a_film_does_not_say_that_a_robot_was_driven_that_stands_up():
+    flight = flight_of(None, 6)
+    flight = replace(flight, mode=np.array([0, 0, 1, 1, 2, 2], np.int8))
+    recording = recording_of(flight)
+    assert recording.waiting is not None
+    assert recording.waiting.tolist() == [0, 0, 1, 1, -1, -1]
+
+
+def test_a_robot_that_is_none_of_the_package_is_asked_for(tmp_path):
+    flight = replace(flight_of(None, 3), robot=np.array("mine"))
+    with pytest.raises(ValueError, match=r"'mine', which is none of the package.*--robot FILE"):
+        recording_of(flight)
+    for name in ("mine", "other"):
+        write_json(tmp_path / f"{name}.json", to_json(replace(SOLO12, name=name)))
+    assert recording_of(flight, tmp_path / "mine.json").robot.name == "mine"
+    with pytest.raises(ValueError, match=r"'mine', and .*other\.json of 'other'"):
+        recording_of(flight, tmp_path / "other.json")

@@ -33,7 +33,8 @@ class Bench(OnWorkers, OnSimulator):
     """Measure throughput, compared with lower bounds.
 
     Without a name, it measures plan, engine, train, loop, evaluation and end_to_end in a few
-    minutes. `surefoot bench expert` measures what the expert survives, in an hour.
+    minutes. Options of --config change all but end_to_end. `surefoot bench expert` measures what
+    the expert survives, in an hour.
 
     JSON keys: one for each measurement. The keys below it are the fields of the records `PlanTimes`
     (plan), `EngineSpeed` (engine), `TrainSpeed` (train), `LoopTimes` (loop), `EvaluationSpeed`
@@ -66,6 +67,11 @@ class Bench(OnWorkers, OnSimulator):
         from surefoot.config.presets import preset
 
         check_outputs([Output("--json", self.json)])
+        if self.what == "end_to_end" and self.config != Config():
+            raise ValueError(
+                "--config does not change end_to_end, which trains the preset of loco_safe_dagger "
+                "that --preset names; `surefoot train` takes such options"
+            )
         if self.what == "expert":
             from surefoot.study.expert_survey import survey_expert, survey_table
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
+
+if TYPE_CHECKING:
+    from surefoot.interop.datasets.segments import Exported
 
 
 @dataclass(frozen=True)
@@ -28,22 +31,32 @@ class ExportData:
 
     def __call__(self) -> int:
         """Write, and say what was written."""
-        from surefoot.interop.datasets.lerobot import export_lerobot
+        from surefoot.interop.datasets.lerobot import check_lerobot, export_lerobot
         from surefoot.interop.datasets.minari import export_minari
-        from surefoot.interop.datasets.segments import Exported
+        from surefoot.interop.datasets.segments import ON_ROBOT, SIMULATED
+        from surefoot.runs.layout import ATTEMPTS_FILE
         from surefoot.runs.run import open_run
 
         if self.minari is None and self.lerobot is None:
             raise ValueError("export-data writes nothing without --minari FOLDER, --lerobot FOLDER")
         run = open_run(self.run)
-        written: list[Exported] = []
-        if self.minari is not None:
-            written.append(export_minari(run.dataset, run.config, self.minari, self.name))
+        recorded = ON_ROBOT if (run.folder / ATTEMPTS_FILE).exists() else SIMULATED
         if self.lerobot is not None:
-            written.append(export_lerobot(run.dataset, run.config, self.lerobot))
-        for exported in written:
-            print(
-                f"{exported.folder}: {exported.episodes} episodes, {exported.frames} frames "
-                f"({exported.left_out} left out)"
-            )
+            check_lerobot(self.lerobot)
+        if self.minari is not None:
+            show(export_minari(run.dataset, run.config, self.minari, self.name, recorded))
+        if self.lerobot is not None:
+            show(export_lerobot(run.dataset, run.config, self.lerobot, recorded))
         return 0
+
+
+def show(exported: Exported) -> None:
+    """Print what an export has written.
+
+    Args:
+        exported: What it has written.
+    """
+    print(
+        f"{exported.folder}: {exported.episodes} episodes, {exported.frames} frames "
+        f"({exported.left_out} left out)"
+    )

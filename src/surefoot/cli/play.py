@@ -62,6 +62,8 @@ class Play(OnHardware, OnSimulator, OnTerrain):
     """The film to write; without it, play.mp4, play-NNN.mp4 (of the policy of an iteration) or
     episode_ID.mp4 in the run's folder, play.mp4 beside another policy, or play.mp4 in the current
     folder."""
+    robot: str | None = None
+    """The robot of a flight, if it is one of your own: the JSON or TOML file with it."""
     log: Path | None = None
     """Write what the robot measured and was commanded to this file, .npz or .csv, tick by tick;
     `surefoot check` replays it."""
@@ -72,6 +74,8 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         """Play, print, film; 1 if the robot fell, or the expert gave up."""
         if self.target is not None and self.target.suffix == ".npz":
             return self.film_flight(self.target)
+        if self.robot is not None:
+            raise ValueError("--robot is for a flight; a policy and a run know their robot")
         from surefoot.interop.logs.sensor_log import SUFFIXES, sensor_log_of, write_sensor_log
         from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
@@ -150,9 +154,9 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         out = self.out or recorded.with_suffix(".mp4")
         check_outputs(film_outputs("--out", out), reads=[recorded])
         flight = load_flight(recorded)
-        recording = recording_of(flight)
         fault = str(flight.fault)
-        print(f"{fault}: {flight.detail}" if fault else "no fault")
+        print(f"{fault}: {flight.detail}" if fault else "no fault", flush=True)
+        recording = recording_of(flight, self.robot)
         film_episode(recording, out, f"{flight.robot}, {fault or 'no fault'}")
         return int(bool(fault))
 

@@ -21,6 +21,7 @@ from surefoot.cli.options import (
 )
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.errors import unknown
+from surefoot.files import WriteError
 from surefoot.types import Command
 
 if TYPE_CHECKING:
@@ -45,7 +46,8 @@ class RunPolicy:
     JSON keys: fault and detail [empty if the operator ended it]; seconds and expert_seconds
     [driven, s]; takeovers; ticks; missed [ticks without a command in time]; work [count, median,
     p99, p999, longest us, from a measurement to the written command]; round_trip [the same, from a
-    command to the state that knows of it]; recording [the file with the last ten seconds].
+    command to the state that knows of it]; recording [the file with the last ten seconds];
+    unwritten [why it could not be written].
     """
 
     policy: Annotated[Path, tyro.conf.Positional]
@@ -64,9 +66,9 @@ class RunPolicy:
     start: bool = False
     """Start at once, without a terminal; needs --seconds."""
     seconds: float | None = None
-    """Stop after so long, standing up included [s]; with --start only."""
+    """The time after which it stops, standing up included [s]; with --start only."""
     heartbeat: float | None = None
-    """Damp the robot if no line has come for so long [s]; an empty one will do."""
+    """Damp the robot if no line has come for this time [s]; an empty one will do."""
     expert: bool = False
     """Let the expert take over outside of the safety bounds that the policy was trained under, with
     a planner in another process; it needs the whole package, a robot of the package, and height and
@@ -85,7 +87,11 @@ class RunPolicy:
     config: RuntimeConfig = field(default_factory=RuntimeConfig)
 
     def __call__(self) -> int:
-        """Drive until the robot is given up or stopped; 1 after a fault."""
+        """Drive until the robot is given up or stopped; 1 after a fault.
+
+        Raises:
+            WriteError: The last ten seconds could not be written; the report has been shown.
+        """
         from surefoot.deploy.bridge import UdpChannel
         from surefoot.deploy.drive import drive, take_real_time_priority
         from surefoot.deploy.loop import Runtime
@@ -121,6 +127,8 @@ class RunPolicy:
         show_record(report, self.json)
         if report.recording:
             print(f"wrote {report.recording}", file=sys.stderr)
+        if report.unwritten:
+            raise WriteError(report.unwritten)
         if report.fault:
             print(what_to_do(report.fault, report.recording, self.lockstep), file=sys.stderr)
         return int(bool(report.fault))

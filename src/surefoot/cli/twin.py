@@ -7,10 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from surefoot.cli.view import HIGHEST_PORT
 from surefoot.config.twin import TwinConfig
 from surefoot.types import TICKS_PER_SECOND
 
 if TYPE_CHECKING:
+    from surefoot.deploy.bridge import UdpChannel
     from surefoot.twin.serve import Twin
 
 
@@ -35,7 +37,7 @@ class RunTwin:
     profile: str | None = None
     """A hardware profile of the robot (solo12: odri), or a JSON or TOML file with one."""
     seconds: float | None = None
-    """End after so much time of the robot [s]; without it, when it is interrupted."""
+    """The time of the robot after which it ends [s]; without it, when it is interrupted."""
     realtime: bool = False
     """Ask the system for real-time priority (Linux, needs the right to)."""
     watch: bool = False
@@ -45,14 +47,14 @@ class RunTwin:
     def __call__(self) -> int:
         """Serve until the time is over."""
         from surefoot.config import RobotConfig
-        from surefoot.deploy.bridge import UdpChannel
         from surefoot.deploy.drive import take_real_time_priority
         from surefoot.deploy.udp_robot import address_text
         from surefoot.robots.load import load_robot
         from surefoot.twin.serve import make_twin
 
+        self.check_options()
         robot = RobotConfig(model=self.robot, profile=self.profile)
-        channel = UdpChannel(self.host, self.port)
+        channel = self.channel()
         twin = make_twin(load_robot(robot), self.config, channel)
         name = twin.bridge.description.robot
         print(f"the twin of {name} listens at {address_text(channel.address)}", flush=True)
@@ -60,6 +62,40 @@ class RunTwin:
             take_real_time_priority()
         twin.serve(self.lockstep, self._watching(twin))
         return 0
+
+    def check_options(self) -> None:
+        """Check the options.
+
+        Raises:
+            ValueError: There is no such port or duration, or a link that no lockstep can have.
+        """
+        if not 0 <= self.port <= HIGHEST_PORT:
+            raise ValueError(f"--port {self.port}: use 0 to {HIGHEST_PORT}; 0 takes any free one")
+        if self.seconds is not None and not 0.0 < self.seconds < math.inf:
+            raise ValueError(f"--seconds {self.seconds:g}: use more than 0, or leave it out")
+        link = self.config.link
+        if self.lockstep and (link.delay or link.jitter):
+            raise ValueError(
+                "--lockstep excludes --config.link.delay and --config.link.jitter: the clock, "
+                "by which datagrams are late, stands still until one comes; --config.delay delays "
+                "the motors instead"
+            )
+
+    def channel(self) -> UdpChannel:
+        """The channel to listen on.
+
+        Raises:
+            ValueError: Nothing can listen there.
+        """
+        from surefoot.deploy.bridge import UdpChannel
+
+        try:
+            return UdpChannel(self.host, self.port)
+        except (OSError, UnicodeError) as error:
+            raise ValueError(
+                f"--host {self.host}, --port {self.port}: nothing can listen there ({error}); use "
+                "an address of this machine, and a port that is free, such as 0"
+            ) from error
 
     def _watching(self, twin: Twin) -> Callable[[], bool]:
         """Whether to go on; prints what there is to see on the way."""

@@ -28,9 +28,9 @@ Address = tuple[str, int]
 """A host and a port."""
 JOINTS = 12
 MOST_DATAGRAMS = 64
-"""So many datagrams are read in a tick, so that a flood does not delay the driver."""
+"""Maximum number of datagrams read in a tick, so that a flood does not delay the driver."""
 RELEASE = 1.0
-"""[s] A latched bridge greets a new runtime after so long a silence of the former one."""
+"""[s] Silence of the former runtime after which a latched bridge greets a new one."""
 RESTING = 3000  # [ticks] a latched robot in lockstep falls, before its time stands still again
 
 
@@ -62,7 +62,7 @@ class Driver(Protocol):
     """What a bridge needs of a robot's driver; neither method may wait for long."""
 
     def read(self) -> Measurement:
-        """What the robot measures now."""
+        """What the robot measures now; it raises an error once the robot has gone silent."""
         ...
 
     def write(self, command: Sequence[float]) -> None:
@@ -86,11 +86,11 @@ class Channel(Protocol):
         ...
 
     def wait(self, seconds: float) -> None:
-        """Wait until there may be a datagram, or for so long."""
+        """Wait until there may be a datagram, or for this time [s]."""
         ...
 
     def close(self) -> None:
-        """Give the channel up."""
+        """Close the channel."""
         ...
 
 
@@ -215,7 +215,7 @@ class Bridge:
             return
         measured = self._measured
         values = [value for part in measured[:6] for value in part]
-        values += measured.base or (0.0,) * 4
+        values += (0.0,) * 4 if measured.base is None else list(measured.base)
         state = protocol.State(
             self.status,
             self.cause,
@@ -235,7 +235,7 @@ class Bridge:
         self.peer = None
 
     def close(self) -> None:
-        """Damp the joints, and give the channel up."""
+        """Damp the joints, and close the channel."""
         self._latch(protocol.DRIVER)
         with suppress(Exception):
             self._driver.write(self._damping)

@@ -1,4 +1,4 @@
-"""One drive: ticks until the robot is damped for good, and what is to be said of it afterwards.
+"""One drive: ticks until the robot is damped for good, and the report of it.
 
 Read `recorder` for what is kept of it.
 """
@@ -16,15 +16,15 @@ from pathlib import Path
 from surefoot.deploy.loop import Runtime
 from surefoot.deploy.recorder import save_flight
 from surefoot.deploy.timing import Times
-from surefoot.files import is_stream
-from surefoot.types import TICKS_PER_SECOND
+from surefoot.errors import HangUp
+from surefoot.files import WriteError, is_stream
 
 logger = logging.getLogger(__name__)
 
 PRIORITY = 50
 """The real-time priority: in the middle, below the kernel's own."""
 LAST_WORDS = 20
-"""So often a robot is told to damp its joints, since datagrams may be lost."""
+"""Number of times a robot is told to damp its joints, since datagrams may be lost."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ class DriveReport:
         work: Times from a measurement to the written command.
         round_trip: Times from a command to the state that knows of it.
         recording: The file with the last ten seconds; empty if none was written.
+        unwritten: Why that file could not be written; empty if it was, or was not to be.
     """
 
     fault: str
@@ -54,6 +55,7 @@ class DriveReport:
     work: Times
     round_trip: Times
     recording: str
+    unwritten: str = ""
 
 
 def drive(runtime: Runtime, recording: Path | None, always: bool = False) -> DriveReport:
@@ -65,13 +67,15 @@ def drive(runtime: Runtime, recording: Path | None, always: bool = False) -> Dri
             there already, the first of NAME-2, NAME-3, ... that is not. None writes none.
         always: Whether they are written without a fault too.
 
-    Raises:
-        WriteError: The recording cannot be written; the robot is damped before it is tried.
+    Returns:
+        What happened; it also says why the recording could not be written, if it could not.
     """
     try:
         with without_pauses():
             while not runtime.over:
                 runtime.tick()
+    except HangUp:
+        runtime.lose("the terminal has been closed")
     except KeyboardInterrupt:
         runtime.stop()
     finally:
@@ -81,7 +85,10 @@ def drive(runtime: Runtime, recording: Path | None, always: bool = False) -> Dri
         return report_of(runtime)
     file = unused(recording)
     report = report_of(runtime, str(file))
-    save_flight(file, runtime.recorder.flight(report.fault, report.detail))
+    try:
+        save_flight(file, runtime.recorder.flight(report.fault, report.detail))
+    except WriteError as error:  # the reason of the fault must not be lost with it
+        return report_of(runtime, unwritten=str(error))
     return report
 
 
@@ -99,25 +106,27 @@ def unused(path: Path) -> Path:
     return free
 
 
-def report_of(runtime: Runtime, recording: str = "") -> DriveReport:
-    """What is to be said of a drive.
+def report_of(runtime: Runtime, recording: str = "", unwritten: str = "") -> DriveReport:
+    """The report of a drive.
 
     Args:
         runtime: The loop, which has ended.
         recording: The file with the last ten seconds.
+        unwritten: Why that file could not be written.
     """
     fault = runtime.fault
     return DriveReport(
         fault="" if fault is None else fault.kind,
         detail="" if fault is None else fault.detail,
-        seconds=runtime.driven / TICKS_PER_SECOND,
-        expert_seconds=runtime.expert_ticks / TICKS_PER_SECOND,
+        seconds=runtime.driven / runtime.recorder.rate_hz,
+        expert_seconds=runtime.expert_ticks / runtime.recorder.rate_hz,
         takeovers=runtime.takeovers,
         ticks=runtime.ticks,
         missed=runtime.missed,
         work=runtime.work.times,
         round_trip=runtime.round_trips.times,
         recording=recording,
+        unwritten=unwritten,
     )
 
 

@@ -20,8 +20,8 @@ from surefoot.deploy.interfaces import JointCommand, Sensors
 from surefoot.rotations import rotation
 from surefoot.types import GRID, JOINTS, TICKS_PER_SECOND, Array, Command, MotionPlan
 
-LOCKSTEP_PATIENCE = 10.0
-"""[s] A robot in lockstep waits so long for a plan."""
+PLAN_PATIENCE = 10.0
+"""[s] Maximum time that a robot in lockstep waits for a plan."""
 
 
 PLANNER_ENDED = "the planner's process has ended"
@@ -222,7 +222,7 @@ class PlanFollower:
         if self._lockstep:
             if self._asked_for is None or tick < self._asked_for:
                 return
-            seconds = LOCKSTEP_PATIENCE
+            seconds = PLAN_PATIENCE
         while self._outstanding:
             answer = self._link.answer(seconds)
             if answer is None:

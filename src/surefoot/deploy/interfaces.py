@@ -32,7 +32,7 @@ class RobotFault(RuntimeError):  # noqa: N818
 
 
 class Stale(RobotFault):
-    """The robot has not been heard of for too long."""
+    """The robot has not been heard from for too long."""
 
 
 class Latched(RobotFault):
@@ -156,7 +156,7 @@ class RobotInterface(Protocol):
         ...
 
     def close(self) -> None:
-        """Damp the joints, and give the robot free."""
+        """Damp the joints, and release the robot."""
         ...
 
 

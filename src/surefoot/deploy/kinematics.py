@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 
-from surefoot import rotations
 from surefoot.types import LEGS, Array
 
 LEG_JOINTS = 3
@@ -158,17 +157,3 @@ def com_in_base(table: KinematicTable, joints: Array) -> Array:
         joints: ``(..., 12)`` joint angles [rad].
     """
     return feet_and_com(table, joints)[1]
-
-
-def in_heading(points: Array, orientation: Array) -> Array:
-    """Vectors of the base frame ``(..., n, 3)`` in the heading frame: upright, x where it faces.
-
-    Args:
-        points: ``(..., n, 3)`` vectors in the base frame.
-        orientation: ``(..., 4)`` unit quaternions xyzw, base frame to world frame.
-    """
-    rotation = rotations.rotation(orientation)
-    world = points @ np.swapaxes(rotation, -1, -2)
-    heading = rotations.heading(rotation)[..., None, :]
-    level = rotations.to_heading(world[..., :2], heading)
-    return np.concatenate([level, world[..., 2:]], axis=-1)

@@ -42,8 +42,10 @@ logger = logging.getLogger(__name__)
 
 MICROSECOND = 1e-3
 """[us] A nanosecond."""
+MILLISECOND = 1_000_000
+"""[ns] A tick of the gait clock."""
 FIRST_ANSWERS = 10
-"""So often a policy is asked before the robot stands up."""
+"""Number of answers that a policy is asked for before the robot stands up."""
 
 
 class Mode(IntEnum):
@@ -175,6 +177,10 @@ class Runtime:
         self._last_command = None
         self._robot.damp()
 
+    def lose(self, why: str) -> None:
+        """Damp the robot for good because the operator is lost, which is a fault."""
+        self._give_up("operator lost", why)
+
     def _serve(self, sensors: Sensors, begun: int) -> None:
         """Do what a measurement asks for, and record it."""
         measured = self._clock()
@@ -224,7 +230,9 @@ class Runtime:
     def _change_mode(self, sensors: Sensors, wish: Wish) -> None:
         """Do what the operator wants, and let the policy drive once the robot stands."""
         if not wish.go:
-            if self.mode != Mode.DAMP or wish.lost:
+            if wish.lost:
+                self.lose(wish.lost)
+            elif self.mode != Mode.DAMP:
                 self.stop()
             return
         if self.mode == Mode.DAMP:
@@ -238,7 +246,7 @@ class Runtime:
         if self.mode != Mode.STAND or self._gait_clock(sensors) < standing:
             return
         if wish.rest:  # the time to settle begins when it is to walk
-            self._begun_ns = sensors.time_ns - round(standing * self._period_ns)
+            self._begun_ns = sensors.time_ns - standing * MILLISECOND
             return
         misfit = misfit_of(self._policy, sensors, self.config.posture)
         if misfit is None:
@@ -249,7 +257,10 @@ class Runtime:
             self._give_up("posture", misfit)
 
     def _is_ready(self, sensors: Sensors) -> bool:
-        """Whether the robot may stand up: the policy has been asked, and states come steadily."""
+        """Whether it may stand up: it is safe, the policy was asked, and states come steadily."""
+        if (unsafe := self._tests.unsafe(sensors)) is not None:
+            self._give_up(*unsafe)
+            return False
         if not self._asked:
             self._asked = True
             missing = missing_base(self._policy, sensors)
@@ -328,12 +339,8 @@ class Runtime:
         if inside != command and not self._warned:
             self._warned = True
             logger.warning(
-                "the command %s lies outside of what the policy was trained on, %s to %s; %s is "
-                "used instead",
-                tuple(command),
-                low,
-                high,
-                tuple(inside),
+                f"the command {tuple(command)} lies outside of what the policy was trained on, "
+                f"{low} to {high}; {tuple(inside)} is used instead"
             )
         return inside
 
@@ -355,7 +362,7 @@ class Runtime:
 
     def _gait_clock(self, sensors: Sensors) -> int:
         """The ticks since the mode began [ms]."""
-        return round((sensors.time_ns - self._begun_ns) * 1e-6)
+        return round((sensors.time_ns - self._begun_ns) / MILLISECOND)
 
     def _give_up(self, kind: FaultKind, detail: str) -> None:
         """Latch a fault and damp the joints; only the first one counts."""
@@ -379,16 +386,11 @@ class Runtime:
             self.work.add(work_ns * MICROSECOND)
             self.round_trips.add(round_trip)
         tick = self._gait_clock(sensors) if self.mode == Mode.DRIVE else -1
+        gait = self._gaits.at(tick) if tick >= 0 else 0
+        work = work_ns * MICROSECOND
+        expert = self._expert_drives
         record = TickRecord(
-            self.ticks,
-            begun,
-            self.mode,
-            self._expert_drives,
-            velocity,
-            tick,
-            work_ns * MICROSECOND,
-            round_trip,
-            self._gaits.at(tick) if tick >= 0 else 0,
+            self.ticks, begun, self.mode, expert, velocity, tick, work, round_trip, gait
         )
         self.recorder.add(record, sensors, command)
         for listener in self.listeners:

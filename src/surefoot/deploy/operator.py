@@ -20,6 +20,8 @@ from surefoot.types import Command
 
 LONGEST_LINE = 200
 """[B] No line of an operator is longer."""
+MOST_READS = 1000
+"""Number of reads after which a halt takes the input as forgotten, though more of it may come."""
 NAMES = {"vx": "vx", "vy": "vy", "yaw": "yaw_rate"}
 """What an operator calls the parts of a command."""
 UNSTEERED = "type start, stop, stand or walk; the velocities are given"
@@ -153,15 +155,16 @@ class Terminal:
     def halt(self) -> None:
         """Forget the start, and what was typed since: a damped robot waits for another one."""
         self._wish = self._wish._replace(go=False)
-        self.wish()
+        for _ in range(MOST_READS):
+            self.wish()
         self._wish = self._wish._replace(go=False)
         self._text = b""
 
     def _listen(self) -> None:
-        """Take the lines that have come."""
+        """Take what has come, but no more than a line's length, so that no flood delays a tick."""
         now = self._clock()
-        while select.select([self._descriptor], [], [], 0.0)[0]:
-            part = os.read(self._descriptor, LONGEST_LINE)
+        if select.select([self._descriptor], [], [], 0.0)[0]:
+            part = self._read()
             if not part:
                 self._wish = self._wish._replace(go=False, lost="the operator's input has ended")
                 return
@@ -174,6 +177,13 @@ class Terminal:
         if self._heartbeat is not None and self._wish.go and silent > self._heartbeat:
             lost = f"the operator has given no sign of life for {silent:.2f} s"
             self._wish = self._wish._replace(go=False, lost=lost)
+
+    def _read(self) -> bytes:
+        """Some bytes of the input; none if it has ended, as that of a closed terminal has."""
+        try:
+            return os.read(self._descriptor, LONGEST_LINE)
+        except OSError:
+            return b""
 
 
 def obey(wish: Wish, line: str, vocabulary: Vocabulary) -> Wish:

@@ -164,11 +164,15 @@ class FlightRecorder:
         robot: The name of the robot.
         rate_hz: The number of ticks in a second [Hz].
         ticks: How many ticks it keeps; those of ten seconds if it is None.
+
+    Attributes:
+        rate_hz: The number of ticks in a second [Hz].
     """
 
     def __init__(
         self, robot: str, rate_hz: int = TICKS_PER_SECOND, ticks: int | None = None
     ) -> None:
+        self.rate_hz = rate_hz
         self._robot = robot
         self._size = SECONDS * rate_hz if ticks is None else ticks
         self._integers = np.zeros((self._size, len(_INTEGERS)), dtype=np.int64)

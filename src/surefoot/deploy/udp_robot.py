@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from surefoot.deploy import protocol
-from surefoot.deploy.bridge import Address, Channel
+from surefoot.deploy.bridge import MOST_DATAGRAMS, Address, Channel
 from surefoot.deploy.interfaces import (
     BaseEstimate,
     Clock,
@@ -26,9 +26,9 @@ from surefoot.deploy.interfaces import (
 from surefoot.deploy.protocol import Description, Packet, State
 
 GREETING = 100_000_000
-"""[ns] Until the first command, the bridge is greeted so often, or another runtime could come."""
-LOCKSTEP_PATIENCE = 5.0
-"""[s] A robot in lockstep may be silent for so long: nothing moves meanwhile."""
+"""[ns] Interval between greetings until the first command, or another runtime could come."""
+STATE_PATIENCE = 5.0
+"""[s] Maximum time that a robot in lockstep may be silent: nothing moves meanwhile."""
 NANOSECONDS = 1e9
 NUMBERS = np.dtype("<f8")
 """The numbers in datagrams."""
@@ -141,7 +141,7 @@ class UdpRobot:
             self.take()
         self._read = self._newest
         silent = (self._clock() - self.heard_ns) / NANOSECONDS
-        limit = LOCKSTEP_PATIENCE if self.lockstep else self.description.state_timeout
+        limit = STATE_PATIENCE if self.lockstep else self.description.state_timeout
         if silent >= limit or self._sensors is None or self.state is None:
             raise Stale(f"the bridge has been silent for {1e3 * silent:.1f} ms")
         if self.state.status == protocol.LATCHED:
@@ -173,7 +173,7 @@ class UdpRobot:
     def _wait_for_the_tick(self) -> None:
         """Wait for the state that the last command has to lead to, and repeat the command."""
         begun = self._clock()
-        while not self._is_done() and self._clock() - begun < LOCKSTEP_PATIENCE * NANOSECONDS:
+        while not self._is_done() and self._clock() - begun < STATE_PATIENCE * NANOSECONDS:
             self._channel.wait(0.2)
             self.take()
             if self._commands and self._clock() - begun > 0.2 * NANOSECONDS:
@@ -195,8 +195,11 @@ class UdpRobot:
         self._channel.send(self._last_sent, self._peer)
 
     def take(self) -> None:
-        """Take all datagrams that have come; of the states the newest counts."""
-        while True:
+        """Take the datagrams that have come, as many as the bridge takes; the newest state counts.
+
+        A flood of them does not delay a tick.
+        """
+        for _ in range(MOST_DATAGRAMS):
             received = self._channel.receive()
             if received is None:
                 return

@@ -82,6 +82,9 @@ class SocketPlan:
                 self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._connection.sendall(asked)
             return read_answer(self._connection)
+        except PlanServerError:
+            self.close()  # what follows in it is no beginning of an answer
+            raise
         except (OSError, EOFError) as error:
             self.close()
             raise PlanServerError(
@@ -191,7 +194,7 @@ def _answer_all(connection: socket.socket, plan: Callable[..., MotionPlan]) -> N
 
 
 def _receive(connection: socket.socket, size: int) -> bytes:
-    """Exactly so many bytes.
+    """Exactly this number of bytes.
 
     Raises:
         EOFError: The connection has been closed before.

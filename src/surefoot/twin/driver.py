@@ -29,7 +29,7 @@ TICK_NS = round(1e9 * TIME_STEP)
 BLOWN_UP = 1
 """The bit of a simulation whose numbers have run away."""
 SETTLING = 1500
-"""[ticks] A robot that lies has come to rest after so long."""
+"""[ticks] Time after which a robot that lies has come to rest."""
 MARGIN = 0.05
 """[rad] A folded joint stays so far within its limits."""
 FOLDED = (0.0, 1.25, 2.55)
@@ -88,7 +88,7 @@ class TwinDriver:
         self._under_way.clear()
         self._torque = np.zeros(len(JOINTS))
         self._velocity = self._world_velocity()
-        self._acceleration = np.zeros(3)
+        self._acceleration = rotation(q[3:7]).T @ (0.0, 0.0, GRAVITY)  # of what stands still
 
     def write(self, command: Sequence[float]) -> None:
         """Take a command over, and let a tick pass; a robot that is held does not move."""

@@ -98,7 +98,7 @@ def failure_html(error: str) -> str:
 
 
 def margins_html(margins: tuple[Margin, ...]) -> str:
-    """The margins as bars: full in the nominal pose, empty at the bound, and red outside.
+    """The margins as bars: green, orange near the bound, red outside; full in the nominal pose.
 
     Args:
         margins: The margins.

@@ -49,7 +49,9 @@ EXPERT_COLOR = "#0072B2"
 POLICY_COLOR = "#D55E00"
 """Vermilion of the same palette."""
 UNKNOWN_COLOR = "#666666"
-"""Gray of the timeline where nobody knows who drove."""
+"""Gray of the timeline where nobody drove, or nobody knows who."""
+WAITING = ("damped", "standing up")
+"""What a robot does that nobody drives."""
 INK = "#282D37"
 """Color of texts and marks."""
 
@@ -65,6 +67,8 @@ class Recording:
         expert_drove: ``(T,)`` True where the expert drove; None if that is not to be shown.
         pushes: Ticks at which a push begins.
         ground: The ground of that robot; None is level ground at z = 0.
+        waiting: ``(T,)`` place in `WAITING` of why nobody drove; -1 where somebody did. None says
+            that somebody did throughout.
 
     Raises:
         ValueError: ``q`` is not the recording of one robot, or the expert's ticks, pushes or the
@@ -77,6 +81,7 @@ class Recording:
     expert_drove: BoolArray | None = None
     pushes: tuple[int, ...] = ()
     ground: Ground | None = None
+    waiting: IntArray | None = None
 
     def __post_init__(self) -> None:
         """Check that all parts have the same length."""
@@ -88,6 +93,8 @@ class Recording:
                 f"expert_drove {self.expert_drove.shape} must be {(len(q),)}, as long as q: "
                 "rollout.expert_drove[b, : length[b]]"
             )
+        if self.waiting is not None and self.waiting.shape != (len(q),):
+            raise ValueError(f"waiting {self.waiting.shape} must be {(len(q),)}, as long as q")
         if not all(0 <= push < len(q) for push in self.pushes):
             raise ValueError(
                 f"pushes {self.pushes} must be ticks of the recording, 0 to {len(q) - 1}"
@@ -284,7 +291,9 @@ def _draw_caption(picture: Image.Image, recording: Recording, tick: int, title: 
     draw.text((margin, margin), title, INK, font, "la")
     draw.text((width - margin, margin), f"{tick / TICKS_PER_SECOND:.2f} s", INK, font, "ra")
     boxes = []
-    if recording.expert_drove is not None:
+    if recording.waiting is not None and recording.waiting[tick] >= 0:
+        boxes.append((WAITING[recording.waiting[tick]], UNKNOWN_COLOR))
+    elif recording.expert_drove is not None:
         if recording.expert_drove[tick]:
             boxes.append(("expert drives", EXPERT_COLOR))
         else:
@@ -310,10 +319,13 @@ def _draw_timeline(picture: Image.Image, recording: Recording, tick: int) -> Non
     if recording.expert_drove is None:
         draw.rectangle((0, height - thick, width, height), UNKNOWN_COLOR)
     else:
-        by_column = recording.expert_drove[np.arange(width) * length // width, None]
+        columns = np.arange(width) * length // width
+        by_column = recording.expert_drove[columns, None]
         expert = ImageColor.getrgb(EXPERT_COLOR)
         policy = ImageColor.getrgb(POLICY_COLOR)
         colors = np.where(by_column, expert, policy)
+        if recording.waiting is not None:
+            colors[recording.waiting[columns] >= 0] = ImageColor.getrgb(UNKNOWN_COLOR)
         strip = Image.fromarray(colors[None].astype(np.uint8)).resize((width, thick))
         picture.paste(strip, (0, height - thick))
     for push in recording.pushes:

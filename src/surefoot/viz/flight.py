@@ -6,27 +6,40 @@ Where nothing measured the base, the robot stands where it is, its lowest foot o
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from surefoot.config import SimulationConfig
+from surefoot.config.robot_table import ROBOTS
 from surefoot.deploy.recorder import Flight
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
 from surefoot.rotations import rotation
 from surefoot.types import TICKS_PER_SECOND, Array, IntArray
-from surefoot.viz.film import Recording
+from surefoot.viz.film import WAITING, Recording
 
 
-def recording_of(flight: Flight) -> Recording:
+def recording_of(flight: Flight, own: Path | str | None = None) -> Recording:
     """What there is to film of a flight.
 
     Args:
         flight: The flight.
+        own: The file of its robot, where it is none of the package.
 
     Raises:
-        ValueError: It holds no tick with finite numbers, or no robot of the package.
+        ValueError: It holds no tick with finite numbers, or is of another robot than the one given,
+            or of none of the package.
     """
-    robot = load_robot(str(flight.robot))
+    name = str(flight.robot)
+    if own is None and name not in ROBOTS:
+        raise ValueError(
+            f"the flight is of the robot {name!r}, which is none of the package; name its file "
+            "with --robot FILE"
+        )
+    robot = load_robot(name if own is None else str(own))
+    if robot.name != name:
+        raise ValueError(f"the flight is of the robot {name!r}, and {own} of {robot.name!r}")
     measured = np.column_stack([flight.joint_position, flight.orientation])
     rows = np.isfinite(measured).all(axis=1)
     if not rows.any():
@@ -41,7 +54,13 @@ def recording_of(flight: Flight) -> Recording:
     base = flight.base[rows]
     q[:, 2] = np.where(np.isfinite(base[:, 0]), base[:, 0], standing)
     q[:, :2] = _path(base[:, 1:], q[:, 3:7], flight.robot_time_ns[rows])
-    return Recording(robot, SimulationConfig(), q, flight.expert_drove[rows])
+    return Recording(
+        robot,
+        SimulationConfig(),
+        q,
+        flight.expert_drove[rows],
+        waiting=np.where(flight.mode[rows] < len(WAITING), flight.mode[rows], -1),
+    )
 
 
 def _path(velocity: Array, orientation: Array, time_ns: IntArray) -> Array:

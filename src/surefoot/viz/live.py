@@ -46,7 +46,7 @@ DRIVERS: tuple[DriverName, ...] = get_args(DriverName)
 PUSH_TICKS = 10
 """[ms] How long a push lasts, as in evaluations."""
 LIMP_TICKS = 1000
-"""[ms] A robot that has fallen lies down for so long before the simulation stands still."""
+"""[ms] Time in which a robot that has fallen lies down, before the simulation stands still."""
 PLAN_SHOWN = 100
 """[ms] How long a plan is followed at most, and shown."""
 TROT = Gait()
@@ -254,7 +254,7 @@ class LiveSimulation:
         self._push_begins = self._elapsed
 
     def step(self, ticks: int) -> None:
-        """Simulate so many ticks of 1 ms; fewer once the robot lies on the ground."""
+        """Simulate this number of ticks of 1 ms; fewer once the robot lies on the ground."""
         for _ in range(ticks):
             if self.over:
                 return

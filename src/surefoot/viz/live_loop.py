@@ -25,7 +25,7 @@ FRAME_SECONDS = 0.04
 IDLE_SECONDS = 0.002
 """[s] How long the thread sleeps when nothing is due."""
 WAIT_SECONDS = 0.5
-"""[s] While somebody waits for the thread to end, Ctrl-C is noticed after so long at most."""
+"""[s] Maximum time until Ctrl-C is noticed while somebody waits for the thread to end."""
 RATE_SECONDS = 1.0
 """[s] The time over which the real rate is measured."""
 

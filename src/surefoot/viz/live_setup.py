@@ -41,7 +41,7 @@ of their leg length."""
 
 
 LYING = 0.3
-"""[s] A robot whose base or legs are on the ground for so long has fallen, whatever its angles."""
+"""[s] Time on the ground with base or legs after which a robot has fallen, whatever its angles."""
 
 
 @dataclass(frozen=True)

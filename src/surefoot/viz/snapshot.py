@@ -25,7 +25,7 @@ TRACE_SECONDS = 10.0
 MEAN_SECONDS = 0.5
 """[s] The velocity that is shown is a mean over this time: a period of the trot."""
 PUSH_SHOWN = 600
-"""[ms] A push is shown for so long; it lasts 10 ms."""
+"""[ms] Time for which a push is shown; it lasts 10 ms."""
 LEAST_MARGIN = 1e-3
 """[m, rad] A quantity that is nearer to its bound in the nominal pose counts as if it were here."""
 

@@ -164,3 +164,26 @@ def test_nothing_in_a_log_is_run(tmp_path):
     np.savez(path, q=np.array([print], dtype=object))
     with pytest.raises(ValueError, match="is no log"):
         read_expert_log(path)
+
+
+@pytest.mark.parametrize("outcome", [300, -1, 4])
+def test_an_outcome_that_there_is_not_is_refused(log, outcome):
+    log["outcome"] = np.full(len(log["tick"]), outcome)
+    with pytest.raises(ValueError, match="outcome: row 0 is none of 0 SUCCESS, 1 FELL"):
+        frames_from_arrays(log, ROBOT)
+
+
+def test_an_episode_that_comes_back_after_another_is_refused(log):
+    log["episode"] = np.repeat([0, 1, 0], [10, 10, len(log["tick"]) - 20])
+    with pytest.raises(ValueError, match="episode: row 20 goes on with an episode after another"):
+        frames_from_arrays(log, ROBOT)
+
+
+def test_a_text_may_begin_with_the_mark_of_its_encoding(log, tmp_path):
+    head = ",".join([*(f"q{n}" for n in range(19)), "tick"])
+    rows = np.column_stack([log["q"], log["tick"]])
+    np.savetxt(
+        tmp_path / "log.csv", rows, delimiter=",", header=head, comments="\ufeff", encoding="utf-8"
+    )
+    with pytest.raises(ValueError, match="no columns v0, v1"):  # and so it has q0
+        read_expert_log(tmp_path / "log.csv")

@@ -26,8 +26,13 @@ def case(request, tmp_path_factory):
 
 def every_second(log):
     """A log that was taken at half the rate."""
+    return rows_of(log, np.arange(0, len(log), 2))
+
+
+def rows_of(log, rows):
+    """Some rows of a log, in any order."""
     arrays = {name: array for name, array in vars(log).items() if array is not None}
-    return replace(log, **{name: array[::2] for name, array in arrays.items()})
+    return replace(log, **{name: array[rows] for name, array in arrays.items()})
 
 
 def relabeled(log):
@@ -132,6 +137,19 @@ def test_a_rate_is_named(case):
     found = check_log(sensors, file).findings[0]
     assert found.kind == "rate"
     assert "not as far apart as time_ns says" in found.text
+
+
+def test_measurements_that_are_there_twice_are_no_finding(case):
+    """Where a datagram is late, a runtime reads the same measurement again."""
+    file, _, log = case
+    sensors = replace(log, network_input=None, joint_target=None)
+    rows = np.arange(len(log))
+    again = rows_of(sensors, rows - rows % 7 // 6)
+    assert check_log(again, file).findings == check_log(sensors, file).findings == ()
+    backwards = again.time_ns.copy()
+    backwards[20:] -= 10**7
+    found = check_log(replace(again, time_ns=backwards), file).findings[0]
+    assert (found.term, found.kind) == ("time_ns", "time")
 
 
 def test_a_log_of_another_layout_is_refused(case):

@@ -179,3 +179,24 @@ def test_a_flight_in_which_no_policy_drove_or_without_its_clock_is_no_log():
 def test_a_log_that_is_not_there_says_what_writes_one(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"there is no log .*surefoot play --log"):
         read_sensor_log(tmp_path / "log.npz")
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"time_ns": np.array(3)}, r"time_ns is \(\), expected \(T,\)"),
+        ({"network_input": np.array(1.0)}, r"network_input is \(\), expected \(20, 'n'\)"),
+        ({"orientation": np.zeros((20, 4))}, "orientation is no unit quaternion in row 0"),
+    ],
+)
+def test_arrays_that_cannot_be_are_refused(change, text):
+    with pytest.raises(ValueError, match=text):
+        replace(smooth_log(20), **change)
+
+
+def test_a_text_may_begin_with_the_mark_of_its_encoding(tmp_path):
+    path = tmp_path / "log.csv"
+    log = smooth_log(4)
+    write_sensor_log(log, path)
+    path.write_text(path.read_text(), encoding="utf-8-sig")
+    assert_same(read_sensor_log(path), log)

@@ -21,6 +21,7 @@ from surefoot.config.array_io import parse_npz
 from surefoot.learning.frames import Frames
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import center_of_mass, difference, feet, legs_of, masses_of
+from surefoot.rollouts.outcome import Outcome
 from surefoot.rotations import rotation
 from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, IntArray
 
@@ -69,7 +70,7 @@ def _read_csv(path: Path) -> dict[str, NDArray]:
     Raises:
         ValueError: A column is missing, or something is no number.
     """
-    with path.open(newline="", encoding="utf-8") as file:
+    with path.open(newline="", encoding="utf-8-sig") as file:
         names = [name.strip() for name in next(csv.reader(file), [])]
         rows = np.loadtxt(file, delimiter=",", ndmin=2)
     if rows.shape[1] != len(names):
@@ -127,6 +128,9 @@ def frames_from_arrays(
     position, _ = feet(q, legs_of(robot))
     grounded = position[..., 2] - robot.foot_radius <= GROUNDED
     n = len(q)
+    outcome = _whole("outcome", given.get("outcome", np.zeros(n)))
+    names = ", ".join(f"{each.value} {each.name}" for each in Outcome)
+    _refuse(~np.isin(outcome, list(Outcome)), "outcome", f"is none of {names}")
     return Frames(
         q=q,
         v=v,
@@ -138,7 +142,7 @@ def frames_from_arrays(
         torque=np.clip(torque, -robot.torque_limit, robot.torque_limit),
         expert_drove=given.get("expert_drove", np.ones(n)).astype(bool),
         episode=first_episode + number,
-        outcome=_whole("outcome", given.get("outcome", np.zeros(n))).astype(np.int8),
+        outcome=outcome.astype(np.int8),
         elapsed=_elapsed(number),
     )
 
@@ -205,7 +209,12 @@ def _episodes(given: Mapping[str, NDArray], tick: IntArray) -> IntArray:
     """
     if "episode" not in given:
         return np.concatenate([[0], np.cumsum(np.diff(tick) != 1)])
-    changes = np.diff(_whole("episode", given["episode"])) != 0
+    episode = _whole("episode", given["episode"])
+    changes = np.diff(episode) != 0
+    begins = np.concatenate([[True], changes])
+    _, first = np.unique(episode, return_index=True)
+    begins[first] = False
+    _refuse(begins, "episode", "goes on with an episode after another one; sort the rows")
     jumps = np.concatenate([[False], (np.diff(tick) != 1) & ~changes])
     _refuse(
         jumps,

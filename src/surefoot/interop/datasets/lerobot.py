@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from surefoot.config import Config
 from surefoot.config.json_io import Plain
 from surefoot.files import write_atomic, write_json
-from surefoot.interop.datasets.segments import Exported, dataset_card, new_folder, segments
+from surefoot.interop.datasets.segments import (
+    SIMULATED,
+    Exported,
+    check_new,
+    dataset_card,
+    new_folder,
+    segments,
+)
 from surefoot.interop.gym.task import task_spec
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames
@@ -33,7 +40,7 @@ from surefoot.types import JOINTS, TICKS_PER_SECOND
 VERSION = "v3.0"
 """The version of the layout."""
 FRAMES_PER_FILE = 100_000
-"""A Parquet file ends with the episode that reaches so many frames, at about 60 MB."""
+"""Number of frames at which a Parquet file ends with the episode, at about 60 MB."""
 FILES_PER_CHUNK = 1000
 """Files in a folder."""
 QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
@@ -116,13 +123,30 @@ class _Written:
     waiting_frames: int = 0
 
 
-def export_lerobot(dataset: Dataset, config: Config, folder: Path | str) -> Exported:
+def check_lerobot(folder: Path | str) -> None:
+    """Check that `export_lerobot` could write, before any work.
+
+    Args:
+        folder: The new folder.
+
+    Raises:
+        ImportError: pyarrow or pandas is missing.
+        ValueError: The folder exists.
+    """
+    import_pyarrow()
+    check_new(Path(folder))
+
+
+def export_lerobot(
+    dataset: Dataset, config: Config, folder: Path | str, recorded: str = SIMULATED
+) -> Exported:
     """Write a dataset in the layout of LeRobotDataset v3.0.
 
     Args:
         dataset: The dataset, such as ``Run.dataset``.
         config: The configuration that it was collected with, such as ``Run.config``.
         folder: The new folder.
+        recorded: Where the frames were recorded, for its card.
 
     Raises:
         ImportError: pyarrow or pandas is missing.
@@ -152,7 +176,7 @@ def export_lerobot(dataset: Dataset, config: Config, folder: Path | str) -> Expo
         left_out = dataset.frames - written.frames
         exported = Exported(folder, len(written.episodes), written.frames, left_out)
         texts = {name: feature.text for name, feature in FEATURES.items()}
-        card = dataset_card(f"{robot.name} walking", config, dataset, exported, texts)
+        card = dataset_card(f"{robot.name} walking", config, dataset, exported, texts, recorded)
         write_atomic(whole / "README.md", card.encode())
     return exported
 

@@ -20,7 +20,13 @@ import surefoot
 from surefoot.config import Config, method_name
 from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
-from surefoot.interop.datasets.segments import Exported, dataset_card, new_folder, segments
+from surefoot.interop.datasets.segments import (
+    SIMULATED,
+    Exported,
+    dataset_card,
+    new_folder,
+    segments,
+)
 from surefoot.interop.gym.ids import environment_of, import_gymnasium, register_environments
 from surefoot.interop.gym.task import WalkingTask, reward_rate, task_spec
 from surefoot.learning.dataset import Dataset
@@ -50,7 +56,11 @@ COLUMNS = {
 
 
 def export_minari(
-    dataset: Dataset, config: Config, root: Path | str, name: str | None = None
+    dataset: Dataset,
+    config: Config,
+    root: Path | str,
+    name: str | None = None,
+    recorded: str = SIMULATED,
 ) -> Exported:
     """Write a dataset in Minari's format.
 
@@ -61,6 +71,7 @@ def export_minari(
         config: The configuration that it was collected with, such as ``Run.config``.
         root: A folder of Minari datasets.
         name: The id of the new one; without it, ``ROBOT-METHOD-v0``.
+        recorded: Where the frames were recorded, for its card.
 
     Raises:
         ImportError: Gymnasium or Minari is missing.
@@ -105,7 +116,7 @@ def export_minari(
             raise ValueError(f"{dataset.folder} holds no two frames that follow each other")
         frames = written["frames"]
         exported = Exported(folder, written["episodes"], frames, dataset.frames - frames)
-        card = dataset_card(f"Minari: {name}", config, dataset, exported, COLUMNS)
+        card = dataset_card(f"Minari: {name}", config, dataset, exported, COLUMNS, recorded)
         write_atomic(whole / "README.md", card.encode())
     return exported
 

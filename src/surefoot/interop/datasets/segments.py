@@ -26,6 +26,11 @@ from surefoot.learning.frames import Frames
 from surefoot.learning.policy import policy_spec
 from surefoot.types import TICKS_PER_SECOND
 
+SIMULATED = "in simulation"
+"""Where the frames of a run were recorded, for the dataset card."""
+ON_ROBOT = "on a robot, and in simulation before,"
+"""The same of a run that has learned on a robot."""
+
 
 @dataclass(frozen=True)
 class Exported:
@@ -63,6 +68,19 @@ def segments(dataset: Dataset, shortest: int = 1) -> Iterator[Frames]:
                 yield frames[begin:end]
 
 
+def check_new(folder: Path) -> None:
+    """Check that an export may have a folder, before any work.
+
+    Args:
+        folder: The folder.
+
+    Raises:
+        ValueError: It exists.
+    """
+    if folder.exists():
+        raise ValueError(f"{folder} exists; an export never changes a folder: name a new one")
+
+
 @contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
     """A folder to write into, which gets its name when all is written.
@@ -74,8 +92,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
         ValueError: It exists.
         WriteError: The disk is full, or read-only.
     """
-    if folder.exists():
-        raise ValueError(f"{folder} exists; an export never changes a folder: name a new one")
+    check_new(folder)
     with writing(folder):
         folder.parent.mkdir(parents=True, exist_ok=True)
         work = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
@@ -94,7 +111,12 @@ def new_folder(folder: Path) -> Iterator[Path]:
 
 
 def dataset_card(
-    title: str, config: Config, dataset: Dataset, exported: Exported, columns: dict[str, str]
+    title: str,
+    config: Config,
+    dataset: Dataset,
+    exported: Exported,
+    columns: dict[str, str],
+    recorded: str = SIMULATED,
 ) -> str:
     """The README of an exported dataset, in Markdown, as the Hugging Face hub shows it.
 
@@ -104,6 +126,7 @@ def dataset_card(
         dataset: The dataset that was exported.
         exported: What was written.
         columns: What the columns hold.
+        recorded: Where the frames were recorded.
     """
     spec = policy_spec(config)
     box = config.commands
@@ -116,7 +139,7 @@ def dataset_card(
         f"# {title}",
         "",
         f"{exported.frames} frames ({seconds:.1f} s at 1 kHz) of the quadruped "
-        f"{config.robot.model}, recorded in simulation with surefoot. A model predictive "
+        f"{config.robot.model}, recorded {recorded} with surefoot. A model predictive "
         "controller answers every frame; `expert_drove` says whether its answer was applied.",
         "",
         f"- {exported.episodes} episodes: stretches without a gap of the collected ones, of which "

@@ -15,7 +15,7 @@ ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
     f"{NAMESPACE}/Go2-v0": {"robot": "go2"},
     f"{NAMESPACE}/Quadruped-v0": {},
 }
-"""The environments, with their arguments; the last one is told its robot."""
+"""The environments, with their arguments; the last one has Solo12 unless `robot` is given."""
 
 
 def register_environments() -> None:

@@ -19,7 +19,7 @@ Numbers = Array | Float32Array
 """Numbers of either length."""
 
 MOST_DELAY = 5
-"""[rows] Recordings are shifted by at most so much."""
+"""[rows] Maximum shift between two recordings."""
 DEGREES = 180.0 / np.pi
 
 

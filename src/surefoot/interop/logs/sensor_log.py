@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from surefoot.config.array_io import parse_npz
 from surefoot.config.json_text import read_file
@@ -31,11 +31,21 @@ from surefoot.learning.memory import samples_of
 from surefoot.learning.observation import Float32Array, network_input
 from surefoot.learning.policy import PolicySpec, target_of
 from surefoot.rollouts.episodes import Rollout
-from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, IntArray, State, ground_height
+from surefoot.types import (
+    JOINTS,
+    TICKS_PER_SECOND,
+    Array,
+    BoolArray,
+    IntArray,
+    State,
+    ground_height,
+)
 
 SUFFIXES = (".npz", ".csv")
 """The endings of logs."""
 _AXES = ("x", "y", "z")
+UNIT = 0.05
+"""A quaternion whose length differs from 1 by more is none, as for the runtime."""
 _COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "time_ns": (),
     "tick": (),
@@ -95,6 +105,8 @@ class SensorLog:
 
     def __post_init__(self) -> None:
         """Check all arrays."""
+        if np.ndim(self.time_ns) != 1:
+            raise ValueError(f"time_ns is {np.shape(self.time_ns)}, expected (T,)")
         T = len(self.time_ns)
         if T < 2:
             raise ValueError(f"a log of {T} rows; record at least two")
@@ -102,13 +114,16 @@ class SensorLog:
             array = getattr(self, field.name)
             if array is None:
                 continue
-            components = _COMPONENTS.get(field.name)
-            width = () if components == () else (len(components or ()) or np.shape(array)[-1],)
-            if np.shape(array) != (T, *width):
-                raise ValueError(f"{field.name} is {np.shape(array)}, expected {(T, *width)}")
+            expected = _shape(field.name, array, T)
+            if np.shape(array) != expected:
+                raise ValueError(f"{field.name} is {np.shape(array)}, expected {expected}")
             if not np.isfinite(array).all():
                 row = int(np.argwhere(~np.isfinite(np.reshape(array, (T, -1))).all(axis=1))[0, 0])
                 raise ValueError(f"{field.name} is not finite in row {row}")
+        wrong = np.abs(np.linalg.norm(self.orientation, axis=1) - 1.0) > UNIT
+        if wrong.any():
+            row = int(wrong.argmax())
+            raise ValueError(f"orientation is no unit quaternion in row {row}")
 
     def __len__(self) -> int:
         return len(self.time_ns)
@@ -131,6 +146,10 @@ class SensorLog:
     def first(self, rows: int) -> SensorLog:
         """The first rows of the log."""
         return replace(self, **{name: array[:rows] for name, array in _present(self)})
+
+    def at(self, rows: BoolArray) -> SensorLog:
+        """The rows of the log that are True."""
+        return replace(self, **{name: array[rows] for name, array in _present(self)})
 
 
 def sensor_log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
@@ -262,7 +281,7 @@ def read_sensor_log(path: Path) -> SensorLog:
     content = read_file(path)
     try:
         if path.suffix.lower() == ".csv":
-            arrays = _from_csv(content.decode())
+            arrays = _from_csv(content.decode("utf-8-sig"))
         else:
             arrays = parse_npz(content)
         if "robot_time_ns" in arrays:
@@ -280,6 +299,14 @@ def read_sensor_log(path: Path) -> SensorLog:
         return SensorLog(**arrays)  # pyright: ignore[reportArgumentType]
     except ValueError as error:
         raise ValueError(f"{path} is no log of sensors: {error}") from error
+
+
+def _shape(name: str, array: ArrayLike, rows: int) -> tuple[int | str, ...]:
+    """The shape that an array of a log has to have; that of the network's input is not known."""
+    components = _COMPONENTS.get(name)
+    if components is None:
+        return rows, np.shape(array)[1] if np.ndim(array) == 2 else "n"
+    return (rows, len(components)) if components else (rows,)
 
 
 def _present(log: SensorLog) -> Iterator[tuple[str, NDArray]]:
