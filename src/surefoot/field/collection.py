@@ -44,7 +44,7 @@ logger = logging.getLogger(__name__)
 SWITCH_INTERVAL = 2e-4
 """[s] The thread that drives the robot waits no longer for the other one."""
 MOST_DROPPED = 10
-"""So many attempts may be dropped in a row before something has to be mended."""
+"""The number of attempts dropped in a row after which collection stops."""
 
 MOSTLY = 0.8
 """The expert drives nearly all of the time if its share is more than this."""
@@ -162,7 +162,7 @@ class RobotCollection:
                         raise RuntimeError(
                             f"{dropped} attempts in a row say nothing of the policy, the last "
                             f"because of {report.attempt.fault or 'the operator'} "
-                            f"({report.attempt.detail}); mend that, and the same command goes on "
+                            f"({report.attempt.detail}); fix that, then run the same command again "
                             "(where other programs keep this machine busy, with --realtime)"
                         )
         finally:
