@@ -127,7 +127,7 @@ class Files:
             return values[0] / values[1], int(values[1])
         if name == "mean":
             trials = [count for _, count in parts if count is not None]
-            together = sum(trials) if len(trials) == len(parts) else None
+            together = min(trials) if len(trials) == len(parts) else None
             return math.fsum(values) / len(values), together
         assert name in ("low", "high"), source
         interval = interval_over_runs(values, [trials for _, trials in parts])

@@ -1,5 +1,6 @@
 """Results made by hand: robustness and pushes with known answers, for tests of what shows them."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.evaluation.statistics import wilson
 from surefoot.scenarios.starts import load_starts
+from surefoot.study.run_statistics import Runs
 
 
 def robustness(successes: int, n: int, **changes) -> Robustness:
@@ -57,3 +59,9 @@ def push_result(fitted: tuple[float, ...], **changes) -> PushResult:
         mean_interval=(mean, mean),
     )
     return replace(result, **changes)
+
+
+def shares(events: Sequence[int], rollouts: Sequence[int]) -> Runs:
+    """Runs of which so many of their rollouts are counted."""
+    values = [count / n for count, n in zip(events, rollouts, strict=True)]
+    return Runs(tuple(values), tuple(rollouts))

@@ -21,7 +21,8 @@ from surefoot.study.claims import (
     judge_mean,
     verdict_of,
 )
-from surefoot.study.run_statistics import Runs, shares
+from surefoot.study.run_statistics import Runs
+from tests.fakes.results import shares
 
 NEWTON_SECONDS = Quantity("N s")
 

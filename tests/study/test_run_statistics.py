@@ -19,9 +19,9 @@ from surefoot.study.run_statistics import (
     holm,
     mean_of_runs,
     permutation_p,
-    shares,
     smallest_p,
 )
+from tests.fakes.results import shares
 
 few_numbers = st.lists(st.integers(-9, 9), min_size=2, max_size=5)
 

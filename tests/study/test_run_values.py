@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from surefoot.study.paper_runs import early_half, first_iteration, late_half, second_on, third_on
+from surefoot.study.results import read_results
 from surefoot.study.run_values import (
     best_value,
     dataset_frames,
@@ -31,6 +32,7 @@ from surefoot.study.run_values import (
 )
 from tests.fakes.runs import collected_record
 from tests.fakes.studies import FakeRun, study_results
+from tests.fakes.study_folders import paper_like, write_study
 
 RUN = FakeRun(
     falls=(4, 2, 0, 2),
@@ -145,3 +147,15 @@ def test_a_value_of_the_best_policy_by_measure():
     impulse = best_value(cells, "push", "impulse")
     assert impulse is not None
     assert impulse.values == (1.5, 2.0)
+
+
+def test_trainings_of_a_seed_have_the_mean_share_and_the_rollouts_of_one(tmp_path):
+    study = paper_like(1)
+    cloning = replace(study.technique("behavior_cloning"), trainings=2)
+    study = replace(study, techniques=(cloning,), comparisons=(), seeds=(0,), claims="none")
+    results = read_results(write_study(tmp_path / "two", study, iterations=1))
+    counts = iter([(1, 10), (20, 30)])
+    runs = shares_of(results.cells, lambda cell: next(counts))
+    assert runs is not None
+    assert runs.values == pytest.approx([0.5 * (1 / 10 + 20 / 30)])
+    assert runs.rollouts == (10,)

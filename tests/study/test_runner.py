@@ -46,6 +46,7 @@ class FakePool:
         self.running: list[str] = []
         self.started: list[str] = []
         self.stopped = False
+        self.count = 2
 
     @property
     def has_room(self) -> bool:
@@ -78,7 +79,7 @@ def finish(folder: Path, name: str) -> None:
 @pytest.fixture
 def study_folder(tmp_path, monkeypatch):
     save_setup(tmp_path, StudySetup(STUDY, None, "0", "float32"))
-    monkeypatch.setattr(runner, "claim_study", lambda folder, workers: None)
+    monkeypatch.setattr(runner, "claim_study", lambda folder: None)
     return tmp_path
 
 
@@ -196,6 +197,16 @@ def test_a_study_that_was_changed_after_it_began_is_refused(tmp_path, monkeypatc
     with pytest.raises(StudyError, match="other seeds, title"):
         open_study(tmp_path, replace(STUDY, seeds=(0, 1), title="Another"))
     assert read_study(tmp_path).study == STUDY
+
+
+@pytest.mark.parametrize("part", ["techniques", "settings"])
+def test_a_seed_that_would_be_ignored_is_refused_before_any_work(part):
+    study = named_study("smoke")
+    first, *others = getattr(study, part)
+    seeded = replace(first, options={**first.options, "seed": 7})
+    study = replace(study, **{part: (seeded, *others)})
+    with pytest.raises(StudyError, match=rf"{part}\.{first.name}: the option seed would be ign"):
+        runner.check_cells(study)
 
 
 def test_a_cell_that_could_not_be_run_is_refused_before_any_work(tmp_path):

@@ -3,13 +3,20 @@
 import subprocess
 import sys
 
-from surefoot.study.state import LOCK_FILE, WORKERS_FILE, claim_study, workers_of
+from surefoot.study.state import (
+    LOCK_FILE,
+    WORKERS_FILE,
+    claim_study,
+    say_workers,
+    workers_of,
+)
 
 PROGRAM = """
 import sys
 from pathlib import Path
-from surefoot.study.state import claim_study
-claim_study(Path(sys.argv[1]), 3)
+from surefoot.study.state import claim_study, say_workers
+claim_study(Path(sys.argv[1]))
+say_workers(Path(sys.argv[1]), 3)
 print("claimed", flush=True)
 sys.stdin.readline()
 """
@@ -32,6 +39,7 @@ def test_the_number_of_workers_is_that_of_the_process_that_runs_the_study(tmp_pa
 
 def test_a_study_that_nobody_else_runs_has_no_workers(tmp_path):
     assert workers_of(tmp_path) is None
-    claim_study(tmp_path, 2)
+    claim_study(tmp_path)
+    say_workers(tmp_path, 2)
     assert (tmp_path / LOCK_FILE).exists()
     assert workers_of(tmp_path) is None

@@ -1,5 +1,7 @@
 """A job in a process of its own: how it ends, is held, and is ended. A tiny program is the job."""
 
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -99,3 +101,33 @@ def test_a_job_is_held_while_the_study_is_paused_and_ends_when_it_is_stopped(fol
     thread.join(20.0)
     assert [ended.status for ended in results] == ["stopped"]
     assert not Path(f"/proc/{pid}").exists()
+
+
+SUPERVISOR = """
+import os, subprocess, sys
+job = [sys.executable, "-c", sys.argv[1]]
+with subprocess.Popen(job, stdout=subprocess.PIPE, start_new_session=True) as process:
+    process.stdout.readline()
+    os.kill(process.pid, 19)
+    print(process.pid, flush=True)
+    process.wait()
+"""
+JOB = """
+import os, time
+from surefoot.study.work import end_with_the_supervisor
+end_with_the_supervisor(os.getppid())
+print("works", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process that is held")
+def test_a_job_that_is_held_ends_with_its_supervisor():
+    command = [sys.executable, "-c", SUPERVISOR, JOB]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as supervisor:
+        assert supervisor.stdout is not None
+        pid = supervisor.stdout.readline().strip()
+        wait_for(lambda: state_of(pid) == "T")
+        supervisor.kill()
+    # Whoever adopts it may not have asked for its exit status yet.
+    wait_for(lambda: not Path(f"/proc/{pid}").exists() or state_of(pid) == "Z")

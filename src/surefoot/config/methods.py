@@ -14,7 +14,6 @@ from surefoot.config.checked import Checked, Duration, Seconds, Share, Within
 from surefoot.config.learning import Steps
 from surefoot.config.safety import HISTORY_HORIZON, GateName, HandBack
 from surefoot.errors import unknown
-from surefoot.types import to_ticks
 
 Epochs = Annotated[int, Within(1, 1_000_000)]
 """Passes over the data."""
@@ -76,14 +75,8 @@ class BehaviorCloningConfig(Checked):
     `frames`, which has to be its last one."""
 
     def __post_init__(self) -> None:
-        """Check the fields, that a rollout fits in, and that the series ends with its largest."""
+        """Check the fields, and that the series ends with its largest size."""
         super().__post_init__()
-        rollout = to_ticks(self.data.duration)
-        if self.frames and min(self.frames) < rollout:
-            raise ValueError(
-                f"method.frames is {self.frames}; use {rollout} or more, as a rollout of "
-                f"method.data.duration, {self.data.duration:g} s, has so many frames"
-            )
         if self.all_frames:
             return
         if not self.frames:

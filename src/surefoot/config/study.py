@@ -228,13 +228,7 @@ def config_of(technique: Technique, setting: Setting, seed: int) -> Config:
     method = "behavior_cloning" if technique.method == EXPERT else technique.method
     config = preset(method, technique.preset)
     for part in (technique, setting):
-        where = f"{part.section}.{part.name}"
-        if "seed" in part.options:
-            raise ValueError(
-                f"{where}: the option seed would be ignored, because a study's seeds are its "
-                "`seeds`; leave it out, and name the seeds there"
-            )
-        config = with_options(config, part.options, where)
+        config = with_options(config, part.options, f"{part.section}.{part.name}")
     return replace(config, seed=seed)
 
 

@@ -254,14 +254,30 @@ def _t_interval(
     runs: Sequence[NDArray[np.float64]], means: NDArray[np.float64], correlation: float
 ) -> Interval | None:
     """The interval of `run_interval`; None for one run, or where nothing shows the spread."""
-    if len(runs) == 1:
-        return None
-    of_means = mean_interval(means)
     if not all(_are_binary(run) for run in runs):
-        return of_means
-    mean = float(means.mean())
-    n_eff = effective_rollouts([len(run) for run in runs], correlation)
-    low, high = wilson(mean * n_eff, n_eff)
+        return mean_interval(means)
+    return mean_share_interval(means, [len(run) for run in runs], correlation)
+
+
+def mean_share_interval(
+    shares: ArrayLike, rollouts: Sequence[int], correlation: float = 0.0
+) -> Interval | None:
+    """The interval of `run_interval` for a mean over runs of shares of rollouts.
+
+    Args:
+        shares: ``(R,)`` the share of each run, from 0 to 1.
+        rollouts: ``(R,)`` the number of rollouts of each run, at least 1.
+        correlation: As in `run_interval`.
+
+    Returns:
+        Both ends, within 0 and 1; None for one run.
+    """
+    shares = np.asarray(shares, float)
+    if len(shares) == 1:
+        return None
+    of_means = mean_interval(shares)
+    n_eff = effective_rollouts(rollouts, correlation)
+    low, high = wilson(float(shares.mean()) * n_eff, n_eff)
     if of_means is not None:
         low = min(low, of_means[0])
         high = max(high, of_means[1])

@@ -270,8 +270,10 @@ class Rollout:
 
     def _ground_from(self, robot: IntArray, elapsed: IntArray) -> Ground | None:
         """The ground of robots that go on from a tick, with what their feet felt of it there."""
-        if self.ground is None or self.felt_ground is None:
+        if self.ground is None:
             return None
+        if self.felt_ground is None:
+            raise ValueError("a rollout on a ground needs felt_ground, what the feet felt of it")
         return replace(self.ground[robot], felt=self.felt_ground[robot, elapsed])
 
     def _under_way(self, robot: IntArray, elapsed: IntArray) -> Array | None:

@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from surefoot.config import (
+    BehaviorCloningConfig,
     CommandBox,
     Config,
     DartConfig,
@@ -37,7 +38,7 @@ from surefoot.runs.metrics import Collected
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import draw_starts, expert_rollouts
 from surefoot.scenarios.starts import ANOTHER, SPLITS, StartSet, starts_of
-from surefoot.types import PlanFunction
+from surefoot.types import PlanFunction, to_ticks
 
 Parameters = TypeVar("Parameters", bound=MethodConfig)
 
@@ -63,6 +64,7 @@ def check_config(config: Config) -> None:
     if config.training.mirror != "none":
         make_mirror(config, config.training.mirror)
     _check_gaits(config)
+    _check_sizes(config)
     for one in each_gait(config):
         _check_stored(one, starts_of(one))
     _check_budget(config)
@@ -89,6 +91,23 @@ def _check_gaits(config: Config) -> None:
             f"{method.name} has a learned gate, which sees one gait alone, but the gaits are "
             f"{names_of(config)}: use loco_safe_dagger with --config.method.gates relaxing, or "
             "train one policy for each gait"
+        )
+
+
+def _check_sizes(config: Config) -> None:
+    """Check that each size of the data of behavior cloning holds a rollout.
+
+    Raises:
+        ValueError: One does not.
+    """
+    method = config.method
+    if not isinstance(method, BehaviorCloningConfig) or not method.frames:
+        return
+    rollout = to_ticks(method.data.duration)
+    if min(method.frames) < rollout:
+        raise ValueError(
+            f"method.frames is {method.frames}; use {rollout} or more, as a rollout of "
+            f"method.data.duration, {method.data.duration:g} s, has so many frames"
         )
 
 

@@ -22,6 +22,11 @@ class JobPool(Protocol):
     """Runs jobs."""
 
     @property
+    def count(self) -> int:
+        """How many jobs it runs at a time."""
+        ...
+
+    @property
     def has_room(self) -> bool:
         """Whether another job may be started now."""
         ...
@@ -57,16 +62,16 @@ class LocalPool:
     """
 
     def __init__(self, count: int) -> None:
-        self._count = count
+        self.count = count
         self._stop = threading.Event()
-        # A job's process ends with the thread that started it: the threads live as long as this.
+        # A job's process ends with the thread that starts it, which waits for it.
         self._threads = ThreadPoolExecutor(count)
         self._running: set[Future[Ended]] = set()
 
     @property
     def has_room(self) -> bool:
         """Whether another job may be started now."""
-        return len(self._running) < self._count
+        return len(self._running) < self.count
 
     def start(self, task: Task) -> None:
         """Start a job."""
@@ -92,14 +97,14 @@ class RayPool:
 
     def __init__(self, workers: Workers) -> None:
         self._ray: Any = connected(workers)
-        self._count = max(workers.count, int(self._ray.cluster_resources().get("CPU", 1)))
+        self.count = max(workers.count, int(self._ray.cluster_resources().get("CPU", 1)))
         self._supervise: Any = self._ray.remote(supervise).options(num_cpus=1, max_retries=0)
         self._running: dict[Any, str] = {}
 
     @property
     def has_room(self) -> bool:
         """Whether another job may be started now."""
-        return len(self._running) < self._count
+        return len(self._running) < self.count
 
     def start(self, task: Task) -> None:
         """Start a job."""

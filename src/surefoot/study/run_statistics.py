@@ -25,7 +25,7 @@ from surefoot.evaluation.statistics import (
     RunMeans,
     effective_rollouts,
     mean_interval,
-    run_interval,
+    mean_share_interval,
     unpaired_difference,
 )
 
@@ -83,17 +83,6 @@ class RunDifference:
     b: RunMeans
 
 
-def shares(events: Sequence[int], rollouts: Sequence[int]) -> Runs:
-    """Runs of which a share was counted.
-
-    Args:
-        events: ``(R,)`` the number of rollouts of each run that are counted.
-        rollouts: ``(R,)`` the number of all its rollouts, at least 1.
-    """
-    values = [count / n for count, n in zip(events, rollouts, strict=True)]
-    return Runs(tuple(values), tuple(rollouts))
-
-
 def mean_of_runs(runs: Runs) -> RunMeans:
     """Mean over runs with its 95 % t interval; each run has the same weight.
 
@@ -102,18 +91,10 @@ def mean_of_runs(runs: Runs) -> RunMeans:
     differ no more than their rollouts do by chance (`run_interval`).
     """
     if runs.rollouts is None:
-        mean = float(np.mean(runs.values))
-        return RunMeans(mean, mean_interval(runs.values), runs.values)
-    return run_interval(_outcomes(runs.values, runs.rollouts))
-
-
-def _outcomes(values: Sequence[float], rollouts: Sequence[int]) -> list[NDArray[np.float64]]:
-    """For each run, an outcome of 0 or 1 of each rollout."""
-    outcomes = []
-    for value, n in zip(values, rollouts, strict=True):
-        events = round(value * n)
-        outcomes.append(np.repeat([1.0, 0.0], [events, n - events]))
-    return outcomes
+        interval = mean_interval(runs.values)
+    else:
+        interval = mean_share_interval(runs.values, runs.rollouts)
+    return RunMeans(float(np.mean(runs.values)), interval, runs.values)
 
 
 def difference_of_runs(a: Runs, b: Runs) -> RunDifference:

@@ -17,7 +17,7 @@ from surefoot.config.study import Measure
 from surefoot.evaluation.robustness import Robustness
 from surefoot.runs.metrics import Best, Collected
 from surefoot.study.results import CellResult, PolicyTest
-from surefoot.study.run_statistics import Runs, shares
+from surefoot.study.run_statistics import Runs
 
 Counted = tuple[int, int]
 """How many rollouts are counted, and the number of all of them."""
@@ -51,19 +51,23 @@ def shares_of(
 ) -> Runs | None:
     """A share of rollouts of each seed that has one; None if no seed has one.
 
+    Trainings on the data of one seed are tried from the same initial states: they have the mean of
+    their shares, and count no more rollouts than one of them.
+
     Args:
         cells: The cells of a technique under a setting.
         counted: What is counted of a cell; None where it is not measured yet.
     """
-    events: dict[int, int] = {}
-    rollouts: dict[int, int] = {}
+    by_seed: dict[int, list[Counted]] = {}
     for cell in cells:
         count = counted(cell)
         if count is not None and count[1] > 0:
-            seed = cell.cell.seed
-            events[seed] = events.get(seed, 0) + count[0]
-            rollouts[seed] = rollouts.get(seed, 0) + count[1]
-    return shares(list(events.values()), list(rollouts.values())) if events else None
+            by_seed.setdefault(cell.cell.seed, []).append(count)
+    if not by_seed:
+        return None
+    shares = [np.mean([events / n for events, n in counts]) for counts in by_seed.values()]
+    rollouts = [min(n for _, n in counts) for counts in by_seed.values()]
+    return Runs(tuple(map(float, shares)), tuple(rollouts))
 
 
 def is_trained(cell: CellResult) -> bool:
@@ -89,10 +93,10 @@ def paper_failures(record: Collected, method: str) -> int:
     """Failed rollouts of an iteration in the paper's count (IV-F), as far as it can be repeated.
 
     With LocoSafeDAGGER a rollout fails if the MPC diverges, and so it does with SafeDAGGER, which
-    the paper does not count. With LocoDAGGER it fails if the MPC
-    diverges while it drives, or if the robot falls while the policy drives: here, while it drives
-    in the tick of the fall. Our rollouts end with a fall, those of the paper's research code go on;
-    an MPC that would have diverged on a fallen robot is no failure here.
+    the paper does not count. With LocoDAGGER it fails if the MPC diverges while it drives, or if
+    the robot falls while the policy drives: here, while it drives in the tick of the fall. Our
+    rollouts end with a fall, those of the paper's research code go on; an MPC that would have
+    diverged on a fallen robot is no failure here.
 
     Args:
         record: What an iteration has collected.

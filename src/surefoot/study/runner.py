@@ -31,7 +31,7 @@ from surefoot.study.results import (
     read_study,
     save_setup,
 )
-from surefoot.study.state import claim_study, finished_jobs, is_paused
+from surefoot.study.state import claim_study, finished_jobs, is_paused, say_workers
 from surefoot.study.supervise import Ended, Task
 from surefoot.workers import Workers
 
@@ -90,6 +90,12 @@ def check_cells(study: StudyConfig) -> None:
     Raises:
         StudyError: One cannot; the message names it, the option, and what the option may be.
     """
+    for part in (*study.techniques, *study.settings):
+        if "seed" in part.options:
+            raise StudyError(
+                f"{part.section}.{part.name}: the option seed would be ignored, because a study's "
+                "seeds are its `seeds`; leave it out, and name the seeds there"
+            )
     for cell, config in trained_configs(study).items():
         if cell.seed != study.seeds[0] or cell.training > 0:
             continue
@@ -122,11 +128,12 @@ def run_study(folder: Path, workers: Workers, only: Sequence[str] = ()) -> Study
     """
     folder = folder.resolve()
     setup = read_study(folder)
-    claim_study(folder, workers.count)
+    claim_study(folder)
     jobs = needed_jobs(setup.study, only) if only else jobs_of(setup.study)
     queue = JobQueue(jobs, finished_jobs(folder, jobs))
     code = code_of(folder, setup)
     pool = make_pool(workers)
+    say_workers(folder, pool.count)
     logger.info("%d of %d jobs are done", len(queue.done), len(jobs))
     if is_paused(folder):
         logger.warning("it is paused; `surefoot study resume %s` lets its jobs go on", folder)

@@ -45,12 +45,11 @@ class JobStatus:
     seconds: float
 
 
-def claim_study(folder: Path, workers: int) -> None:
+def claim_study(folder: Path) -> None:
     """Keep other processes from running a study, until this one ends, however it ends.
 
     Args:
         folder: Folder of the study.
-        workers: How many jobs this process runs at a time.
 
     Raises:
         StudyError: Another process runs it.
@@ -61,6 +60,14 @@ def claim_study(folder: Path, workers: int) -> None:
             f"another process runs the study in {folder}; `surefoot study status` shows how far "
             "it is"
         )
+
+
+def say_workers(folder: Path, workers: int) -> None:
+    """Say how many jobs the process runs at a time that has claimed a study.
+
+    Raises:
+        WriteError: The folder cannot be written to.
+    """
     write_json(folder / WORKERS_FILE, workers)
 
 

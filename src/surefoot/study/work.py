@@ -7,6 +7,7 @@ Killed, it loses what `surefoot train` loses. Read `runner` for who starts it.
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import os
 import signal
@@ -55,12 +56,13 @@ logger = logging.getLogger(__name__)
 
 SLICE = 2400.0
 """How long a job works before it stops at the next opportunity, in processor time [s]. The longest
-stage, a training
-on all frames of the paper's data, takes an hour, so that no job is longer than 100 minutes."""
+stage, a training on all frames of the paper's data, takes an hour, so that no slice takes more than
+100 minutes of it."""
 UNFINISHED = 75
 """Exit status of a job that is to be started again."""
 PARENT = "SUREFOOT_PARENT"
 """Variable of the environment that holds the process id of the supervisor."""
+_PR_SET_PDEATHSIG = 1
 ONE_WORKER = Workers(1)
 """Jobs run beside each other, so that each of them needs one process only."""
 
@@ -281,6 +283,19 @@ def job_record(folder: Path, job: StudyJob, piece: Slice, finished: bool) -> Job
     )
 
 
+def end_with_the_supervisor(parent: int) -> None:
+    """Make this job end when its supervisor does, a process id, even while it is held.
+
+    Args:
+        parent: Process id of the supervisor.
+    """
+    if sys.platform == "linux":
+        # A job of a paused study runs no thread that could look for its supervisor: the kernel
+        # ends it, with the thread that has started it and waits for it.
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    end_with_the_parent(parent)
+
+
 def main(arguments: Sequence[str]) -> int:
     """Do a job that the command line names, by the folder of its study and its own name.
 
@@ -290,7 +305,7 @@ def main(arguments: Sequence[str]) -> int:
     folder, name = arguments
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if PARENT in os.environ:
-        end_with_the_parent(int(os.environ[PARENT]))
+        end_with_the_supervisor(int(os.environ[PARENT]))
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", stream=sys.stdout)
     return 0 if do_job(Path(folder), name) else UNFINISHED
 

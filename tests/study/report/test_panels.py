@@ -79,7 +79,7 @@ def test_every_run_is_a_point_and_a_missing_one_is_left_out(results):
 
 def test_settings_are_small_multiples(tmp_path):
     study = paper_like(1)
-    settings = (Setting("low", "low"), Setting("high", "high", {"seed": 7}))
+    settings = (Setting("low", "low"), Setting("high", "high", {"chunk": 7}))
     techniques = study.techniques[:2]
     study = replace(study, techniques=techniques, settings=settings, comparisons=(), seeds=(0,))
     results = read_results(write_study(tmp_path / "two", study, iterations=1))

@@ -104,8 +104,8 @@ def over_trainings(numbers: Sequence[Number]) -> Number:
     """The mean of the trainings of one seed, which together are one run.
 
     Args:
-        numbers: The number of each training, at least one, in the same unit. A share of trials is
-            then one of the trials of all of them.
+        numbers: The number of each training, at least one, in the same unit. Shares of trials have
+            the trials of one of them, as all are tried from the same initial states.
     """
     known = [number for number in numbers if number.is_known]
     if len(known) < 2:
@@ -113,7 +113,7 @@ def over_trainings(numbers: Sequence[Number]) -> Number:
     value = math.fsum(number.value for number in known) / len(known)
     sources = ";".join(number.source for number in known)
     counts = [number.trials for number in known if number.trials is not None]
-    return Number(value, f"mean({sources})", sum(counts) if len(counts) == len(known) else None)
+    return Number(value, f"mean({sources})", min(counts) if len(counts) == len(known) else None)
 
 
 def over_runs(numbers: Sequence[Number]) -> Estimate | None:
