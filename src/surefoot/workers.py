@@ -264,12 +264,12 @@ class _Processes:
 
 @contextmanager
 def _ctrl_c_held_back() -> Iterator[None]:
-    """Hold Ctrl-C back for a moment; processes started meanwhile never see it.
+    """Hold Ctrl-C and the end of the terminal back; processes started meanwhile never see them.
 
-    A terminal sends it to all its processes. This process ends its workers itself; they would only
-    print a traceback, perhaps before any of this package's code runs in them.
+    A terminal sends them to all its processes. This process ends its workers itself; they would
+    only print a traceback, perhaps before any of this package's code runs in them.
     """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield
     finally:

@@ -1,6 +1,6 @@
 """How missed deadlines are counted, by the robot's clock."""
 
-from surefoot.deploy.timing import Deadlines
+from surefoot.deploy.timing import Deadlines, TickClock
 from tests.deploy.test_handover import sensors
 
 
@@ -29,6 +29,20 @@ def test_gaps_of_the_robots_clock_are_ticks_that_nobody_saw():
 
 def test_a_clock_that_jitters_has_missed_nothing():
     assert seen(0.0, 1.4, 1.9, 3.1, 3.9).missed == 0
+
+
+def test_a_jitter_of_half_a_tick_and_more_does_not_add_up():
+    late_and_early = [number + 0.6 * (number % 2) for number in range(100)]
+    deadlines = seen(*late_and_early)
+    assert deadlines.missed <= 1
+    assert abs(deadlines.passed - 100) <= 1
+
+
+def test_a_clock_that_runs_fast_hides_nothing():
+    clock = TickClock(1e6)
+    times = [round(0.9e6 * number) for number in range(1000)]
+    assert sum(clock.unseen(time) for time in times) == 0
+    assert clock.unseen(times[-1] + 10_000_000) == 8
 
 
 def test_a_command_that_took_longer_than_a_tick_is_missed_once():

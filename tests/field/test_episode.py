@@ -73,6 +73,13 @@ def test_an_episode_that_ended_early_has_its_length():
     assert rollout.failed.all()
 
 
+def test_ticks_that_nobody_saw_were_driven_by_the_expert_too():
+    log = EpisodeLog("solo12", 50)
+    for tick in (0, 1, 5):
+        add(log, tick, expert=True)
+    assert (log.ticks, log.expert_ticks) == (6, 6)
+
+
 def test_only_driven_ticks_count_and_an_episode_that_begins_anew_is_kept_anew():
     log = EpisodeLog("solo12", 50)
     add(log, 0, Mode.STAND)
@@ -90,7 +97,7 @@ def test_only_driven_ticks_count_and_an_episode_that_begins_anew_is_kept_anew():
     assert log.ticks == 10
     assert log.flight().gait_tick.tolist() == list(range(10))
     # The robot has gone through all of it.
-    assert (log.driven, log.expert_ticks, log.takeovers) == (30, 21, 1)
+    assert (log.driven, log.expert_ticks, log.takeovers) == (30, 20, 1)
 
 
 def test_ticks_after_the_last_one_are_left_out():

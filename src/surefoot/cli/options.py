@@ -372,13 +372,13 @@ def film_episode(recording: Recording, out: Path, title: str) -> None:
 
 
 def show_record(record: object, path: Path | None) -> None:
-    """Write a record as JSON if there is a path, then print it, one line for each field.
+    """Print a record, one line for each field, then write it as JSON if there is a path.
 
     Args:
         record: Dataclass of results.
         path: JSON file; None to print only.
     """
-    if path:
-        write_json(path, record)
     for key, value in to_json(record).items():
         print(f"{key:<22} {json.dumps(value)}")
+    if path:
+        write_json(path, record)

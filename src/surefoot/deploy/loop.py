@@ -76,7 +76,7 @@ class Runtime:
         fault: Why it was given up; None as long as it is not.
         stopped: Whether the operator has stopped it.
         ticks: How many ticks there were.
-        driven: How many of them the policy or the expert drove.
+        driven: How many ticks of the robot the policy or the expert drove, unseen ones too.
         expert_ticks: How many of them the expert drove.
         takeovers: How often the expert took over.
         repeated: How often no new measurement had come, and the last command was written again.
@@ -135,6 +135,11 @@ class Runtime:
     def missed(self) -> int:
         """How many ticks of the robot had no command in time."""
         return self._deadlines.missed
+
+    @property
+    def passed(self) -> int:
+        """How many ticks of the robot have passed since its first measurement."""
+        return self._deadlines.passed
 
     @property
     def over(self) -> bool:
@@ -287,13 +292,13 @@ class Runtime:
                 kd=self.config.stand_kd * self._policy.kd,
             )
         tick = self._gait_clock(sensors)
-        self.driven += 1
-        if tick > 0:
-            self._policy.miss(self._deadlines.unseen)
+        unseen = self._deadlines.unseen if tick > 0 else 0
+        self.driven += 1 + unseen
+        self._policy.miss(unseen)
         self._gaits.ask(gait, tick)
         command = self._experts(sensors, tick, velocity)
         if command is not None:
-            self.expert_ticks += 1
+            self.expert_ticks += 1 + unseen
             self._policy.remember(sensors, command.torque_at(sensors))
             return command
         if self.over:

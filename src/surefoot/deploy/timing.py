@@ -65,14 +65,49 @@ class Histogram:
         return Times(count, quantile(0.5), quantile(0.99), quantile(0.999), self.longest)
 
 
+class TickClock:
+    """Finds the ticks between measurements that nobody saw, by the times of the measurements.
+
+    A tick is numbered by its time since the first one, so that times that jitter do not add up.
+
+    Args:
+        period_ns: The time from one tick to the next [ns].
+    """
+
+    def __init__(self, period_ns: float) -> None:
+        self._period_ns = period_ns
+        self._first_ns: int | None = None
+        self._due = 1  # the number of the next tick
+
+    def unseen(self, time_ns: int) -> int:
+        """How many ticks there were between the last measurement and this one.
+
+        Args:
+            time_ns: The time of this measurement [ns].
+        """
+        if self._first_ns is None:
+            self._first_ns = time_ns
+            return 0
+        number = round((time_ns - self._first_ns) / self._period_ns)
+        unseen = max(number - self._due, 0)
+        # One that was late may be followed by one that seems early. It is no more than one: a
+        # clock that runs fast must not hide what nobody saw.
+        self._due = min(max(number, self._due) + 1, number + 2)
+        return unseen
+
+
 class Deadlines:
-    """Counts the ticks of the robot that had no command in time, by the robot's clock.
+    """Counts the ticks of the robot without a command of their own, by the robot's clock.
+
+    A command that is written again because no new measurement has come keeps the bridge alive, but
+    the tick that nobody saw is missed all the same.
 
     Args:
         rate_hz: The number of ticks in a second [Hz].
 
     Attributes:
         missed: How many ticks had none.
+        passed: How many ticks have passed since the first measurement, that one too.
         in_a_row: How many of them came without a break until now.
         unseen: How many ticks nobody saw between the last two measurements.
         steady: Whether no tick was missed between the last two measurements.
@@ -81,11 +116,13 @@ class Deadlines:
 
     def __init__(self, rate_hz: int) -> None:
         self.missed = 0
+        self.passed = 0
         self.in_a_row = 0
         self.unseen = 0
         self.steady = False
         self.late_work = False
         self._period_ns = 1e9 / rate_hz
+        self._clock = TickClock(self._period_ns)
         self._last: Sensors | None = None
 
     def is_new(self, sensors: Sensors) -> bool:
@@ -104,7 +141,8 @@ class Deadlines:
         """
         since = sensors.time_ns - (0 if self._last is None else self._last.time_ns)
         self.steady = self._last is not None and since < 1.5 * self._period_ns
-        self.unseen = 0 if self._last is None else max(round(since / self._period_ns) - 1, 0)
+        self.unseen = self._clock.unseen(sensors.time_ns)
+        self.passed += 1 + self.unseen
         self._last = sensors
 
     def wait(self) -> None:

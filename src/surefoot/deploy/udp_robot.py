@@ -195,14 +195,12 @@ class UdpRobot:
         self._channel.send(self._last_sent, self._peer)
 
     def take(self) -> None:
-        """Take the datagrams that have come, as many as the bridge takes; the newest state counts.
+        """Take the datagrams that have come; the newest state counts.
 
-        A flood of them does not delay a tick.
+        A flood of others than the bridge's does not delay a tick.
         """
-        for _ in range(MOST_DATAGRAMS):
-            received = self._channel.receive()
-            if received is None:
-                return
+        most = self.refused + MOST_DATAGRAMS
+        while self.refused < most and (received := self._channel.receive()) is not None:
             data, sender = received
             try:
                 packet = protocol.unpack(data)

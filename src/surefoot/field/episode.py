@@ -77,8 +77,9 @@ class EpisodeLog:
             self._before += self.ticks
             self._begin()
         self._recorder.add(record, sensors, command)
+        if record.expert_drove:
+            self.expert_ticks += record.gait_tick + 1 - self.ticks
         self.ticks = record.gait_tick + 1
-        self.expert_ticks += record.expert_drove
         self.takeovers += record.expert_drove and not self._expert_drove
         self._expert_drove = record.expert_drove
 
@@ -112,7 +113,7 @@ class RecordedEpisode:
 
     @property
     def flight(self) -> Flight:
-        """Its ticks as arrays, made anew: that takes milliseconds, in which nobody may drive."""
+        """Its ticks as arrays, made anew: too slow for the thread that drives."""
         return self.log.flight()
 
 

@@ -169,7 +169,7 @@ class Session:
         self._switch: EpisodeSwitch | None = None
         self._operator = EpisodeOperator(crew.person)
         self._runtime: Runtime | None = None
-        self._seen = 0  # ticks of the robot until the last episode was over
+        self._passed = 0  # ticks of the robot until the last episode was over
         self._missed = 0
 
     @property
@@ -205,8 +205,7 @@ class Session:
         self._operator.rest = True
         while runtime.mode == Mode.DRIVE and log.whole and not runtime.over:
             runtime.tick()  # until a new measurement comes, from which on it stands
-        seen = runtime.ticks - runtime.repeated
-        lay = seen - self._seen - (runtime.driven - driven)
+        lay = runtime.passed - self._passed - (runtime.driven - driven)
         outcome = outcome_of(log, runtime.fault)
         attempt = Attempt(
             iteration=EpisodeId.from_number(int(job.episode[0])).iteration,
@@ -220,7 +219,7 @@ class Session:
             other_seconds=lay / TICKS_PER_SECOND,
             missed=runtime.missed - self._missed,
         )
-        self._seen = seen
+        self._passed = runtime.passed
         self._missed = runtime.missed
         episode = None
         if outcome is not None:

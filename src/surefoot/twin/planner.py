@@ -79,8 +79,9 @@ class PlannerProcess:
 
 def _plan(config: Config, pipe: Connection) -> None:
     """Answer requests until the other side has gone; what this process runs."""
-    # A Ctrl-C is for the other side, which then ends this one.
+    # A Ctrl-C, or the end of the terminal, is for the other side, which then ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
     import numpy as np
 
     from surefoot.mpc.expert import make_plan

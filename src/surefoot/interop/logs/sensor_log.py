@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from surefoot.config.array_io import parse_npz
 from surefoot.config.json_text import read_file
 from surefoot.deploy.recorder import Flight, load_flight
+from surefoot.deploy.timing import TickClock
 from surefoot.errors import shown
 from surefoot.files import write_atomic
 from surefoot.learning.layouts import TARGET_SIZE, History
@@ -136,12 +137,11 @@ class SensorLog:
     @property
     def elapsed(self) -> IntArray:
         """``(T,)`` ticks since the first row; rows that nobody measured leave gaps."""
-        steps = np.diff(self.time_ns)
-        usual = float(np.median(steps))
+        usual = float(np.median(np.diff(self.time_ns)))
         if usual <= 0.0:  # no times of measurements
             return np.arange(len(self))
-        ticks = np.maximum(np.rint(steps / usual), 1.0).astype(np.int64)
-        return np.concatenate([[0], np.cumsum(ticks)])
+        clock = TickClock(usual)
+        return np.cumsum([1 + clock.unseen(time) for time in self.time_ns.tolist()]) - 1
 
     def first(self, rows: int) -> SensorLog:
         """The first rows of the log."""
