@@ -25,6 +25,7 @@ from surefoot.cli.options import (
 from surefoot.cli.train import parse_train
 from surefoot.config import Config, SimulationConfig
 from surefoot.config.gait_table import gait_name
+from surefoot.files import WriteError
 from surefoot.robots.solo12 import solo12
 from surefoot.viz.film import Recording
 from surefoot.viz.renderer import RenderingUnavailable
@@ -63,6 +64,12 @@ def test_a_record_is_written_before_it_is_printed(monkeypatch, tmp_path):
     with pytest.raises(OSError, match="disk full"):
         show_record(Report(0.5, (), Path("a")), file)
     assert json.loads(file.read_text())["share"] == 0.5
+
+
+def test_a_record_that_cannot_be_written_is_printed(capsys, tmp_path):
+    with pytest.raises(WriteError):
+        show_record(Report(0.5, (), Path("a")), tmp_path)
+    assert "0.5" in capsys.readouterr().out
 
 
 def test_an_option_that_is_not_given_is_not_checked():

@@ -372,13 +372,17 @@ def film_episode(recording: Recording, out: Path, title: str) -> None:
 
 
 def show_record(record: object, path: Path | None) -> None:
-    """Print a record, one line for each field, then write it as JSON if there is a path.
+    """Write a record as JSON if there is a path, and print it, one line for each field.
+
+    Neither is lost if the other fails.
 
     Args:
         record: Dataclass of results.
         path: JSON file; None to print only.
     """
-    for key, value in to_json(record).items():
-        print(f"{key:<22} {json.dumps(value)}")
-    if path:
-        write_json(path, record)
+    try:
+        if path:
+            write_json(path, record)
+    finally:
+        for key, value in to_json(record).items():
+            print(f"{key:<22} {json.dumps(value)}")
