@@ -54,6 +54,18 @@ def test_ticks_that_are_no_numbers_are_left_out():
         recording_of(flight_of(None, 3, broken=3))
 
 
+def test_a_film_keeps_the_robots_time_where_measurements_were_lost():
+    flight = flight_of(None, 11)
+    kept = np.array([0, 1, 2, 6, 10])
+    rows = {
+        name: value[kept] for name, value in vars(flight).items() if np.shape(value)[:1] == (11,)
+    }
+    recording = recording_of(replace(flight, **rows))
+    assert recording.expert_drove is not None
+    shown = [0, 1, 2, 2, 2, 2, 6, 6, 6, 6, 10]
+    assert recording.expert_drove.tolist() == [tick % 2 == 0 for tick in shown]
+
+
 def test_a_film_does_not_say_that_a_robot_was_driven_that_stands_up():
     flight = flight_of(None, 6)
     flight = replace(flight, mode=np.array([0, 0, 1, 1, 2, 2], np.int8))

@@ -54,13 +54,26 @@ def recording_of(flight: Flight, own: Path | str | None = None) -> Recording:
     base = flight.base[rows]
     q[:, 2] = np.where(np.isfinite(base[:, 0]), base[:, 0], standing)
     q[:, :2] = _path(base[:, 1:], q[:, 3:7], flight.robot_time_ns[rows])
+    shown = _shown(flight.robot_time_ns[rows])
+    mode = flight.mode[rows][shown]
     return Recording(
         robot,
         SimulationConfig(),
-        q,
-        flight.expert_drove[rows],
-        waiting=np.where(flight.mode[rows] < len(WAITING), flight.mode[rows], -1),
+        q[shown],
+        flight.expert_drove[rows][shown],
+        waiting=np.where(mode < len(WAITING), mode, -1),
     )
+
+
+def _shown(time_ns: IntArray) -> IntArray:
+    """The row of a flight that a film shows at each millisecond of the robot's clock: the last one.
+
+    Args:
+        time_ns: ``(n,)`` the times of the rows, which do not fall [ns].
+    """
+    tick = 10**9 // TICKS_PER_SECOND
+    times = np.arange(time_ns[0], time_ns[-1] + tick, tick)
+    return np.searchsorted(time_ns, times, side="right") - 1
 
 
 def _path(velocity: Array, orientation: Array, time_ns: IntArray) -> Array:
