@@ -1,5 +1,8 @@
 """The planner in a process of its own: the same plans, and an end that is told."""
 
+import os
+import signal
+
 import numpy as np
 import pytest
 
@@ -12,6 +15,7 @@ from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.robots.scaling import with_own_values
+from surefoot.twin import planner as planner_module
 from surefoot.twin.planner import PlannerProcess
 from surefoot.types import Command, GaitCommand
 
@@ -33,7 +37,7 @@ def test_plans_of_several_gaits_are_those_of_the_gait_that_is_asked_for():
         link.close()
 
 
-def test_another_process_plans_to_the_bit_and_its_end_is_told():
+def test_another_process_plans_to_the_bit_and_its_end_is_told(monkeypatch):
     config = with_own_values(Config())
     robot = load_robot("solo12")
     q = standing(robot)
@@ -58,6 +62,12 @@ def test_another_process_plans_to_the_bit_and_its_end_is_told():
         link.ask(PlanRequest(80, q, v, Command(0.2)))
         answer = link.answer(60.0)
         assert answer is not None and answer[0] == 80
+        assert link._process.pid is not None
+        os.kill(link._process.pid, signal.SIGSTOP)
+        monkeypatch.setattr(planner_module, "ANSWERS_WITHIN", 0.1)
+        link.ask(PlanRequest(90, q, v, Command(0.2)))
+        with pytest.raises(NoPlan, match=r"has not answered for 0\.1 s"):
+            link.forget()
         link._process.kill()
         link._process.join()
         with pytest.raises(NoPlan, match="has ended"):

@@ -79,6 +79,9 @@ class PlanLink(Protocol):
         """Drop the answers to all that was asked, also those to come; while nobody drives.
 
         A follower counts the answers that it waits for, so it must not get those of another one.
+
+        Raises:
+            NoPlan: They do not come.
         """
         ...
 

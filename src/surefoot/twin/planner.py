@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from contextlib import suppress
 from multiprocessing.connection import Connection
 
 from surefoot.config import Config
@@ -16,6 +15,8 @@ from surefoot.types import GaitCommand, MotionPlan
 
 READY_WITHIN = 600.0
 """[s] Loading the planner and compiling its code takes minutes where nothing is cached."""
+ANSWERS_WITHIN = 10.0
+"""[s] A planner that is ready and has not answered for so long hangs."""
 
 
 class PlannerProcess:
@@ -56,10 +57,18 @@ class PlannerProcess:
             raise NoPlan(PLANNER_ENDED) from error
 
     def forget(self) -> None:
-        """See `PlanLink`; it waits for the answers that are still to come."""
-        with suppress(NoPlan):  # whoever asks next will be told
-            while self._outstanding and self.answer(READY_WITHIN) is not None:
-                pass
+        """See `PlanLink`; it waits for the answers that are still to come.
+
+        Raises:
+            NoPlan: They do not come.
+        """
+        while self._outstanding:
+            try:
+                answer = self.answer(ANSWERS_WITHIN)
+            except NoPlan:
+                return  # it has ended; whoever asks next will be told
+            if answer is None:
+                raise NoPlan(f"the planner has not answered for {ANSWERS_WITHIN:g} s")
 
     def close(self) -> None:
         """End the process."""
