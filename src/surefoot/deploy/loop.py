@@ -80,6 +80,7 @@ class Runtime:
         expert_ticks: How many of them the expert drove.
         takeovers: How often the expert took over.
         repeated: How often no new measurement had come, and the last command was written again.
+        deadlines: Counts the ticks of the robot, and those that nobody saw.
         work: Times from a measurement to the written command.
         round_trips: Times from a command to the state that knows of it.
         listeners: Are told of every tick.
@@ -120,7 +121,7 @@ class Runtime:
         self._range = policy.command_range.tolist()
         self._gaits = GaitChange(policy.gaits)
         self._period_ns = 1e9 / policy.rate_hz
-        self._deadlines = Deadlines(policy.rate_hz)
+        self.deadlines = Deadlines(policy.rate_hz)
         self._tests = FaultTests(limits_of(description), self.config, policy.rate_hz)
         self._last_command: JointCommand | None = None
         self._stand_from: Array = policy.nominal
@@ -134,12 +135,7 @@ class Runtime:
     @property
     def missed(self) -> int:
         """How many ticks of the robot had no command in time."""
-        return self._deadlines.missed
-
-    @property
-    def passed(self) -> int:
-        """How many ticks of the robot have passed since its first measurement."""
-        return self._deadlines.passed
+        return self.deadlines.missed
 
     @property
     def over(self) -> bool:
@@ -191,13 +187,13 @@ class Runtime:
         measured = self._clock()
         wish = self._operator.wish()
         same = self._last_command
-        if same is not None and wish.go and not (wish.lost or self._deadlines.is_new(sensors)):
+        if same is not None and wish.go and not (wish.lost or self.deadlines.is_new(sensors)):
             # Nobody is asked twice about a tick, but the bridge hears that the runtime is alive.
             self.repeated += 1
-            self._deadlines.wait()
+            self.deadlines.wait()
             self._robot.write(same)
             return
-        self._deadlines.see(sensors)
+        self.deadlines.see(sensors)
         wrong = self._wrong(sensors, wish)
         command: JointCommand | None = None
         velocity = self._within_range(wish.command)
@@ -224,10 +220,10 @@ class Runtime:
             return None
         if wish.lost:
             return "operator lost", wish.lost
-        self._deadlines.count()
-        if self._deadlines.in_a_row >= self.config.missed_deadlines:
+        self.deadlines.count()
+        if self.deadlines.in_a_row >= self.config.missed_deadlines:
             return "missed deadlines", (
-                f"{self._deadlines.in_a_row} ticks in a row had no command in time; "
+                f"{self.deadlines.in_a_row} ticks in a row had no command in time; "
                 f"{self.config.missed_deadlines} are a fault"
             )
         return self._tests.unsafe(sensors)
@@ -243,7 +239,7 @@ class Runtime:
         if self.mode == Mode.DAMP:
             if self._is_ready(sensors):
                 self._begin(Mode.STAND, sensors)
-                self._deadlines.begin()
+                self.deadlines.begin()
             return
         standing = to_ticks(self.config.stand)
         if self.mode == Mode.DRIVE and wish.rest:
@@ -277,7 +273,7 @@ class Runtime:
             for tick in range(FIRST_ANSWERS):
                 self._policy.target(sensors, tick, Command())
             return False
-        return self._deadlines.steady
+        return self.deadlines.steady
 
     def _command(self, sensors: Sensors, velocity: Command, gait: int) -> JointCommand | None:
         """What the joints are to do in this tick; None leaves them damped."""
@@ -292,7 +288,7 @@ class Runtime:
                 kd=self.config.stand_kd * self._policy.kd,
             )
         tick = self._gait_clock(sensors)
-        unseen = self._deadlines.unseen if tick > 0 else 0
+        unseen = self.deadlines.unseen if tick > 0 else 0
         self.driven += 1 + unseen
         self._policy.miss(unseen)
         self._gaits.ask(gait, tick)
@@ -387,7 +383,7 @@ class Runtime:
         work_ns = self._clock() - measured
         round_trip = self._robot.round_trip_ns * MICROSECOND
         if command is not None:
-            self._deadlines.worked(0 if self._robot.lockstep else work_ns)
+            self.deadlines.worked(0 if self._robot.lockstep else work_ns)
             self.work.add(work_ns * MICROSECOND)
             self.round_trips.add(round_trip)
         tick = self._gait_clock(sensors) if self.mode == Mode.DRIVE else -1

@@ -205,7 +205,7 @@ class Session:
         self._operator.rest = True
         while runtime.mode == Mode.DRIVE and log.whole and not runtime.over:
             runtime.tick()  # until a new measurement comes, from which on it stands
-        lay = runtime.passed - self._passed - (runtime.driven - driven)
+        lay = runtime.deadlines.passed - self._passed - (runtime.driven - driven)
         outcome = outcome_of(log, runtime.fault)
         attempt = Attempt(
             iteration=EpisodeId.from_number(int(job.episode[0])).iteration,
@@ -219,7 +219,7 @@ class Session:
             other_seconds=lay / TICKS_PER_SECOND,
             missed=runtime.missed - self._missed,
         )
-        self._passed = runtime.passed
+        self._passed = runtime.deadlines.passed
         self._missed = runtime.missed
         episode = None
         if outcome is not None:
