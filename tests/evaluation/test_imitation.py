@@ -93,3 +93,11 @@ def test_an_expert_that_loses_all_robots_is_an_error(policy, monkeypatch):
     monkeypatch.setattr(imitation, "expert_states", lambda *_, **__: concatenate([]))
     with pytest.raises(ValueError, match="the expert has lost all 60 robots"):
         imitation_error(CONFIG, policy, Workers(1))
+
+
+def test_the_experts_states_are_kept_until_its_robots_files_change(few, monkeypatch):
+    contents = iter(["before", "before", "after"])
+    monkeypatch.setattr(imitation, "content_hash", lambda config: next(contents))
+    first = expert_states(CONFIG, Workers(1))
+    assert expert_states(CONFIG, Workers(1)) is first
+    assert expert_states(CONFIG, Workers(1)) is not first

@@ -56,7 +56,7 @@ def test_an_expert_drives_both_ways():
 @pytest.fixture
 def unmeasured(monkeypatch):
     """Command gains are not measured, which would take seconds."""
-    live_setup._measured.cache_clear()
+    live_setup._measured_with.cache_clear()
     monkeypatch.setattr(live_setup, "with_measured_gain", with_own_values)
 
 
@@ -123,7 +123,7 @@ def test_gains_that_cannot_be_measured_are_said(monkeypatch):
     def refuse(config):
         raise ValueError("it fell")
 
-    live_setup._measured.cache_clear()
+    live_setup._measured_with.cache_clear()
     monkeypatch.setattr(live_setup, "with_measured_gain", refuse)
     note = expert_setup(Config(), "solo12", "walk").note
     assert note == "the command gains could not be measured and are 1: it fell"
@@ -192,3 +192,20 @@ def test_a_pushed_robot_recovers():
     roll = np.degrees(simulation.trace[:, 1])
     assert np.abs(roll).max() > 8.0
     assert np.abs(roll[-25:]).max() < 6.0
+
+
+def test_command_gains_are_measured_again_once_the_files_of_the_robot_have_changed(monkeypatch):
+    contents = iter(["before", "before", "after"])
+    measured = []
+
+    def measure(config):
+        measured.append(config)
+        return config
+
+    live_setup._measured_with.cache_clear()
+    monkeypatch.setattr(live_setup, "content_hash", lambda config: next(contents))
+    monkeypatch.setattr(live_setup, "with_measured_gain", measure)
+    for times in (1, 1, 2):
+        expert_setup(Config(), "solo12", "walk")
+        assert len(measured) == times
+    live_setup._measured_with.cache_clear()

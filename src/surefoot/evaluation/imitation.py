@@ -20,6 +20,7 @@ from surefoot.evaluation.mirror_error import MRAD, mirror_error_mrad
 from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.policy import load
 from surefoot.learning.samples import derive
+from surefoot.robots.identity import content_hash
 from surefoot.robots.load import find_spec
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes, Rollout
@@ -122,12 +123,13 @@ def expert_states(config: Config, workers: Workers, all_ticks: bool = False) -> 
         commands=config.commands,
         start_set=config.start_set,
     )
-    return _expert_states(same_for_all_methods, workers, all_ticks)
+    content = content_hash(config.robot)
+    return _expert_states(same_for_all_methods, content, workers, all_ticks)
 
 
 @lru_cache(maxsize=4)
-def _expert_states(config: Config, workers: Workers, all_ticks: bool) -> Frames:
-    """The same of a configuration in which all else is the default."""
+def _expert_states(config: Config, _content: str, workers: Workers, all_ticks: bool) -> Frames:
+    """The same of a configuration in which all else is the default, and of its robot's files."""
     starts = starts_of(config).first("select", ROLLOUTS)
     job = Job(
         config,

@@ -21,6 +21,7 @@ from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import make_expert, make_planner
 from surefoot.mpc.gaits import gait_name, names_of, numbers_of, with_gait
 from surefoot.mpc.planner import Planner, PlanStages
+from surefoot.robots.identity import content_hash
 from surefoot.robots.load import find_spec, load_robot
 from surefoot.robots.scaling import own_values, size_of, with_own_values
 from surefoot.robots.several_gaits import envelope, for_each_gait
@@ -264,9 +265,14 @@ def _scaled(interval: tuple[float, float], factor: float) -> tuple[float, float]
     return round(factor * low, 2), round(factor * high, 2)
 
 
-@lru_cache(maxsize=16)
 def _measured(config: Config) -> tuple[Config, str]:
     """The configuration with measured command gains, and a note where none could be measured."""
+    return _measured_with(config, content_hash(config.robot))
+
+
+@lru_cache(maxsize=16)
+def _measured_with(config: Config, _content: str) -> tuple[Config, str]:
+    """The same, of a robot whose files have this content."""
     try:
         return with_measured_gain(config), ""
     except ValueError as error:
