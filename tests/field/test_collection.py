@@ -18,10 +18,12 @@ from surefoot.field.attempts import cost_of, read_attempts
 from surefoot.field.collection import RobotCollection, on_robot
 from surefoot.field.episode import rollout_of
 from surefoot.field.session import Crew, Session, Unattended, deployed_policy
+from surefoot.files import WriteError
 from surefoot.learning.dataset import Dataset
 from surefoot.methods.loco_safe_dagger import collection
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.jobs import Job, chunks_of, play_out
+from surefoot.runs import collecting
 from surefoot.runs.policies import PACKAGED_POLICY
 from surefoot.runs.run import Run, create
 from surefoot.types import Command
@@ -102,6 +104,21 @@ def test_in_lockstep_an_episode_is_that_of_the_simulation(run):
     for name in ("tick", "command", "expert_drove", "episode", "outcome", "elapsed"):
         np.testing.assert_array_equal(getattr(here, name), getattr(there, name))
     assert (here.contacts == there.contacts).mean() > 0.9
+
+
+def test_an_attempt_whose_frames_could_not_be_stored_was_dropped(run, monkeypatch):
+    def full_disk(*_: object):
+        raise WriteError("no space left")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(collecting, "_store", full_disk)
+        with pytest.raises(WriteError):
+            RobotCollection(crew_of(run, LockstepTwin(STANDING)))(run, 1, job_of(run), ONE)
+    tried = len(read_attempts(run.folder))
+    assert tried > 0
+    RobotCollection(crew_of(run, LockstepTwin(STANDING)))(run, 1, job_of(run), ONE)
+    ends = [attempt.end for attempt in read_attempts(run.folder)]
+    assert ends == ["dropped"] * tried + ["whole"] * 2
 
 
 def test_the_expert_s_frames_enter_the_run_and_each_episode_is_a_shard(run):

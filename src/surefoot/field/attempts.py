@@ -7,8 +7,8 @@ which writes them into the run's folder.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -115,6 +115,19 @@ def cost_of(attempts: Sequence[Attempt]) -> RobotCost:
         takeovers_per_robot_minute=per_minute(takeovers),
         expert_share=by_expert / seconds if seconds else None,
     )
+
+
+def as_dropped(attempts: Sequence[Attempt], episodes: Collection[int]) -> list[Attempt]:
+    """The attempts, those at some episodes as dropped ones: their frames are in no dataset.
+
+    Args:
+        attempts: The attempts.
+        episodes: The ids of these episodes.
+    """
+    return [
+        replace(attempt, end="dropped") if attempt.episode in episodes else attempt
+        for attempt in attempts
+    ]
 
 
 def read_attempts(folder: Path) -> list[Attempt]:

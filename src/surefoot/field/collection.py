@@ -28,7 +28,7 @@ from surefoot.deploy.drive import (
 from surefoot.deploy.handover import PLANNER_ENDED
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.deploy.recorder import save_flight
-from surefoot.field.attempts import Attempt, read_attempts, write_attempts
+from surefoot.field.attempts import Attempt, as_dropped, read_attempts, write_attempts
 from surefoot.field.episode import result_of
 from surefoot.field.session import Crew, Report, Session, deployed_policy
 from surefoot.robots.model import RobotModel, standing
@@ -99,7 +99,8 @@ class RobotCollection:
         if not jobs:
             return
         crew = self._crew
-        attempts = read_attempts(folder)
+        # A disk may have failed, or a kill come, between an attempt's record and its frames.
+        attempts = as_dropped(read_attempts(folder), {int(job.episode[0]) for job in jobs})
         messages: SimpleQueue[Message] = SimpleQueue()
         stop = threading.Event()
         try:
