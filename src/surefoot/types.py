@@ -25,6 +25,8 @@ IntArray = NDArray[np.int64]
 
 TICKS_PER_SECOND = 1000
 """Ticks of the one clock in a second."""
+TICK_NS = 10**9 // TICKS_PER_SECOND
+"""A tick [ns]."""
 GRID = 50
 """[ms] The node spacing of plans, and the period of replanning (BiConMP: 20 Hz)."""
 GRAVITY = 9.81

@@ -38,6 +38,15 @@ def test_a_jitter_of_half_a_tick_and_more_does_not_add_up():
     assert abs(deadlines.passed - 100) <= 1
 
 
+def test_a_measurement_that_is_seen_again_is_no_tick():
+    deadlines = seen(0, 1)
+    for _ in range(5):
+        deadlines.see(sensors(time_ns=1_000_000, sequence=1))
+    assert deadlines.passed == 2
+    deadlines.see(sensors(time_ns=4_000_000, sequence=2))
+    assert (deadlines.passed, deadlines.unseen) == (5, 2)
+
+
 def test_a_clock_that_runs_fast_hides_nothing():
     clock = TickClock(1e6)
     times = [round(0.9e6 * number) for number in range(1000)]

@@ -87,6 +87,17 @@ class Endpoint:
         pass
 
 
+class WaitingEndpoint(Endpoint):
+    """An end for whom time passes while it waits for a datagram."""
+
+    def __init__(self, end: Endpoint, pass_time: Callable[[], object]) -> None:
+        super().__init__(end.network, end.address)
+        self._pass_time = pass_time
+
+    def wait(self, seconds: float) -> None:
+        self._pass_time()
+
+
 class ToyDriver:
     """Joints that follow their targets at once, on a base that stands level.
 

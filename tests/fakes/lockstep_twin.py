@@ -11,7 +11,7 @@ from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
 from surefoot.twin.serve import make_twin
 from surefoot.types import MotionPlan
-from tests.fakes.bridge_world import BRIDGE, Endpoint, Network
+from tests.fakes.bridge_world import BRIDGE, Network, WaitingEndpoint
 
 
 class LockstepTwin:
@@ -36,7 +36,7 @@ class LockstepTwin:
         """A robot that has not been greeted yet."""
         self.sessions += 1
         end = self.network.endpoint(("runtime", self.sessions))
-        return UdpRobot(_Stepping(self, end), BRIDGE, lockstep=True)
+        return UdpRobot(WaitingEndpoint(end, self.step), BRIDGE, lockstep=True)
 
     def step(self) -> None:
         """What `bridge.serve_lockstep` does when a datagram has come, or a while is over."""
@@ -50,19 +50,6 @@ class LockstepTwin:
             bridge.advance()
         else:
             bridge.report()
-
-
-class _Stepping:
-    """The runtime's channel: waiting for a datagram lets the twin work."""
-
-    def __init__(self, twin: LockstepTwin, end: Endpoint) -> None:
-        self._twin = twin
-        self.receive = end.receive
-        self.send = end.send
-        self.close = end.close
-
-    def wait(self, seconds: float) -> None:
-        self._twin.step()
 
 
 class SamePlanner:

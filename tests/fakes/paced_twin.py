@@ -9,7 +9,7 @@ from surefoot.deploy.udp_robot import UdpRobot
 from surefoot.robots.load import load_robot
 from surefoot.twin.serve import make_twin
 from surefoot.types import MotionPlan
-from tests.fakes.bridge_world import BRIDGE, MILLISECOND, Clock, Endpoint, Network
+from tests.fakes.bridge_world import BRIDGE, MILLISECOND, Clock, Network, WaitingEndpoint
 
 
 class PacedTwin:
@@ -42,7 +42,9 @@ class PacedTwin:
         """A robot that has not been greeted yet."""
         self.sessions += 1
         address = ("runtime", self.sessions)
-        return _Watched(self, _Paced(self, self.network.endpoint(address)))
+        return _Watched(
+            self, WaitingEndpoint(self.network.endpoint(address), lambda: self.pass_time(1))
+        )
 
     def pass_time(self, milliseconds: int) -> None:
         """Let the twin tick; what it says in ticks that are lost does not arrive."""
@@ -56,23 +58,10 @@ class PacedTwin:
                         box.pop()
 
 
-class _Paced:
-    """The runtime's channel: waiting lets a tick of the twin pass."""
-
-    def __init__(self, twin: PacedTwin, end: Endpoint) -> None:
-        self._twin = twin
-        self.receive = end.receive
-        self.send = end.send
-        self.close = end.close
-
-    def wait(self, seconds: float) -> None:
-        self._twin.pass_time(1)
-
-
 class _Watched(UdpRobot):
     """A robot that notes what is read, and whose runtime is late where the twin is told so."""
 
-    def __init__(self, twin: PacedTwin, channel: _Paced) -> None:
+    def __init__(self, twin: PacedTwin, channel: WaitingEndpoint) -> None:
         super().__init__(channel, BRIDGE, twin.clock)
         self._twin = twin
 

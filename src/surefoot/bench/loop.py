@@ -32,10 +32,8 @@ from surefoot.learning.onnx_graph import runner
 from surefoot.learning.policy import save
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
-from surefoot.types import GRAVITY, JOINTS, Array, Command
+from surefoot.types import GRAVITY, JOINTS, TICK_NS, Array, Command
 
-TICK_NS = 1_000_000
-"""[ns] The length of a tick."""
 WARMING = 200
 """Ticks before those that are measured: the robot stands up in ten of them."""
 

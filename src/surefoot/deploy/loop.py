@@ -36,14 +36,12 @@ from surefoot.deploy.interfaces import (
 from surefoot.deploy.operator import Operator, Wish
 from surefoot.deploy.recorder import FlightRecorder, TickRecord
 from surefoot.deploy.timing import Deadlines, Histogram
-from surefoot.types import Array, Command, to_ticks
+from surefoot.types import TICK_NS, Array, Command, to_ticks
 
 logger = logging.getLogger(__name__)
 
 MICROSECOND = 1e-3
 """[us] A nanosecond."""
-MILLISECOND = 1_000_000
-"""[ns] A tick of the gait clock."""
 FIRST_ANSWERS = 10
 """Number of answers that a policy is asked for before the robot stands up."""
 
@@ -247,7 +245,7 @@ class Runtime:
         if self.mode != Mode.STAND or self._gait_clock(sensors) < standing:
             return
         if wish.rest:  # the time to settle begins when it is to walk
-            self._begun_ns = sensors.time_ns - standing * MILLISECOND
+            self._begun_ns = sensors.time_ns - standing * TICK_NS
             return
         misfit = misfit_of(self._policy, sensors, self.config.posture)
         if misfit is None:
@@ -363,7 +361,7 @@ class Runtime:
 
     def _gait_clock(self, sensors: Sensors) -> int:
         """The ticks since the mode began [ms]."""
-        return round((sensors.time_ns - self._begun_ns) / MILLISECOND)
+        return round((sensors.time_ns - self._begun_ns) / TICK_NS)
 
     def _give_up(self, kind: FaultKind, detail: str) -> None:
         """Latch a fault and damp the joints; only the first one counts."""

@@ -141,8 +141,10 @@ class Deadlines:
         """
         since = sensors.time_ns - (0 if self._last is None else self._last.time_ns)
         self.steady = self._last is not None and since < 1.5 * self._period_ns
-        self.unseen = self._clock.unseen(sensors.time_ns)
-        self.passed += 1 + self.unseen
+        self.unseen = 0
+        if self.is_new(sensors):
+            self.unseen = self._clock.unseen(sensors.time_ns)
+            self.passed += 1 + self.unseen
         self._last = sensors
 
     def wait(self) -> None:

@@ -75,7 +75,7 @@ class Memory:
         Args:
             ticks: How many there are.
         """
-        if self.begins:
+        if self.begins or ticks == 0:
             return
         last = self.ring[(self._count - 1) % len(self.ring)].copy()
         for _ in range(min(ticks, len(self.ring))):

@@ -22,10 +22,8 @@ from surefoot.rotations import rotation
 from surefoot.sim import make_simulator
 from surefoot.sim.protocol import TIME_STEP
 from surefoot.twin.pushes import RandomPushes
-from surefoot.types import GRAVITY, JOINTS, LEGS, TICKS_PER_SECOND, Array
+from surefoot.types import GRAVITY, JOINTS, LEGS, TICK_NS, TICKS_PER_SECOND, Array
 
-TICK_NS = round(1e9 * TIME_STEP)
-"""[ns] The length of a tick."""
 BLOWN_UP = 1
 """The bit of a simulation whose numbers have run away."""
 SETTLING = 1500

@@ -16,7 +16,7 @@ from surefoot.deploy.recorder import Flight
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
 from surefoot.rotations import rotation
-from surefoot.types import TICKS_PER_SECOND, Array, IntArray
+from surefoot.types import TICK_NS, TICKS_PER_SECOND, Array, IntArray
 from surefoot.viz.film import WAITING, Recording
 
 
@@ -71,8 +71,7 @@ def _shown(time_ns: IntArray) -> IntArray:
     Args:
         time_ns: ``(n,)`` the times of the rows, which do not fall [ns].
     """
-    tick = 10**9 // TICKS_PER_SECOND
-    times = np.arange(time_ns[0], time_ns[-1] + tick, tick)
+    times = np.arange(time_ns[0], time_ns[-1] + TICK_NS, TICK_NS)
     return np.searchsorted(time_ns, times, side="right") - 1
 
 

@@ -34,7 +34,7 @@ from surefoot.learning.policy import PolicySpec, target_of
 from surefoot.rollouts.episodes import Rollout
 from surefoot.types import (
     JOINTS,
-    TICKS_PER_SECOND,
+    TICK_NS,
     Array,
     BoolArray,
     IntArray,
@@ -178,7 +178,7 @@ def sensor_log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
     if seen.layout.history is not None:
         past = remembered(state, target, elapsed, seen.layout.history)
     return SensorLog(
-        time_ns=elapsed * (10**9 // TICKS_PER_SECOND),
+        time_ns=elapsed * TICK_NS,
         tick=tick,
         command=command,
         joint_position=state.q[:, 7:].copy(),
