@@ -9,9 +9,11 @@ import pytest
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.twin import LinkConfig
 from surefoot.deploy import protocol
+from surefoot.deploy.faults import FaultTests, Limits
 from surefoot.deploy.fit import WrongRobotError
+from surefoot.deploy.interfaces import Sensors
 from surefoot.deploy.loop import Mode
-from surefoot.types import JOINTS, Command
+from surefoot.types import JOINTS, TICK_NS, Command
 from tests.fakes.bridge_world import (
     BRIDGE,
     MILLISECOND,
@@ -69,7 +71,7 @@ def test_lost_datagrams_are_survived_and_counted(loss):
     world.drive(3000)
     assert world.runtime.fault is None
     assert world.runtime.mode == Mode.DRIVE
-    assert 0.5 * loss * 3000 < world.runtime.missed < 2 * loss * 3200
+    assert 0.5 * loss * 3000 < world.runtime.deadlines.missed < 2 * loss * 3200
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3, 10])
@@ -232,6 +234,21 @@ def test_a_torque_at_its_limit_for_too_long_is_a_fault():
     assert world.runtime.fault is not None and world.runtime.fault.kind == "saturated torque"
 
 
+@pytest.mark.parametrize("every", [1, 5])
+def test_how_long_a_torque_is_at_its_limit_is_a_matter_of_the_clock(every):
+    limits = Limits(low=-np.ones(12), high=np.ones(12), speed=np.ones(12), torque=np.ones(12))
+    tests = FaultTests(limits, RuntimeConfig(saturation=0.1))
+    still = np.zeros(12)
+    level = np.array([0.0, 0.0, 0.0, 1.0])
+    free = Sensors(0, 0, still, still, still, level, np.zeros(3), np.zeros(3), None)
+    assert tests.unsafe(free) is None
+    saturated = free._replace(joint_torque=np.eye(12)[4])
+    for tick in range(every, 100, every):
+        assert tests.unsafe(saturated._replace(time_ns=tick * TICK_NS)) is None
+    fault = tests.unsafe(saturated._replace(time_ns=100 * TICK_NS))
+    assert fault == ("saturated torque", "FR_HFE at its 1.00 N m for 100 ms")
+
+
 def test_torques_at_their_limit_with_breaks_are_none():
     world = World()
     world.drive()
@@ -296,7 +313,7 @@ def test_deadlines_missed_in_a_row_are_a_fault(milliseconds):
     world.until_damped()
     assert world.runtime.fault is not None
     assert world.runtime.fault.kind == "missed deadlines"
-    assert world.runtime.missed >= 10
+    assert world.runtime.deadlines.missed >= 10
     assert stays_damped(world)
 
 
@@ -324,7 +341,7 @@ def test_a_few_deadlines_missed_are_survived():
         world.policy.slow = True
         world.run(10)
     assert world.runtime.fault is None
-    assert world.runtime.missed >= 20
+    assert world.runtime.deadlines.missed >= 20
 
 
 def test_an_operator_who_is_lost_is_a_fault():

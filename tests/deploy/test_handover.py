@@ -168,6 +168,16 @@ def test_a_planner_that_does_not_answer_is_late_and_has_not_failed():
     assert not isinstance(raised.value, LatePlan)
 
 
+def test_a_planner_that_falls_silent_after_an_invalid_plan_is_late():
+    link = Link(valid=lambda number: number != 1)
+    driver = expert(link)
+    drive(driver, link, 0, 46)
+    assert driver.invalid == 1
+    link.takes = 500
+    with pytest.raises(LatePlan, match="no plan followed one that has ended after 100 ms"):
+        drive(driver, link, 46, 100)
+
+
 def test_plans_of_an_earlier_takeover_are_not_followed():
     link = Link(takes=3)
     driver = expert(link)
@@ -180,8 +190,14 @@ def test_plans_of_an_earlier_takeover_are_not_followed():
 def test_the_expert_drives_for_a_block_and_until_the_state_is_safe():
     blocking = Blocking(5)
     unsafe = [False, True, False, False, False, False, True, False, False]
-    blocked = [blocking.is_blocked(value) for value in unsafe]
+    blocked = [blocking.is_blocked(value, tick) for tick, value in enumerate(unsafe)]
     assert blocked == [False, True, True, True, True, True, True, False, False]
+
+
+def test_ticks_that_nobody_saw_are_part_of_a_block():
+    blocking = Blocking(5)
+    blocked = [blocking.is_blocked(tick == 1, tick) for tick in (0, 1, 2, 5, 7)]
+    assert blocked == [False, True, True, True, False]
 
 
 def world_with(link: Link | None, unsafe: list[bool]) -> World:

@@ -13,10 +13,15 @@ from tests.fakes.robots import STANDING
 from tests.fakes.states import state_of, turned_robot
 
 CONFIG = TABLE_I
-NOW = state_of(STANDING), np.zeros(1, int), np.zeros((1, 3))
 EVERY: HandBack = "every_violation_restarts"
 OR: HandBack = "safe_or_blocked"
 AND: HandBack = "safe_and_blocked"
+
+
+def ask(monitor, tick, robots=1, state=None):
+    """What the monitor says at a tick of robots that stand still."""
+    now = state_of(STANDING) if state is None else state
+    return monitor.blocking(now, np.full(robots, tick), np.zeros((robots, 3)))
 
 
 def driven(violations, hand_back, block=0.005):
@@ -24,7 +29,7 @@ def driven(violations, hand_back, block=0.005):
     signal = np.array([[mark == "X" for mark in row] for row in violations])
     monitor = SafetyMonitor(ScriptedGate(signal), block, hand_back)
     monitor.reset(len(signal))
-    ticks = [monitor.blocking(*NOW) for _ in range(signal.shape[1])]
+    ticks = [ask(monitor, tick, len(signal)) for tick in range(signal.shape[1])]
     return ["".join(".X"[int(x)] for x in row) for row in np.array(ticks).T]
 
 
@@ -74,10 +79,19 @@ def test_reset_forgets_every_block(rule):
     signal = np.array([[True, False], [False, False]])
     monitor = SafetyMonitor(ScriptedGate(signal), 0.005, rule)
     monitor.reset(2)
-    np.testing.assert_array_equal(monitor.blocking(*NOW), [True, False])
+    np.testing.assert_array_equal(ask(monitor, 0, 2), [True, False])
     monitor.reset(2)
     signal[:] = False
-    assert not monitor.blocking(*NOW).any()
+    assert not ask(monitor, 0, 2).any()
+
+
+@pytest.mark.parametrize("rule", [EVERY, AND])
+def test_ticks_that_nobody_saw_are_part_of_a_block(rule):
+    signal = np.array([[False, True, False, False, False, False]])
+    monitor = SafetyMonitor(ScriptedGate(signal), 0.005, rule)
+    monitor.reset(1)
+    drives = [bool(ask(monitor, tick)[0]) for tick in (10, 11, 12, 15, 16, 17)]
+    assert drives == [False, True, True, True, False, False]
 
 
 @pytest.mark.parametrize("rule", [EVERY, AND])
@@ -95,10 +109,8 @@ def test_the_monitor_asks_its_gate_about_the_state():
     monitor.reset(2)
     good = turned_robot()
     bad = turned_robot(roll=26)
-    drives = [
-        monitor.blocking(state_of(np.array([good, q])), *NOW[1:])
-        for q in (good, bad, good, good, good)
-    ]
+    poses = (good, bad, good, good, good)
+    drives = [ask(monitor, tick, 2, state_of(np.array([good, q]))) for tick, q in enumerate(poses)]
     np.testing.assert_array_equal(np.array(drives).T, [[0, 0, 0, 0, 0], [0, 1, 1, 1, 0]])
 
 

@@ -22,7 +22,7 @@ from surefoot.cli.options import (
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.errors import unknown
 from surefoot.files import WriteError
-from surefoot.types import Command
+from surefoot.types import Command, to_ticks
 
 if TYPE_CHECKING:
     from surefoot.config import Config
@@ -192,9 +192,7 @@ class RunPolicy:
             self.lockstep,
         )
         gate = BoundsGate(low, high, partial(com_in_base, table))
-        # The switch is asked once in a tick of the policy.
-        block = round(self.config.block * policy.rate_hz)
-        return Safeguard(GateSwitch(gate, block), follower)
+        return Safeguard(GateSwitch(gate, to_ticks(self.config.block)), follower)
 
 
 def gait_names(policy: OnnxPolicy) -> tuple[str, ...]:

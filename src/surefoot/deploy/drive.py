@@ -122,7 +122,7 @@ def report_of(runtime: Runtime, recording: str = "", unwritten: str = "") -> Dri
         expert_seconds=runtime.expert_ticks / runtime.recorder.rate_hz,
         takeovers=runtime.takeovers,
         ticks=runtime.ticks,
-        missed=runtime.missed,
+        missed=runtime.deadlines.missed,
         work=runtime.work.times,
         round_trip=runtime.round_trips.times,
         recording=recording,

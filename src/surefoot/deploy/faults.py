@@ -15,7 +15,7 @@ import numpy as np
 
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.interfaces import Sensors
-from surefoot.types import JOINTS, Array
+from surefoot.types import JOINTS, TICK_NS, Array, IntArray, to_ticks
 
 FaultKind = Literal[
     "stale state",
@@ -88,18 +88,17 @@ class FaultTests:
     Args:
         limits: What the joints may do.
         config: The limits of the tests.
-        rate_hz: How many measurements come in a second [Hz].
     """
 
-    def __init__(self, limits: Limits, config: RuntimeConfig, rate_hz: int) -> None:
+    def __init__(self, limits: Limits, config: RuntimeConfig) -> None:
         self._limits = limits
         # Angles and rates are compared at once, the angles first.
         self._lowest = np.concatenate((limits.low, -limits.speed))
         self._highest = np.concatenate((limits.high, limits.speed))
         self._tilt = math.radians(config.tilt)
         self._saturated_from = config.saturation_share * limits.torque
-        self._patience = round(config.saturation * rate_hz)
-        self._saturated = np.zeros(len(JOINTS), dtype=np.int64)  # ticks without a break
+        self._patience_ns = to_ticks(config.saturation) * TICK_NS
+        self._saturated_since: IntArray | None = None  # [ns], of each joint; now if it is not
 
     def broken(self, sensors: Sensors) -> tuple[FaultKind, str] | None:
         """What makes a measurement useless, whoever drives; None if nothing does.
@@ -137,13 +136,15 @@ class FaultTests:
         if beyond[first]:
             return self._beyond(sensors, first)
         saturated = np.abs(sensors.joint_torque) >= self._saturated_from
-        self._saturated += 1
-        self._saturated *= saturated
-        longest = int(self._saturated.argmax())
-        if self._saturated[longest] > self._patience:
+        since = self._saturated_since
+        if since is None:
+            since = np.full(len(JOINTS), sensors.time_ns)
+        self._saturated_since = np.where(saturated, since, sensors.time_ns)
+        longest = int(self._saturated_since.argmin())
+        if sensors.time_ns - self._saturated_since[longest] >= self._patience_ns:
             return "saturated torque", (
-                f"{JOINTS[longest]} at its {self._limits.torque[longest]:.2f} N m for more than "
-                f"{self._patience} ticks"
+                f"{JOINTS[longest]} at its {self._limits.torque[longest]:.2f} N m for "
+                f"{self._patience_ns // TICK_NS} ms"
             )
         return None
 

@@ -76,30 +76,29 @@ class Blocking:
     """Who drives: the expert from a violation on, until its block is over and the state is safe.
 
     Args:
-        block: T_block [ticks].
+        block: T_block [ms].
     """
 
     def __init__(self, block: int) -> None:
         self._block = block
-        self._blocked_for = -1  # ticks since the takeover; -1: the policy drives
+        self._since: int | None = None  # the tick of the takeover; None: the policy drives
 
     @property
     def blocked(self) -> bool:
         """Whether the expert had to drive in the tick before."""
-        return self._blocked_for >= 0
+        return self._since is not None
 
-    def is_blocked(self, unsafe: bool) -> bool:
+    def is_blocked(self, unsafe: bool, tick: int) -> bool:
         """Whether the expert has to drive in this tick; ask once a tick.
 
         Args:
             unsafe: What the gate says.
+            tick: The gait clock [ms]; ticks that nobody saw count, too.
         """
-        if self._blocked_for >= 0:
-            self._blocked_for += 1
-            if not unsafe and self._blocked_for >= self._block:
-                self._blocked_for = -1
-        elif unsafe:
-            self._blocked_for = 0
+        if self._since is None:
+            self._since = tick if unsafe else None
+        elif not unsafe and tick - self._since >= self._block:
+            self._since = None
         return self.blocked
 
 
@@ -108,7 +107,7 @@ class GateSwitch:
 
     Args:
         gate: Says which states are unsafe.
-        block: T_block [ticks].
+        block: T_block [ms].
     """
 
     def __init__(self, gate: BoundsGate, block: int) -> None:
@@ -122,4 +121,4 @@ class GateSwitch:
 
     def expert_drives(self, sensors: Sensors, tick: int, command: Command) -> bool:
         """See `Switch`."""
-        return self._blocking.is_blocked(self._gate.unsafe(sensors))
+        return self._blocking.is_blocked(self._gate.unsafe(sensors), tick)

@@ -161,7 +161,7 @@ class PlanFollower:
         self._asked_for: int | None = None  # the tick of the newest request
         self._asked_gait = 0  # and its gait
         self._begun: int | None = None
-        self._refused = False  # whether the newest answer was not valid
+        self._refused: int | None = None  # when the newest answer came, if it was not valid
 
     def command(self, sensors: Sensors, tick: int, command: Command) -> JointCommand | None:
         """What the expert commands in this tick; None as long as it waits for its first plan.
@@ -193,12 +193,12 @@ class PlanFollower:
             self._next = None
         if self._followed is None:
             if tick - self._begun > self._patience:
-                raise self._missing(f"came within {self._patience} ms")
+                raise self._missing(f"came within {self._patience} ms", tick)
             return None
         start, plan = self._followed
         row = tick - start
         if row >= len(plan.torque):
-            raise self._missing(f"followed one that has ended after {row} ms")
+            raise self._missing(f"followed one that has ended after {row} ms", tick)
         return JointCommand(
             position=plan.joint_position[row],
             kp=self._kp,
@@ -207,9 +207,9 @@ class PlanFollower:
             torque=plan.torque[row],
         )
 
-    def _missing(self, text: str) -> NoPlan:
-        """Why there is no plan: the planner found none, or it did not answer."""
-        if self._refused:
+    def _missing(self, text: str, tick: int) -> NoPlan:
+        """Why there is no plan: the planner found none, or it did not answer of late."""
+        if self._refused is not None and tick - self._refused <= self._patience:
             return NoPlan(f"no valid plan {text}")
         return LatePlan(f"no plan {text}: the planner is slow, or its machine busy")
 
@@ -238,7 +238,7 @@ class PlanFollower:
                 self._of_old -= 1
                 continue
             self.late += start < tick
-            self._refused = not plan.valid
+            self._refused = None if plan.valid else tick
             if plan.valid:
                 self._next = answer
             elif self._followed is None:

@@ -120,7 +120,7 @@ class Runtime:
         self._gaits = GaitChange(policy.gaits)
         self._period_ns = 1e9 / policy.rate_hz
         self.deadlines = Deadlines(policy.rate_hz)
-        self._tests = FaultTests(limits_of(description), self.config, policy.rate_hz)
+        self._tests = FaultTests(limits_of(description), self.config)
         self._last_command: JointCommand | None = None
         self._stand_from: Array = policy.nominal
         self._stand_to = posture_of(policy)
@@ -129,11 +129,6 @@ class Runtime:
         self._expert_has_to = False
         self._warned = False
         self._asked = False
-
-    @property
-    def missed(self) -> int:
-        """How many ticks of the robot had no command in time."""
-        return self.deadlines.missed
 
     @property
     def over(self) -> bool:

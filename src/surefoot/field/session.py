@@ -217,10 +217,10 @@ class Session:
             expert_seconds=log.expert_ticks / TICKS_PER_SECOND,
             takeovers=log.takeovers,
             other_seconds=lay / TICKS_PER_SECOND,
-            missed=runtime.missed - self._missed,
+            missed=runtime.deadlines.missed - self._missed,
         )
         self._passed = runtime.deadlines.passed
-        self._missed = runtime.missed
+        self._missed = runtime.deadlines.missed
         episode = None
         if outcome is not None:
             counts = (self._expert.plans - plans, self._expert.invalid - invalid)

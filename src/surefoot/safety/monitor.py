@@ -43,7 +43,7 @@ class SafetyMonitor:
     def reset(self, batch: int) -> None:
         """Reset the gate and be ready for ``batch`` robots, none of which is blocked."""
         self._gate.reset(batch)
-        self._blocked_for = np.full(batch, -1)  # ticks since the takeover; -1: the policy drives
+        self._since = np.full(batch, -1)  # the tick of the takeover; -1: the policy drives
         self._any_blocked = False
 
     def blocking(self, state: State, tick: IntArray, command: Array) -> BoolArray:
@@ -54,7 +54,8 @@ class SafetyMonitor:
         violation = self._gate.unsafe(state, tick, command)
         if not self._any_blocked and not np.count_nonzero(violation):
             return violation
-        clock = np.where(self._blocked_for >= 0, self._blocked_for + 1, -1)
+        # Ticks that nobody saw, on a robot, are over all the same.
+        clock = np.where(self._since >= 0, tick - self._since, -1)
         if self._hand_back == "every_violation_restarts":
             clock[violation] = 0
         if self._hand_back == "safe_or_blocked":
@@ -64,6 +65,6 @@ class SafetyMonitor:
         clock[release] = -1
         clock[violation & (clock < 0) & ~release] = 0
         blocked = clock >= 0
-        self._blocked_for = clock
+        self._since = np.where(blocked, tick - clock, -1)
         self._any_blocked = bool(blocked.any())
         return blocked
