@@ -72,7 +72,7 @@ def test_another_policy_than_the_exported_one_is_refused(surefoot, capsys, files
 
 
 def test_a_log_of_a_simulation_agrees(surefoot, monkeypatch, run_folder, tmp_path):
-    monkeypatch.setattr(play, "film_episode", lambda *film: None)
+    monkeypatch.setattr(play, "film_episode", lambda *film: True)
     network = tmp_path / "network.onnx"
     log = tmp_path / "log.npz"
     assert surefoot("export", run_folder, "--onnx", network) == 0

@@ -154,7 +154,7 @@ def test_each_command_takes_a_terrain(args):
         replace(command, terrain="rocks:1").on_terrain(Config())
 
 
-def test_films_that_cannot_be_made_are_no_error(capsys, monkeypatch, tmp_path):
+def test_a_film_that_cannot_be_made_is_said(capsys, monkeypatch, tmp_path):
     def fail(*_: object) -> Path:
         raise RenderingUnavailable("no EGL")
 
@@ -162,11 +162,11 @@ def test_films_that_cannot_be_made_are_no_error(capsys, monkeypatch, tmp_path):
     recording = Recording(robot, SimulationConfig(), np.tile(robot.nominal, (10, 1)))
     out = tmp_path / "folder" / "film.mp4"
     monkeypatch.setattr("surefoot.viz.film.contact_sheet", fail)
-    film_episode(recording, out, "title")
+    assert not film_episode(recording, out, "title")
     assert capsys.readouterr().err == "no video: no EGL\n"
     monkeypatch.setattr("surefoot.viz.film.contact_sheet", lambda recording, path: path)
     monkeypatch.setattr("surefoot.viz.film.film", lambda recording, path, title: path)
-    film_episode(recording, out, "title")
+    assert film_episode(recording, out, "title")
     assert capsys.readouterr().out == f"frames: {out.with_suffix('.png')}\nvideo:  {out}\n"
 
 

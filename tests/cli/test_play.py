@@ -24,7 +24,7 @@ from tests.viz.test_flight import flight_of
 def films(monkeypatch) -> list:
     """What would have been filmed: recording, file and title."""
     filmed = []
-    monkeypatch.setattr(play, "film_episode", lambda *film: filmed.append(film))
+    monkeypatch.setattr(play, "film_episode", lambda *film: not filmed.append(film))
     return filmed
 
 
@@ -68,6 +68,17 @@ def test_the_packaged_policy_walks_where_nothing_is_named(surefoot, films, tmp_p
     assert report["outcome"] == "SUCCESS"
     assert report["mean_velocity"][0] == pytest.approx(0.2, abs=0.03)
     assert films[0][1] == Path("play.mp4")
+
+
+def test_a_film_that_was_asked_for_by_name_and_cannot_be_made_is_a_failure(
+    surefoot, monkeypatch, tmp_path
+):
+    monkeypatch.setattr(play, "film_episode", lambda *_: False)
+    file = tmp_path / "flight.npz"
+    flight = replace(flight_of(None, 3), fault=np.array(""))
+    save_flight(file, flight)
+    assert surefoot("play", file) == 0
+    assert surefoot("play", file, "--out", tmp_path / "flight.mp4") == 1
 
 
 def test_an_episode_needs_the_run_that_recorded_it(surefoot, capsys):

@@ -12,12 +12,13 @@ import pytest
 
 import surefoot.cli.main as cli
 from surefoot.config import CommandBox, Config, Gait, PolicyConfig
+from surefoot.config.gait_table import gait_names
 from surefoot.config.json_io import to_json
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.observation import GaitTiming, ObservationSpec, gait_timing
+from surefoot.learning.observation import GaitTiming, ObservationSpec, gait_timings
 from surefoot.learning.policy import Policy, PolicySpec, load, save
 from surefoot.methods.behavior_cloning import behavior_cloning
-from surefoot.mpc.gaits import GAITS, gait_name
+from surefoot.mpc.gaits import GAITS, gait_name, numbers_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import own_values, with_own_values
 from surefoot.runs.policies import find_policy
@@ -120,7 +121,7 @@ def file_of(tmp_path, robot: str, *gaits: GaitTiming, commands=FORWARD) -> Path:
 
 
 def test_a_policy_that_lies_in_no_run_brings_its_robot_gait_and_commands(tmp_path):
-    walk = gait_timing(GAITS["walk"])
+    (walk,) = gait_timings([GAITS["walk"]])
     commands = [[-0.5, -0.2, 0.0], [0.5, 0.2, 0.0]]
     path, config = find_policy(file_of(tmp_path, "go2", walk, commands=commands))
     assert load(path).robot == config.robot.model == "go2"
@@ -138,8 +139,16 @@ def test_a_policy_of_a_gait_without_a_name_brings_its_timing(tmp_path):
     assert (config.gait.period, gait_name(config.gait)) == (0.4, "custom")
 
 
+def test_gaits_without_a_name_are_told_apart(tmp_path):
+    gaits = [Gait(period=0.4), GAITS["walk"], Gait(period=0.6), Gait(period=0.8)]
+    names = gait_names(gaits)
+    assert names == ("custom", "walk", "custom-2", "custom-3")
+    _, config = find_policy(file_of(tmp_path, "solo12", *gait_timings(gaits)))
+    assert numbers_of(config, names) == [0, 1, 2, 3]
+
+
 def test_a_policy_of_several_gaits_brings_all_of_them(tmp_path):
-    timings = [gait_timing(GAITS[name]) for name in ("walk", "trot", "pace")]
+    timings = gait_timings([GAITS[name] for name in ("walk", "trot", "pace")])
     path, config = find_policy(file_of(tmp_path, "solo12", *timings))
     assert config.gaits[0].timing == GAITS["walk"].timing
     assert [gait_name(gait) for gait in config.gaits] == ["walk", "trot", "pace"]
@@ -149,6 +158,6 @@ def test_a_policy_of_several_gaits_brings_all_of_them(tmp_path):
 
 
 def test_a_policy_that_no_run_explains_is_refused(tmp_path):
-    path = file_of(tmp_path, "b1", gait_timing(GAITS["trot"]))
+    path = file_of(tmp_path, "b1", *gait_timings([GAITS["trot"]]))
     with pytest.raises(ValueError, match="'b1', whose description the package does not have"):
         find_policy(path)

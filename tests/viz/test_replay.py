@@ -107,7 +107,7 @@ def test_what_is_replayed_covers_what_can_happen(run_of):
 
 def play(monkeypatch, *args: object) -> tuple[int, list]:
     films = []
-    monkeypatch.setattr(play_command, "film_episode", lambda *film: films.append(film))
+    monkeypatch.setattr(play_command, "film_episode", lambda *film: not films.append(film))
     monkeypatch.setattr(sys, "argv", ["surefoot", "play", *map(str, args)])
     return cli.main(), films
 

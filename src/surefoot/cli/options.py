@@ -350,7 +350,7 @@ def warn_of_divergence(rollouts: Rollout) -> None:
         )
 
 
-def film_episode(recording: Recording, out: Path, title: str) -> None:
+def film_episode(recording: Recording, out: Path, title: str) -> bool:
     """Film a recording; where nothing can be rendered, say so.
 
     Args:
@@ -358,6 +358,9 @@ def film_episode(recording: Recording, out: Path, title: str) -> None:
         out: The film; a contact sheet is written beside it, as a PNG, unless it is a stream such as
             ``/dev/stdout``, which has nothing beside it.
         title: Text in the film.
+
+    Returns:
+        Whether there is a film.
     """
     from surefoot.viz.film import contact_sheet, film
     from surefoot.viz.renderer import RenderingUnavailable
@@ -369,6 +372,8 @@ def film_episode(recording: Recording, out: Path, title: str) -> None:
         print(f"video:  {film(recording, out, title)}")
     except RenderingUnavailable as error:
         print(f"no video: {error}", file=sys.stderr)
+        return False
+    return True
 
 
 def show_record(record: object, path: Path | None) -> None:

@@ -71,7 +71,7 @@ class Play(OnHardware, OnSimulator, OnTerrain):
     """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
-        """Play, print, film; 1 if the robot fell, or the expert gave up."""
+        """Play, print, film; 1 if the robot fell, the expert gave up, or --out has no film."""
         if self.target is not None and self.target.suffix == ".npz":
             return self.film_flight(self.target)
         if self.robot is not None:
@@ -120,8 +120,8 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             ground=rollouts.ground,
         )
         played = "policy" if episode is None else f"episode {episode}"
-        film_episode(recording, out, f"{played}, vx {report.command[0]:.2f} m/s")
-        return int(rollouts.failed[0])
+        filmed = film_episode(recording, out, f"{played}, vx {report.command[0]:.2f} m/s")
+        return int(rollouts.failed[0] or self._lacks(filmed))
 
     @property
     def film(self) -> Path:
@@ -143,10 +143,13 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         return self.target if self.target.is_dir() else self.target.parent
 
     def film_flight(self, recorded: Path) -> int:
-        """Say why a robot was given up, and film its last ten seconds; 1 if there was a fault.
+        """Say why a robot was given up, and film its last ten seconds.
 
         Args:
             recorded: The file of the flight.
+
+        Returns:
+            1 if there was a fault, or --out has no film.
         """
         from surefoot.deploy.recorder import load_flight
         from surefoot.viz.flight import recording_of
@@ -157,8 +160,12 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         fault = str(flight.fault)
         print(f"{fault}: {flight.detail}" if fault else "no fault", flush=True)
         recording = recording_of(flight, self.robot)
-        film_episode(recording, out, f"{flight.robot}, {fault or 'no fault'}")
-        return int(bool(fault))
+        filmed = film_episode(recording, out, f"{flight.robot}, {fault or 'no fault'}")
+        return int(bool(fault) or self._lacks(filmed))
+
+    def _lacks(self, filmed: bool) -> bool:
+        """Whether the film is missing that was asked for by name."""
+        return self.out is not None and not filmed
 
     def policy_job(self) -> Job:
         """One robot that stands, and is then driven by the policy.

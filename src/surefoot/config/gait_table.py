@@ -5,7 +5,7 @@ Read `mpc.gaits` next, which puts one into a configuration.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from surefoot.config.mpc import Gait
 
@@ -23,10 +23,31 @@ GAITS: Mapping[str, Gait] = {
 each other, in a trot, a pace and a bound the legs of a diagonal, a side and an end swing together,
 and in a pronk all of them. A pace rolls Solo12 by 25 degrees; with higher steps it falls."""
 
+UNNAMED = "custom"
+"""What a gait is called that is none of these."""
+
 
 def gait_name(gait: Gait) -> str:
     """The name of a gait, by its timing alone; `custom` for one that has none."""
     for name, known in GAITS.items():
         if known.timing == gait.timing:
             return name
-    return "custom"
+    return UNNAMED
+
+
+def gait_names(gaits: Sequence[Gait]) -> tuple[str, ...]:
+    """The names of the gaits of one policy; a second one without a name is `custom-2`.
+
+    Args:
+        gaits: The gaits, no two of the same timing.
+    """
+    names: list[str] = []
+    unnamed = 0
+    for gait in gaits:
+        name = gait_name(gait)
+        if name == UNNAMED:
+            unnamed += 1
+            if unnamed > 1:
+                name = f"{UNNAMED}-{unnamed}"
+        names.append(name)
+    return tuple(names)

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.config import Config
+from surefoot.config.gait_table import gait_name, gait_names
 from surefoot.evaluation.digits import as_digits
 from surefoot.evaluation.statistics import Interval, wilson
-from surefoot.mpc.gaits import gait_name
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job, chunks_of, play_out
@@ -132,7 +132,7 @@ def results_by_gait(summary: Summary, config: Config) -> tuple[GaitResult, ...]:
     """
     gait = gait_of(summary.start)
     results = []
-    for number, each in enumerate(config.gaits):
+    for number, name in enumerate(gait_names(config.gaits)):
         mine = summary[gait == number]
         success = mine.outcome == Outcome.SUCCESS
         n = len(mine.outcome)
@@ -145,7 +145,7 @@ def results_by_gait(summary: Summary, config: Config) -> tuple[GaitResult, ...]:
                 falls=int((mine.outcome == Outcome.FELL).sum()),
                 stalls=int((mine.outcome == Outcome.STALLED).sum()),
                 diverged=int((mine.outcome == Outcome.DIVERGED).sum()),
-                speed=_speed(gait_name(each), mine.mean_velocity[success], mine.command[success]),
+                speed=_speed(name, mine.mean_velocity[success], mine.command[success]),
             )
         )
     return tuple(results)
@@ -236,7 +236,7 @@ def switching_of(job: Job, parts: Sequence[_Walked]) -> Switching:
     velocity = np.concatenate([part.velocity for part in parts])
     success = outcome == Outcome.SUCCESS
     lost = (outcome == Outcome.FELL) | (outcome == Outcome.DIVERGED)
-    names = map(gait_name, job.config.gaits)
+    names = gait_names(job.config.gaits)
     command = job.starts.command
     return Switching(
         seconds=job.episodes.duration,

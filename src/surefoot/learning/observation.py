@@ -9,7 +9,7 @@ see too, whatever the policy sees. Read next: ``memory.py`` for the history, the
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import get_args
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import MOST_GAITS, Config, Gait, HeightRule, Phase
-from surefoot.config.gait_table import GAITS, gait_name
+from surefoot.config.gait_table import GAITS, gait_name, gait_names
 from surefoot.config.robot_table import ROBOTS
 from surefoot.errors import shown, unknown
 from surefoot.learning.layouts import GOAL_PARTS, LAYOUTS, PARTS, Layout
@@ -157,9 +157,12 @@ class ObservationSpec:
         return np.array([gait.period_ticks for gait in self.gaits])
 
 
-def gait_timing(gait: Gait) -> GaitTiming:
-    """The timing of a configured gait, with the gait's name."""
-    return GaitTiming(gait_name(gait), to_ticks(gait.period), gait.duty, gait.offsets)
+def gait_timings(gaits: Sequence[Gait]) -> tuple[GaitTiming, ...]:
+    """The timings of the configured gaits, with their names."""
+    return tuple(
+        GaitTiming(name, to_ticks(gait.period), gait.duty, gait.offsets)
+        for name, gait in zip(gait_names(gaits), gaits, strict=True)
+    )
 
 
 def observation_spec(config: Config) -> ObservationSpec:
@@ -179,7 +182,7 @@ def observation_spec(config: Config) -> ObservationSpec:
                 "load the robot first, and put its spec into robot.spec"
             )
         radius = robot.foot_radius
-    gaits = tuple(map(gait_timing, config.gaits))
+    gaits = gait_timings(config.gaits)
     return ObservationSpec(policy.phase, gaits, LAYOUTS[policy.layout], policy.height, radius)
 
 
@@ -194,9 +197,9 @@ def state_spec(config: Config) -> ObservationSpec:
     if config.other_gaits:
         raise ValueError(
             f"learned gates, environments and exported data see one gait, but the configuration "
-            f"has {len(config.gaits)}: {', '.join(map(gait_name, config.gaits))}; use a run of one"
+            f"has {len(config.gaits)}: {', '.join(gait_names(config.gaits))}; use a run of one"
         )
-    return ObservationSpec(config.policy.phase, (gait_timing(config.gait),))
+    return ObservationSpec(config.policy.phase, gait_timings([config.gait]))
 
 
 def slices(sizes: Mapping[str, int]) -> dict[str, slice]:

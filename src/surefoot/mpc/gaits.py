@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from surefoot.config import Config, Gait, OtherGait
-from surefoot.config.gait_table import GAITS, gait_name
+from surefoot.config.gait_table import GAITS, gait_name, gait_names
 from surefoot.config.single_gaits import each_gait, with_timing
 from surefoot.errors import unknown
 
@@ -98,7 +98,7 @@ def only_gait(config: Config, what: str, advice: str = EACH_GAIT) -> Config:
 
 def names_of(config: Config) -> str:
     """The names of the gaits of a configuration, with commas in between."""
-    return ", ".join(map(gait_name, config.gaits))
+    return ", ".join(gait_names(config.gaits))
 
 
 def numbers_of(config: Config, names: Sequence[str]) -> list[int]:
@@ -107,7 +107,7 @@ def numbers_of(config: Config, names: Sequence[str]) -> list[int]:
     Raises:
         ValueError: The configuration has no such gait.
     """
-    known = [gait_name(gait) for gait in config.gaits]
+    known = gait_names(config.gaits)
     for name in names:
         if name not in known:
             raise ValueError(unknown("gait", name, known))

@@ -16,10 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.config import CommandBox, Config, LocoSafeDaggerConfig, OtherGait, RobotConfig
+from surefoot.config.gait_table import gait_names
 from surefoot.config.single_gaits import each_gait
 from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import make_expert, make_planner
-from surefoot.mpc.gaits import gait_name, names_of, numbers_of, with_gait
+from surefoot.mpc.gaits import names_of, numbers_of, with_gait
 from surefoot.mpc.planner import Planner, PlanStages
 from surefoot.robots.identity import content_hash
 from surefoot.robots.load import find_spec, load_robot
@@ -65,8 +66,8 @@ class LiveSetup:
 
     @property
     def gaits(self) -> tuple[str, ...]:
-        """The names of the gaits, by their numbers; `custom` for one that has none."""
-        return tuple(map(gait_name, self.config.gaits))
+        """The names of the gaits, by their numbers."""
+        return gait_names(self.config.gaits)
 
     @property
     def gait(self) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from surefoot.config import BehaviorCloningConfig
-from surefoot.config.gait_table import gait_name
+from surefoot.config.gait_table import gait_names
 from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
 from surefoot.learning.policy import Policy, load, policy_spec
@@ -103,6 +103,7 @@ def _what(card: RunCard, policy: Policy | None) -> list[Markup]:
     spec = policy_spec(config)
     inputs = spec.observation.input_size
     hidden = " x ".join(str(width) for width in config.policy.hidden)
+    named = zip(gait_names(config.gaits), config.gaits, strict=True)
     pairs = [
         ("method", code(card.method)),
         ("robot", escaped(load_robot(config.robot).name)),
@@ -114,7 +115,7 @@ def _what(card: RunCard, policy: Policy | None) -> list[Markup]:
         ("gains", escaped(f"kp {spec.kp:g} N m/rad, kd {spec.kd:g} N m s/rad")),
         (
             "gaits",
-            escaped(", ".join(f"{gait_name(gait)}, {gait.period} s" for gait in config.gaits)),
+            escaped(", ".join(f"{name}, {gait.period} s" for name, gait in named)),
         ),
         ("seed", escaped(str(config.seed))),
     ]
