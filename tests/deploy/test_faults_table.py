@@ -410,7 +410,7 @@ def test_a_posture_that_was_not_trained_on_is_not_driven_from():
     policy.start_range[:, 0] += 0.5  # the robot would have to lean
     world = World(policy=policy, config=RuntimeConfig(stand=0.05, settle=0.1))
     world.run(500)
-    assert len(policy.asked) == 10  # before it stood up
+    assert policy.resets == 1  # before it stood up
     assert world.runtime.fault is not None
     assert world.runtime.fault.kind == "posture"
     assert "roll is 0.000 rad; the initial states trained on have 0.300" in (
@@ -431,7 +431,6 @@ def test_the_gait_clock_is_the_robots_through_lost_ticks():
     world.drive(1000)
     ticks = np.array([tick for tick, _ in world.policy.asked])
     assert world.policy.resets == 2  # and once before it stood up
-    ticks = ticks[10:]  # those before it stood up
     assert ticks[0] == 0
     assert (np.diff(ticks) >= 0).all()
     assert ticks[-1] > len(ticks) - 20

@@ -14,7 +14,7 @@ from surefoot.deploy.handover import (
     expected,
 )
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
-from surefoot.types import Command, GaitCommand, MotionPlan
+from surefoot.types import TICK_NS, Command, GaitCommand, MotionPlan
 from tests.fakes.bridge_world import World
 
 COMMAND = Command(0.1)
@@ -113,6 +113,27 @@ def test_a_plan_that_comes_late_begins_at_the_row_of_its_tick():
     assert torques[:20] == [None] * 20
     assert torques[20:] == [float(tick) for tick in range(20, 100)]
     assert driver.late == driver.plans > 0
+
+
+def test_plans_of_a_rehearsal_are_neither_followed_nor_counted():
+    link = Link(takes=3)
+    driver = expert(link)
+    for tick in range(0, 121):
+        link.now = tick
+        driver.rehearse(sensors(time_ns=tick * TICK_NS), COMMAND)
+    assert [request.tick for request in link.requests] == [8, 58, 108]
+    link.now = 150  # the answer to the next one is still to come
+    driver.rehearse(sensors(time_ns=150 * TICK_NS), COMMAND)
+    driver.release()
+    torques = drive(driver, link, 1001, 20)
+    assert torques == [None] * 8 + [float(tick) for tick in range(1009, 1021)]
+    assert driver.plans == 1
+
+
+def test_in_lockstep_nothing_is_rehearsed():
+    link = Link()
+    PlanFollower(link, 3.0, 0.05, 0, 60, lockstep=True).rehearse(sensors(), COMMAND)
+    assert not link.requests
 
 
 def test_in_lockstep_the_robot_waits_for_a_planner_of_any_speed():

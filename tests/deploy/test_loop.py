@@ -11,7 +11,7 @@ from surefoot.config.gait_table import GAITS
 from surefoot.deploy.gate import GateSwitch
 from surefoot.deploy.handover import Safeguard
 from surefoot.deploy.interfaces import Fallen, JointCommand
-from surefoot.deploy.loop import FIRST_ANSWERS, Mode
+from surefoot.deploy.loop import Mode
 from surefoot.types import Command
 from tests.fakes.bridge_world import TOY, ToyPolicy, World
 
@@ -28,12 +28,11 @@ def test_a_robot_that_is_to_rest_stands_and_goes_on_with_a_gait_clock_of_its_own
     world.run(5000)  # longer than it may take to settle
     assert world.runtime.fault is None
     assert world.runtime.mode == Mode.STAND
-    asked = len(world.policy.asked)
     rest(world, False)
     world.run(3)
     assert world.runtime.mode == Mode.DRIVE
     assert world.policy.resets == resets + 1
-    assert [tick for tick, _ in world.policy.asked[asked:]][:3] == [0, 1, 2]
+    assert [tick for tick, _ in world.policy.asked] == [0, 1, 2]
 
 
 def test_it_stands_up_and_waits_if_it_is_to_rest_from_the_beginning():
@@ -86,15 +85,28 @@ class Switch:
 
     def __init__(self) -> None:
         self.resets = 0
+        self.asked = 0
         self.falls_at = 10_000
 
     def reset(self) -> None:
         self.resets += 1
 
     def expert_drives(self, sensors, tick: int, command: Command) -> bool:
+        self.asked += 1
         if tick >= self.falls_at:
             raise Fallen(f"after {tick} ms")
         return False
+
+
+def test_while_it_stands_all_who_may_drive_are_asked_as_later():
+    expert: Any = Expert(8)  # in the place of a `PlanFollower`
+    switch = Switch()
+    world = World(safeguard=Safeguard(switch, expert))
+    rest(world, True)
+    world.run(500)
+    assert world.runtime.mode == Mode.STAND
+    assert len(world.policy.asked) == switch.asked == expert.rehearsed > 400
+    assert world.runtime.driven == world.runtime.takeovers == 0
 
 
 def test_each_episode_begins_with_a_reset_of_the_switch_and_a_fall_is_a_fault():
@@ -148,13 +160,11 @@ def test_a_gait_that_is_asked_for_begins_where_a_cycle_of_it_does():
     ask_for_gait(world, 1)
     world.run(1500)
     assert world.runtime.fault is None
-    gaits = {tick: command.gait for tick, command in world.policy.asked[FIRST_ANSWERS:]}
+    gaits = {tick: command.gait for tick, command in world.policy.asked}
     walks = [tick for tick, gait in gaits.items() if gait == 1]
     assert walks == list(range(switch_tick(GAITS["trot"], GAITS["walk"], 200), max(gaits) + 1))
     assert walks[0] == 1000
-    assert {tuple(command) for _, command in world.policy.asked[FIRST_ANSWERS:]} == {
-        (0.2, 0.0, 0.0)
-    }
+    assert {tuple(command) for _, command in world.policy.asked} == {(0.2, 0.0, 0.0)}
 
 
 def test_each_tick_is_recorded_with_the_gait_that_is_walked():
@@ -165,7 +175,7 @@ def test_each_tick_is_recorded_with_the_gait_that_is_walked():
     world.run(1500)
     flight = world.runtime.recorder.flight()
     driven = flight.mode == Mode.DRIVE
-    asked = [command.gait for _, command in world.policy.asked[FIRST_ANSWERS:]]
+    asked = [command.gait for _, command in world.policy.asked]
     assert set(asked) == {0, 1}
     assert flight.gait[driven].tolist() == asked
     assert (~driven).any() and not flight.gait[~driven].any()
@@ -175,7 +185,7 @@ def test_a_robot_begins_to_drive_in_the_gait_that_was_asked_for():
     world = several_gaits()
     ask_for_gait(world, 1)
     world.drive(20)
-    assert {command.gait for _, command in world.policy.asked[FIRST_ANSWERS:]} == {1}
+    assert {command.gait for _, command in world.policy.asked} == {1}
 
 
 @pytest.mark.parametrize("latency", [0, 3])
@@ -205,9 +215,13 @@ class Expert:
     def __init__(self, latency: int) -> None:
         self.latency = latency
         self.asked: list[tuple[int, int]] = []
+        self.rehearsed = 0
 
     def release(self) -> None:
         pass
+
+    def rehearse(self, sensors, command: Command) -> None:
+        self.rehearsed += 1
 
     def command(self, sensors, tick: int, command: Command) -> JointCommand:
         self.asked.append((tick, command.gait))

@@ -143,7 +143,11 @@ class ToyDriver:
 
 
 class ToyPolicy:
-    """Holds the nominal pose, with a small swing by the gait clock."""
+    """Holds the nominal pose, with a small swing by the gait clock.
+
+    Attributes:
+        asked: The ticks and commands of this episode, or of the rehearsals since the first reset.
+    """
 
     def __init__(self) -> None:
         self.robot = "toy"
@@ -164,6 +168,7 @@ class ToyPolicy:
 
     def reset(self, sensors: Sensors) -> None:
         self.resets += 1
+        self.asked.clear()
 
     def miss(self, ticks: int) -> None:
         self.missed.append(ticks)

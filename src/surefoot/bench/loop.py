@@ -20,11 +20,11 @@ from surefoot.bench.engine import standing_policy
 from surefoot.config import Config
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.bridge import Bridge, Measurement, UdpChannel
-from surefoot.deploy.drive import without_pauses
 from surefoot.deploy.loop import Mode, Runtime
 from surefoot.deploy.operator import Scripted
 from surefoot.deploy.policy import OnnxPolicy, load
 from surefoot.deploy.protocol import Description
+from surefoot.deploy.real_time import without_pauses
 from surefoot.deploy.udp_robot import UdpRobot
 from surefoot.interop.onnx.file import describe, network_model, write_onnx
 from surefoot.learning.observation import Float32Array

@@ -170,7 +170,7 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         robot = load_robot(run.config.robot)
         check_bridge(connection, robot)
         config = with_own_values(run.config, robot)
-        planner = PlannerProcess(config)
+        planner = PlannerProcess(config, self.realtime)
         closing.callback(planner.close)
         person = Unattended() if self.unattended else self.terminal()
         return Crew(robot, config, self.runtime, planner, person, connection)

@@ -93,9 +93,10 @@ class RunPolicy:
             WriteError: The last ten seconds could not be written; the report has been shown.
         """
         from surefoot.deploy.bridge import UdpChannel
-        from surefoot.deploy.drive import drive, take_real_time_priority
+        from surefoot.deploy.drive import drive
         from surefoot.deploy.loop import Runtime
         from surefoot.deploy.policy import load
+        from surefoot.deploy.real_time import take_real_time_priority
         from surefoot.deploy.udp_robot import UdpRobot, parse_address
         from surefoot.twin.planner import PlannerProcess
 
@@ -114,7 +115,7 @@ class RunPolicy:
         with ExitStack() as closing:
             safeguard = None
             if expert is not None:
-                planner = PlannerProcess(expert)
+                planner = PlannerProcess(expert, self.realtime)
                 closing.callback(planner.close)
                 safeguard = self.safeguard(policy, planner, expert)
             closing.callback(robot.close)

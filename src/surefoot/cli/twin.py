@@ -47,7 +47,7 @@ class RunTwin:
     def __call__(self) -> int:
         """Serve until the time is over."""
         from surefoot.config import RobotConfig
-        from surefoot.deploy.drive import take_real_time_priority
+        from surefoot.deploy.real_time import take_real_time_priority
         from surefoot.deploy.udp_robot import address_text
         from surefoot.robots.load import load_robot
         from surefoot.twin.serve import make_twin

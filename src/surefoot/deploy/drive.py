@@ -5,24 +5,16 @@ Read `recorder` for what is kept of it.
 
 from __future__ import annotations
 
-import gc
-import logging
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from surefoot.deploy.loop import Runtime
+from surefoot.deploy.real_time import without_pauses
 from surefoot.deploy.recorder import save_flight
 from surefoot.deploy.timing import Times
 from surefoot.errors import HangUp
 from surefoot.files import WriteError, is_stream
 
-logger = logging.getLogger(__name__)
-
-PRIORITY = 50
-"""The real-time priority: in the middle, below the kernel's own."""
 LAST_WORDS = 20
 """Number of times a robot is told to damp its joints, since datagrams may be lost."""
 
@@ -128,47 +120,3 @@ def report_of(runtime: Runtime, recording: str = "", unwritten: str = "") -> Dri
         recording=recording,
         unwritten=unwritten,
     )
-
-
-def take_real_time_priority(priority: int = PRIORITY) -> None:
-    """Ask the system to run this thread before all that are not in real time.
-
-    Without the right to that (CAP_SYS_NICE), or on another system than Linux, it warns.
-
-    Args:
-        priority: Its priority; a larger one goes first.
-    """
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except (AttributeError, OSError) as error:
-        logger.warning("this process has no real-time priority (%s); its ticks may be late", error)
-
-
-@contextmanager
-def beside_real_time() -> Iterator[None]:
-    """A context in which this thread goes right after one that has taken real-time priority.
-
-    Both take turns under Python's lock: if this one were made to wait while it holds the lock, the
-    other one would wait with it, whatever its priority.
-    """
-    take_real_time_priority(PRIORITY - 1)
-    try:
-        yield
-    finally:
-        with suppress(AttributeError, OSError):
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-
-
-@contextmanager
-def without_pauses() -> Iterator[None]:
-    """A context in which Python does not stop to look for garbage."""
-    was_enabled = gc.isenabled()
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-        if was_enabled:
-            gc.enable()

@@ -18,7 +18,7 @@ import numpy as np
 from surefoot.deploy.gate import Switch
 from surefoot.deploy.interfaces import JointCommand, Sensors
 from surefoot.rotations import rotation
-from surefoot.types import GRID, JOINTS, TICKS_PER_SECOND, Array, Command, MotionPlan
+from surefoot.types import GRID, JOINTS, TICK_NS, TICKS_PER_SECOND, Array, Command, MotionPlan
 
 PLAN_PATIENCE = 10.0
 """[s] Maximum time that a robot in lockstep waits for a plan."""
@@ -127,7 +127,7 @@ class PlanFollower:
 
     Attributes:
         latency: How long before it takes effect a plan is asked for [ticks].
-        plans: How many plans have come.
+        plans: How many plans have come, without those of rehearsals.
         late: How many of them came after the tick at which they were to take effect.
         invalid: How many of them were not valid.
     """
@@ -148,6 +148,7 @@ class PlanFollower:
         self._patience = patience
         self._lockstep = lockstep
         self._outstanding = 0  # requests without an answer
+        self._rehearses = False  # whether the oldest of them is one of a rehearsal
         self.plans = 0
         self.late = 0
         self.invalid = 0
@@ -162,6 +163,29 @@ class PlanFollower:
         self._asked_gait = 0  # and its gait
         self._begun: int | None = None
         self._refused: int | None = None  # when the newest answer came, if it was not valid
+
+    def rehearse(self, sensors: Sensors, command: Command) -> None:
+        """Ask now and then for a plan that nobody will follow, so that the first one comes in time.
+
+        In lockstep a plan may take its time, and none is asked for.
+
+        Args:
+            sensors: What the robot measures.
+            command: The velocity that is asked for.
+
+        Raises:
+            NoPlan: There is nothing to plan with.
+        """
+        if self._lockstep:
+            return
+        tick = sensors.time_ns // TICK_NS
+        self._receive(tick)
+        if tick % GRID == 0 and not self._outstanding:
+            q, v = expected(sensors, self.latency)
+            self._link.ask(PlanRequest(tick + self.latency, q, v, command))
+            self._outstanding = 1
+            self._of_old = 1
+            self._rehearses = True
 
     def command(self, sensors: Sensors, tick: int, command: Command) -> JointCommand | None:
         """What the expert commands in this tick; None as long as it waits for its first plan.
@@ -232,9 +256,11 @@ class PlanFollower:
                 return
             self._outstanding -= 1
             start, plan = answer
-            self.plans += 1
-            self.invalid += not plan.valid
-            if self._of_old > 0:  # of an earlier takeover
+            if not self._rehearses:
+                self.plans += 1
+                self.invalid += not plan.valid
+            self._rehearses = False
+            if self._of_old > 0:  # of an earlier takeover, or of a rehearsal
                 self._of_old -= 1
                 continue
             self.late += start < tick

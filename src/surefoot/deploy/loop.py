@@ -42,8 +42,8 @@ logger = logging.getLogger(__name__)
 
 MICROSECOND = 1e-3
 """[us] A nanosecond."""
-FIRST_ANSWERS = 10
-"""Number of answers that a policy is asked for before the robot stands up."""
+REHEARSALS = 10
+"""Number of rehearsals before the robot stands up."""
 
 
 class Mode(IntEnum):
@@ -263,8 +263,8 @@ class Runtime:
                 return False
             # A first answer takes long (code is compiled); meanwhile the robot's states pile up.
             self._policy.reset(sensors)
-            for tick in range(FIRST_ANSWERS):
-                self._policy.target(sensors, tick, Command())
+            for _ in range(REHEARSALS):
+                self._rehearse(sensors, Command())
             return False
         return self.deadlines.steady
 
@@ -273,6 +273,7 @@ class Runtime:
         if self.mode == Mode.DAMP:
             return None
         if self.mode == Mode.STAND:
+            self._rehearse(sensors, velocity)
             share = min(self._gait_clock(sensors) / to_ticks(self.config.stand), 1.0)
             weight = 0.5 - 0.5 * math.cos(math.pi * share)
             return JointCommand(
@@ -294,6 +295,18 @@ class Runtime:
             return None
         target = self._policy.target(sensors, tick, self._gaits.command(velocity, tick))
         return JointCommand(position=target, kp=self._policy.kp, kd=self._policy.kd)
+
+    def _rehearse(self, sensors: Sensors, velocity: Command) -> None:
+        """Ask all who may drive, and forget their answers: each begins anew with the episode.
+
+        What a processor has not run for two seconds it runs slowly: the first tick in which the
+        robot is driven would take more than ten ms.
+        """
+        self._policy.target(sensors, 0, velocity)
+        if self._safeguard.switch is not None:
+            self._safeguard.switch.expert_drives(sensors, 0, velocity)
+        if self._safeguard.expert is not None:
+            self._safeguard.expert.rehearse(sensors, velocity)
 
     def _experts(self, sensors: Sensors, tick: int, velocity: Command) -> JointCommand | None:
         """What the expert commands, where it has to drive; None lets the policy drive."""

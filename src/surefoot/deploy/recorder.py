@@ -6,6 +6,7 @@ holds arrays only, and reading one runs nothing. `surefoot play FLIGHT.npz` film
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -134,7 +135,8 @@ class TickRecord(NamedTuple):
     gait: int = 0
 
 
-# A row of the ring holds all numbers of a tick side by side, so that a tick is two writes.
+# A row holds all numbers of a tick side by side. Rows are made one by one: the first touch of each
+# part of one large array takes the system several ms, in the middle of a tick.
 _INTEGERS = ("tick", "time_ns", "robot_time_ns", "mode", "expert_drove", "gait_tick", "gait")
 _WIDTHS = {
     "command": 3,
@@ -174,10 +176,9 @@ class FlightRecorder:
     ) -> None:
         self.rate_hz = rate_hz
         self._robot = robot
-        self._size = SECONDS * rate_hz if ticks is None else ticks
-        self._integers = np.zeros((self._size, len(_INTEGERS)), dtype=np.int64)
-        self._numbers = np.zeros((self._size, sum(_WIDTHS.values())))
-        self._count = 0
+        size = SECONDS * rate_hz if ticks is None else ticks
+        self._integers: deque[tuple[int, ...]] = deque(maxlen=size)
+        self._numbers: deque[Array] = deque(maxlen=size)
 
     def add(self, record: TickRecord, sensors: Sensors, command: JointCommand | None) -> None:
         """Keep a tick in place of the oldest one.
@@ -187,9 +188,7 @@ class FlightRecorder:
             sensors: What was measured.
             command: What the joints were commanded; None if nothing.
         """
-        row = self._count % self._size
-        self._count += 1
-        self._integers[row] = (
+        integers = (
             record.tick,
             record.time_ns,
             sensors.time_ns,
@@ -208,7 +207,8 @@ class FlightRecorder:
         else:
             parts += (command.position, command.velocity, command.kp, command.kd, command.torque)
         parts.append((record.work_us, record.round_trip_us))
-        np.concatenate(parts, out=self._numbers[row])
+        self._integers.append(integers)
+        self._numbers.append(np.concatenate(parts, dtype=float))
 
     def flight(self, fault: str = "", detail: str = "") -> Flight:
         """What has been kept, the oldest tick first.
@@ -217,11 +217,11 @@ class FlightRecorder:
             fault: The name of the fault that ended it; empty if there was none.
             detail: What was measured, and what is allowed.
         """
-        first = max(self._count - self._size, 0)
-        rows = np.arange(first, self._count) % self._size
-        arrays: dict[str, NDArray] = dict(zip(_INTEGERS, self._integers[rows].T, strict=True))
+        integers = np.array(self._integers, dtype=np.int64).reshape(-1, len(_INTEGERS))
+        arrays: dict[str, NDArray] = dict(zip(_INTEGERS, integers.T, strict=True))
         ends = np.cumsum(list(_WIDTHS.values()))
-        parts = np.split(self._numbers[rows], ends[:-1], axis=1)
+        numbers = np.array(self._numbers).reshape(-1, ends[-1])
+        parts = np.split(numbers, ends[:-1], axis=1)
         for (name, width), part in zip(_WIDTHS.items(), parts, strict=True):
             arrays[name] = part if width > 1 else part[:, 0]
         arrays["mode"] = arrays["mode"].astype(np.int8)

@@ -19,14 +19,10 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from surefoot.config import DisturbanceConfig
-from surefoot.deploy.drive import (
-    beside_real_time,
-    take_real_time_priority,
-    unused,
-    without_pauses,
-)
+from surefoot.deploy.drive import unused
 from surefoot.deploy.handover import PLANNER_ENDED
 from surefoot.deploy.policy import OnnxPolicy
+from surefoot.deploy.real_time import beside_real_time, take_real_time_priority, without_pauses
 from surefoot.deploy.recorder import save_flight
 from surefoot.field.attempts import Attempt, as_dropped, read_attempts, write_attempts
 from surefoot.field.episode import result_of

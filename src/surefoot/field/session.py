@@ -195,7 +195,7 @@ class Session:
         log = EpisodeLog(crew.robot.name, total)
         runtime.listeners[:] = [log]
         if self._switch is not None:
-            self._switch.job = job
+            self._switch.begin(job)
         self._operator.command = Command(*job.starts.command[0].tolist())
         self._operator.rest = False
         plans = self._expert.plans
@@ -244,7 +244,6 @@ class Session:
         fall_angle = max(crew.config.safety.fall_angle, job.disturbance.fall_angle)
         safety = replace(crew.config.safety, fall_angle=fall_angle)
         self._switch = EpisodeSwitch(self._policy, safety, job)
-        self._switch.prepare(sensors)
         self._runtime = Runtime(
             self._robot,
             self._policy,

@@ -30,33 +30,32 @@ class EpisodeSwitch:
         self._policy = policy
         self._safety = safety
         self._grace = to_ticks(safety.grace)
-        self.job = job
+        self.begin(job)
 
-    def prepare(self, sensors: Sensors) -> None:
-        """Ask all that will be asked once, before the robot moves: a first answer takes long.
+    def begin(self, job: Job) -> None:
+        """Be ready for another episode.
 
         Args:
-            sensors: What the robot measures.
+            job: The episode, one of one robot.
         """
-        state = self._policy.state(sensors)
-        fallen(state, self._safety)
+        self._job = job
         self.reset()
-        self.job.arbiter.choose(state, np.zeros(1, np.int64), np.zeros((1, 3)))
 
     def reset(self) -> None:
         """See `Switch`."""
-        self.job.arbiter.reset(self.job.episode)
+        self._job.arbiter.reset(self._job.episode)
 
     def expert_drives(self, sensors: Sensors, tick: int, command: Command) -> bool:
         """See `Switch`."""
         state = self._policy.state(sensors)
-        if tick >= self._grace and fallen(state, self._safety)[0]:
+        has_fallen = bool(fallen(state, self._safety)[0])
+        if has_fallen and tick >= self._grace:
             roll, pitch = np.degrees(state.roll_pitch[0])
             raise Fallen(
                 f"height {state.q[0, 2]:.3f} m, roll {roll:.1f}, pitch {pitch:.1f} deg after "
                 f"{tick} ms"
             )
-        if tick >= to_ticks(self.job.episodes.duration):
+        if tick >= to_ticks(self._job.episodes.duration):
             return True
-        choice = self.job.arbiter.choose(state, np.array([tick]), np.array([command], float))
+        choice = self._job.arbiter.choose(state, np.array([tick]), np.array([command], float))
         return bool(choice[0])

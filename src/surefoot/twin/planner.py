@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection
 
 from surefoot.config import Config
 from surefoot.deploy.handover import PLANNER_ENDED, NoPlan, PlanRequest
+from surefoot.deploy.real_time import PRIORITY, take_real_time_priority
 from surefoot.types import GaitCommand, MotionPlan
 
 READY_WITHIN = 600.0
@@ -24,16 +25,17 @@ class PlannerProcess:
 
     Args:
         config: The robot, its gaits and its expert, with the robot's own values.
+        realtime: Whether to ask the system for real-time priority, right after the loop's.
 
     Raises:
         NoPlan: The process does not begin to plan.
     """
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, realtime: bool = False) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, other = context.Pipe()
         self._outstanding = 1  # requests without an answer; it says by itself that it is ready
-        self._process = context.Process(target=_plan, args=(config, other), daemon=True)
+        self._process = context.Process(target=_plan, args=(config, other, realtime), daemon=True)
         self._process.start()
         other.close()
         if not self._pipe.poll(READY_WITHIN):
@@ -86,7 +88,7 @@ class PlannerProcess:
             raise NoPlan(PLANNER_ENDED) from error
 
 
-def _plan(config: Config, pipe: Connection) -> None:
+def _plan(config: Config, pipe: Connection, realtime: bool) -> None:
     """Answer requests until the other side has gone; what this process runs."""
     # A Ctrl-C, or the end of the terminal, is for the other side, which then ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -104,6 +106,8 @@ def _plan(config: Config, pipe: Connection) -> None:
     standing_state = state_of(robot, standing(robot)[None], np.zeros((1, 18)))[0]
     commands = [GaitCommand(gait=number) for number in range(len(config.gaits))]
     plans = [plan(standing_state, 0, command) for command in commands]
+    if realtime:
+        take_real_time_priority(PRIORITY - 1)
     pipe.send((0, plans[0]))
     while True:
         try:

@@ -1,0 +1,107 @@
+"""What a loop of 1 ms asks of the system: to go first, to stay in memory, and not to be paused.
+
+Priority and memory need Linux and the right to them; without either a warning says so. Read `loop`
+for what has to be in time.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+logger = logging.getLogger(__name__)
+
+PRIORITY = 50
+"""The real-time priority: in the middle, below the kernel's own."""
+_LOCKED = 1 | 2 | 4  # MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT of <sys/mman.h>
+
+
+def take_real_time_priority(priority: int = PRIORITY) -> None:
+    """Ask the system to run this thread before all that are not in real time.
+
+    What this process has touched stays in memory from then on: code and data that are not used for
+    seconds, such as those of a gate that is never left, may be dropped otherwise, and reading them
+    again takes many ticks. Without the rights to either (CAP_SYS_NICE, CAP_IPC_LOCK), or on another
+    system than Linux, it warns.
+
+    Args:
+        priority: Its priority; a larger one goes first.
+    """
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (AttributeError, OSError) as error:
+        logger.warning("this process has no real-time priority (%s); its ticks may be late", error)
+    try:
+        lock_memory()
+    except (AttributeError, OSError) as error:
+        logger.warning("the memory of this process is not locked (%s); ticks may be late", error)
+
+
+@contextmanager
+def beside_real_time() -> Iterator[None]:
+    """A context in which this thread goes right after one that has taken real-time priority.
+
+    Both take turns under Python's lock: if this one were made to wait while it holds the lock, the
+    other one would wait with it, whatever its priority.
+    """
+    take_real_time_priority(PRIORITY - 1)
+    try:
+        yield
+    finally:
+        with suppress(AttributeError, OSError):
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+            unlock_memory()
+
+
+@contextmanager
+def without_pauses() -> Iterator[None]:
+    """A context in which Python does not stop to look for garbage."""
+    was_enabled = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        if was_enabled:
+            gc.enable()
+
+
+def lock_memory() -> None:
+    """Keep in memory what this process touches.
+
+    Raises:
+        OSError: It has no right to that, or not to as much as it likes.
+    """
+    import resource
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    # Beyond a limit, later allocations would fail; it does not hold for the superuser.
+    if limit != resource.RLIM_INFINITY and os.geteuid() != 0:
+        raise PermissionError(f"it may lock {limit} bytes of memory; use `ulimit -l unlimited`")
+    _call("mlockall", _LOCKED)
+
+
+def unlock_memory() -> None:
+    """Let the system drop again what it likes.
+
+    Raises:
+        OSError: It does not know of this.
+    """
+    _call("munlockall")
+
+
+def _call(function: str, *arguments: int) -> None:
+    """Call a function of the C library.
+
+    Raises:
+        OSError: It fails.
+    """
+    if ctypes.CDLL(None, use_errno=True)[function](*arguments) != 0:
+        number = ctypes.get_errno()
+        raise OSError(number, f"{function}: {os.strerror(number)}")
