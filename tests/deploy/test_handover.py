@@ -130,10 +130,14 @@ def test_plans_of_a_rehearsal_are_neither_followed_nor_counted():
     assert driver.plans == 1
 
 
-def test_in_lockstep_nothing_is_rehearsed():
+def test_a_rehearsal_without_a_planner_is_no_fault_until_a_plan_is_needed():
     link = Link()
-    PlanFollower(link, 3.0, 0.05, 0, 60, lockstep=True).rehearse(sensors(), COMMAND)
-    assert not link.requests
+    link.ended = True
+    driver = expert(link)
+    driver.rehearse(sensors(), COMMAND)
+    driver.rehearse(sensors(base=None), COMMAND)
+    with pytest.raises(NoPlan, match="has ended"):
+        driver.command(sensors(), 0, COMMAND)
 
 
 def test_in_lockstep_the_robot_waits_for_a_planner_of_any_speed():

@@ -105,8 +105,18 @@ def test_while_it_stands_all_who_may_drive_are_asked_as_later():
     rest(world, True)
     world.run(500)
     assert world.runtime.mode == Mode.STAND
-    assert len(world.policy.asked) == switch.asked == expert.rehearsed > 400
+    assert len(world.policy.rehearsed) == switch.asked == expert.rehearsed > 400
     assert world.runtime.driven == world.runtime.takeovers == 0
+
+
+def test_while_the_expert_drives_the_policy_is_asked_all_the_same():
+    expert: Any = Expert(8)
+    world = World(safeguard=Safeguard(Always(), expert))
+    world.drive(100)
+    world.policy.rehearsed.clear()
+    world.run(50)
+    assert not world.policy.asked
+    assert len(world.policy.rehearsed) == len(world.policy.remembered[-50:]) == 50
 
 
 def test_each_episode_begins_with_a_reset_of_the_switch_and_a_fall_is_a_fault():

@@ -105,6 +105,19 @@ def test_a_reset_forgets_everything(tmp_path):
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.parametrize("layout", ["full", "full_history"])
+def test_a_rehearsal_changes_no_answer(tmp_path, layout):
+    runtime = load(exported(tmp_path, layout)[0])
+    log = smooth_log(60)
+    runtime.reset(sensors_of(log, 0))
+    plain = [runtime.target(sensors_of(log, row), row, Command(0.1)) for row in range(60)]
+    runtime.reset(sensors_of(log, 0))
+    for row in range(60):
+        runtime.rehearse(sensors_of(log, row), 7 * row, Command(-0.2))
+        target = runtime.target(sensors_of(log, row), row, Command(0.1))
+        np.testing.assert_array_equal(target, plain[row])
+
+
 def test_a_tick_that_nobody_saw_is_the_last_one_before_it(tmp_path):
     """What is remembered keeps its age: a row stands for the ticks after it that have none."""
     runtime = load(exported(tmp_path, "full_history")[0])

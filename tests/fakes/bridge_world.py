@@ -146,7 +146,8 @@ class ToyPolicy:
     """Holds the nominal pose, with a small swing by the gait clock.
 
     Attributes:
-        asked: The ticks and commands of this episode, or of the rehearsals since the first reset.
+        asked: The ticks and commands of this episode.
+        rehearsed: The ticks of rehearsals.
     """
 
     def __init__(self) -> None:
@@ -162,6 +163,7 @@ class ToyPolicy:
         self.needs_base = True
         self.gaits: tuple[Gait, ...] = (GAITS["trot"],)
         self.asked: list[tuple[int, Command]] = []
+        self.rehearsed: list[int] = []
         self.resets = 0
         self.remembered: list[np.ndarray] = []
         self.missed: list[int] = []
@@ -172,6 +174,9 @@ class ToyPolicy:
 
     def miss(self, ticks: int) -> None:
         self.missed.append(ticks)
+
+    def rehearse(self, sensors: Sensors, tick: int, command: Command) -> None:
+        self.rehearsed.append(tick)
 
     def remember(self, sensors: Sensors, torque: np.ndarray) -> None:
         self.remembered.append(torque)

@@ -10,6 +10,7 @@ Read `loop` next.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -165,27 +166,23 @@ class PlanFollower:
         self._refused: int | None = None  # when the newest answer came, if it was not valid
 
     def rehearse(self, sensors: Sensors, command: Command) -> None:
-        """Ask now and then for a plan that nobody will follow, so that the first one comes in time.
+        """Ask now and then for a plan that nobody follows, so that the first one comes in time.
 
-        In lockstep a plan may take its time, and none is asked for.
+        While another drives. Who cannot plan is not said now, but when a plan is needed.
 
         Args:
             sensors: What the robot measures.
             command: The velocity that is asked for.
-
-        Raises:
-            NoPlan: There is nothing to plan with.
         """
-        if self._lockstep:
-            return
         tick = sensors.time_ns // TICK_NS
-        self._receive(tick)
-        if tick % GRID == 0 and not self._outstanding:
-            q, v = expected(sensors, self.latency)
-            self._link.ask(PlanRequest(tick + self.latency, q, v, command))
-            self._outstanding = 1
-            self._of_old = 1
-            self._rehearses = True
+        with suppress(NoPlan):
+            self._receive(tick)
+            if tick % GRID == 0 and not self._outstanding:
+                q, v = expected(sensors, self.latency)
+                self._link.ask(PlanRequest(tick + self.latency, q, v, command))
+                self._outstanding = 1
+                self._of_old = 1
+                self._rehearses = True
 
     def command(self, sensors: Sensors, tick: int, command: Command) -> JointCommand | None:
         """What the expert commands in this tick; None as long as it waits for its first plan.

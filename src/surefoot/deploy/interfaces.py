@@ -202,6 +202,16 @@ class DeployedPolicy(Protocol):
         """
         ...
 
+    def rehearse(self, sensors: Sensors, tick: int, command: Command) -> None:
+        """Answer to nobody, and forget the measurement, so that a later answer takes no longer.
+
+        Args:
+            sensors: What the robot measures now.
+            tick: The gait clock [ms].
+            command: The velocity that is asked for, and the gait.
+        """
+        ...
+
     def miss(self, ticks: int) -> None:
         """Take ticks into the history that nobody saw: the last one stands for them.
 

@@ -289,6 +289,8 @@ class Runtime:
         command = self._experts(sensors, tick, velocity)
         if command is not None:
             self.expert_ticks += 1 + unseen
+            if not self._robot.lockstep:
+                self._policy.rehearse(sensors, tick, velocity)
             self._policy.remember(sensors, command.torque_at(sensors))
             return command
         if self.over:
@@ -297,12 +299,14 @@ class Runtime:
         return JointCommand(position=target, kp=self._policy.kp, kd=self._policy.kd)
 
     def _rehearse(self, sensors: Sensors, velocity: Command) -> None:
-        """Ask all who may drive, and forget their answers: each begins anew with the episode.
+        """Ask all who may drive as if the robot were driven; each begins anew with the episode.
 
-        What a processor has not run for two seconds it runs slowly: the first tick in which the
-        robot is driven would take more than ten ms.
+        What a processor has not run for a second it runs slowly: without this, the first tick in
+        which the robot is driven takes ten and more. In lockstep there is time for that.
         """
-        self._policy.target(sensors, 0, velocity)
+        if self._robot.lockstep:
+            return
+        self._policy.rehearse(sensors, 0, velocity)
         if self._safeguard.switch is not None:
             self._safeguard.switch.expert_drives(sensors, 0, velocity)
         if self._safeguard.expert is not None:
@@ -324,6 +328,8 @@ class Runtime:
         if not self._expert_has_to:
             if had_to:
                 expert.release()
+            if not self._robot.lockstep:
+                expert.rehearse(sensors, velocity)
             return None
         self.takeovers += not had_to
         # A plan is asked for ahead, in the gait that is walked when it takes effect.

@@ -150,6 +150,13 @@ class OnnxPolicy:
         if self._memory is not None:
             self._memory.repeat(ticks)
 
+    def rehearse(self, sensors: Sensors, tick: int, command: Command) -> None:
+        """Answer as in `target`, but to nobody, and remember nothing of it.
+
+        The arguments are those of `target`.
+        """
+        self._forward(self._inputs(self._observed(sensors), tick, command))
+
     def remember(self, sensors: Sensors, torque: Array) -> None:
         """Take a tick into the history in which another drove; to be called instead of `target`.
 

@@ -217,12 +217,16 @@ class FlightRecorder:
             fault: The name of the fault that ended it; empty if there was none.
             detail: What was measured, and what is allowed.
         """
-        integers = np.array(self._integers, dtype=np.int64).reshape(-1, len(_INTEGERS))
+        integers = np.empty((len(self._integers), len(_INTEGERS)), dtype=np.int64)
+        numbers = np.empty((len(self._numbers), sum(_WIDTHS.values())))
+        # Row by row, so that a thread that drives meanwhile never waits for all of them.
+        for row, (whole, parts) in enumerate(zip(self._integers, self._numbers, strict=True)):
+            integers[row] = whole
+            numbers[row] = parts
         arrays: dict[str, NDArray] = dict(zip(_INTEGERS, integers.T, strict=True))
         ends = np.cumsum(list(_WIDTHS.values()))
-        numbers = np.array(self._numbers).reshape(-1, ends[-1])
-        parts = np.split(numbers, ends[:-1], axis=1)
-        for (name, width), part in zip(_WIDTHS.items(), parts, strict=True):
+        columns = np.split(numbers, ends[:-1], axis=1)
+        for (name, width), part in zip(_WIDTHS.items(), columns, strict=True):
             arrays[name] = part if width > 1 else part[:, 0]
         arrays["mode"] = arrays["mode"].astype(np.int8)
         arrays["expert_drove"] = arrays["expert_drove"].astype(np.bool_)

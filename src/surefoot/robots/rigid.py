@@ -98,7 +98,8 @@ def masses_of(robot: RobotModel) -> Masses:
     )
 
 
-@njit(cache=True, error_model="numpy")
+# `nogil`: whole episodes are worked on beside a thread that drives a robot.
+@njit(cache=True, error_model="numpy", nogil=True)
 def feet(q: Array, legs: Legs) -> tuple[Array, Array]:
     """Return the foot positions and their Jacobians at T configurations.
 
@@ -140,7 +141,7 @@ def feet(q: Array, legs: Legs) -> tuple[Array, Array]:
     return position, J
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def center_of_mass(q: Array, legs: Legs, masses: Masses) -> Array:
     """Return the centers of mass ``(T, 3)`` in the world frame [m] at T configurations.
 
