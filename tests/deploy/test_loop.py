@@ -60,6 +60,27 @@ def test_at_any_rate_the_time_to_settle_begins_when_the_robot_is_to_walk():
     assert world.runtime.fault is not None and world.runtime.fault.kind == "posture"
 
 
+def test_deadlines_that_a_standing_robot_misses_are_counted_and_are_no_fault():
+    world = World()
+    world.drive(100)
+    rest(world, True)
+    world.run(10)
+    world.runtime_runs = False
+    world.run(15)
+    world.runtime_runs = True
+    world.run(10)
+    assert world.runtime.deadlines.missed >= 15
+    rest(world, False)
+    world.run(50)
+    assert world.runtime.fault is None
+    assert world.runtime.mode == Mode.DRIVE
+    world.runtime_runs = False
+    world.run(15)
+    world.runtime_runs = True
+    assert world.until_damped() <= 2
+    assert world.runtime.fault is not None and world.runtime.fault.kind == "missed deadlines"
+
+
 def test_a_robot_that_rests_is_damped_by_a_stop():
     world = World()
     world.drive(100)

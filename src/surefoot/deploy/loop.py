@@ -214,7 +214,9 @@ class Runtime:
         if wish.lost:
             return "operator lost", wish.lost
         self.deadlines.count()
-        if self.deadlines.in_a_row >= self.config.missed_deadlines:
+        # While it stands its targets hardly move, and a longer silence is the bridge's to end.
+        driven = self.mode == Mode.DRIVE
+        if driven and self.deadlines.in_a_row >= self.config.missed_deadlines:
             return "missed deadlines", (
                 f"{self.deadlines.in_a_row} ticks in a row had no command in time; "
                 f"{self.config.missed_deadlines} are a fault"
@@ -367,6 +369,7 @@ class Runtime:
     def _begin_to_drive(self, sensors: Sensors) -> None:
         """Begin an episode, in which the policy drives first, as far as the switch lets it."""
         self._begin(Mode.DRIVE, sensors)
+        self.deadlines.begin()
         self._expert_has_to = False
         if self._safeguard.switch is not None:
             self._safeguard.switch.reset()
