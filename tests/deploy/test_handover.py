@@ -118,16 +118,26 @@ def test_a_plan_that_comes_late_begins_at_the_row_of_its_tick():
 def test_plans_of_a_rehearsal_are_neither_followed_nor_counted():
     link = Link(takes=3)
     driver = expert(link)
-    for tick in range(0, 121):
+    for tick in range(1000):
         link.now = tick
         driver.rehearse(sensors(time_ns=tick * TICK_NS), COMMAND)
-    assert [request.tick for request in link.requests] == [8, 58, 108]
-    link.now = 150  # the answer to the next one is still to come
-    driver.rehearse(sensors(time_ns=150 * TICK_NS), COMMAND)
+    assert [request.tick for request in link.requests] == [8, 508]
+    link.now = 1000  # the answer to the next one is still to come
+    driver.rehearse(sensors(time_ns=1000 * TICK_NS), COMMAND)
     driver.release()
     torques = drive(driver, link, 1001, 20)
     assert torques == [None] * 8 + [float(tick) for tick in range(1009, 1021)]
     assert driver.plans == 1
+
+
+@pytest.mark.parametrize(("step", "offset"), [(2, 1), (10, 3), (10, 9)])
+def test_a_planner_is_rehearsed_at_every_rate(step, offset):
+    link = Link(takes=0)
+    driver = expert(link)
+    for tick in range(offset, 2000, step):
+        link.now = tick
+        driver.rehearse(sensors(time_ns=tick * TICK_NS), COMMAND)
+    assert len(link.requests) == 4
 
 
 def test_a_rehearsal_without_a_planner_is_no_fault_until_a_plan_is_needed():

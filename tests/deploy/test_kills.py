@@ -7,7 +7,6 @@ import time
 from surefoot.deploy import protocol
 from surefoot.deploy.bridge import Bridge, UdpChannel, serve
 from surefoot.deploy.drive import drive
-from surefoot.deploy.loop import REHEARSALS
 from surefoot.deploy.recorder import load_flight
 from tests.fakes.bridge_process import PATIENT, make_runtime
 from tests.fakes.bridge_world import Clock, ToyDriver
@@ -52,7 +51,7 @@ def test_a_bridge_that_is_killed_ends_the_flight_and_the_recorder_says_why(tmp_p
 
             def kill_after_a_while(sensors, tick, command):
                 asked.append(tick)  # ticks that nobody saw are driven, but not recorded
-                if len(asked) > 200 + REHEARSALS:
+                if len(asked) > 200:
                     bridge.kill()
                 return target(sensors, tick, command)
 

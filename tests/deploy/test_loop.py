@@ -140,6 +140,41 @@ def test_while_the_expert_drives_the_policy_is_asked_all_the_same():
     assert len(world.policy.rehearsed) == len(world.policy.remembered[-50:]) == 50
 
 
+def test_while_the_policy_drives_the_planner_is_asked_all_the_same():
+    expert: Any = Expert(8)
+    world = World(safeguard=Safeguard(Switch(), expert))
+    world.drive(100)
+    rehearsed = expert.rehearsed
+    world.run(50)
+    assert expert.rehearsed - rehearsed == 50
+    assert not expert.asked
+
+
+def test_a_robot_that_lies_is_no_fallen_one_before_it_stands_up():
+    switch = Switch()
+    switch.falls_at = 0
+    world = World(safeguard=Safeguard(switch))
+    world.run(40)
+    assert world.runtime.mode == Mode.STAND
+    assert switch.asked > 10
+    assert world.runtime.fault is None
+
+
+def test_a_robot_whose_ticks_are_late_does_not_begin_to_walk():
+    world = World()
+    rest(world, True)
+    world.run(500)
+    rest(world, False)
+    for missed in range(1, 11):  # each second tick of the robot has no command
+        assert world.runtime.mode == Mode.STAND, missed
+        world.runtime_runs = False
+        world.run(1)
+        world.runtime_runs = True
+        world.run(1)
+    assert world.until_damped() <= 2
+    assert world.runtime.fault is not None and world.runtime.fault.kind == "missed deadlines"
+
+
 def test_each_episode_begins_with_a_reset_of_the_switch_and_a_fall_is_a_fault():
     switch = Switch()
     world = World(safeguard=Safeguard(switch))

@@ -57,7 +57,7 @@ def locked() -> int:
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="not Linux")
-def test_what_has_been_touched_stays_in_memory_until_the_drive_is_over():
+def test_memory_is_locked_and_so_is_what_is_allocated_later():
     try:
         real_time.lock_memory()
     except OSError as error:
@@ -65,8 +65,8 @@ def test_what_has_been_touched_stays_in_memory_until_the_drive_is_over():
     try:
         before = locked()
         assert before > 10_000
-        touched = bytearray(b"1" * 50_000_000)
-        assert locked() - before > 0.9 * len(touched) / 1024
+        allocated = bytearray(50_000_000)
+        assert locked() - before > 0.9 * len(allocated) / 1024
     finally:
         real_time.unlock_memory()
     assert locked() == 0

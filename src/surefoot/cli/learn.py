@@ -93,7 +93,7 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
     lockstep: bool = False
     """The robot is a twin in lockstep; plans then take effect at once."""
     realtime: bool = False
-    """Ask the system for real-time priority (Linux, needs the right to)."""
+    """Ask the system for real-time priority, and to stay in memory (Linux, needs the rights to)."""
     device: Literal["auto", "cpu", "cuda"] | None = None
     """The device that trains the network; without it, the configured one."""
     json: Path | None = None

@@ -76,7 +76,7 @@ class RunPolicy:
     lockstep: bool = False
     """The robot is a twin in lockstep."""
     realtime: bool = False
-    """Ask the system for real-time priority (Linux, needs the right to)."""
+    """Ask the system for real-time priority, and to stay in memory (Linux, needs the rights to)."""
     recording: Path = Path("flight.npz")
     """The file for the last ten seconds, which is written after any fault; `surefoot play` films
     it. A file that is there is kept: the next one is flight-2.npz, and so on."""

@@ -39,7 +39,7 @@ class RunTwin:
     seconds: float | None = None
     """The time of the robot after which it ends [s]; without it, when it is interrupted."""
     realtime: bool = False
-    """Ask the system for real-time priority (Linux, needs the right to)."""
+    """Ask the system for real-time priority, and to stay in memory (Linux, needs the rights to)."""
     watch: bool = False
     """Print once a second of the robot's time where it is, and how its bridge is."""
     config: TwinConfig = field(default_factory=TwinConfig)

@@ -98,7 +98,7 @@ class FaultTests:
         self._tilt = math.radians(config.tilt)
         self._saturated_from = config.saturation_share * limits.torque
         self._patience_ns = to_ticks(config.saturation) * TICK_NS
-        self._saturated_since: IntArray | None = None  # [ns], of each joint; now if it is not
+        self._saturated_since: IntArray | None = None  # [ns] when each joint last was not
 
     def broken(self, sensors: Sensors) -> tuple[FaultKind, str] | None:
         """What makes a measurement useless, whoever drives; None if nothing does.

@@ -27,7 +27,10 @@ class Switch(Protocol):
         ...
 
     def expert_drives(self, sensors: Sensors, tick: int, command: Command) -> bool:
-        """Whether the expert has to drive in this tick; asked once a tick.
+        """Whether the expert has to drive in this tick; asked once in each.
+
+        It is also asked before an episode, at tick 0, and then reset: the answer counts for
+        nothing, but a later one takes no longer.
 
         Args:
             sensors: What the robot measures.

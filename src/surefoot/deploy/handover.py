@@ -23,8 +23,9 @@ from surefoot.types import GRID, JOINTS, TICK_NS, TICKS_PER_SECOND, Array, Comma
 
 PLAN_PATIENCE = 10.0
 """[s] Maximum time that a robot in lockstep waits for a plan."""
-
-
+REHEARSED_EVERY = 500
+"""[ms] Time between plans that nobody follows. One of them may delay the first of a takeover, and
+after a second without any a planner is slow."""
 PLANNER_ENDED = "the planner's process has ended"
 """Why there is no plan, where there will never be one."""
 
@@ -150,6 +151,7 @@ class PlanFollower:
         self._lockstep = lockstep
         self._outstanding = 0  # requests without an answer
         self._rehearses = False  # whether the oldest of them is one of a rehearsal
+        self._rehearsal = -1  # the number of the last rehearsal, by the robot's clock
         self.plans = 0
         self.late = 0
         self.invalid = 0
@@ -168,7 +170,8 @@ class PlanFollower:
     def rehearse(self, sensors: Sensors, command: Command) -> None:
         """Ask now and then for a plan that nobody follows, so that the first one comes in time.
 
-        While another drives. Who cannot plan is not said now, but when a plan is needed.
+        To be called while another drives. A planner that fails here fails again when it is needed,
+        and is reported then.
 
         Args:
             sensors: What the robot measures.
@@ -177,7 +180,9 @@ class PlanFollower:
         tick = sensors.time_ns // TICK_NS
         with suppress(NoPlan):
             self._receive(tick)
-            if tick % GRID == 0 and not self._outstanding:
+            number = tick // REHEARSED_EVERY
+            if number != self._rehearsal and not self._outstanding:
+                self._rehearsal = number
                 q, v = expected(sensors, self.latency)
                 self._link.ask(PlanRequest(tick + self.latency, q, v, command))
                 self._outstanding = 1

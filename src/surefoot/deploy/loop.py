@@ -15,6 +15,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from enum import IntEnum
 
 from surefoot.config.deploy import RuntimeConfig
@@ -214,14 +215,18 @@ class Runtime:
         if wish.lost:
             return "operator lost", wish.lost
         self.deadlines.count()
-        # While it stands its targets hardly move, and a longer silence is the bridge's to end.
-        driven = self.mode == Mode.DRIVE
-        if driven and self.deadlines.in_a_row >= self.config.missed_deadlines:
-            return "missed deadlines", (
-                f"{self.deadlines.in_a_row} ticks in a row had no command in time; "
-                f"{self.config.missed_deadlines} are a fault"
-            )
-        return self._tests.unsafe(sensors)
+        # While it stands its targets move slowly, and a longer silence is the bridge's to end.
+        late = self._late() if self.mode == Mode.DRIVE else None
+        return late or self._tests.unsafe(sensors)
+
+    def _late(self) -> tuple[FaultKind, str] | None:
+        """Whether too many ticks in a row had no command in time, as a fault."""
+        if self.deadlines.in_a_row < self.config.missed_deadlines:
+            return None
+        return "missed deadlines", (
+            f"{self.deadlines.in_a_row} ticks in a row had no command in time; "
+            f"{self.config.missed_deadlines} are a fault"
+        )
 
     def _change_mode(self, sensors: Sensors, wish: Wish) -> None:
         """Do what the operator wants, and let the policy drive once the robot stands."""
@@ -244,12 +249,17 @@ class Runtime:
         if wish.rest:  # the time to settle begins when it is to walk
             self._begun_ns = sensors.time_ns - standing * TICK_NS
             return
+        if (late := self._late()) is not None:
+            self._give_up(*late)
+            return
         misfit = misfit_of(self._policy, sensors, self.config.posture)
-        if misfit is None:
+        if misfit is None and self.deadlines.in_a_row == 0:
             self._policy.reset(sensors)
             self._gaits.begin(wish.gait)
             self._begin_to_drive(sensors)
-        elif self._gait_clock(sensors) >= standing + to_ticks(self.config.settle):
+        elif misfit is not None and self._gait_clock(sensors) >= standing + to_ticks(
+            self.config.settle
+        ):
             self._give_up("posture", misfit)
 
     def _is_ready(self, sensors: Sensors) -> bool:
@@ -275,7 +285,8 @@ class Runtime:
         if self.mode == Mode.DAMP:
             return None
         if self.mode == Mode.STAND:
-            self._rehearse(sensors, velocity)
+            if not self._robot.lockstep:
+                self._rehearse(sensors, velocity)
             share = min(self._gait_clock(sensors) / to_ticks(self.config.stand), 1.0)
             weight = 0.5 - 0.5 * math.cos(math.pi * share)
             return JointCommand(
@@ -292,7 +303,7 @@ class Runtime:
         if command is not None:
             self.expert_ticks += 1 + unseen
             if not self._robot.lockstep:
-                self._policy.rehearse(sensors, tick, velocity)
+                self._policy.rehearse(sensors, tick, self._gaits.command(velocity, tick))
             self._policy.remember(sensors, command.torque_at(sensors))
             return command
         if self.over:
@@ -304,14 +315,13 @@ class Runtime:
         """Ask all who may drive as if the robot were driven; each begins anew with the episode.
 
         What a processor has not run for a second it runs slowly: without this, the first tick in
-        which the robot is driven takes ten and more. In lockstep there is time for that.
+        which the robot is driven takes 10 ms and more. In lockstep there is time for that.
         """
-        if self._robot.lockstep:
-            return
         self._policy.rehearse(sensors, 0, velocity)
         if self._safeguard.switch is not None:
-            self._safeguard.switch.expert_drives(sensors, 0, velocity)
-        if self._safeguard.expert is not None:
+            with suppress(Fallen):  # it lies
+                self._safeguard.switch.expert_drives(sensors, 0, velocity)
+        if self._safeguard.expert is not None and not self._robot.lockstep:
             self._safeguard.expert.rehearse(sensors, velocity)
 
     def _experts(self, sensors: Sensors, tick: int, velocity: Command) -> JointCommand | None:
@@ -327,15 +337,15 @@ class Runtime:
             if self._expert_has_to:
                 self._give_up("gate", "the gate calls the state unsafe, and there is no expert")
             return None
+        # A plan is asked for ahead, in the gait that is walked when it takes effect.
+        ahead = self._gaits.command(velocity, tick + expert.latency)
         if not self._expert_has_to:
             if had_to:
                 expert.release()
             if not self._robot.lockstep:
-                expert.rehearse(sensors, velocity)
+                expert.rehearse(sensors, ahead)
             return None
         self.takeovers += not had_to
-        # A plan is asked for ahead, in the gait that is walked when it takes effect.
-        ahead = self._gaits.command(velocity, tick + expert.latency)
         command = expert.command(sensors, tick, ahead)
         self._expert_drives = command is not None
         return command
@@ -365,6 +375,8 @@ class Runtime:
         self._begun_ns = sensors.time_ns
         self._stand_from = sensors.joint_position.copy()
         self._expert_drives = False
+        if self._safeguard.expert is not None:
+            self._safeguard.expert.release()
 
     def _begin_to_drive(self, sensors: Sensors) -> None:
         """Begin an episode, in which the policy drives first, as far as the switch lets it."""
@@ -373,8 +385,6 @@ class Runtime:
         self._expert_has_to = False
         if self._safeguard.switch is not None:
             self._safeguard.switch.reset()
-        if self._safeguard.expert is not None:
-            self._safeguard.expert.release()
 
     def _gait_clock(self, sensors: Sensors) -> int:
         """The ticks since the mode began [ms]."""

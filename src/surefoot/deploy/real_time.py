@@ -10,14 +10,17 @@ import ctypes
 import gc
 import logging
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 logger = logging.getLogger(__name__)
 
 PRIORITY = 50
 """The real-time priority: in the middle, below the kernel's own."""
 _LOCKED = 1 | 2 | 4  # MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT of <sys/mman.h>
+_IPC_LOCK = 14  # CAP_IPC_LOCK of <linux/capability.h>
 
 
 def take_real_time_priority(priority: int = PRIORITY) -> None:
@@ -54,6 +57,7 @@ def beside_real_time() -> Iterator[None]:
     finally:
         with suppress(AttributeError, OSError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        with suppress(AttributeError, OSError):
             unlock_memory()
 
 
@@ -81,10 +85,16 @@ def lock_memory() -> None:
     import resource
 
     limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
-    # Beyond a limit, later allocations would fail; it does not hold for the superuser.
-    if limit != resource.RLIM_INFINITY and os.geteuid() != 0:
+    # Beyond a limit, later allocations would fail.
+    if limit != resource.RLIM_INFINITY and not _has_no_limit():
         raise PermissionError(f"it may lock {limit} bytes of memory; use `ulimit -l unlimited`")
     _call("mlockall", _LOCKED)
+
+
+def _has_no_limit() -> bool:
+    """Whether this process has the right CAP_IPC_LOCK, for which the limit does not hold."""
+    found = re.search(r"CapEff:\s*([0-9a-f]+)", Path("/proc/self/status").read_text())
+    return found is not None and bool(int(found[1], 16) >> _IPC_LOCK & 1)
 
 
 def unlock_memory() -> None:

@@ -177,8 +177,7 @@ class FlightRecorder:
         self.rate_hz = rate_hz
         self._robot = robot
         size = SECONDS * rate_hz if ticks is None else ticks
-        self._integers: deque[tuple[int, ...]] = deque(maxlen=size)
-        self._numbers: deque[Array] = deque(maxlen=size)
+        self._rows: deque[tuple[tuple[int, ...], Array]] = deque(maxlen=size)
 
     def add(self, record: TickRecord, sensors: Sensors, command: JointCommand | None) -> None:
         """Keep a tick in place of the oldest one.
@@ -207,8 +206,7 @@ class FlightRecorder:
         else:
             parts += (command.position, command.velocity, command.kp, command.kd, command.torque)
         parts.append((record.work_us, record.round_trip_us))
-        self._integers.append(integers)
-        self._numbers.append(np.concatenate(parts, dtype=float))
+        self._rows.append((integers, np.concatenate(parts, dtype=float)))
 
     def flight(self, fault: str = "", detail: str = "") -> Flight:
         """What has been kept, the oldest tick first.
@@ -217,12 +215,11 @@ class FlightRecorder:
             fault: The name of the fault that ended it; empty if there was none.
             detail: What was measured, and what is allowed.
         """
-        integers = np.empty((len(self._integers), len(_INTEGERS)), dtype=np.int64)
-        numbers = np.empty((len(self._numbers), sum(_WIDTHS.values())))
+        integers = np.empty((len(self._rows), len(_INTEGERS)), dtype=np.int64)
+        numbers = np.empty((len(self._rows), sum(_WIDTHS.values())))
         # Row by row, so that a thread that drives meanwhile never waits for all of them.
-        for row, (whole, parts) in enumerate(zip(self._integers, self._numbers, strict=True)):
-            integers[row] = whole
-            numbers[row] = parts
+        for number, row in enumerate(self._rows):
+            integers[number], numbers[number] = row
         arrays: dict[str, NDArray] = dict(zip(_INTEGERS, integers.T, strict=True))
         ends = np.cumsum(list(_WIDTHS.values()))
         columns = np.split(numbers, ends[:-1], axis=1)

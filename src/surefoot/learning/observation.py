@@ -38,7 +38,7 @@ class GaitTiming:
     """A gait, as a policy file names it.
 
     Attributes:
-        name: Its name; `custom` for one without.
+        name: Its name, as of `gait_names`.
         period_ticks: The period [ms].
         duty: Share of the period in which a foot stands.
         offsets: ``(4,)`` phase offsets of FL, FR, HL, HR in periods.

@@ -31,7 +31,7 @@ class Arbiter(Protocol):
 
         Args:
             state: The states of B robots, as they measure them.
-            tick: ``(B,)`` gait clock [ms].
+            tick: ``(B,)`` gait clock [ms], which advances from call to call.
             command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
         """
         ...

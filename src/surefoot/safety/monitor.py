@@ -49,7 +49,7 @@ class SafetyMonitor:
     def blocking(self, state: State, tick: IntArray, command: Array) -> BoolArray:
         """``(B,)`` True where the expert must drive during this tick; call once a tick.
 
-        The arguments are those of `Gate.unsafe`.
+        The arguments are those of `Gate.unsafe`; the gait clock advances from call to call.
         """
         violation = self._gate.unsafe(state, tick, command)
         if not self._any_blocked and not np.count_nonzero(violation):
