@@ -269,8 +269,8 @@ def test_a_gate_with_an_expert_hands_over_and_back():
         world.tick()
     runtime = world.runtime
     assert runtime.fault is None
-    assert runtime.takeovers == 1
-    assert runtime.expert_ticks == 100 - 8
+    assert runtime.drivers.takeovers == 1
+    assert runtime.drivers.expert_ticks == 100 - 8
     stiffness = [command[24] for command in world.driver.written]
     first = stiffness.index(3.0)
     assert set(stiffness[first : first + 92]) == {3.0}

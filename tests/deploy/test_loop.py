@@ -41,7 +41,7 @@ def test_it_stands_up_and_waits_if_it_is_to_rest_from_the_beginning():
     world.run(500)
     assert world.runtime.fault is None
     assert world.runtime.mode == Mode.STAND
-    assert world.runtime.driven == 0
+    assert world.runtime.drivers.driven == 0
 
 
 def test_at_any_rate_the_time_to_settle_begins_when_the_robot_is_to_walk():
@@ -127,7 +127,7 @@ def test_while_it_stands_all_who_may_drive_are_asked_as_later():
     world.run(500)
     assert world.runtime.mode == Mode.STAND
     assert len(world.policy.rehearsed) == switch.asked == expert.rehearsed > 400
-    assert world.runtime.driven == world.runtime.takeovers == 0
+    assert world.runtime.drivers.driven == world.runtime.drivers.takeovers == 0
 
 
 def test_while_the_expert_drives_the_policy_is_asked_all_the_same():

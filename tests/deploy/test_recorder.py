@@ -164,7 +164,7 @@ def test_seconds_are_those_of_the_robots_rate():
     policy.rate_hz = 500
     world = World(policy=policy, description=TOY._replace(rate_hz=500))
     world.drive(500)
-    assert report_of(world.runtime).seconds == world.runtime.driven / 500 > 0.9
+    assert report_of(world.runtime).seconds == world.runtime.drivers.driven / 500 > 0.9
 
 
 def test_a_report_counts_what_was_driven():

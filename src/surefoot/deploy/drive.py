@@ -110,9 +110,9 @@ def report_of(runtime: Runtime, recording: str = "", unwritten: str = "") -> Dri
     return DriveReport(
         fault="" if fault is None else fault.kind,
         detail="" if fault is None else fault.detail,
-        seconds=runtime.driven / runtime.recorder.rate_hz,
-        expert_seconds=runtime.expert_ticks / runtime.recorder.rate_hz,
-        takeovers=runtime.takeovers,
+        seconds=runtime.drivers.driven / runtime.recorder.rate_hz,
+        expert_seconds=runtime.drivers.expert_ticks / runtime.recorder.rate_hz,
+        takeovers=runtime.drivers.takeovers,
         ticks=runtime.ticks,
         missed=runtime.deadlines.missed,
         work=runtime.work.times,

@@ -15,11 +15,10 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from contextlib import suppress
 from enum import IntEnum
 
 from surefoot.config.deploy import RuntimeConfig
-from surefoot.config.gait_clock import GaitChange
+from surefoot.deploy.drivers import Drivers, Unguarded
 from surefoot.deploy.faults import Fault, FaultKind, FaultTests
 from surefoot.deploy.fit import check_robot, limits_of, misfit_of, missing_base, posture_of
 from surefoot.deploy.handover import LatePlan, NoPlan, Safeguard
@@ -43,8 +42,8 @@ logger = logging.getLogger(__name__)
 
 MICROSECOND = 1e-3
 """[us] A nanosecond."""
-REHEARSALS = 10
-"""Number of rehearsals before the robot stands up."""
+FIRST_ANSWERS = 10
+"""Number of answers that are asked for before the robot stands up."""
 
 
 class Mode(IntEnum):
@@ -75,9 +74,7 @@ class Runtime:
         fault: Why it was given up; None as long as it is not.
         stopped: Whether the operator has stopped it.
         ticks: How many ticks there were.
-        driven: How many ticks of the robot the policy or the expert drove, unseen ones too.
-        expert_ticks: How many of them the expert drove.
-        takeovers: How often the expert took over.
+        drivers: The policy and the expert, and how long they drove.
         repeated: How often no new measurement had come, and the last command was written again.
         deadlines: Counts the ticks of the robot, and those that nobody saw.
         work: Times from a measurement to the written command.
@@ -104,9 +101,6 @@ class Runtime:
         self.fault: Fault | None = None
         self.stopped = False
         self.ticks = 0
-        self.driven = 0
-        self.expert_ticks = 0
-        self.takeovers = 0
         self.repeated = 0
         self.work = Histogram()
         self.round_trips = Histogram()
@@ -116,9 +110,8 @@ class Runtime:
         self._policy = policy
         self._operator = operator
         self._clock = clock
-        self._safeguard = safeguard or Safeguard()
         self._range = policy.command_range.tolist()
-        self._gaits = GaitChange(policy.gaits)
+        self.drivers = Drivers(policy, safeguard or Safeguard(), robot.lockstep)
         self._period_ns = 1e9 / policy.rate_hz
         self.deadlines = Deadlines(policy.rate_hz)
         self._tests = FaultTests(limits_of(description), self.config)
@@ -126,8 +119,6 @@ class Runtime:
         self._stand_from: Array = policy.nominal
         self._stand_to = posture_of(policy)
         self._begun_ns = 0  # when the mode began, by the robot's clock
-        self._expert_drives = False
-        self._expert_has_to = False
         self._warned = False
         self._asked = False
 
@@ -154,6 +145,8 @@ class Runtime:
             self._give_up("late plan", str(error))
         except NoPlan as error:
             self._give_up("expert", str(error))
+        except Unguarded as error:
+            self._give_up("gate", str(error))
         except Fallen as error:
             self._give_up("fall", str(error))
         except Exception as error:
@@ -253,14 +246,13 @@ class Runtime:
             self._give_up(*late)
             return
         misfit = misfit_of(self._policy, sensors, self.config.posture)
-        if misfit is None and self.deadlines.in_a_row == 0:
-            self._policy.reset(sensors)
-            self._gaits.begin(wish.gait)
-            self._begin_to_drive(sensors)
-        elif misfit is not None and self._gait_clock(sensors) >= standing + to_ticks(
-            self.config.settle
-        ):
-            self._give_up("posture", misfit)
+        if misfit is not None:
+            if self._gait_clock(sensors) >= standing + to_ticks(self.config.settle):
+                self._give_up("posture", misfit)
+        elif self.deadlines.in_a_row == 0:
+            self._begin(Mode.DRIVE, sensors)
+            self.deadlines.begin()
+            self.drivers.begin(sensors, wish.gait)
 
     def _is_ready(self, sensors: Sensors) -> bool:
         """Whether it may stand up: it is safe, the policy was asked, and states come steadily."""
@@ -273,10 +265,8 @@ class Runtime:
             if missing is not None:
                 self._give_up("posture", missing)
                 return False
-            # A first answer takes long (code is compiled); meanwhile the robot's states pile up.
-            self._policy.reset(sensors)
-            for _ in range(REHEARSALS):
-                self._rehearse(sensors, Command())
+            # Meanwhile the robot's states pile up.
+            self.drivers.warm_up(sensors, FIRST_ANSWERS)
             return False
         return self.deadlines.steady
 
@@ -285,8 +275,7 @@ class Runtime:
         if self.mode == Mode.DAMP:
             return None
         if self.mode == Mode.STAND:
-            if not self._robot.lockstep:
-                self._rehearse(sensors, velocity)
+            self.drivers.stand_by(sensors, velocity)
             share = min(self._gait_clock(sensors) / to_ticks(self.config.stand), 1.0)
             weight = 0.5 - 0.5 * math.cos(math.pi * share)
             return JointCommand(
@@ -296,66 +285,14 @@ class Runtime:
             )
         tick = self._gait_clock(sensors)
         unseen = self.deadlines.unseen if tick > 0 else 0
-        self.driven += 1 + unseen
-        self._policy.miss(unseen)
-        self._gaits.ask(gait, tick)
-        command = self._experts(sensors, tick, velocity)
-        if command is not None:
-            self.expert_ticks += 1 + unseen
-            if not self._robot.lockstep:
-                self._policy.rehearse(sensors, tick, self._gaits.command(velocity, tick))
-            self._policy.remember(sensors, command.torque_at(sensors))
-            return command
-        if self.over:
-            return None
-        target = self._policy.target(sensors, tick, self._gaits.command(velocity, tick))
-        return JointCommand(position=target, kp=self._policy.kp, kd=self._policy.kd)
-
-    def _rehearse(self, sensors: Sensors, velocity: Command) -> None:
-        """Ask all who may drive as if the robot were driven; each begins anew with the episode.
-
-        What a processor has not run for a second it runs slowly: without this, the first tick in
-        which the robot is driven takes 10 ms and more. In lockstep there is time for that.
-        """
-        self._policy.rehearse(sensors, 0, velocity)
-        if self._safeguard.switch is not None:
-            with suppress(Fallen):  # it lies
-                self._safeguard.switch.expert_drives(sensors, 0, velocity)
-        if self._safeguard.expert is not None and not self._robot.lockstep:
-            self._safeguard.expert.rehearse(sensors, velocity)
-
-    def _experts(self, sensors: Sensors, tick: int, velocity: Command) -> JointCommand | None:
-        """What the expert commands, where it has to drive; None lets the policy drive."""
-        switch = self._safeguard.switch
-        self._expert_drives = False
-        if switch is None:
-            return None
-        had_to = self._expert_has_to
-        self._expert_has_to = switch.expert_drives(sensors, tick, velocity)
-        expert = self._safeguard.expert
-        if expert is None:
-            if self._expert_has_to:
-                self._give_up("gate", "the gate calls the state unsafe, and there is no expert")
-            return None
-        # A plan is asked for ahead, in the gait that is walked when it takes effect.
-        ahead = self._gaits.command(velocity, tick + expert.latency)
-        if not self._expert_has_to:
-            if had_to:
-                expert.release()
-            if not self._robot.lockstep:
-                expert.rehearse(sensors, ahead)
-            return None
-        self.takeovers += not had_to
-        command = expert.command(sensors, tick, ahead)
-        self._expert_drives = command is not None
-        return command
+        return self.drivers.command(sensors, tick, velocity, gait, unseen)
 
     @property
     def _driver(self) -> str:
         """Who drives, in words."""
         if self.mode == Mode.STAND:
             return "standing up"
-        return "the expert" if self._expert_drives else "the policy"
+        return "the expert" if self.drivers.expert_drives else "the policy"
 
     def _within_range(self, command: Command) -> Command:
         """The command, moved into the range that the policy was trained on."""
@@ -374,17 +311,8 @@ class Runtime:
         self.mode = mode
         self._begun_ns = sensors.time_ns
         self._stand_from = sensors.joint_position.copy()
-        self._expert_drives = False
-        if self._safeguard.expert is not None:
-            self._safeguard.expert.release()
-
-    def _begin_to_drive(self, sensors: Sensors) -> None:
-        """Begin an episode, in which the policy drives first, as far as the switch lets it."""
-        self._begin(Mode.DRIVE, sensors)
-        self.deadlines.begin()
-        self._expert_has_to = False
-        if self._safeguard.switch is not None:
-            self._safeguard.switch.reset()
+        if mode == Mode.STAND:
+            self.drivers.release()
 
     def _gait_clock(self, sensors: Sensors) -> int:
         """The ticks since the mode began [ms]."""
@@ -412,9 +340,9 @@ class Runtime:
             self.work.add(work_ns * MICROSECOND)
             self.round_trips.add(round_trip)
         tick = self._gait_clock(sensors) if self.mode == Mode.DRIVE else -1
-        gait = self._gaits.at(tick) if tick >= 0 else 0
+        gait = self.drivers.gait_at(tick) if tick >= 0 else 0
         work = work_ns * MICROSECOND
-        expert = self._expert_drives
+        expert = self.drivers.expert_drives
         record = TickRecord(
             self.ticks, begun, self.mode, expert, velocity, tick, work, round_trip, gait
         )

@@ -190,7 +190,7 @@ class Session:
         """
         crew = self._crew
         runtime = self._runtime or self._begin(job)
-        driven = runtime.driven
+        driven = runtime.drivers.driven
         total = to_ticks(job.episodes.duration) + to_ticks(job.episodes.tail)
         log = EpisodeLog(crew.robot.name, total)
         runtime.listeners[:] = [log]
@@ -205,7 +205,7 @@ class Session:
         self._operator.rest = True
         while runtime.mode == Mode.DRIVE and log.whole and not runtime.over:
             runtime.tick()  # until a new measurement comes, from which on it stands
-        lay = runtime.deadlines.passed - self._passed - (runtime.driven - driven)
+        lay = runtime.deadlines.passed - self._passed - (runtime.drivers.driven - driven)
         outcome = outcome_of(log, runtime.fault)
         attempt = Attempt(
             iteration=EpisodeId.from_number(int(job.episode[0])).iteration,

@@ -1,0 +1,155 @@
+"""Who drives a robot in each tick, the policy or the expert, and what the joints are commanded.
+
+The policy drives; where a switch says so the expert does, once its first plan is there. Whoever
+does not drive is asked all the same: what a processor has not run for a second it runs slowly, and
+without that the first tick after a hand-over takes 10 ms and more. In lockstep there is time for
+it. Read `loop` next.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from surefoot.config.gait_clock import GaitChange
+from surefoot.deploy.handover import Safeguard
+from surefoot.deploy.interfaces import DeployedPolicy, Fallen, JointCommand, Sensors
+from surefoot.types import Command
+
+
+class Unguarded(RuntimeError):  # noqa: N818
+    """The expert has to drive, and there is none."""
+
+
+class Drivers:
+    """A policy, and the expert that takes over from it.
+
+    Args:
+        policy: The policy.
+        safeguard: The expert, and who says where it drives.
+        lockstep: Whether the robot waits for its commands.
+
+    Attributes:
+        driven: How many ticks of the robot the policy or the expert drove, unseen ones too.
+        expert_ticks: How many of them the expert drove.
+        takeovers: How often the expert took over.
+        expert_drives: Whether the expert drove in the last tick.
+    """
+
+    def __init__(self, policy: DeployedPolicy, safeguard: Safeguard, lockstep: bool) -> None:
+        self.driven = 0
+        self.expert_ticks = 0
+        self.takeovers = 0
+        self.expert_drives = False
+        self._expert_has_to = False
+        self._policy = policy
+        self._switch = safeguard.switch
+        self._expert = safeguard.expert
+        self._lockstep = lockstep
+        self._gaits = GaitChange(policy.gaits)
+
+    def begin(self, sensors: Sensors, gait: int) -> None:
+        """Begin an episode, in which the policy drives first, as far as the switch lets it.
+
+        Args:
+            sensors: What the robot measures.
+            gait: The number of the gait that it begins in.
+        """
+        self.release()
+        self._policy.reset(sensors)
+        self._gaits.begin(gait)
+        if self._switch is not None:
+            self._switch.reset()
+
+    def release(self) -> None:
+        """Let nobody drive: the robot stands."""
+        self.expert_drives = False
+        self._expert_has_to = False
+        if self._expert is not None:
+            self._expert.release()
+
+    def warm_up(self, sensors: Sensors, times: int) -> None:
+        """Ask for first answers, which take long: code is compiled.
+
+        Args:
+            sensors: What the robot measures.
+            times: How often to ask.
+        """
+        self._policy.reset(sensors)
+        for _ in range(times):
+            self._rehearse(sensors, Command())
+
+    def stand_by(self, sensors: Sensors, velocity: Command) -> None:
+        """Be ready to drive; to be called in each tick in which the robot stands.
+
+        Args:
+            sensors: What the robot measures.
+            velocity: The velocity that is asked for.
+        """
+        if not self._lockstep:
+            self._rehearse(sensors, velocity)
+
+    def command(
+        self, sensors: Sensors, tick: int, velocity: Command, gait: int, unseen: int
+    ) -> JointCommand:
+        """What whoever drives commands in this tick.
+
+        Args:
+            sensors: What the robot measures.
+            tick: The gait clock [ms].
+            velocity: The velocity that is asked for.
+            gait: The number of the gait that is asked for.
+            unseen: How many ticks nobody saw since the last one.
+
+        Raises:
+            Unguarded: The expert has to drive, and there is none.
+            NoPlan: The expert has no plan to drive with.
+            Fallen: Nobody can drive this robot any more.
+        """
+        self.driven += 1 + unseen
+        self._policy.miss(unseen)
+        self._gaits.ask(gait, tick)
+        asked = self._gaits.command(velocity, tick)
+        command = self._experts(sensors, tick, velocity)
+        self.expert_drives = command is not None
+        if command is None:
+            target = self._policy.target(sensors, tick, asked)
+            return JointCommand(position=target, kp=self._policy.kp, kd=self._policy.kd)
+        self.expert_ticks += 1 + unseen
+        if not self._lockstep:
+            self._policy.rehearse(sensors, tick, asked)
+        self._policy.remember(sensors, command.torque_at(sensors))
+        return command
+
+    def gait_at(self, tick: int) -> int:
+        """The number of the gait that is walked at a tick of the gait clock [ms]."""
+        return self._gaits.at(tick)
+
+    def _experts(self, sensors: Sensors, tick: int, velocity: Command) -> JointCommand | None:
+        """What the expert commands, where it has to drive; None lets the policy drive."""
+        if self._switch is None:
+            return None
+        had_to = self._expert_has_to
+        self._expert_has_to = self._switch.expert_drives(sensors, tick, velocity)
+        if self._expert is None:
+            if self._expert_has_to:
+                raise Unguarded("the gate calls the state unsafe, and there is no expert")
+            return None
+        # A plan is asked for ahead, in the gait that is walked when it takes effect.
+        ahead = self._gaits.command(velocity, tick + self._expert.latency)
+        if not self._expert_has_to:
+            if had_to:
+                self._expert.release()
+            if not self._lockstep:
+                self._expert.rehearse(sensors, ahead)
+            return None
+        self.takeovers += not had_to
+        return self._expert.command(sensors, tick, ahead)
+
+    def _rehearse(self, sensors: Sensors, velocity: Command) -> None:
+        """Ask all who may drive as if they did; each begins anew with the episode."""
+        self._policy.rehearse(sensors, 0, velocity)
+        if self._switch is not None:
+            with suppress(Fallen):  # it lies
+                self._switch.expert_drives(sensors, 0, velocity)
+        if self._expert is not None and not self._lockstep:
+            self._expert.rehearse(sensors, velocity)
