@@ -70,6 +70,7 @@ def test_only_the_first_interrupt_is_heard_while_the_command_ends(monkeypatch):
 TWICE = """
 import os, signal, sys, threading
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 import surefoot.__main__ as entry
 import surefoot.cli.main as command_line
 
