@@ -135,9 +135,10 @@ def test_while_the_expert_drives_the_policy_is_asked_all_the_same():
     world = World(safeguard=Safeguard(Always(), expert))
     world.drive(100)
     world.policy.rehearsed.clear()
+    world.policy.remembered.clear()
     world.run(50)
     assert not world.policy.asked
-    assert len(world.policy.rehearsed) == len(world.policy.remembered[-50:]) == 50
+    assert len(world.policy.rehearsed) == len(world.policy.remembered) == 50
 
 
 def test_while_the_policy_drives_the_planner_is_asked_all_the_same():
@@ -158,6 +159,18 @@ def test_a_robot_that_lies_is_no_fallen_one_before_it_stands_up():
     assert world.runtime.mode == Mode.STAND
     assert switch.asked > 10
     assert world.runtime.fault is None
+
+
+def test_a_standing_robot_whose_base_is_lost_for_a_moment_goes_on_standing():
+    world = World()
+    rest(world, True)
+    world.run(500)
+    world.driver.measurement = lambda measured: measured._replace(base=None)
+    world.run(5)
+    world.driver.measurement = lambda measured: measured
+    world.run(5)
+    assert world.runtime.fault is None
+    assert world.runtime.mode == Mode.STAND
 
 
 def test_a_robot_whose_ticks_are_late_does_not_begin_to_walk():

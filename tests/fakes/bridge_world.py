@@ -176,6 +176,8 @@ class ToyPolicy:
         self.missed.append(ticks)
 
     def rehearse(self, sensors: Sensors, tick: int, command: Command) -> None:
+        if self.needs_base and sensors.base is None:
+            raise ValueError("the layout needs the base")
         self.rehearsed.append(tick)
 
     def remember(self, sensors: Sensors, torque: np.ndarray) -> None:

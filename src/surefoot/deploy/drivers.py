@@ -116,7 +116,7 @@ class Drivers:
             return JointCommand(position=target, kp=self._policy.kp, kd=self._policy.kd)
         self.expert_ticks += 1 + unseen
         if not self._lockstep:
-            self._policy.rehearse(sensors, tick, asked)
+            self._rehearse_policy(sensors, tick, asked)
         self._policy.remember(sensors, command.torque_at(sensors))
         return command
 
@@ -145,9 +145,14 @@ class Drivers:
         self.takeovers += not had_to
         return self._expert.command(sensors, tick, ahead)
 
+    def _rehearse_policy(self, sensors: Sensors, tick: int, velocity: Command) -> None:
+        """Ask the policy for nothing, where it is told what it needs."""
+        if sensors.base is not None or not self._policy.needs_base:
+            self._policy.rehearse(sensors, tick, velocity)
+
     def _rehearse(self, sensors: Sensors, velocity: Command) -> None:
         """Ask all who may drive as if they did; each begins anew with the episode."""
-        self._policy.rehearse(sensors, 0, velocity)
+        self._rehearse_policy(sensors, 0, velocity)
         if self._switch is not None:
             with suppress(Fallen):  # it lies
                 self._switch.expert_drives(sensors, 0, velocity)

@@ -145,8 +145,6 @@ class Runtime:
             self._give_up("late plan", str(error))
         except NoPlan as error:
             self._give_up("expert", str(error))
-        except Unguarded as error:
-            self._give_up("gate", str(error))
         except Fallen as error:
             self._give_up("fall", str(error))
         except Exception as error:
@@ -251,8 +249,9 @@ class Runtime:
                 self._give_up("posture", misfit)
         elif self.deadlines.in_a_row == 0:
             self._begin(Mode.DRIVE, sensors)
-            self.deadlines.begin()
             self.drivers.begin(sensors, wish.gait)
+        elif self._gait_clock(sensors) >= standing + to_ticks(self.config.settle):
+            self._give_up("missed deadlines", "no tick in which it could begin to walk was in time")
 
     def _is_ready(self, sensors: Sensors) -> bool:
         """Whether it may stand up: it is safe, the policy was asked, and states come steadily."""
@@ -285,7 +284,11 @@ class Runtime:
             )
         tick = self._gait_clock(sensors)
         unseen = self.deadlines.unseen if tick > 0 else 0
-        return self.drivers.command(sensors, tick, velocity, gait, unseen)
+        try:
+            return self.drivers.command(sensors, tick, velocity, gait, unseen)
+        except Unguarded as error:  # the tick is recorded: it shows the state
+            self._give_up("gate", str(error))
+            return None
 
     @property
     def _driver(self) -> str:
