@@ -101,7 +101,7 @@ class Clock(BaseCallback):
 
     Args:
         minutes: How long to train, of processor time [min].
-        every: The same between measurements [min].
+        every: The processor time between measurements [min].
         write: What takes the measurements.
     """
 

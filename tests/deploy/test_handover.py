@@ -254,7 +254,9 @@ def test_a_gate_without_an_expert_damps():
     world = world_with(None, unsafe)
     unsafe[0] = True
     assert world.until_damped() <= 2
-    assert world.runtime.fault is not None and world.runtime.fault.kind == "gate"
+    fault = world.runtime.fault
+    assert fault is not None and fault.kind == "gate"
+    assert world.runtime.recorder.flight().tick[-1] == fault.tick
 
 
 def test_a_gate_with_an_expert_hands_over_and_back():

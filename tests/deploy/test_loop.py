@@ -161,12 +161,27 @@ def test_a_robot_that_lies_is_no_fallen_one_before_it_stands_up():
     assert world.runtime.fault is None
 
 
+def test_a_robot_of_which_every_second_state_is_lost_is_given_up_before_it_walks():
+    world = World(config=RuntimeConfig(stand=0.05, settle=0.1))
+    modes = set()
+    for _ in range(250):
+        world.bridge_runs = not world.bridge_runs
+        modes.add(world.runtime.mode)
+        world.run(1)
+    assert Mode.STAND in modes and Mode.DRIVE not in modes
+    assert world.runtime.fault is not None and world.runtime.fault.kind == "missed deadlines"
+    assert "no tick in which it could begin" in world.runtime.fault.detail
+
+
 def test_a_standing_robot_whose_base_is_lost_for_a_moment_goes_on_standing():
-    world = World()
+    switch = Switch()
+    world = World(safeguard=Safeguard(switch))
     rest(world, True)
     world.run(500)
+    asked = switch.asked
     world.driver.measurement = lambda measured: measured._replace(base=None)
     world.run(5)
+    assert switch.asked - asked <= 1  # it may need the base, too
     world.driver.measurement = lambda measured: measured
     world.run(5)
     assert world.runtime.fault is None

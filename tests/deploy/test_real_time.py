@@ -12,15 +12,16 @@ from surefoot.deploy.real_time import PRIORITY, beside_real_time, take_real_time
 
 
 @pytest.fixture
-def asked(monkeypatch) -> list[tuple[int, int]]:
-    """The policies and priorities that the system is asked for."""
-    asked: list[tuple[int, int]] = []
+def asked(monkeypatch) -> list[tuple[int, int] | str]:
+    """What the system is asked for: policies with their priorities, and to lock memory or not."""
+    asked: list[tuple[int, int] | str] = []
 
     def scheduler(process: int, policy: int, parameters: Any) -> None:
         asked.append((policy, parameters.sched_priority))
 
     monkeypatch.setattr(os, "sched_setscheduler", scheduler)
-    monkeypatch.setattr(real_time, "_call", lambda function, *arguments: None)
+    monkeypatch.setattr(real_time, "lock_memory", lambda: asked.append("lock"))
+    monkeypatch.setattr(real_time, "unlock_memory", lambda: asked.append("unlock"))
     return asked
 
 
@@ -31,8 +32,11 @@ def test_who_shares_python_with_the_thread_that_drives_goes_right_after_it(asked
         raise KeyboardInterrupt
     assert asked == [
         (os.SCHED_FIFO, PRIORITY),
+        "lock",
         (os.SCHED_FIFO, PRIORITY - 1),
+        "lock",
         (os.SCHED_OTHER, 0),
+        "unlock",
     ]
 
 

@@ -29,7 +29,8 @@ class RuntimeConfig(Checked):
     settle: Seconds = 3.0
     """[s] how long the standing robot may take to come to such a posture."""
     missed_deadlines: Ticks = 10
-    """So many ticks in a row without a command in time are a fault while the robot is driven."""
+    """So many ticks in a row without a command in time are a fault of a robot that is driven, or is
+    to begin."""
     tilt: Angle = 45.0
     """[deg] roll or pitch beyond this is a fault."""
     saturation: Duration = 0.1

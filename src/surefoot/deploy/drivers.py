@@ -2,8 +2,8 @@
 
 The policy drives; where a switch says so the expert does, once its first plan is there. Whoever
 does not drive is asked all the same: what a processor has not run for a second it runs slowly, and
-without that the first tick after a hand-over takes 10 ms and more. In lockstep there is time for
-it. Read `loop` next.
+without that the first tick after a hand-over takes up to 18 ms. In lockstep the robot waits, so
+that nobody else is asked. Read `loop` next.
 """
 
 from __future__ import annotations
@@ -14,6 +14,9 @@ from surefoot.config.gait_clock import GaitChange
 from surefoot.deploy.handover import Safeguard
 from surefoot.deploy.interfaces import DeployedPolicy, Fallen, JointCommand, Sensors
 from surefoot.types import Command
+
+FIRST_ANSWERS = 10
+"""Number of answers that are asked for before the robot stands up."""
 
 
 class Unguarded(RuntimeError):  # noqa: N818
@@ -53,6 +56,9 @@ class Drivers:
         Args:
             sensors: What the robot measures.
             gait: The number of the gait that it begins in.
+
+        Raises:
+            ValueError: The policy has no such gait, or needs what the robot does not measure.
         """
         self.release()
         self._policy.reset(sensors)
@@ -67,15 +73,14 @@ class Drivers:
         if self._expert is not None:
             self._expert.release()
 
-    def warm_up(self, sensors: Sensors, times: int) -> None:
+    def warm_up(self, sensors: Sensors) -> None:
         """Ask for first answers, which take long: code is compiled.
 
         Args:
             sensors: What the robot measures.
-            times: How often to ask.
         """
         self._policy.reset(sensors)
-        for _ in range(times):
+        for _ in range(FIRST_ANSWERS):
             self._rehearse(sensors, Command())
 
     def stand_by(self, sensors: Sensors, velocity: Command) -> None:
@@ -115,8 +120,8 @@ class Drivers:
             target = self._policy.target(sensors, tick, asked)
             return JointCommand(position=target, kp=self._policy.kp, kd=self._policy.kd)
         self.expert_ticks += 1 + unseen
-        if not self._lockstep:
-            self._rehearse_policy(sensors, tick, asked)
+        if not self._lockstep and self._is_told(sensors):
+            self._policy.rehearse(sensors, tick, asked)
         self._policy.remember(sensors, command.torque_at(sensors))
         return command
 
@@ -145,14 +150,15 @@ class Drivers:
         self.takeovers += not had_to
         return self._expert.command(sensors, tick, ahead)
 
-    def _rehearse_policy(self, sensors: Sensors, tick: int, velocity: Command) -> None:
-        """Ask the policy for nothing, where it is told what it needs."""
-        if sensors.base is not None or not self._policy.needs_base:
-            self._policy.rehearse(sensors, tick, velocity)
+    def _is_told(self, sensors: Sensors) -> bool:
+        """Whether the robot measures at this moment what the policy needs."""
+        return sensors.base is not None or not self._policy.needs_base
 
     def _rehearse(self, sensors: Sensors, velocity: Command) -> None:
         """Ask all who may drive as if they did; each begins anew with the episode."""
-        self._rehearse_policy(sensors, 0, velocity)
+        if not self._is_told(sensors):
+            return
+        self._policy.rehearse(sensors, 0, velocity)
         if self._switch is not None:
             with suppress(Fallen):  # it lies
                 self._switch.expert_drives(sensors, 0, velocity)

@@ -29,8 +29,8 @@ class Switch(Protocol):
     def expert_drives(self, sensors: Sensors, tick: int, command: Command) -> bool:
         """Whether the expert has to drive in this tick; asked once in each.
 
-        It is also asked before an episode, at tick 0, and then reset: the answer counts for
-        nothing, but a later one takes no longer.
+        Before an episode it is also asked at tick 0, again and again while the robot stands, and
+        then reset. Those answers count for nothing; they keep a later one from taking long.
 
         Args:
             sensors: What the robot measures.

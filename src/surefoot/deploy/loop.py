@@ -7,7 +7,7 @@
 A tick reads one measurement, looks for faults, asks whoever drives, and writes one command. The
 policy drives; where a gate calls a state unsafe the expert does, or, without one, the robot is
 given up. Nothing that happens in a tick leaves the robot undamped: an exception is a fault too.
-Read `faults`, `handover` and `recorder` next.
+Read `faults`, `drivers`, `handover` and `recorder` next.
 """
 
 from __future__ import annotations
@@ -42,8 +42,6 @@ logger = logging.getLogger(__name__)
 
 MICROSECOND = 1e-3
 """[us] A nanosecond."""
-FIRST_ANSWERS = 10
-"""Number of answers that are asked for before the robot stands up."""
 
 
 class Mode(IntEnum):
@@ -112,7 +110,6 @@ class Runtime:
         self._clock = clock
         self._range = policy.command_range.tolist()
         self.drivers = Drivers(policy, safeguard or Safeguard(), robot.lockstep)
-        self._period_ns = 1e9 / policy.rate_hz
         self.deadlines = Deadlines(policy.rate_hz)
         self._tests = FaultTests(limits_of(description), self.config)
         self._last_command: JointCommand | None = None
@@ -265,7 +262,7 @@ class Runtime:
                 self._give_up("posture", missing)
                 return False
             # Meanwhile the robot's states pile up.
-            self.drivers.warm_up(sensors, FIRST_ANSWERS)
+            self.drivers.warm_up(sensors)
             return False
         return self.deadlines.steady
 
