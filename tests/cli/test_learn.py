@@ -3,7 +3,10 @@
 import json
 import os
 import re
+import signal
+import subprocess
 import sys
+import time
 from threading import Thread
 
 import pytest
@@ -14,7 +17,7 @@ from surefoot.config.twin import TwinConfig
 from surefoot.deploy.bridge import UdpChannel
 from surefoot.deploy.udp_robot import address_text
 from surefoot.field import session
-from surefoot.field.attempts import Attempt, RobotCost, cost_of, write_attempts
+from surefoot.field.attempts import Attempt, RobotCost, cost_of, read_attempts, write_attempts
 from surefoot.robots.load import load_robot
 from surefoot.runs.run import open_run
 from surefoot.twin.serve import make_twin
@@ -64,6 +67,30 @@ def test_a_run_on_a_twin_is_a_run_and_the_same_command_goes_on(surefoot, address
     # The simulation does not go on with what a robot began.
     assert surefoot("train", "loco_safe_dagger", "--run", folder, "--resume") == 2
     assert "holds a run that learns on a robot" in capsys.readouterr().err
+
+
+@pytest.mark.slow  # two processes that load and compile, twice
+def test_a_killed_run_on_a_twin_loses_no_stored_episode_and_goes_on(address, tmp_path):
+    folder = tmp_path / "run"
+    options = ("--config.method.velocities", 6, "--config.method.T", 0.5)
+    args = ("learn", "--robot", address, "--run", folder, *TINY, *options)
+    command = [sys.executable, "-m", "surefoot", *map(str, args)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+        stored = folder / "data" / "iteration_001-001.h5"
+        while not stored.exists() and process.poll() is None:
+            time.sleep(0.01)
+        process.kill()
+        assert process.wait() == -signal.SIGKILL, process.stderr and process.stderr.read()
+    before = read_attempts(folder)
+    assert 1 <= len(before) < 6
+    shard = stored.read_bytes()
+    again = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert again.returncode == 0, again.stderr
+    assert stored.read_bytes() == shard
+    attempts = read_attempts(folder)
+    assert attempts[: len(before)] == before
+    assert len({attempt.episode for attempt in attempts}) == 6
+    assert open_run(folder).best_policy_path == open_run(folder).policy_path(1)
 
 
 def test_a_bridge_that_is_not_there_is_one_clear_line(surefoot, tmp_path, capsys, monkeypatch):

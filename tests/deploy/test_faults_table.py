@@ -287,44 +287,48 @@ def test_a_driver_that_raises_is_damped_and_latches():
 
 
 class Slow(ToyPolicy):
-    """A policy that takes too long from a tick on."""
+    """A policy that takes too long from a tick on; the bridge, another process, ticks meanwhile."""
 
-    def __init__(self, world_clock, milliseconds: float, once: bool) -> None:
+    def __init__(self, milliseconds: float, once: bool) -> None:
         super().__init__()
-        self.clock = world_clock
+        self.world: World | None = None
         self.milliseconds = milliseconds
         self.once = once
-        self.slow = False
 
     def target(self, sensors, tick, command):
-        if self.slow:
-            self.clock[0].advance(self.milliseconds)
-            self.slow = not self.once
+        if self.world is not None:
+            left = self.milliseconds
+            while left >= 1.0:
+                self.world.clock.advance()
+                self.world.bridge.tick()
+                left -= 1.0
+            self.world.clock.advance(left)
+            if self.once:
+                self.world = None
         return super().target(sensors, tick, command)
 
 
 @pytest.mark.parametrize("milliseconds", [1.5, 3.0])
 def test_deadlines_missed_in_a_row_are_a_fault(milliseconds):
-    clock = []
-    world = World(policy=Slow(clock, milliseconds, once=False))
-    clock.append(world.clock)
+    policy = Slow(milliseconds, once=False)
+    world = World(policy=policy)
     world.drive()
-    world.policy.slow = True
-    world.until_damped()
+    policy.world = world
+    assert world.until_damped() <= 20
     assert world.runtime.fault is not None
     assert world.runtime.fault.kind == "missed deadlines"
     assert world.runtime.deadlines.missed >= 10
     assert stays_damped(world)
 
 
-def test_one_deadline_missed_by_far_is_damped_by_the_bridge():
-    """The runtime hangs for 60 ms; meanwhile only the bridge ticks."""
-    world = World()
+@pytest.mark.parametrize(("description", "most"), [(TOY, 20), (SOLO12, 5)])
+def test_one_deadline_missed_by_far_is_damped_by_the_bridge(description, most):
+    policy = Slow(60.0, once=True)
+    policy.robot = description.robot
+    world = World(description=description, policy=policy)
     world.drive()
-    world.runtime_runs = False
-    assert world.until_damped() <= 20
-    world.run(40)
-    world.runtime_runs = True
+    policy.world = world
+    assert world.until_damped() <= most
     world.run(1)
     assert world.runtime.fault is not None
     assert world.runtime.fault.kind == "latched bridge"
@@ -333,12 +337,11 @@ def test_one_deadline_missed_by_far_is_damped_by_the_bridge():
 
 
 def test_a_few_deadlines_missed_are_survived():
-    clock = []
-    world = World(policy=Slow(clock, 3.0, once=True))
-    clock.append(world.clock)
+    policy = Slow(3.0, once=True)
+    world = World(policy=policy)
     world.drive()
     for _ in range(20):
-        world.policy.slow = True
+        policy.world = world
         world.run(10)
     assert world.runtime.fault is None
     assert world.runtime.deadlines.missed >= 20

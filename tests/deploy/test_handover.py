@@ -13,7 +13,7 @@ from surefoot.deploy.handover import (
     Safeguard,
     expected,
 )
-from surefoot.deploy.interfaces import BaseEstimate, Sensors
+from surefoot.deploy.interfaces import BaseEstimate, MissingBase, Sensors
 from surefoot.types import TICK_NS, Command, GaitCommand, MotionPlan
 from tests.fakes.bridge_world import World
 
@@ -93,7 +93,7 @@ def test_the_state_that_is_expected_moves_on_as_it_moves():
 
 
 def test_without_an_estimate_of_the_base_there_is_no_plan():
-    with pytest.raises(NoPlan, match="nothing measures the height"):
+    with pytest.raises(MissingBase, match="nothing measures the height"):
         expected(sensors(base=None), 8)
 
 

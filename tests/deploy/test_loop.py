@@ -188,6 +188,41 @@ def test_a_standing_robot_whose_base_is_lost_for_a_moment_goes_on_standing():
     assert world.runtime.mode == Mode.STAND
 
 
+def test_a_robot_that_is_driven_is_given_up_for_a_lost_base_that_the_policy_needs():
+    world = World()
+    world.drive()
+    world.driver.measurement = lambda measured: measured._replace(base=None)
+    assert world.until_damped() <= 2
+    fault = world.runtime.fault
+    assert fault is not None and fault.kind == "lost base"
+    # The tick itself tells why.
+    assert np.isnan(world.runtime.recorder.flight(fault.kind, fault.detail).base[-1]).all()
+
+
+def test_a_robot_walks_on_without_the_base_where_nobody_needs_it():
+    world = World()
+    world.policy.needs_base = False
+    world.drive()
+    world.driver.measurement = lambda measured: measured._replace(base=None)
+    world.run(50)
+    assert world.runtime.fault is None
+    assert world.runtime.mode == Mode.DRIVE
+
+
+def test_a_robot_whose_base_is_lost_does_not_begin_to_walk():
+    world = World(config=RuntimeConfig(stand=0.05, settle=0.1))
+    rest(world, True)
+    world.run(500)
+    world.driver.measurement = lambda measured: measured._replace(base=None)
+    rest(world, False)
+    world.run(50)
+    assert world.runtime.fault is None
+    assert world.runtime.mode == Mode.STAND
+    world.driver.measurement = lambda measured: measured
+    world.run(10)
+    assert world.runtime.mode == Mode.DRIVE
+
+
 def test_a_robot_whose_ticks_are_late_does_not_begin_to_walk():
     world = World()
     rest(world, True)

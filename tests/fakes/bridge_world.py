@@ -13,7 +13,7 @@ from surefoot.config.twin import LinkConfig
 from surefoot.deploy import protocol
 from surefoot.deploy.bridge import Address, Bridge, Measurement
 from surefoot.deploy.handover import Safeguard
-from surefoot.deploy.interfaces import Sensors
+from surefoot.deploy.interfaces import MissingBase, Sensors
 from surefoot.deploy.loop import Mode, Runtime
 from surefoot.deploy.operator import Wish
 from surefoot.deploy.protocol import Description
@@ -177,13 +177,15 @@ class ToyPolicy:
 
     def rehearse(self, sensors: Sensors, tick: int, command: Command) -> None:
         if self.needs_base and sensors.base is None:
-            raise ValueError("the layout needs the base")
+            raise MissingBase("the layout needs the base")
         self.rehearsed.append(tick)
 
     def remember(self, sensors: Sensors, torque: np.ndarray) -> None:
         self.remembered.append(torque)
 
     def target(self, sensors: Sensors, tick: int, command: Command) -> np.ndarray:
+        if self.needs_base and sensors.base is None:
+            raise MissingBase("the layout needs the base")
         self.asked.append((tick, command))
         return self.nominal + 0.01 * np.sin(2 * np.pi * tick / 500)
 

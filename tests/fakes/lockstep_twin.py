@@ -39,7 +39,7 @@ class LockstepTwin:
         return UdpRobot(WaitingEndpoint(end, self.step), BRIDGE, lockstep=True)
 
     def step(self) -> None:
-        """What `bridge.serve_lockstep` does when a datagram has come, or a while is over."""
+        """What `twin.lockstep.serve_lockstep` does when a datagram has come, or a while is over."""
         if not self.alive:
             return
         bridge = self.twin.bridge

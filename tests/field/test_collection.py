@@ -121,6 +121,30 @@ def test_an_attempt_whose_frames_could_not_be_stored_was_dropped(run, monkeypatc
     assert ends == ["dropped"] * tried + ["whole"] * 2
 
 
+def test_a_base_that_is_lost_for_a_tick_says_nothing_of_the_policy(run):
+    twin = LockstepTwin(STANDING)
+    read = twin.twin.driver.read
+    measurements = 0
+
+    def read_without_one_base():
+        nonlocal measurements
+        measurements += 1
+        measured = read()
+        return measured._replace(base=None) if measurements == 600 else measured
+
+    twin.twin.driver.read = read_without_one_base
+    crew = crew_of(run, twin)
+    session = Session(
+        crew, deployed_policy(PACKAGED_POLICY, twin.model, crew.config), lambda: False
+    )
+    report = session.run_episode(chunks_of(on_robot(job_of(run), twin.model))[1])
+    session.close()
+    assert (report.attempt.end, report.attempt.fault) == ("dropped", "lost base")
+    assert report.episode is None
+    cost = cost_of([report.attempt])
+    assert (cost.falls, cost.latches) == (0, 1)
+
+
 def test_the_expert_s_frames_enter_the_run_and_each_episode_is_a_shard(run):
     twin = LockstepTwin(STANDING)
     robot = RobotCollection(crew_of(run, twin))

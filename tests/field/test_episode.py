@@ -43,7 +43,7 @@ def job(seconds: float) -> Job:
 
 
 def test_missed_ticks_repeat_the_one_before_and_are_not_kept():
-    log = EpisodeLog("solo12", 100)
+    log = EpisodeLog("solo12", 100, 0)
     for tick in range(100):
         if tick not in (40, 41, 90):
             add(log, tick, expert=tick >= 30)
@@ -64,7 +64,7 @@ def test_missed_ticks_repeat_the_one_before_and_are_not_kept():
 
 
 def test_an_episode_that_ended_early_has_its_length():
-    log = EpisodeLog("solo12", 100)
+    log = EpisodeLog("solo12", 100, 0)
     for tick in range(57):
         add(log, tick)
     assert not log.whole
@@ -74,14 +74,22 @@ def test_an_episode_that_ended_early_has_its_length():
 
 
 def test_ticks_that_nobody_saw_were_driven_by_the_expert_too():
-    log = EpisodeLog("solo12", 50)
+    log = EpisodeLog("solo12", 50, 0)
     for tick in (0, 1, 5):
         add(log, tick, expert=True)
     assert (log.ticks, log.expert_ticks) == (6, 6)
 
 
+def test_the_tail_which_is_the_experts_is_no_takeover():
+    log = EpisodeLog("solo12", 80, 20)
+    for tick in range(100):
+        add(log, tick, expert=tick >= 80)
+    assert log.whole
+    assert (log.expert_ticks, log.takeovers) == (20, 0)
+
+
 def test_only_driven_ticks_count_and_an_episode_that_begins_anew_is_kept_anew():
-    log = EpisodeLog("solo12", 50)
+    log = EpisodeLog("solo12", 50, 0)
     add(log, 0, Mode.STAND)
     assert log.ticks == 0
     for tick in range(20):
@@ -101,7 +109,7 @@ def test_only_driven_ticks_count_and_an_episode_that_begins_anew_is_kept_anew():
 
 
 def test_ticks_after_the_last_one_are_left_out():
-    log = EpisodeLog("solo12", 10)
+    log = EpisodeLog("solo12", 10, 0)
     for tick in (*range(8), 12, 13):
         add(log, tick)
     assert log.whole
@@ -111,7 +119,7 @@ def test_ticks_after_the_last_one_are_left_out():
 
 
 def test_a_tick_without_a_command_is_none():
-    log = EpisodeLog("solo12", 10)
+    log = EpisodeLog("solo12", 10, 0)
     record = TickRecord(0, 0, Mode.DRIVE, False, Command(), 0, 0.0, 0.0)
     log(record, SimpleNamespace(), None)  # pyright: ignore[reportArgumentType]
     assert log.ticks == 0

@@ -12,7 +12,13 @@ from contextlib import suppress
 
 from surefoot.config.gait_clock import GaitChange
 from surefoot.deploy.handover import Safeguard
-from surefoot.deploy.interfaces import DeployedPolicy, Fallen, JointCommand, Sensors
+from surefoot.deploy.interfaces import (
+    DeployedPolicy,
+    Fallen,
+    JointCommand,
+    MissingBase,
+    Sensors,
+)
 from surefoot.types import Command
 
 FIRST_ANSWERS = 10
@@ -58,7 +64,8 @@ class Drivers:
             gait: The number of the gait that it begins in.
 
         Raises:
-            ValueError: The policy has no such gait, or needs what the robot does not measure.
+            ValueError: The policy has no such gait.
+            MissingBase: The policy needs what the robot does not measure.
         """
         self.release()
         self._policy.reset(sensors)
@@ -109,6 +116,7 @@ class Drivers:
             Unguarded: The expert has to drive, and there is none.
             NoPlan: The expert has no plan to drive with.
             Fallen: Nobody can drive this robot any more.
+            MissingBase: Whoever is asked needs what the robot does not measure.
         """
         self.driven += 1 + unseen
         self._policy.miss(unseen)
@@ -160,7 +168,7 @@ class Drivers:
             return
         self._policy.rehearse(sensors, 0, velocity)
         if self._switch is not None:
-            with suppress(Fallen):  # it lies
+            with suppress(Fallen, MissingBase):  # it lies, or its base is lost for a moment
                 self._switch.expert_drives(sensors, 0, velocity)
         if self._expert is not None and not self._lockstep:
             self._expert.rehearse(sensors, velocity)

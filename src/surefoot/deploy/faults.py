@@ -25,6 +25,7 @@ FaultKind = Literal[
     "missed deadlines",
     "tilt",
     "fall",
+    "lost base",
     "joint limit",
     "joint speed",
     "saturated torque",

@@ -39,6 +39,7 @@ class Switch(Protocol):
 
         Raises:
             Fallen: Nobody can drive this robot any more.
+            MissingBase: It cannot tell, since nothing measures the base.
         """
         ...
 

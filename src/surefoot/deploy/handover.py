@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 
 from surefoot.deploy.gate import Switch
-from surefoot.deploy.interfaces import JointCommand, Sensors
+from surefoot.deploy.interfaces import JointCommand, MissingBase, Sensors
 from surefoot.rotations import rotation
 from surefoot.types import GRID, JOINTS, TICK_NS, TICKS_PER_SECOND, Array, Command, MotionPlan
 
@@ -96,10 +96,12 @@ def expected(sensors: Sensors, ticks: int) -> tuple[Array, Array]:
         ticks: How far ahead [ms].
 
     Raises:
-        NoPlan: Nothing measures height and velocity of the base, which a plan needs.
+        MissingBase: Nothing measures height and velocity of the base, which a plan needs.
     """
     if sensors.base is None:
-        raise NoPlan("nothing measures the height and the velocity of the base, which a plan needs")
+        raise MissingBase(
+            "nothing measures the height and the velocity of the base, which a plan needs"
+        )
     seconds = ticks / TICKS_PER_SECOND
     R = rotation(sensors.orientation)
     v = np.concatenate((sensors.base.velocity, sensors.angular_velocity, sensors.joint_velocity))
@@ -178,7 +180,7 @@ class PlanFollower:
             command: The velocity that is asked for.
         """
         tick = sensors.time_ns // TICK_NS
-        with suppress(NoPlan):
+        with suppress(NoPlan, MissingBase):
             self._receive(tick)
             number = tick // REHEARSED_EVERY
             if number != self._rehearsal and not self._outstanding:
@@ -201,6 +203,7 @@ class PlanFollower:
         Raises:
             NoPlan: There has been no valid plan for too long.
             LatePlan: There has been no answer for too long.
+            MissingBase: A plan has to be asked for, and nothing measures the base.
         """
         if self._begun is None:
             self._begun = tick

@@ -55,6 +55,10 @@ class Fallen(RobotFault):
     """The robot has fallen."""
 
 
+class MissingBase(ValueError):  # noqa: N818
+    """Height and velocity of the base are needed, and nothing measures them."""
+
+
 class Sensors(NamedTuple):
     """What the robot measured at one instant.
 

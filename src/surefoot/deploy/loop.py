@@ -28,6 +28,7 @@ from surefoot.deploy.interfaces import (
     Fallen,
     JointCommand,
     Latched,
+    MissingBase,
     RobotInterface,
     Sensors,
     Stale,
@@ -240,7 +241,8 @@ class Runtime:
         if (late := self._late()) is not None:
             self._give_up(*late)
             return
-        misfit = misfit_of(self._policy, sensors, self.config.posture)
+        misfit = missing_base(self._policy, sensors)
+        misfit = misfit or misfit_of(self._policy, sensors, self.config.posture)
         if misfit is not None:
             if self._gait_clock(sensors) >= standing + to_ticks(self.config.settle):
                 self._give_up("posture", misfit)
@@ -283,9 +285,11 @@ class Runtime:
         unseen = self.deadlines.unseen if tick > 0 else 0
         try:
             return self.drivers.command(sensors, tick, velocity, gait, unseen)
-        except Unguarded as error:  # the tick is recorded: it shows the state
+        except Unguarded as error:  # these ticks are recorded: they show the state
             self._give_up("gate", str(error))
-            return None
+        except MissingBase as error:
+            self._give_up("lost base", str(error))
+        return None
 
     @property
     def _driver(self) -> str:

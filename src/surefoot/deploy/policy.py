@@ -14,7 +14,7 @@ import numpy as np
 
 from surefoot.deploy.description import ExportFileError, PolicyDescription, start_limits
 from surefoot.deploy.export_file import read_export
-from surefoot.deploy.interfaces import BaseEstimate, Sensors
+from surefoot.deploy.interfaces import BaseEstimate, MissingBase, Sensors
 from surefoot.deploy.kinematics import feet_and_com
 from surefoot.deploy.observer import observed
 from surefoot.learning.memory import Memory
@@ -117,7 +117,7 @@ class OnnxPolicy:
             sensors: What the robot measures now, to see whether that is enough.
 
         Raises:
-            ValueError: The layout needs what the robot does not measure.
+            MissingBase: The layout needs what the robot does not measure.
         """
         history = self.spec.layout.history
         self._memory = None if history is None else Memory(history, 1)
@@ -132,7 +132,7 @@ class OnnxPolicy:
             command: The velocity that is asked for, and the gait.
 
         Raises:
-            ValueError: The layout needs what the robot does not measure.
+            MissingBase: The layout needs what the robot does not measure.
         """
         observation = self._observed(sensors)
         inputs = self._inputs(observation, tick, command)
@@ -239,7 +239,7 @@ class OnnxPolicy:
                 neither the robot measures nor the layout needs them.
 
         Raises:
-            ValueError: The layout needs what the robot does not measure.
+            MissingBase: The layout needs what the robot does not measure.
         """
         base = self._base(sensors)
         origin = (0.0, 0.0, base.height)
@@ -251,12 +251,12 @@ class OnnxPolicy:
         """Height and linear velocity of the base; zeros where nothing needs them.
 
         Raises:
-            ValueError: The layout needs them, and nothing measures them.
+            MissingBase: The layout needs them, and nothing measures them.
         """
         if sensors.base is not None:
             return sensors.base
         if self.needs_base:
-            raise ValueError(
+            raise MissingBase(
                 f"the layout {self.spec.layout.name!r} needs {' and '.join(self._base_parts)}, "
                 "and the sensors have no estimate of the base: give one, of an estimator or of "
                 "motion capture, or train with the layout `proprioceptive`"

@@ -36,7 +36,7 @@ class Attempt:
         detail: What was measured, and what is allowed.
         seconds: How long policy or expert drove [s].
         expert_seconds: How long the expert did [s].
-        takeovers: How often the expert took over.
+        takeovers: How often the expert took over before the tail, which is its own.
         other_seconds: How long the robot lay, stood up and stood before [s].
         missed: How many ticks of the robot had no command in time.
     """
@@ -64,7 +64,7 @@ class RobotCost:
         dropped: Number of them that were dropped.
         falls: Number of falls.
         latches: Number of times that another fault damped the robot.
-        takeovers: Number of times that the expert took over.
+        takeovers: Number of times that the expert took over, before the tails.
         missed: Number of ticks of the robot that had no command in time.
         falls_per_robot_minute: Falls per minute driven; None if nothing was driven.
         latches_per_robot_minute: Other faults per minute driven.

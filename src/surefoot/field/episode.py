@@ -40,18 +40,20 @@ class EpisodeLog:
 
     Args:
         robot: The name of the robot.
-        ticks: How many ticks the episode has.
+        proper: How many ticks the episode has before its tail.
+        tail: How many ticks the expert is to drive then.
 
     Attributes:
         ticks: What the gait clock has reached [ms]; 0 before the first tick.
         expert_ticks: How many ticks the expert drove, before the episode began anew too.
-        takeovers: How often the expert took over from the policy, then too.
+        takeovers: How often the expert took over from the policy, then too, but for the tail.
         stood: Whether the robot stood in the last tick in which it was not damped.
     """
 
-    def __init__(self, robot: str, ticks: int) -> None:
+    def __init__(self, robot: str, proper: int, tail: int) -> None:
         self._robot = robot
-        self._total = ticks
+        self._proper = proper
+        self._total = proper + tail
         self.expert_ticks = 0
         self.takeovers = 0
         self._before = 0  # ticks driven until the episode began anew
@@ -80,7 +82,8 @@ class EpisodeLog:
         if record.expert_drove:
             self.expert_ticks += record.gait_tick + 1 - self.ticks
         self.ticks = record.gait_tick + 1
-        self.takeovers += record.expert_drove and not self._expert_drove
+        took_over = record.expert_drove and not self._expert_drove
+        self.takeovers += took_over and record.gait_tick < self._proper
         self._expert_drove = record.expert_drove
 
     def flight(self) -> Flight:

@@ -191,8 +191,8 @@ class Session:
         crew = self._crew
         runtime = self._runtime or self._begin(job)
         driven = runtime.drivers.driven
-        total = to_ticks(job.episodes.duration) + to_ticks(job.episodes.tail)
-        log = EpisodeLog(crew.robot.name, total)
+        proper = to_ticks(job.episodes.duration)
+        log = EpisodeLog(crew.robot.name, proper, to_ticks(job.episodes.tail))
         runtime.listeners[:] = [log]
         if self._switch is not None:
             self._switch.begin(job)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from surefoot.config import SafetyConfig
-from surefoot.deploy.interfaces import Fallen, Sensors
+from surefoot.deploy.interfaces import Fallen, MissingBase, Sensors
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.rollouts.jobs import Job
 from surefoot.rollouts.outcome import fallen
@@ -47,6 +47,8 @@ class EpisodeSwitch:
 
     def expert_drives(self, sensors: Sensors, tick: int, command: Command) -> bool:
         """See `Switch`."""
+        if sensors.base is None:  # the height says who has fallen, and the expert plans with it
+            raise MissingBase("the height and the velocity of the base were not measured")
         state = self._policy.state(sensors)
         has_fallen = bool(fallen(state, self._safety)[0])
         if has_fallen and tick >= self._grace:

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.config.twin import LinkConfig, TwinConfig
-from surefoot.deploy.bridge import Bridge, Channel, UdpChannel, serve, serve_lockstep
+from surefoot.deploy.bridge import Bridge, Channel, UdpChannel, serve
 from surefoot.deploy.protocol import LATCHED, Description
 from surefoot.robots.model import RobotModel
 from surefoot.twin.driver import TwinDriver, description_of
 from surefoot.twin.link import DisturbedChannel
+from surefoot.twin.lockstep import serve_lockstep
 
 
 class TwinBridge(Bridge):
