@@ -80,6 +80,10 @@ def test_a_robot_can_be_trained_on_initial_states_of_its_own(tmp_path):
             "there are no initial states for the robot go2, the gait trot and these commands yet",
         ),
         (
+            Config(training=TrainingConfig(mirror="front_hind")),
+            "train backward commands too, such as --vx -0.3 0.3",
+        ),
+        (
             Config(
                 gait=Gait(offsets=(0.0, 0.5, 0.5, 0.25)),
                 training=TrainingConfig(mirror="left_right"),

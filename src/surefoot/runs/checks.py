@@ -61,8 +61,7 @@ def check_config(config: Config) -> None:
     Raises:
         ValueError: It cannot; the message names the number and what it may be.
     """
-    if config.training.mirror != "none":
-        make_mirror(config, config.training.mirror)
+    _check_mirror(config)
     _check_gaits(config)
     _check_sizes(config)
     for one in each_gait(config):
@@ -72,6 +71,26 @@ def check_config(config: Config) -> None:
     if isinstance(config.method, IterativeConfig) and purpose:
         _check_held_out(config, config.method.pretraining, purpose)
     choose_device(config.training.device)
+
+
+def _check_mirror(config: Config) -> None:
+    """Check that mirrored frames are of motions that the policy is to learn.
+
+    Raises:
+        ValueError: The robot or a gait is not its own mirror image, or the image walks backward
+            and no command does.
+    """
+    name = config.training.mirror
+    if name == "none":
+        return
+    make_mirror(config, name)
+    if name == "front_hind" and config.commands.vx[0] >= 0.0:
+        slowest, fastest = config.commands.vx
+        raise ValueError(
+            f"training.mirror front_hind makes commands backward of those forward, and vx is "
+            f"{slowest:g} to {fastest:g} m/s: train backward commands too, such as "
+            f"--vx {-fastest:g} {fastest:g}, or use left_right"
+        )
 
 
 def _check_gaits(config: Config) -> None:
