@@ -1,5 +1,6 @@
 """Which policy a folder or a file means; one that does not fit its configuration is refused."""
 
+import hashlib
 import json
 import logging
 import re
@@ -161,3 +162,13 @@ def test_a_policy_that_no_run_explains_is_refused(tmp_path):
     path = file_of(tmp_path, "b1", *gait_timings([GAITS["trot"]]))
     with pytest.raises(ValueError, match="'b1', whose description the package does not have"):
         find_policy(path)
+
+
+def test_a_policy_that_a_study_has_kept_is_the_one_that_was_measured():
+    kept = sorted((Path(__file__).parents[2] / "results").rglob("seed-*/policy.safetensors"))
+    assert kept
+    for path in kept:
+        assert find_policy(path.parent)[0] == path
+        measured = json.loads((path.parent / "tests" / "test.json").read_text())
+        hashes = [policy["sha256"] for policy in measured["policies"]]
+        assert hashlib.sha256(path.read_bytes()).hexdigest() in hashes
