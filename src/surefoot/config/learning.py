@@ -107,10 +107,10 @@ class TrainingConfig(Checked):
     the same data can be trained on several times."""
     mirror: MirrorChoice = "none"
     """Train on the mirror image of every frame too, which is made when training and never stored:
-    `left_right`, or `front_hind`, which turns commands forward into commands backward, and is refused
-    where those are not trained. Each pass
-    over the data then has twice as many steps. It needs a robot and an expert without preference
-    for a side, and a gait whose mirrored offsets are the offsets shifted by half a period."""
+    `left_right`, or `front_hind`, which turns commands forward into commands backward, and is
+    refused where those are not trained. Each pass over the data then has twice as many steps. It
+    needs a robot and an expert without preference for a side, and a gait whose mirrored offsets are
+    the offsets shifted by half a period."""
     memory: Annotated[int, Within(1, 1_000_000_000)] = 1024
     """[MB] how much memory the training samples take at most; beyond it they go through a temporary
     file. 1024 MB hold 4.5 million frames of the layout `full`, a million with a history, mirror

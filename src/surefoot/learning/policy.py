@@ -321,7 +321,7 @@ def load(path: Path | str, robot: str | None = None, layout: str | None = None) 
     if not path.exists():
         raise FileNotFoundError(
             f"there is no policy file {path}; if its run has lost it, `surefoot train ... "
-            "--resume` trains it again, bit for bit (of what a study keeps, only some runs have one)"
+            "--resume` trains it again, bit for bit (a study keeps those of some runs)"
         )
     try:
         tensors, header = read_tensor_file(path)
