@@ -1,6 +1,8 @@
 """The commands run and twin: a policy in a file drives a twin over real UDP, in lockstep."""
 
 import json
+import subprocess
+import sys
 import time
 from contextlib import ExitStack
 from dataclasses import replace
@@ -92,6 +94,24 @@ def test_a_policy_drives_a_twin_and_is_stopped(surefoot, policy, twin, tmp_path,
     assert len(load_flight(recording).tick) >= 800
     assert wait_for(lambda: simulated.bridge.commands >= 799)
     assert "latched: the runtime asked for it" in seen(simulated)
+
+
+def test_numpy_onnx_runtime_and_tyro_are_enough_to_drive(twin, tmp_path):
+    simulated, address = twin
+    bounds = SafetyBounds((0.1, 0.5), (-0.5, 0.5), (-0.5, 0.5), ((-4.0, 4.0),) * 12)
+    bounded = standing_file(tmp_path, bounds)
+    file = tmp_path / "run.json"
+    recording = ("--recording", tmp_path / "flight.npz", "--keep")
+    # A velocity out of range is warned of, since the log is shown without bars too.
+    options = ("--lockstep", "--start", "--seconds", 0.8, "--gate", "damp", "--vx", 9.0)
+    run = ("run", bounded, "--robot", address, *options, *recording, *SHORT, "--json", file)
+    program = [sys.executable, "-m", "tests.fakes.robot_computer", *map(str, run)]
+    child = subprocess.run(program, capture_output=True, text=True)
+    assert child.returncode == 0, child.stderr
+    assert "lies outside of what the policy was trained on" in child.stderr
+    assert json.loads(file.read_text())["seconds"] == pytest.approx(0.5, abs=0.01)
+    assert len(load_flight(tmp_path / "flight.npz").tick) >= 800
+    assert wait_for(lambda: simulated.bridge.commands >= 799)
 
 
 def test_a_second_runtime_finds_the_robot_set_up_again(surefoot, policy, twin, tmp_path):

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import tyro
-from tqdm import tqdm
 
 from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
 from surefoot.config import Config
@@ -64,6 +63,8 @@ class Bench(OnWorkers, OnSimulator):
 
     def __call__(self) -> int:
         """Measure and print."""
+        from tqdm import tqdm
+
         from surefoot.config.presets import preset
 
         check_outputs([Output("--json", self.json)])
