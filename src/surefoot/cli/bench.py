@@ -146,6 +146,6 @@ def _flat_table(name: Measure, speed: Flat) -> str:
     for entry in fields(speed):
         value = getattr(speed, entry.name)
         words = entry.name.replace("floor", "lower_bound").replace("_", " ")
-        number = f"{value:>12.4g}" if isinstance(value, float) else f"{value:>12}"
+        number = f"{value:>12.4g}" if isinstance(value, float) else f"{value!s:>12}"
         lines.append(f"{name:<12}{words:<28}{number}")
     return "\n".join(lines)
