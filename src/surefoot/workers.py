@@ -22,8 +22,6 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, TypeVar
 from urllib.parse import urlsplit
 
-from tqdm import tqdm
-
 Argument = TypeVar("Argument")
 Result = TypeVar("Result")
 
@@ -115,6 +113,8 @@ def each_chunk(
         ImportError: Ray is asked for and missing.
         ValueError: There is no such cluster.
     """
+    from tqdm import tqdm  # which a robot's computer does not have
+
     if not chunks:  # as in many stages of a resumed run, for which no process is to start
         return
     if workers.backend == "ray":

@@ -1,5 +1,7 @@
 """The command export: files that the runtime takes, and errors before any work."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -66,7 +68,27 @@ def test_what_would_fail_fails_first(surefoot, capsys, run_folder, options, text
 def test_without_a_target_the_policy_of_the_package_is_exported(surefoot, tmp_path):
     file = tmp_path / "network.onnx"
     assert surefoot("export", "--onnx", file, "--starts", "solo12-trot-v1") == 0
-    assert read_export(file, "solo12").description.command_range[1] == (0.3, 0.0, 0.0)
+    description = read_export(file, "solo12").description
+    assert description.command_range[1] == (0.3, 0.0, 0.0)
+    assert description.bounds is not None
+    assert description.bounds.com_height == (0.15, 1.0)
+
+
+def test_a_policy_file_without_bounds_has_those_of_its_run_and_of_no_other(
+    surefoot, run_folder, tmp_path
+):
+    best = open_run(run_folder).best_policy_path
+    policy = load_policy(best)
+    expected = policy.bounds
+    policy.bounds = None
+    shutil.copytree(run_folder, tmp_path / "run")
+    save(policy, tmp_path / "run" / best.relative_to(run_folder))
+    file = tmp_path / "network.onnx"
+    assert surefoot("export", tmp_path / "run", "--onnx", file) == 0
+    assert read_export(file).description.bounds == expected
+    save(policy, tmp_path / "policy.safetensors")
+    assert surefoot("export", tmp_path / "policy.safetensors", "--onnx", file) == 0
+    assert read_export(file).description.bounds is None
 
 
 def test_a_policy_of_another_robot_that_lies_in_no_run_is_exported(surefoot, tmp_path):

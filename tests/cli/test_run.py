@@ -1,7 +1,10 @@
 """The commands run and twin: a policy in a file drives a twin over real UDP, in lockstep."""
 
 import json
+import subprocess
+import sys
 import time
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
@@ -18,7 +21,6 @@ from surefoot.config.twin import LinkConfig, TwinConfig
 from surefoot.deploy.bridge import UdpChannel
 from surefoot.deploy.description import layout_terms
 from surefoot.deploy.drive import DriveReport
-from surefoot.deploy.handover import PlanRequest
 from surefoot.deploy.interfaces import Sensors
 from surefoot.deploy.policy import OnnxPolicy, load
 from surefoot.deploy.recorder import load_flight
@@ -41,14 +43,20 @@ SHORT = ("--config.stand", 0.3, "--config.stand-kp", 6.0)
 
 @pytest.fixture(scope="module")
 def policy(tmp_path_factory):
+    """The file of a policy that holds the nominal pose, without safety bounds."""
+    return standing_file(tmp_path_factory.mktemp("policy"))
+
+
+def standing_file(folder: Path, bounds: SafetyBounds | None = None) -> Path:
     """The file of a policy that holds the nominal pose."""
-    folder = tmp_path_factory.mktemp("policy")
     config = Config(policy=PolicyConfig(hidden=(16, 16)))
     standing = standing_policy(config)
     save(standing, folder / "policy.safetensors")
-    description = describe(standing, folder / "policy.safetensors", load_robot("solo12"), config)
-    write_onnx(network_model(standing), description, folder / "policy.onnx")
-    return folder / "policy.onnx"
+    robot = load_robot("solo12")
+    description = describe(standing, folder / "policy.safetensors", robot, config)
+    file = folder / "policy.onnx"
+    write_onnx(network_model(standing), replace(description, bounds=bounds), file)
+    return file
 
 
 @pytest.fixture
@@ -88,6 +96,24 @@ def test_a_policy_drives_a_twin_and_is_stopped(surefoot, policy, twin, tmp_path,
     assert "latched: the runtime asked for it" in seen(simulated)
 
 
+def test_numpy_onnx_runtime_and_tyro_are_enough_to_drive(twin, tmp_path):
+    simulated, address = twin
+    bounds = SafetyBounds((0.1, 0.5), (-0.5, 0.5), (-0.5, 0.5), ((-4.0, 4.0),) * 12)
+    bounded = standing_file(tmp_path, bounds)
+    file = tmp_path / "run.json"
+    recording = ("--recording", tmp_path / "flight.npz", "--keep")
+    # A velocity out of range is warned of, since the log is shown without bars too.
+    options = ("--lockstep", "--start", "--seconds", 0.8, "--gate", "damp", "--vx", 9.0)
+    run = ("run", bounded, "--robot", address, *options, *recording, *SHORT, "--json", file)
+    program = [sys.executable, "-m", "tests.fakes.robot_computer", *map(str, run)]
+    child = subprocess.run(program, capture_output=True, text=True)
+    assert child.returncode == 0, child.stderr
+    assert "lies outside of what the policy was trained on" in child.stderr
+    assert json.loads(file.read_text())["seconds"] == pytest.approx(0.5, abs=0.01)
+    assert len(load_flight(tmp_path / "flight.npz").tick) >= 800
+    assert wait_for(lambda: simulated.bridge.commands >= 799)
+
+
 def test_a_second_runtime_finds_the_robot_set_up_again(surefoot, policy, twin, tmp_path):
     simulated, address = twin
     options = ("--lockstep", "--start", "--seconds", 0.8, *SHORT)
@@ -112,6 +138,33 @@ def test_a_fault_ends_with_status_1_and_is_recorded(surefoot, policy, twin, tmp_
     assert f"`surefoot play {recording}` says why again" in printed.err
     assert "--lockstep" not in printed.err
     assert str(load_flight(recording).fault) == "tilt"
+
+
+@pytest.mark.parametrize(
+    ("lowest", "fault", "driven"),
+    [(0.1, "", pytest.approx(0.5, abs=0.01)), (0.3, "gate", pytest.approx(0.001))],
+)
+def test_outside_of_its_policys_bounds_a_robot_is_damped_if_that_is_asked_for(
+    surefoot, twin, tmp_path, lowest, fault, driven
+):
+    simulated, address = twin
+    bounds = SafetyBounds((lowest, 0.5), (-0.5, 0.5), (-0.5, 0.5), ((-4.0, 4.0),) * 12)
+    bounded = standing_file(tmp_path, bounds)
+    file = tmp_path / "run.json"
+    options = ("--lockstep", "--start", "--seconds", 0.8, "--recording", tmp_path / "flight.npz")
+    run = ("run", bounded, "--robot", address, "--gate", "damp", *options, *SHORT)
+    assert surefoot(*run, "--json", file) == int(bool(fault))
+    report = json.loads(file.read_text())
+    assert report["fault"] == fault
+    assert report["seconds"] == driven
+    assert wait_for(lambda: "latched: the runtime asked for it" in seen(simulated))
+
+
+def test_a_gate_without_bounds_is_refused(surefoot, policy, capsys):
+    options = ("--robot", "udp://127.0.0.1:1", "--start", "--seconds", 1, "--gate", "damp")
+    assert surefoot("run", policy, *options) == 2
+    message = "--gate damp: the policy's file does not hold the safety bounds"
+    assert message in capsys.readouterr().err
 
 
 def test_a_fault_is_told_though_its_recording_cannot_be_written(
@@ -237,16 +290,21 @@ def test_the_experts_gate_has_the_bounds_that_the_policy_was_trained_under(polic
     own = gate_bounds(with_description(policy, bounds=None), config)
     np.testing.assert_array_equal(own, table_bounds(config.safety))
     assert "does not hold the safety bounds" in caplog.text
+    with pytest.raises(ValueError, match=r"does not hold the safety bounds .* export the policy"):
+        gate_bounds(with_description(policy, bounds=None))
 
 
 @pytest.mark.parametrize("rate", [1000, 500])
-def test_the_expert_drives_for_a_block_of_seconds_at_every_rate(policy, rate):
+def test_the_expert_drives_for_a_block_of_seconds_at_every_rate(policy, rate, monkeypatch):
+    monkeypatch.setattr("surefoot.twin.planner.PlannerProcess", NoPlanner)
     bounds = SafetyBounds((0.0, 1.0), (-0.1, 0.1), (-0.1, 0.1), ((-4.0, 4.0),) * 12)
     bounded = with_description(policy, bounds=bounds, rate_hz=rate)
-    run = RunPolicy(Path("policy.onnx"), "udp://127.0.0.1:1", config=RuntimeConfig(block=0.1))
-    config = with_own_values(Config(), load_robot("solo12"))
-    switch = run.safeguard(bounded, NoLink(), config).switch
-    assert switch is not None
+    config = RuntimeConfig(block=0.1)
+    run = RunPolicy(Path("policy.onnx"), "udp://127.0.0.1:1", gate="expert", config=config)
+    with ExitStack() as closing:
+        safeguard = run.safeguard(bounded, closing)
+    assert safeguard is not None and safeguard.switch is not None and safeguard.expert is not None
+    switch = safeguard.switch
     still = np.zeros(12)
     level = np.array([0.0, 0.0, 0.0, 1.0])
     safe = Sensors(0, 0, bounded.nominal, still, still, level, np.zeros(3), np.zeros(3), None)
@@ -257,17 +315,14 @@ def test_the_expert_drives_for_a_block_of_seconds_at_every_rate(policy, rate):
     assert 1 + sum(drove) == 0.1 * rate
 
 
-class NoLink:
-    """A way to a planner that nobody goes."""
+class NoPlanner:
+    """A planner that nobody asks."""
 
-    def ask(self, request: PlanRequest) -> None:
-        raise NotImplementedError
+    def __init__(self, config: Config, realtime: bool) -> None:
+        self.config = config
 
-    def answer(self, seconds: float = 0.0) -> None:
-        raise NotImplementedError
-
-    def forget(self) -> None:
-        raise NotImplementedError
+    def close(self) -> None:
+        pass
 
 
 def test_a_named_gait_has_its_own_steps_and_horizon(policy, monkeypatch):
@@ -283,7 +338,7 @@ def test_a_named_gait_has_its_own_steps_and_horizon(policy, monkeypatch):
 
 
 def test_the_expert_of_a_robot_from_a_file_is_refused_with_what_to_do(policy):
-    with pytest.raises(ValueError, match=r"one of 'mine', .*leave --expert out"):
+    with pytest.raises(ValueError, match=r"one of 'mine', .*use --gate damp"):
         expert_config(with_description(policy, robot="mine"))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import TABLE_I
-from surefoot.deploy.gate import BoundsGate
+from surefoot.deploy.gate import BoundsGate, GateSwitch
 from surefoot.deploy.interfaces import BaseEstimate, Sensors
 from surefoot.robots.bounds import table_bounds
 from surefoot.robots.geometry import state_of
@@ -12,6 +12,7 @@ from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.robots.rigid import center_of_mass, legs_of, masses_of
 from surefoot.safety.gates import unsafe
+from surefoot.types import Command
 
 
 def test_it_calls_unsafe_what_the_table_of_the_simulation_does():
@@ -42,6 +43,19 @@ def test_the_height_counts_where_something_measures_it(base):
     gate = BoundsGate(*table_bounds(TABLE_I), lambda joints: np.zeros((len(joints), 3)))
     sensors = sensors_of(standing(robot))._replace(base=base)
     assert gate.unsafe(sensors) == (base is not None)
+
+
+def test_a_height_that_nothing_measures_is_warned_of_once(caplog):
+    robot = load_robot("solo12")
+    gate = BoundsGate(*table_bounds(TABLE_I), lambda joints: np.zeros((len(joints), 3)))
+    switch = GateSwitch(gate, block=100)
+    measured = sensors_of(standing(robot))
+    switch.expert_drives(measured, 0, Command())
+    assert caplog.text == ""
+    for tick in range(3):
+        switch.expert_drives(measured._replace(base=None), tick, Command())
+        switch.reset()
+    assert caplog.text.count("nothing measures the height of the base") == 1
 
 
 def sensors_of(q: np.ndarray) -> Sensors:

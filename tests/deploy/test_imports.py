@@ -1,22 +1,16 @@
-"""On the robot NumPy and ONNX Runtime are enough."""
+"""On the robot NumPy and ONNX Runtime are enough; tests/cli/test_run.py drives a twin with them."""
 
 import subprocess
 import sys
 
 PROGRAM = """
 import sys
-from importlib.abc import MetaPathFinder
+from tests.fakes.robot_computer import INSTALLED, leave_out_the_rest
 
-class Blocked(MetaPathFinder):
-    def find_spec(self, name, path, target=None):
-        if name.partition(".")[0] in {
-            "torch", "numba", "pinocchio", "mujoco", "pybullet", "scipy", "h5py", "safetensors",
-            "onnx", "matplotlib", "PIL", "tqdm", "tyro", "loky", "ray",
-        }:
-            raise ImportError(name + " is not on the robot")
-
-sys.meta_path.insert(0, Blocked())
+INSTALLED -= {"tyro", "docstring_parser", "typeguard", "typing_extensions"}
+leave_out_the_rest()
 import surefoot.deploy.drive
+import surefoot.deploy.gate
 import surefoot.deploy.loop
 import surefoot.deploy.operator
 import surefoot.deploy.policy

@@ -13,7 +13,8 @@ from tests.docs.pages import BLOCKS, MARKS, ROOT
 PROGRAMS = {program.read_text(): program.name for program in (ROOT / "examples").glob("*.py")}
 """The programs in `examples/`, which `tests/examples` runs."""
 PYTHON = [block for block in BLOCKS if block.language == "python" and block.text not in PROGRAMS]
-PREPARATION = {"docs/export.md": ["export", "--onnx", "trot.onnx"]}
+EXPORTED = ["export", "--onnx", "trot.onnx"]
+PREPARATION = {"docs/export.md": EXPORTED, "docs/api/deploy.md": EXPORTED}
 """What a reader of a page has done before its first program."""
 
 

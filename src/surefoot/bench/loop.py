@@ -1,16 +1,21 @@
-"""Speed of the loop on the robot: a tick from the datagram that comes to the one that goes.
+"""Speed of the loop on the robot: a tick, and from the end of a runtime to damping.
+
+A tick lasts from the datagram that comes to the one that goes.
 
 The bridge is fed by hand in the same thread over real UDP on the loopback interface, so that
 nothing waits: a tick is reading, looking for faults, observing, the network, and writing. Both
 times are measured on the wall clock and on the processor's clock of this thread: on a busy machine
 the former holds what others take. As in a flight, Python does not stop to look for garbage.
+
+For the time to damping a bridge serves a runtime in another process, which is killed with SIGKILL.
 """
 
 from __future__ import annotations
 
+import multiprocessing
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,11 +24,12 @@ import numpy as np
 from surefoot.bench.engine import standing_policy
 from surefoot.config import Config
 from surefoot.config.deploy import RuntimeConfig
-from surefoot.deploy.bridge import Bridge, Measurement, UdpChannel
+from surefoot.deploy.bridge import Address, Bridge, Measurement, UdpChannel, serve
+from surefoot.deploy.drive import drive
 from surefoot.deploy.loop import Mode, Runtime
 from surefoot.deploy.operator import Scripted
 from surefoot.deploy.policy import OnnxPolicy, load
-from surefoot.deploy.protocol import Description
+from surefoot.deploy.protocol import DRIVING, LATCHED, Description
 from surefoot.deploy.real_time import without_pauses
 from surefoot.deploy.udp_robot import UdpRobot
 from surefoot.interop.onnx.file import describe, network_model, write_onnx
@@ -36,6 +42,14 @@ from surefoot.types import GRAVITY, JOINTS, TICK_NS, Array, Command
 
 WARMING = 200
 """Ticks before those that are measured: the robot stands up in ten of them."""
+AT_ONCE = RuntimeConfig(stand=0.01, posture=1.0)
+"""How the robot stands up, from any posture."""
+KILLS = 5
+"""Number of runtimes that are killed for each timeout."""
+OBEYED = 50
+"""Number of commands of each before that."""
+PATIENCE = 60.0
+"""[s] A timeout that no machine is too busy for."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +65,12 @@ class LoopTimes:
         policy_median: Processor time of observation and network, median.
         network_median: Processor time of the network alone, median.
         network_p99: Wall time of the network alone, 99th percentile; less than 100 are wanted.
+        damped_20_ms_median: From the kill of the runtime to the bridge's damping command, if the
+            bridge waits 20 ms for commands, median; None if on this busy machine the bridge had
+            given up each runtime before it was killed.
+        damped_20_ms_longest: The same, the longest.
+        damped_5_ms_median: The same as the first, if the bridge waits 5 ms, as Solo12's motors do.
+        damped_5_ms_longest: The same, the longest.
     """
 
     ticks: int
@@ -61,20 +81,45 @@ class LoopTimes:
     policy_median: float
     network_median: float
     network_p99: float
+    damped_20_ms_median: float | None = None
+    damped_20_ms_longest: float | None = None
+    damped_5_ms_median: float | None = None
+    damped_5_ms_longest: float | None = None
 
 
 class _Still:
-    """A driver of a robot that stands, whatever it is told."""
+    """A driver of a robot that stands, whatever it is told.
 
-    def __init__(self, measurement: Measurement) -> None:
-        self.measurement = measurement
+    Args:
+        q: ``(19,)`` how it stands.
+
+    Attributes:
+        damped_ns: When the first damping command after the last other one came [ns].
+    """
+
+    def __init__(self, q: Array) -> None:
+        zeros = (0.0,) * len(JOINTS)
+        self.damped_ns: int | None = None
+        self.measurement = Measurement(
+            joint_position=q[7:].tolist(),
+            joint_velocity=zeros,
+            joint_torque=zeros,
+            orientation=(0.0, 0.0, 0.0, 1.0),
+            angular_velocity=(0.0, 0.0, 0.0),
+            acceleration=(0.0, 0.0, GRAVITY),
+            base=(float(q[2]), 0.0, 0.0, 0.0),
+        )
 
     def read(self) -> Measurement:
         """The same as ever."""
         return self.measurement
 
-    def write(self, command: object) -> None:
+    def write(self, command: Sequence[float]) -> None:
         """Nothing moves."""
+        if any(command[24:36]):
+            self.damped_ns = None
+        elif self.damped_ns is None:
+            self.damped_ns = time.monotonic_ns()
 
 
 def bench_loop(config: Config, ticks: int = 5000) -> LoopTimes:
@@ -93,7 +138,22 @@ def bench_loop(config: Config, ticks: int = 5000) -> LoopTimes:
         write_onnx(network_model(policy), describe(policy, file, robot, config), exported)
         deployed = load(exported)
         network = runner(exported.read_bytes(), rows=1)
-    return loop_times(deployed, network, standing(robot), ticks)
+        times = loop_times(deployed, network, standing(robot), ticks)
+        patient = _damping_times(exported, standing(robot), 0.02)
+        strict = _damping_times(exported, standing(robot), 0.005)
+    return replace(
+        times,
+        damped_20_ms_median=float(np.median(patient)) if patient else None,
+        damped_20_ms_longest=max(patient, default=None),
+        damped_5_ms_median=float(np.median(strict)) if strict else None,
+        damped_5_ms_longest=max(strict, default=None),
+    )
+
+
+def _damping_times(file: Path, q: Array, timeout: float) -> list[float]:
+    """The times to damping of several runtimes [us], without those that were given up before."""
+    times = [time_to_damping(file, q, timeout) for _ in range(KILLS)]
+    return [microseconds for microseconds in times if microseconds is not None]
 
 
 def loop_times(
@@ -112,19 +172,9 @@ def loop_times(
     def clock() -> int:
         return times["now"]
 
-    zeros = (0.0,) * len(JOINTS)
-    still = Measurement(
-        joint_position=q[7:].tolist(),
-        joint_velocity=zeros,
-        joint_torque=zeros,
-        orientation=(0.0, 0.0, 0.0, 1.0),
-        angular_velocity=(0.0, 0.0, 0.0),
-        acceleration=(0.0, 0.0, GRAVITY),
-        base=(float(q[2]), 0.0, 0.0, 0.0),
-    )
     channel = UdpChannel()
     robots = UdpChannel()
-    bridge = Bridge(_Still(still), channel, _description(policy), clock)
+    bridge = Bridge(_Still(q), channel, _description(policy), clock)
     robot = UdpRobot(robots, channel.address, clock)
 
     def next_state() -> None:
@@ -137,8 +187,7 @@ def loop_times(
         next_state()
         robots.wait(0.1)
         robot.take()
-    config = RuntimeConfig(stand=0.01, posture=1.0)
-    runtime = Runtime(robot, policy, Scripted(Command(), None, clock), config, clock)
+    runtime = Runtime(robot, policy, Scripted(Command(), None, clock), AT_ONCE, clock)
     for _ in range(WARMING):
         next_state()
         runtime.tick()
@@ -164,6 +213,56 @@ def loop_times(
         network_median=float(np.median(network)),
         network_p99=float(np.percentile(network_wall, 99)),
     )
+
+
+def time_to_damping(file: Path, q: Array, timeout: float) -> float | None:
+    """Time from the kill of a runtime to the damping command of its bridge [us].
+
+    Args:
+        file: The exported policy.
+        q: ``(19,)`` how the robot stands.
+        timeout: How long the bridge waits for commands [s].
+
+    Returns:
+        None if the bridge had given the runtime up before it was killed, on a busy machine.
+    """
+    driver = _Still(q)
+    channel = UdpChannel()
+    # On a busy machine nothing but silence is to end the flight.
+    description = _description(load(file))._replace(
+        command_timeout=timeout, command_age=PATIENCE, state_timeout=PATIENCE
+    )
+    bridge = Bridge(driver, channel, description)
+    context = multiprocessing.get_context("spawn")
+    runtime = context.Process(target=_drive, args=(file, channel.address), daemon=True)
+    killed_ns: int | None = None
+
+    def running() -> bool:
+        nonlocal killed_ns
+        if killed_ns is None and bridge.commands >= OBEYED and bridge.status == DRIVING:
+            killed_ns = time.monotonic_ns()
+            runtime.kill()
+            return True
+        return bridge.status != LATCHED and (killed_ns is not None or runtime.is_alive())
+
+    runtime.start()
+    try:
+        serve(bridge, running)
+    finally:
+        runtime.kill()
+        runtime.join()
+    if killed_ns is None or driver.damped_ns is None:
+        return None
+    return (driver.damped_ns - killed_ns) / 1e3
+
+
+def _drive(file: Path, bridge: Address) -> None:
+    """Drive a robot behind a bridge until this process is killed, or the bridge gives it up."""
+    policy = load(file)
+    robot = UdpRobot(UdpChannel(), bridge)
+    robot.connect(PATIENCE)
+    config = replace(AT_ONCE, missed_deadlines=1000)
+    drive(Runtime(robot, policy, Scripted(Command()), config), None)
 
 
 def _measured(

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import tyro
-from tqdm import tqdm
 
 from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
 from surefoot.config import Config
@@ -64,6 +63,8 @@ class Bench(OnWorkers, OnSimulator):
 
     def __call__(self) -> int:
         """Measure and print."""
+        from tqdm import tqdm
+
         from surefoot.config.presets import preset
 
         check_outputs([Output("--json", self.json)])
@@ -145,6 +146,6 @@ def _flat_table(name: Measure, speed: Flat) -> str:
     for entry in fields(speed):
         value = getattr(speed, entry.name)
         words = entry.name.replace("floor", "lower_bound").replace("_", " ")
-        number = f"{value:>12.4g}" if isinstance(value, float) else f"{value:>12}"
+        number = f"{value:>12.4g}" if isinstance(value, float) else f"{value!s:>12}"
         lines.append(f"{name:<12}{words:<28}{number}")
     return "\n".join(lines)

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
-from tqdm import tqdm
 
 from surefoot.caches import NUMBA, numba_folder
 from surefoot.cli.extras import extras
@@ -236,6 +235,8 @@ def examine_machine(backend: Backend = "mujoco") -> bool:
     Returns:
         True if everything essential works, the simulator included.
     """
+    from tqdm import tqdm
+
     print(f"Python {platform.python_version()} on {platform.platform()}")
     for package in PACKAGES:
         try:

@@ -43,7 +43,9 @@ class Export(OnHardware):
         from surefoot.interop.onnx.pipeline import exploy_keys, pipeline_model
         from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
-        from surefoot.runs.policies import find_policy
+        from surefoot.robots.scaling import with_own_values
+        from surefoot.robots.several_gaits import for_each_gait
+        from surefoot.runs.policies import find_policy, safety_bounds
         from surefoot.runs.run import run_of_policy
         from surefoot.scenarios.starts import load_starts, starts_of
 
@@ -58,12 +60,17 @@ class Export(OnHardware):
         config = self.with_profile(config)
         robot = load_robot(config.robot)
         policy = load(path, robot.name)
+        in_run = run_of_policy(path) is not None
         stored = None
         if self.starts is not None:
             stored = load_starts(self.starts)
-        elif run_of_policy(path) is not None:
+        elif in_run:
             stored = starts_of(config)
         description = describe(policy, path, robot, config, stored)
+        # Policy files of older versions do not hold their bounds, the package's own included.
+        if description.bounds is None and (in_run or self.target is None):
+            bounds = safety_bounds(for_each_gait(with_own_values, config))
+            description = replace(description, bounds=bounds)
         if self.onnx is not None:
             written = write_onnx(network_model(policy), description, self.onnx)
             print(f"{self.onnx}: the network, SHA-256 {written.sha256}")

@@ -10,10 +10,12 @@ import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-
-from tqdm import tqdm
+from typing import TYPE_CHECKING, TextIO
 
 from surefoot.types import TICKS_PER_SECOND
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 
 class TqdmHandler(logging.Handler):
@@ -27,9 +29,24 @@ class TqdmHandler(logging.Handler):
         """
         try:
             file = sys.stderr if record.levelno >= logging.WARNING else sys.stdout
-            tqdm.write(self.format(record), file=file)
+            write_line(self.format(record), file)
         except Exception:
             self.handleError(record)
+
+
+def write_line(text: str, file: TextIO) -> None:
+    """Write a line above the bars, if there are any; a robot's computer may not have tqdm at all.
+
+    Args:
+        text: The line.
+        file: Standard output or error.
+    """
+    if "tqdm" in sys.modules:
+        from tqdm import tqdm
+
+        tqdm.write(text, file=file)
+    else:
+        print(text, file=file)
 
 
 def seconds_bar(seconds: float, title: str) -> tqdm:
@@ -39,6 +56,8 @@ def seconds_bar(seconds: float, title: str) -> tqdm:
         seconds: How long the robot walks [s].
         title: Text of the bar.
     """
+    from tqdm import tqdm
+
     ticks = round(seconds * TICKS_PER_SECOND)
     return tqdm(total=ticks, desc=title, unit="ms", leave=False)
 

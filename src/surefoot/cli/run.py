@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -26,7 +26,7 @@ from surefoot.types import Command, to_ticks
 
 if TYPE_CHECKING:
     from surefoot.config import Config
-    from surefoot.deploy.handover import PlanLink, Safeguard
+    from surefoot.deploy.handover import PlanFollower, Safeguard
     from surefoot.deploy.operator import Operator
     from surefoot.deploy.policy import OnnxPolicy
     from surefoot.deploy.udp_robot import UdpRobot
@@ -69,10 +69,11 @@ class RunPolicy:
     """The time after which it stops, standing up included [s]; with --start only."""
     heartbeat: float | None = None
     """Damp the robot if no line has come for this time [s]; an empty one will do."""
-    expert: bool = False
-    """Let the expert take over outside of the safety bounds that the policy was trained under, with
-    a planner in another process; it needs the whole package, a robot of the package, and height and
-    velocity of the base."""
+    gate: Literal["none", "damp", "expert"] = "none"
+    """What happens where the robot leaves the safety bounds that the policy was trained under:
+    nothing (`none`), the robot is damped for good (`damp`), or the expert takes over (`expert`),
+    with a planner in another process. `expert` needs the whole package, a robot of the package,
+    and height and velocity of the base."""
     lockstep: bool = False
     """The robot is a twin in lockstep."""
     realtime: bool = False
@@ -98,7 +99,6 @@ class RunPolicy:
         from surefoot.deploy.policy import load
         from surefoot.deploy.real_time import take_real_time_priority
         from surefoot.deploy.udp_robot import UdpRobot, parse_address
-        from surefoot.twin.planner import PlannerProcess
 
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
@@ -108,16 +108,11 @@ class RunPolicy:
         self.check_start()
         policy = load(self.policy)
         gait = gait_number(policy, self.gait)
-        expert = expert_config(policy) if self.expert else None
         # Any local address is heard from the loopback interface only if the bridge is there too.
         local = "127.0.0.1" if peer[0].startswith("127.") else "0.0.0.0"
-        robot = UdpRobot(UdpChannel(local), peer, lockstep=self.lockstep)
         with ExitStack() as closing:
-            safeguard = None
-            if expert is not None:
-                planner = PlannerProcess(expert, self.realtime)
-                closing.callback(planner.close)
-                safeguard = self.safeguard(policy, planner, expert)
+            safeguard = self.safeguard(policy, closing)
+            robot = UdpRobot(UdpChannel(local), peer, lockstep=self.lockstep)
             closing.callback(robot.close)
             robot.connect()
             operator = self.operator(command, robot, policy, gait)
@@ -169,31 +164,53 @@ class RunPolicy:
         print(f"the robot is damped; {vocabulary.help}", flush=True)
         return Terminal(command, self.heartbeat, vocabulary=vocabulary, gait=gait)
 
-    def safeguard(self, policy: OnnxPolicy, link: PlanLink, expert: Config) -> Safeguard:
-        """The safety bounds, and the expert that takes over outside of them.
+    def safeguard(self, policy: OnnxPolicy, closing: ExitStack) -> Safeguard | None:
+        """The gate at the policy's safety bounds, and the expert if it is to take over there.
 
         Args:
             policy: The policy, for the robot's masses and the bounds it was trained under.
-            link: The way to the planner.
-            expert: The robot and its expert; its own bounds hold if the policy's are unknown.
+            closing: Ends the planner's process.
+
+        Returns:
+            None if the policy always drives.
+
+        Raises:
+            ValueError: The policy's file has no bounds, or its robot has no expert.
         """
-        from surefoot.config.checked import known
         from surefoot.deploy.gate import BoundsGate, GateSwitch
-        from surefoot.deploy.handover import PlanFollower, Safeguard
+        from surefoot.deploy.handover import Safeguard
         from surefoot.deploy.kinematics import com_in_base
 
-        low, high = gate_bounds(policy, expert)
-        table = policy.description.kinematics
-        follower = PlanFollower(
-            link,
+        if self.gate == "none":
+            return None
+        expert = expert_config(policy) if self.gate == "expert" else None
+        gate = BoundsGate(
+            *gate_bounds(policy, expert), partial(com_in_base, policy.description.kinematics)
+        )
+        follower = None if expert is None else self.follower(expert, closing)
+        return Safeguard(GateSwitch(gate, to_ticks(self.config.block)), follower)
+
+    def follower(self, expert: Config, closing: ExitStack) -> PlanFollower:
+        """The expert, with its planner in another process.
+
+        Args:
+            expert: The robot and its expert.
+            closing: Ends the planner's process.
+        """
+        from surefoot.config.checked import known
+        from surefoot.deploy.handover import PlanFollower
+        from surefoot.twin.planner import PlannerProcess
+
+        planner = PlannerProcess(expert, self.realtime)
+        closing.callback(planner.close)
+        return PlanFollower(
+            planner,
             known(expert.expert.kp, "expert.kp"),
             known(expert.expert.kd, "expert.kd"),
             self.config.plan_latency,
             self.config.plan_patience,
             self.lockstep,
         )
-        gate = BoundsGate(low, high, partial(com_in_base, table))
-        return Safeguard(GateSwitch(gate, to_ticks(self.config.block)), follower)
 
 
 def gait_names(policy: OnnxPolicy) -> tuple[str, ...]:
@@ -219,28 +236,32 @@ def gait_number(policy: OnnxPolicy, name: str | None) -> int:
     return names.index(name)
 
 
-def gate_bounds(policy: OnnxPolicy, expert: Config) -> tuple[Array, Array]:
+def gate_bounds(policy: OnnxPolicy, expert: Config | None = None) -> tuple[Array, Array]:
     """Lower and upper bounds ``(15,)``, as `BoundsGate` takes them: those of the policy.
 
     A policy of several gaits has one table, which holds the bounds of each of them.
 
     Args:
         policy: The policy; a file may hold the bounds that it was trained under.
-        expert: The robot, whose own bounds hold otherwise.
+        expert: The robot, whose own bounds hold otherwise; they need the whole package.
+
+    Raises:
+        ValueError: Neither is known.
     """
     import numpy as np
 
+    bounds = policy.description.bounds
+    if bounds is not None:
+        low, high = np.array([bounds.com_height, bounds.roll, bounds.pitch, *bounds.joints]).T
+        return low, high
+    unknown_bounds = "the policy's file does not hold the safety bounds it was trained under"
+    advice = "if an older version wrote it, export the policy again from the folder of its run"
+    if expert is None:
+        raise ValueError(f"--gate damp: {unknown_bounds}; {advice}")
     from surefoot.robots.bounds import table_bounds
 
-    bounds = policy.description.bounds
-    if bounds is None:
-        logger.warning(
-            "the policy's file does not hold the safety bounds it was trained under, so that the "
-            "robot's own hold; if an older version exported it, export the policy again"
-        )
-        return table_bounds(expert.safety)
-    low, high = np.array([bounds.com_height, bounds.roll, bounds.pitch, *bounds.joints]).T
-    return low, high
+    logger.warning(f"{unknown_bounds}, so that the robot's own hold; {advice}")
+    return table_bounds(expert.safety)
 
 
 BUSY = ("missed deadlines", "late plan")
@@ -279,9 +300,10 @@ def expert_config(policy: OnnxPolicy) -> Config:
 
     if policy.robot not in ROBOTS:
         raise ValueError(
-            f"--expert plans for the robots of the package ({', '.join(ROBOTS)}), and the policy "
-            f"is one of {policy.robot!r}, of which it does not hold the model: leave --expert out, "
-            "or give surefoot.deploy.loop.Runtime a Safeguard whose planner has your robot's file"
+            f"--gate expert plans for the robots of the package ({', '.join(ROBOTS)}), and the "
+            f"policy is one of {policy.robot!r}, of which it does not hold the model: use --gate "
+            "damp, or give surefoot.deploy.loop.Runtime a Safeguard whose planner has your robot's "
+            "file"
         )
     config = config_for(policy.robot, policy.spec.gaits, policy.command_range)
     return with_measured_gain(config)

@@ -7,6 +7,7 @@ expert drives from a violation on, at least for T_block, until the state is safe
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -17,6 +18,8 @@ from surefoot.deploy.faults import roll_pitch
 from surefoot.deploy.interfaces import Sensors
 from surefoot.rotations import rotation
 from surefoot.types import Array, Command
+
+logger = logging.getLogger(__name__)
 
 
 class Switch(Protocol):
@@ -109,6 +112,8 @@ class Blocking:
 class GateSwitch:
     """The expert drives where a gate calls the state unsafe, and for a block of time at least.
 
+    Without an expert the robot is given up there, and the block means nothing.
+
     Args:
         gate: Says which states are unsafe.
         block: T_block [ms].
@@ -117,6 +122,7 @@ class GateSwitch:
     def __init__(self, gate: BoundsGate, block: int) -> None:
         self._gate = gate
         self._block = block
+        self._warned = False
         self.reset()
 
     def reset(self) -> None:
@@ -125,4 +131,10 @@ class GateSwitch:
 
     def expert_drives(self, sensors: Sensors, tick: int, command: Command) -> bool:
         """See `Switch`."""
+        if sensors.base is None and not self._warned:
+            self._warned = True
+            logger.warning(
+                "nothing measures the height of the base, so that the gate judges roll, pitch and "
+                "joints only"
+            )
         return self._blocking.is_blocked(self._gate.unsafe(sensors), tick)
