@@ -84,7 +84,7 @@ maximum_signature_line_length = 88
 nitpicky = True
 nitpick_ignore_regex = [
     # No network is needed to build the site, so that other packages' pages are not linked.
-    ("py:.*", r"(collections|numpy|pathlib|pinocchio|socketserver|torch|typing)\..*"),
+    ("py:.*", r"(collections|gymnasium|numpy|pathlib|pinocchio|socketserver|torch|typing)\..*"),
     # The sections `Raises` name exceptions without their modules.
     ("py:exc", r"\w+"),
     # Type variables, and names of types that stand for longer ones.

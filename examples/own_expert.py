@@ -8,12 +8,9 @@ robot = sf.solo12()
 
 
 def plan(state: sf.State, tick: int, command: sf.Command) -> sf.MotionPlan:
-    """Plan the next 100 ticks of 1 ms; called every 50 ms and whenever the expert takes over.
+    """Plan 100 ticks of 1 ms for one robot: q (19,), v (18,), com (3,), feet (4, 3), contacts (4,).
 
-    Args:
-        state: One robot: q (19,), v (18,), com (3,), feet (4, 3), contacts (4,).
-        tick: Gait clock [ms].
-        command: vx and vy [m/s], yaw_rate [rad/s].
+    Called every 50 ms and at takeovers; tick [ms] is the gait clock, command vx, vy, yaw_rate.
     """
     angles = np.tile(robot.nominal[7:], (100, 1))  # [rad]; yours come from a solver
     rates = np.zeros((100, 12))  # [rad/s]

@@ -48,6 +48,14 @@ def test_outputs_are_checked_before_any_work(
     assert message in error
 
 
+def test_without_pybullet_the_option_for_mujoco_is_named(surefoot, capsys, monkeypatch, run_folder):
+    monkeypatch.setattr(comparison, "compare", None)  # nothing is measured
+    monkeypatch.delitem(sys.modules, "surefoot.sim.bullet", raising=False)
+    monkeypatch.setitem(sys.modules, "pybullet", None)
+    assert surefoot("compare", run_folder, "--workers", 1) == 2
+    assert "--sim mujoco" in capsys.readouterr().err
+
+
 def test_options_without_pushes_are_an_error(surefoot, capsys, run_folder):
     assert surefoot("compare", run_folder, "--no-pushes", "--push-speeds", 2) == 2
     assert "--push-speeds without pushes" in capsys.readouterr().err

@@ -25,9 +25,9 @@ from surefoot.files import write_atomic
 class Compare(OnPushes, OnWorkers, OnHardware, OnSimulator):
     """Compare the policies of several runs, and the expert, in the same settings.
 
-    All are measured in both simulators, from the same `test` initial states: their robustness,
-    tracking and pushes, the paired differences to the expert and to a baseline, and what each run
-    cost.
+    All are measured from the same `test` initial states: their robustness, tracking and pushes,
+    the paired differences to the expert and to a baseline, and what each run cost. Without `--sim`
+    this is done in both simulators, so that it needs PyBullet.
 
     JSON keys: config, episodes, versions, starts (each set with its hash), baseline (its label) and
     rows, the expert's first. Of each row: label, run, method, policy, sha256 (of the policy's
@@ -87,7 +87,10 @@ class Compare(OnPushes, OnWorkers, OnHardware, OnSimulator):
         self.check_pushed(self.pushes)
         simulators = get_args(Backend) if self.sim is None else (self.sim,)
         for simulator in simulators:
-            make_simulator(load_robot(), 1, SimulationConfig(backend=simulator))
+            try:
+                make_simulator(load_robot(), 1, SimulationConfig(backend=simulator))
+            except ImportError as error:
+                raise ImportError(f"{error}; --sim mujoco compares in MuJoCo alone") from error
         measurements = Measurements(
             simulators,
             self.episodes,
