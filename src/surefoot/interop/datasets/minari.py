@@ -141,9 +141,12 @@ def import_minari() -> ModuleType:
 
 @contextmanager
 def _minari_root(root: Path) -> Iterator[None]:
-    """A context in which Minari writes into a folder; it only knows an environment variable."""
+    """A context in which Minari writes into a folder; it only knows an environment variable.
+
+    It joins paths to that several times, so that only an absolute one is right.
+    """
     before = os.environ.get(ROOT_VARIABLE)
-    os.environ[ROOT_VARIABLE] = str(root)
+    os.environ[ROOT_VARIABLE] = str(root.absolute())
     try:
         yield
     finally:
