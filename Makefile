@@ -13,7 +13,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: help venv demo test test-slow test-docs test-pages check docs linkcheck format bench peers reproduce reproduce-smoke release-check system clean
+.PHONY: help venv demo test test-slow test-docs test-pages test-trackio check docs linkcheck format bench peers reproduce reproduce-smoke release-check system clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -44,6 +44,16 @@ test-docs: venv  ## the programs and the cheap commands of the documentation, as
 
 test-pages: venv  ## the pages in the browser, in a headless Chromium (make system installs it)
 	$(BIN)/python -m pytest -rs -m page tests
+
+test-trackio: .venv-trackio/.complete  ## the test of the tracker trackio, which wants an older Pillow than constraints.txt
+	.venv-trackio/bin/python -m pytest tests/runs/test_tracking.py -k trackio
+
+.venv-trackio/.complete: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv-trackio
+	.venv-trackio/bin/python -m pip install --quiet --upgrade pip
+	grep -v '^pillow==' constraints.txt > .venv-trackio/constraints.txt
+	.venv-trackio/bin/python -m pip install --quiet -c .venv-trackio/constraints.txt -e '.[trackio]' pytest
+	@touch $@
 
 check: venv  ## format, lint, types, import contracts, plain Python
 	$(BIN)/ruff format --check .
@@ -93,4 +103,4 @@ system:  ## Debian packages for Pinocchio and headless rendering, and a browser 
 	apt-get install -y -qq --no-install-recommends chromium
 
 clean:  ## remove the environments and caches; runs stay
-	rm -rf $(VENV) .venv-peers docs/_build .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-peers .venv-trackio docs/_build .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -46,6 +46,7 @@ from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.outcome import Outcome
+from surefoot.runs.versions import processor
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import at_rest
@@ -121,6 +122,7 @@ class Comparison:
         rounds: Number of turns of each contender.
         seconds: Duration of an episode [s].
         versions: Version of each package.
+        processor: Model of the processor.
     """
 
     rows: tuple[Row, ...]
@@ -130,6 +132,7 @@ class Comparison:
     rounds: int
     seconds: float
     versions: dict[str, str]
+    processor: str
 
 
 def surefoot_contender(config: Config, robot: RobotModel, robots: int, seconds: float) -> Contender:
@@ -391,6 +394,7 @@ def compare(rounds: int, seconds: float) -> Comparison:
         rounds=rounds,
         seconds=seconds,
         versions={name: version(name) for name in VERSIONS},
+        processor=processor(),
     )
 
 
@@ -456,7 +460,7 @@ def main(json_file: Path | None = None, rounds: int = 3, seconds: float = 2.0) -
     print(
         f"\nratio of surefoot to the fastest other library: {comparison.ratio:.2f}; to the fastest "
         f"that keeps frames: {comparison.ratio_keeping:.2f}; to the fastest that keeps frames in "
-        f"the usual form: {comparison.ratio_usual:.2f}"
+        f"the usual form: {comparison.ratio_usual:.2f}; on {comparison.processor}"
     )
     if json_file is not None:
         write_json(json_file, comparison)

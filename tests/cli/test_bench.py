@@ -12,6 +12,7 @@ from surefoot.bench.plan import PlanTimes, StageTimes, Times
 from surefoot.bench.train import TrainSpeed
 from surefoot.config import Config, simulated
 from surefoot.config.presets import preset
+from surefoot.runs.versions import versions
 from surefoot.study import expert_survey
 from surefoot.workers import Workers
 
@@ -70,7 +71,8 @@ def test_without_a_name_everything_is_measured(surefoot, calls, capsys, tmp_path
         ("end_to_end", run, Workers(3)),
     ]
     figures = json.loads(file.read_text())
-    assert list(figures) == ["plan", "engine", "train", "loop", "evaluation", "end_to_end"]
+    assert list(figures) == ["versions", *RECORDS]
+    assert figures["versions"] == versions("bullet")
     assert figures["plan"]["half_warm_plan_ms"]["stages"]["inverse_dynamics"] == 0.4
     assert figures["engine"]["floor_robot_ms_per_s"] == 7.5e4
     assert figures["end_to_end"]["collect"] == {"seconds": 4.0, "floor_seconds": 2.0}
@@ -82,7 +84,7 @@ def test_a_name_measures_only_that(surefoot, calls, tmp_path, name):
     file = tmp_path / "bench.json"
     assert surefoot("bench", name, "--json", file) == 0
     assert [call[0] for call in calls] == [name]
-    assert list(json.loads(file.read_text())) == [name]
+    assert list(json.loads(file.read_text())) == ["versions", name]
 
 
 def test_numbers_are_printed_with_their_names_in_words(surefoot, calls, capsys):
@@ -120,7 +122,7 @@ def test_what_is_measured_is_written_before_the_next_measurement(
     monkeypatch.setattr(train, "bench_train", fail)
     file = tmp_path / "bench.json"
     assert surefoot("bench", "--json", file) == 2
-    assert list(json.loads(file.read_text())) == ["plan", "engine"]
+    assert list(json.loads(file.read_text())) == ["versions", "plan", "engine"]
 
 
 def test_a_configuration_that_end_to_end_would_ignore_is_refused(surefoot, calls, capsys):

@@ -34,13 +34,18 @@ def test_logs_become_a_dataset_and_that_a_policy(surefoot, logs, tmp_path, capsy
     data = tmp_path / "data"
     assert surefoot("import-data", *logs, "--out", data) == 0
     assert Dataset(data).episodes == 2
-    assert f"{data}: 2 episodes" in capsys.readouterr().out
+    shown = capsys.readouterr()
+    assert f"{data}: 2 episodes" in shown.out
+    assert "import:" in shown.err
     out = tmp_path / "policy.safetensors"
     options = ["--config.training.batch", 32, "--config.policy.hidden", 16, 16]
     assert surefoot("fit", data, out, "--epochs", 2, *options) == 0
     policy = load(out, "solo12")
     assert policy.spec.kp == 2.0
     assert policy.provenance["dataset_hash"] == Dataset(data).hash
+    card = (tmp_path / "policy.safetensors.md").read_text()
+    assert Dataset(data).hash in card
+    assert f"surefoot evaluate {out}" in card
     assert "2 steps" not in capsys.readouterr().err
 
 

@@ -31,6 +31,12 @@ def test_a_run_is_exported_with_all_that_it_was_trained_for(surefoot, capsys, ru
     printed = capsys.readouterr().out
     assert description.sha256 in printed
     assert "unknown" not in printed
+    card = (tmp_path / "network.onnx.md").read_text()
+    assert description.sha256 in card
+    assert "of the robots succeeded (95 % interval" in card
+    assert "Everything here was collected in MuJoCo" in card
+    assert f"surefoot check {network} --robot solo12\nsurefoot evaluate {run_folder}\n" in card
+    assert "all from the sensors" in (tmp_path / "pipeline.onnx.md").read_text()
 
 
 def test_a_profile_gives_its_limits_to_the_file(surefoot, run_folder, tmp_path):
@@ -47,6 +53,7 @@ def test_a_policy_file_alone_does_not_know_where_it_began(surefoot, capsys, run_
     assert surefoot("export", policy, "--onnx", file) == 0
     assert "name them with --starts" in capsys.readouterr().out
     assert read_export(file).description.start_range is None
+    assert "is not known here" in (tmp_path / "network.onnx.md").read_text()
     assert surefoot("export", policy, "--onnx", file, "--starts", "solo12-trot-v1") == 0
     assert read_export(file).description.start_range is not None
 

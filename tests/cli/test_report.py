@@ -22,7 +22,9 @@ def test_a_study_has_a_page_and_figures_in_its_folder(
 ):
     monkeypatch.chdir(tmp_path)
     assert surefoot("report", "mine", "--no-film-policies", "--json", "r.json") == 0
-    assert "studies/mine/report.html" in capsys.readouterr().out
+    shown = capsys.readouterr()
+    assert "studies/mine/report.html" in shown.out
+    assert "results:" in shown.err and "figures:" in shown.err
     assert (study_folder / "figures/3-success-test.pdf").is_file()
     assert json.loads((tmp_path / "r.json").read_text())["study"] == "paper"
 

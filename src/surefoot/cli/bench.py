@@ -35,9 +35,10 @@ class Bench(OnWorkers, OnSimulator):
     minutes. Options of --config change all but end_to_end. `surefoot bench expert` measures what
     the expert survives, in an hour.
 
-    JSON keys: one for each measurement. The keys below it are the fields of the records `PlanTimes`
-    (plan), `EngineSpeed` (engine), `TrainSpeed` (train), `LoopTimes` (loop), `EvaluationSpeed`
-    (evaluation) and `EndToEndSpeed` (end_to_end) of `surefoot.bench`; `floor_` marks a lower bound.
+    JSON keys: versions (of the packages, and the processor), and one for each measurement. The keys
+    below that are the fields of the records `PlanTimes` (plan), `EngineSpeed` (engine),
+    `TrainSpeed` (train), `LoopTimes` (loop), `EvaluationSpeed` (evaluation) and `EndToEndSpeed`
+    (end_to_end) of `surefoot.bench`; `floor_` marks a lower bound.
 
     JSON keys of expert: `cells`, one object for each simulator, horizon and set of rules, and
     `lost_by_all`, the initial states that all of them lose (`surefoot.study.records.Survey`).
@@ -66,6 +67,7 @@ class Bench(OnWorkers, OnSimulator):
         from tqdm import tqdm
 
         from surefoot.config.presets import preset
+        from surefoot.runs.versions import versions
 
         check_outputs([Output("--json", self.json)])
         if self.what == "end_to_end" and self.config != Config():
@@ -89,7 +91,8 @@ class Bench(OnWorkers, OnSimulator):
                     config = preset("loco_safe_dagger", self.preset)
                 records[name] = measure_speed(name, self.simulated(config), self.spread)
                 if self.json:
-                    write_json(self.json, records)
+                    used = versions(self.simulated(self.config).simulation.backend)
+                    write_json(self.json, {"versions": used, **records})
                 tqdm.write(speed_table(name, records[name]))
         return 0
 

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from surefoot.cli.options import OnHardware, Output, check_outputs
+
+if TYPE_CHECKING:
+    from surefoot.deploy.description import PolicyDescription
+    from surefoot.interop.cards import PolicyUse
+    from surefoot.learning.policy import Policy
+    from surefoot.runs.run import Run
 
 SUFFIX = ".onnx"
 
@@ -20,6 +27,7 @@ class Export(OnHardware):
     Both files say in their metadata for which robot, joints, gains, rate, gait, commands, limits,
     initial states and observation the policy was made; `surefoot check FILE` verifies one, and
     docs/export.md lists the keys. With --profile the limits are those of the hardware profile.
+    Beside each file a card for people, such as trot.onnx.md, says what it is and is not.
     """
 
     target: Annotated[Path | None, tyro.conf.Positional] = None
@@ -39,6 +47,7 @@ class Export(OnHardware):
     def __call__(self) -> int:
         """Write the files."""
         from surefoot.config.presets import STRAIGHT_TROT
+        from surefoot.interop.cards import card_path, write_policy_card
         from surefoot.interop.onnx.file import describe, network_model, write_onnx
         from surefoot.interop.onnx.pipeline import exploy_keys, pipeline_model
         from surefoot.learning.policy import load
@@ -51,33 +60,36 @@ class Export(OnHardware):
 
         if self.onnx is None and self.pipeline is None:
             raise ValueError("nothing to write; name a file with --onnx or with --pipeline")
-        outputs = [
-            Output("--onnx", self.onnx, (SUFFIX,)),
-            Output("--pipeline", self.pipeline, (SUFFIX,)),
-        ]
+        files = [("--onnx", self.onnx), ("--pipeline", self.pipeline)]
+        outputs = [Output(name, path, (SUFFIX,)) for name, path in files]
+        outputs += [Output(f"{name} (its card)", card_path(path)) for name, path in files]
         check_outputs(outputs, reads=[] if self.target is None else [self.target])
         path, config = find_policy(self.target)
         config = self.with_profile(config)
         robot = load_robot(config.robot)
         policy = load(path, robot.name)
-        in_run = run_of_policy(path) is not None
+        run = run_of_policy(path)
         stored = None
         if self.starts is not None:
             stored = load_starts(self.starts)
-        elif in_run:
+        elif run is not None:
             stored = starts_of(config)
         description = describe(policy, path, robot, config, stored)
         # Policy files of older versions do not hold their bounds, the package's own included.
-        if description.bounds is None and (in_run or self.target is None):
+        if description.bounds is None and (run is not None or self.target is None):
             bounds = safety_bounds(for_each_gait(with_own_values, config))
             description = replace(description, bounds=bounds)
         if self.onnx is not None:
             written = write_onnx(network_model(policy), description, self.onnx)
+            use = use_of(self.onnx, written, policy, self.target, run)
+            write_policy_card(policy, self.onnx, use)
             print(f"{self.onnx}: the network, SHA-256 {written.sha256}")
         if self.pipeline is not None:
             whole = replace(description, kind="pipeline")
             model = pipeline_model(policy, whole)
             written = write_onnx(model, whole, self.pipeline, exploy_keys(whole))
+            use = use_of(self.pipeline, written, policy, self.target, run)
+            write_policy_card(policy, self.pipeline, use)
             print(f"{self.pipeline}: the whole pipeline, SHA-256 {written.sha256}")
         if stored is None:
             print(
@@ -86,3 +98,40 @@ class Export(OnHardware):
                 f"{STRAIGHT_TROT} for Solo12's trot"
             )
         return 0
+
+
+def use_of(
+    file: Path, written: PolicyDescription, policy: Policy, target: Path | None, run: Run | None
+) -> PolicyUse:
+    """What the card of an exported file says besides what the policy itself knows.
+
+    Args:
+        file: The exported file.
+        written: What it says of itself.
+        policy: The policy.
+        target: The run's folder, or the policy file, that was named; None for that of the package.
+        run: The run that the policy lies in; None outside of any.
+    """
+    from surefoot.interop.cards import PolicyUse
+    from surefoot.runs.layout import ATTEMPTS_FILE
+    from surefoot.study.report.run_limits import limits_of
+
+    graph = "observation in, joint targets out"
+    if written.kind == "pipeline":
+        graph = "all from the sensors to the joint targets"
+    limits = ["Where its data was collected, and with which disturbances, is not known here."]
+    measured = None
+    if run is not None:
+        limits = limits_of(run.config, (run.folder / ATTEMPTS_FILE).exists())
+        iteration = policy.provenance.get("iteration")
+        measured = run.validated(iteration) if isinstance(iteration, int) else None
+    checks = [f"surefoot check {shlex.quote(str(file))} --robot {policy.robot}"]
+    if target is not None:
+        checks.append(f"surefoot evaluate {shlex.quote(str(target))}")
+    return PolicyUse(
+        f"An ONNX file, {graph}; its SHA-256, with the digits of that left zero, is "
+        f"`{written.sha256}`, and its metadata has every number that running it takes.",
+        tuple(limits),
+        tuple(checks),
+        measured,
+    )

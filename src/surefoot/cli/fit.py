@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,7 +22,7 @@ class Fit(OnGait, OnRobot):
 
     Robot and gait are those of the data: they decide about the gains of the policy's PD law, the
     period of its clock, and the limits and safety bounds that its file names. `surefoot evaluate`
-    and `surefoot play` take the policy.
+    and `surefoot play` take the policy. A card beside it, OUT.md, says what it is and is not.
     """
 
     data: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DATA")]
@@ -36,6 +38,8 @@ class Fit(OnGait, OnRobot):
 
     def __call__(self) -> int:
         """Train, write the policy, and print the losses."""
+        from surefoot.config.robot_table import ROBOTS
+        from surefoot.interop.cards import PolicyUse, card_path, write_policy_card
         from surefoot.learning.dataset import Dataset
         from surefoot.learning.network import PolicyNetwork
         from surefoot.learning.policy import Policy, policy_spec, save
@@ -46,7 +50,8 @@ class Fit(OnGait, OnRobot):
         from surefoot.runs.progress import epochs_bar
         from surefoot.runs.stages import training_data
 
-        check_outputs([Output("OUT", self.out, (".safetensors",))])
+        out = Output("OUT", self.out, (".safetensors",))
+        check_outputs([out, Output("OUT (its card)", card_path(self.out))])
         data = Dataset(self.data)
         if not data.shards:
             raise ValueError(f"{self.data} holds no dataset; `surefoot import-data` makes one")
@@ -70,6 +75,19 @@ class Fit(OnGait, OnRobot):
             safety_bounds(config),
         )
         save(policy, self.out)
+        error = result.validation_loss[-1]
+        shown = f", with an L1 error of {error:.4f} rad on frames held out"
+        use = PolicyUse(
+            f"A policy file of surefoot, after {result.steps} steps on {result.frames} frames"
+            f"{shown if math.isfinite(error) else ''}.",
+            (
+                "It was fitted to a dataset, and has driven no robot yet: a small error on frames "
+                "held out says little about whether a robot stays up.",
+            ),
+            # Of any other robot, the commands need the folder of a run, which has its description.
+            (f"surefoot evaluate {shlex.quote(str(self.out))}",) if robot.name in ROBOTS else (),
+        )
+        write_policy_card(policy, self.out, use)
         print(
             f"{self.out}: {result.steps} steps on {result.frames} frames, "
             f"L1 {result.train_loss[-1]:.4f} rad, held out {result.validation_loss[-1]:.4f} rad"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
+from tqdm import tqdm
 
 from surefoot.cli.options import OnRobot
 from surefoot.config import Config
@@ -39,7 +40,7 @@ class ImportData(OnRobot):
             raise ValueError("import-data needs at least one log")
         robot = load_robot(self.with_robot(Config()).robot)
         data = Dataset(self.out)
-        for log in self.logs:
+        for log in tqdm(self.logs, "import", leave=False, unit="log"):
             if log.stem in data.shards:
                 raise ValueError(f"{self.out} has a shard {log.stem!r} already; rename {log}")
             try:
@@ -47,7 +48,7 @@ class ImportData(OnRobot):
             except ValueError as error:
                 raise ValueError(f"{log}: {error}") from error
             data.append(log.stem, frames)
-            print(f"{log}: {len(frames)} frames")
+            tqdm.write(f"{log}: {len(frames)} frames")
         print(f"{self.out}: {data.episodes} episodes, {data.frames} frames, hash {data.hash}")
         return 0
 

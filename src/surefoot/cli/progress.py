@@ -1,7 +1,7 @@
 """What is shown while a command runs: the log, and bars with an estimate of the time that is left.
 
 Progress that is logged goes to stdout, warnings go to stderr, and so do the bars. What takes longer
-than ten seconds has a bar, here or where it is done (`workers`, `runs.progress`, `scenarios.make`).
+than ten seconds has a bar, here or where it is done, such as in `workers` and in `runs.progress`.
 """
 
 from __future__ import annotations

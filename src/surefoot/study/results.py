@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
+from tqdm import tqdm
+
 from surefoot.config import Config
 from surefoot.config.json_io import from_json, read_json
 from surefoot.config.learning import NumberFormat
@@ -299,7 +301,7 @@ def read_results(folder: Path) -> StudyResults:
     setup = read_study(folder)
     results = []
     missing = []
-    for cell in cells_of(setup.study):
+    for cell in tqdm(cells_of(setup.study), "results", leave=False, unit="cell"):
         result = read_cell(folder, setup, cell)
         if result is not None:
             results.append(result)

@@ -32,7 +32,7 @@ def test_a_log_becomes_the_frames_that_were_recorded(log, walked):
     assert set(imported.episode) == {0}
 
 
-def test_npz_and_csv_hold_the_same_log(log, tmp_path):
+def test_npz_and_csv_hold_the_same_log(log, tmp_path, capsys):
     np.savez(tmp_path / "log.npz", **log)
     names = [f"{name}{n}" for name in ("q", "v", "torque") for n in range(log[name].shape[1])]
     columns = [log["q"], log["v"], log["torque"], log["command"], log["tick"][:, None]]
@@ -46,6 +46,7 @@ def test_npz_and_csv_hold_the_same_log(log, tmp_path):
     )
     one = frames_from_arrays(read_expert_log(tmp_path / "log.npz"), ROBOT)
     assert frames_from_arrays(read_expert_log(tmp_path / "log.csv"), ROBOT).hash == one.hash
+    assert "log.csv:" in capsys.readouterr().err
 
 
 def test_a_new_episode_begins_where_the_clock_jumps(log):

@@ -26,6 +26,13 @@ def exported(dataset, walked, tmp_path, monkeypatch):
         return written, minari.load_dataset("solo12-behavior-cloning-v0")
 
 
+def test_a_folder_may_be_relative(dataset, walked, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert export_minari(dataset, walked[0], "minari").folder.is_dir()
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    assert minari.load_dataset("solo12-behavior-cloning-v0").total_episodes == 4
+
+
 def test_every_stretch_is_an_episode(exported):
     written, loaded = exported
     assert [len(episode) for episode in loaded] == [249, 99, 148, 249]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.files import WriteError
-from surefoot.interop.datasets.segments import Exported, dataset_card, new_folder, segments
+from surefoot.interop.datasets.segments import new_folder, segments
 
 
 def test_a_stretch_ends_at_a_gap_and_at_an_episode(dataset):
@@ -34,13 +34,3 @@ def test_nothing_is_left_of_a_folder_that_failed(tmp_path):
 def test_an_existing_folder_is_never_changed(tmp_path):
     with pytest.raises(ValueError, match="name a new one"), new_folder(tmp_path):
         pass
-
-
-def test_the_card_says_how_a_target_acts_and_what_was_exported(dataset, walked, tmp_path):
-    config, _ = walked
-    exported = Exported(tmp_path, 4, 749, 1)
-    card = dataset_card("Solo12", config, dataset, exported, {"action": "targets"})
-    assert "tau = 2 (a - q) - 0.1 dq/dt" in card
-    assert "749 frames (0.7 s at 1 kHz)" in card
-    assert dataset.hash in card
-    assert "| `action` | targets |" in card

@@ -37,7 +37,7 @@ def test_the_run_that_succeeds_most_often_is_filmed(results):
         assert successes_of(cell) == max(successes_of(other) for other in others)
 
 
-def test_every_technique_and_the_expert_are_pushed_alike(monkeypatch, results):
+def test_every_technique_and_the_expert_are_pushed_alike(monkeypatch, results, capsys):
     filmed = []
 
     def film_policy(title, config, policy, run):
@@ -46,6 +46,7 @@ def test_every_technique_and_the_expert_are_pushed_alike(monkeypatch, results):
 
     monkeypatch.setattr(films, "film_policy", film_policy)
     text = study_films(results)
+    assert "films:" in capsys.readouterr().err
     assert filmed == [
         ("BC", False),
         ("LocoDAGGER 0.5", False),

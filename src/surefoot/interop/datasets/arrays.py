@@ -11,11 +11,13 @@ frame.
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from tqdm import tqdm
 
 from surefoot.config.array_io import parse_npz
 from surefoot.learning.frames import Frames
@@ -72,7 +74,7 @@ def _read_csv(path: Path) -> dict[str, NDArray]:
     """
     with path.open(newline="", encoding="utf-8-sig") as file:
         names = [name.strip() for name in next(csv.reader(file), [])]
-        rows = np.loadtxt(file, delimiter=",", ndmin=2)
+        rows = np.loadtxt(_with_bar(file, path), delimiter=",", ndmin=2)
     if rows.shape[1] != len(names):
         raise ValueError(f"{len(names)} names for {rows.shape[1]} columns")
     column = {name: rows[:, n] for n, name in enumerate(names)}
@@ -92,6 +94,15 @@ def _read_csv(path: Path) -> dict[str, NDArray]:
         values = np.stack([column[part] for part in parts], axis=-1)
         arrays[name] = values if size else values[:, 0]
     return arrays
+
+
+def _with_bar(file: TextIO, path: Path) -> Iterator[str]:
+    """The lines of a file that are still to be read; a long one shows how much of it is read."""
+    size = path.stat().st_size
+    with tqdm(total=size, desc=path.name, unit="B", unit_scale=True, leave=False) as bar:
+        for line in file:
+            bar.update(len(line))
+            yield line
 
 
 def frames_from_arrays(

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from surefoot.config import Config
 from surefoot.config.json_io import Plain
 from surefoot.files import write_atomic, write_json
+from surefoot.interop.cards import dataset_card
 from surefoot.interop.datasets.segments import (
     SIMULATED,
     Exported,
     check_new,
-    dataset_card,
     new_folder,
     segments,
 )
@@ -176,7 +176,9 @@ def export_lerobot(
         left_out = dataset.frames - written.frames
         exported = Exported(folder, len(written.episodes), written.frames, left_out)
         texts = {name: feature.text for name, feature in FEATURES.items()}
-        card = dataset_card(f"{robot.name} walking", config, dataset, exported, texts, recorded)
+        card = dataset_card(
+            f"{robot.name} walking", "LeRobot", config, dataset, exported, texts, recorded
+        )
         write_atomic(whole / "README.md", card.encode())
     return exported
 

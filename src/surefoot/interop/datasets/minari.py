@@ -20,10 +20,10 @@ import surefoot
 from surefoot.config import Config, method_name
 from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
+from surefoot.interop.cards import dataset_card
 from surefoot.interop.datasets.segments import (
     SIMULATED,
     Exported,
-    dataset_card,
     new_folder,
     segments,
 )
@@ -116,7 +116,9 @@ def export_minari(
             raise ValueError(f"{dataset.folder} holds no two frames that follow each other")
         frames = written["frames"]
         exported = Exported(folder, written["episodes"], frames, dataset.frames - frames)
-        card = dataset_card(f"Minari: {name}", config, dataset, exported, COLUMNS, recorded)
+        card = dataset_card(
+            f"Minari: {name}", "Minari", config, dataset, exported, COLUMNS, recorded
+        )
         write_atomic(whole / "README.md", card.encode())
     return exported
 
@@ -139,9 +141,12 @@ def import_minari() -> ModuleType:
 
 @contextmanager
 def _minari_root(root: Path) -> Iterator[None]:
-    """A context in which Minari writes into a folder; it only knows an environment variable."""
+    """A context in which Minari writes into a folder; it only knows an environment variable.
+
+    It joins paths to that several times, so that only an absolute one is right.
+    """
     before = os.environ.get(ROOT_VARIABLE)
-    os.environ[ROOT_VARIABLE] = str(root)
+    os.environ[ROOT_VARIABLE] = str(root.absolute())
     try:
         yield
     finally:

@@ -19,12 +19,9 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from surefoot.config import Config
 from surefoot.files import WriteError, writing
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames
-from surefoot.learning.policy import policy_spec
-from surefoot.types import TICKS_PER_SECOND
 
 SIMULATED = "in simulation"
 """Where the frames of a run were recorded, for the dataset card."""
@@ -108,57 +105,3 @@ def new_folder(folder: Path) -> Iterator[Path]:
         raise WriteError(f"{folder} cannot be written ({error}): free some space") from error
     finally:
         shutil.rmtree(work, ignore_errors=True)
-
-
-def dataset_card(
-    title: str,
-    config: Config,
-    dataset: Dataset,
-    exported: Exported,
-    columns: dict[str, str],
-    recorded: str = SIMULATED,
-) -> str:
-    """The README of an exported dataset, in Markdown, as the Hugging Face hub shows it.
-
-    Args:
-        title: Its first heading.
-        config: The configuration that the data were collected with.
-        dataset: The dataset that was exported.
-        exported: What was written.
-        columns: What the columns hold.
-        recorded: Where the frames were recorded.
-    """
-    spec = policy_spec(config)
-    box = config.commands
-    seconds = exported.frames / TICKS_PER_SECOND
-    lines = [
-        "---",
-        "task_categories: [robotics]",
-        "tags: [LeRobot, surefoot, legged robots, imitation learning]",
-        "---",
-        f"# {title}",
-        "",
-        f"{exported.frames} frames ({seconds:.1f} s at 1 kHz) of the quadruped "
-        f"{config.robot.model}, recorded {recorded} with surefoot. A model predictive "
-        "controller answers every frame; `expert_drove` says whether its answer was applied.",
-        "",
-        f"- {exported.episodes} episodes: stretches without a gap of the collected ones, of which "
-        f"{exported.left_out} frames were too short to be one.",
-        f"- Gait: period {config.gait.period:g} s, duty factor {config.gait.duty:g}, offsets "
-        f"{', '.join(f'{offset:g}' for offset in config.gait.offsets)}.",
-        f"- Commands: vx {list(box.vx)}, vy {list(box.vy)} m/s, yaw rate {list(box.yaw_rate)} "
-        "rad/s.",
-        f"- A joint target a acts as tau = {spec.kp:g} (a - q) - {spec.kd:g} dq/dt [N m].",
-        f"- Simulator: {config.simulation.backend}, friction {config.simulation.friction:g}.",
-        f"- SHA-256 of the frames before the export: `{dataset.hash}`.",
-        "",
-        "| column | what it holds |",
-        "|---|---|",
-        *(f"| `{name}` | {text} |" for name, text in columns.items()),
-        "",
-        "Joints: hip abduction, hip flexion and knee of the legs front left, front right, hind "
-        "left, hind right. SI units, radians; quaternions are xyzw; base velocities are in the "
-        "base frame.",
-        "",
-    ]
-    return "\n".join(lines)

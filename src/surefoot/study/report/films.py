@@ -15,6 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from tqdm import tqdm
 
 from surefoot.config import Config
 from surefoot.config.study import EXPERT, Technique
@@ -75,7 +76,7 @@ def study_films(results: StudyResults) -> Markup:
     try:
         filmed = [
             film_policy(technique.title, cell.config, cell.policy, cell.cell.name)
-            for technique, cell in chosen
+            for technique, cell in tqdm(chosen, "films", leave=False, unit="film")
         ]
     except RenderingUnavailable as error:
         logger.warning(f"the report has no films: {error}")

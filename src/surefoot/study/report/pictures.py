@@ -13,6 +13,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tqdm import tqdm
+
 from surefoot.files import write_atomic
 from surefoot.study.report.drawing import GRID, INK, LOOK, draw
 from surefoot.study.report.markup import Markup, escaped
@@ -44,7 +46,7 @@ def draw_all(figures: Sequence[ReportFigure], folder: Path) -> list[Markup]:
         WriteError: The folder cannot be written to.
     """
     pictures = []
-    for figure in figures:
+    for figure in tqdm(figures, "figures", leave=False, unit="figure"):
         drawn = draw(figure)
         save_pictures(drawn, figure, folder)
         pictures.append(inline_svg(drawn, figure))

@@ -1,0 +1,218 @@
+"""Cards in Markdown, as the Hugging Face hub shows them: what a dataset or a policy file is.
+
+`dataset_card` is the README of an exported dataset; `policy_card` is written beside a policy that
+is exported or fitted, by `write_policy_card`. Both say for which gait, commands and gains the file
+is, in the same words.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from surefoot.config import Config
+from surefoot.config.json_io import to_json
+from surefoot.evaluation.robustness import Robustness
+from surefoot.files import is_stream, write_atomic
+from surefoot.interop.datasets.segments import SIMULATED, Exported
+from surefoot.learning.dataset import Dataset
+from surefoot.learning.policy import Policy, PolicySpec, policy_spec
+from surefoot.types import TICKS_PER_SECOND
+
+TAGS = "surefoot, legged robots, imitation learning"
+"""What every dataset and policy is about."""
+CONVENTIONS = (
+    "Joints: hip abduction, hip flexion and knee of the legs front left, front right, hind left, "
+    "hind right. SI units, radians; quaternions are xyzw; base velocities are in the base frame."
+)
+"""How to read the numbers."""
+
+
+def dataset_card(
+    title: str,
+    library: Literal["LeRobot", "Minari"],
+    config: Config,
+    dataset: Dataset,
+    exported: Exported,
+    columns: dict[str, str],
+    recorded: str = SIMULATED,
+) -> str:
+    """The README of an exported dataset.
+
+    Args:
+        title: Its first heading.
+        library: The library that reads it.
+        config: The configuration that the data were collected with.
+        dataset: The dataset that was exported.
+        exported: What was written.
+        columns: What the columns hold.
+        recorded: Where the frames were recorded.
+    """
+    seconds = exported.frames / TICKS_PER_SECOND
+    box = config.commands
+    lines = [
+        "---",
+        "task_categories: [robotics]",
+        f"tags: [{library}, {TAGS}]",
+        "---",
+        f"# {title}",
+        "",
+        f"{exported.frames} frames ({seconds:.1f} s at 1 kHz) of the quadruped "
+        f"{config.robot.model}, recorded {recorded} with surefoot. A model predictive "
+        "controller answers every frame; `expert_drove` says whether its answer was applied.",
+        "",
+        f"- {exported.episodes} episodes: stretches without a gap of the collected ones, of which "
+        f"{exported.left_out} frames were too short to be one.",
+        *_walking(policy_spec(config), (box.vx, box.vy, box.yaw_rate)),
+        f"- Simulator: {config.simulation.backend}, friction {config.simulation.friction:g}.",
+        f"- SHA-256 of the frames before the export: `{dataset.hash}`.",
+        "",
+        "| column | what it holds |",
+        "|---|---|",
+        *(f"| `{name}` | {text} |" for name, text in columns.items()),
+        "",
+        CONVENTIONS,
+        "",
+    ]
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class PolicyUse:
+    """What a policy's card says that the policy does not know itself.
+
+    Attributes:
+        summary: What the file holds, in one sentence.
+        limits: What must not be expected of it, in sentences.
+        checks: Commands that check or measure it.
+        measured: The robustness that its run measured; None if unknown.
+    """
+
+    summary: str
+    limits: tuple[str, ...]
+    checks: tuple[str, ...]
+    measured: Robustness | None = None
+
+
+def write_policy_card(policy: Policy, file: Path, use: PolicyUse) -> Path | None:
+    """Write the card of a policy beside its file, which has to be there.
+
+    Args:
+        policy: The policy.
+        file: The file, a policy file or an exported one.
+        use: What else is known.
+
+    Returns:
+        The card; None where the file is a stream, beside which there is nothing.
+
+    Raises:
+        WriteError: The disk is full, or read-only.
+    """
+    card = card_path(file)
+    if card is not None:
+        write_atomic(card, policy_card(policy, file.name, use).encode())
+    return card
+
+
+def card_path(file: Path | None) -> Path | None:
+    """Where the card of a file lies: trot.onnx has trot.onnx.md.
+
+    Args:
+        file: The file; None, a stream such as ``/dev/stdout`` and an empty name have no card.
+    """
+    if file is None or is_stream(file) or not file.name:
+        return None
+    return file.with_name(f"{file.name}.md")
+
+
+def policy_card(policy: Policy, title: str, use: PolicyUse) -> str:
+    """The card of a policy.
+
+    Args:
+        policy: The policy.
+        title: Its first heading.
+        use: What else is known.
+    """
+    spec = policy.spec.observation
+    vx, vy, yaw_rate = policy.command_range.T.tolist()
+    seen = ", ".join(spec.layout.parts)
+    history = spec.layout.history
+    if history is not None:
+        seen += f"; of the past: {', '.join(history.parts)}"
+        seen += ", applied joint targets" if history.targets else ""
+        seen += f", {history.samples} samples {history.stride} ms apart"
+    origin = {name: json.dumps(value) for name, value in to_json(policy.provenance).items()}
+    lines = [
+        "---",
+        "pipeline_tag: robotics",
+        f"tags: [{TAGS}]",
+        "---",
+        f"# {title}",
+        "",
+        f"{use.summary} It walks the quadruped {policy.robot}; it was trained with surefoot to "
+        "imitate a model predictive controller.",
+        "",
+        *_walking(policy.spec, (vx, vy, yaw_rate)),
+        f"- Layout `{spec.layout.name}`, {spec.input_size} numbers at 1 kHz: {seen}; then "
+        f"{', '.join(spec.goal_sizes)}.",
+        "",
+        "## Where it comes from",
+        "",
+        *(f"- {name}: `{value}`" for name, value in origin.items()),
+        *([] if origin else ["Its file does not say."]),
+        "",
+        "## What was measured",
+        "",
+        _measured(use.measured),
+        "",
+        "## What not to expect",
+        "",
+        *(f"- {text}" for text in use.limits),
+        "",
+        *_checks(use.checks),
+        CONVENTIONS,
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _walking(spec: PolicySpec, commands: Sequence[Sequence[float]]) -> list[str]:
+    """Gaits, commands and gains, as items of a list.
+
+    Args:
+        spec: What policies of the data, or the policy, see, and the gains.
+        commands: ``(3, 2)`` smallest and largest vx, vy [m/s] and yaw rate [rad/s].
+    """
+    vx, vy, yaw_rate = (f"{low:g} to {high:g}" for low, high in commands)
+    gaits = [
+        f"- Gait {gait.name}: period {gait.period_ticks} ms, duty factor {gait.duty:g}, phase "
+        f"offsets {', '.join(f'{offset:g}' for offset in gait.offsets)} periods."
+        for gait in spec.observation.gaits
+    ]
+    return [
+        *gaits,
+        f"- Commands: vx {vx} m/s, vy {vy} m/s, yaw rate {yaw_rate} rad/s.",
+        f"- A joint target a acts as tau = {spec.kp:g} (a - q) - {spec.kd:g} dq/dt [N m].",
+    ]
+
+
+def _measured(result: Robustness | None) -> str:
+    """A measurement in a sentence."""
+    if result is None:
+        return "Nothing of it is known here."
+    low, high = result.success_interval
+    return (
+        f"From {result.episodes} initial states of the split `{result.split}` of {result.starts}, "
+        f"{100 * result.success_rate:.1f} % of the robots succeeded (95 % interval "
+        f"{100 * low:.1f} to {100 * high:.1f} %); {result.falls} fell, {result.stalls} stalled."
+    )
+
+
+def _checks(commands: Sequence[str]) -> list[str]:
+    """The section of the commands that check a policy; nothing without any."""
+    if not commands:
+        return []
+    return ["## How to check it", "", "```bash", *commands, "```", ""]
