@@ -375,6 +375,7 @@ def test_pushes_take_place_under_the_disturbance_of_the_evaluation(monkeypatch):
 
     def run_and_note(job, workers, title):
         seen.append(job.disturbance)
+        assert not job.privileged  # the expert is judged
         return run_pretended(job, workers, title)
 
     monkeypatch.setattr(push_module, "run_episodes", run_and_note)

@@ -97,6 +97,7 @@ def push_recovery(
         policy=policy,
         plan=plan,
         disturbance=replace(config.evaluation.disturbance, pushes=0, fall_angle=0.0),
+        privileged=False,
     )
     title = controller_title(config, policy)
     branch = branch_at_push(begin, workers, f"{title}: before the push")

@@ -22,7 +22,7 @@ from surefoot.scenarios.gait_switches import GaitSwitches, join_switches
 from surefoot.scenarios.starts import Starts, join_starts
 from surefoot.scenarios.starts_check import check_starts
 from surefoot.sim.terrain import Ground, join_grounds
-from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
+from surefoot.types import Array, BoolArray, IntArray, State, lowered, to_ticks
 
 
 @dataclass(frozen=True)
@@ -212,6 +212,15 @@ class Rollout:
         if self.switches is None:
             return np.repeat(self.starts.gait[:, None], ticks, axis=1)
         return self.switches.table(self.starts.gait, ticks)
+
+    @property
+    def felt(self) -> State:
+        """The states ``(B, T, ...)`` without noise, with heights above the ground of the robots.
+
+        It is what expert and arbiter saw, if they were privileged.
+        """
+        truth = State(self.q, self.v, self.com, self.feet, self.contacts)
+        return truth if self.felt_ground is None else lowered(truth, self.felt_ground)
 
     @property
     def failed(self) -> BoolArray:
