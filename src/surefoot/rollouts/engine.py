@@ -28,6 +28,7 @@ from surefoot.rollouts.outcome import (
     judged_from,
     stepping,
 )
+from surefoot.rollouts.past import tell_past
 from surefoot.rollouts.roles import OfKnownGaits, OfOneRobot, Remembering, in_several_gaits
 from surefoot.scenarios.disturbance import Disturbance
 from surefoot.scenarios.push import push
@@ -111,6 +112,8 @@ def rollout(
         policy = driver(policy)
         policy.reset(B)
     remembering = policy if isinstance(policy, Remembering) else None
+    if remembering is not None and episodes.past is not None:
+        tell_past(remembering, episodes.past, starts.tick)
     walkers = in_several_gaits(told) if episodes.several_gaits else []
     arbiter.reset(episodes.ids)
 
@@ -272,6 +275,7 @@ class _Recorder:
             ground=episodes.ground,
             switches=episodes.switches,
             felt_ground=None if self.felt_ground is None else _by_robot(self.felt_ground),
+            past=episodes.past,
         )
 
 
