@@ -162,6 +162,39 @@ def test_a_policy_remembers_in_a_branch_what_it_would_have_without():
     assert differs.tolist() == [True, True, True, True, False]
 
 
+def test_a_recording_of_a_branch_has_what_a_policy_remembered_in_it():
+    whole = branched(Episodes(starts_of([50, 400, 0]), 0.6))
+    robot = np.array([2, 0, 0, 1, 2])
+    elapsed = np.array([455, 3, 70, 250, 0])
+    episodes = whole.branch(robot, elapsed, 0.3, np.arange(5) + 90)
+    arbiter = Coins()
+    policy, seen = watched(arbiter)
+    branch = rollout(FakeSimulator(5), episodes, arbiter, FakeController(0.3), policy, None, True)
+    keep = np.ones((5, 300), bool)
+    keep[3, :60] = False
+    keep[4] = False
+    recording = branch.recording(keep, episodes.ids)
+    before = recording.elapsed < elapsed[recording.episode - 90]
+    assert not recording.kept[before].any()
+    counts = [(before & (recording.episode == id_)).sum() for id_ in episodes.ids]
+    assert counts == [200, 3, 70, 140, 0]
+    of_first = recording[recording.episode == 90]
+    assert of_first.elapsed.tolist() == [*range(255, 755)]
+    assert of_first.tick.tolist() == [*range(255, 755)]
+    np.testing.assert_array_equal(of_first.q[:200], whole.seen.q[2, 255:455])
+    np.testing.assert_array_equal(of_first.applied[:200], whole.torque[2, 255:455])
+    np.testing.assert_array_equal(of_first.expert_drove[:200], whole.expert_drove[2, 255:455])
+    kept = recording.kept_frames
+    compared = 0
+    for row, frame in zip(derive(recording, SPEC)[:, :253], range(len(kept)), strict=True):
+        row_of = kept.episode[frame] - 90
+        at = kept.elapsed[frame] - elapsed[row_of]
+        if at in seen:
+            np.testing.assert_array_equal(row, seen[at][row_of])
+            compared += 1
+    assert compared > 900
+
+
 def test_a_past_of_other_robots_is_refused():
     whole = branched(standing_for(0.3, batch=2))
     episodes = whole.branch(np.arange(2), np.array([210, 220]), 0.05, np.arange(2))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from surefoot.learning.frames import Frames
 from surefoot.learning.layouts import LONGEST_HISTORY
 from surefoot.rollouts.outcome import failed
-from surefoot.rollouts.past import Past, join_pasts
+from surefoot.rollouts.past import Past, join_pasts, with_past
 from surefoot.scenarios.disturbance import Disturbance, join_disturbances, join_optional
 from surefoot.scenarios.gait_switches import GaitSwitches, join_switches
 from surefoot.scenarios.starts import Starts, join_starts
@@ -340,7 +340,8 @@ class Rollout:
     def recording(self, keep: BoolArray, episode: IntArray) -> Frames:
         """The frames to keep and the ticks that policies remember there, episode by episode.
 
-        Those are the ticks of `LONGEST_HISTORY` before each frame that is kept, whoever drove.
+        Those are the ticks of `LONGEST_HISTORY` before each frame that is kept, whoever drove, and
+        where episodes go on from others, those of the others.
 
         Args:
             keep: ``(B, T)`` True for the frames to keep; ticks that did not happen are left out.
@@ -374,7 +375,7 @@ class Rollout:
         recorded = count[:, np.minimum(np.arange(T) + LONGEST_HISTORY + 1, T)] > count[:, :T]
         robot, elapsed = np.nonzero(recorded)
         seen = self.seen[recorded]
-        return Frames(
+        frames = Frames(
             q=seen.q,
             v=seen.v,
             com=seen.com,
@@ -391,3 +392,4 @@ class Rollout:
             applied=self.torque[recorded],
             elapsed=elapsed.astype(np.int32),
         )
+        return frames if self.past is None else with_past(frames, robot, self.past)

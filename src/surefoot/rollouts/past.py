@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.layouts import LONGEST_HISTORY
 from surefoot.rollouts.roles import Remembering
 from surefoot.types import Array, BoolArray, IntArray, State
@@ -131,6 +132,45 @@ def tell_past(policy: Remembering, past: Past, tick: IntArray) -> None:
         seen = _combined(lambda array, at=number: np.ascontiguousarray(array[:, at]), [past.seen])
         torque = np.ascontiguousarray(past.torque[:, number])
         policy.observe(seen, tick - LONGEST_HISTORY + number, torque)
+
+
+def with_past(frames: Frames, robot: IntArray, past: Past) -> Frames:
+    """A recording of episodes, with the ticks before them that policies remember at its frames.
+
+    Args:
+        frames: The n recorded ticks of the episodes, robot by robot.
+        robot: ``(n,)`` the row of the robot of each tick.
+        past: The past of the robots.
+    """
+    # What came before reaches the frames of the first ticks only.
+    first = np.full(len(past), LONGEST_HISTORY)
+    np.minimum.at(first, robot[frames.kept], frames.elapsed[frames.kept])
+    recorded = past.happened & (np.arange(LONGEST_HISTORY) >= first[:, None])
+    of, number = np.nonzero(recorded)
+    since = number - LONGEST_HISTORY
+    # Command, episode and outcome are those of any tick of the episode.
+    any_tick = np.searchsorted(robot, of)
+    begin = frames.tick[any_tick] - frames.elapsed[any_tick]
+    seen = past.seen[recorded]
+    before = Frames(
+        q=seen.q,
+        v=seen.v,
+        com=seen.com,
+        feet=seen.feet,
+        contacts=seen.contacts,
+        tick=begin + since,
+        command=frames.command[any_tick],
+        torque=past.torque[recorded],
+        expert_drove=past.expert_drove[recorded],
+        episode=frames.episode[any_tick],
+        outcome=frames.outcome[any_tick],
+        gait=past.gait[recorded].astype(np.int8),
+        kept=np.zeros(len(of), dtype=bool),
+        elapsed=(past.elapsed[of] + since).astype(np.int32),
+    )
+    going_on = replace(frames, elapsed=(frames.elapsed + past.elapsed[robot]).astype(np.int32))
+    order = np.argsort(np.concatenate([of, robot]), kind="stable")
+    return concatenate([before, going_on])[order]
 
 
 def _combined(combine: Callable[..., NDArray], states: Sequence[State]) -> State:
