@@ -13,10 +13,11 @@ from surefoot.config.checked import known
 from surefoot.config.json_io import from_json, to_json
 from surefoot.evaluation.push import branch_at_push, push_recovery, pushed_job, pushed_starts
 from surefoot.evaluation.push_limits import PushResult, push_difference
+from surefoot.learning.policy import Policy
 from surefoot.robots.model import standing
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.solo12 import solo12
-from surefoot.rollouts.arbiters import ExpertOnly
+from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, disturbance_of, play_out, run_episodes
 from surefoot.rollouts.outcome import Outcome
@@ -25,6 +26,7 @@ from surefoot.study.expert_survey import PUSHES
 from surefoot.types import MotionPlan, to_ticks
 from surefoot.workers import Workers
 from tests.fakes import toy
+from tests.fakes.learning import SMALL, spec_of, trained_network
 from tests.fakes.simulator import FakeSimulator
 
 CONFIG = with_own_values(Config())
@@ -316,6 +318,30 @@ def test_branches_begin_in_the_state_at_the_push():
     assert branch.job.config.safety == replace(config.safety, grace=0.0)
 
 
+@pytest.mark.parametrize("before", [0.05, 0.3])
+def test_a_policy_remembers_at_the_push_what_came_before(before):
+    """Were the memory new, its first answer would be that to a robot that has always stood so."""
+    anywhere = replace(CONFIG.safety, fall_angle=1e4, fall_height=(-10.0, 10.0))
+    config = replace(CONFIG, safety=anywhere)  # the policy is a random one
+    blind = replace(SMALL, layout="proprioceptive")
+    policy = Policy(trained_network(blind), spec_of(blind), np.zeros((2, 3)))
+    begin = replace(job_of(2, before, config), arbiter=PolicyOnly(), policy=policy)
+    branch = branch_at_push(begin, Workers(1), "test")
+    assert branch.up.all()
+    after, _ = play_out(lasting(pushed_job(branch.job, np.zeros(2), np.zeros(2)), 0.003))
+    whole, _ = play_out(lasting(begin, before + 0.003))
+    first = to_ticks(before)
+    np.testing.assert_array_equal(after.torque[:, 0], np.tile(whole.torque[:, first], (2, 1)))
+    unaware = replace(branch.job, episodes=replace(branch.job.episodes, past=None))
+    anew, _ = play_out(lasting(unaware, 0.003))
+    assert (np.abs(anew.torque[:, 0] - whole.torque[:, first]).max(axis=1) > 1e-3).all()
+
+
+def test_the_branch_of_a_controller_without_memory_carries_no_past():
+    branch = branch_at_push(job_of(1, 0.1), Workers(1), "test")
+    assert branch.job.episodes.past is None
+
+
 def test_a_push_of_nothing_is_no_push():
     job = lasting(branch_at_push(job_of(2, 0.1), Workers(1), "test").job, 0.2)
     unpushed = run_episodes(job, Workers(1), "test")
@@ -375,6 +401,7 @@ def test_pushes_take_place_under_the_disturbance_of_the_evaluation(monkeypatch):
 
     def run_and_note(job, workers, title):
         seen.append(job.disturbance)
+        assert not job.privileged  # the expert is judged
         return run_pretended(job, workers, title)
 
     monkeypatch.setattr(push_module, "run_episodes", run_and_note)

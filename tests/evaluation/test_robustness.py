@@ -6,11 +6,19 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from surefoot.config import Config, DisturbanceConfig, EvaluationConfig, PolicyConfig
+from surefoot.config import (
+    Config,
+    DisturbanceConfig,
+    EvaluationConfig,
+    ExpertData,
+    PolicyConfig,
+    StateNoiseConfig,
+)
 from surefoot.config.json_io import from_json, to_json
 from surefoot.evaluation.robustness import (
     Robustness,
     evaluate,
+    evaluation_job,
     mean_error,
     robustness_of,
     success_difference,
@@ -18,8 +26,11 @@ from surefoot.evaluation.robustness import (
 from surefoot.evaluation.statistics import paired_difference
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
+from surefoot.rollouts.jobs import play_out
 from surefoot.rollouts.outcome import Outcome
+from surefoot.runs.sampling import expert_rollouts
 from surefoot.scenarios.starts import load_starts
+from surefoot.types import MotionPlan
 from surefoot.workers import Workers
 from tests.fakes.learning import spec_of
 from tests.fakes.rollouts import summary_of
@@ -210,6 +221,30 @@ def test_without_a_policy_the_expert_is_evaluated():
     assert robustness.falls == 0
     assert robustness.settled_mse == (None, None, None)
     assert through_json(robustness) == robustness
+
+
+@pytest.mark.parametrize("evaluated", [True, False])
+def test_an_expert_sees_the_noise_where_it_is_evaluated_and_not_where_it_teaches(evaluated):
+    noise = StateNoiseConfig(base_height=1e-3, joint_position=1e-3)
+    disturbance = DisturbanceConfig(noise=noise)
+    evaluation = EvaluationConfig(duration=0.06, episodes=1, disturbance=disturbance)
+    seen = []
+
+    def plan(state, tick, command):
+        seen.append(state.q)
+        still = np.zeros((100, 12))
+        return MotionPlan(np.tile(state.q[7:], (100, 1)), still, still)
+
+    config = replace(Config(), evaluation=evaluation)
+    if evaluated:
+        job = evaluation_job(config, None, "test", STORED, plan)
+    else:
+        job = expert_rollouts(config, ExpertData(1, 1, False, 0.06), plan, disturbance)[:1]
+    rollouts, expert = play_out(job)
+    assert len(seen) == expert.plans.sum() > 0
+    first = rollouts.seen.q[0, 0] if evaluated else rollouts.q[0, 0]
+    np.testing.assert_array_equal(seen[0][2:], first[2:])
+    assert (rollouts.seen.q[0, 0, 7:] != rollouts.q[0, 0, 7:]).all()
 
 
 def test_more_episodes_than_there_are_starts_is_an_error(policy):

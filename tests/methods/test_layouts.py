@@ -7,12 +7,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from surefoot.learning.policy import load
+from surefoot.learning.frames import PART
+from surefoot.learning.memory import Memory
+from surefoot.learning.observation import network_input
+from surefoot.learning.policy import load, target_of
 from surefoot.learning.samples import derive
+from surefoot.runs.episode_ids import iteration_of_shard
 from surefoot.runs.policies import find_policy
 from surefoot.runs.run import Run
 from tests.fakes.runs import fingerprint
-from tests.fakes.toy_runs import CONFIG, SMALL_METHODS, run_method
+from tests.fakes.toy_runs import CONFIG, SMALL_METHODS, replayed, run_method
 
 pytestmark = pytest.mark.usefixtures("toys")
 
@@ -52,6 +56,51 @@ def test_a_method_trains_and_evaluates_a_policy_that_remembers(remembered, name)
     assert len(derive(recording, policy.spec)) == run.dataset.frames == recording.kept.sum()
     if name == "loco_safe_dagger":
         assert not recording.kept.all()
+
+
+@pytest.mark.parametrize("name", SMALL_METHODS)
+def test_what_is_trained_on_is_what_a_policy_would_have_seen_in_the_rollouts(remembered, name):
+    """To the bit, in every job of a method; a query of LocoDAGGER goes on from a rollout."""
+    run = remembered(name)
+    spec = load(run.best_policy_path).spec
+    recording = run.dataset.load(all_ticks=True)
+    frames = recording.kept_frames
+    rows = derive(recording, spec)[:, : spec.observation.input_size]
+    online = {}
+    queries = 0
+    for i in sorted({iteration_of_shard(shard) for shard in run.dataset.shards}):
+        (job, rollouts), *following = replayed(run, i)
+        for b, id_ in enumerate(job.episode.tolist()):
+            if id_ in frames.episode:
+                ticks = [(rollouts, b, tick) for tick in range(rollouts.length[b])]
+                online |= online_inputs(ticks, id_, spec)
+        for asked, answered in following:
+            for n, id_ in enumerate(asked.episode.tolist()):
+                b = int(np.flatnonzero(job.episode == id_ % PART)[0])
+                begin = int(asked.starts.tick[n] - rollouts.starts.tick[b])
+                ticks = [(rollouts, b, tick) for tick in range(begin)]
+                ticks += [(answered, n, tick) for tick in range(answered.length[n])]
+                online |= online_inputs(ticks, id_, spec)
+                queries += begin > 0
+    assert (queries > 5) == (name == "loco_dagger")
+    for row, episode, tick in zip(rows, frames.episode.tolist(), frames.tick.tolist(), strict=True):
+        np.testing.assert_array_equal(row, online[episode, tick])
+
+
+def online_inputs(ticks, episode, spec):
+    """(episode, tick) -> what a policy sees there that is told of all these ticks, in order."""
+    memory = Memory(spec.observation.layout.history, 1)
+    inputs = {}
+    for rollouts, b, elapsed in ticks:
+        state = rollouts.seen[b : b + 1, elapsed]
+        tick = rollouts.starts.tick[b : b + 1] + elapsed
+        command = rollouts.starts.command[b : b + 1]
+        past = memory.read(state)
+        row = network_input(state, tick, command, spec.observation, history=past)[0]
+        inputs[episode, int(tick[0])] = row
+        torque = rollouts.torque[b : b + 1, elapsed]
+        memory.store(state, target_of(torque, state.q, state.v, spec))
+    return inputs
 
 
 def test_the_frames_of_an_expert_do_not_depend_on_the_layout(remembered, tmp_path):

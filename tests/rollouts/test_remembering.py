@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from surefoot.config import Config
+from surefoot.config import Config, DisturbanceConfig, StateNoiseConfig
 from surefoot.learning.policy import Policy
 from surefoot.learning.samples import derive
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.engine import rollout
-from surefoot.rollouts.episodes import Episodes
-from surefoot.scenarios.disturbance import Disturbance
+from surefoot.rollouts.episodes import Episodes, Rollout, join_episodes
+from surefoot.scenarios.disturbance import Disturbance, draw_disturbances
 from surefoot.scenarios.starts import load_starts
 from surefoot.sim import make_simulator
-from tests.fakes.drivers import FakeController, standing_for
+from tests.fakes.drivers import FakeController, standing_for, starts_of
 from tests.fakes.learning import SMALL, spec_of, trained_network
 from tests.fakes.robots import ROBOT
 from tests.fakes.simulator import FakeSimulator
@@ -113,6 +113,99 @@ def test_the_memory_goes_on_while_the_expert_drives_and_begins_anew_with_an_epis
     assert first.keys() == seen.keys()
     for tick, inputs in seen.items():
         np.testing.assert_array_equal(inputs, first[tick])
+
+
+class Turns:
+    """An arbiter that lets expert and policy take turns by the gait clock."""
+
+    def reset(self, episode):
+        """Do nothing: the clock decides."""
+
+    def choose(self, state, tick, command):
+        return tick // 37 % 3 == 0
+
+
+def branched(episodes) -> Rollout:
+    policy = Policy(trained_network(BLIND), SPEC, np.zeros((2, 3)))
+    expert = FakeController(0.3)
+    return rollout(FakeSimulator(len(episodes)), episodes, Turns(), expert, policy)
+
+
+def test_a_policy_remembers_in_a_branch_what_it_would_have_without():
+    """However much there is to remember: nothing, less than a history, or all of it."""
+    noise = StateNoiseConfig(joint_position=0.05, joint_velocity=0.1)
+    disturbance = draw_disturbances(DisturbanceConfig(noise=noise), 3, np.arange(3), 0.6, 0.5)
+    whole = branched(Episodes(starts_of([50, 400, 0]), 0.6, disturbance=disturbance))
+    robot = np.array([2, 0, 0, 1, 2])
+    elapsed = np.array([455, 3, 70, 250, 0])
+    episodes = whole.branch(robot, elapsed, 0.14, np.arange(5))
+    branch = branched(episodes)
+
+    def assert_goes_on(part, robots, ticks):
+        length = part.torque.shape[1]
+        for row, (b, tick) in enumerate(zip(robots, ticks, strict=True)):
+            expected = whole.torque[b, tick : tick + length]
+            np.testing.assert_array_equal(part.torque[row], expected)
+
+    assert 0.2 < whole.expert_drove.mean() < 0.8
+    assert_goes_on(branch, robot, elapsed)
+    # And so it does in a branch of a branch, and in some of the episodes.
+    row = np.array([0, 1, 2, 4])
+    later = np.array([90, 60, 0, 139])
+    again = branched(branch.branch(row, later, 0.05, np.arange(4)))
+    assert_goes_on(again, robot[row], elapsed[row] + later)
+    assert_goes_on(branched(episodes[row]), robot[row], elapsed[row])
+    assert_goes_on(branched(join_episodes([episodes[:2], episodes[2:]])), robot, elapsed)
+    # Without its past, a policy answers otherwise.
+    alone = branched(replace(episodes, past=None))
+    differs = (alone.torque != branch.torque).any(axis=(1, 2))
+    assert differs.tolist() == [True, True, True, True, False]
+
+
+def test_a_recording_of_a_branch_has_what_a_policy_remembered_in_it():
+    whole = branched(Episodes(starts_of([50, 400, 0]), 0.6))
+    robot = np.array([2, 0, 0, 1, 2])
+    elapsed = np.array([455, 3, 70, 250, 0])
+    episodes = whole.branch(robot, elapsed, 0.3, np.arange(5) + 90)
+    arbiter = Coins()
+    policy, seen = watched(arbiter)
+    branch = rollout(FakeSimulator(5), episodes, arbiter, FakeController(0.3), policy, None, True)
+    keep = np.ones((5, 300), bool)
+    keep[3, :60] = False
+    keep[4] = False
+    recording = branch.recording(keep, episodes.ids)
+    before = recording.elapsed < elapsed[recording.episode - 90]
+    assert not recording.kept[before].any()
+    counts = [(before & (recording.episode == id_)).sum() for id_ in episodes.ids]
+    assert counts == [200, 3, 70, 140, 0]
+    of_first = recording[recording.episode == 90]
+    assert of_first.elapsed.tolist() == [*range(255, 755)]
+    assert of_first.tick.tolist() == [*range(255, 755)]
+    np.testing.assert_array_equal(of_first.q[:200], whole.seen.q[2, 255:455])
+    np.testing.assert_array_equal(of_first.applied[:200], whole.torque[2, 255:455])
+    np.testing.assert_array_equal(of_first.expert_drove[:200], whole.expert_drove[2, 255:455])
+    kept = recording.kept_frames
+    compared = 0
+    for row, frame in zip(derive(recording, SPEC)[:, :253], range(len(kept)), strict=True):
+        row_of = kept.episode[frame] - 90
+        at = kept.elapsed[frame] - elapsed[row_of]
+        if at in seen:
+            np.testing.assert_array_equal(row, seen[at][row_of])
+            compared += 1
+    assert compared > 900
+
+
+def test_a_past_of_other_robots_is_refused():
+    whole = branched(standing_for(0.3, batch=2))
+    episodes = whole.branch(np.arange(2), np.array([210, 220]), 0.05, np.arange(2))
+    with pytest.raises(ValueError, match="the past of 2 robots, but there are 1"):
+        replace(episodes[:1], past=episodes.past)
+    with pytest.raises(ValueError, match="1 of 2 parts have a past; give all"):
+        join_episodes([episodes, replace(episodes, past=None)])
+    past = episodes.past
+    assert past is not None
+    with pytest.raises(ValueError, match=r"a past of \(2, 199\) .*give \(2, 200\) of each"):
+        replace(past, torque=past.torque[:, 1:])
 
 
 def test_a_policy_without_memory_is_not_told_of_ticks():

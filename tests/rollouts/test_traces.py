@@ -108,21 +108,22 @@ def test_labels_change_at_the_tick_300_ms_before_the_bounds_are_left():
     assert (label[299:] == -1).all()
 
 
-def test_labels_follow_what_the_robot_measures():
-    """What is predicted is what the monitor will see, not the truth."""
+def test_labels_and_inputs_follow_the_truth_and_not_what_the_robot_measures():
+    """What is predicted is what the monitor of a training will see."""
     T = 700
     true = np.zeros((1, T, 19))
     seen = np.zeros((1, T, 19))
     for q in (true, seen):
         q[..., 6] = 1.0
         q[..., 7:] = STANDING[7:]
-    seen[0, 500:, 9] = 0.2
+    true[0, 500:, 9] = 0.2
     rollouts = blank(1, T, q=true)
     rollouts.com[..., 2] = 0.2
     rollouts = replace(rollouts, seen=replace(rollouts.seen, q=seen))
     assert (labels_of(rollouts, SAFETY)[0, 200:500] == 1).all()
     trace = trace_of(rollouts, np.array([3]), CONFIG)
     np.testing.assert_array_equal(trace.label, labels_of(rollouts, SAFETY)[:, ::EVERY])
+    np.testing.assert_array_equal(trace.inputs[0, :, 12], true[0, ::EVERY, 9].astype(np.float32))
 
 
 def test_labels_follow_the_bounds_of_the_config():

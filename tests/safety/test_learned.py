@@ -113,7 +113,7 @@ def test_a_row_is_the_last_hundred_milliseconds_the_oldest_first():
             tick = max(0, 10 * (sample - 9 + slot))  # the first stands for all before it
             state = State(
                 *(
-                    getattr(rollouts.seen, name)[:, tick]
+                    getattr(rollouts.felt, name)[:, tick]
                     for name in ("q", "v", "com", "feet", "contacts")
                 )
             )

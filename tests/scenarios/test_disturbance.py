@@ -8,14 +8,19 @@ import pytest
 from scipy.stats import kstest
 
 from surefoot.config import Config, DisturbanceConfig, SafetyConfig, StateNoiseConfig
+from surefoot.learning.policy import pd
+from surefoot.learning.samples import derive
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.outcome import Outcome
-from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances, make_sensors
+from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances
+from surefoot.scenarios.sensors import make_sensors
 from surefoot.scenarios.starts import Starts
 from surefoot.sim import make_simulator
 from surefoot.types import State
+from tests.fakes.drivers import FakeController
+from tests.fakes.learning import SMALL, spec_of
 from tests.fakes.plans import MODEL, state_of
 from tests.fakes.robots import ROBOT, STANDING, random_states
 from tests.fakes.simulator import FakeSimulator
@@ -320,24 +325,44 @@ def noisy(sigma, n=2):
     )
 
 
-def test_arbiter_policy_and_expert_see_what_is_measured():
+@pytest.mark.parametrize("privileged", [True, False])
+def test_a_policy_sees_what_is_measured_and_a_teacher_and_its_arbiter_the_truth(privileged):
     simulator = FakeSimulator(2)
     expert = Numbered()
     policy = Numbered()
     arbiter = Watching()
-    episodes = Episodes(starts(), 0.02, disturbance=noisy(0.02))
+    disturbance = replace(noisy(0.02), privileged=privileged)
+    episodes = Episodes(starts(), 0.02, disturbance=disturbance)
     rollouts = rollout(simulator, episodes, arbiter, expert, policy)
     assert (rollouts.q != rollouts.seen.q)[..., 7:].all()
+    truth = State(rollouts.q, rollouts.v, rollouts.com, rollouts.feet, rollouts.contacts)
     np.testing.assert_array_equal(rollouts.q[:, 0, 7:], starts().q[:, 7:])
     shown = {"arbiter": range(20), "policy": range(0, 20, 2), "expert": range(1, 20, 2)}
     for name, observer in (("arbiter", arbiter), ("policy", policy), ("expert", expert)):
+        states = truth if privileged and name != "policy" else rollouts.seen
         for state, elapsed in zip(observer.seen, shown[name], strict=True):
             for field in ("q", "v", "com", "feet", "contacts"):
-                expected = getattr(rollouts.seen, field)[:, elapsed]
+                expected = getattr(states, field)[:, elapsed]
                 np.testing.assert_array_equal(getattr(state, field), expected, err_msg=name)
     frames = rollouts.frames(rollouts.expert_drove, np.arange(2))
     np.testing.assert_array_equal(frames.q, rollouts.seen.q[rollouts.expert_drove])
     np.testing.assert_array_equal(frames.com, rollouts.seen.com[rollouts.expert_drove])
+
+
+@pytest.mark.parametrize("ask_always", [False, True])
+def test_a_label_gives_the_torque_of_the_expert_at_what_the_policy_measures(ask_always):
+    """The expert's torque is that of the truth; the target makes up for the noise."""
+    episodes = Episodes(starts(), 0.02, disturbance=noisy(0.02))
+    expert = FakeController(0.3)
+    rollouts = rollout(FakeSimulator(2), episodes, Watching(), expert, Numbered(), None, ask_always)
+    robot, tick = np.nonzero(rollouts.expert_asked)
+    answer = 0.3 + 0.01 * rollouts.q[robot, tick, 7:] + 1e-3 * (tick % 7)[:, None]
+    frames = rollouts.frames(rollouts.expert_asked, np.arange(2))
+    assert len(frames) == (40 if ask_always else 20)
+    np.testing.assert_allclose(frames.torque, answer, rtol=0, atol=1e-15)
+    spec = spec_of(SMALL)
+    target = derive(frames, spec)[:, -12:]
+    np.testing.assert_allclose(pd(target, frames.q, frames.v, spec), answer, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize(("height", "sigma"), [(0.25, 0.5), (0.05, 1e-6)])
@@ -405,7 +430,7 @@ class Shaking:
 def shaken(disturbance=None):
     simulator = make_simulator(ROBOT, 3, Config().simulation)
     episodes = Episodes(starts(3), 0.2, disturbance=disturbance)
-    rollouts = rollout(simulator, episodes, ExpertOnly(), Shaking())
+    rollouts = rollout(simulator, episodes, PolicyOnly(), Shaking(), Shaking())
     return np.concatenate([rollouts.q, rollouts.v], axis=2)
 
 

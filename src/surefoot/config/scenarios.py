@@ -50,7 +50,11 @@ class PerturbationConfig(Checked):
 
 @dataclass(frozen=True)
 class StateNoiseConfig(Checked):
-    """Standard deviations of white noise on the measured state, drawn anew at every tick."""
+    """Standard deviations of white noise on the measured state, drawn anew at every tick.
+
+    A policy sees it, and so does an expert that is evaluated; one that teaches, and the gates of a
+    training, see the state without.
+    """
 
     section: ClassVar[str] = "disturbance.noise"
 

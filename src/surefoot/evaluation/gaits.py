@@ -221,6 +221,7 @@ def switching_job(
         policy=policy,
         plan=plan,
         disturbance=config.evaluation.disturbance,
+        privileged=False,
     )
 
 

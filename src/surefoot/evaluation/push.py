@@ -21,6 +21,7 @@ from surefoot.config.checked import known
 from surefoot.evaluation.push_fit import refuting_counts, robots_needed
 from surefoot.evaluation.push_limits import PushResult, result_of_search
 from surefoot.evaluation.robustness import controller_title
+from surefoot.learning.policy import Policy
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes, join_episodes
@@ -97,6 +98,7 @@ def push_recovery(
         policy=policy,
         plan=plan,
         disturbance=replace(config.evaluation.disturbance, pushes=0, fall_angle=0.0),
+        privileged=False,
     )
     title = controller_title(config, policy)
     branch = branch_at_push(begin, workers, f"{title}: before the push")
@@ -147,7 +149,11 @@ def branch_at_the_end(job: Job) -> tuple[Episodes, BoolArray]:
     up = rollouts.length > ticks
     robot = np.flatnonzero(up)
     elapsed = np.full(len(robot), ticks)
-    return rollouts.branch(robot, elapsed, job.config.push.after, job.episode[up]), up
+    episodes = rollouts.branch(robot, elapsed, job.config.push.after, job.episode[up])
+    if not (isinstance(job.policy, Policy) and job.policy.spec.remembers):
+        # Every push carries its past along, 0.1 MB for each robot.
+        episodes = replace(episodes, past=None)
+    return episodes, up
 
 
 def pushed_job(job: Job, angles: Array, impulses: Array) -> Job:

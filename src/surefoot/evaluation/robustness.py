@@ -228,6 +228,7 @@ def evaluation_job(
         policy=policy,
         plan=plan,
         disturbance=config.evaluation.disturbance,
+        privileged=False,
     )
 
 

@@ -83,7 +83,8 @@ class Frames:
         gait: ``(n,)`` int8, which of the run's gaits the robot was to walk.
         kept: ``(n,)`` True for ticks to train on; the others are only the past of those.
         applied: ``(n, 12)`` the torque that was commanded by whoever drove [N m], clipped.
-        elapsed: ``(n,)`` int32, ticks since the episode began; -1 where that is unknown.
+        elapsed: ``(n,)`` int32, ticks since the episode began, or since the one did that it goes on
+            from, as LocoDAGGER's queries do; -1 where that is unknown.
 
     Raises:
         ValueError: An array has the wrong shape, or a type that would lose digits.

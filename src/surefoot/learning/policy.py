@@ -254,11 +254,14 @@ class Policy:
         Args:
             state: The states of B robots, as they measured them.
             tick: ``(B,)`` gait clock [ms].
-            torque: ``(B, 12)`` the torques that were commanded, by whoever drove, clipped [N m].
+            torque: ``(B, 12)`` the torques that were commanded, by whoever drove, clipped [N m];
+                NaN where there was none yet: the joint angles take the place of the targets.
         """
         if self._memory is not None:
             with np.errstate(over="ignore", invalid="ignore"):
-                self._memory.store(state, target_of(torque, state.q, state.v, self.spec))
+                target = target_of(torque, state.q, state.v, self.spec)
+                target = np.where(np.isnan(torque), state.q[..., 7:], target)
+                self._memory.store(state, target)
 
     @property
     def diverged(self) -> BoolArray:

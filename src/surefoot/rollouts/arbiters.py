@@ -30,7 +30,8 @@ class Arbiter(Protocol):
         """``(B,)`` True where the expert drives during this tick; called once a tick.
 
         Args:
-            state: The states of B robots, as they measure them.
+            state: The states of B robots: without noise in a training, or else as they measure
+                them.
             tick: ``(B,)`` gait clock [ms], which advances from call to call.
             command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
         """

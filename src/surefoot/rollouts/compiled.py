@@ -255,7 +255,8 @@ def _fill_samples(
         v: ``(B, 18)`` velocities.
         com: ``(B, 3)`` center of mass [m].
         feet: ``(B, 4, 3)`` foot positions [m].
-        values: ``(B, 12)`` torques [N m]; without gains, joint targets [rad].
+        values: ``(B, 12)`` torques [N m], NaN for the joint angles as targets; without gains,
+            joint targets [rad].
         gains: kp and kd of the PD, with which torques become targets; zeros without.
         columns: Where the parts of a sample lie in a whole row.
         out: The rows to fill.
@@ -269,7 +270,9 @@ def _fill_samples(
             out[0, robot, i] = row[columns[i]]
         for i in range(out.shape[2] - size):
             target = values[robot, i]
-            if kp > 0.0:
+            if np.isnan(target):
+                target = q[robot, 7 + i]
+            elif kp > 0.0:
                 target = (target + kd * v[robot, 6 + i]) / kp + q[robot, 7 + i]
             out[0, robot, size + i] = target
     for tick in range(1, len(out)):

@@ -28,9 +28,11 @@ from surefoot.rollouts.outcome import (
     judged_from,
     stepping,
 )
+from surefoot.rollouts.past import tell_past
 from surefoot.rollouts.roles import OfKnownGaits, OfOneRobot, Remembering, in_several_gaits
-from surefoot.scenarios.disturbance import Disturbance, make_sensors
+from surefoot.scenarios.disturbance import Disturbance
 from surefoot.scenarios.push import push
+from surefoot.scenarios.sensors import make_sensors
 from surefoot.scenarios.torque_noise import HeldNoise
 from surefoot.sim.protocol import Simulator
 from surefoot.types import (
@@ -59,6 +61,9 @@ def rollout(
     progress: Callable[[int], object] | None = None,
 ) -> Rollout:
     """Run one episode of every robot; a failure ends the episode of that robot only.
+
+    A policy sees what its robot measures, noise included; expert and arbiter see the states without
+    noise, if `Disturbance.privileged` says so.
 
     Args:
         simulator: Simulator of as many robots as there are episodes.
@@ -107,6 +112,8 @@ def rollout(
         policy = driver(policy)
         policy.reset(B)
     remembering = policy if isinstance(policy, Remembering) else None
+    if remembering is not None and episodes.past is not None:
+        tell_past(remembering, episodes.past, starts.tick)
     walkers = in_several_gaits(told) if episodes.several_gaits else []
     arbiter.reset(episodes.ids)
 
@@ -144,16 +151,17 @@ def rollout(
             break
         _store(recorder.truth, elapsed, state)
         recorder.body_contact[elapsed] = touching
-        state = felt if measure is None else measure(felt)
+        measured = felt if measure is None else measure(felt)
         if apart:
-            _store(recorder.seen, elapsed, state)
+            _store(recorder.seen, elapsed, measured)
+        shown = felt if disturbance.privileged else measured
         tick = starts.tick + elapsed
         for walker in walkers:
             walker.gait = episodes.gait_at(elapsed)
-        choice = arbiter.choose(state, tick, starts.command) if elapsed < T else everyone
-        torque = controllers.torque(state, tick, choice, elapsed, recorder)
+        choice = arbiter.choose(shown, tick, starts.command) if elapsed < T else everyone
+        torque = controllers.torque(measured, shown, tick, choice, elapsed, recorder)
         if remembering is not None:  # whoever drove
-            remembering.observe(state, tick, torque)
+            remembering.observe(measured, tick, torque)
         if elapsed == 0:
             line.extend(_before_the_first(episodes, disturbance.delay, torque))
         line.append(torque)
@@ -267,6 +275,7 @@ class _Recorder:
             ground=episodes.ground,
             switches=episodes.switches,
             felt_ground=None if self.felt_ground is None else _by_robot(self.felt_ground),
+            past=episodes.past,
         )
 
 
@@ -289,12 +298,19 @@ class _Controllers:
         self._no_torque = np.zeros((len(command), 12))
 
     def torque(
-        self, state: State, tick: IntArray, choice: BoolArray, elapsed: int, recorder: _Recorder
+        self,
+        measured: State,
+        shown: State,
+        tick: IntArray,
+        choice: BoolArray,
+        elapsed: int,
+        recorder: _Recorder,
     ) -> Array:
         """Record who drives in a tick; return the torques ``(B, 12)`` to command [N m], clipped.
 
         Args:
-            state: The states of B robots, as they measure them.
+            measured: The states of B robots, as they measure them: what the policy sees.
+            shown: The states that the expert sees.
             tick: ``(B,)`` gait clock [ms].
             choice: ``(B,)`` True where the expert drives.
             elapsed: Number of the tick in the rollout.
@@ -306,11 +322,11 @@ class _Controllers:
         if np.count_nonzero(by_policy):
             if self._policy is None:
                 raise ValueError("the arbiter asks for a policy, but none was given")
-            torque = self._policy.torque(state, tick, self._command, by_policy)
+            torque = self._policy.torque(measured, tick, self._command, by_policy)
         by_expert = choice & recorder.active
         asked = recorder.active.copy() if self._ask_always else by_expert
         if np.count_nonzero(asked):
-            answer = self._expert.torque(state, tick, self._command, asked)
+            answer = self._expert.torque(shown, tick, self._command, asked)
             diverged = self._expert.diverged
             recorder.asked[elapsed] = asked & ~diverged
             recorder.end(by_expert & diverged, Outcome.DIVERGED, elapsed)

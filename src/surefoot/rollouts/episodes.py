@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from surefoot.learning.frames import Frames
 from surefoot.learning.layouts import LONGEST_HISTORY
 from surefoot.rollouts.outcome import failed
+from surefoot.rollouts.past import Past, join_pasts, with_past
 from surefoot.scenarios.disturbance import Disturbance, join_disturbances, join_optional
 from surefoot.scenarios.gait_switches import GaitSwitches, join_switches
 from surefoot.scenarios.starts import Starts, join_starts
 from surefoot.scenarios.starts_check import check_starts
 from surefoot.sim.terrain import Ground, join_grounds
-from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
+from surefoot.types import Array, BoolArray, IntArray, State, lowered, to_ticks
 
 
 @dataclass(frozen=True)
@@ -42,11 +43,13 @@ class Episodes:
             is level ground at z = 0, from which they are measured.
         switches: When robots change their gait, and to which one; None keeps that of each initial
             state.
+        past: What the robots went through before, which a policy with a history remembers; None is
+            nothing. `Rollout.branch` makes it.
 
     Raises:
         ValueError: There is nothing to simulate, no robot can begin in an initial state
-            (`check_starts`), or the number of ids, of disturbed robots, of late torques, of grounds
-            or of switching robots is not that of the initial states.
+            (`check_starts`), or the number of ids, of disturbed robots, of late torques, of
+            grounds, of switching robots or of robots with a past is not that of the initial states.
     """
 
     starts: Starts
@@ -57,6 +60,7 @@ class Episodes:
     late: Array | None = None
     ground: Ground | None = None
     switches: GaitSwitches | None = None
+    past: Past | None = None
 
     def __post_init__(self) -> None:
         """Check that the episodes can be simulated."""
@@ -82,6 +86,8 @@ class Episodes:
             raise ValueError(f"the ground of {len(self.ground)} robots, but there are {B}")
         if self.switches is not None and len(self.switches) != B:
             raise ValueError(f"switches of {len(self.switches)} robots, but there are {B}")
+        if self.past is not None and len(self.past) != B:
+            raise ValueError(f"the past of {len(self.past)} robots, but there are {B}")
         if self.late is not None:
             delay = 0 if self.disturbance is None else self.disturbance.delay
             if self.late.shape != (B, delay, 12):
@@ -104,6 +110,7 @@ class Episodes:
             late=None if self.late is None else self.late[rows],
             ground=None if self.ground is None else self.ground[rows],
             switches=None if self.switches is None else self.switches[rows],
+            past=None if self.past is None else self.past[rows],
         )
 
     @property
@@ -131,7 +138,8 @@ def join_episodes(parts: Sequence[Episodes]) -> Episodes:
         parts: The parts, with disturbances that are drawn from one configuration.
 
     Raises:
-        ValueError: Some parts are disturbed, have late torques or ground, and others do not.
+        ValueError: Some parts are disturbed, have late torques, ground or a past, and others do
+            not.
     """
     grounds = [part.ground for part in parts if part.ground is not None]
     if len(grounds) not in (0, len(parts)):
@@ -142,6 +150,9 @@ def join_episodes(parts: Sequence[Episodes]) -> Episodes:
     switches = [part.switches for part in parts if part.switches is not None]
     if len(switches) not in (0, len(parts)):
         raise ValueError(f"{len(switches)} of {len(parts)} parts change their gait; give all")
+    pasts = [part.past for part in parts if part.past is not None]
+    if len(pasts) not in (0, len(parts)):
+        raise ValueError(f"{len(pasts)} of {len(parts)} parts have a past; give all")
     return replace(
         parts[0],
         starts=join_starts([part.starts for part in parts]),
@@ -150,6 +161,7 @@ def join_episodes(parts: Sequence[Episodes]) -> Episodes:
         late=join_optional([part.late for part in parts]),
         ground=join_grounds(grounds) if grounds else None,
         switches=join_switches(switches) if switches else None,
+        past=join_pasts(pasts) if pasts else None,
     )
 
 
@@ -182,6 +194,7 @@ class Rollout:
         switches: When the robots changed their gait; None if none did.
         felt_ground: ``(B, T)`` the height of the ground as the robots' feet felt it, without noise,
             world frame [m]; None on level ground.
+        past: What the robots went through before; None is nothing.
     """
 
     q: Array
@@ -204,6 +217,7 @@ class Rollout:
     ground: Ground | None = None
     switches: GaitSwitches | None = None
     felt_ground: Array | None = None
+    past: Past | None = None
 
     @property
     def gait(self) -> IntArray:
@@ -212,6 +226,15 @@ class Rollout:
         if self.switches is None:
             return np.repeat(self.starts.gait[:, None], ticks, axis=1)
         return self.switches.table(self.starts.gait, ticks)
+
+    @property
+    def felt(self) -> State:
+        """The states ``(B, T, ...)`` without noise, with heights above the ground of the robots.
+
+        It is what expert and arbiter saw, if they were privileged.
+        """
+        truth = State(self.q, self.v, self.com, self.feet, self.contacts)
+        return truth if self.felt_ground is None else lowered(truth, self.felt_ground)
 
     @property
     def failed(self) -> BoolArray:
@@ -229,9 +252,10 @@ class Rollout:
         Each robot keeps its friction, its mass, the torques that are under way, the noise from that
         tick on, and the pushes and the changes of its gait that are to come: driven by the same
         torques, it moves as it did here, to the rounding of the simulator's reset (1e-13 after 150
-        ticks of a steady trot, 1e-6 where feet slip). Controllers and arbiters begin anew, and so
-        does the time for which a body has touched the ground; an expert goes on as it did if it
-        planned at this tick, which it does on its grid.
+        ticks of a steady trot, 1e-6 where feet slip). A policy remembers what came before, whoever
+        drove. Experts and arbiters begin anew, and so does the time for which a body has touched
+        the ground; an expert goes on as it did if it planned at this tick, which it does on its
+        grid.
 
         Args:
             robot: ``(n,)`` rows of the robots; a row may come several times.
@@ -266,7 +290,25 @@ class Rollout:
             late=self._under_way(robot, elapsed),
             ground=self._ground_from(robot, elapsed),
             switches=None if self.switches is None else self.switches[robot].after(elapsed),
+            past=self._past_of(robot, elapsed),
         )
+
+    def _past_of(self, robot: IntArray, elapsed: IntArray) -> Past:
+        """What robots had gone through before a tick of this rollout, and before the rollout."""
+        tick = elapsed[:, None] + np.arange(-LONGEST_HISTORY, 0)
+        here = tick >= 0
+        # The first tick stands for those before the rollout, if it was the beginning.
+        at = (robot[:, None], np.maximum(tick, 0))
+        past = Past(
+            elapsed=elapsed,
+            seen=self.seen[at],
+            torque=np.where(here[..., None], self.torque[at], np.nan),
+            expert_drove=self.expert_drove[at] & here,
+            gait=self.gait[at],
+        )
+        if self.past is None:
+            return past
+        return past.after(self.past[robot])
 
     def _ground_from(self, robot: IntArray, elapsed: IntArray) -> Ground | None:
         """The ground of robots that go on from a tick, with what their feet felt of it there."""
@@ -298,7 +340,8 @@ class Rollout:
     def recording(self, keep: BoolArray, episode: IntArray) -> Frames:
         """The frames to keep and the ticks that policies remember there, episode by episode.
 
-        Those are the ticks of `LONGEST_HISTORY` before each frame that is kept, whoever drove.
+        Those are the ticks of `LONGEST_HISTORY` before each frame that is kept, whoever drove, and
+        where episodes go on from others, those of the others.
 
         Args:
             keep: ``(B, T)`` True for the frames to keep; ticks that did not happen are left out.
@@ -332,7 +375,7 @@ class Rollout:
         recorded = count[:, np.minimum(np.arange(T) + LONGEST_HISTORY + 1, T)] > count[:, :T]
         robot, elapsed = np.nonzero(recorded)
         seen = self.seen[recorded]
-        return Frames(
+        frames = Frames(
             q=seen.q,
             v=seen.v,
             com=seen.com,
@@ -349,3 +392,4 @@ class Rollout:
             applied=self.torque[recorded],
             elapsed=elapsed.astype(np.int32),
         )
+        return frames if self.past is None else with_past(frames, robot, self.past)

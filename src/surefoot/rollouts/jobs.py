@@ -69,6 +69,8 @@ class Job:
         keep: The rule that says which frames to return; None returns none.
         then: The rule for episodes that follow from a chunk's rollout; None lets none follow.
         trace: Whether to return what a history gate learns from.
+        privileged: Whether expert and arbiter see the states without the noise that is drawn; an
+            evaluation says False, since the expert may be what it judges.
     """
 
     config: Config
@@ -82,6 +84,7 @@ class Job:
     keep: Keep | None = None
     then: FollowUp | None = None
     trace: bool = False
+    privileged: bool = True
 
     def __getitem__(self, rows: slice | NDArray) -> Job:
         """The same job with some of its episodes."""
@@ -199,8 +202,9 @@ def disturbance_of(job: Job) -> Disturbance:
         tail = duration
         duration = 0.0
     friction = config.simulation.friction
-    drawn = own_pushes(job.disturbance, _robot(config.robot))
-    return draw_disturbances(drawn, config.seed, job.episode, duration, friction, tail)
+    pushes = own_pushes(job.disturbance, _robot(config.robot))
+    drawn = draw_disturbances(pushes, config.seed, job.episode, duration, friction, tail)
+    return replace(drawn, privileged=job.privileged)
 
 
 def ground_of(job: Job) -> Ground | None:

@@ -19,10 +19,13 @@ class Remembering(Protocol):
     def observe(self, state: State, tick: IntArray, torque: Array) -> None:
         """Remember a tick; called at the end of every tick, whoever drove in it.
 
+        Where episodes go on from others, it is first called for the ticks before them.
+
         Args:
             state: The states of B robots, as they measured them.
             tick: ``(B,)`` gait clock [ms].
-            torque: ``(B, 12)`` the torques that were commanded, clipped [N m].
+            torque: ``(B, 12)`` the torques that were commanded, clipped [N m]; NaN for robots that
+                had not begun yet: their first states stand for those before.
         """
         ...
 

@@ -1,9 +1,9 @@
-"""What a history gate learns from: what robots saw while a policy drove, and what became of it.
+"""What a history gate learns from: the states while a policy drove, and what became of them.
 
 `trace_of` makes a `Trace` of a rollout; runs store one per chunk. `history_rows` turns traces into
-rows to train a classifier on. They hold the full state, whatever the policy sees: a history gate
-watches a robot in training, whose true state is known. Read `safety.learned` next for the gate, and
-`runs.gate_training` for its training.
+rows to train a classifier on. They hold the full state without noise, whatever the policy sees: a
+history gate watches a robot in training, whose true state is known. Read `safety.learned` next for
+the gate, and `runs.gate_training` for its training.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ HORIZON = to_ticks(HISTORY_HORIZON)
 
 @dataclass(frozen=True)
 class Trace:
-    """What B robots saw every 10 ms, and what became of it.
+    """What a gate saw of B robots every 10 ms, and what became of it.
 
     Attributes:
         episode: ``(B,)`` ids of the episodes.
@@ -63,7 +63,7 @@ def trace_of(rollouts: Rollout, episode: IntArray, config: Config) -> Trace:
     B = len(episode)
     at = np.arange(0, rollouts.duration, EVERY)
     inputs = network_input(
-        rollouts.seen[:, at],
+        rollouts.felt[:, at],
         rollouts.starts.tick[:, None] + at,
         rollouts.starts.command[:, None],
         state_spec(config),
@@ -83,7 +83,7 @@ def labels_of(rollouts: Rollout, safety: SafetyConfig) -> NDArray[np.int8]:
     happened = rollouts.happened[:, :T]
     ticks = np.arange(T)
     outside = np.zeros(happened.shape, dtype=bool)
-    outside[happened] = unsafe(rollouts.seen[:, :T][happened], safety)
+    outside[happened] = unsafe(rollouts.felt[:, :T][happened], safety)
     policy = ~rollouts.expert_drove[:, :T] & happened
     # From each tick on, the next tick outside the bounds, and the next one that the policy does not
     # drive. What it would have done after its last tick is unknown.

@@ -29,7 +29,8 @@ class Query:
 
     The states of a rollout are different ones; if it has fewer than N_query on the expert's grid,
     there is a query from each of them. A query is the same robot on the same floor: friction, mass,
-    sensor noise and the torques under way go on (`Rollout.branch`). The pushes of the rollout do
+    sensor noise and the torques under way go on (`Rollout.branch`), and so does what a policy with
+    a history remembers. The pushes of the rollout do
     not; a push of the size of `expert_impulse` comes early, if that is not zero.
 
     Attributes:
@@ -94,7 +95,8 @@ def _at_the_origin(episodes: Episodes) -> Episodes:
     place = q[:, :2].copy()
     q[:, :2] = 0.0
     ground = None if episodes.ground is None else episodes.ground.moved(-place)
-    return replace(episodes, starts=replace(episodes.starts, q=q), ground=ground)
+    past = None if episodes.past is None else episodes.past.moved(-place)
+    return replace(episodes, starts=replace(episodes.starts, q=q), ground=ground, past=past)
 
 
 def _with_own_pushes(queries: Job) -> Job:

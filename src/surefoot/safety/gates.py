@@ -31,7 +31,7 @@ class Gate(Protocol):
         """``(B,)`` True where a state is unsafe; called once a tick.
 
         Args:
-            state: States of B robots, as they measure them.
+            state: States of B robots: without noise in a training, or else as they measure them.
             tick: ``(B,)`` gait clock [ms].
             command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
         """

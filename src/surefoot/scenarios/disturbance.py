@@ -1,13 +1,14 @@
 """What disturbs a robot in simulation: pushes, noise, another ground or load, late torques.
 
 `draw_disturbances` fixes the disturbances of each episode by its id, independent of the worker that
-computes it. What a robot measures is what its policy, its expert and its safety monitor see, and
-what is recorded to learn from; falls and tracking errors are judged by the truth.
+computes it. What a robot measures is what its policy sees, and what is recorded to learn from;
+falls and tracking errors are judged by the truth. Expert and safety monitor see the truth in a
+training, as privileged teachers, and what the robot measures in an evaluation. Read `sensors` next.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral
 
@@ -17,16 +18,12 @@ from numpy.typing import NDArray
 from surefoot.config import DisturbanceConfig, StateNoiseConfig
 from surefoot.config.checked import known
 from surefoot.config.scenarios import LONGEST_DELAY, LONGEST_PUSH
-from surefoot.robots.model import RobotModel
-from surefoot.robots.rigid import center_of_mass, feet, integrate, legs_of, masses_of
 from surefoot.scenarios.seeds import seed_of
 from surefoot.scenarios.torque_noise import TorqueNoise, join_torque_noises
-from surefoot.types import Array, IntArray, State, to_ticks
+from surefoot.types import Array, IntArray, to_ticks
 
 EARLY = 0.2
 """The push of a tail begins within this time of it, so that the rest shows the recovery [s]."""
-_BLOCK = 500
-"""The number of ticks for which noise is drawn at a time."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +105,8 @@ class Disturbance:
         seeds: The roots of the noise of the B robots' sensors.
         torque_noise: Noise on the torques that act; None without any.
         measured: ``(B,)`` ticks of each robot's noise before the episode [ms]; None is none.
+        privileged: Whether expert and arbiter see the states without noise, as those of a training
+            do; False shows them what the robots measure, as an expert that is judged sees it.
 
     Raises:
         ValueError: The fields are of different numbers of robots, a number is not finite or out of
@@ -122,6 +121,7 @@ class Disturbance:
     seeds: tuple[np.random.SeedSequence, ...] = ()
     measured: IntArray | None = None
     torque_noise: TorqueNoise | None = None
+    privileged: bool = True
 
     def __post_init__(self) -> None:
         """Check all fields, and bring friction and mass to arrays."""
@@ -139,7 +139,7 @@ class Disturbance:
             if not whole or (measured < 0).any():
                 raise ValueError("disturbance: measured must be (B,) whole numbers from 0 on [ms]")
             object.__setattr__(self, "measured", measured)
-        if _standard_deviations(self.noise).any() and not self.seeds:
+        if standard_deviations(self.noise).any() and not self.seeds:
             raise ValueError(
                 "disturbance: noise without seeds; give one for each robot, or let "
                 "draw_disturbances make it"
@@ -325,23 +325,7 @@ def _draw(
     return _Drawn(friction, mass, impulse, tick, sensing)
 
 
-def make_sensors(robot: RobotModel, disturbance: Disturbance) -> Callable[[State], State] | None:
-    """What turns the true state of each tick into what the robots measure; None without noise.
-
-    The robot computes its feet and center of mass from what it measures, with its own model.
-    Contacts, x and y are measured without error: no policy knows x and y anyway.
-
-    Args:
-        robot: The model of the robots.
-        disturbance: The noise and its seeds.
-    """
-    sigma = _standard_deviations(disturbance.noise)
-    if not sigma.any():
-        return None
-    return _Sensors(robot, sigma, disturbance)
-
-
-def _standard_deviations(noise: StateNoiseConfig) -> Array:
+def standard_deviations(noise: StateNoiseConfig) -> Array:
     """``(36,)`` standard deviations of a displacement in the base frame, and of a velocity."""
     return np.concatenate(
         [
@@ -353,48 +337,3 @@ def _standard_deviations(noise: StateNoiseConfig) -> Array:
             np.full(12, noise.joint_velocity),
         ]
     )
-
-
-class _Sensors:
-    """Noisy sensors of B robots; a call makes the measurement of a tick from the true state.
-
-    Args:
-        robot: The model of the robots.
-        sigma: ``(36,)`` standard deviations of a displacement and of a velocity.
-        disturbance: The roots of the noise of the B robots, and how much of it lies behind them.
-    """
-
-    def __init__(self, robot: RobotModel, sigma: Array, disturbance: Disturbance) -> None:
-        self._legs = legs_of(robot)
-        self._masses = masses_of(robot)
-        self._sigma = sigma
-        self._sources = [np.random.default_rng(seed) for seed in disturbance.seeds]
-        if disturbance.measured is not None:
-            # Normal numbers use up a varying part of their source: the way to tick n is to draw.
-            for source, ticks in zip(self._sources, disturbance.measured.tolist(), strict=True):
-                source.standard_normal((ticks, 36))
-        self._block = np.empty((_BLOCK, len(self._sources), 36))
-        self._next = 0
-
-    def __call__(self, state: State) -> State:
-        """What the robots measure of their state in this tick."""
-        error = self._error()
-        # Displacements are in the base frame, but the height is that of the world, however the
-        # robot tilts.
-        height = error[:, 2].copy()
-        error[:, 2] = 0.0
-        q = np.array([integrate(*pair) for pair in zip(state.q, error[:, :18], strict=True)])
-        q[:, :3] = state.q[:, :3]
-        q[:, 2] += height
-        position, _ = feet(q, self._legs)
-        com = center_of_mass(q, self._legs, self._masses)
-        return State(q, state.v + error[:, 18:], com, position, state.contacts)
-
-    def _error(self) -> Array:
-        """``(B, 36)`` errors of the next tick."""
-        if self._next == 0:
-            for robot, source in enumerate(self._sources):
-                self._block[:, robot] = source.standard_normal((_BLOCK, 36))
-        error = self._sigma * self._block[self._next]
-        self._next = (self._next + 1) % _BLOCK
-        return error
