@@ -19,7 +19,7 @@ from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import size_of, with_own_values
 from surefoot.robots.several_gaits import for_each_gait
-from surefoot.scenarios.calibration import calibrate_command_gain, needed_axes
+from surefoot.scenarios.calibration import calibrate_command_gain, needed_axes, told_commands
 from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.preparation import CommandGain, Triple
 
@@ -66,8 +66,9 @@ def measured_gain(robot: RobotModel, config: Config) -> CommandGain:
     config = replace(config, expert=replace(config.expert, command_gain=None))
     if stands(config.gait):
         return CommandGain(NO_GAIN, ZERO, ZERO, ZERO)
+    ratio = size_of(robot).length_ratio
     needed = needed_axes(config.commands).tolist()
-    key = key_of(ingredients_of(config), needed)
+    key = key_of(ingredients_of(config), needed, told_commands(config.commands, ratio).tolist())
     path = Path(user_folder("gains")) / f"{key}.json"
     if path.exists():
         try:
@@ -77,7 +78,6 @@ def measured_gain(robot: RobotModel, config: Config) -> CommandGain:
     logger.info(
         f"measuring the command gains of {robot.name}, for seconds; they are kept in {path}"
     )
-    ratio = size_of(robot).length_ratio
     gain = calibrate_command_gain(robot, config.gait, config, ratio)
     write_json(path, gain)
     return gain
