@@ -24,7 +24,7 @@ from surefoot.config.json_io import to_json
 from surefoot.config.presets import TROT_GAIN
 from surefoot.config.profiles import ODRI
 from surefoot.config.robot_table import GO2
-from surefoot.mpc.gaits import with_gait
+from surefoot.mpc.gaits import with_gait, with_gaits
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
@@ -327,6 +327,15 @@ def small_sets(fake_walks, monkeypatch) -> FakeWalks:
     whole = module.prepare
     monkeypatch.setattr(module, "prepare", lambda config: whole(config, sizes=SMALL))
     return fake_walks
+
+
+def test_a_gait_that_stands_is_completed_without_commands_only(small_sets):
+    standing = with_gait(GO2_TROT, "stand")
+    with pytest.raises(GaitError, match="the gait stand goes nowhere, but the commands are --vx"):
+        completed(standing)
+    config = completed(replace(standing, commands=CommandBox((0.0, 0.0))))
+    assert config.expert.command_gain == (1.0, 1.0, 1.0)
+    completed(with_gaits(GO2_TROT, ["trot", "stand"]))
 
 
 def test_another_robot_gets_what_was_measured_and_all_of_it(small_sets):

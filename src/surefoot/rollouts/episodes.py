@@ -123,6 +123,10 @@ class Episodes:
             return self.starts.gait
         return self.switches.at(self.starts.gait, elapsed)
 
+    def gaits_until(self, T: int) -> IntArray:
+        """``(B, T)`` the same for the first T ticks."""
+        return _gait_table(self.starts, self.switches, T)
+
 
 def join_episodes(parts: Sequence[Episodes]) -> Episodes:
     """The episodes of at least one part, one part after another, all of the same length.
@@ -208,10 +212,7 @@ class Rollout:
     @property
     def gait(self) -> IntArray:
         """``(B, T)`` the number of the gait that each robot was to walk at each tick."""
-        ticks = self.q.shape[1]
-        if self.switches is None:
-            return np.repeat(self.starts.gait[:, None], ticks, axis=1)
-        return self.switches.table(self.starts.gait, ticks)
+        return _gait_table(self.starts, self.switches, self.q.shape[1])
 
     @property
     def failed(self) -> BoolArray:
@@ -349,3 +350,10 @@ class Rollout:
             applied=self.torque[recorded],
             elapsed=elapsed.astype(np.int32),
         )
+
+
+def _gait_table(starts: Starts, switches: GaitSwitches | None, ticks: int) -> IntArray:
+    """``(B, ticks)`` the number of the gait that each robot is to walk, tick by tick."""
+    if switches is None:
+        return np.repeat(starts.gait[:, None], ticks, axis=1)
+    return switches.table(starts.gait, ticks)

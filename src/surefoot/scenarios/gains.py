@@ -14,14 +14,17 @@ from surefoot.caches import user_folder
 from surefoot.config import Config
 from surefoot.config.json_io import read_record
 from surefoot.files import write_json
+from surefoot.mpc.gaits import names_of
 from surefoot.mpc.schedule import stands
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import size_of, with_own_values
 from surefoot.robots.several_gaits import for_each_gait
+from surefoot.scenarios.boxes import describe
 from surefoot.scenarios.calibration import calibrate_command_gain, needed_axes, told_commands
 from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.preparation import CommandGain, Triple
+from surefoot.scenarios.walking import GaitError
 
 NO_GAIN: Triple = (1.0, 1.0, 1.0)
 """The gains where none are measured."""
@@ -29,6 +32,24 @@ ZERO: Triple = (0.0, 0.0, 0.0)
 """What was reached where nothing was measured."""
 
 logger = logging.getLogger(__name__)
+
+
+def check_goes(config: Config) -> None:
+    """Check that robots are told to go nowhere where all that they do is to stand.
+
+    A gait that stands beside others, by the same commands, does so whatever they are.
+
+    Args:
+        config: The gaits and the commands.
+
+    Raises:
+        GaitError: They are told to go somewhere.
+    """
+    if all(map(stands, config.gaits)) and needed_axes(config.commands).any():
+        raise GaitError(
+            f"the gait {names_of(config)} goes nowhere, but the commands are "
+            f"{describe(config.commands)}; make them zero, or use another gait"
+        )
 
 
 def with_measured_gain(config: Config) -> Config:

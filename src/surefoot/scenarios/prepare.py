@@ -30,7 +30,7 @@ from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import own_safety, with_own_values
 from surefoot.robots.several_gaits import for_each_gait
 from surefoot.scenarios.boxes import describe, largest_box, walks_enough
-from surefoot.scenarios.gains import NO_GAIN, ZERO, measured_gain, with_measured_gain
+from surefoot.scenarios.gains import NO_GAIN, ZERO, check_goes, measured_gain, with_measured_gain
 from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.make import (
     SEED,
@@ -269,6 +269,7 @@ def completed(config: Config) -> Config:
     Raises:
         ValueError: The robot does not walk in a gait, or not at the commands of the box.
     """
+    check_goes(config)
     return for_each_gait(lambda one: with_ground(_completed(one)), config)
 
 
