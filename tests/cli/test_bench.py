@@ -1,6 +1,7 @@
 """The command bench: which measurement runs with which configuration, and what comes out."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -13,8 +14,13 @@ from surefoot.bench.train import TrainSpeed
 from surefoot.config import Config, simulated
 from surefoot.config.presets import preset
 from surefoot.runs.versions import versions
+from surefoot.scenarios import prepare as preparation
+from surefoot.scenarios.prepare import completed
 from surefoot.study import expert_survey
 from surefoot.workers import Workers
+from tests.fakes.walks import SMALL, fake_walks
+
+__all__ = ["fake_walks"]
 
 TIMES = Times(2.0, 3.0, StageTimes(0.1, 0.2, 0.3, 0.4))
 NODES = (20, 10)
@@ -60,8 +66,8 @@ def test_without_a_name_everything_is_measured(surefoot, calls, capsys, tmp_path
     file = tmp_path / "bench.json"
     args = ("--sim", "bullet", "--workers", 3, "--preset", "default", "--json", file)
     assert surefoot("bench", *args) == 0
-    config = simulated(Config(), "bullet")
-    run = simulated(preset("loco_safe_dagger", "default"), "bullet")
+    config = simulated(completed(Config()), "bullet")
+    run = simulated(completed(preset("loco_safe_dagger", "default")), "bullet")
     assert calls == [
         ("plan", config),
         ("engine", config),
@@ -77,6 +83,24 @@ def test_without_a_name_everything_is_measured(surefoot, calls, capsys, tmp_path
     assert figures["engine"]["floor_robot_ms_per_s"] == 7.5e4
     assert figures["end_to_end"]["collect"] == {"seconds": 4.0, "floor_seconds": 2.0}
     assert "floor" not in capsys.readouterr().out
+
+
+def test_another_robot_is_prepared_and_measured(surefoot, fake_walks, monkeypatch, tmp_path):
+    whole = preparation.prepare
+    monkeypatch.setattr(preparation, "prepare", lambda config: whole(config, sizes=SMALL))
+    measured = []
+
+    def bench_plan(config):
+        measured.append(config)
+        return replace(PLAN, plans=len(plan.cold_plans(config, 2)))
+
+    monkeypatch.setattr(plan, "bench_plan", bench_plan)
+    file = tmp_path / "bench.json"
+    assert surefoot("bench", "plan", "--robot", "go2", "--sim", "bullet", "--json", file) == 0
+    assert json.loads(file.read_text())["plan"]["plans"] == 2
+    [config] = measured
+    assert (config.robot.model, config.simulation.backend) == ("go2", "bullet")
+    assert config.expert.command_gain == pytest.approx((1.25, 1.25, 1.25))
 
 
 @pytest.mark.parametrize("name", RECORDS)

@@ -278,18 +278,44 @@ def test_policies_that_do_not_fit_are_refused(surefoot, capsys, tmp_path, run_fo
     cut = tmp_path / "cut.safetensors"
     cut.write_bytes(whole[: len(whole) // 2])
     network = PolicyNetwork(PolicyConfig(hidden=(8,)))
-    other = Policy(network, spec_of(PolicyConfig()), np.zeros((2, 3)), robot="a1")
+    other = Policy(network, spec_of(PolicyConfig()), np.zeros((2, 3)), robot="b1")
     save(other, tmp_path / "other.safetensors")
     layout = tmp_path / "layout.safetensors"
     layout.write_bytes(whole.replace(b"base_height", b"base_heigth"))
     messages = {
         "cut": "not a whole",
-        "other": "no initial states for the robot a1",
+        "other": "a policy of the robot 'b1'",
         "layout": "do not match their hash",
     }
     for name, message in messages.items():
         assert surefoot("evaluate", tmp_path / f"{name}.safetensors") == 2
         assert message in capsys.readouterr().err
+
+
+def test_a_policy_of_another_robot_in_no_run_is_evaluated_from_what_is_prepared(
+    surefoot, tmp_path, monkeypatch
+):
+    measured = []
+    monkeypatch.setattr(Evaluate, "measure", lambda self, policy, config: measured.append(config))
+    prepared = []
+
+    def prepare(config):
+        prepared.append(config)
+        states = tmp_path / "go2.npz"
+        save_starts(replace(load_starts(), robot="go2"), states, overwrite=True)
+        expert = replace(config.expert, command_gain=(1.1, 1.0, 1.2))
+        return replace(config, start_set=str(states), expert=expert)
+
+    monkeypatch.setattr("surefoot.runs.policies.completed", prepare)
+    network = PolicyNetwork(PolicyConfig(hidden=(8,)))
+    path = tmp_path / "policies" / "go2.safetensors"
+    save(Policy(network, spec_of(PolicyConfig()), np.zeros((2, 3)), robot="go2"), path)
+    assert surefoot("evaluate", path, "--sim", "bullet", "--terrain", "bumps:0.02") == 0
+    [config] = measured
+    assert config.expert.command_gain == (1.1, 1.0, 1.2)
+    assert (config.robot.model, config.simulation.backend) == ("go2", "bullet")
+    # Whatever they are evaluated on, robots begin in the same states.
+    assert prepared[0].simulation == Config().simulation
 
 
 def test_an_evaluation_under_a_hardware_profile_counts_latches(

@@ -45,6 +45,16 @@ def test_a_table_is_printed_and_the_file_named(surefoot, asked, capsys, tmp_path
     assert "made before:    in" in capsys.readouterr().out
 
 
+def test_a_gait_that_stands_has_no_commands(surefoot, asked, capsys):
+    assert surefoot("prepare", "--gait", "stand", "--vx", "0", "0.3") == 2
+    assert "the gait stand goes nowhere, but the commands are --vx 0 0.3" in capsys.readouterr().err
+    assert asked == []
+    assert surefoot("prepare", "--gait", "stand") == 0
+    assert surefoot("prepare", "--gaits", "trot", "stand") == 0
+    boxes = [config.commands for config, _, _ in asked]
+    assert boxes == [CommandBox((0.0, 0.0)), CommandBox(), CommandBox()]
+
+
 def test_a_box_may_be_given_by_either_name(asked):
     parse_prepare(["--vy", "-0.1", "0.1"])()
     parse_prepare(["--config.commands.vy", "-0.1", "0.1"])()

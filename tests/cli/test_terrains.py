@@ -78,6 +78,13 @@ def test_what_cannot_be_done_is_refused_before_any_work(
     assert asked == []
 
 
+def test_a_policy_in_no_run_is_prepared(surefoot, asked, monkeypatch):
+    completed = []
+    monkeypatch.setattr(policies, "completed", lambda config: completed.append(config) or config)
+    assert surefoot("terrains", PACKAGED_POLICY) == 0
+    assert [config.robot.model for config in completed] == ["solo12"]
+
+
 @pytest.fixture
 def two_gaits(monkeypatch, tmp_path):
     """A file that is a policy of two gaits, where the packaged one is of one."""

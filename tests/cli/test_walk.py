@@ -96,15 +96,22 @@ def test_a_named_gait_walks_at_its_command(surefoot, tmp_path):
 
 def test_standing_is_no_stall(surefoot, tmp_path):
     file = tmp_path / "walk.json"
-    args = ("--gait", "stand", "--vx", 0, "--seconds", 2, "--no-video", "--json", file)
+    args = ("--gait", "stand", "--seconds", 2, "--no-video", "--json", file)
     assert surefoot("walk", *args) == 0
-    assert json.loads(file.read_text())["outcome"] == "SUCCESS"
+    report = json.loads(file.read_text())
+    assert (report["outcome"], report["command"]) == ("SUCCESS", [0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("option", ["--vx", "--vy", "--yaw-rate"])
+def test_a_gait_that_stands_goes_nowhere(surefoot, capsys, option):
+    assert surefoot("walk", "--gait", "stand", option, 0.1, "--no-video") == 2
+    assert "the gait stand goes nowhere, but the commands are" in capsys.readouterr().err
 
 
 def test_a_gait_that_does_not_carry_the_robot_is_refused_with_numbers(surefoot, capsys):
     assert surefoot("walk", "--gait", "pace", "--vx", 0, "--vy", 0.1, "--no-video") == 2
     error = capsys.readouterr().err
-    assert "surefoot: the gait pace does not move the robot: of vy 0.15 m/s it reached 0.0" in error
+    assert "surefoot: the gait pace does not move the robot: of vy 0.1 m/s it reached 0.0" in error
 
 
 def test_an_unknown_gait_is_answered_with_the_nearest(surefoot, capsys):

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from surefoot.config import RobotConfig
-from surefoot.config.robot_table import GO2, ROBOTS
+from surefoot.config.robot_table import A1, GO2, ROBOTS
 from surefoot.robots.description import find_urdf
 from surefoot.robots.examine import examine_robot
 from surefoot.robots.load import load_robot
 from surefoot.robots.meshes import visual_meshes
 from surefoot.types import JOINTS
-from tests.robots.test_load import changed
+from tests.robots.test_load import changed, set_in
 
 
 def remarks_of(spec) -> str:
@@ -78,6 +78,13 @@ def test_a_body_in_the_ground_and_weak_motors_are_said():
     weak = replace(GO2, torque_limit=(23.7, 23.7, 5.0))
     assert "of the torque limit of " in remarks_of(weak)
     assert "torque limit" not in remarks_of(GO2)
+
+
+def test_a_sphere_without_a_radius_is_refused_with_file_and_link(tmp_path):
+    edit = set_in("link[@name='FL_foot']/collision/geometry/sphere", "radius", "abc")
+    text = r"changed\.urdf, link 'FL_foot': radius is 'abc', expected a number"
+    with pytest.raises(ValueError, match=text):
+        examine_robot(RobotConfig(spec=changed(tmp_path, edit, A1)))
 
 
 def test_a_foot_that_is_a_frame_is_said(tmp_path):

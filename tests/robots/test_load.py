@@ -1,6 +1,7 @@
 """Loading robots: names, files, order, limits, poses; and what is said of bad descriptions."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from xml.etree import ElementTree
@@ -318,6 +319,64 @@ def test_what_moves_needs_the_inertia_of_a_body(tmp_path):
 
     with pytest.raises(ValueError, match="joint FL_HAA turns has principal moments of inertia"):
         load_robot(changed(tmp_path, stretch))
+
+
+def set_in(path: str, key: str, value: str | None):
+    """An edit of an attribute; None removes it."""
+
+    def edit(root):
+        element = root.find(path)
+        if value is None:
+            del element.attrib[key]
+        else:
+            element.set(key, value)
+
+    return edit
+
+
+MASS = "link[@name='base']/inertial/mass"
+TENSOR = "link[@name='FL_calf']/inertial/inertia"
+KNEE = "joint[@name='RR_calf_joint']"
+
+
+@pytest.mark.parametrize(
+    ("edit", "text"),
+    [
+        (set_in(MASS, "value", "nan"), "link 'base': value is 'nan', expected a number"),
+        (set_in(MASS, "value", None), "link 'base': value is missing, expected a number"),
+        (set_in(MASS, "value", "heavy"), "link 'base': value is 'heavy', expected a number"),
+        (set_in(MASS, "value", "1e300"), "link 'base': its mass is 1e+300 kg, expected 0 to"),
+        (set_in(MASS, "value", "-1"), "link 'base': its mass is -1 kg, expected 0 to"),
+        (set_in(TENSOR, "ixx", "nan"), "link 'FL_calf': ixx is 'nan', expected a number"),
+        (set_in(TENSOR, "izz", "-1"), "link 'FL_calf': The 3d inertia should be positive"),
+        (set_in(TENSOR, "izz", "inf"), "link 'FL_calf': its moments of inertia reach inf"),
+        (
+            set_in("link[@name='FL_calf']/inertial/origin", "xyz", "0 nan 0"),
+            "link 'FL_calf': xyz is '0 nan 0', expected three numbers",
+        ),
+        (
+            lambda root: root.find("link[@name='base']/inertial").remove(root.find(MASS)),
+            "link 'base': its <inertial> has no <mass>",
+        ),
+        (set_in(f"{KNEE}/axis", "xyz", "0 0 0"), "joint 'RR_calf_joint': its axis is [0.0, 0.0"),
+        (set_in(f"{KNEE}/axis", "xyz", "0 y 0"), "joint 'RR_calf_joint': xyz is '0 y 0'"),
+        (set_in(f"{KNEE}/limit", "lower", "2"), "joint 'RR_calf_joint': its lower limit, 2, is"),
+        (set_in(f"{KNEE}/limit", "upper", "x"), "joint 'RR_calf_joint': upper is 'x', expected"),
+    ],
+)
+def test_numbers_that_no_robot_has_are_refused_with_file_and_place(tmp_path, edit, text):
+    spec = changed(tmp_path, edit)
+    with pytest.raises(ValueError, match=re.escape(f"changed.urdf, {text}")):
+        load_robot(spec)
+
+
+def test_a_joint_whose_limits_leave_nothing_between_them_is_refused(tmp_path):
+    def close(root):
+        for key in ("lower", "upper"):
+            root.find(f"{KNEE}/limit").set(key, "-1")
+
+    with pytest.raises(ValueError, match=r"changed\.urdf: the joint 'RR_calf_joint' may not move"):
+        load_robot(changed(tmp_path, close))
 
 
 def test_a_joint_that_slides_is_refused(tmp_path):

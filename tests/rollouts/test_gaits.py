@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from surefoot.config import Gait
 from surefoot.mpc.expert import Expert
 from surefoot.mpc.gaits import GAITS
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, join_episodes
-from surefoot.scenarios.gait_switches import GaitSwitches
+from surefoot.rollouts.outcome import Outcome
+from surefoot.scenarios.gait_switches import NEVER, GaitSwitches
 from surefoot.types import MotionPlan
 from tests.fakes.drivers import FakeController, Script, starts_of
 from tests.fakes.simulator import FakeSimulator
@@ -24,11 +26,20 @@ class InGaits(FakeController):
     def __init__(self, base=0.0):
         super().__init__(base)
         self.gait = 0
+        self.gaits: tuple[Gait, ...] = ()
         self.walked = []
 
     def torque(self, state, tick, command, mask):
         self.walked.append(np.broadcast_to(self.gait, len(tick)).copy())
         return super().torque(state, tick, command, mask)
+
+
+class OnTheGround(FakeSimulator):
+    """No foot ever leaves the ground."""
+
+    @property
+    def state(self):
+        return replace(super().state, contacts=np.ones((self.batch, 4), bool))
 
 
 def episodes(duration=0.1, switches: GaitSwitches | None = SWITCHES):
@@ -49,6 +60,17 @@ def test_controllers_are_told_the_gaits_of_each_tick_and_frames_keep_them():
     np.testing.assert_array_equal(np.array(policy.walked).T, expected[:, 50:])
     frames = rollouts.frames(rollouts.expert_asked, np.array([3, 4]))
     np.testing.assert_array_equal(frames.gait, expected[:, :50].ravel())
+
+
+def test_robots_that_stand_are_not_judged_for_stepping_and_those_beside_them_are():
+    expert = InGaits()
+    expert.gaits = (GAITS["trot"], GAITS["stand"])
+    starts = replace(starts_of([0, 0, 0]), gait=np.array([0, 1, 0]))
+    switches = GaitSwitches(np.array([[NEVER], [NEVER], [700]]), np.array([[0], [0], [1]]))
+    rollouts = rollout(
+        OnTheGround(3), Episodes(starts, 1.6, switches=switches), ExpertOnly(), expert
+    )
+    assert rollouts.outcome.tolist() == [Outcome.STALLED, Outcome.SUCCESS, Outcome.SUCCESS]
 
 
 def test_an_expert_is_asked_for_another_plan_where_the_gait_changes():

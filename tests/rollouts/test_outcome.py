@@ -12,6 +12,7 @@ from surefoot.rollouts.outcome import (
     fallen,
     heights_of_swings,
     judged_from,
+    never_standing,
     stepping,
     strictly_stepping,
     touchdowns,
@@ -219,6 +220,17 @@ def test_slow_gaits_are_judged_later(name, seconds):
 def test_fast_gaits_are_judged_no_earlier_than_configured():
     assert judged_from(CONFIG, GAITS["bound"]) == 1.56
     assert judged_from(SafetyConfig(stepping_from=4.0), Gait()) == 4.0
+
+
+def test_standing_has_no_say_beside_other_gaits():
+    assert judged_from(CONFIG, GAITS["stand"], GAITS["walk"]) == judged_from(CONFIG, GAITS["walk"])
+
+
+def test_robots_that_are_to_stand_at_any_time_are_told_from_the_others():
+    gaits = (GAITS["trot"], GAITS["stand"])
+    walked = np.array([[0, 0, 0], [1, 1, 1], [0, 1, 0]])
+    assert never_standing(gaits, walked).tolist() == [True, False, False]
+    assert never_standing((), walked).all()
 
 
 def test_standing_is_not_judged_and_neither_is_anyone_without_a_duration():

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import surefoot.cli.main as cli
-from surefoot.config import CommandBox, Config, Gait, PolicyConfig
+from surefoot.config import CommandBox, Config, Gait, PolicyConfig, RobotConfig
 from surefoot.config.gait_table import gait_names
 from surefoot.config.json_io import to_json
 from surefoot.learning.network import PolicyNetwork
@@ -22,12 +22,16 @@ from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.mpc.gaits import GAITS, gait_name, numbers_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import own_values, with_own_values
-from surefoot.runs.policies import find_policy
+from surefoot.runs.policies import find_policy, prepared_for, safety_bounds
 from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.scenarios import prepare as prepare_module
+from surefoot.scenarios.starts import starts_of
 from surefoot.workers import Workers
 from tests.fakes.learning import spec_of
 from tests.fakes.small_runs import CLONING
+from tests.fakes.walks import SMALL, fake_walks
 
+__all__ = ["fake_walks"]
 FORWARD = [[0.0, 0.0, 0.0], [0.3, 0.0, 0.0]]
 """The commands that Solo12's trot is trained on."""
 
@@ -111,13 +115,13 @@ def test_a_policy_that_lies_in_no_run_brings_its_gains(finished, tmp_path, caplo
     assert "kp 2.5 N m/rad, kd 0.07 N m s/rad, phase as a fr" in caplog.text
 
 
-def file_of(tmp_path, robot: str, *gaits: GaitTiming, commands=FORWARD) -> Path:
+def file_of(tmp_path, robot: str, *gaits: GaitTiming, commands=FORWARD, bounds=None) -> Path:
     """A policy file outside of any run."""
     config = PolicyConfig((16, 16), kp=2.5, kd=0.07)
     spec = PolicySpec(ObservationSpec("circle", gaits), 2.5, 0.07)
     network = PolicyNetwork(config, inputs=spec.observation.input_size)
     path = tmp_path / "elsewhere" / "policy.safetensors"
-    save(Policy(network, spec, commands, robot), path)
+    save(Policy(network, spec, commands, robot, bounds=bounds), path)
     return path
 
 
@@ -133,6 +137,38 @@ def test_a_policy_that_lies_in_no_run_brings_its_robot_gait_and_commands(tmp_pat
     assert config.expert.kp == own_values(model).kp != with_own_values(Config()).expert.kp
     assert config.expert.centroidal.nodes is None
     assert config.policy.kp == 2.5
+
+
+def test_a_policy_that_lies_in_no_run_brings_its_safety_bounds(tmp_path):
+    robot = RobotConfig("go2")
+    own = with_own_values(Config(robot=robot))
+    joints = tuple((low - 7.0, high + 0.3) for low, high in own.safety.joints)
+    wide = replace(own.safety, com_height=(0.2, 1.5), roll_pitch=33.3, joints=joints)
+    trot = gait_timings([GAITS["trot"]])
+    for safety in (own.safety, wide):
+        bounds = safety_bounds(replace(own, safety=safety))
+        _, config = find_policy(file_of(tmp_path, "go2", *trot, bounds=bounds))
+        assert config.safety == safety
+
+
+def test_what_lies_in_no_run_is_prepared_once_and_a_run_as_it_is(
+    finished, tmp_path, fake_walks, monkeypatch
+):
+    whole = prepare_module.prepare
+    monkeypatch.setattr(prepare_module, "prepare", lambda config: whole(config, sizes=SMALL))
+    assert prepared_for(finished.best_policy_path, finished.config) == finished.config
+    commands = [[-0.2, -0.1, 0.0], [0.6, 0.1, 0.0]]
+    path, config = find_policy(
+        file_of(tmp_path, "go2", *gait_timings([GAITS["trot"]]), commands=commands)
+    )
+    by_hand = prepare_module.prepare(
+        Config(robot=RobotConfig("go2"), commands=CommandBox((-0.2, 0.6), (-0.1, 0.1)))
+    )
+    asked = len(fake_walks.asked)
+    config = prepared_for(path, config)
+    assert len(fake_walks.asked) == asked
+    assert starts_of(config).hash == by_hand.starts.hash
+    assert config.expert.command_gain == by_hand.command_gain
 
 
 def test_a_policy_of_a_gait_without_a_name_brings_its_timing(tmp_path):

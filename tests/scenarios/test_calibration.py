@@ -10,7 +10,12 @@ from surefoot.robots.model import standing
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.solo12 import solo12
 from surefoot.scenarios import calibration
-from surefoot.scenarios.calibration import calibrate_command_gain
+from surefoot.scenarios.calibration import (
+    LEAST_TRIED,
+    TRIED,
+    calibrate_command_gain,
+    told_commands,
+)
 from surefoot.scenarios.walking import Walks
 
 ROBOT = solo12()
@@ -56,15 +61,41 @@ def test_a_large_gain_is_measured_again_with_itself(monkeypatch):
     assert [config.expert.command_gain[0] for config, _, _ in asked] == pytest.approx([1.0, 2.0])
 
 
+def test_a_gait_that_falls_with_its_large_gain_keeps_it(monkeypatch):
+    """What falls then is a command of the measurement, and a box may have smaller ones alone."""
+    walks_at(np.array([0.5, 0.5, 1.0]), monkeypatch)
+    upright = calibration.expert_walks
+
+    def overdone(robot, config, command, ticks) -> Walks:
+        walks = upright(robot, config, command, ticks)
+        if config.expert.command_gain[1] > 1.5:
+            walks.q[600:, [1, 4], 2] = 0.01  # those that go sideways
+            walks.v[600:, [1, 4]] = 0.0
+        return walks
+
+    monkeypatch.setattr(calibration, "expert_walks", overdone)
+    config = Config(commands=CommandBox(vy=(-0.2, 0.2)))
+    measured = calibrate_command_gain(ROBOT, Gait(), config)
+    assert measured.gain == pytest.approx((2.0, 2.0, 1.0))
+    # With the gain along vx, and without it along vy.
+    assert measured.forward[:2] == pytest.approx((0.21, 0.055))
+
+
 def test_larger_robots_are_tried_at_higher_speeds(monkeypatch):
     walks_at(np.ones(3), monkeypatch)
-    measured = calibrate_command_gain(ROBOT, Gait(), Config(), scale=4.0)
+    config = Config(commands=CommandBox((0.0, 1.0), (-1.0, 0.5)))
+    measured = calibrate_command_gain(ROBOT, Gait(), config, scale=4.0)
     assert measured.told == pytest.approx((0.4, 0.3, 0.5))
+
+
+def test_robots_are_told_no_more_than_the_box_has():
+    box = CommandBox((-0.1, 0.05), (0.0, 0.001), (0.0, 0.0))
+    assert told_commands(box, 1.0) == pytest.approx((0.1, LEAST_TRIED * TRIED[1], TRIED[2]))
 
 
 def test_a_gait_that_hops_on_the_spot_is_refused_with_numbers(monkeypatch):
     walks_at(np.array([0.9, 0.1, 0.9]), monkeypatch)
-    text = "the gait bound does not move the robot: of vy 0.15 m/s it reached -0.005"
+    text = "the gait bound does not move the robot: of vy 0.1 m/s it reached -0.010"
     config = Config(commands=CommandBox(vy=(-0.1, 0.1)))
     with pytest.raises(ValueError, match=text):
         calibrate_command_gain(ROBOT, GAITS["bound"], config)

@@ -24,7 +24,7 @@ from surefoot.config.json_io import to_json
 from surefoot.config.presets import TROT_GAIN
 from surefoot.config.profiles import ODRI
 from surefoot.config.robot_table import GO2
-from surefoot.mpc.gaits import with_gait
+from surefoot.mpc.gaits import with_gait, with_gaits
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
@@ -36,10 +36,10 @@ from surefoot.scenarios.prepare import (
     completed,
     prepare,
     prepared_key,
-    settled_bounds,
     with_preparation,
     with_values_of,
 )
+from surefoot.scenarios.settled_bounds import settled_bounds
 from surefoot.scenarios.starts import load_starts, starts_of
 from surefoot.scenarios.walking import GaitError, Walks
 from tests.fakes.walks import SMALL, FakeWalks, fake_walks
@@ -229,6 +229,15 @@ def test_a_box_that_is_too_large_is_refused_with_the_largest_that_works(fake_wal
     assert refused.value.largest == CommandBox(vx=(-0.3, 0.4), yaw_rate=(-0.5, 0.5))
 
 
+def test_a_gait_that_falls_while_its_gains_are_measured_is_told_which_box_works(fake_walks):
+    fake_walks.limit = 0.21  # Go2 is told 0.24 m/s
+    with pytest.raises(GaitError, match="The largest box that works") as refused:
+        made()
+    largest = refused.value.largest
+    assert largest == CommandBox(vx=(-0.2, 0.12))
+    assert not made(replace(GO2_TROT, commands=largest)).made.gain.told[0] > 0.2
+
+
 @pytest.mark.parametrize("period", [0.5, 0.52, 0.612, 1.02])
 def test_what_is_followed_is_a_mean_over_whole_periods_on_the_grid_or_off_it(fake_walks, period):
     prepared = made(replace(GO2_TROT, gait=replace(GO2_TROT.gait, period=period)))
@@ -238,8 +247,8 @@ def test_what_is_followed_is_a_mean_over_whole_periods_on_the_grid_or_off_it(fak
 
 
 def test_a_gait_that_falls_on_the_spot_is_refused(fake_walks):
-    with pytest.raises(ValueError, match="the gait trot does not carry the robot: 2 of 2 fell"):
-        fake_walks.limit = -1.0
+    fake_walks.limit = -1.0
+    with pytest.raises(GaitError, match="It falls on the spot, too: use another gait"):
         made()
     given = replace(GO2_TROT, expert=ExpertConfig(command_gain=(1.0, 1.0, 1.0)))
     with pytest.raises(GaitError, match="It falls on the spot, too: use another gait") as refused:
@@ -318,6 +327,15 @@ def small_sets(fake_walks, monkeypatch) -> FakeWalks:
     whole = module.prepare
     monkeypatch.setattr(module, "prepare", lambda config: whole(config, sizes=SMALL))
     return fake_walks
+
+
+def test_a_gait_that_stands_is_completed_without_commands_only(small_sets):
+    standing = with_gait(GO2_TROT, "stand")
+    with pytest.raises(GaitError, match="the gait stand goes nowhere, but the commands are --vx"):
+        completed(standing)
+    config = completed(replace(standing, commands=CommandBox((0.0, 0.0))))
+    assert config.expert.command_gain == (1.0, 1.0, 1.0)
+    completed(with_gaits(GO2_TROT, ["trot", "stand"]))
 
 
 def test_another_robot_gets_what_was_measured_and_all_of_it(small_sets):

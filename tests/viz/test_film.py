@@ -16,6 +16,7 @@ from surefoot.config.sim import parse_terrains
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.sim.terrain import Ground
+from surefoot.types import Command
 from surefoot.viz.film import (
     EXPERT_COLOR,
     INK,
@@ -24,6 +25,7 @@ from surefoot.viz.film import (
     Recording,
     contact_sheet,
     film,
+    in_words,
 )
 from surefoot.viz.renderer import RenderingUnavailable
 
@@ -40,6 +42,12 @@ def walk(ticks: int = 200):
 
 def recording_of(q: np.ndarray, expert_drove=None, pushes=()) -> Recording:
     return Recording(ROBOT, SimulationConfig(), q, expert_drove, pushes)
+
+
+def test_a_title_has_all_of_a_command_that_is_not_zero():
+    assert in_words(Command(0.0, 0.0, 0.0)) == "vx 0.00 m/s"
+    assert in_words(Command(0.3, 0.0, -0.5)) == "vx 0.30 m/s, yaw rate -0.50 rad/s"
+    assert in_words(Command(0.3, 0.1, 0.0)) == "vx 0.30 m/s, vy 0.10 m/s"
 
 
 def skip_without_opengl(function, *args, **options):

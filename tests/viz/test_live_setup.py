@@ -8,6 +8,7 @@ import pytest
 from surefoot.bench.engine import standing_policy
 from surefoot.config import CommandBox, Config, RobotConfig
 from surefoot.config.checked import known
+from surefoot.config.presets import ALL_ROUND
 from surefoot.config.robot_table import GO2
 from surefoot.config.single_gaits import each_gait
 from surefoot.learning.policy import save
@@ -51,6 +52,13 @@ def test_an_expert_drives_both_ways():
     low, high = setup.commands
     assert all(value < 0.0 for value in low)
     assert all(value > 0.0 for value in high)
+
+
+def test_a_trot_that_turns_has_the_rules_of_a_whole_box():
+    """Solo12's first rules, for straight ahead, let it drift outward in a turn."""
+    expert = expert_setup(Config(), "solo12", "trot").config.expert
+    assert expert.turn_compensation == ALL_ROUND.turn_compensation
+    assert expert.capture_share == ALL_ROUND.capture_share
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import tyro
 
-from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
+from surefoot.cli.options import OnRobot, OnSimulator, OnWorkers, Output, check_outputs
 from surefoot.config import Config
 from surefoot.files import write_json
 
@@ -28,12 +28,12 @@ Measure = Literal["plan", "engine", "train", "loop", "evaluation", "end_to_end"]
 
 
 @dataclass(frozen=True)
-class Bench(OnWorkers, OnSimulator):
+class Bench(OnWorkers, OnRobot, OnSimulator):
     """Measure throughput, compared with lower bounds.
 
     Without a name, it measures plan, engine, train, loop, evaluation and end_to_end in a few
-    minutes. Options of --config change all but end_to_end. `surefoot bench expert` measures what
-    the expert survives, in an hour.
+    minutes. What another robot needs is prepared first, once. Options of --config change all but
+    end_to_end. `surefoot bench expert` measures what the expert survives, in an hour.
 
     JSON keys: versions (of the packages, and the processor), and one for each measurement. The keys
     below that are the fields of the records `PlanTimes` (plan), `EngineSpeed` (engine),
@@ -68,6 +68,7 @@ class Bench(OnWorkers, OnSimulator):
 
         from surefoot.config.presets import preset
         from surefoot.runs.versions import versions
+        from surefoot.scenarios.prepare import completed
 
         check_outputs([Output("--json", self.json)])
         if self.what == "end_to_end" and self.config != Config():
@@ -78,7 +79,8 @@ class Bench(OnWorkers, OnSimulator):
         if self.what == "expert":
             from surefoot.study.expert_survey import survey_expert, survey_table
 
-            survey = survey_expert(self.config, self.sim, self.episodes, self.spread, self.json)
+            config = self.with_robot(self.config)
+            survey = survey_expert(config, self.sim, self.episodes, self.spread, self.json)
             print(survey_table(survey))
             return 0
         records: dict[Measure, Speed] = {}
@@ -89,7 +91,9 @@ class Bench(OnWorkers, OnSimulator):
                 config = self.config
                 if name == "end_to_end":
                     config = preset("loco_safe_dagger", self.preset)
-                records[name] = measure_speed(name, self.simulated(config), self.spread)
+                # Before the simulator: the initial states are the same in each.
+                config = self.simulated(completed(self.with_robot(config)))
+                records[name] = measure_speed(name, config, self.spread)
                 if self.json:
                     used = versions(self.simulated(self.config).simulation.backend)
                     write_json(self.json, {"versions": used, **records})

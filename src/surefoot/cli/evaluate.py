@@ -96,9 +96,8 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
     def __call__(self) -> int:
         """Evaluate, write the report where asked, and print each result as soon as it is there."""
         from surefoot.runs.checks import warn_of_own_expert
-        from surefoot.runs.policies import find_policy
+        from surefoot.runs.policies import find_policy, prepared_for
         from surefoot.runs.run import run_of_policy
-        from surefoot.scenarios.gains import with_measured_gain
         from surefoot.scenarios.gaits import all_starts_of
 
         # What would fail after minutes fails before any work.
@@ -108,17 +107,21 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         if self.starts is not None:
             load_starts(self.starts)
         policy, trained_on = find_policy(self.target)
-        config = self.as_asked(trained_on)
         if self.starts is not None:
-            only_gait(config, "--starts", "leave --starts out, or evaluate a policy of one gait")
+            only_gait(
+                trained_on, "--starts", "leave --starts out, or evaluate a policy of one gait"
+            )
         if self.pushes:
-            only_gait(config, "--pushes", "leave --pushes out, or push a policy of one gait")
-        all_starts_of(config)
+            only_gait(trained_on, "--pushes", "leave --pushes out, or push a policy of one gait")
         run = run_of_policy(policy)
+        if run is None:
+            # Before the options, so that every simulator and ground has the same initial states.
+            given = self.starts or trained_on.start_set
+            trained_on = prepared_for(policy, replace(trained_on, start_set=given))
+        config = self.as_asked(trained_on)
+        all_starts_of(config)
         if self.expert and run is not None:
             warn_of_own_expert(run)
-        elif self.expert:
-            config = with_measured_gain(config)
         report = self.measure(policy, config)
         folder = self.target if self.target is not None and self.target.is_dir() else None
         if folder is not None and self.expert and self.episodes is None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from surefoot.cli.arguments import sort_arguments
-from surefoot.config import Backend, Config, simulated
+from surefoot.config import Backend, CommandBox, Config, simulated
 from surefoot.config.commands import Interval
 from surefoot.config.json_io import to_json
 from surefoot.files import WriteError, check_output, is_stream, write_json
@@ -84,7 +84,8 @@ class OnGait:
 def config_of_gait(args: Sequence[str], command: type, config: Config) -> Config:
     """A configuration with the gait or the gaits that an argument list names, if it names any.
 
-    It makes the defaults of the other options, which are read afterwards.
+    Gaits that all stand have no commands. It makes the defaults of the other options, which are
+    read afterwards.
 
     Args:
         args: Command line, without the name of the command.
@@ -95,15 +96,19 @@ def config_of_gait(args: Sequence[str], command: type, config: Config) -> Config
         ValueError: There is no such gait, or both options are there.
     """
     from surefoot.mpc.gaits import with_gait, with_gaits
+    from surefoot.mpc.schedule import stands
 
     arguments = sort_arguments(args, command)
     name = arguments.values.get("--gait")
     names = values_of("--gaits", arguments.options)
     if name is not None and names:
         raise ValueError("--gait names one gait, --gaits several: use one of the two options")
-    if names:
-        return with_gaits(config, names)
-    return config if name is None else with_gait(config, name)
+    if not names and name is None:
+        return config
+    config = with_gaits(config, names) if names else with_gait(config, str(name))
+    if all(map(stands, config.gaits)):
+        config = replace(config, commands=CommandBox(vx=(0.0, 0.0)))
+    return config
 
 
 def values_of(name: str, options: Sequence[str]) -> list[str]:

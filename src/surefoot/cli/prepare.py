@@ -102,6 +102,7 @@ class Prepare(OnCommands, OnGait, OnRobot, OnSimulator):
         """Prepare, write what was asked for, and print the table."""
         from surefoot.config.single_gaits import each_gait
         from surefoot.mpc.gaits import only_gait
+        from surefoot.scenarios.gains import check_goes
         from surefoot.scenarios.make import scaled
         from surefoot.scenarios.prepare import prepare
         from surefoot.scenarios.starts import check_unused, save_starts
@@ -114,6 +115,7 @@ class Prepare(OnCommands, OnGait, OnRobot, OnSimulator):
         config = self.with_commands(self.with_robot(self.simulated(self.config)))
         if self.out is not None:
             only_gait(config, "--out", "name one of them with --gait, or leave --out out")
+        check_goes(config)
         reports = []
         for one in each_gait(config):
             prepared = prepare(one, perturbation, self.seed)

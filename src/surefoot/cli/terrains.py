@@ -47,7 +47,7 @@ class Terrains(OnWorkers, OnSimulator):
         """Measure what is missing, write the table where asked, and print it."""
         from surefoot.config.json_io import read_record
         from surefoot.config.study import EXPERT
-        from surefoot.runs.policies import find_policy
+        from surefoot.runs.policies import find_policy, prepared_for
         from surefoot.scenarios.gains import with_measured_gain
         from surefoot.scenarios.gaits import all_starts_of
         from surefoot.study.tables import page_with
@@ -74,13 +74,14 @@ class Terrains(OnWorkers, OnSimulator):
         found = [find_policy(target) for target in targets]
         names = self.names or [target.stem for target in self.policies] or ["packaged"]
         walkers = [Walker(name, path) for name, (path, _) in zip(names, found, strict=True)]
-        config = self.simulated(found[0][1])
+        path, config = found[0]
         for name, (_, other) in zip(names, found, strict=True):
             if _walked(other) != _walked(config):
                 raise ValueError(
                     f"{name} is a policy of another robot or other gaits than {names[0]}; give "
                     "them tables of their own"
                 )
+        config = self.simulated(prepared_for(path, config))
         all_starts_of(config)
         evaluation = replace(config.evaluation, episodes=self.episodes)
         config = with_measured_gain(replace(config, evaluation=evaluation))

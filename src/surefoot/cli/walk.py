@@ -113,7 +113,7 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
         from surefoot.rollouts.episodes import Episodes
         from surefoot.rollouts.jobs import Job, play_out
         from surefoot.scenarios.gait_switches import in_turn
-        from surefoot.viz.film import Recording
+        from surefoot.viz.film import Recording, in_words
         from surefoot.viz.replay import standing_start
 
         check_seconds(self.seconds)
@@ -136,7 +136,7 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
         if self.video:
             q = rollouts.q[0, : max(int(rollouts.length[0]), 1)]
             recording = Recording(robot, config.simulation, q, ground=rollouts.ground)
-            film_episode(recording, self.out, f"expert, vx {self.vx:.2f} m/s")
+            film_episode(recording, self.out, f"expert, {in_words(command)}")
         return int(rollouts.failed[0])
 
 
@@ -190,12 +190,13 @@ def with_gains(config: Config, command: Command) -> Config:
         command: The command.
 
     Raises:
-        ValueError: The robot does not walk in a gait.
+        ValueError: The robot does not walk in a gait, or is told to go in one that stands.
     """
     from surefoot.robots.scaling import with_own_values
     from surefoot.robots.several_gaits import for_each_gait
-    from surefoot.scenarios.gains import with_measured_gain
+    from surefoot.scenarios.gains import check_goes, with_measured_gain
 
+    check_goes(replace(config, commands=box_around(command)))
     if not is_among(command, config.commands):
         config = replace(config, commands=box_around(command))
 
@@ -230,5 +231,7 @@ def parse_walk(args: Sequence[str]) -> Walk:
         ValueError: There is no such gait.
         SystemExit: Help was asked for, or an option is wrong.
     """
-    default = Walk(config=config_of_gait(args, Walk, Config()))
+    config = config_of_gait(args, Walk, Config())
+    # A gait that stands is told to.
+    default = Walk(vx=min(Walk.vx, config.commands.vx[1]), config=config)
     return read_options(Walk, args, "surefoot walk", default)

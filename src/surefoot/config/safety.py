@@ -77,8 +77,8 @@ class SafetyConfig(Checked):
     stepping_from: Seconds | None = 1.56
     """[s] shorter episodes are not judged for stepping: in their last third, even in a perfect trot
     (period 0.5 s, touchdown 20 ms), not every foot has touched down. Slower gaits are judged from
-    three periods and touchdowns on, whatever this is, and robots that are to stand never; None
-    judges nobody."""
+    three periods and touchdowns on, whatever this is, and robots that are to stand at any time
+    never; None judges nobody."""
 
     def __post_init__(self) -> None:
         """Check the fields, and that every joint has a range or none has."""

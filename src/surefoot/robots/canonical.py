@@ -43,7 +43,8 @@ def canonical_model(description: Description, spec: RobotSpec) -> pin.Model:
     feet = [frame_id(description, _named(spec.foot, leg), spec.name) for leg in spec.legs]
     feet = [source.getFrameId(description.model.frames[foot].name) for foot in feet]
     apart = all(_is_body(description.inertias.get(source.frames[foot].name)) for foot in feet)
-    _check_chains(source, names, feet, spec)
+    where = f"{spec.name}, {description.path}"
+    _check_chains(source, names, feet, spec, where)
     model = pin.Model()
     model.name = spec.name
     placement = pin.SE3.Identity()
@@ -71,7 +72,7 @@ def canonical_model(description: Description, spec: RobotSpec) -> pin.Model:
     # Armature acts in Pinocchio's inverse dynamics; damping in the simulators only.
     model.armature[6:] = np.tile(spec.armature, 4)
     model.damping[6:] = np.tile(spec.damping, 4)
-    _check_inertias(model, spec)
+    _check_inertias(model, where)
     return model
 
 
@@ -126,7 +127,9 @@ def _locked(model: pin.Model, names: list[str]) -> pin.Model:
     return pin.buildReducedModel(model, others, q)
 
 
-def _check_chains(source: pin.Model, names: list[str], feet: list[int], spec: RobotSpec) -> None:
+def _check_chains(
+    source: pin.Model, names: list[str], feet: list[int], spec: RobotSpec, where: str
+) -> None:
     """Check that each leg is a chain from the base: abduction, flexion, knee, foot."""
     for number, leg in enumerate(spec.legs):
         chain = [source.getJointId(name) for name in names[3 * number : 3 * number + 3]]
@@ -134,13 +137,13 @@ def _check_chains(source: pin.Model, names: list[str], feet: list[int], spec: Ro
         if parents != [1, *chain[:2]]:
             hangs = [source.names[parent] for parent in parents]
             raise ValueError(
-                f"{spec.name}: the joints {names[3 * number : 3 * number + 3]} of the leg {leg!r} "
+                f"{where}: the joints {names[3 * number : 3 * number + 3]} of the leg {leg!r} "
                 f"hang on {hangs}; expected one below the other, the first on the base"
             )
         foot = source.frames[feet[number]]
         if foot.parentJoint != chain[2]:
             raise ValueError(
-                f"{spec.name}: the foot {foot.name!r} hangs on the joint "
+                f"{where}: the foot {foot.name!r} hangs on the joint "
                 f"{source.names[foot.parentJoint]!r}, expected {source.names[chain[2]]!r}"
             )
 
@@ -182,16 +185,16 @@ def _add_body(model: pin.Model, name: str, joint: int, inertia: pin.Inertia) -> 
     model.addFrame(frame, False)
 
 
-def _check_inertias(model: pin.Model, spec: RobotSpec) -> None:
+def _check_inertias(model: pin.Model, where: str) -> None:
     """Check that everything that moves has a mass, and the inertia of a body of that mass."""
     for joint in range(1, model.njoints):
         inertia = model.inertias[joint]
         what = "the base" if joint == 1 else f"what the joint {model.names[joint]} turns"
         if not inertia.mass > LEAST_MASS:
-            raise ValueError(f"{spec.name}: {what} has no mass; no simulator can move it")
+            raise ValueError(f"{where}: {what} has no mass; no simulator can move it")
         moments = np.linalg.eigvalsh(inertia.inertia)
         if not (moments[0] > 0.0 and moments[2] <= 1.001 * (moments[0] + moments[1])):
             raise ValueError(
-                f"{spec.name}: {what} has principal moments of inertia {moments.tolist()} kg m^2, "
+                f"{where}: {what} has principal moments of inertia {moments.tolist()} kg m^2, "
                 "which no body has: all are positive, and none exceeds the sum of the others"
             )

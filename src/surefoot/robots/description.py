@@ -6,7 +6,9 @@ which makes the package's own model of what is read here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -22,6 +24,12 @@ from surefoot.types import Array
 
 MOST_BYTES = 20_000_000
 """[B] No URDF is larger; that of a humanoid takes 200 kB."""
+MOST_MASS = 10_000.0
+"""[kg] No link is heavier: such a number is a slip, and no simulator can use it."""
+MOST_INERTIA = 1e6
+"""[kg m^2] No link has a larger moment of inertia, likewise."""
+LEAST_AXIS = 1e-6
+"""An axis that is shorter has no direction."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +93,22 @@ def read_description(spec: RobotSpec) -> Description:
         spec: The robot.
 
     Raises:
-        ValueError: The file is not there, too large, no URDF, or one that Pinocchio cannot read.
+        ValueError: The file is not there, too large, no URDF, or one that Pinocchio cannot read; or
+            a link or a joint, which is named, has numbers that are none of a body or a joint.
         ImportError: The package ``example-robot-data`` is missing.
     """
     path = find_urdf(spec)
     root = read_urdf(path)
+    # Before Pinocchio, which takes numbers that it cannot read for zeros.
+    inertias = {}
+    for link in root.iter("link"):
+        with located(path, link):
+            own = _inertia(link)
+        if own is not None:
+            inertias[link.get("name", "")] = own
+    for joint in root.iter("joint"):
+        with located(path, joint):
+            _check_joint(joint)
     for joint in root.iter("joint"):
         if joint.get("type") == "continuous":
             _limit_widely(joint)
@@ -98,12 +117,7 @@ def read_description(spec: RobotSpec) -> Description:
         model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
     except (ValueError, RuntimeError) as error:
         raise ValueError(f"{path}: Pinocchio cannot read it ({error})") from error
-    try:
-        inertias = {link.get("name", ""): _inertia(link) for link in root.iter("link")}
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-    links = {name: own for name, own in inertias.items() if own is not None}
-    return Description(path, model, links)
+    return Description(path, model, inertias)
 
 
 def read_urdf(path: Path) -> ElementTree.Element:
@@ -128,6 +142,48 @@ def read_urdf(path: Path) -> ElementTree.Element:
     return root
 
 
+@contextmanager
+def located(path: Path, element: ElementTree.Element) -> Iterator[None]:
+    """Say in errors about an element of a URDF which one it is, and of which file.
+
+    Args:
+        path: The file.
+        element: A link or a joint.
+
+    Raises:
+        ValueError: What is done with the element raised one.
+    """
+    try:
+        yield
+    except (ValueError, RuntimeError) as error:  # Pinocchio's too
+        name = element.get("name", "")
+        raise ValueError(f"{path}, {element.tag} {name!r}: {error}") from error
+
+
+def number(element: ElementTree.Element | None, key: str, default: float | None = None) -> float:
+    """Return the number that an attribute of an element is.
+
+    Args:
+        element: The element; None has no attributes.
+        key: The name of the attribute.
+        default: The number where there is no such attribute.
+
+    Raises:
+        ValueError: It is not a number, or is missing without a default.
+    """
+    text = None if element is None else element.get(key)
+    if text is None and default is not None:
+        return default
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        given = "missing" if text is None else repr(text)
+        raise ValueError(f"{key} is {given}, expected a number")
+    return value
+
+
 def frame_id(description: Description, name: str, robot: str) -> int:
     """Return the id of a frame.
 
@@ -149,30 +205,66 @@ def frame_id(description: Description, name: str, robot: str) -> int:
 def _inertia(link: ElementTree.Element) -> pin.Inertia | None:
     """The inertia of a link in its own frame; None if it has none."""
     inertial = link.find("inertial")
-    mass = None if inertial is None else inertial.find("mass")
-    tensor = None if inertial is None else inertial.find("inertia")
-    if inertial is None or mass is None or tensor is None:
+    if inertial is None:
         return None
+    missing = [name for name in ("mass", "inertia") if inertial.find(name) is None]
+    if missing:
+        raise ValueError(f"its <inertial> has no <{missing[0]}>")
+    tensor = inertial.find("inertia")
+    mass = number(inertial.find("mass"), "value")
+    if not 0.0 <= mass <= MOST_MASS:
+        raise ValueError(f"its mass is {mass:g} kg, expected 0 to {MOST_MASS:g}")
     xx, xy, xz, yy, yz, zz = (
-        float(tensor.get(key, "0")) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        number(tensor, key, 0.0) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if np.abs(inertia).max() > MOST_INERTIA:
+        largest = np.abs(inertia).max()
+        raise ValueError(
+            f"its moments of inertia reach {largest:g} kg m^2, expected at most {MOST_INERTIA:g}"
+        )
     origin = inertial.find("origin")
     center = _three(origin, "xyz")
     turn = _three(origin, "rpy")
     if turn.any():
         R = pin.rpy.rpyToMatrix(turn)
         inertia = R @ inertia @ R.T
-    return pin.Inertia(float(mass.get("value", "nan")), center, inertia)
+    return pin.Inertia(mass, center, inertia)
 
 
-def _three(element: ElementTree.Element | None, key: str) -> Array:
-    """Three numbers of an attribute; zeros if it is missing."""
-    text = "0 0 0" if element is None else element.get(key, "0 0 0")
-    values = np.array([float(word) for word in text.split()])
-    if len(values) != 3:
+def _three(element: ElementTree.Element | None, key: str, default: str = "0 0 0") -> Array:
+    """Three numbers of an attribute; the default if it is missing."""
+    text = default if element is None else element.get(key, default)
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError:
+        values = np.array([])
+    if len(values) != 3 or not np.isfinite(values).all():
         raise ValueError(f"{key} is {text!r}, expected three numbers")
     return values
+
+
+def _check_joint(joint: ElementTree.Element) -> None:
+    """Check the numbers of a joint, as far as they belong to its type.
+
+    Raises:
+        ValueError: It has no place, no axis, or limits that leave nothing between them.
+    """
+    origin = joint.find("origin")
+    _three(origin, "xyz")
+    _three(origin, "rpy")
+    if joint.get("type") not in ("revolute", "continuous", "prismatic"):
+        return
+    axis = _three(joint.find("axis"), "xyz", "1 0 0")
+    if not np.linalg.norm(axis) > LEAST_AXIS:
+        raise ValueError(f"its axis is {axis.tolist()}, which has no direction")
+    limit = joint.find("limit")
+    if joint.get("type") == "continuous" or limit is None:
+        return
+    low = number(limit, "lower", 0.0)
+    high = number(limit, "upper", 0.0)
+    if low > high:
+        raise ValueError(f"its lower limit, {low:g}, is above the upper one, {high:g}")
 
 
 def _limit_widely(joint: ElementTree.Element) -> None:

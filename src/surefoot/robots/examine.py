@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from surefoot.config.robots import RobotConfig
 from surefoot.robots.canonical import PARTS
-from surefoot.robots.description import Description, read_description, read_urdf
+from surefoot.robots.description import Description, located, number, read_description, read_urdf
 from surefoot.robots.geometry import lowest_points
 from surefoot.robots.load import load_robot
 from surefoot.robots.meshes import missing_meshes
@@ -197,7 +197,8 @@ def _of_feet(robot: RobotModel, description: Description) -> Iterator[str]:
     sphere = link.find("collision/geometry/sphere")
     radius = robot.foot_radius
     if sphere is not None:
-        given = float(sphere.get("radius", "nan"))
+        with located(description.path, link):
+            given = number(sphere, "radius")
         if abs(given - radius) > 0.1 * radius:
             yield f"Its feet are spheres of {given} m in the description, of {radius} m here."
     elif shape is None or not len(shape):

@@ -228,6 +228,12 @@ def _position_limits(description: Description, spec: RobotSpec) -> Array:
     rows = [joint.idx_q for joint in _joints(model, spec)]
     limits = np.column_stack([model.lowerPositionLimit[rows], model.upperPositionLimit[rows]])
     limits[limits[:, 1] - limits[:, 0] >= FREE_TRAVEL] = (-np.inf, np.inf)
+    for joint, (low, high) in zip(_joints(model, spec), limits, strict=True):
+        if not low < high:
+            raise ValueError(
+                f"{spec.name}, {description.path}: the joint {model.names[joint.id]!r} may not "
+                f"move: its limits are {low:g} and {high:g} rad; give `position_limit` in the spec"
+            )
     return limits
 
 

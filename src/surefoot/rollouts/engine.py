@@ -26,6 +26,7 @@ from surefoot.rollouts.outcome import (
     fallen,
     heights_of_swings,
     judged_from,
+    never_standing,
     stepping,
 )
 from surefoot.rollouts.past import tell_past
@@ -178,7 +179,9 @@ def rollout(
     if progress is not None and elapsed % PROGRESS_TICKS:
         progress(elapsed % PROGRESS_TICKS)
     if safety.stepping_from is not None and to_ticks(safety.stepping_from) <= T:
-        recorder.mark_stalled(T, robot.foot_radius)
+        gaits = expert.gaits if isinstance(expert, OfKnownGaits) else ()
+        steps = never_standing(gaits, episodes.gaits_until(T))
+        recorder.mark_stalled(T, robot.foot_radius, steps)
     return recorder.rollout(episodes, disturbance, T)
 
 
@@ -241,14 +244,20 @@ class _Recorder:
             self.length[ending] = elapsed
             self.active[ending] = False
 
-    def mark_stalled(self, T: int, foot_radius: float) -> None:
-        """Change the outcome of robots that survived, but stopped stepping within T ticks."""
+    def mark_stalled(self, T: int, foot_radius: float, steps: BoolArray) -> None:
+        """Change the outcome of robots that survived, but stopped stepping within T ticks.
+
+        Args:
+            T: The number of ticks.
+            foot_radius: Radius of the foot spheres [m].
+            steps: ``(B,)`` True for robots that are to step.
+        """
         feet = _by_robot(self.truth.feet[:T])
         height = feet[..., 2]
         contacts = _by_robot(self.truth.contacts[:T])
         if self.felt_ground is not None:
             height = heights_of_swings(feet, contacts, foot_radius)
-        stalled = ~stepping(height, contacts, foot_radius)
+        stalled = steps & ~stepping(height, contacts, foot_radius)
         self.outcome[stalled & (self.outcome == Outcome.SUCCESS)] = Outcome.STALLED
 
     def rollout(self, episodes: Episodes, disturbance: Disturbance, T: int) -> Rollout:

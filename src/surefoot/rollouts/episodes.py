@@ -19,7 +19,7 @@ from surefoot.learning.layouts import LONGEST_HISTORY
 from surefoot.rollouts.outcome import failed
 from surefoot.rollouts.past import Past, join_pasts, with_past
 from surefoot.scenarios.disturbance import Disturbance, join_disturbances, join_optional
-from surefoot.scenarios.gait_switches import GaitSwitches, join_switches
+from surefoot.scenarios.gait_switches import GaitSwitches, gait_table, join_switches
 from surefoot.scenarios.starts import Starts, join_starts
 from surefoot.scenarios.starts_check import check_starts
 from surefoot.sim.terrain import Ground, join_grounds
@@ -130,6 +130,10 @@ class Episodes:
             return self.starts.gait
         return self.switches.at(self.starts.gait, elapsed)
 
+    def gaits_until(self, T: int) -> IntArray:
+        """``(B, T)`` the same for the first T ticks."""
+        return gait_table(self.starts.gait, self.switches, T)
+
 
 def join_episodes(parts: Sequence[Episodes]) -> Episodes:
     """The episodes of at least one part, one part after another, all of the same length.
@@ -222,10 +226,7 @@ class Rollout:
     @property
     def gait(self) -> IntArray:
         """``(B, T)`` the number of the gait that each robot was to walk at each tick."""
-        ticks = self.q.shape[1]
-        if self.switches is None:
-            return np.repeat(self.starts.gait[:, None], ticks, axis=1)
-        return self.switches.table(self.starts.gait, ticks)
+        return gait_table(self.starts.gait, self.switches, self.q.shape[1])
 
     @property
     def felt(self) -> State:

@@ -6,6 +6,7 @@ IV-F). All of it is array code over B robots. Read `engine` next for where they 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import IntEnum
 from itertools import pairwise
 
@@ -50,13 +51,25 @@ def judged_from(safety: SafetyConfig, *gaits: Gait) -> float | None:
 
     Args:
         safety: The shortest duration that is judged, whatever the gait.
-        gaits: The gaits that robots may walk in it: the slowest decides. With one that stands, no
-            episode is judged.
+        gaits: The gaits that robots may walk in it: the slowest decides. One that stands has no say
+            (see `never_standing`).
     """
-    if safety.stepping_from is None or any(map(stands, gaits)):
+    periods = [to_ticks(gait.period) for gait in gaits if not stands(gait)]
+    if safety.stepping_from is None or not periods:
         return None
-    period = max(to_ticks(gait.period) for gait in gaits)
+    period = max(periods)
     return max(safety.stepping_from, 3 * (period + GROUNDED) / TICKS_PER_SECOND)
+
+
+def never_standing(gaits: Sequence[Gait], walked: IntArray) -> BoolArray:
+    """``(B,)`` True for robots that are to step all the time, and at no tick in a gait that stands.
+
+    Args:
+        gaits: The gaits, by their numbers; none if nobody knows, and then all are to step.
+        walked: ``(B, T)`` the number of the gait that each robot is to walk, tick by tick.
+    """
+    standing = [number for number, gait in enumerate(gaits) if stands(gait)]
+    return np.asarray(np.isin(walked, standing, invert=True).all(axis=1))
 
 
 def stepping(feet_height: Array, contacts: BoolArray, foot_radius: float) -> BoolArray:

@@ -21,6 +21,7 @@ from surefoot.config import (
     OtherGait,
     PolicyConfig,
     RobotConfig,
+    SafetyConfig,
 )
 from surefoot.config.robot_table import ROBOTS
 from surefoot.config.single_gaits import with_timing
@@ -36,6 +37,7 @@ from surefoot.robots.scaling import with_own_values
 from surefoot.robots.several_gaits import for_each_gait
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
+from surefoot.scenarios.prepare import completed
 from surefoot.types import Array
 
 PACKAGED_POLICY = Path(__file__).parent / "data" / "solo12-trot.safetensors"
@@ -48,7 +50,9 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
     """Find a run's best policy, or take a policy file; and the configuration to run it under.
 
     The configuration is that of the run that the policy lies in. Outside of any run it is the
-    default one with what the file says: robot, gait, commands, gains and phase.
+    default one with what the file says: robot, gait, commands, gains, phase and safety bounds. It
+    then lacks what has to be measured, unless it is Solo12's trot straight ahead: see
+    `prepared_for`.
 
     Args:
         target: Folder of a run, what a study keeps of it, or a policy file; None is the policy that
@@ -89,6 +93,8 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
     gaits = policy.spec.observation.gaits
     config = config_for(policy.robot, gaits, policy.command_range)
     config = replace(for_each_gait(with_own_values, config), policy=_policy_config(policy))
+    if policy.bounds is not None:
+        config = replace(config, safety=_with_bounds(config.safety, policy.bounds))
     if path != PACKAGED_POLICY.resolve():
         logger.info(
             f"{target} lies in no run: simulator and expert as by default; robot and gait ("
@@ -97,6 +103,21 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
             f"{config.policy.phase})"
         )
     return path, config
+
+
+def prepared_for(policy: Path, config: Config) -> Config:
+    """The configuration to measure a policy under, with initial states and command gains.
+
+    A run has its own. For a policy in no run they are prepared, or found if they were before.
+
+    Args:
+        policy: File of the policy.
+        config: The configuration of `find_policy`.
+
+    Raises:
+        ValueError: The robot does not walk in a gait, or not at the commands of the policy.
+    """
+    return completed(config) if run_of_policy(policy) is None else config
 
 
 def config_for(robot: str, gaits: Sequence[GaitTiming], command_range: Array) -> Config:
@@ -120,6 +141,22 @@ def _lies_in(inner: CommandBox, outer: CommandBox) -> bool:
     low, high = np.array([inner.vx, inner.vy, inner.yaw_rate]).T
     lowest, highest = np.array([outer.vx, outer.vy, outer.yaw_rate]).T
     return bool((low >= lowest - 1e-9).all() and (high <= highest + 1e-9).all())
+
+
+def _with_bounds(safety: SafetyConfig, bounds: SafetyBounds) -> SafetyConfig:
+    """The safety configuration with the bounds of a policy's file, as far as they are others."""
+    low, high = table_bounds(safety)
+    pairs = (bounds.com_height, bounds.roll, bounds.pitch, *bounds.joints)
+    if np.allclose(np.column_stack([low, high]), pairs, rtol=0.0, atol=1e-9):
+        return safety  # in the same words as before
+    joints = tuple((_degrees(low), _degrees(high)) for low, high in bounds.joints)
+    tilt = _degrees(bounds.roll[1])  # a table has one for roll and pitch, either way
+    return replace(safety, com_height=bounds.com_height, roll_pitch=tilt, joints=joints)
+
+
+def _degrees(angle: float) -> float:
+    """An angle of a file [rad] as the one that was configured [deg]."""
+    return round(math.degrees(angle), 9)
 
 
 def _policy_config(policy: Policy) -> PolicyConfig:

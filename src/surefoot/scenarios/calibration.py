@@ -2,7 +2,8 @@
 
 Six robots walk for three seconds from standing, each at one command along one axis, both ways; the
 gain of an axis is what was planned over what was reached. Biases that do not depend on the
-direction cancel. A gait that reaches little is measured once more, with the gain. Next:
+direction cancel. A gait that reaches little is measured once more, with the gain; where it then
+falls, the first gain stays, and `prepare` finds how far it walks with that. Next:
 `surefoot.scenarios.walking`, and `surefoot.mpc.footholds`, where the gains are used.
 """
 
@@ -17,7 +18,7 @@ from surefoot.mpc.gaits import gait_name
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import with_own_values
 from surefoot.scenarios.preparation import CommandGain, rounded
-from surefoot.scenarios.walking import GaitError, expert_walks
+from surefoot.scenarios.walking import GaitError, Walks, expert_walks
 from surefoot.types import Array, BoolArray, to_ticks
 
 SECONDS = 3.0
@@ -25,7 +26,11 @@ SECONDS = 3.0
 SETTLED = 1.0
 """[s] From here on their velocity counts."""
 TRIED = (0.2, 0.15, 0.5)
-"""[m/s, m/s, rad/s] vx, vy and yaw rate that a robot of Solo12's size is told."""
+"""[m/s, m/s, rad/s] vx, vy and yaw rate that a robot of Solo12's size is told, or less: no more
+than the box has."""
+LEAST_TRIED = 0.25
+"""The least share of `TRIED` that it is told, however narrow the box: of less, a sway would count
+for much."""
 LEAST_SHARE = 0.4
 """A gait that reaches less of what is planned does not go where it is told."""
 FAR = 1.5
@@ -54,6 +59,20 @@ class _Reached:
         """``(3,)`` the share that was reached, without what is the same both ways."""
         return (self.forward - self.backward) / (2 * self.told)
 
+    @property
+    def usable(self) -> BoolArray:
+        """``(3,)`` True where the robots stayed up and went where they were told."""
+        return self.up & (self.share >= LEAST_SHARE)
+
+    def where_usable(self, other: _Reached) -> _Reached:
+        """The same, with what was reached at another time along axes that are not usable."""
+        return replace(
+            self,
+            forward=np.where(self.usable, self.forward, other.forward),
+            backward=np.where(self.usable, self.backward, other.backward),
+            up=np.where(self.usable, self.up, other.up),
+        )
+
 
 def calibrate_command_gain(
     robot: RobotModel, gait: Gait, config: Config, scale: float = 1.0
@@ -71,23 +90,38 @@ def calibrate_command_gain(
         scale: The robot's leg length over Solo12's.
 
     Raises:
-        GaitError: A robot fell, or reached too little of what was planned; the message has the
-            numbers.
+        GaitError: A robot fell with gains of 1, or reached too little of what was planned; the
+            message has the numbers.
     """
     config = with_own_values(replace(config, gait=gait), robot)
-    told = np.array(TRIED) * (np.sqrt(scale), np.sqrt(scale), 1.0)
+    name = gait_name(gait)
+    needed = needed_axes(config.commands)
+    told = told_commands(config.commands, scale)
     gain = np.ones(3)
-    reached = _reached(robot, config, told, gain)
-    _check_moved(reached, needed_axes(config.commands), gait_name(gait))
-    usable = reached.up & (reached.share >= LEAST_SHARE)
-    gain = 1.0 / np.where(usable, reached.share, 1.0)
+    walks = _walks(robot, config, told, gain)
+    walks.of(np.tile(needed, 2)).check(config.safety, name)
+    reached = _reached(walks, config)
+    _check_moved(reached, needed, name)
+    gain = 1.0 / np.where(reached.usable, reached.share, 1.0)
     if gain.max() > FAR:
-        reached = _reached(robot, config, told, gain)
-        usable = reached.up & (reached.share >= LEAST_SHARE)
-        gain = gain / np.where(usable, reached.share, 1.0)
+        again = _reached(_walks(robot, config, told, gain), config)
+        gain = gain / np.where(again.usable, again.share, 1.0)
+        reached = again.where_usable(reached)
     return CommandGain(
         rounded(gain), rounded(told), rounded(reached.forward), rounded(reached.backward)
     )
+
+
+def told_commands(box: CommandBox, scale: float) -> Array:
+    """``(3,)`` what robots are told when they are measured: vx, vy [m/s] and yaw rate [rad/s].
+
+    Args:
+        box: The commands that they are to follow.
+        scale: The robot's leg length over Solo12's.
+    """
+    tried = np.array(TRIED) * (np.sqrt(scale), np.sqrt(scale), 1.0)
+    ends = np.abs([box.vx, box.vy, box.yaw_rate]).max(axis=1)
+    return np.where(ends > 0.0, np.clip(ends, LEAST_TRIED * tried, tried), tried)
 
 
 def needed_axes(box: CommandBox) -> BoolArray:
@@ -95,29 +129,35 @@ def needed_axes(box: CommandBox) -> BoolArray:
     return np.array([axis != (0.0, 0.0) for axis in (box.vx, box.vy, box.yaw_rate)])
 
 
-def _reached(robot: RobotModel, config: Config, told: Array, gain: Array) -> _Reached:
-    """The mean velocities of six robots, two for each axis.
+def _walks(robot: RobotModel, config: Config, told: Array, gain: Array) -> Walks:
+    """What six robots do, two for each axis.
 
     Args:
         robot: The robot.
-        config: The gait, the expert, the commands, the simulator and the fall bounds.
+        config: The gait, the expert and the simulator.
         told: ``(3,)`` vx [m/s], vy [m/s] and yaw rate [rad/s], each way.
         gain: ``(3,)`` gains of the expert.
-
-    Raises:
-        GaitError: A robot fell along an axis that is needed.
     """
     x, y, z = gain.tolist()
     config = replace(config, expert=replace(config.expert, command_gain=(x, y, z)))
     command = np.concatenate([np.diag(told), -np.diag(told)])
-    walks = expert_walks(robot, config, command, to_ticks(SECONDS))
-    walks.of(np.tile(needed_axes(config.commands), 2)).check(config.safety, gait_name(config.gait))
+    return expert_walks(robot, config, command, to_ticks(SECONDS))
+
+
+def _reached(walks: Walks, config: Config) -> _Reached:
+    """The mean velocities of six robots.
+
+    Args:
+        walks: What they did, from `_walks`.
+        config: The gait and the fall bounds.
+    """
     # Whole periods, so that a gait's sway cancels.
     period = to_ticks(config.gait.period)
     counted = max((to_ticks(SECONDS) - to_ticks(SETTLED)) // period, 1) * period
     velocity = walks.since(to_ticks(SECONDS) - counted).mean_velocity
     forward_fell, backward_fell = walks.lost(config.safety).reshape(2, 3)
     up = ~(forward_fell | backward_fell)
+    told = np.diag(walks.command[:3])
     return _Reached(told, np.diag(velocity[:3]), np.diag(velocity[3:]), up)
 
 

@@ -14,14 +14,17 @@ from surefoot.caches import user_folder
 from surefoot.config import Config
 from surefoot.config.json_io import read_record
 from surefoot.files import write_json
+from surefoot.mpc.gaits import names_of
 from surefoot.mpc.schedule import stands
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import size_of, with_own_values
 from surefoot.robots.several_gaits import for_each_gait
-from surefoot.scenarios.calibration import calibrate_command_gain, needed_axes
+from surefoot.scenarios.boxes import describe
+from surefoot.scenarios.calibration import calibrate_command_gain, needed_axes, told_commands
 from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.preparation import CommandGain, Triple
+from surefoot.scenarios.walking import GaitError
 
 NO_GAIN: Triple = (1.0, 1.0, 1.0)
 """The gains where none are measured."""
@@ -29,6 +32,24 @@ ZERO: Triple = (0.0, 0.0, 0.0)
 """What was reached where nothing was measured."""
 
 logger = logging.getLogger(__name__)
+
+
+def check_goes(config: Config) -> None:
+    """Check that robots are told to go nowhere where all that they do is to stand.
+
+    A gait that stands beside others, by the same commands, does so whatever they are.
+
+    Args:
+        config: The gaits and the commands.
+
+    Raises:
+        GaitError: They are told to go somewhere.
+    """
+    if all(map(stands, config.gaits)) and needed_axes(config.commands).any():
+        raise GaitError(
+            f"the gait {names_of(config)} goes nowhere, but the commands are "
+            f"{describe(config.commands)}; make them zero, or use another gait"
+        )
 
 
 def with_measured_gain(config: Config) -> Config:
@@ -66,8 +87,9 @@ def measured_gain(robot: RobotModel, config: Config) -> CommandGain:
     config = replace(config, expert=replace(config.expert, command_gain=None))
     if stands(config.gait):
         return CommandGain(NO_GAIN, ZERO, ZERO, ZERO)
+    ratio = size_of(robot).length_ratio
     needed = needed_axes(config.commands).tolist()
-    key = key_of(ingredients_of(config), needed)
+    key = key_of(ingredients_of(config), needed, told_commands(config.commands, ratio).tolist())
     path = Path(user_folder("gains")) / f"{key}.json"
     if path.exists():
         try:
@@ -77,7 +99,6 @@ def measured_gain(robot: RobotModel, config: Config) -> CommandGain:
     logger.info(
         f"measuring the command gains of {robot.name}, for seconds; they are kept in {path}"
     )
-    ratio = size_of(robot).length_ratio
     gain = calibrate_command_gain(robot, config.gait, config, ratio)
     write_json(path, gain)
     return gain

@@ -96,6 +96,19 @@ class GaitSwitches:
         return GaitSwitches(later, self.gait)
 
 
+def gait_table(first: IntArray, switches: GaitSwitches | None, ticks: int) -> IntArray:
+    """``(B, ticks)`` the number of the gait that each robot is to walk, tick by tick.
+
+    Args:
+        first: ``(B,)`` the gaits in which the robots begin.
+        switches: When they change it; None if none does.
+        ticks: The number of ticks.
+    """
+    if switches is None:
+        return np.repeat(first[:, None], ticks, axis=1)
+    return switches.table(first, ticks)
+
+
 def join_switches(parts: Sequence[GaitSwitches]) -> GaitSwitches:
     """The switches of the robots of at least one part, one part after another."""
     most = max(part.elapsed.shape[1] for part in parts)

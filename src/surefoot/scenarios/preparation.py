@@ -26,7 +26,7 @@ class CommandGain:
         gain: The gains of vx, vy and yaw rate, as `ExpertConfig.command_gain`.
         told: vx [m/s], vy [m/s] and yaw rate [rad/s] that the robots were told, each way.
         forward: The mean of each that was reached at the positive command, with gains of 1; where
-            one came out large, with that gain.
+            one came out large, with that gain, unless the robot then fell.
         backward: The mean of each that was reached at the negative command.
     """
 

@@ -10,7 +10,6 @@ measured. A run keeps a copy. `completed` is what commands, runs and studies cal
 from __future__ import annotations
 
 import logging
-import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -25,15 +24,13 @@ from surefoot.config.checked import Checked, known
 from surefoot.config.presets import with_ground
 from surefoot.config.safety import Range
 from surefoot.mpc.gaits import gait_name, only_gait
-from surefoot.robots.bounds import joint_rows
-from surefoot.robots.geometry import state_of
 from surefoot.robots.identity import description_hash
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
-from surefoot.robots.scaling import own_safety, size_of, with_own_values
+from surefoot.robots.scaling import own_safety, with_own_values
 from surefoot.robots.several_gaits import for_each_gait
 from surefoot.scenarios.boxes import describe, largest_box, walks_enough
-from surefoot.scenarios.gains import ZERO, measured_gain, with_measured_gain
+from surefoot.scenarios.gains import NO_GAIN, ZERO, check_goes, measured_gain, with_measured_gain
 from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.make import (
     SEED,
@@ -47,17 +44,12 @@ from surefoot.scenarios.make import (
     settle,
 )
 from surefoot.scenarios.preparation import CommandGain, Followed, Preparation, Triple, rounded
+from surefoot.scenarios.settled_bounds import settled_bounds
 from surefoot.scenarios.starts import StartSet, load_starts, save_starts
 from surefoot.scenarios.walking import GaitError, Walks
 from surefoot.types import Array, BoolArray, IntArray, to_ticks
 
 Section = TypeVar("Section", bound=Checked)
-MARGIN = 10.0
-"""[deg] The bounds on angles lie so far beyond what the settled gait needs."""
-LOWER = 0.02
-"""[m] The bound on the height lies so far below, times the ratio of leg lengths."""
-ROUND = 1e4
-"""Bounds have four decimals."""
 
 logger = logging.getLogger(__name__)
 
@@ -123,12 +115,12 @@ def prepare(
         f"{robot.name}, {gait_name(config.gait)}, {describe(config.commands)}: made once, in less "
         f"than two minutes, and kept in {path}"
     )
-    gain = _gain_of(robot, config)
-    config = replace(config, expert=replace(config.expert, command_gain=gain.gain))
     counts = {size.velocities for size in sizes.values()}
     spread = {count: config.commands.spread(count) for count in sorted(counts)}
     commands, first = np.unique(np.concatenate(list(spread.values())), axis=0, return_index=True)
     commands = commands[np.argsort(first)]
+    gain = _gain_of(robot, config, commands)
+    config = _with_gain(config, gain.gain)
     walks = settle(config, commands)
     up = ~walks.lost(config.safety)
     if not walks_enough(up):
@@ -183,12 +175,28 @@ def _find(path: Path, key: str) -> Prepared | None:
     return Prepared(starts, starts.preparation, path, kept=True)
 
 
-def _gain_of(robot: RobotModel, config: Config) -> CommandGain:
-    """The command gains: those that are given, or those that are measured."""
+def _gain_of(robot: RobotModel, config: Config, commands: Array) -> CommandGain:
+    """The command gains: those that are given, or those that are measured.
+
+    Raises:
+        GaitError: None can be measured; where that is because robots fall, the largest box is said.
+    """
     given = config.expert.command_gain
     if given is not None:
         return CommandGain(given, ZERO, ZERO, ZERO)
-    return measured_gain(robot, config)
+    try:
+        return measured_gain(robot, config)
+    except GaitError as error:
+        config = _with_gain(config, NO_GAIN)
+        up = ~settle(config, commands).lost(config.safety)
+        if walks_enough(up):
+            raise
+        raise _refusal(robot, config, commands, up) from error
+
+
+def _with_gain(config: Config, gain: Triple) -> Config:
+    """The configuration with other command gains."""
+    return replace(config, expert=replace(config.expert, command_gain=gain))
 
 
 def _refusal(robot: RobotModel, config: Config, commands: Array, up: BoolArray) -> GaitError:
@@ -211,40 +219,6 @@ def _own_bounds(robot: RobotModel, config: Config) -> SafetyConfig:
     """The robot's own bounds in a gait, with the falls that are configured."""
     height = known(config.gait.com_height, "gait.com_height")
     return own_safety(SafetyConfig(fall_height=config.safety.fall_height), height, robot)
-
-
-def settled_bounds(robot: RobotModel, safety: SafetyConfig, walks: Walks) -> SafetyConfig:
-    """Bounds widened until a settled gait stays within them, with a margin.
-
-    Args:
-        robot: The robot.
-        safety: The robot's own bounds.
-        walks: What the robots did, settled.
-    """
-    q = np.ascontiguousarray(walks.q.reshape(-1, 19))
-    state = state_of(robot, q, np.ascontiguousarray(walks.v.reshape(-1, 18)))
-    below = LOWER * size_of(robot).length_ratio
-    com_height = _widened(known(safety.com_height, "safety.com_height"), state.com[:, 2], below)
-    tilt = known(safety.roll_pitch, "safety.roll_pitch")
-    _, tilt = _widened((-tilt, tilt), np.abs(np.degrees(state.roll_pitch)), MARGIN)
-    angles = np.degrees(q[:, 7:]).T
-    own = joint_rows(safety)
-    joints = tuple(_widened(*row, MARGIN) for row in zip(own, angles, strict=True))
-    safety = replace(safety, com_height=com_height, roll_pitch=tilt)
-    return safety if joints == own else replace(safety, joints=joints)
-
-
-def _widened(bounds: tuple[float, float], values: Array, margin: float) -> tuple[float, float]:
-    """Bounds that are as far as they were, or a margin beyond the values, where that is farther."""
-    low, high = bounds
-    lowest = float(values.min()) - margin
-    highest = float(values.max()) + margin
-    # Rounded outward, and only where it is another number than before.
-    if lowest < low:
-        low = math.floor(lowest * ROUND) / ROUND
-    if highest > high:
-        high = math.ceil(highest * ROUND) / ROUND
-    return low, high
 
 
 def _followed(settled: Walks, up: BoolArray, period: int) -> tuple[Followed, ...]:
@@ -295,6 +269,7 @@ def completed(config: Config) -> Config:
     Raises:
         ValueError: The robot does not walk in a gait, or not at the commands of the box.
     """
+    check_goes(config)
     return for_each_gait(lambda one: with_ground(_completed(one)), config)
 
 

@@ -25,7 +25,7 @@ from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import heading, rotation
 from surefoot.sim.terrain import Ground
-from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray
+from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, Command, IntArray
 from surefoot.viz.renderer import RenderingUnavailable, child_process, pictures, view_scale
 
 FILM_SUFFIXES = (".mp4",)
@@ -104,6 +104,20 @@ class Recording:
                 f"the ground of {len(self.ground)} robots for the recording of one: "
                 "rollout.ground[b : b + 1]"
             )
+
+
+def in_words(command: Command) -> str:
+    """A command for the title of a film: vx, and what else is not zero.
+
+    Args:
+        command: The command.
+    """
+    words = [f"vx {command.vx:.2f} m/s"]
+    if command.vy:
+        words.append(f"vy {command.vy:.2f} m/s")
+    if command.yaw_rate:
+        words.append(f"yaw rate {command.yaw_rate:.2f} rad/s")
+    return ", ".join(words)
 
 
 def film(

@@ -243,11 +243,11 @@ def expert_setup(config: Config, robot: str, gait: str) -> LiveSetup:
     """
     if robot != find_spec(config.robot).name:
         config = replace(config, robot=RobotConfig(robot))
-    config = with_own_values(with_gait(config, gait))
     model = load_robot(config.robot)
     root = float(np.sqrt(size_of(model).length_ratio))
     box = CommandBox(_scaled(WIDE.vx, root), _scaled(WIDE.vy, root), WIDE.yaw_rate)
-    config, unmeasured = _measured(replace(config, commands=box))
+    # The commands before the robot's own values: they decide about the rules of the expert.
+    config, unmeasured = _measured(replace(with_gait(config, gait), commands=box))
     note = " ".join(filter(None, (unmeasured, _ground_note(config))))
     return LiveSetup(config, None, f"{model.name}, {gait}", note)
 
