@@ -10,7 +10,7 @@ from surefoot.config.json_io import to_json
 from surefoot.config.studies import named_study
 from surefoot.study import state
 from surefoot.study.cells import jobs_of
-from surefoot.study.results import StudySetup, save_setup
+from surefoot.study.folder import StudySetup, save_setup
 from surefoot.study.state import FAILED_FILE, is_paused, job_folder
 
 SMOKE = named_study("smoke")

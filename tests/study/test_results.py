@@ -10,14 +10,8 @@ from surefoot.runs.initial_states import keep_starts
 from surefoot.runs.run import CONFIG_FILE, Setup
 from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.study.cells import cells_of
-from surefoot.study.results import (
-    StudyError,
-    StudySetup,
-    read_cell,
-    results_folder,
-    run_config,
-    save_setup,
-)
+from surefoot.study.folder import StudyError, StudySetup, results_folder, run_config, save_setup
+from surefoot.study.results import read_cell
 from tests.fakes.study_folders import paper_like
 
 

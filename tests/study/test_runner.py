@@ -9,7 +9,7 @@ from surefoot.config.studies import STUDIES, named_study
 from surefoot.config.study import Measurement, StudyConfig, Technique
 from surefoot.study import runner
 from surefoot.study.cells import cells_of, find_job, jobs_of
-from surefoot.study.results import (
+from surefoot.study.folder import (
     JobRecord,
     StudyError,
     StudySetup,

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from surefoot.config.study import Measurement, StudyConfig, Technique
-from surefoot.study.results import StudySetup, save_setup
+from surefoot.study.folder import StudySetup, save_setup
 from surefoot.study.state import (
     FAILED_FILE,
     LOG_FILE,

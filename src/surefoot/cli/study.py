@@ -85,7 +85,7 @@ class Study(OnWorkers):
 
     def __call__(self) -> int:
         """Do what the first word says."""
-        from surefoot.study.results import STUDY_FILE
+        from surefoot.study.folder import STUDY_FILE
         from surefoot.study.state import pause_study, resume_study
 
         action, name = self._words()
@@ -115,7 +115,7 @@ class Study(OnWorkers):
 
     def _folder(self, name: str) -> Path:
         """The folder of the study."""
-        from surefoot.study.results import STUDY_FILE, read_study
+        from surefoot.study.folder import STUDY_FILE, read_study
 
         if self.folder is not None:
             return self.folder
@@ -186,7 +186,7 @@ def study_named(name: str) -> StudyConfig:
     from surefoot.config.json_io import from_json, read_json
     from surefoot.config.studies import STUDIES, named_study
     from surefoot.config.study import StudyConfig
-    from surefoot.study.results import STUDY_FILE, read_study
+    from surefoot.study.folder import STUDY_FILE, read_study
 
     if name in STUDIES:
         return named_study(name)

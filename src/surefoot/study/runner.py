@@ -23,14 +23,8 @@ from surefoot.runs.versions import versions
 from surefoot.scenarios.prepare import completed
 from surefoot.study.cells import StudyJob, jobs_of, trained_configs
 from surefoot.study.checkout import check_out, checkout_root, clean_commit
+from surefoot.study.folder import STUDY_FILE, StudyError, StudySetup, read_study, save_setup
 from surefoot.study.pools import make_pool
-from surefoot.study.results import (
-    STUDY_FILE,
-    StudyError,
-    StudySetup,
-    read_study,
-    save_setup,
-)
 from surefoot.study.state import claim_study, finished_jobs, is_paused, say_workers
 from surefoot.study.supervise import Ended, Task
 from surefoot.workers import Workers

@@ -14,7 +14,7 @@ from typing import Literal
 from surefoot.config.json_io import read_json
 from surefoot.files import is_locked, lock_file, write_atomic, write_json
 from surefoot.study.cells import StudyJob, jobs_of
-from surefoot.study.results import StudyError, read_job, read_study, run_folder, shared_folder
+from surefoot.study.folder import StudyError, read_job, read_study, run_folder, shared_folder
 
 JobState = Literal["done", "running", "ready", "waiting", "failed"]
 """How far a job is: it waits until what it needs is done, then it is ready."""

@@ -33,7 +33,7 @@ from surefoot.runs.run import config_for, create, open_run
 from surefoot.runs.stages import collect_data, train_policy
 from surefoot.runs.versions import versions
 from surefoot.study.cells import Cell, StudyJob, find_job, measurements_of
-from surefoot.study.results import (
+from surefoot.study.folder import (
     JobRecord,
     PolicyTest,
     StudySetup,

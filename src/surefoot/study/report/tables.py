@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from surefoot.runs.metrics import Best, Collected
+from surefoot.study.folder import JobRecord
 from surefoot.study.report.markup import (
     COUNT,
     MISSING,
@@ -21,7 +22,7 @@ from surefoot.study.report.markup import (
 from surefoot.study.report.numbers import Estimate, Number, over_runs, stored, total
 from surefoot.study.report.panels import Curve, Panel, Quantity, ReportFigure
 from surefoot.study.report.source import METRICS_FILE, stages
-from surefoot.study.results import CellResult, JobRecord, StudyResults
+from surefoot.study.results import CellResult, StudyResults
 
 SECONDS = Quantity("", "", 1.0, 1)
 """A time in seconds."""
