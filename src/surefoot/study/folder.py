@@ -15,14 +15,14 @@ from typing import TypeVar
 from surefoot.config import Config
 from surefoot.config.json_io import from_json, read_json
 from surefoot.config.learning import NumberFormat
-from surefoot.config.study import StudyConfig
+from surefoot.config.study import Options, StudyConfig
 from surefoot.evaluation.imitation import ImitationError
 from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
 from surefoot.runs.layout import STARTS_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, read_setup
-from surefoot.study.cells import Cell, cell_config
+from surefoot.study.cells import Cell, cell_config, measured_options
 
 Record = TypeVar("Record")
 STUDY_FILE = "study.json"
@@ -107,11 +107,16 @@ class Tests:
         measurement: Name of the measurement.
         policies: The policies, in the order of their iterations.
         finished: Whether all of them are measured.
+        options: What the study said of it (`cells.measured_options`); None in files of earlier
+            versions.
     """
 
     measurement: str
     policies: tuple[PolicyTest, ...]
     finished: bool
+    options: Options | None = None
+
+    __test__ = False  # no test of pytest
 
 
 def run_config(setup: StudySetup, cell: Cell) -> Config:
@@ -183,14 +188,30 @@ def save_tests(folder: Path, cell: Cell, tests: Tests) -> None:
     write_json(results_folder(folder, cell) / "tests" / f"{tests.measurement}.json", tests)
 
 
-def read_tests(folder: Path, cell: Cell, measurement: str) -> Tests | None:
+def read_tests(folder: Path, study: StudyConfig, cell: Cell, measurement: str) -> Tests | None:
     """What a measurement says of a cell; None if nothing yet.
 
+    Args:
+        folder: Folder of the study.
+        study: The study.
+        cell: The cell.
+        measurement: Name of the measurement.
+
     Raises:
-        StudyError: The file cannot be read.
+        StudyError: The file cannot be read, or was measured with other options than the study has.
     """
     path = results_folder(folder, cell) / "tests" / f"{measurement}.json"
-    return _read(Tests, path) if path.exists() else None
+    if not path.exists():
+        return None
+    tests = _read(Tests, path)
+    asked = measured_options(study, cell, measurement)
+    if tests.options is not None and tests.options != asked:
+        other = sorted({name for name, _ in tests.options.items() ^ asked.items()})
+        raise StudyError(
+            f"{path} was measured with other options ({', '.join(other)}) than "
+            f"{folder / STUDY_FILE} asks for; move it away, or restore the study's file"
+        )
+    return tests
 
 
 def save_job(folder: Path, cell: Cell, record: JobRecord) -> None:

@@ -114,7 +114,8 @@ def read_results(folder: Path) -> StudyResults:
 
     Raises:
         StudyError: There is no study, a file cannot be read, or the results do not belong together:
-            they are of other configurations, of several commits, or of several precisions.
+            they are of other configurations or measurements, of several commits, or of several
+            precisions.
     """
     setup = read_study(folder)
     results = []
@@ -133,7 +134,8 @@ def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
     """All results of a cell; None if there are none yet.
 
     Raises:
-        StudyError: A file cannot be read, or the results are of another configuration.
+        StudyError: A file cannot be read, or the results are of another configuration or of other
+            measurements.
     """
     results = results_folder(folder, cell)
     if not results.is_dir():
@@ -151,7 +153,7 @@ def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
         metrics = tuple(run.metrics)
     tests = {}
     for measurement in setup.study.measurements:
-        measured = read_tests(folder, cell, measurement.name)
+        measured = read_tests(folder, setup.study, cell, measurement.name)
         if measured is not None:
             tests[measurement.name] = measured
     policy = results / KEPT_POLICY_FILE

@@ -124,7 +124,7 @@ def run_study(folder: Path, workers: Workers, only: Sequence[str] = ()) -> Study
     setup = read_study(folder)
     claim_study(folder)
     jobs = needed_jobs(setup.study, only) if only else jobs_of(setup.study)
-    queue = JobQueue(jobs, finished_jobs(folder, jobs))
+    queue = JobQueue(jobs, finished_jobs(folder, setup.study, jobs))
     code = code_of(folder, setup)
     pool = make_pool(workers)
     say_workers(folder, pool.count)
