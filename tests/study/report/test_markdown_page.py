@@ -53,3 +53,16 @@ def test_planned_comparisons_stand_below_with_their_verdicts(tmp_path):
     text = page(regimes(dagger=[FakeRun(falls=(0,))]), tmp_path / "page.md")
     below = text[text.index("### Planned comparisons") :]
     assert below.count("**cannot tell**") == len(PLANNED) > 0
+    assert "| setting |" not in below
+
+
+def test_planned_comparisons_say_their_settings_where_there_are_several(tmp_path):
+    results = study_results({}, replace(STUDY, seeds=(0, 1)))
+    text = page(results, tmp_path / "page.md")
+    below = text[text.index("### Planned comparisons") :]
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in below.splitlines()]
+    rows = [row for row in rows if len(row) > 1]
+    place = rows[0].index("setting")
+    found = [row[place] for row in rows[2:]]
+    assert found == [STUDY.setting(each.setting).title for each in STUDY.comparisons]
+    assert len(set(found)) > 1

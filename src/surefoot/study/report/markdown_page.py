@@ -126,6 +126,11 @@ def _costs(cells: list[CellResult]) -> list[str]:
 
 def _comparisons(comparisons: tuple[Verdict, ...]) -> str:
     """The planned comparisons with their verdicts."""
-    lines = [(each.text, f"**{each.verdict}**", each.number, each.reason) for each in comparisons]
-    head = ("planned before the study ran", "verdict", "measured", "why")
+    are_placed = any(each.section for each in comparisons)
+    lines = []
+    for each in comparisons:
+        place = [each.section] if are_placed else []
+        lines.append((each.text, *place, f"**{each.verdict}**", each.number, each.reason))
+    place = ["setting"] if are_placed else []
+    head = ("planned before the study ran", *place, "verdict", "measured", "why")
     return f"### Planned comparisons\n\n{markdown(head, lines)}"

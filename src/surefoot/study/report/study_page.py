@@ -194,7 +194,7 @@ def _verdicts(report: StudyReport) -> list[Markup]:
         ]
     if report.verdicts.comparisons:
         caption = "Comparisons planned before the study ran, beside what came out"
-        parts.append(verdict_table(caption, report.verdicts.comparisons, ""))
+        parts.append(verdict_table(caption, report.verdicts.comparisons, "setting"))
     return parts
 
 
