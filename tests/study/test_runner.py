@@ -1,5 +1,7 @@
 """Running a study: order, failures, resuming. Jobs that only sleep stand in for real ones."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -196,6 +198,37 @@ def test_a_study_that_was_changed_after_it_began_is_refused(tmp_path, monkeypatc
     open_study(tmp_path, STUDY)
     with pytest.raises(StudyError, match="other seeds, title"):
         open_study(tmp_path, replace(STUDY, seeds=(0, 1), title="Another"))
+    assert read_study(tmp_path).study == STUDY
+
+
+BEGIN = """
+import sys
+from pathlib import Path
+from surefoot.study import runner
+from tests.study.test_runner import STUDY
+
+def measured(study):
+    print("claimed", flush=True)
+    sys.stdin.read()
+    return "float32"
+
+runner.measured_precision = measured
+runner.checkout_root = lambda: None
+runner.open_study(Path(sys.argv[1]), STUDY)
+"""
+
+
+def test_of_two_processes_that_begin_a_study_the_second_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "checkout_root", lambda: None)
+    command = [sys.executable, "-c", BEGIN, str(tmp_path)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as first:
+        assert first.stdout is not None and first.stdin is not None
+        assert first.stdout.readline() == "claimed\n"
+        with pytest.raises(StudyError, match="another process runs the study"):
+            open_study(tmp_path, replace(STUDY, title="Another"))
+        first.stdin.close()
+    assert first.returncode == 0
     assert read_study(tmp_path).study == STUDY
 
 

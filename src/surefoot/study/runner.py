@@ -55,8 +55,8 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
         study: The study.
 
     Raises:
-        StudyError: The folder holds another study, the code has changes that are in no commit, or a
-            cell could not be run here.
+        StudyError: The folder holds another study, another process begins one there, the code has
+            changes that are in no commit, or a cell could not be run or measured here.
         WriteError: The folder cannot be written to.
     """
     if (folder / STUDY_FILE).exists():
@@ -70,6 +70,9 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
             )
         return setup
     check_cells(study)
+    claim_study(folder)
+    if (folder / STUDY_FILE).exists():  # another process has begun it meanwhile, and ended
+        return open_study(folder, study)
     root = checkout_root()
     commit = None if root is None else clean_commit(root)
     precision = measured_precision(study)
