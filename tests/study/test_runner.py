@@ -250,6 +250,26 @@ def test_a_cell_that_could_not_be_run_is_refused_before_any_work(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.parametrize(
+    ("measure", "options", "message"),
+    [
+        ("robustness", {"evaluation.episodes": 50_000}, "50000 episodes asked for"),
+        ("impulse", {"push.speeds": 999}, "999 velocities asked for"),
+    ],
+)
+def test_a_measurement_that_could_not_be_made_is_refused_before_any_work(
+    tmp_path, measure, options, message
+):
+    asked = Measurement("test", "test", measure, options=options)
+    expert = Technique("expert", "expert", "expert")
+    for technique in (STUDY.techniques[0], expert):
+        study = replace(STUDY, techniques=(technique,), measurements=(asked,))
+        told = f"{technique.name} in the setting all, test: {message}"
+        with pytest.raises(StudyError, match=told):
+            open_study(tmp_path / "new", study)
+    assert not (tmp_path / "new").exists()
+
+
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_cell_of_a_packaged_study_can_be_run(name):
     runner.check_cells(named_study(name))

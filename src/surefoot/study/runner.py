@@ -10,17 +10,21 @@ from __future__ import annotations
 import fnmatch
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from surefoot.config import Config
 from surefoot.config.json_io import changes
 from surefoot.config.learning import NumberFormat
-from surefoot.config.study import StudyConfig
+from surefoot.config.study import EXPERT, Measurement, StudyConfig, config_of, measured_config
 from surefoot.errors import unknown
+from surefoot.evaluation.push import pushed_starts
 from surefoot.runs.checks import check_config
 from surefoot.runs.precision import choose_for_run
 from surefoot.runs.versions import versions
+from surefoot.scenarios.gaits import all_starts_of
 from surefoot.scenarios.prepare import completed
+from surefoot.scenarios.starts import starts_of
 from surefoot.study.cells import StudyJob, jobs_of, trained_configs
 from surefoot.study.checkout import check_out, checkout_root, clean_commit
 from surefoot.study.folder import STUDY_FILE, StudyError, StudySetup, read_study, save_setup
@@ -82,7 +86,7 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
 
 
 def check_cells(study: StudyConfig) -> None:
-    """Check that every technique can be trained under every setting, before days of work.
+    """Check that every technique can be trained and measured under every setting, before any work.
 
     Raises:
         StudyError: One cannot; the message names it, the option, and what the option may be.
@@ -93,13 +97,34 @@ def check_cells(study: StudyConfig) -> None:
                 f"{part.section}.{part.name}: the option seed would be ignored, because a study's "
                 "seeds are its `seeds`; leave it out, and name the seeds there"
             )
-    for cell, config in trained_configs(study).items():
-        if cell.seed != study.seeds[0] or cell.training > 0:
-            continue
-        try:
-            check_config(completed(config))
-        except ValueError as error:
-            raise StudyError(f"{cell.technique} in the setting {cell.setting}: {error}") from error
+    for technique in study.techniques:
+        for setting in study.settings:
+            where = f"{technique.name} in the setting {setting.name}"
+            try:
+                config = completed(config_of(technique, setting, study.seeds[0]))
+                if technique.method != EXPERT:
+                    check_config(config)
+                for measurement in study.measurements:
+                    where = f"{technique.name} in the setting {setting.name}, {measurement.name}"
+                    check_measured(measured_config(config, measurement), measurement)
+            except ValueError as error:
+                raise StudyError(f"{where}: {error}") from error
+
+
+def check_measured(config: Config, measurement: Measurement) -> None:
+    """Check that there are initial states enough for a measurement.
+
+    Args:
+        config: The configuration under which a policy is measured.
+        measurement: The measurement.
+
+    Raises:
+        ValueError: There are too few.
+    """
+    if measurement.measure == "robustness":
+        all_starts_of(config).first(measurement.split, config.evaluation.episodes)
+    elif measurement.measure == "impulse":
+        pushed_starts(replace(config.push, split=measurement.split), starts_of(config))
 
 
 def measured_precision(study: StudyConfig) -> NumberFormat:
