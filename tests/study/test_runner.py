@@ -124,6 +124,20 @@ def test_a_job_whose_slice_is_over_is_started_again(study_folder, monkeypatch):
     assert outcome.done == 5
 
 
+def test_a_job_that_is_lost_with_its_machine_is_started_again(study_folder, monkeypatch):
+    pool, outcome = run(study_folder, monkeypatch, {LOCO: ["lost", "lost", "finished"]})
+    assert pool.started.count(LOCO) == 3
+    assert (outcome.done, outcome.failed) == (5, ())
+
+
+def test_a_job_that_is_lost_again_and_again_fails(study_folder, monkeypatch, caplog):
+    pool, outcome = run(study_folder, monkeypatch, {LOCO: ["lost"] * 5})
+    assert pool.started.count(LOCO) == 3
+    assert TEST_LOCO not in pool.started
+    assert [ended.job for ended in outcome.failed] == [LOCO]
+    assert f"{LOCO} was lost 3 times" in caplog.text
+
+
 def test_a_study_that_is_paused_says_so_when_it_is_started(study_folder, monkeypatch, caplog):
     pause_study(study_folder)
     run(study_folder, monkeypatch)

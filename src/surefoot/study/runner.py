@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import fnmatch
 import logging
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,6 +35,9 @@ from surefoot.study.supervise import Ended, Task
 from surefoot.workers import Workers
 
 logger = logging.getLogger(__name__)
+
+MOST_LOSSES = 3
+"""A job that was lost so often fails."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +171,7 @@ def run_study(folder: Path, workers: Workers, only: Sequence[str] = ()) -> Study
             if not queue.running:
                 break
             for ended in pool.ended():
-                queue.give_back(ended)
+                ended = queue.give_back(ended)
                 logger.info(
                     "%s: %s; %d of %d jobs are done",
                     ended.job,
@@ -241,6 +245,7 @@ class JobQueue:
         self.done = set(done)
         self.running: dict[str, StudyJob] = {}
         self.failed: list[Ended] = []
+        self._losses: Counter[str] = Counter()
         self._waiting = [job for job in jobs if job.name not in done]
 
     def take(self) -> StudyJob | None:
@@ -251,12 +256,26 @@ class JobQueue:
                 return job
         return None
 
-    def give_back(self, ended: Ended) -> None:
-        """Take note of how a job ended: one that is not finished is the next to be taken."""
+    def give_back(self, ended: Ended) -> Ended:
+        """Take note of how a job ended: one that is not finished is the next to be taken.
+
+        Returns:
+            How it ended; one that was lost too often has failed.
+        """
         job = self.running.pop(ended.job)
+        if ended.status == "lost":
+            self._losses[job.name] += 1
+            if self._losses[job.name] == MOST_LOSSES:
+                ended = replace(
+                    ended,
+                    status="failed",
+                    message=f"{job.name} was lost {MOST_LOSSES} times, and is not started again; "
+                    f"see whether the machines have the memory for it. {ended.message}",
+                )
         if ended.status == "finished":
             self.done.add(job.name)
         elif ended.status == "failed":
             self.failed.append(ended)
         else:
             self._waiting.insert(0, job)
+        return ended
