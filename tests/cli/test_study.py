@@ -96,6 +96,10 @@ def test_the_folder_of_a_study_has_its_name(surefoot, capsys, elsewhere, word, f
     assert f"{folder} holds no study" in capsys.readouterr().err
 
 
+def test_the_file_of_a_study_that_has_begun_is_a_study_too(folder):
+    assert study.study_named(str(folder / "study.json")) == SMOKE
+
+
 def test_a_study_that_has_begun_in_the_folder_of_its_file_goes_on_there(surefoot, elsewhere):
     mine = replace(SMOKE, name="mine")
     save_setup(elsewhere / "studies" / "a", StudySetup(mine, None, "0", "float32"))
