@@ -33,6 +33,7 @@ def test_a_technique_is_a_row_with_its_mean_and_every_run(tmp_path):
     cells = [cell.strip() for cell in row.strip("|").split("|")]
     assert cells[1].startswith("**91** [") and cells[1].endswith("]: 96, 86")
     assert cells[-2] == "1.5"  # falls: 3 and 0
+    assert cells[-3] == "–, 2.00, 3.00"  # no speed error is stored along x
 
 
 def test_the_prose_stays_and_the_old_tables_go(tmp_path):
