@@ -6,8 +6,6 @@ PYTHON ?= python3
 ROBOT ?= solo12
 # The folder of its run; without one, runs/demo or runs/demo-ROBOT.
 RUN ?=
-# After how many seconds the smoke study is interrupted.
-INTERRUPT ?= 60
 # One BLAS thread per process: the work is spread over processes, and bits depend on threads.
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
@@ -80,11 +78,8 @@ reproduce: venv  ## the paper's experiment, with its report (a day on two cores;
 	$(BIN)/surefoot study paper --folder studies/paper
 	$(BIN)/surefoot report studies/paper
 
-reproduce-smoke: venv  ## the same path in minutes: a tiny study, interrupted and resumed, with its report
-	rm -rf studies/smoke
-	timeout --signal=INT $(INTERRUPT) $(BIN)/surefoot study smoke --folder studies/smoke || test $$? = 124
-	$(BIN)/surefoot study smoke --folder studies/smoke
-	$(BIN)/surefoot report studies/smoke
+reproduce-smoke: venv  ## the same path in minutes: a tiny study, killed and resumed, with its report
+	$(BIN)/python checks/interrupt_study.py studies/smoke
 
 peers: .venv-peers/.complete  ## collection speed, compared with imitation and Stable-Baselines3 (three minutes)
 	.venv-peers/bin/python benchmarks/peers/compare.py $(if $(JSON),--json-file $(JSON))

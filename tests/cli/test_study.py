@@ -10,7 +10,7 @@ from surefoot.config.json_io import to_json
 from surefoot.config.studies import named_study
 from surefoot.study import state
 from surefoot.study.cells import jobs_of
-from surefoot.study.results import StudySetup, save_setup
+from surefoot.study.folder import StudySetup, save_setup
 from surefoot.study.state import FAILED_FILE, is_paused, job_folder
 
 SMOKE = named_study("smoke")
@@ -94,6 +94,10 @@ def elsewhere(tmp_path, monkeypatch):
 def test_the_folder_of_a_study_has_its_name(surefoot, capsys, elsewhere, word, folder):
     assert surefoot("study", "status", word) == 2
     assert f"{folder} holds no study" in capsys.readouterr().err
+
+
+def test_the_file_of_a_study_that_has_begun_is_a_study_too(folder):
+    assert study.study_named(str(folder / "study.json")) == SMOKE
 
 
 def test_a_study_that_has_begun_in_the_folder_of_its_file_goes_on_there(surefoot, elsewhere):

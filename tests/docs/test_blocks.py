@@ -8,6 +8,9 @@ import tomllib
 
 import pytest
 
+from surefoot.config.json_io import from_json
+from surefoot.config.study import StudyConfig
+from surefoot.study.runner import check_cells
 from tests.docs.pages import BLOCKS, MARKS, ROOT
 
 PROGRAMS = {program.read_text(): program.name for program in (ROOT / "examples").glob("*.py")}
@@ -60,6 +63,11 @@ def test_a_slow_program_runs(block, tmp_path):
 @pytest.mark.parametrize("block", [block for block in PYTHON if block.mark], ids=str)
 def test_a_program_that_is_not_run_often_is_python(block):
     compile(block.text, str(block), "exec")
+
+
+def test_the_study_of_the_page_of_studies_is_one():
+    (block,) = [b for b in BLOCKS if b.page == "docs/studies.md" and b.language == "json"]
+    check_cells(from_json(StudyConfig, json.loads(block.text)))
 
 
 @pytest.mark.parametrize("block", [b for b in BLOCKS if b.language in ("json", "toml")], ids=str)

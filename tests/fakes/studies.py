@@ -8,7 +8,8 @@ from surefoot.config.studies import paper_study
 from surefoot.config.study import EXPERT, StudyConfig
 from surefoot.runs.metrics import Best, StageRecord
 from surefoot.study.cells import cell_config, cells_of
-from surefoot.study.results import CellResult, PolicyTest, StudyResults, StudySetup, Tests
+from surefoot.study.folder import PolicyTest, StudySetup, Tests
+from surefoot.study.results import CellResult, StudyResults
 from tests.fakes.results import push_result, robustness
 from tests.fakes.runs import collected_record
 

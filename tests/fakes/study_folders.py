@@ -13,7 +13,7 @@ from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import Best, StageRecord, format_line
 from surefoot.runs.run import CONFIG_FILE, Setup
 from surefoot.study.cells import Cell, cells_of
-from surefoot.study.results import (
+from surefoot.study.folder import (
     JobRecord,
     PolicyTest,
     StudySetup,

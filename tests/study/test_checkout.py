@@ -5,7 +5,7 @@ import subprocess
 import pytest
 
 from surefoot.study.checkout import check_out, clean_commit
-from surefoot.study.results import StudyError
+from surefoot.study.folder import StudyError
 
 
 def git(folder, *arguments):

@@ -27,9 +27,9 @@ def success(*counts):
     return [FakeRun(successes=(count - 1, count)) for count in counts]
 
 
-def outcome_of(prediction, runs, measurement="push", others=0):
+def outcome_of(prediction, runs, measurement="push", others=0, margin=None):
     """The outcome of comparing LocoSafeDAGGER with BC, beside comparisons not measured."""
-    planned = PlannedComparison(measurement, SAFE, BC, "all", prediction)
+    planned = PlannedComparison(measurement, SAFE, BC, "all", prediction, margin)
     unmeasured = [PlannedComparison("push", SAFE, "loco_dagger-0.5", "all")] * others
     study = replace(paper_study(), seeds=(0, 1, 2, 3, 4), comparisons=(planned, *unmeasured))
     return comparison_outcomes(study_results(runs, study))[0]
@@ -102,6 +102,12 @@ def test_success_is_compared_in_points(prediction, safe, cloning, verdict):
     outcome = outcome_of(prediction, {SAFE: success(*safe), BC: success(*cloning)}, "test")
     assert outcome.verdict == verdict
     assert " points (" in outcome.number
+
+
+@pytest.mark.parametrize(("margin", "verdict"), [(None, "holds"), (2.0, "cannot tell")])
+def test_a_study_may_have_a_margin_of_its_own(margin, verdict):
+    runs = {SAFE: success(98, 98, 99, 98, 98), BC: success(100, 100, 99, 100, 100)}
+    assert outcome_of("equal", runs, "test", margin=margin).verdict == verdict
 
 
 @pytest.mark.parametrize("runs", [{}, {SAFE: HIGH}, {BC: LOW}])

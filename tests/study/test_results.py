@@ -4,20 +4,29 @@ from dataclasses import replace
 
 import pytest
 
+from surefoot.config.json_io import read_json
+from surefoot.config.studies import named_study
 from surefoot.files import write_json
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.initial_states import keep_starts
 from surefoot.runs.run import CONFIG_FILE, Setup
 from surefoot.scenarios.starts import load_starts, save_starts
-from surefoot.study.cells import cells_of
-from surefoot.study.results import (
+from surefoot.study.cells import cells_of, jobs_of, measured_options
+from surefoot.study.folder import (
+    JobRecord,
+    PolicyTest,
     StudyError,
     StudySetup,
-    read_cell,
+    Tests,
     results_folder,
     run_config,
+    save_job,
     save_setup,
+    save_tests,
 )
+from surefoot.study.results import read_cell
+from surefoot.study.state import finished_jobs
+from tests.fakes.results import robustness
 from tests.fakes.study_folders import paper_like
 
 
@@ -50,6 +59,60 @@ def test_a_study_with_initial_states_of_its_own_is_read_back(study, tmp_path):
     assert result.config.start_set == str(results_folder(folder, cell).resolve() / "starts.npz")
     (tmp_path / "mine.npz").unlink()  # as on another machine
     assert read_cell(folder, setup, cell) == result
+
+
+@pytest.fixture
+def measured(tmp_path):
+    """The folder of a small study, in which the expert is measured, and its setup."""
+    study = named_study("smoke")
+    setup = StudySetup(study, None, "0.1.0", "float32")
+    save_setup(tmp_path, setup)
+    cell = cells_of(study)[0]
+    measurement = study.measurements[0]
+    options = measured_options(study, cell, measurement.name)
+    test = PolicyTest(0, None, None, robustness=robustness(9, 10))
+    save_tests(tmp_path, cell, Tests(measurement.name, (test,), True, options))
+    job = f"measure--{cell.name}"
+    save_job(tmp_path, cell, JobRecord(job, None, ("one",), {}, "", "2026", 1.0, True))
+    return tmp_path, setup
+
+
+def changed(study, part, **changes):
+    """A study in which the first of its techniques or measurements is another."""
+    first, *others = getattr(study, part)
+    return replace(study, **{part: (replace(first, **changes), *others)})
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "value"),
+    [("measurements", "evaluation.episodes", 7), ("techniques", "simulation.friction", 0.5)],
+)
+def test_what_was_measured_with_other_options_is_refused(measured, part, name, value):
+    folder, setup = measured
+    first = getattr(setup.study, part)[0]
+    study = changed(setup.study, part, options={**first.options, name: value})
+    with pytest.raises(StudyError, match=f"measured with other options \\({name}\\)"):
+        read_cell(folder, replace(setup, study=study), cells_of(study)[0])
+    with pytest.raises(StudyError, match="measured with other options"):
+        finished_jobs(folder, study, jobs_of(study))
+
+
+def test_a_measurement_may_have_another_title(measured):
+    folder, setup = measured
+    study = changed(setup.study, "measurements", title="another")
+    assert read_cell(folder, replace(setup, study=study), cells_of(study)[0]) is not None
+
+
+def test_measurements_of_earlier_versions_do_not_say_their_options(measured):
+    folder, setup = measured
+    cell = cells_of(setup.study)[0]
+    name = setup.study.measurements[0].name
+    path = results_folder(folder, cell) / "tests" / f"{name}.json"
+    values = read_json(path)
+    del values["options"]
+    write_json(path, values)
+    study = changed(setup.study, "measurements", split="select")
+    assert read_cell(folder, replace(setup, study=study), cell) is not None
 
 
 def test_results_from_other_initial_states_are_refused(study, tmp_path):

@@ -1,5 +1,7 @@
 """Running a study: order, failures, resuming. Jobs that only sleep stand in for real ones."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +11,7 @@ from surefoot.config.studies import STUDIES, named_study
 from surefoot.config.study import Measurement, StudyConfig, Technique
 from surefoot.study import runner
 from surefoot.study.cells import cells_of, find_job, jobs_of
-from surefoot.study.results import (
+from surefoot.study.folder import (
     JobRecord,
     StudyError,
     StudySetup,
@@ -122,6 +124,20 @@ def test_a_job_whose_slice_is_over_is_started_again(study_folder, monkeypatch):
     assert outcome.done == 5
 
 
+def test_a_job_that_is_lost_with_its_machine_is_started_again(study_folder, monkeypatch):
+    pool, outcome = run(study_folder, monkeypatch, {LOCO: ["lost", "lost", "finished"]})
+    assert pool.started.count(LOCO) == 3
+    assert (outcome.done, outcome.failed) == (5, ())
+
+
+def test_a_job_that_is_lost_again_and_again_fails(study_folder, monkeypatch, caplog):
+    pool, outcome = run(study_folder, monkeypatch, {LOCO: ["lost"] * 5})
+    assert pool.started.count(LOCO) == 3
+    assert TEST_LOCO not in pool.started
+    assert [ended.job for ended in outcome.failed] == [LOCO]
+    assert f"{LOCO} was lost 3 times" in caplog.text
+
+
 def test_a_study_that_is_paused_says_so_when_it_is_started(study_folder, monkeypatch, caplog):
     pause_study(study_folder)
     run(study_folder, monkeypatch)
@@ -199,6 +215,37 @@ def test_a_study_that_was_changed_after_it_began_is_refused(tmp_path, monkeypatc
     assert read_study(tmp_path).study == STUDY
 
 
+BEGIN = """
+import sys
+from pathlib import Path
+from surefoot.study import runner
+from tests.study.test_runner import STUDY
+
+def measured(study):
+    print("claimed", flush=True)
+    sys.stdin.read()
+    return "float32"
+
+runner.measured_precision = measured
+runner.checkout_root = lambda: None
+runner.open_study(Path(sys.argv[1]), STUDY)
+"""
+
+
+def test_of_two_processes_that_begin_a_study_the_second_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "checkout_root", lambda: None)
+    command = [sys.executable, "-c", BEGIN, str(tmp_path)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as first:
+        assert first.stdout is not None and first.stdin is not None
+        assert first.stdout.readline() == "claimed\n"
+        with pytest.raises(StudyError, match="another process runs the study"):
+            open_study(tmp_path, replace(STUDY, title="Another"))
+        first.stdin.close()
+    assert first.returncode == 0
+    assert read_study(tmp_path).study == STUDY
+
+
 @pytest.mark.parametrize("part", ["techniques", "settings"])
 def test_a_seed_that_would_be_ignored_is_refused_before_any_work(part):
     study = named_study("smoke")
@@ -214,6 +261,26 @@ def test_a_cell_that_could_not_be_run_is_refused_before_any_work(tmp_path):
     study = replace(STUDY, techniques=(greedy, STUDY.techniques[1]))
     with pytest.raises(StudyError, match=r"safe in the setting all: method\.velocities is 999"):
         open_study(tmp_path / "new", study)
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("measure", "options", "message"),
+    [
+        ("robustness", {"evaluation.episodes": 50_000}, "50000 episodes asked for"),
+        ("impulse", {"push.speeds": 999}, "999 velocities asked for"),
+    ],
+)
+def test_a_measurement_that_could_not_be_made_is_refused_before_any_work(
+    tmp_path, measure, options, message
+):
+    asked = Measurement("test", "test", measure, options=options)
+    expert = Technique("expert", "expert", "expert")
+    for technique in (STUDY.techniques[0], expert):
+        study = replace(STUDY, techniques=(technique,), measurements=(asked,))
+        told = f"{technique.name} in the setting all, test: {message}"
+        with pytest.raises(StudyError, match=told):
+            open_study(tmp_path / "new", study)
     assert not (tmp_path / "new").exists()
 
 

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from surefoot.config.study import Measurement, StudyConfig, Technique
-from surefoot.study.results import StudySetup, save_setup
 from surefoot.study.state import (
     FAILED_FILE,
     LOG_FILE,
@@ -17,39 +15,13 @@ from surefoot.study.state import (
     pause_study,
     resume_study,
 )
-from surefoot.study.supervise import Task, supervise
-
-PROGRAM = """
-import os, sys, time
-folder, job = sys.argv[1:]
-print("working on", job, os.environ["OMP_NUM_THREADS"], flush=True)
-if job == "fails":
-    raise ValueError("no such thing")
-if job == "later":
-    sys.exit(75)
-if job == "long":
-    open(os.path.join(folder, "pid"), "w").write(str(os.getpid()))
-    time.sleep(60)
-"""
+from surefoot.study.supervise import supervise
+from tests.fakes.tiny_jobs import study_of_tiny_jobs, task
 
 
 @pytest.fixture
 def folder(tmp_path):
-    """Folder of a study whose code is the tiny program."""
-    study = StudyConfig(
-        "mine", "My study", (Technique("a", "A", "dagger"),), (Measurement("t", "t"),)
-    )
-    save_setup(tmp_path, StudySetup(study, None, "0", "float32"))
-    package = tmp_path / "code" / "surefoot" / "study"
-    package.mkdir(parents=True)
-    (package / "__init__.py").touch()
-    (package.parent / "__init__.py").touch()
-    (package / "work.py").write_text(PROGRAM)
-    return tmp_path
-
-
-def task(folder, job):
-    return Task(folder, job, folder / "code")
+    return study_of_tiny_jobs(tmp_path)
 
 
 def wait_for(condition):

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-import surefoot.study.results as results
+import surefoot.study.folder as folder
 import surefoot.study.work as work
 from surefoot.config import Config
 from surefoot.config.json_io import from_json, to_json
@@ -14,7 +14,7 @@ from surefoot.config.studies import named_study
 from surefoot.config.study import Measurement, Setting
 from surefoot.evaluation.imitation import ImitationError
 from surefoot.study.cells import jobs_of
-from surefoot.study.results import PolicyTest
+from surefoot.study.folder import PolicyTest
 
 ERROR = ImitationError("starts", "28d8", 60, 4800, 61.5, 210.0)
 
@@ -35,8 +35,8 @@ def test_the_imitation_error_of_a_policy_is_kept_beside_its_hash(tmp_path, monke
     assert test.imitation == ERROR
     assert (test.iteration, test.frames, test.robustness, test.pushes) == (7, 12_000, None, None)
     assert test.sha256 is not None and len(test.sha256) == 64
-    tests = results.Tests("imitation", (test, replace(test, iteration=8)), True)
-    assert from_json(results.Tests, to_json(tests)) == tests
+    tests = folder.Tests("imitation", (test, replace(test, iteration=8)), True)
+    assert from_json(folder.Tests, to_json(tests)) == tests
 
 
 def test_results_from_before_the_imitation_error_are_read():
@@ -58,7 +58,7 @@ def test_time_in_which_a_job_does_not_compute_is_no_work():
 
 def test_an_error_before_the_first_stage_is_done_is_the_one_that_is_told(tmp_path, monkeypatch):
     study = replace(named_study("smoke"), settings=(Setting("all", "all"),))
-    setup = results.StudySetup(study, None, "0", "float32")
+    setup = folder.StudySetup(study, None, "0", "float32")
     job = next(job for job in jobs_of(study) if job.kind == "train" and not job.needs)
 
     def give_up(run, workers, plan):
@@ -68,4 +68,4 @@ def test_an_error_before_the_first_stage_is_done_is_the_one_that_is_told(tmp_pat
     monkeypatch.setattr(work, "METHODS", methods)
     with pytest.raises(RuntimeError, match="gave up in all rollouts"):
         work.train_cell(tmp_path, setup, job, work.Slice(10.0))
-    assert not results.results_folder(tmp_path, job.cell).exists()
+    assert not folder.results_folder(tmp_path, job.cell).exists()

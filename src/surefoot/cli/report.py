@@ -44,13 +44,14 @@ class Report:
     def __call__(self) -> int:
         """Read the results, write the page, and say where it is."""
         from surefoot.runs.run import CONFIG_FILE
+        from surefoot.study.folder import STUDY_FILE
         from surefoot.study.report.films import study_films
         from surefoot.study.report.markdown_page import page_of_tables
         from surefoot.study.report.markup import NOTHING
         from surefoot.study.report.run_card import run_card
         from surefoot.study.report.run_page import write_run_card
         from surefoot.study.report.study_page import study_report, write_study_report
-        from surefoot.study.results import STUDY_FILE, read_results
+        from surefoot.study.results import read_results
 
         folder = self.target if self.target.exists() else Path("studies") / self.target
         out = self.out or folder

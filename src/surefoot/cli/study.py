@@ -73,7 +73,7 @@ class Study(OnWorkers):
 
     words: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="STUDY")]
     """The study: paper, regimes, sensors, sensors-go2, smoke, a JSON file, or the folder of one
-    that has begun; before it status, pause or resume."""
+    that has begun; before it status, pause or resume. docs/studies.md has a file to begin with."""
     folder: Path | None = None
     """The folder of the study; without it, studies/NAME."""
     jobs: tuple[str, ...] = ()
@@ -85,7 +85,7 @@ class Study(OnWorkers):
 
     def __call__(self) -> int:
         """Do what the first word says."""
-        from surefoot.study.results import STUDY_FILE
+        from surefoot.study.folder import STUDY_FILE
         from surefoot.study.state import pause_study, resume_study
 
         action, name = self._words()
@@ -115,7 +115,7 @@ class Study(OnWorkers):
 
     def _folder(self, name: str) -> Path:
         """The folder of the study."""
-        from surefoot.study.results import STUDY_FILE, read_study
+        from surefoot.study.folder import STUDY_FILE, read_study
 
         if self.folder is not None:
             return self.folder
@@ -178,7 +178,8 @@ def study_named(name: str) -> StudyConfig:
     """The study that a word of the command line means.
 
     Args:
-        name: Name of a study of the package, a JSON file, or the folder of a study.
+        name: Name of a study of the package, a JSON file of a study or of its setup, or the folder
+            of a study.
 
     Raises:
         ValueError: There is no such study, or its file cannot be read.
@@ -186,7 +187,7 @@ def study_named(name: str) -> StudyConfig:
     from surefoot.config.json_io import from_json, read_json
     from surefoot.config.studies import STUDIES, named_study
     from surefoot.config.study import StudyConfig
-    from surefoot.study.results import STUDY_FILE, read_study
+    from surefoot.study.folder import STUDY_FILE, StudySetup, read_study
 
     if name in STUDIES:
         return named_study(name)
@@ -196,7 +197,10 @@ def study_named(name: str) -> StudyConfig:
     if not path.is_file():
         raise ValueError(f"{unknown('study', name, STUDIES)}; there is no such file either")
     try:
-        return from_json(StudyConfig, read_json(path))
+        values = read_json(path)
+        if isinstance(values, dict) and "study" in values:
+            return from_json(StudySetup, values).study
+        return from_json(StudyConfig, values)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

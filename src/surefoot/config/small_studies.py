@@ -292,6 +292,7 @@ def sensors_study(robot: str) -> StudyConfig:
                 "behavior_cloning-pushed-full",
                 "all",
                 "equal",
+                margin=2.0,  # points, as predicted
             ),
             PlannedComparison(
                 strong.name,

@@ -131,6 +131,9 @@ class PlannedComparison(Checked):
     """Name of the setting."""
     prediction: Literal["better", "worse", "equal", "none"] = "none"
     """What is expected of the technique, beside the reference."""
+    margin: Annotated[float, Within(0.0, 1e6)] | None = None
+    """The difference that counts as none where `equal` is predicted, in the unit of the report:
+    percentage points, N s, or mrad; None is 5 points, 0.25 N s, or a tenth of the reference."""
     why: str = ""
     """Why that is expected, in a sentence."""
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from surefoot.config import Config, IterativeConfig
-from surefoot.config.study import EXPERT, StudyConfig, Technique, config_of
+from surefoot.config.study import EXPERT, Options, StudyConfig, Technique, config_of
 from surefoot.errors import unknown
 from surefoot.runs.first_stage import Shared, first_stage
 
@@ -145,6 +145,32 @@ def measurements_of(study: StudyConfig, cell: Cell) -> tuple[str, ...]:
         for measurement in study.measurements
         if not (is_expert and measurement.measure == "imitation")
     )
+
+
+def measured_options(study: StudyConfig, cell: Cell, measurement: str) -> Options:
+    """All that a study says of what is measured of a cell: what its results have to be of.
+
+    Args:
+        study: The study.
+        cell: The cell.
+        measurement: Name of the measurement.
+
+    Returns:
+        The dotted options of technique, setting and measurement, and their fields that are no
+        options by names without a point.
+    """
+    technique = study.technique(cell.technique)
+    asked = study.measurement(measurement)
+    return {
+        "method": technique.method,
+        "preset": technique.preset,
+        "measure": asked.measure,
+        "policies": asked.policies,
+        "split": asked.split,
+        **technique.options,
+        **study.setting(cell.setting).options,
+        **asked.options,
+    }
 
 
 def _job_name(what: str, cell: Cell) -> str:

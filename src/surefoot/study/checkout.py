@@ -11,7 +11,7 @@ import subprocess
 from pathlib import Path
 
 import surefoot
-from surefoot.study.results import StudyError
+from surefoot.study.folder import StudyError
 
 CODE_FOLDER = "code"
 """The worktree in the folder of a study."""

@@ -47,8 +47,8 @@ QUANTITIES: dict[Measure, Quantity] = {
 }
 """How the differences of each measure are written."""
 MARGINS: dict[Measure, float] = {"robustness": 0.05, "impulse": 0.25}
-"""Differences that count as none: 5 percentage points, and 0.25 N s, half of what was predicted to
-separate techniques."""
+"""Differences that count as none, where the study names no margin: 5 percentage points, and
+0.25 N s, half of what was predicted to separate techniques."""
 RELATIVE_MARGIN = 0.1
 """Differences of other measures that count as none, as a share of the reference."""
 SENTENCES = {
@@ -246,5 +246,8 @@ def predicted_region(
         return worse
     if comparison.prediction == "none":
         return ABOVE_ZERO if measured.difference > 0.0 else BELOW_ZERO
-    margin = MARGINS.get(measure, RELATIVE_MARGIN * abs(measured.b.mean))
+    if comparison.margin is not None:
+        margin = comparison.margin / QUANTITIES[measure].scale
+    else:
+        margin = MARGINS.get(measure, RELATIVE_MARGIN * abs(measured.b.mean))
     return Region(-margin, margin)

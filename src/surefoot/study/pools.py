@@ -121,10 +121,10 @@ class RayPool:
             self._ray.cancel(reference, force=True)
 
     def _end_of(self, reference: Any, job: str) -> Ended:
-        """How a job ended; one whose machine was lost is to be started again."""
+        """How a job ended; it is lost if its machine was, or did not have the memory for it."""
         try:
             return self._ray.get(reference)
         except self._ray.exceptions.RayTaskError as error:
             raise error.cause from error
         except self._ray.exceptions.RayError as error:
-            return Ended(job, "unfinished", f"Ray lost it: {error}")
+            return Ended(job, "lost", f"Ray lost it: {error}")

@@ -1,10 +1,7 @@
-"""What a study leaves for its report: small files, one folder for each cell, and their reader.
+"""What a study leaves for its report: all results of its cells, read together.
 
-The folder of a study holds ``study.json`` and a folder for each cell, with the configuration of the
-run, its metrics, what was measured of its policies, a record of each job, and the policy that is
-kept. All of it can be committed; the folders of runs, logs and code beside it are only needed while
-the study runs. `read_results` refuses results that do not belong together. Read `claims` and
-`report` for what is made of them.
+`read_results` refuses results that do not belong together. Read `folder` for the files that they
+come from, `claims` and `report` for what is made of them.
 """
 
 from __future__ import annotations
@@ -12,114 +9,31 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
 
 from tqdm import tqdm
 
 from surefoot.config import Config
-from surefoot.config.json_io import from_json, read_json
-from surefoot.config.learning import NumberFormat
 from surefoot.config.study import StudyConfig
-from surefoot.evaluation.imitation import ImitationError
-from surefoot.evaluation.push_limits import PushResult
-from surefoot.evaluation.robustness import Robustness
-from surefoot.files import write_atomic, write_json
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.initial_states import resumed_config
-from surefoot.runs.layout import KEPT_POLICY_FILE, STARTS_FILE
+from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import Best, StageRecord
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, read_setup
 from surefoot.scenarios.starts import PACKAGED
-from surefoot.study.cells import Cell, cell_config, cells_of, measurements_of
-
-Record = TypeVar("Record")
-STUDY_FILE = "study.json"
-"""File in a study's folder that makes the folder a study."""
-
-
-class StudyError(ValueError):
-    """A study cannot be run or read as asked."""
-
-
-@dataclass(frozen=True)
-class StudySetup:
-    """The content of a study's ``study.json``.
-
-    Attributes:
-        study: The study.
-        commit: The commit of the code that its jobs run; None if it was not in a checkout.
-        version: Version of the package.
-        precision: The number format in which cells train whose precision is `auto`, measured once
-            for all of them.
-    """
-
-    study: StudyConfig
-    commit: str | None
-    version: str
-    precision: NumberFormat
-
-
-@dataclass(frozen=True)
-class JobRecord:
-    """What ran where, and for how long.
-
-    Attributes:
-        job: Name of the job.
-        commit: The commit that it ran; None outside of a checkout.
-        processors: Models of the processors that it ran on, more than one if it was moved.
-        versions: Version of Python and of each package, by name.
-        precision: Number format of the products in training; empty if nothing was trained.
-        started: When it was started first, in UTC, as ISO 8601.
-        seconds: Processor time of all its slices [s]; in files of earlier versions how long they
-            took, pauses included.
-        finished: Whether it is done; if not, it goes on where it stopped.
-    """
-
-    job: str
-    commit: str | None
-    processors: tuple[str, ...]
-    versions: dict[str, str]
-    precision: str
-    started: str
-    seconds: float
-    finished: bool
-
-
-@dataclass(frozen=True)
-class PolicyTest:
-    """What one measurement says of one policy, or of the expert.
-
-    Attributes:
-        iteration: Iteration that trained the policy (behavior cloning: number of the size of its
-            data); 0 for the expert.
-        frames: Number of frames that it was trained on; None for the expert.
-        sha256: SHA-256 of the policy's file; None for the expert.
-        robustness: Its robustness, where that is measured.
-        pushes: The impulses that it withstands, where these are measured.
-        imitation: Its deviation from the expert's targets, where that is measured.
-    """
-
-    iteration: int
-    frames: int | None
-    sha256: str | None
-    robustness: Robustness | None = None
-    pushes: PushResult | None = None
-    imitation: ImitationError | None = None
-
-
-@dataclass(frozen=True)
-class Tests:
-    """What one measurement says of the policies of one cell.
-
-    Attributes:
-        measurement: Name of the measurement.
-        policies: The policies, in the order of their iterations.
-        finished: Whether all of them are measured.
-    """
-
-    measurement: str
-    policies: tuple[PolicyTest, ...]
-    finished: bool
+from surefoot.study.cells import Cell, cells_of, measurements_of
+from surefoot.study.folder import (
+    STUDY_FILE,
+    JobRecord,
+    PolicyTest,
+    StudyError,
+    StudySetup,
+    Tests,
+    read_jobs,
+    read_study,
+    read_tests,
+    results_folder,
+    run_config,
+)
 
 
 @dataclass(frozen=True)
@@ -197,106 +111,13 @@ class StudyResults:
         )
 
 
-def run_config(setup: StudySetup, cell: Cell) -> Config:
-    """The configuration of a cell's run, with the precision that the whole study trains in."""
-    config = cell_config(setup.study, cell)
-    if config.training.precision != "auto":
-        return config
-    return replace(config, training=replace(config.training, precision=setup.precision))
-
-
-def save_setup(folder: Path, setup: StudySetup) -> None:
-    """Write what fixes a study into its folder.
-
-    Raises:
-        WriteError: The folder cannot be written to.
-    """
-    write_json(folder / STUDY_FILE, setup)
-
-
-def read_study(folder: Path) -> StudySetup:
-    """The study of a folder.
-
-    Raises:
-        StudyError: There is no study, or its file cannot be read.
-    """
-    path = folder / STUDY_FILE
-    if not path.is_file():
-        raise StudyError(f"{folder} holds no study (no {path.name}); `surefoot study` makes one")
-    return _read(StudySetup, path)
-
-
-def results_folder(folder: Path, cell: Cell) -> Path:
-    """Folder of a cell's results in the folder of its study."""
-    return folder / cell.name
-
-
-def run_folder(folder: Path, cell: Cell) -> Path:
-    """Folder of a cell's run."""
-    return folder / "runs" / cell.name
-
-
-def shared_folder(folder: Path, job: str) -> Path:
-    """Folder of the run that makes what several cells begin with."""
-    return folder / "runs" / "shared" / job
-
-
-def save_run(folder: Path, cell: Cell, run: Run) -> None:
-    """Keep the configuration and the metrics of a cell's run, as they are now.
-
-    Before the first stage is done there is nothing to keep.
-
-    Args:
-        folder: Folder of the study.
-        cell: The cell.
-        run: Its run.
-    """
-    if not run.metrics_path.exists():
-        return
-    results = results_folder(folder, cell)
-    write_json(results / CONFIG_FILE, read_setup(run.folder))
-    starts = run.folder / STARTS_FILE
-    if starts.exists() and not (results / STARTS_FILE).exists():
-        write_atomic(results / STARTS_FILE, starts.read_bytes())
-    write_atomic(results / run.metrics_path.name, run.metrics_path.read_bytes())
-
-
-def save_tests(folder: Path, cell: Cell, tests: Tests) -> None:
-    """Keep what a measurement says of a cell."""
-    write_json(results_folder(folder, cell) / "tests" / f"{tests.measurement}.json", tests)
-
-
-def read_tests(folder: Path, cell: Cell, measurement: str) -> Tests | None:
-    """What a measurement says of a cell; None if nothing yet.
-
-    Raises:
-        StudyError: The file cannot be read.
-    """
-    path = results_folder(folder, cell) / "tests" / f"{measurement}.json"
-    return _read(Tests, path) if path.exists() else None
-
-
-def save_job(folder: Path, cell: Cell, record: JobRecord) -> None:
-    """Keep the record of a job."""
-    write_json(results_folder(folder, cell) / "jobs" / f"{record.job}.json", record)
-
-
-def read_job(folder: Path, cell: Cell, job: str) -> JobRecord | None:
-    """The record of a job; None if it has not ended once.
-
-    Raises:
-        StudyError: The file cannot be read.
-    """
-    path = results_folder(folder, cell) / "jobs" / f"{job}.json"
-    return _read(JobRecord, path) if path.exists() else None
-
-
 def read_results(folder: Path) -> StudyResults:
     """All results of a study.
 
     Raises:
         StudyError: There is no study, a file cannot be read, or the results do not belong together:
-            they are of other configurations, of several commits, or of several precisions.
+            they are of other configurations or measurements, of several commits, or of several
+            precisions.
     """
     setup = read_study(folder)
     results = []
@@ -315,7 +136,8 @@ def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
     """All results of a cell; None if there are none yet.
 
     Raises:
-        StudyError: A file cannot be read, or the results are of another configuration.
+        StudyError: A file cannot be read, or the results are of another configuration or of other
+            measurements.
     """
     results = results_folder(folder, cell)
     if not results.is_dir():
@@ -333,13 +155,12 @@ def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
         metrics = tuple(run.metrics)
     tests = {}
     for measurement in setup.study.measurements:
-        measured = read_tests(folder, cell, measurement.name)
+        measured = read_tests(folder, setup.study, cell, measurement.name)
         if measured is not None:
             tests[measurement.name] = measured
-    jobs = [_read(JobRecord, path) for path in sorted(results.glob("jobs/*.json"))]
     policy = results / KEPT_POLICY_FILE
     return CellResult(
-        cell, config, metrics, tests, tuple(jobs), policy if policy.exists() else None
+        cell, config, metrics, tests, read_jobs(folder, cell), policy if policy.exists() else None
     )
 
 
@@ -381,18 +202,3 @@ def _check_together(setup: StudySetup, results: Sequence[CellResult]) -> None:
                 f"the results are of several {name} ({listed}), which must not stand in one "
                 "table: run the study again from one, or move the others away"
             )
-
-
-def _read(kind: type[Record], path: Path) -> Record:
-    """A record from a file of a study.
-
-    Raises:
-        StudyError: The file cannot be read.
-    """
-    try:
-        return from_json(kind, read_json(path))
-    except (OSError, ValueError) as error:
-        raise StudyError(
-            f"{path} cannot be read: {error}. Restore it from a copy, or delete it to do that part "
-            "of the study again"
-        ) from error

@@ -16,7 +16,8 @@ import numpy as np
 from surefoot.config.study import Measure
 from surefoot.evaluation.robustness import Robustness
 from surefoot.runs.metrics import Best, Collected
-from surefoot.study.results import CellResult, PolicyTest
+from surefoot.study.folder import PolicyTest
+from surefoot.study.results import CellResult
 from surefoot.study.run_statistics import Runs
 
 Counted = tuple[int, int]

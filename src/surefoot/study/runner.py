@@ -9,33 +9,35 @@ from __future__ import annotations
 
 import fnmatch
 import logging
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from surefoot.config import Config
 from surefoot.config.json_io import changes
 from surefoot.config.learning import NumberFormat
-from surefoot.config.study import StudyConfig
+from surefoot.config.study import EXPERT, Measurement, StudyConfig, config_of, measured_config
 from surefoot.errors import unknown
+from surefoot.evaluation.push import pushed_starts
 from surefoot.runs.checks import check_config
 from surefoot.runs.precision import choose_for_run
 from surefoot.runs.versions import versions
+from surefoot.scenarios.gaits import all_starts_of
 from surefoot.scenarios.prepare import completed
+from surefoot.scenarios.starts import starts_of
 from surefoot.study.cells import StudyJob, jobs_of, trained_configs
 from surefoot.study.checkout import check_out, checkout_root, clean_commit
+from surefoot.study.folder import STUDY_FILE, StudyError, StudySetup, read_study, save_setup
 from surefoot.study.pools import make_pool
-from surefoot.study.results import (
-    STUDY_FILE,
-    StudyError,
-    StudySetup,
-    read_study,
-    save_setup,
-)
 from surefoot.study.state import claim_study, finished_jobs, is_paused, say_workers
 from surefoot.study.supervise import Ended, Task
 from surefoot.workers import Workers
 
 logger = logging.getLogger(__name__)
+
+MOST_LOSSES = 3
+"""A job that was lost so often fails."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +63,8 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
         study: The study.
 
     Raises:
-        StudyError: The folder holds another study, the code has changes that are in no commit, or a
-            cell could not be run here.
+        StudyError: The folder holds another study, another process begins one there, the code has
+            changes that are in no commit, or a cell could not be run or measured here.
         WriteError: The folder cannot be written to.
     """
     if (folder / STUDY_FILE).exists():
@@ -76,6 +78,9 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
             )
         return setup
     check_cells(study)
+    claim_study(folder)
+    if (folder / STUDY_FILE).exists():  # another process has begun it meanwhile, and ended
+        return open_study(folder, study)
     root = checkout_root()
     commit = None if root is None else clean_commit(root)
     precision = measured_precision(study)
@@ -85,7 +90,7 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
 
 
 def check_cells(study: StudyConfig) -> None:
-    """Check that every technique can be trained under every setting, before days of work.
+    """Check that every technique can be trained and measured under every setting, before any work.
 
     Raises:
         StudyError: One cannot; the message names it, the option, and what the option may be.
@@ -96,13 +101,34 @@ def check_cells(study: StudyConfig) -> None:
                 f"{part.section}.{part.name}: the option seed would be ignored, because a study's "
                 "seeds are its `seeds`; leave it out, and name the seeds there"
             )
-    for cell, config in trained_configs(study).items():
-        if cell.seed != study.seeds[0] or cell.training > 0:
-            continue
-        try:
-            check_config(completed(config))
-        except ValueError as error:
-            raise StudyError(f"{cell.technique} in the setting {cell.setting}: {error}") from error
+    for technique in study.techniques:
+        for setting in study.settings:
+            where = f"{technique.name} in the setting {setting.name}"
+            try:
+                config = completed(config_of(technique, setting, study.seeds[0]))
+                if technique.method != EXPERT:
+                    check_config(config)
+                for measurement in study.measurements:
+                    where = f"{technique.name} in the setting {setting.name}, {measurement.name}"
+                    check_measured(measured_config(config, measurement), measurement)
+            except ValueError as error:
+                raise StudyError(f"{where}: {error}") from error
+
+
+def check_measured(config: Config, measurement: Measurement) -> None:
+    """Check that there are initial states enough for a measurement.
+
+    Args:
+        config: The configuration under which a policy is measured.
+        measurement: The measurement.
+
+    Raises:
+        ValueError: There are too few.
+    """
+    if measurement.measure == "robustness":
+        all_starts_of(config).first(measurement.split, config.evaluation.episodes)
+    elif measurement.measure == "impulse":
+        pushed_starts(replace(config.push, split=measurement.split), starts_of(config))
 
 
 def measured_precision(study: StudyConfig) -> NumberFormat:
@@ -130,7 +156,7 @@ def run_study(folder: Path, workers: Workers, only: Sequence[str] = ()) -> Study
     setup = read_study(folder)
     claim_study(folder)
     jobs = needed_jobs(setup.study, only) if only else jobs_of(setup.study)
-    queue = JobQueue(jobs, finished_jobs(folder, jobs))
+    queue = JobQueue(jobs, finished_jobs(folder, setup.study, jobs))
     code = code_of(folder, setup)
     pool = make_pool(workers)
     say_workers(folder, pool.count)
@@ -145,7 +171,7 @@ def run_study(folder: Path, workers: Workers, only: Sequence[str] = ()) -> Study
             if not queue.running:
                 break
             for ended in pool.ended():
-                queue.give_back(ended)
+                ended = queue.give_back(ended)
                 logger.info(
                     "%s: %s; %d of %d jobs are done",
                     ended.job,
@@ -219,6 +245,7 @@ class JobQueue:
         self.done = set(done)
         self.running: dict[str, StudyJob] = {}
         self.failed: list[Ended] = []
+        self._losses: Counter[str] = Counter()
         self._waiting = [job for job in jobs if job.name not in done]
 
     def take(self) -> StudyJob | None:
@@ -229,12 +256,26 @@ class JobQueue:
                 return job
         return None
 
-    def give_back(self, ended: Ended) -> None:
-        """Take note of how a job ended: one that is not finished is the next to be taken."""
+    def give_back(self, ended: Ended) -> Ended:
+        """Take note of how a job ended: one that is not finished is the next to be taken.
+
+        Returns:
+            How it ended; one that was lost too often has failed.
+        """
         job = self.running.pop(ended.job)
+        if ended.status == "lost":
+            self._losses[job.name] += 1
+            if self._losses[job.name] == MOST_LOSSES:
+                ended = replace(
+                    ended,
+                    status="failed",
+                    message=f"{job.name} was lost {MOST_LOSSES} times, and is not started again; "
+                    f"see whether the machines have the memory for it. {ended.message}",
+                )
         if ended.status == "finished":
             self.done.add(job.name)
         elif ended.status == "failed":
             self.failed.append(ended)
         else:
             self._waiting.insert(0, job)
+        return ended

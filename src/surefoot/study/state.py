@@ -7,14 +7,23 @@ paused, and a log for each job. Read `runner` next.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from surefoot.config.json_io import read_json
+from surefoot.config.study import StudyConfig
 from surefoot.files import is_locked, lock_file, write_atomic, write_json
-from surefoot.study.cells import StudyJob, jobs_of
-from surefoot.study.results import StudyError, read_job, read_study, run_folder, shared_folder
+from surefoot.study.cells import StudyJob, jobs_of, measurements_of
+from surefoot.study.folder import (
+    StudyError,
+    read_job,
+    read_study,
+    read_tests,
+    run_folder,
+    shared_folder,
+)
 
 JobState = Literal["done", "running", "ready", "waiting", "failed"]
 """How far a job is: it waits until what it needs is done, then it is ready."""
@@ -131,8 +140,9 @@ def job_statuses(folder: Path) -> tuple[JobStatus, ...]:
     Raises:
         StudyError: There is no study, or a record cannot be read.
     """
-    jobs = jobs_of(read_study(folder).study)
-    done = finished_jobs(folder, jobs)
+    study = read_study(folder).study
+    jobs = jobs_of(study)
+    done = finished_jobs(folder, study, jobs)
     statuses = []
     for job in jobs:
         record = read_job(folder, job.cell, job.name)
@@ -152,17 +162,28 @@ def _state_of(folder: Path, job: StudyJob, done: set[str]) -> JobState:
     return "ready" if done.issuperset(job.needs) else "waiting"
 
 
-def finished_jobs(folder: Path, jobs: tuple[StudyJob, ...]) -> set[str]:
+def finished_jobs(folder: Path, study: StudyConfig, jobs: Sequence[StudyJob]) -> set[str]:
     """Names of the jobs that are done and whose files are there, as far as they are needed.
 
     On a new machine only the committed results are there: a run that is lost is made again if it
     has not been measured yet.
+
+    Args:
+        folder: Folder of the study.
+        study: The study.
+        jobs: The jobs, each after those that it needs.
+
+    Raises:
+        StudyError: A file cannot be read, or was measured with other options than the study has.
     """
     finished: set[str] = set()
     for job in jobs:
         record = read_job(folder, job.cell, job.name)
         if record is not None and record.finished:
             finished.add(job.name)
+            if job.kind == "measure":
+                for measurement in measurements_of(study, job.cell):
+                    read_tests(folder, study, job.cell, measurement)
     for job in reversed(jobs):
         needed = any(job.name in other.needs and other.name not in finished for other in jobs)
         if needed and not _made(folder, job).is_dir():

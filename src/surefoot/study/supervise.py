@@ -51,13 +51,13 @@ class Ended:
 
     Attributes:
         job: Name of the job.
-        status: ``finished``, ``unfinished`` if it is to be started again, ``failed`` or
-            ``stopped`` by the supervisor.
-        message: The end of its log, if it failed.
+        status: ``finished``, ``unfinished`` if it is to be started again, ``failed``, ``stopped``
+            by the supervisor, or ``lost`` with its supervisor.
+        message: The end of its log, if it failed; how it was lost.
     """
 
     job: str
-    status: Literal["finished", "unfinished", "failed", "stopped"]
+    status: Literal["finished", "unfinished", "failed", "stopped", "lost"]
     message: str = ""
 
 

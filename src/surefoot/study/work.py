@@ -32,8 +32,14 @@ from surefoot.runs.metrics import StageRecord, Trained
 from surefoot.runs.run import config_for, create, open_run
 from surefoot.runs.stages import collect_data, train_policy
 from surefoot.runs.versions import versions
-from surefoot.study.cells import Cell, StudyJob, find_job, measurements_of
-from surefoot.study.results import (
+from surefoot.study.cells import (
+    Cell,
+    StudyJob,
+    find_job,
+    measured_options,
+    measurements_of,
+)
+from surefoot.study.folder import (
     JobRecord,
     PolicyTest,
     StudySetup,
@@ -191,13 +197,15 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
         measurement = setup.study.measurement(name)
         config = config_for(run_folder(folder, cell), run_config(setup, cell))
         config = measured_config(config, measurement)
-        before = read_tests(folder, cell, name)
+        before = read_tests(folder, setup.study, cell, name)
         done = () if before is None else before.policies
         wanted = _policies_of(folder, setup.study, cell, measurement)
         for policy in wanted[len(done) :]:
             piece.stop_if_over()
             done = (*done, _measure(config, policy, measurement))
-            save_tests(folder, cell, Tests(name, done, len(done) == len(wanted)))
+            finished = len(done) == len(wanted)
+            options = measured_options(setup.study, cell, name)
+            save_tests(folder, cell, Tests(name, done, finished, options))
 
 
 @dataclass(frozen=True)

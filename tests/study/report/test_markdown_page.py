@@ -33,6 +33,7 @@ def test_a_technique_is_a_row_with_its_mean_and_every_run(tmp_path):
     cells = [cell.strip() for cell in row.strip("|").split("|")]
     assert cells[1].startswith("**91** [") and cells[1].endswith("]: 96, 86")
     assert cells[-2] == "1.5"  # falls: 3 and 0
+    assert cells[-3] == "–, 2.00, 3.00"  # no speed error is stored along x
 
 
 def test_the_prose_stays_and_the_old_tables_go(tmp_path):
@@ -53,3 +54,16 @@ def test_planned_comparisons_stand_below_with_their_verdicts(tmp_path):
     text = page(regimes(dagger=[FakeRun(falls=(0,))]), tmp_path / "page.md")
     below = text[text.index("### Planned comparisons") :]
     assert below.count("**cannot tell**") == len(PLANNED) > 0
+    assert "| setting |" not in below
+
+
+def test_planned_comparisons_say_their_settings_where_there_are_several(tmp_path):
+    results = study_results({}, replace(STUDY, seeds=(0, 1)))
+    text = page(results, tmp_path / "page.md")
+    below = text[text.index("### Planned comparisons") :]
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in below.splitlines()]
+    rows = [row for row in rows if len(row) > 1]
+    place = rows[0].index("setting")
+    found = [row[place] for row in rows[2:]]
+    assert found == [STUDY.setting(each.setting).title for each in STUDY.comparisons]
+    assert len(set(found)) > 1

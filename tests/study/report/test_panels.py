@@ -6,7 +6,7 @@ import pytest
 
 from surefoot.config.study import Measurement, Setting
 from surefoot.evaluation.imitation import ImitationError
-from surefoot.study import results as study_results
+from surefoot.study import folder as study_folder
 from surefoot.study.report.collecting import collecting_figures
 from surefoot.study.report.drawing import draw
 from surefoot.study.report.performance import performance_figures
@@ -137,4 +137,4 @@ def deviation(cell):
     best = cell.best_test("test")
     error = ImitationError("starts", "hash", 60, 4800, 79.5, 425.0)
     policy = replace(best, robustness=None, pushes=None, imitation=error)
-    return study_results.Tests("imitation", (policy,), finished=True)
+    return study_folder.Tests("imitation", (policy,), finished=True)

@@ -73,7 +73,7 @@ def test_the_same_results_give_the_same_page(written, study_folder, tmp_path):
 
 def test_claims_and_comparisons_stand_with_their_verdicts(monkeypatch, study_folder, tmp_path):
     claim = Verdict("Under 5 % fail.", "V-A", "does not hold", "7.5 %", "over <5 %")
-    outcome = Verdict("BC withstands less.", "", "cannot tell", "0.1 N s", "p = 0.4")
+    outcome = Verdict("BC withstands less.", "in a storm", "cannot tell", "0.1 N s", "p = 0.4")
     monkeypatch.setattr(verdicts, "paper_claims", lambda results: (claim,))
     monkeypatch.setattr(verdicts, "comparison_outcomes", lambda results: (outcome,))
     results = read_results(study_folder)
@@ -81,7 +81,14 @@ def test_claims_and_comparisons_stand_with_their_verdicts(monkeypatch, study_fol
     assert report.verdicts.claims == (claim,) and report.verdicts.comparisons == (outcome,)
     without_figures = replace(report, figures=())
     page = Page(write_study_report(results, without_figures, tmp_path).read_text())
-    for text in ("Under 5 % fail.", "V-A", "✗ does not hold", "? cannot tell", "over <5 %"):
+    for text in (
+        "Under 5 % fail.",
+        "V-A",
+        "in a storm",
+        "✗ does not hold",
+        "? cannot tell",
+        "over <5 %",
+    ):
         assert text in page.text
 
 

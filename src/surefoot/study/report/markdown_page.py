@@ -13,16 +13,18 @@ from surefoot.runs.budget import SECONDS_PER_SOLVE
 from surefoot.study.cells import cells_of
 from surefoot.study.paper_claims import page_of_claims
 from surefoot.study.report.numbers import Estimate, Number, over_runs
-from surefoot.study.report.panels import Curve, Panel, ReportFigure
-from surefoot.study.report.performance import BEST_FIGURE
+from surefoot.study.report.panels import Curve, Group, Panel, ReportFigure
+from surefoot.study.report.performance import BEST_ERRORS, BEST_FIGURE
 from surefoot.study.report.study_page import StudyReport
-from surefoot.study.report.tables import COSTS, cost_of
+from surefoot.study.report.tables import cost_of
 from surefoot.study.report.verdicts import Verdict
 from surefoot.study.results import CellResult, StudyResults
 from surefoot.study.tables import markdown, page_with
 
 UNMEASURED = "–"
 """What stands in a table where nothing was measured."""
+TRACKING = "{}: mean squared errors of vx, vy, yaw rate, from 1 s on [10⁻³ m²/s², rad²/s²]"
+"""Title of the column of tracking errors."""
 
 
 def page_of_tables(results: StudyResults, report: StudyReport, path: Path) -> str:
@@ -52,26 +54,32 @@ def _about(results: StudyResults, report: StudyReport) -> str:
     return (
         f"{complete} of {cells} trainings{made_by} are complete. A cell holds the mean "
         "over runs in percent, its 95 % interval over runs in brackets, and every run, which is a "
-        "seed of the data: several trainings on it count as one run, with their mean. Falls are "
-        "those of all rollouts from which a run learned; the seconds are those of the MPC, solves "
-        "of 0.05 s each."
+        "seed of the data: several trainings on it count as one run, with their mean. Errors are "
+        "of all episodes that last 1 s, means over runs. Falls are those of all rollouts from "
+        "which a run learned; the seconds are those of the MPC, solves of 0.05 s each."
     )
 
 
 def _settings(results: StudyResults, report: StudyReport) -> list[str]:
     """A table for each setting, under its title."""
-    best = next((figure for figure in report.figures if figure.name == BEST_FIGURE), None)
-    if best is None:
+    figures = {figure.name: figure for figure in report.figures}
+    if BEST_FIGURE not in figures:
         return []
+    best = figures[BEST_FIGURE]
+    errors = figures[BEST_ERRORS].rows if BEST_ERRORS in figures else [()] * len(best.rows)
     parts = []
-    for setting, panels in zip(results.study.settings, best.rows, strict=True):
+    for setting, panels, tracking in zip(results.study.settings, best.rows, errors, strict=True):
         parts.append(f"### {setting.title.capitalize()}")
-        parts.append(_setting_table(results, setting.name, panels, best))
+        parts.append(_setting_table(results, setting.name, panels, tracking, best))
     return parts
 
 
 def _setting_table(
-    results: StudyResults, setting: str, panels: tuple[Panel, ...], figure: ReportFigure
+    results: StudyResults,
+    setting: str,
+    panels: tuple[Panel, ...],
+    tracking: tuple[Panel, ...],
+    figure: ReportFigure,
 ) -> str:
     """The table of a setting: the expert, then the techniques in the study's order."""
     titles = [each.title for each in results.study.measurements if each.measure == "robustness"]
@@ -81,23 +89,37 @@ def _setting_table(
         if all(cell == UNMEASURED for cell in cells):
             continue
         costs = _costs(list(results.of(curve.technique, setting)))
-        lines.append([curve.title, *cells, *costs])
-    return markdown(["technique", *titles, "falls, mean", "MPC [s], mean"], lines)
+        errors = [", ".join(_error(panel, curve.technique) for panel in tracking)]
+        lines.append([curve.title, *cells, *(errors if tracking else []), *costs])
+    errors = [TRACKING.format(titles[0])] if tracking else []
+    return markdown(["technique", *titles, *errors, "falls, mean", "MPC [s], mean"], lines)
 
 
 def _success(panel: Panel, technique: str) -> str:
     """What a technique reaches in a panel: mean, interval and every run."""
+    group = _group(panel, technique)
+    if group is None or group.estimate is None:
+        return UNMEASURED
+    scale = panel.quantity.scale
+    runs = ", ".join(_short(run.y, scale) for run in group.runs if run.y.is_known)
+    return f"**{_short(group.estimate.mean, scale)}**{_interval(group.estimate, scale)} {runs}"
+
+
+def _error(panel: Panel, technique: str) -> str:
+    """The mean tracking error of a technique in a panel."""
+    group = _group(panel, technique)
+    if group is None or group.estimate is None:
+        return UNMEASURED
+    return f"{group.estimate.mean.value / panel.quantity.scale:.{panel.quantity.digits}f}"
+
+
+def _group(panel: Panel, technique: str) -> Group | None:
+    """The runs of a technique in a panel whose techniques have one place each; None if none."""
     curves: list[Curve | None] = [panel.reference, *panel.curves]
     for curve in curves:
-        if curve is None or curve.technique != technique or not curve.groups:
-            continue
-        group = curve.groups[0]
-        if group.estimate is None:
-            return UNMEASURED
-        scale = panel.quantity.scale
-        runs = ", ".join(_short(run.y, scale) for run in group.runs if run.y.is_known)
-        return f"**{_short(group.estimate.mean, scale)}**{_interval(group.estimate, scale)} {runs}"
-    return UNMEASURED
+        if curve is not None and curve.technique == technique and curve.groups:
+            return curve.groups[0]
+    return None
 
 
 def _interval(estimate: Estimate, scale: float) -> str:
@@ -117,8 +139,8 @@ def _costs(cells: list[CellResult]) -> list[str]:
     spent = [cost_of(cell) for cell in cells if cell.metrics]
     if not spent:
         return [UNMEASURED, UNMEASURED]
-    falls = over_runs([cost[COSTS.index("falls")] for cost in spent])
-    plans = over_runs([cost[COSTS.index("plans")] for cost in spent])
+    falls = over_runs([cost["falls"] for cost in spent])
+    plans = over_runs([cost["plans"] for cost in spent])
     if falls is None or plans is None:
         return [UNMEASURED, UNMEASURED]
     return [f"{falls.mean.value:.1f}", f"{plans.mean.value * SECONDS_PER_SOLVE:.1f}"]
@@ -126,6 +148,11 @@ def _costs(cells: list[CellResult]) -> list[str]:
 
 def _comparisons(comparisons: tuple[Verdict, ...]) -> str:
     """The planned comparisons with their verdicts."""
-    lines = [(each.text, f"**{each.verdict}**", each.number, each.reason) for each in comparisons]
-    head = ("planned before the study ran", "verdict", "measured", "why")
+    are_placed = any(each.section for each in comparisons)
+    lines = []
+    for each in comparisons:
+        place = [each.section] if are_placed else []
+        lines.append((each.text, *place, f"**{each.verdict}**", each.number, each.reason))
+    place = ["setting"] if are_placed else []
+    head = ("planned before the study ran", *place, "verdict", "measured", "why")
     return f"### Planned comparisons\n\n{markdown(head, lines)}"

@@ -95,6 +95,13 @@ def total(numbers: Sequence[Number], source: str = "") -> Number:
     return Number(math.fsum(number.value for number in numbers), f"add({source})")
 
 
+def rate(count: Number, seconds: Number) -> Number:
+    """A count for each second; not known in no time at all."""
+    known = seconds.value > 0.0
+    value = count.value / seconds.value if known else math.nan
+    return Number(value, f"div({count.source};{seconds.source})")
+
+
 def difference(a: Number, b: Number) -> Number:
     """The number a without the number b."""
     return Number(a.value - b.value, f"sub({a.source};{b.source})")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from surefoot.config.study import Measure, Measurement
+from surefoot.config.study import Measure, Measurement, StudyConfig
 from surefoot.study.report.numbers import Number, share
 from surefoot.study.report.panels import Group, Panel, Quantity, ReportFigure, RunPoint, grid
 from surefoot.study.report.source import (
@@ -48,6 +48,8 @@ MEAN_IMPULSES = (
 """Means of both over all directions."""
 BEST_FIGURE = "7-best"
 """Name of the figure of the best policies of all runs."""
+BEST_ERRORS = "9-tracking-best"
+"""Name of the figure of their tracking errors."""
 IMITATION = Quantity("deviation from the expert", "mrad", 1.0, 1)
 """Mean absolute deviation from the expert's targets."""
 COLUMNS = 3
@@ -67,8 +69,18 @@ def performance_figures(results: StudyResults) -> tuple[ReportFigure, ...]:
     figures += [_push_figure(results, each) for each in _measurements(results, "impulse")]
     figures += [_mean_push_figure(results, each) for each in _measurements(results, "impulse")]
     figures.append(_best_figure(results))
+    figures += [_best_error_figure(results, each) for each in tracked_best(results.study)]
     figures += [_imitation_figure(results, each) for each in _measurements(results, "imitation")]
     return tuple(figure for figure in figures if figure.curves)
+
+
+def tracked_best(study: StudyConfig) -> list[Measurement]:
+    """The measurement whose tracking errors are shown of the best policies: the first one.
+
+    There is none where the errors are shown of every policy.
+    """
+    measurements = [each for each in study.measurements if each.measure == "robustness"]
+    return [each for each in measurements[:1] if each.policies == "best"]
 
 
 def _measurements(results: StudyResults, measure: Measure) -> list[Measurement]:
@@ -239,6 +251,34 @@ def _best_figure(results: StudyResults) -> ReportFigure:
         "Every run as a point, the mean over runs with its interval; one column for each "
         "measurement, among them those in another simulator, where there are any. The dotted line "
         "is the expert.",
+        "techniques",
+        rows,
+    )
+
+
+def _best_error_figure(results: StudyResults, measurement: Measurement) -> ReportFigure:
+    """Tracking errors of the best policies."""
+    field, way = WAYS[1]
+    rows = tuple(
+        tuple(
+            _by_technique(
+                results,
+                setting.name,
+                measurement,
+                quantity,
+                lambda test, component=component: test.robustness(field, component),
+                quantity.title,
+            )
+            for component, quantity in enumerate(ERRORS)
+        )
+        for setting in results.study.settings
+    )
+    return ReportFigure(
+        BEST_ERRORS,
+        "Velocity tracking of the best policy of each run",
+        f"Mean squared error of vx, vy and yaw rate ({measurement.title}), in thousandths: {way}. "
+        "Every run as a point, the mean over runs with its interval. The dotted line is the "
+        "expert.",
         "techniques",
         rows,
     )

@@ -21,6 +21,7 @@ from surefoot.runs.episode_ids import EpisodeId
 from surefoot.runs.layout import ATTEMPTS_FILE, KEPT_POLICY_FILE
 from surefoot.runs.metrics import Best, Collected, StageRecord, Validated
 from surefoot.runs.run import open_run, read_setup
+from surefoot.study.folder import Tests
 from surefoot.study.report.collecting import LIMIT, falls, paper_failures
 from surefoot.study.report.numbers import Estimate, Number, share
 from surefoot.study.report.panels import (
@@ -33,7 +34,6 @@ from surefoot.study.report.panels import (
     group_of,
 )
 from surefoot.study.report.source import StageSource, stages
-from surefoot.study.results import Tests
 
 FALLS = Quantity("fell, whoever drove", "%", 0.01, 1, is_share=True)
 """Physical falls, as a share of an iteration's rollouts."""

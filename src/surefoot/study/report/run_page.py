@@ -14,6 +14,7 @@ from surefoot.files import write_atomic
 from surefoot.learning.policy import Policy, load, policy_spec
 from surefoot.robots.load import load_robot
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
+from surefoot.study.folder import Tests
 from surefoot.study.report.markup import (
     COUNT,
     MISSING,
@@ -39,7 +40,6 @@ from surefoot.study.report.source import StageSource, TestSource, stages
 from surefoot.study.report.study_page import FIGURES_FOLDER, PAGE_FILE
 from surefoot.study.report.style import document
 from surefoot.study.report.tables import MINUTES
-from surefoot.study.results import Tests
 
 LOSS = Quantity("", "", 1.0, 4)
 """A loss [rad]."""

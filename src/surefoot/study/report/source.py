@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 from surefoot.config.study import EXPERT, Technique
 from surefoot.runs.metrics import Collected, StageRecord
+from surefoot.study.folder import PolicyTest
 from surefoot.study.report.numbers import Number, stored, stored_share
 from surefoot.study.report.panels import Curve, Group, RunPoint, group_of
-from surefoot.study.results import CellResult, PolicyTest, StudyResults
+from surefoot.study.results import CellResult, StudyResults
 
 METRICS_FILE = "metrics.jsonl"
 """File of a run's metrics."""

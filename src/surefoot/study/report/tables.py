@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 from surefoot.runs.metrics import Best, Collected
+from surefoot.study.folder import JobRecord
 from surefoot.study.report.markup import (
     COUNT,
     MISSING,
@@ -18,27 +20,42 @@ from surefoot.study.report.markup import (
     number,
     table,
 )
-from surefoot.study.report.numbers import Estimate, Number, over_runs, stored, total
+from surefoot.study.report.numbers import Estimate, Number, over_runs, rate, stored, total
 from surefoot.study.report.panels import Curve, Panel, Quantity, ReportFigure
-from surefoot.study.report.source import METRICS_FILE, stages
-from surefoot.study.results import CellResult, JobRecord, StudyResults
+from surefoot.study.report.source import METRICS_FILE, best_test, stages
+from surefoot.study.results import CellResult, StudyResults
 
 SECONDS = Quantity("", "", 1.0, 1)
 """A time in seconds."""
 MINUTES = Quantity("", "", 60.0, 1)
 """A time in minutes."""
-COSTS = ("expert_seconds", "robot_seconds", "plans", "falls", "diverged", "frames_kept")
-"""Fields of a collection that add up to the cost of a run."""
-COST_TITLES = (
-    "expert drove [s]",
-    "simulated [s]",
-    "MPC solves",
+EACH_MINUTE = Quantity("", "", 1 / 60, 2)
+"""A rate, stored for each second and written for each minute."""
+TORQUE = Quantity("", "", 1.0, 1)
+"""A torque in N m."""
+SUMS = (
+    "expert_seconds",
+    "robot_seconds",
+    "plans",
     "falls",
-    "MPC diverged",
-    "frames kept",
-    "work [min]",
+    "near_falls",
+    "diverged",
+    "frames_kept",
 )
-"""What the columns of the costs are called."""
+"""Fields of a collection that add up to the cost of a run."""
+COSTS = {
+    "expert_seconds": ("expert drove [s]", SECONDS),
+    "robot_seconds": ("simulated [s]", SECONDS),
+    "plans": ("MPC solves", COUNT),
+    "falls": ("falls", COUNT),
+    "fall_rate": ("falls a minute", EACH_MINUTE),
+    "near_falls": ("near falls", COUNT),
+    "diverged": ("MPC diverged", COUNT),
+    "frames_kept": ("frames kept", COUNT),
+    "max_torque": ("peak torque [N m]", TORQUE),
+    "seconds": ("work [min]", MINUTES),
+}
+"""The columns of the costs: what each is called, and how it is written."""
 
 
 def figure_tables(figure: ReportFigure) -> Markup:
@@ -94,18 +111,32 @@ def in_row(estimate: Estimate) -> Estimate:
     return replace(estimate, mean=replace(estimate.mean, source="mean(row)"), low=low, high=high)
 
 
-def cost_of(cell: CellResult) -> tuple[Number, ...]:
-    """What a run cost: the columns of `COST_TITLES`. Pre-training, tails and queries count."""
+def cost_of(cell: CellResult) -> dict[str, Number]:
+    """What a run cost, by the keys of `COSTS`. Pre-training, tails and queries count.
+
+    The peak torque is that of its best policy in the first measurement that has one.
+    """
     file = f"{cell.cell.name}/{METRICS_FILE}"
     records = stages(cell.metrics, cell.cell.name)
     collected = [each for each in records if isinstance(each.record, Collected)]
     timed = [each for each in records if not isinstance(each.record, Best)]
-    costs = [
-        total([each.number(field) for each in collected], f"{file}#/collect/{field}")
-        for field in COSTS
-    ]
-    seconds = total([each.number("seconds") for each in timed], f"{file}#/*/seconds")
-    return (*costs, seconds)
+    costs = {
+        field: total([each.number(field) for each in collected], f"{file}#/collect/{field}")
+        for field in SUMS
+    }
+    costs["fall_rate"] = rate(costs["falls"], costs["robot_seconds"])
+    costs["max_torque"] = _peak_torque(cell)
+    costs["seconds"] = total([each.number("seconds") for each in timed], f"{file}#/*/seconds")
+    return costs
+
+
+def _peak_torque(cell: CellResult) -> Number:
+    """The largest torque of a cell's best policy where it is measured first; else not known."""
+    for measurement in cell.tests:
+        test = best_test(cell, measurement)
+        if test is not None and test.test.robustness is not None:
+            return test.robustness("max_torque")
+    return Number(math.nan, "")
 
 
 def cost_tables(results: StudyResults) -> Markup:
@@ -118,29 +149,21 @@ def cost_tables(results: StudyResults) -> Markup:
             if not cells:
                 continue
             costs = [cost_of(cell) for cell in cells]
-            estimates = [over_runs(column) for column in zip(*costs, strict=True)]
-            cells_of_row = [
-                MISSING if estimate is None else _cost_cell(place, estimate.mean)
-                for place, estimate in enumerate(estimates)
-            ]
-            name = [escaped(technique.title), escaped(setting.title)]
-            means.append((*name, *cells_of_row))
+            row = []
+            for key, (_, quantity) in COSTS.items():
+                estimate = over_runs([cost[key] for cost in costs])
+                row.append(MISSING if estimate is None else number(estimate.mean, quantity))
+            means.append((escaped(technique.title), escaped(setting.title), *row))
             for cell, cost in zip(cells, costs, strict=True):
-                line = [_cost_cell(place, each) for place, each in enumerate(cost)]
+                line = [number(cost[key], quantity) for key, (_, quantity) in COSTS.items()]
                 runs.append((code(cell.cell.name), *line))
+    titles = [title for title, _ in COSTS.values()]
     return joined(
         [
-            table("Mean cost of a run", ("technique", "setting", *COST_TITLES), means),
-            table("Cost of every run", ("run", *COST_TITLES), runs),
+            table("Mean cost of a run", ("technique", "setting", *titles), means),
+            table("Cost of every run", ("run", *titles), runs),
         ]
     )
-
-
-def _cost_cell(place: int, each: Number) -> Markup:
-    """A number of the costs, as its column is written."""
-    last = len(COST_TITLES) - 1
-    quantity = MINUTES if place == last else SECONDS if place < 2 else COUNT
-    return number(each, quantity)
 
 
 def job_table(results: StudyResults) -> Markup:

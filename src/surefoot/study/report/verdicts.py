@@ -27,7 +27,7 @@ class Judgement(Protocol):
 
     @property
     def section(self) -> str:
-        """Where it stands in the paper, or which prediction it is."""
+        """Where it stands in the paper, or in which setting it was measured."""
         ...
 
     @property
@@ -52,7 +52,7 @@ class Verdict:
 
     Attributes:
         text: The sentence.
-        section: Where it stands in the paper; empty for a comparison.
+        section: Where it stands in the paper; of a comparison the setting, empty if there is one.
         verdict: `holds`, `does not hold` or `cannot tell`.
         number: What was measured.
         reason: Why the verdict is what it is.
@@ -98,11 +98,12 @@ def verdict_table(caption: str, verdicts: Sequence[Verdict], where: str) -> Mark
     Args:
         caption: What the table shows.
         verdicts: The verdicts.
-        where: Title of the column that says where a sentence stands; empty without that column.
+        where: Title of the column that says where a sentence stands, if any of them says it.
     """
+    are_placed = any(each.section for each in verdicts)
     rows = []
     for each in verdicts:
-        place = [escaped(each.section)] if where else []
+        place = [escaped(each.section)] if are_placed else []
         rows.append(
             (
                 escaped(each.text),
@@ -112,7 +113,7 @@ def verdict_table(caption: str, verdicts: Sequence[Verdict], where: str) -> Mark
                 escaped(each.reason),
             )
         )
-    head = ("claim", *([where] if where else []), "verdict", "measured", "why")
+    head = ("claim", *([where] if are_placed else []), "verdict", "measured", "why")
     return table(caption, head, rows)
 
 
