@@ -74,9 +74,11 @@ format: venv  ## format, and fix what ruff can fix
 bench: venv  ## speed of plan, engine, training, evaluation and a quick run, with lower bounds
 	$(BIN)/surefoot bench
 
-reproduce: venv  ## the paper's experiment, with its report (a day on two cores; goes on where it stopped)
+reproduce: venv  ## the paper's experiment and the study of methods, with reports (a day on two cores; goes on where it stopped)
 	$(BIN)/surefoot study paper --folder studies/paper
 	$(BIN)/surefoot report studies/paper
+	$(BIN)/surefoot study regimes --folder studies/regimes
+	$(BIN)/surefoot report studies/regimes
 
 reproduce-smoke: venv  ## the same path in minutes: a tiny study, killed and resumed, with its report
 	$(BIN)/python checks/interrupt_study.py studies/smoke
