@@ -3,9 +3,9 @@
 What the sensors say is turned into the network's input anew (`learning.observation`, the
 reference), and compared with what the runtime makes of it, with what the network was given on the
 robot, and, through the network, with the joint targets that the robot was commanded. Where nothing
-differs, the sensors are compared with each other: joint rates with the derivative of the joint
-angles, the rate of turn with that of the orientation. Read `differences` for the words, and
-`hypotheses` for logs that have targets only.
+differs, or nothing explains what does, the sensors are compared with each other and with the robot.
+Read `differences` for the words, `hypotheses` for logs with targets only, and `plausibility` for
+those of sensors alone.
 """
 
 from __future__ import annotations
@@ -18,22 +18,26 @@ from surefoot.deploy.description import PolicyDescription, input_slices
 from surefoot.deploy.export_file import ExportFile
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.interop.logs.differences import Numbers, explain, first_beyond, largest
-from surefoot.interop.logs.hypotheses import explain_sensors, explain_targets, explain_term
+from surefoot.interop.logs.hypotheses import component_names, explain_targets, explain_term
+from surefoot.interop.logs.plausibility import explain_height, explain_posture, explain_sensors
 from surefoot.interop.logs.replay import (
     Finding,
     Network,
     check_gaits,
     clipped,
+    first_known,
     reference_inputs,
     run_pipeline,
     run_runtime,
+    window_of,
 )
 from surefoot.interop.logs.sensor_log import SensorLog
+from surefoot.interop.onnx.pipeline import network_part
 from surefoot.interop.onnx.runner import PipelineRunner
 from surefoot.learning.observation import Float32Array
 from surefoot.learning.onnx_graph import runner
 from surefoot.rotations import rotation
-from surefoot.types import JOINTS, LEGS, TICKS_PER_SECOND, Array
+from surefoot.types import TICKS_PER_SECOND, Array
 
 INPUT_TOLERANCE = 1e-4
 """How much a number of the network's input may differ, in its unit."""
@@ -99,20 +103,17 @@ def check_pipeline(log: SensorLog, file: ExportFile, torch: Network | None = Non
     check_gaits(log, description)
     comparison = _Comparison(log, description)
     comparison.clock()
-    policy = OnnxPolicy(description, _no_network)
+    network = runner(network_part(file.content))
+    policy = OnnxPolicy(description, network)
     inputs, targets = run_pipeline(PipelineRunner(file), log)
     applied = clipped(policy, log, targets)
     own = reference_inputs(log, description, applied)
     comparison.terms("the pipeline's input", own, inputs)
+    comparison.network("the pipeline's targets and its network's", network(inputs), targets)
     if torch is not None:
         comparison.network("the pipeline's targets and PyTorch", torch(inputs), targets)
-        _compare_logged(comparison, policy, torch, applied)
+    _compare_logged(comparison, policy, network, applied)
     return comparison.report()
-
-
-def _no_network(inputs: Float32Array) -> Float32Array:
-    """Stands for the network of a pipeline, which is asked through its own graph."""
-    raise NotImplementedError("a pipeline is asked as a whole; its network has no inputs here")
 
 
 def _compare_logged(
@@ -127,45 +128,56 @@ def _compare_logged(
         applied: ``(T, 12)`` the targets that the policy itself would have applied [rad].
     """
     log = comparison.log
+    description = policy.description
     kept = applied if log.joint_target is None else clipped(policy, log, log.joint_target)
-    reference = reference_inputs(log, policy.description, kept)
+    reference = reference_inputs(log, description, kept)
+    known = first_known(log, description)
     if log.network_input is not None:
-        given = np.asarray(log.network_input, np.float32)
+        given = np.array(log.network_input, np.float32)
         if given.shape != reference.shape:
             raise ValueError(
                 f"the log has a network input of {given.shape[1]} numbers, and the layout "
-                f"{policy.description.layout!r} has {reference.shape[1]}; it is a log of another "
-                "layout"
+                f"{description.layout!r} has {reference.shape[1]}; it is a log of another layout"
             )
+        history = input_slices(description.spec).get("history", slice(0))
+        given[:known, history] = reference[:known, history]
         comparison.terms("the input that was logged", reference, given)
-        _explain_better(comparison, policy, given, kept)
+        _explain_better(comparison, policy, reference, given, kept)
     if log.joint_target is not None:
         answers = clipped(policy, log, network(reference))
-        # A log may begin in the middle of an episode, whose past it does not have.
-        reach = 0 if policy.spec.layout.history is None else policy.spec.layout.history.reach
-        known = slice(reach if len(log) > 2 * reach else 0, None)
         comparison.add(
-            "the joint targets that were logged", largest(answers[known], kept[known])[0]
+            "the joint targets that were logged", largest(answers[known:], kept[known:])[0]
         )
-        beyond = first_beyond(answers[known], kept[known], TARGET_TOLERANCE) >= 0
-        if beyond and not comparison.findings:
-            comparison.findings.append(explain_targets(log, policy, network, log.joint_target))
-    if not comparison.findings:
-        comparison.findings += explain_sensors(log)
+        row = first_beyond(answers[known:], kept[known:], TARGET_TOLERANCE)
+        if row >= 0 and not comparison.findings:
+            window = window_of(log, description, known + row)
+            comparison.findings.append(explain_targets(window, policy, network))
+    if not comparison.findings or comparison.findings[0].kind == "unknown":
+        postures = explain_posture(log, description) or explain_height(log, description)
+        comparison.findings[:0] = postures + explain_sensors(log)
 
 
 def _explain_better(
-    comparison: _Comparison, policy: OnnxPolicy, given: Float32Array, kept: Array
+    comparison: _Comparison,
+    policy: OnnxPolicy,
+    reference: Float32Array,
+    given: Float32Array,
+    kept: Array,
 ) -> None:
-    """Look in the sensors for what explains a term that no order, sign or scale of it does."""
-    if not comparison.findings or comparison.findings[-1].kind != "unknown":
+    """Look in the log for what explains a term that no order, sign or scale of it does."""
+    found = comparison.findings[-1] if comparison.findings else None
+    if found is None or not (found.kind == "unknown" or found.term == "history"):
         return
-    term = comparison.findings[-1].term
-    where = input_slices(policy.description.spec)[term]
-    found = explain_term(comparison.log, policy, where, given, kept)
-    if found is not None:
-        text = f"{found.term}: the {term} that was logged is another one, and the same if "
-        comparison.findings[-1] = Finding(found.term, found.kind, text + found.text)
+    where = input_slices(policy.description.spec)[found.term]
+    row = first_beyond(reference[:, where], given[:, where], INPUT_TOLERANCE)
+    window = window_of(comparison.log, policy.description, row)
+    better = explain_term(window, policy, where, given, kept)
+    if better is not None:
+        text = (
+            f"{better.term}: the {found.term} that was logged is another one, and the same if "
+            f"{better.text}"
+        )
+        comparison.findings[-1] = Finding(better.term, better.kind, text)
 
 
 class _Comparison:
@@ -241,21 +253,3 @@ class _Comparison:
         return LogReport(
             len(self.log), tuple(self.compared), tuple(self.largest), tuple(self.findings)
         )
-
-
-def component_names(term: str, size: int) -> tuple[str, ...]:
-    """What the numbers of a term are called.
-
-    Args:
-        term: Name of the term.
-        size: The number of its numbers.
-    """
-    if term in ("joint_position", "joint_velocity"):
-        return JOINTS
-    if term == "feet":
-        return tuple(f"{leg} {axis}" for leg in LEGS for axis in "xy")
-    if term == "command":
-        return ("vx", "vy", "yaw_rate")
-    if size == 3:
-        return ("x", "y", "z")
-    return tuple(str(place) for place in range(size))

@@ -42,7 +42,7 @@ def largest(expected: Numbers, given: Numbers) -> tuple[float, int]:
     return float(error[row]), row
 
 
-def first_beyond(expected: Array, given: Array, tolerance: float) -> int:
+def first_beyond(expected: Numbers, given: Numbers, tolerance: float) -> int:
     """The first row of two recordings ``(T, n)`` that differs by more than a tolerance; -1 if none.
 
     Args:
@@ -143,19 +143,27 @@ def _in_words(matches: Sequence[_Match], names: Sequence[str]) -> Explanation:
     if scaled:
         factors = np.array([matches[i].factor for i in scaled])
         factor = float(np.median(factors))
-        alike = np.allclose(factors, factor, rtol=0.1)
         which = "" if len(scaled) == len(names) else f" of {_listed(scaled, names)}"
-        text = f"its scale{which} differs: it is {factor:.4g} times as large"
-        if not alike:
-            text = f"its scale{which} differs"
-        elif abs(factor / DEGREES - 1.0) < 0.02:
-            text += " (degrees for radians?)"
-        elif abs(factor * DEGREES - 1.0) < 0.02:
-            text += " (radians for degrees?)"
-        return Explanation("scale", text)
+        if not np.allclose(factors, factor, rtol=0.1):
+            return Explanation("scale", f"its scale{which} differs")
+        return Explanation("scale", f"its scale{which} differs: {scale_in_words(factor)}")
     if flipped:
         return Explanation("sign", f"the sign of {_listed(flipped, names)} differs")
     return Explanation("unknown", "it differs by less than can be told")
+
+
+def scale_in_words(factor: float) -> str:
+    """What a factor says, and the units that it hints at."""
+    text = f"it is {factor:.4g} times as large"
+    for unit, hint in (
+        (DEGREES, "degrees for radians"),
+        (1.0 / DEGREES, "radians for degrees"),
+        (1000.0, "millimeters for meters"),
+        (0.001, "meters for millimeters"),
+    ):
+        if abs(factor / unit - 1.0) < 0.02:
+            return f"{text} ({hint}?)"
+    return text
 
 
 def _listed(places: Sequence[int], names: Sequence[str]) -> str:

@@ -1,95 +1,109 @@
 """What may have been wired wrongly, tried one by one on a log that does not say it directly.
 
 A log with joint targets, but without the network's input, shows only that something was wrong: each
-hypothesis changes one term of its sensors, and the one with which the network answers as the robot
-did is named. A log without targets has only its sensors: joint rates have to be the derivatives of
-the angles, and the rate of turn that of the orientation. Read `replay` next.
+hypothesis changes one term of it, and the one with which the network answers as the robot was
+commanded is named. Where the network's input agrees, only the targets can be wrong. Factors are
+fitted. Read `plausibility` next, for what a log without targets shows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import cache
+from itertools import combinations, permutations
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from surefoot.deploy.policy import OnnxPolicy
-from surefoot.interop.logs.differences import DEGREES, explain, largest
-from surefoot.interop.logs.replay import Finding, Network, reference_inputs
+from surefoot.interop.logs.differences import Numbers, largest, scale_in_words
+from surefoot.interop.logs.replay import (
+    Finding,
+    Network,
+    Window,
+    clipped,
+    commanded,
+    reference_inputs,
+)
 from surefoot.interop.logs.sensor_log import SensorLog
 from surefoot.learning.observation import Float32Array
 from surefoot.rotations import rotation
-from surefoot.types import JOINTS, LEGS, Array
+from surefoot.types import JOINTS, LEGS, Array, BoolArray
 
 LIKELY = 0.02
-"""A hypothesis explains a log if it leaves at most this share of the difference."""
-CONSISTENT = 0.3
-"""A measured rate is the derivative of what it belongs to if its difference from that, root mean
-square, is at most this share of it; impacts of the feet make some."""
-LEAST_RATE = 0.05
-"""[rad/s] Rates that are smaller than this, root mean square, say nothing."""
+"""A hypothesis explains a log if it leaves at most this share of the difference, and of how much
+the numbers vary in the log."""
+LEAST = 1e-4
+"""Differences that are smaller, in the unit of what is compared, need no explanation."""
+FREE = 0.2
+"""The torque limit explains the targets of a joint only if it leaves out at most 80 % of them."""
+FACTORS = np.arange(-3.5, 3.6, 0.5)
+"""Powers of ten among which a factor is sought, before it is fitted: to millimeters and back."""
+
 AXES = ("x", "y", "z")
+
+Terms = tuple[str, ...]
+"""Fields of a log that are changed together."""
+JOINT_TERMS: tuple[Terms, ...] = (
+    ("joint_position",),
+    ("joint_velocity",),
+    ("joint_position", "joint_velocity"),
+    ("joint_target",),
+)
+TERMS: tuple[Terms, ...] = (
+    *JOINT_TERMS,
+    ("base_height",),
+    ("angular_velocity",),
+    ("linear_velocity",),
+    ("command",),
+)
+"""All that may have another sign or scale."""
 
 
 class Hypothesis(NamedTuple):
     """One thing that may be wrong.
 
     Attributes:
-        term: The term of the sensors.
+        terms: The fields of the log that would be wrong.
         kind: As in `differences.Explanation`.
         text: What would be wrong, in words.
         change: The log as it would be then.
     """
 
-    term: str
+    terms: Terms
     kind: str
     text: str
     change: Callable[[SensorLog], SensorLog]
 
+    @property
+    def term(self) -> str:
+        """The fields, in words."""
+        return " and ".join(self.terms)
+
 
 def hypotheses(log: SensorLog) -> Iterator[Hypothesis]:
-    """What may be wrong about a log's sensors.
+    """What may be wrong about a log, but for scales; the simplest first.
 
     Args:
         log: The log; terms that it lacks cannot be wrong.
     """
-    for kind, text, order in _orders():
-        for terms in (("joint_position",), ("joint_velocity",), _JOINT_TERMS):
-            yield Hypothesis(" and ".join(terms), kind, text, _reordered(terms, order))
-    for term, names in (
-        ("joint_position", JOINTS),
-        ("joint_velocity", JOINTS),
-        ("angular_velocity", AXES),
-        ("linear_velocity", AXES),
-        ("command", ("vx", "vy", "yaw_rate")),
-    ):
-        values = getattr(log, term)
-        if values is None:
-            continue
-        for places, which in (
-            (range(len(names)), "all of it"),
-            *(([place], name) for place, name in enumerate(names)),
-            *(
-                (range(kind, 12, 3), f"all {joint}")
-                for kind, joint in enumerate(("HAA", "HFE", "KFE"))
-                if len(names) == len(JOINTS)
-            ),
-            *(
-                (range(3 * leg, 3 * leg + 3), f"all joints of {name}")
-                for leg, name in enumerate(LEGS)
-                if len(names) == len(JOINTS)
-            ),
-        ):
-            yield Hypothesis(
-                term, "sign", f"the sign of {which} differs", _times(term, [*places], -1.0)
-            )
-        every = [*range(len(names))]
-        for factor, text in _SCALES.items():
-            yield Hypothesis(
-                term, "scale", f"its scale differs: it is {text}", _times(term, every, factor)
-            )
+    for terms in _present(log):
+        columns = np.reshape(getattr(log, terms[0]), (len(log), -1)).shape[1]
+        for which, places in _places(terms, columns):
+            text = f"the sign of {which} differs"
+            yield Hypothesis(terms, "sign", text, _times(terms, places, -1.0))
+        if terms in JOINT_TERMS:
+            for text, order in _orders():
+                text = f"its order differs: {text}"
+                yield Hypothesis(terms, "order", text, _reordered(terms, order))
+    if log.joint_target is not None:
+        for rows in (1, 2, 3):
+            early = log.joint_target[np.minimum(np.arange(len(log)) + rows, len(log) - 1)]
+            text = f"it comes {rows} rows later"
+            yield Hypothesis(("joint_target",), "time", text, _with("joint_target", early))
     turn = rotation(log.orientation)
     for term in ("angular_velocity", "linear_velocity"):
         values = getattr(log, term)
@@ -99,70 +113,111 @@ def hypotheses(log: SensorLog) -> Iterator[Hypothesis]:
                 (np.swapaxes(turn, -1, -2), "it is turned to the base frame twice"),
             ):
                 turned = (matrix @ values[..., None])[..., 0]
-                yield Hypothesis(term, "frame", text, _with(term, turned))
+                yield Hypothesis((term,), "frame", text, _with(term, turned))
     quat = log.orientation
-    yield Hypothesis(
-        "orientation",
-        "order",
-        "w comes first instead of last",
-        _with("orientation", quat[:, [3, 0, 1, 2]]),
-    )
-    yield Hypothesis(
-        "orientation",
-        "order",
-        "w is taken to come first",
-        _with("orientation", quat[:, [1, 2, 3, 0]]),
-    )
-    yield Hypothesis(
-        "orientation",
-        "frame",
-        "it is that of the world in the base frame",
-        _with("orientation", quat * (-1.0, -1.0, -1.0, 1.0)),
-    )
-    for factor in (2, 4, 5, 10):
-        first = int(log.tick[0])
-        slow = first + (log.tick - first) * factor
-        fast = first + (log.tick - first) // factor
-        yield Hypothesis(
-            "phase", "rate", f"the gait clock runs {factor} times too fast", _with("tick", slow)
-        )
-        yield Hypothesis(
-            "phase", "rate", f"the gait clock runs {factor} times too slowly", _with("tick", fast)
-        )
-
-
-_SCALES: Mapping[float, str] = {
-    DEGREES: "57.3 times as large (degrees for radians?)",
-    1.0 / DEGREES: "1/57.3 times as large (radians for degrees?)",
-    **{factor: f"{factor:g} times as large" for factor in (2.0, 4.0, 10.0, 20.0)},
-    **{1.0 / factor: f"1/{factor:g} times as large" for factor in (2.0, 4.0, 10.0, 20.0)},
-}
-"""Factors that other policies have, and those of other units."""
-_JOINT_TERMS = ("joint_position", "joint_velocity")
-
-
-def _orders() -> Iterator[tuple[str, str, list[int]]]:
-    """Orders that other programs have: by joint instead of by leg, and other legs first."""
-    by_leg = np.arange(len(JOINTS)).reshape(len(LEGS), 3)
-    by_joint = by_leg.T.ravel().tolist()
-    back = np.argsort(by_joint).tolist()
-    yield "order", "its order differs: by joint instead of by leg", by_joint
-    yield "order", "its order differs: by leg instead of by joint", back
-    for legs in (
-        (1, 0, 3, 2),
-        (2, 3, 0, 1),
-        (3, 2, 1, 0),
-        (0, 2, 1, 3),
-        (1, 0, 2, 3),
-        (0, 1, 3, 2),
-        (0, 2, 3, 1),
-        (1, 3, 0, 2),
-        (2, 0, 3, 1),
+    for kind, text, changed in (
+        ("order", "w comes first instead of last", quat[:, [3, 0, 1, 2]]),
+        ("order", "w is taken to come first", quat[:, [1, 2, 3, 0]]),
+        ("frame", "it is that of the world in the base frame", quat * (-1.0, -1.0, -1.0, 1.0)),
+        ("sign", "the sign of x differs", quat * (-1.0, 1.0, 1.0, 1.0)),
+        ("sign", "the sign of y differs", quat * (1.0, -1.0, 1.0, 1.0)),
+        ("sign", "the sign of z differs", quat * (1.0, 1.0, -1.0, 1.0)),
+        ("sign", "the sign of x and y differs", quat * (-1.0, -1.0, 1.0, 1.0)),
+        ("sign", "the sign of x and z differs", quat * (-1.0, 1.0, -1.0, 1.0)),
+        ("sign", "the sign of y and z differs", quat * (1.0, -1.0, -1.0, 1.0)),
     ):
+        yield Hypothesis(("orientation",), kind, text, _with("orientation", changed))
+    first = int(log.tick[0])
+    for factor in (2, 4, 5, 10):
+        for text, tick in (
+            ("too fast", first + (log.tick - first) * factor),
+            ("too slowly", first + (log.tick - first) // factor),
+        ):
+            text = f"the gait clock runs {factor} times {text}"
+            yield Hypothesis(("phase",), "rate", text, _with("tick", tick))
+
+
+def scaled(terms: Terms, factor: float) -> Hypothesis:
+    """The hypothesis that some terms of a log are to be multiplied by a factor.
+
+    Args:
+        terms: The terms.
+        factor: The factor.
+    """
+    # Targets are what came out of the policy; all else is what went into it.
+    told = 1.0 / factor if terms == ("joint_target",) else factor
+    text = f"its scale differs: {scale_in_words(told)}"
+    return Hypothesis(terms, "scale", text, _times(terms, slice(None), factor))
+
+
+def component_names(term: str, size: int) -> tuple[str, ...]:
+    """What the numbers of a term are called.
+
+    Args:
+        term: Name of the term.
+        size: The number of its numbers.
+    """
+    if term in ("joint_position", "joint_velocity", "joint_target"):
+        return JOINTS
+    if term == "feet":
+        return tuple(f"{leg} {axis}" for leg in LEGS for axis in "xy")
+    if term == "command":
+        return ("vx", "vy", "yaw_rate")
+    if size == 3:
+        return AXES
+    return tuple(str(place) for place in range(size))
+
+
+def _present(log: SensorLog) -> list[Terms]:
+    """The terms that a log has."""
+    return [terms for terms in TERMS if all(getattr(log, term) is not None for term in terms)]
+
+
+def _places(terms: Terms, columns: int) -> Iterator[tuple[str, Sequence[int] | slice]]:
+    """The columns of some terms that may be wrong together, and what they are called."""
+    if columns > 1:
+        for place, name in enumerate(component_names(terms[0], columns)):
+            yield name, [place]
+    if terms in JOINT_TERMS:
+        yield from _joint_places()
+    yield "all of it", slice(None)
+
+
+@cache
+def _joint_places() -> list[tuple[str, list[int]]]:
+    """Joints that drivers take together: those of a kind, of a leg, and of two legs."""
+    by_leg = np.arange(len(JOINTS)).reshape(len(LEGS), 3)
+    kinds = ("HAA", "HFE", "KFE")
+    sides = {"left": [0, 2], "right": [1, 3], "front": [0, 1], "hind": [2, 3]}
+    found = [(f"all {kind}", by_leg[:, place].tolist()) for place, kind in enumerate(kinds)]
+    found += [(f"all joints of {leg}", by_leg[place].tolist()) for place, leg in enumerate(LEGS)]
+    for side, legs in sides.items():
+        found.append((f"all joints of the {side} legs", by_leg[legs].ravel().tolist()))
+        for place, kind in enumerate(kinds):
+            found.append((f"{kind} of the {side} legs", by_leg[legs, place].tolist()))
+    return found
+
+
+@cache
+def _orders() -> list[tuple[str, list[int]]]:
+    """Orders that other programs have: two joints exchanged, by joint, and other legs first."""
+    places = np.arange(len(JOINTS))
+    by_leg = places.reshape(len(LEGS), 3)
+    by_joint = by_leg.T.ravel()
+    orders = []
+    for one, other in combinations(places.tolist(), 2):
+        if one // 3 == other // 3 or one % 3 == other % 3:
+            order = places.copy()
+            order[[one, other]] = [other, one]
+            orders.append((f"{JOINTS[one]} and {JOINTS[other]} are exchanged", order))
+    orders.append(("by joint instead of by leg", by_joint))
+    orders.append(("by leg instead of by joint", np.argsort(by_joint)))
+    for legs in [*permutations(range(len(LEGS)))][1:]:
         names = ", ".join(LEGS[leg] for leg in legs)
-        yield "order", f"its order differs: legs {names}", by_leg[[*legs]].ravel().tolist()
-    reverse = by_leg[:, ::-1].ravel().tolist()
-    yield "order", "its order differs: knee first in each leg", reverse
+        orders.append((f"legs {names}", by_leg[[*legs]].ravel()))
+    orders.append(("hip flexion and knee are exchanged", by_leg[:, [0, 2, 1]].ravel()))
+    orders.append(("knee first in each leg", by_leg[:, ::-1].ravel()))
+    return [(text, order.tolist()) for text, order in orders]
 
 
 def _with(term: str, values: NDArray) -> Callable[[SensorLog], SensorLog]:
@@ -170,163 +225,135 @@ def _with(term: str, values: NDArray) -> Callable[[SensorLog], SensorLog]:
     return lambda log: replace(log, **{term: values})
 
 
-def _times(term: str, places: list[int], factor: float) -> Callable[[SensorLog], SensorLog]:
-    """A change of some columns of a term by a factor."""
+def _times(
+    terms: Terms, places: Sequence[int] | slice, factor: float
+) -> Callable[[SensorLog], SensorLog]:
+    """A change of some columns of some terms by a factor."""
 
-    def change(log: SensorLog) -> SensorLog:
-        values = getattr(log, term).copy()
-        values[:, places] *= factor
-        return replace(log, **{term: values})
+    def multiplied(values: Array) -> Array:
+        values = np.array(values, float)
+        values[..., places] *= factor
+        return values
 
-    return change
+    return lambda log: replace(log, **{term: multiplied(getattr(log, term)) for term in terms})
 
 
-def _reordered(terms: tuple[str, ...], order: list[int]) -> Callable[[SensorLog], SensorLog]:
+def _reordered(terms: Terms, order: list[int]) -> Callable[[SensorLog], SensorLog]:
     """A change of the order of the columns of some terms."""
     return lambda log: replace(log, **{term: getattr(log, term)[:, order] for term in terms})
 
 
-MOST_ROWS = 400
-"""Number of rows on which hypotheses are tried: a few of them settle it."""
-
-
-def explain_targets(
-    log: SensorLog, policy: OnnxPolicy, network: Network, targets: Array
-) -> Finding:
+def explain_targets(window: Window, policy: OnnxPolicy, network: Network) -> Finding:
     """Which hypothesis makes the network answer as the robot was commanded.
 
     Args:
-        log: The log.
-        policy: Gives the layout.
+        window: Rows of a log with joint targets, among them some that differ.
+        policy: Gives the layout, the gains and the limits.
         network: The network.
-        targets: ``(T, 12)`` the joint targets that were logged [rad].
     """
-    short = log.first(MOST_ROWS)
-    targets = targets[: len(short)]
+    log = window.log
+    known = slice(window.known, None)
+
+    def differences(changed: SensorLog) -> Array:
+        targets = commanded(changed)
+        inputs = reference_inputs(changed, policy.description, targets)
+        return np.abs(network(inputs[known]) - targets[known])
 
     def error(changed: SensorLog) -> float:
-        answers = network(reference_inputs(changed, policy.description, targets))
-        # Some targets may have been clipped by what the motors measured, others not.
-        return float(np.median(np.abs(answers - targets)))
+        found = differences(changed)
+        # The motors clip by what they measure themselves: by the log as it is, or as it should be.
+        free = [_free(policy, each, commanded(changed))[known] for each in (log, changed)]
+        return min(float(found[these].mean()) for these in free)
 
-    most = float(
-        np.abs(network(reference_inputs(short, policy.description, targets)) - targets).max()
-    )
     what = (
         "the robot was commanded other joint targets than the policy gives for these sensors, by "
-        f"up to {most:.3g} rad"
+        f"up to {differences(log).max():.3g} rad"
     )
-    found = _most_likely(short, error)
+    only = None if log.network_input is None else ("joint_target",)
+    found = _most_likely(log, error, _spread(commanded(log)[known]), only)
     if found is not None:
         text = f"{found.term}: {what}, and the same if {found.text}"
         return Finding(found.term, found.kind, text)
     advice = "log the network's input (network_input), which names the term"
+    if log.network_input is not None:
+        advice = "the network's input agrees, so look at what becomes of its answers"
     text = f"joint_target: {what}, and no change of one term explains it; {advice}"
     return Finding("joint_target", "unknown", text)
 
 
+def _free(policy: OnnxPolicy, log: SensorLog, targets: Array) -> BoolArray:
+    """``(T, 12)`` which joint targets the torque limit has not changed, by a log's sensors."""
+    torque = policy.kp * (targets - log.joint_position) - policy.kd * log.joint_velocity
+    free = np.abs(torque) < np.array(policy.description.torque_limit) - LEAST
+    # A joint that is always at its limit is rather one whose numbers are wrong.
+    free[:, free.mean(axis=0) < FREE] = True
+    return free
+
+
 def explain_term(
-    log: SensorLog, policy: OnnxPolicy, term: slice, given: Float32Array, kept: Array
+    window: Window, policy: OnnxPolicy, term: slice, given: Float32Array, kept: Array
 ) -> Hypothesis | None:
     """Which hypothesis makes a part of the network's input what it was; None if none does.
 
     Args:
-        log: The log.
-        policy: Gives the layout.
+        window: Rows of a log, among them some in which the part differs.
+        policy: Gives the layout, the gains and the limits.
         term: Where the part lies in the input.
         given: ``(T, inputs)`` what the network was given.
-        kept: ``(T, 12)`` the joint targets that were applied [rad].
+        kept: ``(T, 12)`` the joint targets that were applied, if the log has none [rad].
     """
-    short = log.first(MOST_ROWS)
-    rows = slice(len(short))
+    known = slice(window.known, None)
+    given = given[window.rows]
+    kept = kept[window.rows]
 
     def error(changed: SensorLog) -> float:
-        inputs = reference_inputs(changed, policy.description, kept[rows])
-        return largest(inputs[:, term], given[rows, term])[0]
+        targets = changed.joint_target
+        applied = kept if targets is None else clipped(policy, changed, targets)
+        inputs = reference_inputs(changed, policy.description, applied)
+        return largest(inputs[known, term], given[known, term])[0]
 
-    return _most_likely(short, error)
+    return _most_likely(window.log, error, _spread(given[known, term]))
 
 
-def _most_likely(log: SensorLog, error: Callable[[SensorLog], float]) -> Hypothesis | None:
+def _spread(values: Numbers) -> float:
+    """How much numbers ``(T, n)`` vary in time."""
+    return float(np.std(values, axis=0, dtype=float).mean())
+
+
+def _most_likely(
+    log: SensorLog,
+    error: Callable[[SensorLog], float],
+    size: float,
+    only: Terms | None = None,
+) -> Hypothesis | None:
     """The hypothesis that leaves the smallest error, if that is small; None otherwise.
 
     Args:
         log: The log.
         error: How far a log, changed as a hypothesis says, is from what was seen.
+        size: How much varies what the error is of.
+        only: The only terms that may be wrong; None for any.
     """
-    errors = [(error(each.change(log)), each) for each in hypotheses(log)]
+    most = error(log)
+    if most <= LEAST:
+        return None
+    wrong = [terms for terms in _present(log) if only in (None, terms)]
+    tried = [each for each in hypotheses(log) if only in (None, each.terms)]
+    tried += [scaled(terms, _factor(log, terms, error)) for terms in wrong]
+    errors = [(error(each.change(log)), each) for each in tried]
     least, best = min(errors, key=lambda pair: pair[0])
-    return best if least <= LIKELY * error(log) else None
+    return best if least <= min(LIKELY * most, max(LIKELY * size, LEAST)) else None
 
 
-def explain_sensors(log: SensorLog) -> list[Finding]:
-    """Which rates are not the derivatives of what they belong to.
+def _factor(log: SensorLog, terms: Terms, error: Callable[[SensorLog], float]) -> float:
+    """The factor of some terms that leaves the smallest error."""
 
-    Args:
-        log: The log; rows that repeat a measurement, as where a datagram was lost, are left out.
-    """
-    new = np.diff(log.time_ns, prepend=log.time_ns[0] - 1) != 0
-    if new.sum() < 2 or (np.diff(log.time_ns) < 0).any():
-        return [Finding("time_ns", "time", "time_ns: it does not rise from row to row")]
-    log = log.at(new)
-    dt = np.diff(log.time_ns) / 1e9
-    pairs = []
-    slope = np.diff(log.joint_position, axis=0) / dt[:, None]
-    rate = (log.joint_velocity[1:] + log.joint_velocity[:-1]) / 2.0
-    pairs.append(("joint_velocity", "the derivative of joint_position", slope, rate, JOINTS))
-    turn = rotation(log.orientation)
-    spin = _spin(turn, dt)
-    gyro = (log.angular_velocity[1:] + log.angular_velocity[:-1]) / 2.0
-    pairs.append(("angular_velocity", "the turning of orientation", spin, gyro, AXES))
-    findings = []
-    for term, source, expected, given, names in pairs:
-        size = max(np.sqrt(np.mean(expected**2)), np.sqrt(np.mean(given**2)))
-        error = np.sqrt(np.mean((given - expected) ** 2))
-        if size < LEAST_RATE:
-            continue
-        if error <= CONSISTENT * size:
-            findings += _opposite(term, source, expected, given, names)
-            continue
-        frame = turn[1:] if term == "angular_velocity" else None
-        kind, text = explain(expected, given, names, CONSISTENT, frame)
-        findings.append(Finding(term, kind, f"{term}: it is not {source}; {text}"))
-    scaled = [finding for finding in findings if finding.kind == "scale"]
-    if len(scaled) == len(pairs):
-        return [
-            Finding(
-                "time_ns",
-                "rate",
-                "rate: all rates differ by a factor from the derivatives of what they belong to "
-                f"({scaled[0].text}); the rows are not as far apart as time_ns says",
-            )
-        ]
-    return findings
+    def left(power: float) -> float:
+        return error(scaled(terms, 10.0**power).change(log))
 
-
-def _opposite(
-    term: str, source: str, expected: Array, given: Array, names: Sequence[str]
-) -> list[Finding]:
-    """Single rates, of little weight among all of them, that have the opposite sign."""
-    size = np.sqrt(np.mean(expected**2, axis=0))
-    error = np.sqrt(np.mean((given + expected) ** 2, axis=0))
-    places = np.flatnonzero((size > LEAST_RATE) & (error <= CONSISTENT * size))
-    if not len(places):
-        return []
-    which = ", ".join(names[place] for place in places.tolist())
-    text = f"{term}: it is not {source}; the sign of {which} differs"
-    return [Finding(term, "sign", text)]
-
-
-def _spin(turn: Array, dt: Array) -> Array:
-    """``(T - 1, 3)`` the angular velocity that turns each orientation into the next, base frame."""
-    step = np.swapaxes(turn[:-1], -1, -2) @ turn[1:]
-    # Small angles: the skew part of the step is the sine of the angle times the axis.
-    axis = np.stack(
-        [
-            step[:, 2, 1] - step[:, 1, 2],
-            step[:, 0, 2] - step[:, 2, 0],
-            step[:, 1, 0] - step[:, 0, 1],
-        ],
-        axis=1,
+    best = FACTORS[np.argmin([left(power) for power in FACTORS])]
+    step = FACTORS[1] - FACTORS[0]
+    fitted = minimize_scalar(
+        left, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-5}
     )
-    return axis / 2.0 / dt[:, None]
+    return float(10.0**fitted.x)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -41,6 +42,63 @@ class Finding:
     term: str
     kind: str
     text: str
+
+
+MOST_ROWS = 200
+"""Number of rows on which hypotheses are tried: a few of them settle it."""
+
+
+class Window(NamedTuple):
+    """Some rows of a log, in which something differs.
+
+    Attributes:
+        log: Those rows.
+        rows: Where they lie in the whole log.
+        known: The first of them whose past is known.
+    """
+
+    log: SensorLog
+    rows: slice
+    known: int
+
+
+def first_known(log: SensorLog, description: PolicyDescription) -> int:
+    """The first row whose past is known: a log may begin in the middle of an episode.
+
+    Args:
+        log: The log; one that is hardly longer than the history is taken to begin with an episode.
+        description: The policy, which may have a history.
+    """
+    history = description.spec.layout.history
+    reach = 0 if history is None else history.reach
+    return reach if len(log) > 2 * reach else 0
+
+
+def window_of(log: SensorLog, description: PolicyDescription, row: int) -> Window:
+    """The rows about one, and those before them that their history has.
+
+    Args:
+        log: The log.
+        description: The policy.
+        row: The first row that differs.
+    """
+    history = description.spec.layout.history
+    reach = 0 if history is None else history.reach
+    first = max(min(row, len(log) - MOST_ROWS) - reach, 0)
+    known = reach if first > 0 else first_known(log, description)
+    rows = slice(first, first + reach + MOST_ROWS)
+    return Window(log.at(rows), rows, known)
+
+
+def commanded(log: SensorLog) -> Array:
+    """``(T, 12)`` the joint targets of a log [rad].
+
+    Raises:
+        ValueError: It has none.
+    """
+    if log.joint_target is None:
+        raise ValueError("the log has no joint_target")
+    return log.joint_target
 
 
 def states_of(log: SensorLog, description: PolicyDescription) -> State:

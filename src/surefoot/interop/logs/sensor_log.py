@@ -143,12 +143,8 @@ class SensorLog:
         clock = TickClock(usual)
         return np.cumsum([1 + clock.unseen(time) for time in self.time_ns.tolist()]) - 1
 
-    def first(self, rows: int) -> SensorLog:
-        """The first rows of the log."""
-        return replace(self, **{name: array[:rows] for name, array in _present(self)})
-
-    def at(self, rows: BoolArray) -> SensorLog:
-        """The rows of the log that are True."""
+    def at(self, rows: BoolArray | slice) -> SensorLog:
+        """Some rows of the log: those that are True, or that lie between two."""
         return replace(self, **{name: array[rows] for name, array in _present(self)})
 
 

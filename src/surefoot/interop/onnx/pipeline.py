@@ -19,6 +19,7 @@ from surefoot.deploy.kinematics import LEG_JOINTS, KinematicTable
 from surefoot.interop.onnx.builder import DOUBLE, INT32, INT64, SINGLE, GraphBuilder
 from surefoot.interop.onnx.file import INPUT, OUTPUT, OnnxModel, network_model
 from surefoot.learning.layouts import History
+from surefoot.learning.onnx_graph import IR_VERSION, OPSET, ROWS
 from surefoot.learning.policy import Policy
 from surefoot.types import JOINTS, LEGS
 
@@ -75,6 +76,30 @@ def pipeline_model(policy: Policy, description: PolicyDescription) -> OnnxModel:
         shape = (1, history.reach, history.sample_size)
         graph.output(MEMORY_OUT, shape, graph.joined([later, newest]))
     return graph.model("pipeline")
+
+
+def network_part(content: bytes) -> bytes:
+    """The network alone out of a whole pipeline, as a model ``(n, inputs) -> (n, 12)``.
+
+    Args:
+        content: The pipeline, serialized.
+    """
+    from onnx import helper, load_from_string
+
+    graph = load_from_string(content).graph
+    nodes = [node for node in graph.node if node.op_type in ("Gemm", "Relu")]
+    used = {name for node in nodes for name in node.input}
+    tensors = [tensor for tensor in graph.initializer if tensor.name in used]
+    sizes = {tensor.name: list(tensor.dims) for tensor in tensors}
+    inputs = sizes[nodes[0].input[1]][0]
+    ends = [
+        helper.make_tensor_value_info(name, SINGLE, [ROWS, size])
+        for name, size in ((nodes[0].input[0], inputs), (nodes[-1].output[0], len(JOINTS)))
+    ]
+    network = helper.make_graph(nodes, "network", ends[:1], ends[1:], tensors)
+    opset = helper.make_opsetid("", OPSET)
+    model = helper.make_model(network, opset_imports=[opset], ir_version=IR_VERSION)
+    return model.SerializeToString()
 
 
 def input_names(description: PolicyDescription) -> dict[str, str]:
