@@ -1,4 +1,4 @@
-"""Exported policies and synthetic logs: smooth motions whose rates are exact, and no simulator."""
+"""Exported policies, smooth synthetic logs whose rates are exact, and walks to make logs of."""
 
 from dataclasses import replace
 from functools import cache
@@ -18,9 +18,15 @@ from surefoot.interop.onnx.pipeline import exploy_keys, pipeline_model
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import GaitTiming, ObservationSpec
-from surefoot.learning.policy import Policy, PolicySpec, save
+from surefoot.learning.policy import Policy, PolicySpec, load, save
 from surefoot.robots.load import load_robot
+from surefoot.rollouts.arbiters import PolicyOnly
+from surefoot.rollouts.engine import rollout
+from surefoot.rollouts.episodes import Episodes
+from surefoot.runs.policies import PACKAGED_POLICY
 from surefoot.scenarios.starts import load_starts
+from surefoot.sim import make_simulator
+from tests.fakes.drivers import FakeController
 
 TROT = GaitTiming("trot", 500)
 GAITS = (TROT, GaitTiming("walk", 1000, 0.8, (0.5, 0.0, 0.25, 0.75)))
@@ -67,6 +73,13 @@ def exported(
         model = pipeline_model(policy, description)
         write_onnx(model, description, path, exploy_keys(description))
     return path, policy
+
+
+def walked(starts, seconds):
+    """Episodes in which the packaged policy walks."""
+    simulator = make_simulator(robot_of(), len(starts), Config().simulation)
+    episodes = Episodes(starts, seconds)
+    return rollout(simulator, episodes, PolicyOnly(), FakeController(), load(PACKAGED_POLICY))
 
 
 def smooth_log(T=300, yaw=0.8):

@@ -276,7 +276,8 @@ def test_where_the_input_agrees_nobody_is_told_to_log_it(tmp_path):
     [
         ("joint_position", "sign", "FR_KFE is mostly", both_times([5], -1.0)),
         ("joint_position", "order", "by joint instead of by leg", both_ordered(BY_LEG)),
-        ("joint_position", "scale", "times as large", both_times(ALL, 180 / np.pi)),
+        ("joint_position", "scale", "radians for degrees?", both_times(ALL, 180 / np.pi)),
+        ("joint_position", "sign", "the sign of all of it", both_times(ALL, -1.0)),
         (
             "base_height",
             "scale",

@@ -11,16 +11,18 @@ from surefoot.config import Config, RobotConfig
 from surefoot.config.json_io import from_json, to_json
 from surefoot.deploy.description import KEY, PolicyDescription
 from surefoot.deploy.export_file import read_export
+from surefoot.interop.logs.sensor_log import sensor_log_of
 from surefoot.interop.onnx.file import describe, start_range
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.observation import GaitTiming
 from surefoot.learning.onnx_graph import runner
+from surefoot.learning.policy import load
 from surefoot.robots.scaling import with_own_values
 from surefoot.rotations import roll_pitch, rotation
-from surefoot.runs.policies import safety_bounds
+from surefoot.runs.policies import PACKAGED_POLICY, safety_bounds
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import JOINTS
-from tests.fakes.exports import TROT, exported, policy_of, robot_of
+from tests.fakes.exports import TROT, exported, policy_of, robot_of, walked
 
 MJLAB_KEYS = (
     "run_path",
@@ -38,11 +40,23 @@ MJLAB_KEYS = (
 )
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_the_network_gives_what_pytorch_gives_on_ten_thousand_inputs(tmp_path, layout):
-    path, policy = exported(tmp_path, layout)
-    inputs = np.random.default_rng(0).normal(size=(10_000, policy.spec.observation.input_size))
-    inputs = inputs.astype(np.float32)
+@pytest.fixture(scope="module")
+def walks():
+    """Ten robots that walk for a second, from initial states of the test split."""
+    starts = load_starts()["test"]
+    return walked(starts[np.linspace(0, len(starts) - 1, 10).astype(int)], 1.0)
+
+
+@pytest.mark.parametrize("layout", [*LAYOUTS, "packaged"])
+def test_the_network_gives_what_pytorch_gives_in_ten_thousand_recorded_states(
+    tmp_path, walks, layout
+):
+    assert walks.length.sum() == 10_000
+    path, policy = exported(
+        tmp_path, policy=load(PACKAGED_POLICY) if layout == "packaged" else policy_of(layout)
+    )
+    logs = [sensor_log_of(walks, robot, policy.spec) for robot in range(10)]
+    inputs = np.concatenate([np.array(log.network_input) for log in logs])
     with torch.no_grad():
         expected = policy.network(torch.from_numpy(inputs)).numpy()
     assert np.abs(runner(path.read_bytes())(inputs) - expected).max() < 1e-5

@@ -1,9 +1,9 @@
 """What a log's sensors say about each other and about the robot, whatever was commanded.
 
 Joint rates have to be the derivatives of the angles, and the rate of turn that of the orientation.
-The posture has to be one that the policy was trained from, as the loop on a robot asks before it
-hands over, and the height that of the legs. A robot's own flights can be judged by nothing else:
-their targets were computed from the same sensors. Read `hypotheses` for what may be wrong.
+The posture has to be like those that the policy was trained from, and the height that of the legs.
+A robot's own flights can be judged by nothing else: their targets were computed from the same
+sensors. Read `hypotheses` for what may be wrong.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.description import PolicyDescription, start_limits
 from surefoot.deploy.kinematics import feet_and_com
-from surefoot.interop.logs.differences import explain
+from surefoot.interop.logs.differences import DEGREES, explain
 from surefoot.interop.logs.hypotheses import AXES, JOINT_TERMS, hypotheses, scaled
 from surefoot.interop.logs.replay import Finding
 from surefoot.interop.logs.sensor_log import SensorLog
@@ -27,8 +26,11 @@ CONSISTENT = 0.3
 square, is at most this share of it; impacts of the feet make some."""
 LEAST_RATE = 0.05
 """[rad/s] Rates that are smaller than this, root mean square, say nothing."""
-MARGIN = RuntimeConfig().posture
-"""[rad] How far a joint may be beyond its range, as for the loop on a robot."""
+MARGIN = 0.1
+"""[rad] How far a joint may be beyond its limits."""
+PERTURBED = 0.5
+"""[rad] How far a joint may be beyond the initial states trained on: robots that begin perturbed
+1.5 times as far were up to 0.3 beyond, and a knee of the wrong sign is more than 2."""
 HEIGHTS = (0.5, 2.0)
 """The height that is measured is between these shares of that of the legs: robots leave the ground,
 and the ground is not level."""
@@ -48,10 +50,8 @@ def explain_posture(log: SensorLog, description: PolicyDescription) -> list[Find
         return []
     both = JOINT_TERMS[2]
     nominal = np.array(description.nominal)
-    usual = _usual(log)
-    factor = float(usual @ nominal) / max(float(usual @ usual), 1e-9)
     tried = [each for each in hypotheses(log) if each.terms == both]
-    tried.append(scaled(both, factor))
+    tried += [scaled(both, factor) for factor in (DEGREES, 1.0 / DEGREES)]
     fitting = []
     for each in tried:
         changed = each.change(log)
@@ -83,7 +83,7 @@ def _misfit(log: SensorLog, description: PolicyDescription) -> str | None:
     # A robot that falls leaves these postures after its first row, one that stumbles for once.
     beyond = np.minimum(_beyond(log.joint_position[0], trained), _beyond(usual, trained))
     joint = beyond.argmax()
-    if beyond[joint] > MARGIN:
+    if beyond[joint] > PERTURBED:
         angle = usual[joint]
         text = f"is mostly {angle:.3f} rad, and the initial states trained on have"
         return _outside(text, joint, trained)
