@@ -230,8 +230,8 @@ def _costs(results: StudyResults) -> list[Markup]:
             "solves show it), all simulated time, MPC solves of 50 ms each, falls, in all and for "
             "each minute of simulated time, near falls, which tilt as far as a fall elsewhere and "
             "recover, and the wall time of all stages; beside it the largest torque of the best "
-            "policy in its first measurement. Pre-training, tails and queries are counted; a series "
-            "of dataset sizes (behavior cloning) collects once and trains every size."
+            "policy in its first measurement. Pre-training, tails and queries are counted; a "
+            "series of dataset sizes (behavior cloning) collects once and trains every size."
         ),
         cost_tables(results),
     ]
