@@ -27,7 +27,9 @@ class Compare(OnPushes, OnWorkers, OnHardware, OnSimulator):
 
     All are measured from the same `test` initial states: their robustness, tracking and pushes,
     the paired differences to the expert and to a baseline, and what each run cost. Without `--sim`
-    this is done in both simulators, so that it needs PyBullet.
+    this is done in both simulators, so that it needs PyBullet. One run is compared with another:
+    its intervals are over initial states, and say nothing of other seeds. To compare methods over
+    several seeds, run a study (`surefoot study`).
 
     JSON keys: config, episodes, versions, starts (each set with its hash), baseline (its label) and
     rows, the expert's first. Of each row: label, run, method, policy, sha256 (of the policy's
