@@ -23,7 +23,7 @@ from pathlib import Path
 
 PATIENCE = 600.0
 """How long the study may take until it can be interrupted, and its jobs until they end [s]."""
-POLL = 1.0
+POLL = 5.0
 """How often to look how far the study is [s]."""
 SUREFOOT = (sys.executable, "-m", "surefoot")
 
