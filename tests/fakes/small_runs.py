@@ -73,7 +73,11 @@ METHODS = {
     "safe_dagger": SafeDaggerConfig(**SMALL),
     "loco_dagger": LocoDaggerConfig(**SMALL, N_query=3, T_query=0.1),
     "loco_safe_dagger": LocoSafeDaggerConfig(
-        **SMALL, T_block=0.1, T_end=0.1, gates=("relaxing", "classifier", "history"), alarm=0.9
+        **{**SMALL, "velocities": 4},
+        T_block=0.1,
+        T_end=0.1,
+        gates=("relaxing", "classifier", "history"),
+        alarm=0.9,
     ),
 }
 """Parameters of each method, by its name."""

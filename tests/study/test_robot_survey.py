@@ -201,7 +201,7 @@ def test_a_gait_that_the_robot_does_not_walk_is_a_cell_with_the_reason(
     fake_walks.limit = -1.0  # it lies whatever it is told
     (cell,) = survey(PLAN, tmp_path).cells
     assert cell.walked is None
-    assert "does not carry the robot" in cell.reason
+    assert "does not walk go2" in cell.reason
     assert played == []
     assert in_order(list(read_cells(tmp_path).values())).cells == (cell,)
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from tqdm import tqdm
 
 from surefoot.cli.options import OnRobot
 from surefoot.config import Config
@@ -32,6 +31,8 @@ class ImportData(OnRobot):
 
     def __call__(self) -> int:
         """Import the logs, and say how large the dataset is."""
+        from tqdm import tqdm
+
         from surefoot.interop.datasets.arrays import frames_from_arrays, read_expert_log
         from surefoot.learning.dataset import Dataset
         from surefoot.robots.load import load_robot
