@@ -84,8 +84,8 @@ def _check_mirror(config: Config) -> None:
     if name == "none":
         return
     make_mirror(config, name)
-    if name == "front_hind" and config.commands.vx[0] >= 0.0:
-        slowest, fastest = config.commands.vx
+    slowest, fastest = config.commands.vx
+    if name == "front_hind" and slowest >= 0.0 and fastest > 0.0:
         raise ValueError(
             f"training.mirror front_hind makes commands backward of those forward, and vx is "
             f"{slowest:g} to {fastest:g} m/s: train backward commands too, such as "
