@@ -40,14 +40,15 @@ def states_of(folder: Path) -> Counter[str]:
 
 
 def wait_for(
-    folder: Path, condition: Callable[[Counter[str]], bool], study: subprocess.Popen[bytes]
+    folder: Path, condition: Callable[[Counter[str]], bool], study: subprocess.Popen[bytes] | None
 ) -> Counter[str]:
     """The states of a study's jobs, once they are as wanted.
 
     Args:
         folder: Folder of the study.
         condition: What is wanted of them.
-        study: The process that runs the study; its end is an end of the waiting.
+        study: The process that runs the study, whose end is an end of the waiting; None if it has
+            been killed.
 
     Raises:
         RuntimeError: The study ended, or too much time passed.
@@ -57,7 +58,7 @@ def wait_for(
         states = states_of(folder)
         if condition(states):
             return states
-        if study.poll() is not None and study.returncode >= 0:
+        if study is not None and study.poll() is not None:
             raise RuntimeError(f"the study ended before it was interrupted: {dict(states)}")
         time.sleep(POLL)
     raise RuntimeError(f"after {PATIENCE:.0f} s the study is still no further: {dict(states)}")
@@ -83,7 +84,7 @@ def interrupt_study(folder: Path) -> None:
             os.killpg(study.pid, signal.SIGKILL)
         study.wait()
     # Its jobs are in groups of their own, and end because it has.
-    killed = wait_for(folder, lambda states: states["running"] == 0, study)
+    killed = wait_for(folder, lambda states: states["running"] == 0, None)
     print(f"killed: {dict(killed)}", flush=True)
     if killed["done"] == killed.total():
         raise RuntimeError("the study was complete before it was killed; nothing was interrupted")

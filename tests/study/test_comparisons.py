@@ -29,7 +29,7 @@ def success(*counts):
 
 def outcome_of(prediction, runs, measurement="push", others=0, margin=None):
     """The outcome of comparing LocoSafeDAGGER with BC, beside comparisons not measured."""
-    planned = PlannedComparison(measurement, SAFE, BC, "all", prediction, margin)
+    planned = PlannedComparison(measurement, SAFE, BC, "all", prediction, margin=margin)
     unmeasured = [PlannedComparison("push", SAFE, "loco_dagger-0.5", "all")] * others
     study = replace(paper_study(), seeds=(0, 1, 2, 3, 4), comparisons=(planned, *unmeasured))
     return comparison_outcomes(study_results(runs, study))[0]
@@ -102,6 +102,11 @@ def test_success_is_compared_in_points(prediction, safe, cloning, verdict):
     outcome = outcome_of(prediction, {SAFE: success(*safe), BC: success(*cloning)}, "test")
     assert outcome.verdict == verdict
     assert " points (" in outcome.number
+
+
+def test_a_margin_counts_only_where_equality_is_predicted():
+    with pytest.raises(ValueError, match="a margin of 3 counts only where `equal` is predicted"):
+        PlannedComparison("push", SAFE, BC, "all", "better", margin=3.0)
 
 
 @pytest.mark.parametrize(("margin", "verdict"), [(None, "holds"), (2.0, "cannot tell")])

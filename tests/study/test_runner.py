@@ -15,10 +15,13 @@ from surefoot.study.folder import (
     JobRecord,
     StudyError,
     StudySetup,
+    Tests,
     read_study,
+    results_folder,
     run_folder,
     save_job,
     save_setup,
+    save_tests,
     shared_folder,
 )
 from surefoot.study.runner import JobQueue, needed_jobs, open_study, run_study
@@ -76,6 +79,9 @@ def finish(folder: Path, name: str) -> None:
     made.mkdir(parents=True, exist_ok=True)
     record = JobRecord(name, "c0ffee", ("a processor",), {}, "float32", "2026", 1.0, True)
     save_job(folder, job.cell, record)
+    if job.kind == "measure":
+        for measurement in STUDY.measurements:
+            save_tests(folder, job.cell, Tests(measurement.name, (), True))
 
 
 @pytest.fixture
@@ -135,7 +141,13 @@ def test_a_job_that_is_lost_again_and_again_fails(study_folder, monkeypatch, cap
     assert pool.started.count(LOCO) == 3
     assert TEST_LOCO not in pool.started
     assert [ended.job for ended in outcome.failed] == [LOCO]
-    assert f"{LOCO} was lost 3 times" in caplog.text
+    assert f"{LOCO} was lost 3 times in a row" in caplog.text
+
+
+def test_losses_count_only_in_a_row(study_folder, monkeypatch):
+    ends = ["lost", "lost", "unfinished", "lost", "lost", "finished"]
+    _, outcome = run(study_folder, monkeypatch, {LOCO: ends})
+    assert (outcome.done, outcome.failed) == (5, ())
 
 
 def test_a_study_that_is_paused_says_so_when_it_is_started(study_folder, monkeypatch, caplog):
@@ -170,6 +182,37 @@ def test_a_run_that_is_lost_is_made_again_only_if_it_was_not_measured(study_fold
     shared_folder(study_folder, SHARED).rmdir()
     pool, _ = run(study_folder, monkeypatch)
     assert pool.started == [SHARED, LOCO, TEST_LOCO]
+
+
+def measured_file(folder: Path, name: str) -> Path:
+    """What was measured by a job."""
+    measurement = STUDY.measurements[0].name
+    return results_folder(folder, find_job(STUDY, name).cell) / "tests" / f"{measurement}.json"
+
+
+def test_what_was_moved_away_is_measured_again(study_folder, monkeypatch):
+    for name in (SHARED, SAFE, TEST_SAFE, LOCO, TEST_LOCO):
+        finish(study_folder, name)
+    measured_file(study_folder, TEST_SAFE).unlink()
+    pool, _ = run(study_folder, monkeypatch)
+    assert pool.started == [TEST_SAFE]
+
+
+def test_one_damaged_file_does_not_hide_the_other_jobs(study_folder, caplog):
+    for name in (SHARED, SAFE, TEST_SAFE, LOCO):
+        finish(study_folder, name)
+    run_folder(study_folder, find_job(STUDY, SAFE).cell).rmdir()
+    damaged = measured_file(study_folder, TEST_SAFE)
+    damaged.write_text("{")
+    states = {status.job.name: status.state for status in job_statuses(study_folder)}
+    assert states == {
+        SHARED: "done",
+        SAFE: "done",  # what needs it is there
+        TEST_SAFE: "failed",
+        LOCO: "done",
+        TEST_LOCO: "ready",
+    }
+    assert str(damaged) in caplog.text
 
 
 def test_workers_are_stopped_when_a_study_is_interrupted(study_folder, monkeypatch):

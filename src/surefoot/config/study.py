@@ -131,11 +131,20 @@ class PlannedComparison(Checked):
     """Name of the setting."""
     prediction: Literal["better", "worse", "equal", "none"] = "none"
     """What is expected of the technique, beside the reference."""
+    why: str = ""
+    """Why that is expected, in a sentence."""
     margin: Annotated[float, Within(0.0, 1e6)] | None = None
     """The difference that counts as none where `equal` is predicted, in the unit of the report:
     percentage points, N s, or mrad; None is 5 points, 0.25 N s, or a tenth of the reference."""
-    why: str = ""
-    """Why that is expected, in a sentence."""
+
+    def __post_init__(self) -> None:
+        """Check that a margin has a meaning."""
+        super().__post_init__()
+        if self.margin is not None and self.prediction != "equal":
+            raise ValueError(
+                f"comparisons: a margin of {self.margin:g} counts only where `equal` is predicted, "
+                f"not {self.prediction!r}; leave it out"
+            )
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ from surefoot.workers import Workers
 logger = logging.getLogger(__name__)
 
 MOST_LOSSES = 3
-"""A job that was lost so often fails."""
+"""A job that was lost so often in a row fails."""
 
 
 @dataclass(frozen=True)
@@ -269,9 +269,12 @@ class JobQueue:
                 ended = replace(
                     ended,
                     status="failed",
-                    message=f"{job.name} was lost {MOST_LOSSES} times, and is not started again; "
-                    f"see whether the machines have the memory for it. {ended.message}",
+                    message=f"{job.name} was lost {MOST_LOSSES} times in a row, and is not started "
+                    "again; see whether the machines stay, and have the memory for it. "
+                    f"{ended.message}",
                 )
+        else:
+            del self._losses[job.name]
         if ended.status == "finished":
             self.done.add(job.name)
         elif ended.status == "failed":

@@ -7,6 +7,7 @@ paused, and a log for each job. Read `runner` next.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,8 @@ from surefoot.study.folder import (
     run_folder,
     shared_folder,
 )
+
+logger = logging.getLogger(__name__)
 
 JobState = Literal["done", "running", "ready", "waiting", "failed"]
 """How far a job is: it waits until what it needs is done, then it is ready."""
@@ -137,18 +140,37 @@ def is_paused(folder: Path) -> bool:
 def job_statuses(folder: Path) -> tuple[JobStatus, ...]:
     """How far each job of a study is, in the study's order.
 
+    A job whose files cannot be read, or are not what the study asks for, has failed; a warning says
+    what to do. The others are shown all the same.
+
     Raises:
-        StudyError: There is no study, or a record cannot be read.
+        StudyError: There is no study.
     """
     study = read_study(folder).study
     jobs = jobs_of(study)
-    done = finished_jobs(folder, study, jobs)
-    statuses = []
+    done: set[str] = set()
+    refused: set[str] = set()
     for job in jobs:
-        record = read_job(folder, job.cell, job.name)
-        seconds = 0.0 if record is None else record.seconds
-        statuses.append(JobStatus(job, _state_of(folder, job, done), seconds))
-    return tuple(statuses)
+        try:
+            if _is_done(folder, study, job):
+                done.add(job.name)
+        except StudyError as error:
+            logger.warning("%s: %s", job.name, error)
+            refused.add(job.name)
+    # What a refused job needs is not to be made again before its files are seen to.
+    done = _with_their_folders(folder, jobs, done | refused) - refused
+    return tuple(
+        JobStatus(job, "failed", 0.0)
+        if job.name in refused
+        else JobStatus(job, _state_of(folder, job, done), _seconds_of(folder, job))
+        for job in jobs
+    )
+
+
+def _seconds_of(folder: Path, job: StudyJob) -> float:
+    """How long a job has worked [s]."""
+    record = read_job(folder, job.cell, job.name)
+    return 0.0 if record is None else record.seconds
 
 
 def _state_of(folder: Path, job: StudyJob, done: set[str]) -> JobState:
@@ -176,19 +198,35 @@ def finished_jobs(folder: Path, study: StudyConfig, jobs: Sequence[StudyJob]) ->
     Raises:
         StudyError: A file cannot be read, or was measured with other options than the study has.
     """
-    finished: set[str] = set()
-    for job in jobs:
-        record = read_job(folder, job.cell, job.name)
-        if record is not None and record.finished:
-            finished.add(job.name)
-            if job.kind == "measure":
-                for measurement in measurements_of(study, job.cell):
-                    read_tests(folder, study, job.cell, measurement)
+    done = {job.name for job in jobs if _is_done(folder, study, job)}
+    return _with_their_folders(folder, jobs, done)
+
+
+def _is_done(folder: Path, study: StudyConfig, job: StudyJob) -> bool:
+    """Whether a job says that it is done, and all that it was to measure is there.
+
+    Raises:
+        StudyError: A file cannot be read, or was measured with other options than the study has.
+    """
+    record = read_job(folder, job.cell, job.name)
+    if record is None or not record.finished:
+        return False
+    if job.kind != "measure":
+        return True
+    # A file that was moved away is measured again, and so is what the study asks for since.
+    names = measurements_of(study, job.cell)
+    measured = [read_tests(folder, study, job.cell, name) for name in names]
+    return all(tests is not None and tests.finished for tests in measured)
+
+
+def _with_their_folders(folder: Path, jobs: Sequence[StudyJob], done: set[str]) -> set[str]:
+    """Those of the jobs that are done whose folders are there, or are no longer needed."""
+    done = set(done)
     for job in reversed(jobs):
-        needed = any(job.name in other.needs and other.name not in finished for other in jobs)
+        needed = any(job.name in other.needs and other.name not in done for other in jobs)
         if needed and not _made(folder, job).is_dir():
-            finished.discard(job.name)
-    return finished
+            done.discard(job.name)
+    return done
 
 
 def _made(folder: Path, job: StudyJob) -> Path:

@@ -199,12 +199,14 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
         config = measured_config(config, measurement)
         before = read_tests(folder, setup.study, cell, name)
         done = () if before is None else before.policies
+        # What an earlier version began to measure stays without its options: nobody knows them.
+        asked = measured_options(setup.study, cell, name)
+        options = asked if before is None else before.options
         wanted = _policies_of(folder, setup.study, cell, measurement)
         for policy in wanted[len(done) :]:
             piece.stop_if_over()
             done = (*done, _measure(config, policy, measurement))
             finished = len(done) == len(wanted)
-            options = measured_options(setup.study, cell, name)
             save_tests(folder, cell, Tests(name, done, finished, options))
 
 
