@@ -44,6 +44,7 @@ test-pages: venv  ## the pages in the browser, in a headless Chromium (make syst
 	$(BIN)/python -m pytest -rs -m page tests
 
 test-trackio: .venv-trackio/.complete  ## the test of the tracker trackio, which wants an older Pillow than constraints.txt
+	.venv-trackio/bin/python -c 'import trackio'
 	.venv-trackio/bin/python -m pytest tests/runs/test_tracking.py -k trackio
 
 .venv-trackio/.complete: pyproject.toml constraints.txt

@@ -137,6 +137,11 @@ def test_the_survey_of_the_expert_is_asked_with_the_options(
     assert capsys.readouterr().out == "table of cells\n"
 
 
+def test_the_survey_of_the_expert_is_of_solo12(surefoot, capsys):
+    assert surefoot("bench", "expert", "--robot", "go2") == 2
+    assert "bench expert measures Solo12's expert: leave --robot out" in capsys.readouterr().err
+
+
 def test_what_is_measured_is_written_before_the_next_measurement(
     surefoot, calls, monkeypatch, tmp_path
 ):

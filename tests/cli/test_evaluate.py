@@ -316,6 +316,10 @@ def test_a_policy_of_another_robot_in_no_run_is_evaluated_from_what_is_prepared(
     assert (config.robot.model, config.simulation.backend) == ("go2", "bullet")
     # Whatever they are evaluated on, robots begin in the same states.
     assert prepared[0].simulation == Config().simulation
+    # Without the expert nothing is measured of it.
+    given = ("--starts", tmp_path / "go2.npz")
+    assert surefoot("evaluate", path, "--no-expert", *given) == 0
+    assert len(prepared) == 1
 
 
 def test_an_evaluation_under_a_hardware_profile_counts_latches(

@@ -45,7 +45,7 @@ def test_the_height_counts_where_something_measures_it(base):
     assert gate.unsafe(sensors) == (base is not None)
 
 
-def test_a_height_that_nothing_measures_is_warned_of_once(caplog):
+def test_a_height_that_is_lost_is_warned_of_each_time_that_it_goes(caplog):
     robot = load_robot("solo12")
     gate = BoundsGate(*table_bounds(TABLE_I), lambda joints: np.zeros((len(joints), 3)))
     switch = GateSwitch(gate, block=100)
@@ -55,7 +55,11 @@ def test_a_height_that_nothing_measures_is_warned_of_once(caplog):
     for tick in range(3):
         switch.expert_drives(measured._replace(base=None), tick, Command())
         switch.reset()
-    assert caplog.text.count("nothing measures the height of the base") == 1
+    text = "the height of the base is not measured: until it is"
+    assert caplog.text.count(text) == 1
+    switch.expert_drives(measured, 3, Command())
+    switch.expert_drives(measured._replace(base=None), 4, Command())
+    assert caplog.text.count(text) == 2
 
 
 def sensors_of(q: np.ndarray) -> Sensors:

@@ -199,6 +199,17 @@ def test_a_robot_that_is_driven_is_given_up_for_a_lost_base_that_the_policy_need
     assert np.isnan(world.runtime.recorder.flight(fault.kind, fault.detail).base[-1]).all()
 
 
+def test_a_robot_without_a_base_is_not_let_go_where_an_expert_is_to_take_over():
+    world = World(safeguard=Safeguard(Switch(), Expert(0)))  # type: ignore[arg-type]
+    world.policy.needs_base = False
+    world.driver.measurement = lambda measured: measured._replace(base=None)
+    world.run(500)
+    assert world.runtime.mode == Mode.DAMP
+    fault = world.runtime.fault
+    assert fault is not None and fault.kind == "posture"
+    assert "the expert needs height and linear velocity" in fault.detail
+
+
 def test_a_robot_walks_on_without_the_base_where_nobody_needs_it():
     world = World()
     world.policy.needs_base = False

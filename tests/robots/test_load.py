@@ -370,6 +370,17 @@ def test_numbers_that_no_robot_has_are_refused_with_file_and_place(tmp_path, edi
         load_robot(spec)
 
 
+def test_what_a_simulator_is_told_in_a_description_is_not_looked_at(tmp_path):
+    """SDF has numbers as text, in elements of the same names."""
+
+    def tell_gazebo(root):
+        sdf = "<link name='cam'><inertial><mass>1.0</mass></inertial></link>"
+        root.append(ElementTree.fromstring(f"<gazebo><model name='eye'>{sdf}</model></gazebo>"))
+
+    told = load_robot(changed(tmp_path, tell_gazebo))
+    np.testing.assert_array_equal(told.nominal, load_robot(GO2).nominal)
+
+
 def test_a_joint_whose_limits_leave_nothing_between_them_is_refused(tmp_path):
     def close(root):
         for key in ("lower", "upper"):

@@ -33,7 +33,7 @@ class Bench(OnWorkers, OnRobot, OnSimulator):
 
     Without a name, it measures plan, engine, train, loop, evaluation and end_to_end in a few
     minutes. What another robot needs is prepared first, once. Options of --config change all but
-    end_to_end. `surefoot bench expert` measures what the expert survives, in an hour.
+    end_to_end. `surefoot bench expert` measures what Solo12's expert survives, in an hour.
 
     JSON keys: versions (of the packages, and the processor), and one for each measurement. The keys
     below that are the fields of the records `PlanTimes` (plan), `EngineSpeed` (engine),
@@ -77,10 +77,14 @@ class Bench(OnWorkers, OnRobot, OnSimulator):
                 "that --preset names; `surefoot train` takes such options"
             )
         if self.what == "expert":
+            if self.robot is not None:
+                raise ValueError(
+                    "bench expert measures Solo12's expert: leave --robot out; `surefoot survey` "
+                    "measures those of other robots"
+                )
             from surefoot.study.expert_survey import survey_expert, survey_table
 
-            config = self.with_robot(self.config)
-            survey = survey_expert(config, self.sim, self.episodes, self.spread, self.json)
+            survey = survey_expert(self.config, self.sim, self.episodes, self.spread, self.json)
             print(survey_table(survey))
             return 0
         records: dict[Measure, Speed] = {}

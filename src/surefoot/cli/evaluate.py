@@ -114,9 +114,9 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         if self.pushes:
             only_gait(trained_on, "--pushes", "leave --pushes out, or push a policy of one gait")
         run = run_of_policy(policy)
-        if run is None:
+        given = self.starts or trained_on.start_set
+        if run is None and (self.expert or given is None):
             # Before the options, so that every simulator and ground has the same initial states.
-            given = self.starts or trained_on.start_set
             trained_on = prepared_for(policy, replace(trained_on, start_set=given))
         config = self.as_asked(trained_on)
         all_starts_of(config)

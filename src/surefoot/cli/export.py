@@ -79,18 +79,23 @@ class Export(OnHardware):
         if description.bounds is None and (run is not None or self.target is None):
             bounds = safety_bounds(for_each_gait(with_own_values, config))
             description = replace(description, bounds=bounds)
-        if self.onnx is not None:
-            written = write_onnx(network_model(policy), description, self.onnx)
-            use = use_of(self.onnx, written, policy, self.target, run)
-            write_policy_card(policy, self.onnx, use)
-            print(f"{self.onnx}: the network, SHA-256 {written.sha256}")
-        if self.pipeline is not None:
-            whole = replace(description, kind="pipeline")
-            model = pipeline_model(policy, whole)
-            written = write_onnx(model, whole, self.pipeline, exploy_keys(whole))
-            use = use_of(self.pipeline, written, policy, self.target, run)
-            write_policy_card(policy, self.pipeline, use)
-            print(f"{self.pipeline}: the whole pipeline, SHA-256 {written.sha256}")
+        whole = replace(description, kind="pipeline")
+        parts = [
+            (self.onnx, "the network", description, lambda: network_model(policy), {}),
+            (
+                self.pipeline,
+                "the whole pipeline",
+                whole,
+                lambda: pipeline_model(policy, whole),
+                exploy_keys(whole),
+            ),
+        ]
+        for file, title, part, model, keys in parts:
+            if file is None:
+                continue
+            written = write_onnx(model(), part, file, keys)
+            write_policy_card(policy, file, use_of(file, written, policy, self.target, run))
+            print(f"{file}: {title}, SHA-256 {written.sha256}")
         if stored is None:
             print(
                 "the initial states that it was trained from are unknown, so that a runtime cannot "

@@ -56,6 +56,11 @@ class Drivers:
         self._lockstep = lockstep
         self._gaits = GaitChange(policy.gaits)
 
+    @property
+    def has_expert(self) -> bool:
+        """Whether an expert may take over from the policy."""
+        return self._expert is not None
+
     def begin(self, sensors: Sensors, gait: int) -> None:
         """Begin an episode, in which the policy drives first, as far as the switch lets it.
 

@@ -62,17 +62,25 @@ def limits_of(description: Description) -> Limits:
     )
 
 
-def missing_base(policy: DeployedPolicy, sensors: Sensors) -> str | None:
-    """Why a policy cannot be asked about a robot at all; None if it can.
+def missing_base(policy: DeployedPolicy, has_expert: bool, sensors: Sensors) -> str | None:
+    """Why nobody may drive a robot whose base is not measured; None if all who may drive can.
 
     Args:
         policy: The policy.
+        has_expert: Whether an expert may take over from it.
         sensors: What the robot measures.
     """
-    if policy.needs_base and sensors.base is None:
+    if sensors.base is not None:
+        return None
+    if policy.needs_base:
         return (
             "the policy needs height and linear velocity of the base, which nothing measures; "
             "train one without them"
+        )
+    if has_expert:
+        return (
+            "the expert needs height and linear velocity of the base, which nothing measures; "
+            "drive without it, as with --gate damp"
         )
     return None
 

@@ -122,7 +122,7 @@ class GateSwitch:
     def __init__(self, gate: BoundsGate, block: int) -> None:
         self._gate = gate
         self._block = block
-        self._warned = False
+        self._height_known = True
         self.reset()
 
     def reset(self) -> None:
@@ -131,10 +131,11 @@ class GateSwitch:
 
     def expert_drives(self, sensors: Sensors, tick: int, command: Command) -> bool:
         """See `Switch`."""
-        if sensors.base is None and not self._warned:
-            self._warned = True
+        known = sensors.base is not None
+        if self._height_known and not known:
             logger.warning(
-                "nothing measures the height of the base, so that the gate judges roll, pitch and "
-                "joints only"
+                "the height of the base is not measured: until it is, the gate judges roll, pitch "
+                "and joints only"
             )
+        self._height_known = known
         return self._blocking.is_blocked(self._gate.unsafe(sensors), tick)

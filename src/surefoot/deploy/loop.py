@@ -241,7 +241,7 @@ class Runtime:
         if (late := self._late()) is not None:
             self._give_up(*late)
             return
-        misfit = missing_base(self._policy, sensors)
+        misfit = missing_base(self._policy, self.drivers.has_expert, sensors)
         misfit = misfit or misfit_of(self._policy, sensors, self.config.posture)
         if misfit is not None:
             if self._gait_clock(sensors) >= standing + to_ticks(self.config.settle):
@@ -259,7 +259,7 @@ class Runtime:
             return False
         if not self._asked:
             self._asked = True
-            missing = missing_base(self._policy, sensors)
+            missing = missing_base(self._policy, self.drivers.has_expert, sensors)
             if missing is not None:
                 self._give_up("posture", missing)
                 return False

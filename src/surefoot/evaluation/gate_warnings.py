@@ -197,7 +197,8 @@ def watch_chunk(chunk: tuple[Job, dict[str, Gate]]) -> WatchedRobots:
     for gate in gates.values():
         gate.reset(B)
     for elapsed in range(min(T, int(rollouts.length.max()))):
-        # As the robots measured it; all gates share what a state computes once.
+        # As the robots measured it, for that is what a gate sees at run time, though those of a
+        # training see the truth. All gates share what a state computes once.
         state = rollouts.seen[:, elapsed]
         up = elapsed < rollouts.length
         for name, gate in gates.items():

@@ -101,15 +101,15 @@ def read_description(spec: RobotSpec) -> Description:
     root = read_urdf(path)
     # Before Pinocchio, which takes numbers that it cannot read for zeros.
     inertias = {}
-    for link in root.iter("link"):
+    # Children of the robot only: elements of the same names in <gazebo> are not Pinocchio's.
+    for link in root.findall("link"):
         with located(path, link):
             own = _inertia(link)
         if own is not None:
             inertias[link.get("name", "")] = own
-    for joint in root.iter("joint"):
+    for joint in root.findall("joint"):
         with located(path, joint):
             _check_joint(joint)
-    for joint in root.iter("joint"):
         if joint.get("type") == "continuous":
             _limit_widely(joint)
     text = ElementTree.tostring(root, encoding="unicode")

@@ -150,7 +150,8 @@ def _with_bounds(safety: SafetyConfig, bounds: SafetyBounds) -> SafetyConfig:
     if np.allclose(np.column_stack([low, high]), pairs, rtol=0.0, atol=1e-9):
         return safety  # in the same words as before
     joints = tuple((_degrees(low), _degrees(high)) for low, high in bounds.joints)
-    tilt = _degrees(bounds.roll[1])  # a table has one for roll and pitch, either way
+    # A table has one bound for roll and pitch, either way: the narrowest of a file with several.
+    tilt = _degrees(min(map(abs, (*bounds.roll, *bounds.pitch))))
     return replace(safety, com_height=bounds.com_height, roll_pitch=tilt, joints=joints)
 
 

@@ -30,8 +30,8 @@ class Query:
     The states of a rollout are different ones; if it has fewer than N_query on the expert's grid,
     there is a query from each of them. A query is the same robot on the same floor: friction, mass,
     sensor noise and the torques under way go on (`Rollout.branch`), and so does what a policy with
-    a history remembers. The pushes of the rollout do
-    not; a push of the size of `expert_impulse` comes early, if that is not zero.
+    a history remembers. The pushes of the rollout do not; a push of the size of `expert_impulse`
+    comes early, if that is not zero.
 
     Attributes:
         N_query: Number of queries of each rollout, at most.

@@ -290,6 +290,12 @@ def test_where_the_input_agrees_nobody_is_told_to_log_it(tmp_path):
             "its sign differs",
             lambda log: replace(log, base_height=-0.25 + 0 * log.base_height),
         ),
+        (
+            "base_height",
+            "unknown",
+            "does anything measure it?",
+            lambda log: replace(log, base_height=0 * log.base_height),
+        ),
     ],
 )
 def test_a_flight_of_wrong_sensors_is_no_posture_of_the_robot(tmp_path, term, kind, text, change):

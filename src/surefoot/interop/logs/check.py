@@ -18,7 +18,7 @@ from surefoot.deploy.description import PolicyDescription, input_slices
 from surefoot.deploy.export_file import ExportFile
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.interop.logs.differences import Numbers, explain, first_beyond, largest
-from surefoot.interop.logs.hypotheses import component_names, explain_targets, explain_term
+from surefoot.interop.logs.hypotheses import explain_targets, explain_term
 from surefoot.interop.logs.plausibility import explain_height, explain_posture, explain_sensors
 from surefoot.interop.logs.replay import (
     Finding,
@@ -31,7 +31,7 @@ from surefoot.interop.logs.replay import (
     run_runtime,
     window_of,
 )
-from surefoot.interop.logs.sensor_log import SensorLog
+from surefoot.interop.logs.sensor_log import SensorLog, component_names
 from surefoot.interop.onnx.pipeline import network_part
 from surefoot.interop.onnx.runner import PipelineRunner
 from surefoot.learning.observation import Float32Array

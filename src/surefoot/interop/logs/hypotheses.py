@@ -28,7 +28,7 @@ from surefoot.interop.logs.replay import (
     commanded,
     reference_inputs,
 )
-from surefoot.interop.logs.sensor_log import SensorLog
+from surefoot.interop.logs.sensor_log import SensorLog, component_names
 from surefoot.learning.observation import Float32Array
 from surefoot.rotations import rotation
 from surefoot.types import JOINTS, LEGS, Array, BoolArray
@@ -43,7 +43,6 @@ FREE = 0.2
 FACTORS = np.arange(-3.5, 3.6, 0.5)
 """Powers of ten among which a factor is sought, before it is fitted: to millimeters and back."""
 
-AXES = ("x", "y", "z")
 
 Terms = tuple[str, ...]
 """Fields of a log that are changed together."""
@@ -148,24 +147,6 @@ def scaled(terms: Terms, factor: float) -> Hypothesis:
     told = 1.0 / factor if terms == ("joint_target",) else factor
     text = f"its scale differs: {scale_in_words(told)}"
     return Hypothesis(terms, "scale", text, _times(terms, slice(None), factor))
-
-
-def component_names(term: str, size: int) -> tuple[str, ...]:
-    """What the numbers of a term are called.
-
-    Args:
-        term: Name of the term.
-        size: The number of its numbers.
-    """
-    if term in ("joint_position", "joint_velocity", "joint_target"):
-        return JOINTS
-    if term == "feet":
-        return tuple(f"{leg} {axis}" for leg in LEGS for axis in "xy")
-    if term == "command":
-        return ("vx", "vy", "yaw_rate")
-    if size == 3:
-        return AXES
-    return tuple(str(place) for place in range(size))
 
 
 def _present(log: SensorLog) -> list[Terms]:

@@ -15,9 +15,9 @@ import numpy as np
 from surefoot.deploy.description import PolicyDescription, start_limits
 from surefoot.deploy.kinematics import feet_and_com
 from surefoot.interop.logs.differences import DEGREES, explain
-from surefoot.interop.logs.hypotheses import AXES, JOINT_TERMS, hypotheses, scaled
+from surefoot.interop.logs.hypotheses import JOINT_TERMS, hypotheses, scaled
 from surefoot.interop.logs.replay import Finding
-from surefoot.interop.logs.sensor_log import SensorLog
+from surefoot.interop.logs.sensor_log import AXES, SensorLog
 from surefoot.rotations import rotation
 from surefoot.types import JOINTS, Array
 
@@ -116,15 +116,21 @@ def explain_height(log: SensorLog, description: PolicyDescription) -> list[Findi
     lowest = (feet @ up[..., None])[..., 0].min(axis=1)
     of_legs = description.kinematics.foot_radius - lowest
     expected = float(np.median(of_legs))
+    if min(expected, of_legs[0]) <= 0.0:  # it lies on its back
+        return []
     found = float(np.median(log.base_height))
     # As with the posture: a robot that falls begins with the right height.
     begins = float(log.base_height[0] / of_legs[0])
     factor = found / expected
-    if any(HEIGHTS[0] <= each <= HEIGHTS[1] for each in (begins, factor)) or expected <= 0.0:
+    if any(HEIGHTS[0] <= each <= HEIGHTS[1] for each in (begins, factor)):
         return []
-    kind = "scale" if factor > 0.0 else "sign"
-    how = "its sign differs" if factor < 0.0 else f"it is {factor:.3g} times as large"
-    if MILLIMETERS[0] < factor < MILLIMETERS[1]:
+    kind = "scale"
+    how = f"it is {factor:.3g} times as large"
+    if found == 0.0:
+        kind, how = "unknown", "does anything measure it?"
+    elif factor < 0.0:
+        kind, how = "sign", "its sign differs"
+    elif MILLIMETERS[0] < factor < MILLIMETERS[1]:
         how += " (millimeters for meters?)"
     text = (
         f"base_height: it is mostly {found:.3g} m, and by the angles of the joints the base is "
@@ -164,14 +170,14 @@ def explain_sensors(log: SensorLog) -> list[Finding]:
         frame = turn[1:] if term == "angular_velocity" else None
         kind, text = explain(expected, given, names, CONSISTENT, frame)
         findings.append(Finding(term, kind, f"{term}: it is not {source}; {text}"))
-    scaled = [finding for finding in findings if finding.kind == "scale"]
-    if len(scaled) == len(pairs):
+    factors = [finding for finding in findings if finding.kind == "scale"]
+    if len(factors) == len(pairs):
         return [
             Finding(
                 "time_ns",
                 "rate",
                 "rate: all rates differ by a factor from the derivatives of what they belong to "
-                f"({scaled[0].text}); the rows are not as far apart as time_ns says",
+                f"({factors[0].text}); the rows are not as far apart as time_ns says",
             )
         ]
     return findings

@@ -34,6 +34,7 @@ from surefoot.learning.policy import PolicySpec, target_of
 from surefoot.rollouts.episodes import Rollout
 from surefoot.types import (
     JOINTS,
+    LEGS,
     TICK_NS,
     Array,
     BoolArray,
@@ -44,7 +45,7 @@ from surefoot.types import (
 
 SUFFIXES = (".npz", ".csv")
 """The endings of logs."""
-_AXES = ("x", "y", "z")
+AXES = ("x", "y", "z")
 UNIT = 0.05
 """A quaternion whose length differs from 1 by more is none, as for the runtime."""
 _COMPONENTS: Mapping[str, tuple[str, ...]] = {
@@ -53,10 +54,10 @@ _COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "command": ("vx", "vy", "yaw_rate"),
     "joint_position": JOINTS,
     "joint_velocity": JOINTS,
-    "orientation": (*_AXES, "w"),
-    "angular_velocity": _AXES,
+    "orientation": (*AXES, "w"),
+    "angular_velocity": AXES,
     "base_height": (),
-    "linear_velocity": _AXES,
+    "linear_velocity": AXES,
     "joint_target": JOINTS,
     "gait": (),
 }
@@ -65,6 +66,21 @@ DRIVE = 2
 """The mode of a flight in which the robot is driven."""
 _OPTIONAL = ("base_height", "linear_velocity", "joint_target", "network_input", "gait")
 _INTEGERS = ("time_ns", "tick", "gait")
+
+
+def component_names(term: str, size: int) -> tuple[str, ...]:
+    """What the numbers of a term are called, of a log or of the network's input.
+
+    Args:
+        term: Name of the term.
+        size: The number of its numbers.
+    """
+    if term == "feet":
+        return tuple(f"{leg} {axis}" for leg in LEGS for axis in "xy")
+    names = _COMPONENTS.get(term, ())
+    if len(names) == size:
+        return names
+    return AXES if size == len(AXES) else tuple(map(str, range(size)))
 
 
 @dataclass(frozen=True)

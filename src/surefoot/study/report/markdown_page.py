@@ -51,12 +51,15 @@ def _about(results: StudyResults, report: StudyReport) -> str:
     cells = len(cells_of(results.study))
     complete = cells - len(report.missing)
     made_by = f" of commit {report.commit[:12]}" if report.commit else ""
+    errors = ""
+    if any(figure.name == BEST_ERRORS for figure in report.figures):
+        errors = "Errors are of all episodes that last 1 s, means over runs. "
     return (
         f"{complete} of {cells} trainings{made_by} are complete. A cell holds the mean "
         "over runs in percent, its 95 % interval over runs in brackets, and every run, which is a "
-        "seed of the data: several trainings on it count as one run, with their mean. Errors are "
-        "of all episodes that last 1 s, means over runs. Falls are those of all rollouts from "
-        "which a run learned; the seconds are those of the MPC, solves of 0.05 s each."
+        f"seed of the data: several trainings on it count as one run, with their mean. {errors}"
+        "Falls are those of all rollouts from which a run learned; the seconds are those of the "
+        "MPC, solves of 0.05 s each."
     )
 
 

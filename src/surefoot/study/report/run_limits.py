@@ -30,7 +30,7 @@ def limits_of(config: Config, is_field_run: bool) -> list[str]:
         _where(config, is_field_run),
         _flattery(config, is_field_run),
         "This is one run. Another seed of the data or of the training gives another policy, which "
-        "may differ more than the intervals above say: these are over initial states only.",
+        "may differ more than any interval here says: intervals are over initial states only.",
         f"The network sees {SEEN[config.policy.layout]}.",
         "It was not trained on commands outside the range above.",
         *_disturbed(config, is_field_run),
