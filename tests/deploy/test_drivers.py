@@ -2,14 +2,12 @@
 
 from typing import Any
 
-import numpy as np
 import pytest
 
 from surefoot.deploy.drivers import FIRST_ANSWERS, Drivers, Unguarded
 from surefoot.deploy.handover import Safeguard
-from surefoot.deploy.interfaces import JointCommand
 from surefoot.types import Command
-from tests.fakes.bridge_world import ToyPolicy, World
+from tests.fakes.bridge_world import ToyExpert, ToyPolicy, World
 
 
 class Switch:
@@ -25,24 +23,6 @@ class Switch:
         return self.answer
 
 
-class Expert:
-    """Holds the nominal pose, and counts who asks it for what."""
-
-    latency = 8
-
-    def __init__(self) -> None:
-        self.rehearsed = 0
-
-    def release(self) -> None:
-        pass
-
-    def rehearse(self, sensors, command: Command) -> None:
-        self.rehearsed += 1
-
-    def command(self, sensors, tick: int, command: Command) -> JointCommand:
-        return JointCommand(ToyPolicy().nominal, np.full(12, 2.0), np.full(12, 0.1))
-
-
 @pytest.mark.parametrize("expert_drives", [False, True])
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_whoever_does_not_drive_is_asked_unless_the_robot_waits(lockstep, expert_drives):
@@ -50,7 +30,7 @@ def test_whoever_does_not_drive_is_asked_unless_the_robot_waits(lockstep, expert
     world.run(3)
     sensors = world.robot.read()
     policy = ToyPolicy()
-    expert: Any = Expert()  # in the place of a `PlanFollower`
+    expert: Any = ToyExpert()  # in the place of a `PlanFollower`
     drivers = Drivers(policy, Safeguard(Switch(expert_drives), expert), lockstep)
     drivers.warm_up(sensors)
     assert len(policy.rehearsed) == FIRST_ANSWERS

@@ -10,10 +10,10 @@ from surefoot.config.gait_clock import switch_tick
 from surefoot.config.gait_table import GAITS
 from surefoot.deploy.gate import GateSwitch
 from surefoot.deploy.handover import Safeguard
-from surefoot.deploy.interfaces import Fallen, JointCommand
+from surefoot.deploy.interfaces import Fallen
 from surefoot.deploy.loop import Mode
 from surefoot.types import Command
-from tests.fakes.bridge_world import TOY, ToyPolicy, World
+from tests.fakes.bridge_world import TOY, ToyExpert, ToyPolicy, World
 
 
 def rest(world: World, resting: bool) -> None:
@@ -120,7 +120,7 @@ class Switch:
 
 
 def test_while_it_stands_all_who_may_drive_are_asked_as_later():
-    expert: Any = Expert(8)  # in the place of a `PlanFollower`
+    expert: Any = ToyExpert(8)  # in the place of a `PlanFollower`
     switch = Switch()
     world = World(safeguard=Safeguard(switch, expert))
     rest(world, True)
@@ -131,7 +131,7 @@ def test_while_it_stands_all_who_may_drive_are_asked_as_later():
 
 
 def test_while_the_expert_drives_the_policy_is_asked_all_the_same():
-    expert: Any = Expert(8)
+    expert: Any = ToyExpert(8)
     world = World(safeguard=Safeguard(Always(), expert))
     world.drive(100)
     world.policy.rehearsed.clear()
@@ -142,7 +142,7 @@ def test_while_the_expert_drives_the_policy_is_asked_all_the_same():
 
 
 def test_while_the_policy_drives_the_planner_is_asked_all_the_same():
-    expert: Any = Expert(8)
+    expert: Any = ToyExpert(8)
     world = World(safeguard=Safeguard(Switch(), expert))
     world.drive(100)
     rehearsed = expert.rehearsed
@@ -200,7 +200,8 @@ def test_a_robot_that_is_driven_is_given_up_for_a_lost_base_that_the_policy_need
 
 
 def test_a_robot_without_a_base_is_not_let_go_where_an_expert_is_to_take_over():
-    world = World(safeguard=Safeguard(Switch(), Expert(0)))  # type: ignore[arg-type]
+    expert: Any = ToyExpert()
+    world = World(safeguard=Safeguard(Switch(), expert))
     world.policy.needs_base = False
     world.driver.measurement = lambda measured: measured._replace(base=None)
     world.run(500)
@@ -330,7 +331,7 @@ def test_a_robot_begins_to_drive_in_the_gait_that_was_asked_for():
 
 @pytest.mark.parametrize("latency", [0, 3])
 def test_the_expert_is_asked_ahead_for_a_plan_in_the_gait_that_is_walked_then(latency):
-    expert: Any = Expert(latency)  # in the place of a `PlanFollower`
+    expert: Any = ToyExpert(latency)  # in the place of a `PlanFollower`
     world = several_gaits(safeguard=Safeguard(Always(), expert))
     world.drive(100)
     ask_for_gait(world, 1)
@@ -347,25 +348,6 @@ class Always:
 
     def expert_drives(self, sensors, tick: int, command: Command) -> bool:
         return True
-
-
-class Expert:
-    """Holds the nominal pose, and notes the gaits that it is asked for."""
-
-    def __init__(self, latency: int) -> None:
-        self.latency = latency
-        self.asked: list[tuple[int, int]] = []
-        self.rehearsed = 0
-
-    def release(self) -> None:
-        pass
-
-    def rehearse(self, sensors, command: Command) -> None:
-        self.rehearsed += 1
-
-    def command(self, sensors, tick: int, command: Command) -> JointCommand:
-        self.asked.append((tick, command.gait))
-        return JointCommand(ToyPolicy().nominal, np.full(12, 2.0), np.full(12, 0.1))
 
 
 def test_a_tick_without_a_new_measurement_repeats_the_command_and_asks_nobody():

@@ -13,7 +13,7 @@ from surefoot.config.twin import LinkConfig
 from surefoot.deploy import protocol
 from surefoot.deploy.bridge import Address, Bridge, Measurement
 from surefoot.deploy.handover import Safeguard
-from surefoot.deploy.interfaces import MissingBase, Sensors
+from surefoot.deploy.interfaces import JointCommand, MissingBase, Sensors
 from surefoot.deploy.loop import Mode, Runtime
 from surefoot.deploy.operator import Wish
 from surefoot.deploy.protocol import Description
@@ -188,6 +188,30 @@ class ToyPolicy:
             raise MissingBase("the layout needs the base")
         self.asked.append((tick, command))
         return self.nominal + 0.01 * np.sin(2 * np.pi * tick / 500)
+
+
+class ToyExpert:
+    """Stands for a `PlanFollower`: holds the nominal pose.
+
+    Attributes:
+        asked: The ticks at which it was asked, and the gaits.
+        rehearsed: How often it was asked by nobody who drove.
+    """
+
+    def __init__(self, latency: int = 8) -> None:
+        self.latency = latency
+        self.asked: list[tuple[int, int]] = []
+        self.rehearsed = 0
+
+    def release(self) -> None:
+        pass
+
+    def rehearse(self, sensors, command: Command) -> None:
+        self.rehearsed += 1
+
+    def command(self, sensors, tick: int, command: Command) -> JointCommand:
+        self.asked.append((tick, command.gait))
+        return JointCommand(ToyPolicy().nominal, np.full(12, 2.0), np.full(12, 0.1))
 
 
 class ToyOperator:
