@@ -127,9 +127,11 @@ def explain_height(log: SensorLog, description: PolicyDescription) -> list[Findi
     kind = "scale"
     how = f"it is {factor:.3g} times as large"
     if found == 0.0:
-        kind, how = "unknown", "does anything measure it?"
+        kind = "unknown"
+        how = "does anything measure it?"
     elif factor < 0.0:
-        kind, how = "sign", "its sign differs"
+        kind = "sign"
+        how = "its sign differs"
     elif MILLIMETERS[0] < factor < MILLIMETERS[1]:
         how += " (millimeters for meters?)"
     text = (
