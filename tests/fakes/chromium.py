@@ -46,9 +46,11 @@ FIND = """
   if (!found) return null;
   found.scrollIntoView({block: "center"});
   const box = found.getBoundingClientRect();
-  return [box.x + box.width / 2, box.y + box.height / 2];
+  const point = [box.x + box.width / 2, box.y + box.height / 2];
+  return found.contains(document.elementFromPoint(...point)) ? point : null;
 })()
 """
+"""Where the innermost element with this text is; nothing if another one would get the click."""
 
 
 def needs_chromium(test: Any) -> Any:
@@ -126,9 +128,16 @@ class Chromium:
 
     def click(self, text: str) -> None:
         """Click with the mouse on the button, tab or choice or field with this text."""
-        x, y = wait(lambda: self.evaluate(FIND.replace("TEXT", json.dumps(text))))
+        x, y = wait(lambda: self._resting_place(text))
         for kind in ("mousePressed", "mouseReleased"):
             self._ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def _resting_place(self, text: str) -> list[float] | None:
+        """Where the element with this text is, if it does not move: a page is laid out in steps."""
+        script = FIND.replace("TEXT", json.dumps(text))
+        before = self.evaluate(script)
+        time.sleep(0.3)
+        return before if before == self.evaluate(script) else None
 
     def press(self, key: str) -> None:
         """Press a letter, with nothing selected."""

@@ -1,5 +1,6 @@
 """The page's instruments, as text."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -46,6 +47,14 @@ def test_the_status_says_which_gait_is_walked_and_which_one_comes_next():
 def test_the_status_says_how_time_passes(speed, rate, said):
     assert said in status_html(SNAPSHOT, "run", speed, rate, "")
     assert ("slower" in said) == ("slower" in status_html(SNAPSHOT, "run", speed, rate, ""))
+
+
+def test_no_button_below_the_status_moves_while_somebody_clicks():
+    fell = replace(SNAPSHOT, ended="the robot fell")
+    moments = [(SNAPSHOT, 1.0, 1.0), (SNAPSHOT, 1.0, 0.4), (SNAPSHOT, 0.0, 1.0), (fell, None, 1.0)]
+    texts = [status_html(moment, "run", speed, rate, "") for moment, speed, rate in moments]
+    assert len({text.count("<div") for text in texts}) == 1
+    assert not any(re.search("<div[^>]*></div>", text) for text in texts)  # it has no height
 
 
 def test_an_end_is_said_and_foreign_text_is_not_markup():

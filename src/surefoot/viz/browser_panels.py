@@ -55,6 +55,9 @@ def status_html(
 ) -> str:
     """Who drives what, how fast it is told to go and goes, and whether time passes as asked for.
 
+    It has as many lines whatever it says, but for a note: buttons below that moved while somebody
+    clicks would not be hit.
+
     Args:
         snapshot: The moment.
         title: What is driven.
@@ -77,11 +80,10 @@ def status_html(
         _row("told", told.vx, told.vy, told.yaw_rate),
         _row("walks", vx, vy, yaw_rate),
         "</table>",
-        f'<div style="margin:0.4em 0">{snapshot.seconds:.2f} s{_tempo(speed, rate)}'
+        f'<div style="margin-top:0.4em">{snapshot.seconds:.2f} s'
         f'<span style="float:right">{html.escape(gait)}</span></div>',
+        f"<div>{_ending(snapshot) or _tempo(speed, rate)}</div>",
     ]
-    if snapshot.ended:
-        lines.append(_badge(f"{snapshot.ended}: press Reset", INK))
     if note:
         lines.append(f'<div style="margin-top:0.4em;color:{INK}">{html.escape(note)}</div>')
     return f'<div style="padding:0.5em 0.75em;font-size:0.85em">{"".join(lines)}</div>'
@@ -143,15 +145,20 @@ def _row(name: str, *values: float) -> str:
     return f'<tr><td style="text-align:left">{name}</td>{cells}</tr>'
 
 
+def _ending(snapshot: Snapshot) -> str:
+    """How the episode has ended and what to do then; nothing before."""
+    return _badge(f"{snapshot.ended}: press Reset", INK) if snapshot.ended else ""
+
+
 def _tempo(speed: float | None, rate: float) -> str:
-    """How fast time passes, in words; nothing where it is over."""
+    """How fast time passes, in words; a line without any where it is over."""
     if speed is None:
-        return ""
+        return "&nbsp;"
     if speed == 0.0:
-        return ", paused"
+        return "paused"
     if rate < SLOW * speed:
-        return f", <b>slower than asked: {rate:.2f} of real time</b>"
-    return ", real time" if speed == 1.0 else f", {speed:g} of real time"
+        return f"<b>slower than asked: {rate:.2f} of real time</b>"
+    return "real time" if speed == 1.0 else f"{speed:g} of real time"
 
 
 class Instruments:
