@@ -1,6 +1,7 @@
 """The figures of a study: what the paper counts, the best policies, and what is missing."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -138,3 +139,21 @@ def deviation(cell):
     error = ImitationError("starts", "hash", 60, 4800, 79.5, 425.0)
     policy = replace(best, robustness=None, pushes=None, imitation=error)
     return study_folder.Tests("imitation", (policy,), finished=True)
+
+
+def test_the_names_of_many_techniques_do_not_overlap(results):
+    figure = next(each for each in performance_figures(results) if each.kind == "techniques")
+    panel = figure.rows[0][0]
+    long_title = "LocoSafeDAGGER, pushed: full state and history"
+    many = [
+        replace(panel.curves[0], technique=f"technique {number}", title=f"{long_title} {number}")
+        for number in range(12)
+    ]
+    crowded = replace(panel, curves=tuple(many))
+    drawn = draw(replace(figure, rows=((crowded,) * 4,)))
+    for axes, is_first in zip(drawn.axes, (True, False, False, True), strict=True):
+        names = [name for name in axes.get_yticklabels() if name.get_visible()]
+        assert len(names) == (len(many) if is_first else 0)
+        boxes = sorted((name.get_window_extent() for name in names), key=lambda box: box.y0)
+        assert all(below.y1 < above.y0 for below, above in pairwise(boxes))
+        assert all(box.x0 >= 0.0 for box in boxes)

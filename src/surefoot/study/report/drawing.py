@@ -7,11 +7,12 @@ which makes files of a figure and puts it into a page.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from surefoot.study.report.panels import Curve, Group, Panel, ReportFigure
+from surefoot.study.report.panels import Curve, Group, Panel, ReportFigure, grid
 from surefoot.viz.plots import PALETTE, STYLE
 
 if TYPE_CHECKING:
@@ -35,6 +36,12 @@ DODGE = 0.13
 """Distance between techniques at the same iteration."""
 LOGARITHMIC = 30.0
 """An axis is logarithmic where its largest value is so many times its smallest."""
+MOST_COLUMNS = 3
+"""Panels beside each other: with more of them, nothing can be read on a page."""
+TITLE_WIDTH = 40
+"""Characters of a line of a panel's title."""
+TECHNIQUE_HEIGHT = 0.28
+"""[inches] for a technique in a figure that has a line for each of them."""
 LAYOUT_PASSES = 2
 """Names of directions beside a circle are seen by the second pass of the layout only."""
 LOOK: dict[RcKeyType, Any] = {
@@ -56,9 +63,8 @@ AXIS_TITLES = {
     "iterations": "iteration",
     "frames": "frames of the dataset [thousands]",
     "directions": "",
-    "techniques": "",
 }
-"""Titles of the horizontal axes, by the figure's kind."""
+"""Titles of the horizontal axes, by the figure's kind; techniques have the values there."""
 
 
 def draw(figure: ReportFigure) -> Figure:
@@ -69,18 +75,24 @@ def draw(figure: ReportFigure) -> Figure:
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    columns = max(len(row) for row in figure.rows)
+    rows = [part for row in figure.rows for part in grid(row, MOST_COLUMNS)]
+    columns = max(len(row) for row in rows)
     width = max(4.2 * columns, 6.4)
     row_height = 4.0 if figure.kind == "directions" else 3.1
+    if figure.kind == "techniques":
+        row_height = 1.1 + TECHNIQUE_HEIGHT * len(figure.curves)
     with rc_context(LOOK):
-        drawn = Figure(figsize=(width, row_height * len(figure.rows) + 0.5), layout="constrained")
+        drawn = Figure(figsize=(width, row_height * len(rows) + 0.5), layout="constrained")
         projection = {"projection": "polar"} if figure.kind == "directions" else {}
-        for row, panels in enumerate(figure.rows):
+        for row, panels in enumerate(rows):
             for column, panel in enumerate(panels):
                 position = row * columns + column + 1
-                axes: Any = drawn.add_subplot(len(figure.rows), columns, position, **projection)
-                axes.set_title(panel.title, loc="center" if projection else "left")
+                axes: Any = drawn.add_subplot(len(rows), columns, position, **projection)
+                title = fill(_plain(panel.title), TITLE_WIDTH)
+                axes.set_title(title, loc="center" if projection else "left")
                 _draw_panel(axes, figure, panel)
+                if figure.kind == "techniques" and column > 0:
+                    axes.tick_params(labelleft=False)  # the names stand once in a row
         if figure.kind != "techniques" and figure.over_runs:
             handles = [_handle(curve) for curve in figure.curves]
             # Entries of so many characters fit beside each other.
@@ -149,21 +161,37 @@ def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
         for group in panel.reference.groups:
             if group.estimate is not None:
                 value = group.estimate.mean.value / quantity.scale
-                axes.axhline(value, color=INK, linestyle=EXPERT_LINE, linewidth=1.5)
+                line = axes.axvline if figure.kind == "techniques" else axes.axhline
+                line(value, color=INK, linestyle=EXPERT_LINE, linewidth=1.5)
     if panel.limit is not None:
         axes.axhline(panel.limit / quantity.scale, color=INK, linestyle="--", linewidth=0.8)
     named = quantity.title in panel.title
-    axes.set_ylabel(_plain(quantity.unit if named else f"{quantity.title} [{quantity.unit}]"))
+    title = _plain(quantity.unit if named else f"{quantity.title} [{quantity.unit}]")
+    limits = _limits(figure, panel)
+    if figure.kind == "techniques":
+        _name_techniques(axes, panel)
+        axes.set_xlabel(title)
+        axes.set_xlim(limits)
+        return
+    axes.set_ylabel(title)
     axes.set_xlabel(AXIS_TITLES[figure.kind])
-    _scale(axes, figure, panel)
+    if limits is None:
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(limits)
     if figure.kind == "iterations":
         from matplotlib.ticker import MaxNLocator
 
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    if figure.kind == "techniques":
-        titles = [_plain(curve.title) for curve in panel.curves]
-        axes.set_xticks(range(len(titles)), titles, rotation=25, ha="right")
-        axes.set_xlim(-0.6, len(titles) - 0.4)
+
+
+def _name_techniques(axes: Axes, panel: Panel) -> None:
+    """Give each technique a line with its name, the first one at the top."""
+    titles = [_plain(curve.title) for curve in panel.curves]
+    axes.set_yticks(range(len(titles)), titles)
+    axes.set_ylim(len(titles) - 0.4, -0.6)
+    axes.grid(visible=True, axis="x")
+    axes.grid(visible=False, axis="y")
 
 
 def _values(panel: Panel) -> list[float]:
@@ -178,11 +206,12 @@ def _values(panel: Panel) -> list[float]:
     ]
 
 
-def _scale(axes: Axes, figure: ReportFigure, panel: Panel) -> None:
-    """Set the vertical axis by the runs; the intervals of few runs may reach beyond it."""
+def _limits(figure: ReportFigure, panel: Panel) -> tuple[float, float] | None:
+    """The ends of the axis of a panel's values; None for a logarithmic one.
+
+    They go by the runs; the intervals of few runs may reach beyond them.
+    """
     values = _values(panel)
-    if not values:
-        return
     top = max(values)
     if panel.limit is not None:
         top = max(top, 1.5 * panel.limit / panel.quantity.scale)
@@ -199,31 +228,26 @@ def _scale(axes: Axes, figure: ReportFigure, panel: Panel) -> None:
             ]
             values = [*values, *ends]
             top = max(top, *ends) if ends else top
-        _scale_share(axes, min(values), top, 1.0 / panel.quantity.scale)
-        return
-    spread = min(values) > 0.0 and top / min(values) > LOGARITHMIC
-    if figure.kind == "frames" and spread:
-        axes.set_yscale("log")
-        return
-    axes.set_ylim(-0.03 * top if top else -0.03, 1.25 * top if top else 1.0)
+        return _share_limits(min(values), top, 1.0 / panel.quantity.scale)
+    if figure.kind == "frames" and min(values) > 0.0 and top / min(values) > LOGARITHMIC:
+        return None
+    return (-0.03 * top, 1.25 * top) if top else (-0.03, 1.0)
 
 
-def _scale_share(axes: Axes, lowest: float, top: float, most: float) -> None:
-    """Set the vertical axis of shares: as a whole, or the part of it where all of them are.
+def _share_limits(lowest: float, top: float, most: float) -> tuple[float, float]:
+    """The ends of an axis of shares: the whole, or the part of it where all of them are.
 
     Args:
-        axes: The axes.
         lowest: The smallest share.
         top: The largest share.
         most: The share 1 in the unit that is written.
     """
     if top <= 0.5 * most:
-        axes.set_ylim(-0.05 * top, max(1.25 * top, 0.05 * most))
-    elif lowest >= 0.5 * most:
+        return -0.05 * top, max(1.25 * top, 0.05 * most)
+    if lowest >= 0.5 * most:
         bottom = most / 10 * np.floor(10 * lowest / most - 0.3)
-        axes.set_ylim(bottom, most + 0.04 * (most - bottom))
-    else:
-        axes.set_ylim(-0.03 * most, 1.03 * most)
+        return bottom, most + 0.04 * (most - bottom)
+    return -0.03 * most, 1.03 * most
 
 
 def _bars(groups: Sequence[Group], scale: float) -> Any:
@@ -269,25 +293,26 @@ def _draw_curve(axes: Axes, panel: Panel, curve: Curve, kind: str, shift: float)
 
 
 def _draw_technique(axes: Axes, panel: Panel, place: int, curve: Curve) -> None:
-    """A technique at a place of its own: every run, and the mean with its interval beside them."""
+    """A technique on a line of its own: every run, and the mean with its interval below them."""
     scale = panel.quantity.scale
     color = _color(curve)
     for group in curve.groups:
-        ys = [point.y.value / scale for point in group.runs]
-        xs = place - 0.12 + np.linspace(-0.12, 0.12, len(ys)) if len(ys) > 1 else [place - 0.12]
-        axes.plot(xs, ys, _marker(curve), color=color, alpha=0.6, markersize=5, clip_on=False)
+        values = [point.y.value / scale for point in group.runs]
+        line = place - 0.14
+        lines = line + np.linspace(-0.12, 0.12, len(values)) if len(values) > 1 else [line]
+        axes.plot(values, lines, _marker(curve), color=color, alpha=0.6, markersize=5)
         if group.estimate is None:
             continue
         mean = group.estimate.mean.value / scale
         axes.errorbar(
-            [place + 0.2],
             [mean],
-            yerr=_bars([group], scale),
-            fmt="_",
+            [place + 0.22],
+            xerr=_bars([group], scale),
+            fmt="|",
             color=color,
-            markersize=14,
+            markersize=9,
             markeredgewidth=2.2,
-            capsize=4,
+            capsize=3,
         )
 
 

@@ -92,7 +92,7 @@ class Panel:
 
     Attributes:
         title: Title of the panel; empty where the figure's is enough.
-        quantity: What its vertical axis shows.
+        quantity: What is shown.
         curves: The techniques that have something to show, in the study's order.
         reference: The expert; None where it has not been measured, or is not comparable.
         limit: A value that the paper's text names, drawn as a line; None without one.
@@ -113,8 +113,8 @@ class ReportFigure:
         name: Name of its files.
         title: Its title.
         caption: What it shows, in whole sentences.
-        kind: What its horizontal axis counts.
-        rows: Rows of panels; all rows have the same number of panels.
+        kind: What it is drawn against: iterations, frames, directions, or a line a technique.
+        rows: Rows of panels; long ones are drawn as several.
         over_runs: Whether its values are means over runs; else they are those of one run.
     """
 

@@ -52,8 +52,6 @@ BEST_ERRORS = "9-tracking-best"
 """Name of the figure of their tracking errors."""
 IMITATION = Quantity("deviation from the expert", "mrad", 1.0, 1)
 """Mean absolute deviation from the expert's targets."""
-COLUMNS = 3
-"""Panels beside each other where every setting has one."""
 
 ValueOf = Callable[[TestSource], Number]
 """What to show of a test of a policy."""
@@ -106,7 +104,7 @@ def _success_figure(results: StudyResults, measurement: Measurement) -> ReportFi
         "of behavior cloning on parts of its data, against the number of frames that the policy "
         "was trained on. The dotted line is the expert.",
         "frames",
-        grid(panels, COLUMNS),
+        (tuple(panels),),
     )
 
 
@@ -248,7 +246,7 @@ def _best_figure(results: StudyResults) -> ReportFigure:
     return ReportFigure(
         BEST_FIGURE,
         "Success of the best policy of each run",
-        "Every run as a point, the mean over runs with its interval; one column for each "
+        "Every run as a point, the mean over runs with its interval below them; one panel for each "
         "measurement, among them those in another simulator, where there are any. The dotted line "
         "is the expert.",
         "techniques",
@@ -299,7 +297,7 @@ def _imitation_figure(results: StudyResults, measurement: Measurement) -> Report
         f"expert's ({measurement.title}): every run as a point, the mean over runs with its "
         "interval.",
         "techniques",
-        grid(panels, COLUMNS),
+        (tuple(panels),),
     )
 
 
