@@ -103,3 +103,21 @@ def test_iterative_techniques_of_the_paper_study_share_their_pretraining():
         assert config.method.pretraining == expected.pretraining  # type: ignore[union-attr]
         assert config.training == configs[0].training
         assert config.policy == configs[0].policy
+
+
+def test_what_the_study_of_options_compares_differs_in_one_option():
+    study = named_study("options")
+    for comparison in study.comparisons:
+        setting = study.setting(comparison.setting)
+        configs = [
+            to_json(config_of(study.technique(name), setting, 0))
+            for name in (comparison.technique, comparison.reference)
+        ]
+        differing = {key for key in configs[0] if configs[0][key] != configs[1][key]}
+        if comparison.technique.endswith("-mirrored"):
+            [mirrored, plain] = [config["training"].pop("mirror") for config in configs]
+            assert (mirrored, plain) == ("left_right", "none")
+            assert configs[0] == configs[1]
+        else:
+            assert differing == {"pretraining"}
+            assert [config["pretraining"]["pushes"] for config in configs] == [1, 0]

@@ -72,8 +72,9 @@ class Study(OnWorkers):
     """
 
     words: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="STUDY")]
-    """The study: paper, regimes, sensors, sensors-go2, smoke, a JSON file, or the folder of one
-    that has begun; before it status, pause or resume. docs/studies.md has a file to begin with."""
+    """The study: paper, regimes, options, sensors, sensors-go2, smoke, a JSON file, or the folder
+    of one that has begun; before it status, pause or resume. docs/studies.md has a file to begin
+    with."""
     folder: Path | None = None
     """The folder of the study; without it, studies/NAME."""
     jobs: tuple[str, ...] = ()

@@ -1,7 +1,8 @@
 """The studies with a small budget, where methods and observations differ most.
 
 All arms have equal expert-seconds and equal steps of training. `regimes_study` compares methods by
-what their data begin with; `sensors_study` compares what the policy sees.
+what their data begin with; `sensors_study` compares what the policy sees. `options_study` asks on
+the same terms what options of the best methods are worth.
 """
 
 from __future__ import annotations
@@ -103,6 +104,17 @@ def pushed_first(mass: float = 1.0) -> Options:
         "pretraining.pushes": 1,
         "pretraining.impulse": (0.5 * mass, 3.0 * mass),
         "pretraining.fall_angle": 60.0,
+        **pushed_later(mass),
+    }
+
+
+def pushed_later(mass: float = 1.0) -> Options:
+    """Two pushes in each rollout in which the policy drives, and none in the pre-training.
+
+    Args:
+        mass: Mass of the robot, as a multiple of Solo12's.
+    """
+    return {
         "collection.pushes": 2,
         "collection.impulse": (0.5 * mass, 2.0 * mass),
         "collection.gentle": 0.5,
@@ -116,23 +128,11 @@ def regimes_study() -> StudyConfig:
     perturbed states; the expert may compute for 20 or for 80 s (MPC solves x 0.05 s). Cloning is
     trained twice for each seed of the data.
     """
-    settings = tuple(
-        Setting(
-            f"{name}-{seconds}",
-            f"{title}, {seconds} s",
-            {"starts": starts, "budget.expert_seconds": float(seconds)},
-        )
-        for name, title, starts in (
-            ("settled", "settled gait", "nominal"),
-            ("perturbed", "perturbed states", "train"),
-        )
-        for seconds in (20, 80)
-    )
     return StudyConfig(
         name="regimes",
         title="When which method is worth having",
         techniques=_regime_techniques(),
-        settings=settings,
+        settings=regimes((20, 80)),
         seeds=(0, 1, 2, 3, 4),
         measurements=(
             Measurement("test", "100 perturbed initial states, 5 s", options=HUNDRED),
@@ -166,6 +166,26 @@ def regimes_study() -> StudyConfig:
             ),
         ),
         keep_policies="none",
+    )
+
+
+def regimes(budgets: tuple[int, ...]) -> tuple[Setting, ...]:
+    """What data begin with, and how long the expert may compute.
+
+    Args:
+        budgets: Seconds of the expert.
+    """
+    return tuple(
+        Setting(
+            f"{name}-{seconds}",
+            f"{title}, {seconds} s",
+            {"starts": starts, "budget.expert_seconds": float(seconds)},
+        )
+        for name, title, starts in (
+            ("settled", "settled gait", "nominal"),
+            ("perturbed", "perturbed states", "train"),
+        )
+        for seconds in budgets
     )
 
 

@@ -2,13 +2,16 @@
 
 `paper` repeats the experiment of *Safe Learning of Locomotion Skills from MPC* (IV, V): its preset,
 its simulator, its techniques, three seeds. `regimes` asks when which method is worth having: what
-the data begin with, and how many seconds of the expert there are. `sensors` and `sensors-go2` ask
+the data begin with, and how many seconds of the expert there are; `options` asks what two options
+of its best methods are worth. `sensors` and `sensors-go2` ask
 what a policy loses, or gains, that sees only what a robot measures. `smoke` takes the same path as
-these in a minute or two. The studies with a small budget are in `config.small_studies`.
+these in a minute or two. The studies with a small budget are in `config.small_studies`
+and `config.options_study`.
 """
 
 from __future__ import annotations
 
+from surefoot.config.options_study import options_study
 from surefoot.config.small_studies import regimes_study, sensors_study
 from surefoot.config.study import (
     EXPERT,
@@ -20,7 +23,7 @@ from surefoot.config.study import (
 )
 from surefoot.errors import unknown
 
-STUDIES = ("paper", "regimes", "sensors", "sensors-go2", "smoke")
+STUDIES = ("paper", "regimes", "options", "sensors", "sensors-go2", "smoke")
 """Names of the studies."""
 
 PAPER_SIZES = (112_000, 250_000, 400_000, 550_000, 736_000)
@@ -37,6 +40,8 @@ def named_study(name: str) -> StudyConfig:
         return paper_study()
     if name == "regimes":
         return regimes_study()
+    if name == "options":
+        return options_study()
     if name == "sensors":
         return sensors_study("solo12")
     if name == "sensors-go2":

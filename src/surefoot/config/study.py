@@ -26,6 +26,8 @@ Scalar = bool | int | float | str
 """A single value of an option."""
 Options = Mapping[str, Scalar | tuple[Scalar, ...] | None]
 """Dotted names of options of a configuration, such as ``method.alpha``, with their values."""
+Prediction = Literal["better", "worse", "equal", "none"]
+"""How a technique is expected to compare with another one."""
 Measure = Literal["robustness", "impulse", "imitation"]
 """What a measurement gives: how many episodes succeed and how well they track; the impulse that is
 withstood; the deviation from the expert's targets in states that the expert visits."""
@@ -129,7 +131,7 @@ class PlannedComparison(Checked):
     """Name of the technique that it is compared with."""
     setting: str
     """Name of the setting."""
-    prediction: Literal["better", "worse", "equal", "none"] = "none"
+    prediction: Prediction = "none"
     """What is expected of the technique, beside the reference."""
     why: str = ""
     """Why that is expected, in a sentence."""
