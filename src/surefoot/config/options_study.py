@@ -23,14 +23,17 @@ from surefoot.config.study import (
 )
 
 CLONED = "behavior_cloning-pushed"
+"""The technique that clones the pushed expert."""
 GUARDED = "loco_safe_dagger-pushed"
+"""LocoSafeDAGGER, pushed in its pre-training and while it collects."""
 MIRRORED: Options = {"training.mirror": "left_right"}
+"""Every frame counts twice, as itself and as its mirror image."""
 
 
 def options_study() -> StudyConfig:
     """Whether mirrored frames and a pushed pre-training are worth it, with 20 s of the expert.
 
-    Techniques that are compared differ in one option, and are trained three times for each seed.
+    Techniques that are compared differ in one thing, and are trained three times for each seed.
     """
     settings = regimes((20,))
     questions: tuple[tuple[str, str, str, Prediction], ...] = (

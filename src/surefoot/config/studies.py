@@ -3,10 +3,9 @@
 `paper` repeats the experiment of *Safe Learning of Locomotion Skills from MPC* (IV, V): its preset,
 its simulator, its techniques, three seeds. `regimes` asks when which method is worth having: what
 the data begin with, and how many seconds of the expert there are; `options` asks what two options
-of its best methods are worth. `sensors` and `sensors-go2` ask
-what a policy loses, or gains, that sees only what a robot measures. `smoke` takes the same path as
-these in a minute or two. The studies with a small budget are in `config.small_studies`
-and `config.options_study`.
+of its best methods are worth. `sensors` and `sensors-go2` ask what a policy loses, or gains, that
+sees only what a robot measures. `smoke` takes the same path as these in a minute or two. The
+studies with a small budget are in `config.small_studies` and `config.options_study`.
 """
 
 from __future__ import annotations

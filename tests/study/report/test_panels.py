@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from surefoot.config.study import Measurement, Setting
@@ -150,10 +151,23 @@ def test_the_names_of_many_techniques_do_not_overlap(results):
         for number in range(12)
     ]
     crowded = replace(panel, curves=tuple(many))
-    drawn = draw(replace(figure, rows=((crowded,) * 4,)))
+    fewer = replace(panel, curves=tuple(many[6:]))
+    drawn = draw(replace(figure, rows=((fewer, crowded, crowded, crowded),)))
     for axes, is_first in zip(drawn.axes, (True, False, False, True), strict=True):
         names = [name for name in axes.get_yticklabels() if name.get_visible()]
         assert len(names) == (len(many) if is_first else 0)
         boxes = sorted((name.get_window_extent() for name in names), key=lambda box: box.y0)
         assert all(below.y1 < above.y0 for below, above in pairwise(boxes))
         assert all(box.x0 >= 0.0 for box in boxes)
+
+
+def test_a_technique_has_the_same_line_in_all_panels_also_where_others_are_not_measured(results):
+    figure = next(each for each in performance_figures(results) if each.kind == "techniques")
+    whole = replace(figure.rows[0][0], reference=None)
+    part = replace(whole, curves=whole.curves[-1:])
+    nothing = replace(whole, curves=())
+    drawn = draw(replace(figure, rows=((nothing, whole, part),)))
+    names = [name.get_text().replace(r"\$", "$") for name in drawn.axes[0].get_yticklabels()]
+    assert names == [curve.title for curve in whole.curves]
+    lowest = [max(np.max(line.get_ydata()) for line in axes.lines) for axes in drawn.axes[1:]]
+    assert lowest[0] == lowest[1] > len(names) - 1.5

@@ -43,7 +43,6 @@ FREE = 0.2
 FACTORS = np.arange(-3.5, 3.6, 0.5)
 """Powers of ten among which a factor is sought, before it is fitted: to millimeters and back."""
 
-
 Terms = tuple[str, ...]
 """Fields of a log that are changed together."""
 JOINT_TERMS: tuple[Terms, ...] = (

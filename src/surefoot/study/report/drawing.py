@@ -80,7 +80,7 @@ def draw(figure: ReportFigure) -> Figure:
     width = max(4.2 * columns, 6.4)
     row_height = 4.0 if figure.kind == "directions" else 3.1
     if figure.kind == "techniques":
-        row_height = 1.1 + TECHNIQUE_HEIGHT * len(figure.curves)
+        row_height = 1.1 + TECHNIQUE_HEIGHT * len(_trained(figure))
     with rc_context(LOOK):
         drawn = Figure(figsize=(width, row_height * len(rows) + 0.5), layout="constrained")
         projection = {"projection": "polar"} if figure.kind == "directions" else {}
@@ -142,10 +142,15 @@ def _line(curve: Curve) -> Any:
 
 def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
     """Draw one panel."""
+    # All panels have the same techniques, whether or not something was measured of each.
+    names = [curve.technique for curve in _trained(figure)]
+    if figure.kind == "techniques":
+        _name_techniques(axes, figure)
     if not _values(panel):
         axes.text(0.5, 0.5, "nothing measured", transform=axes.transAxes, ha="center", va="center")
         axes.set_xticks([])
-        axes.set_yticks([])
+        if figure.kind != "techniques":
+            axes.set_yticks([])
         return
     if figure.kind == "directions":
         _draw_directions(axes, panel)
@@ -153,7 +158,7 @@ def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
     quantity = panel.quantity
     for place, curve in enumerate(panel.curves):
         if figure.kind == "techniques":
-            _draw_technique(axes, panel, place, curve)
+            _draw_technique(axes, panel, names.index(curve.technique), curve)
         else:
             shift = DODGE * (place - (len(panel.curves) - 1) / 2)
             _draw_curve(axes, panel, curve, figure.kind, shift)
@@ -169,7 +174,6 @@ def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
     title = _plain(quantity.unit if named else f"{quantity.title} [{quantity.unit}]")
     limits = _limits(figure, panel)
     if figure.kind == "techniques":
-        _name_techniques(axes, panel)
         axes.set_xlabel(title)
         axes.set_xlim(limits)
         return
@@ -185,9 +189,14 @@ def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def _name_techniques(axes: Axes, panel: Panel) -> None:
+def _trained(figure: ReportFigure) -> list[Curve]:
+    """The first curve of each technique of a figure but the expert."""
+    return [curve for curve in figure.curves if curve.style >= 0]
+
+
+def _name_techniques(axes: Axes, figure: ReportFigure) -> None:
     """Give each technique a line with its name, the first one at the top."""
-    titles = [_plain(curve.title) for curve in panel.curves]
+    titles = [_plain(curve.title) for curve in _trained(figure)]
     axes.set_yticks(range(len(titles)), titles)
     axes.set_ylim(len(titles) - 0.4, -0.6)
     axes.grid(visible=True, axis="x")
