@@ -122,6 +122,21 @@ def test_the_expert_is_measured_but_not_trained_nor_compared_with_itself():
     assert measurements_of(STUDY, jobs[0].cell) == ("test",)
 
 
+def test_an_expert_is_measured_once_for_all_settings_in_which_it_is_the_same():
+    settings = (
+        Setting("short", "few epochs", {"starts": "nominal"}),
+        Setting("again", "many", {"training.weight_decay": 0.3, "collection.pushes": 1}),
+        Setting("slow", "a slower gait", {"gait.period": 0.6}),
+    )
+    study = replace(STUDY, settings=settings)
+    needs = {job.name: job.needs for job in jobs_of(study) if job.cell.technique == "expert"}
+    assert needs == {
+        "measure--short--expert": (),
+        "measure--again--expert": ("measure--short--expert",),
+        "measure--slow--expert": (),
+    }
+
+
 def test_an_unknown_job_is_named_with_the_nearest():
     with pytest.raises(ValueError, match="did you mean 'measure--clone--seed-3'"):
         find_job(STUDY, "measure--clone--seed-33")

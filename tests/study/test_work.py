@@ -13,7 +13,7 @@ from surefoot.config.json_io import from_json, to_json
 from surefoot.config.studies import named_study
 from surefoot.config.study import Measurement, Setting
 from surefoot.evaluation.imitation import ImitationError
-from surefoot.study.cells import jobs_of
+from surefoot.study.cells import jobs_of, measured_options, measurements_of
 from surefoot.study.folder import PolicyTest
 
 ERROR = ImitationError("starts", "28d8", 60, 4800, 61.5, 210.0)
@@ -48,6 +48,25 @@ def test_results_from_before_the_imitation_error_are_read():
 def test_the_expert_does_not_deviate_from_itself():
     with pytest.raises(AssertionError):
         work._measure(Config(), work.MeasuredPolicy(), Measurement("i", "i", "imitation"))
+
+
+def test_the_same_expert_has_the_same_results_in_another_setting(tmp_path):
+    settings = (Setting("few", "few"), Setting("many", "many", {"training.weight_decay": 0.3}))
+    study = replace(named_study("smoke"), settings=settings, comparisons=())
+    first, second = [job for job in jobs_of(study) if job.cell.technique == "expert"]
+    for name in measurements_of(study, first.cell):
+        asked = measured_options(study, first.cell, name)
+        measured = folder.Tests(name, (PolicyTest(0, None, None),), True, asked)
+        folder.save_tests(tmp_path, first.cell, measured)
+        assert folder.read_tests(tmp_path, study, second.cell, name) is None
+    setup = folder.StudySetup(study, None, "1.0", "float32")
+    work.measure_cell(tmp_path, setup, second, work.Slice(60.0))
+    for name in measurements_of(study, first.cell):
+        measured = folder.read_tests(tmp_path, study, first.cell, name)
+        copied = folder.read_tests(tmp_path, study, second.cell, name)
+        assert measured is not None and copied is not None and copied.finished
+        assert copied.policies == measured.policies
+        assert copied.options == measured_options(study, second.cell, name)
 
 
 def test_time_in_which_a_job_does_not_compute_is_no_work():

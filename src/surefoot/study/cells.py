@@ -119,12 +119,19 @@ def trained_configs(study: StudyConfig) -> dict[Cell, Config]:
 
 
 def jobs_of(study: StudyConfig) -> tuple[StudyJob, ...]:
-    """All jobs of a study, each after those that it needs."""
+    """All jobs of a study, each after those that it needs.
+
+    An expert that is the same in several settings is measured in the first of them; the others'
+    measurements need that one.
+    """
     shared_jobs = _shared_jobs(study)
     jobs: dict[str, StudyJob] = {}
     for cell in cells_of(study):
         needs: tuple[str, ...] = ()
-        if study.technique(cell.technique).method != EXPERT:
+        if study.technique(cell.technique).method == EXPERT:
+            first = _same_expert(study, cell)
+            needs = () if first == cell else (_job_name("measure", first),)
+        else:
             train = StudyJob(_job_name("train", cell), "train", cell)
             if cell.name in shared_jobs:
                 shared = shared_jobs[cell.name]
@@ -188,6 +195,28 @@ def find_job(study: StudyConfig, name: str) -> StudyJob:
     if name not in known:
         raise ValueError(unknown("job", name, known))
     return known[name]
+
+
+def _same_expert(study: StudyConfig, cell: Cell) -> Cell:
+    """The first cell of an expert that is measured as that of this cell, which may be this one."""
+    own = _expert_alone(cell_config(study, cell))
+    cells = [each for each in cells_of(study) if each.technique == cell.technique]
+    return next(each for each in cells if _expert_alone(cell_config(study, each)) == own)
+
+
+def _expert_alone(config: Config) -> Config:
+    """The part of a configuration that the expert's episodes depend on; the rest is the default."""
+    default = Config()
+    return replace(
+        config,
+        method=default.method,
+        policy=default.policy,
+        training=default.training,
+        starts=default.starts,
+        collection=default.collection,
+        pretraining=default.pretraining,
+        budget=default.budget,
+    )
 
 
 def _shared_jobs(study: StudyConfig) -> dict[str, StudyJob]:

@@ -212,8 +212,10 @@ def _paid_by(allowed: int | None, work: Work) -> Work:
 def measuring_work(study: StudyConfig, job: StudyJob, config: Config) -> Work:
     """What it takes to measure the policies of a cell."""
     work = Work()
+    is_expert = study.technique(job.cell.technique).method == EXPERT
+    if is_expert and job.needs:
+        return work  # it is measured in another setting
     for name in measurements_of(study, job.cell):
-        is_expert = study.technique(job.cell.technique).method == EXPERT
         work = work + _measurement_work(study.measurement(name), config, is_expert)
     return work
 

@@ -22,6 +22,7 @@ from surefoot.study.folder import (
     read_job,
     read_study,
     read_tests,
+    results_folder,
     run_folder,
     shared_folder,
 )
@@ -231,4 +232,8 @@ def _with_their_folders(folder: Path, jobs: Sequence[StudyJob], done: set[str]) 
 
 def _made(folder: Path, job: StudyJob) -> Path:
     """The folder that a job makes for those that need it."""
-    return shared_folder(folder, job.name) if job.kind == "share" else run_folder(folder, job.cell)
+    if job.kind == "share":
+        return shared_folder(folder, job.name)
+    if job.kind == "train":
+        return run_folder(folder, job.cell)
+    return results_folder(folder, job.cell)

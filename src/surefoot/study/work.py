@@ -193,6 +193,9 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
         piece: The time that it has.
     """
     cell = job.cell
+    if setup.study.technique(cell.technique).method == EXPERT and job.needs:
+        copy_tests(folder, setup.study, find_job(setup.study, job.needs[0]).cell, cell)
+        return
     for name in measurements_of(setup.study, cell):
         measurement = setup.study.measurement(name)
         config = config_for(run_folder(folder, cell), run_config(setup, cell))
@@ -208,6 +211,21 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
             done = (*done, _measure(config, policy, measurement))
             finished = len(done) == len(wanted)
             save_tests(folder, cell, Tests(name, done, finished, options))
+
+
+def copy_tests(folder: Path, study: StudyConfig, measured: Cell, cell: Cell) -> None:
+    """Keep what was measured of the same expert in another setting.
+
+    Args:
+        folder: Folder of the study.
+        study: The study.
+        measured: The cell that has been measured.
+        cell: The cell that is to have the same.
+    """
+    for name in measurements_of(study, cell):
+        tests = read_tests(folder, study, measured, name)
+        assert tests is not None  # the job that measures it is done
+        save_tests(folder, cell, replace(tests, options=measured_options(study, cell, name)))
 
 
 @dataclass(frozen=True)
