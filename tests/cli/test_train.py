@@ -62,7 +62,7 @@ def test_an_option_of_any_number_of_values_ends_with_the_next_option():
 
 
 @pytest.mark.parametrize("method", ["behavior_cloning", "dagger", "loco_safe_dagger"])
-@pytest.mark.parametrize("name", ["default", "quick", "paper"])
+@pytest.mark.parametrize("name", ["default", "quick", "pushed", "paper"])
 def test_defaults_are_those_of_method_and_preset(method, name):
     command = parse(["train", "--preset", name, method])
     assert command == Train(method, name, config=preset(method, name))

@@ -14,6 +14,7 @@ from surefoot.config import (
     ExpertConfig,
     ExpertData,
     Gait,
+    IterativeConfig,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
     OtherGait,
@@ -24,7 +25,7 @@ from surefoot.config import (
     SimulationConfig,
 )
 from surefoot.config.gait_table import GAITS
-from surefoot.config.presets import ground_for, preset, with_earlier_ground, with_ground
+from surefoot.config.presets import PRESETS, ground_for, preset, with_earlier_ground, with_ground
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
 
@@ -43,6 +44,37 @@ def test_tuned_presets_keep_the_papers_protocol(name):
     else:
         # Both methods start from the same data, so that they can be compared.
         assert cloning.method.data == dagger.method.pretraining
+
+
+def test_the_pushed_preset_is_the_default_one_with_pushes_from_the_start_and_mirrored_frames():
+    """As many steps as `default`: a pass over mirrored frames has twice as many."""
+    for method in METHODS:
+        default = preset(method, "default")
+        pushed = preset(method, "pushed")
+        assert pushed.training == replace(default.training, mirror="left_right")
+        if isinstance(pushed.method, BehaviorCloningConfig):
+            assert isinstance(default.method, BehaviorCloningConfig)
+            assert pushed.method.data == default.method.data
+            assert 2 * pushed.method.epochs == default.method.epochs
+            assert pushed.collection.pushes == 1
+            continue
+        assert isinstance(pushed.method, IterativeConfig)
+        assert isinstance(default.method, IterativeConfig)
+        assert 2 * pushed.method.pretraining_epochs == default.method.pretraining_epochs
+        assert (pushed.collection, pushed.pretraining.pushes) == (default.collection, 1)
+
+
+@pytest.mark.parametrize("name", ["solo12", "go2"])
+def test_an_expert_that_teaches_is_pushed_harder_than_a_policy_and_by_the_robots_mass(name):
+    robot = RobotConfig(name)
+    ratio = 1.0 if name == "solo12" else load_robot(robot).mass / load_robot(RobotConfig()).mass
+    for method in ("behavior_cloning", "loco_safe_dagger"):
+        config = with_own_values(replace(preset(method, "pushed"), robot=robot))
+        cloned = method == "behavior_cloning"
+        taught = config.collection if cloned else config.pretraining
+        assert taught.impulse == pytest.approx((0.5 * ratio, 3.0 * ratio), rel=1e-3)
+        if not cloned:
+            assert config.collection.impulse == pytest.approx((0.3 * ratio, 1.5 * ratio), rel=1e-3)
 
 
 def test_the_preset_paper_has_the_numbers_of_the_paper():
@@ -89,7 +121,7 @@ def test_the_preset_paper_has_the_other_methods_as_the_paper_or_their_authors_do
         assert preset(name, "paper").evaluation.disturbance == DisturbanceConfig()
 
 
-@pytest.mark.parametrize("name", ["default", "quick", "paper"])
+@pytest.mark.parametrize("name", PRESETS)
 def test_all_iterative_methods_begin_with_the_same_data_and_training(name):
     methods = [preset(each, name).method for each in METHODS if each != "behavior_cloning"]
     assert len({(m.pretraining, m.training_in(0)) for m in methods}) == 1
@@ -110,7 +142,7 @@ def rules(config: Config) -> tuple[float | None, float | None]:
     return expert.turn_compensation, expert.capture_share
 
 
-@pytest.mark.parametrize("name", ["default", "quick", "paper"])
+@pytest.mark.parametrize("name", PRESETS)
 def test_the_presets_keep_the_experts_rules_of_the_first_initial_states(name):
     assert rules(preset("dagger", name)) == (0.0, 0.0)
 

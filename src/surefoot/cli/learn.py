@@ -82,8 +82,8 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
     robot: str
     """The bridge, such as udp://127.0.0.1:5151."""
     preset: str = "default"
-    """The preset of LocoSafeDAGGER, default, quick or paper, with 10 rollouts of 5 s in each
-    iteration."""
+    """The preset of LocoSafeDAGGER: default, quick, pushed or paper; with 10 rollouts of 5 s in
+    each iteration."""
     run: Path | None = None
     """The folder of the run; without it, runs/learn-PRESET. A run that is there goes on."""
     unattended: bool = False

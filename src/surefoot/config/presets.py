@@ -1,7 +1,8 @@
 """Presets: differences from the default configuration, all in one place.
 
 `Config` itself holds the paper's numbers with this package's expert. `paper` adds what else the
-paper does, `default` is the same protocol made cheap, and `quick` is a small run of `default`.
+paper does, `default` is the same protocol made cheap, `quick` is a small run of `default`, and
+`pushed` is `default` with what made policies withstand harder pushes at equal cost.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class Rules:
     turn_compensation: float
 
 
-PRESETS = ("default", "quick", "paper")
+PRESETS = ("default", "quick", "pushed", "paper")
 STRAIGHT_TROT = "solo12-trot-v1"
 """The packaged set of initial states: Solo12 trots straight ahead, at 0 to 0.3 m/s."""
 TROT_GAIN = (1.15, 1.08, 1.28)
@@ -60,7 +61,7 @@ def preset(method: str, name: str = "default") -> Config:
 
     Args:
         method: A key of `METHODS`.
-        name: `default`, `quick` (minutes) or `paper`.
+        name: `default`, `quick` (minutes), `pushed` or `paper`.
 
     Raises:
         ValueError: There is no such method or preset.
@@ -69,6 +70,8 @@ def preset(method: str, name: str = "default") -> Config:
         return default(method)
     if name == "quick":
         return quick(method)
+    if name == "pushed":
+        return pushed(method)
     if name == "paper":
         return paper(method)
     raise ValueError(unknown("preset", name, PRESETS))
@@ -121,6 +124,22 @@ def quick(method: str) -> Config:
         short = replace(config.method, pretraining_epochs=12, iterations=2, T=5.0, epochs=4)
         return replace(config, method=short, collection=replace(config.collection, pushes=1))
     return replace(config, method=BehaviorCloningConfig(_SHORT, epochs=12))
+
+
+def pushed(method: str) -> Config:
+    """`default` with an expert that is pushed from the first data on, and with mirrored frames.
+
+    Both help at equal MPC solves and equal steps (study `options`): each pass over mirrored data
+    has twice as many steps, so that there are half as many passes.
+    """
+    config = default(method)
+    config = replace(config, training=replace(config.training, mirror="left_right"))
+    taught = DisturbanceConfig(pushes=1, impulse=None, fall_angle=60.0)
+    if isinstance(config.method, IterativeConfig):
+        halved = replace(config.method, pretraining_epochs=8, epochs=3)
+        return replace(config, method=halved, pretraining=taught)
+    assert isinstance(config.method, BehaviorCloningConfig)
+    return replace(config, method=replace(config.method, epochs=16, frames=()), collection=taught)
 
 
 def published_rules(config: Config) -> Config:

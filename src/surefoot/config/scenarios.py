@@ -82,7 +82,7 @@ class DisturbanceConfig(Checked):
     """How many pushes act on the base in an episode, from any horizontal direction, at any time."""
     impulse: Impulse | None = (0.5, 1.5)
     """[N s] the smallest and the largest push; None is the robot's own, by its mass (Solo12: 0.3 to
-    1.5)."""
+    1.5, and 0.5 to 3 in pre-training and in behavior cloning's data, where the expert drives)."""
     gentle: Share = 1.0
     """`impulse` in the first iteration is this share of what it is in the last one; in between it
     rises evenly. A policy that has not seen pushes yet is thrown by smaller ones."""

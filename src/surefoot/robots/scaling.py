@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from surefoot.config import (
     TABLE_I,
+    BehaviorCloningConfig,
     Config,
     DisturbanceConfig,
     ExpertConfig,
@@ -263,17 +264,17 @@ def own_safety(safety: SafetyConfig, com_height: float, robot: RobotModel) -> Sa
     return replace(safety, joints=tuple(rows))
 
 
-def own_pushes(config: DisturbanceConfig, robot: RobotModel) -> DisturbanceConfig:
+def own_pushes(
+    config: DisturbanceConfig, robot: RobotModel, expert_drives: bool = False
+) -> DisturbanceConfig:
     """Return the disturbances with pushes of the robot's own size in place of None.
 
     Those of Solo12 teach the most; the same change of velocity takes an impulse by the mass.
     """
     ratio = size_of(robot).mass_ratio
-    return _filled(
-        config,
-        impulse=_by_mass(PUSH, ratio),
-        expert_impulse=_by_mass(EXPERT_PUSH, ratio),
-    )
+    strong = _by_mass(EXPERT_PUSH, ratio)
+    push = strong if expert_drives else _by_mass(PUSH, ratio)
+    return _filled(config, impulse=push, expert_impulse=strong)
 
 
 def _by_mass(impulse: tuple[float, float], ratio: float) -> tuple[float, float]:
@@ -367,6 +368,7 @@ def _with_own(config: Config, robot: RobotModel) -> Config:
         start_set = STRAIGHT_TROT
     level = _scaled(None, PUSH_LEVEL, size_of(robot).mass_ratio)
     disturbance = own_pushes(config.evaluation.disturbance, robot)
+    cloned = isinstance(config.method, BehaviorCloningConfig)
     return replace(
         config,
         robot=_own_robot(config.robot, robot),
@@ -375,8 +377,8 @@ def _with_own(config: Config, robot: RobotModel) -> Config:
         policy=own_policy(config.policy, robot),
         safety=own_safety(config.safety, known(gait.com_height, "gait.com_height"), robot),
         start_set=start_set,
-        collection=own_pushes(config.collection, robot),
-        pretraining=own_pushes(config.pretraining, robot),
+        collection=own_pushes(config.collection, robot, expert_drives=cloned),
+        pretraining=own_pushes(config.pretraining, robot, expert_drives=True),
         evaluation=replace(config.evaluation, disturbance=disturbance),
         push=_filled(config.push, resolution=level),
     )
