@@ -60,8 +60,8 @@ class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
     """The method: behavior_cloning, dagger, safe_dagger, loco_dagger, loco_safe_dagger or dart."""
     preset: str = "default"
     """The preset of the method: `default` takes about ten minutes, `quick` a few minutes, `pushed`,
-    whose expert is pushed from the start and whose frames are mirrored, about as long as `default`,
-    and `paper`, with the paper's numbers and simulator, takes hours."""
+    which is `default` with an expert that is pushed from the first data on, as long as `default`,
+    and `paper`, with the paper's numbers and simulator, hours."""
     run: Path | None = None
     """The folder of the run; without it, runs/METHOD-PRESET."""
     device: Literal["auto", "cpu", "cuda"] | None = None

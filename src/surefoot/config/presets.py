@@ -2,7 +2,7 @@
 
 `Config` itself holds the paper's numbers with this package's expert. `paper` adds what else the
 paper does, `default` is the same protocol made cheap, `quick` is a small run of `default`, and
-`pushed` is `default` with what made policies withstand harder pushes at equal cost.
+`pushed` is `default` with an expert that is pushed from the first data on.
 """
 
 from __future__ import annotations
@@ -127,19 +127,15 @@ def quick(method: str) -> Config:
 
 
 def pushed(method: str) -> Config:
-    """`default` with an expert that is pushed from the first data on, and with mirrored frames.
+    """`default` with an expert that is pushed from the first data on, once in each rollout.
 
-    Both help at equal MPC solves and equal steps (study `options`): each pass over mirrored data
-    has twice as many steps, so that there are half as many passes.
+    With little data that helps at equal MPC solves and equal steps (studies `regimes`, `options`).
     """
     config = default(method)
-    config = replace(config, training=replace(config.training, mirror="left_right"))
     taught = DisturbanceConfig(pushes=1, impulse=None, fall_angle=60.0)
     if isinstance(config.method, IterativeConfig):
-        halved = replace(config.method, pretraining_epochs=8, epochs=3)
-        return replace(config, method=halved, pretraining=taught)
-    assert isinstance(config.method, BehaviorCloningConfig)
-    return replace(config, method=replace(config.method, epochs=16, frames=()), collection=taught)
+        return replace(config, pretraining=taught)
+    return replace(config, collection=taught)
 
 
 def published_rules(config: Config) -> Config:

@@ -225,7 +225,9 @@ def copy_tests(folder: Path, study: StudyConfig, measured: Cell, cell: Cell) -> 
     for name in measurements_of(study, cell):
         tests = read_tests(folder, study, measured, name)
         assert tests is not None  # the job that measures it is done
-        save_tests(folder, cell, replace(tests, options=measured_options(study, cell, name)))
+        if tests.options is not None:
+            tests = replace(tests, options=measured_options(study, cell, name))
+        save_tests(folder, cell, tests)
 
 
 @dataclass(frozen=True)
