@@ -71,7 +71,7 @@ GO1 = RobotSpec(
     body_center=(0.032, 0.0, 0.005),
     body_half_edges=(0.268, 0.097, 0.065),
     leg_radii=(0.017, 0.012),
-    tuning=Tuning(kp=40.0, kd=0.9),  # with less, one perturbed robot in thirty rolls over
+    tuning=Tuning(kp=40.0, kd=0.9),  # with less, one perturbed robot in thirty falls
 )
 
 A1 = RobotSpec(
@@ -86,7 +86,7 @@ A1 = RobotSpec(
     body_center=(0.027, 0.0, 0.0),
     body_half_edges=(0.254, 0.097, 0.058),
     leg_radii=(0.017, 0.012),
-    tuning=Tuning(kp=40.0, kd=0.9),  # with less, one perturbed robot in forty rolls over
+    tuning=Tuning(kp=40.0, kd=0.9),  # with less, one perturbed robot in forty falls
 )
 
 ANYMAL_C = RobotSpec(
