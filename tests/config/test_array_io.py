@@ -5,12 +5,13 @@ import tracemalloc
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import ClassVar
+from typing import ClassVar, TypeVar, get_args, get_type_hints
 from zipfile import ZIP_BZIP2, ZIP_DEFLATED, ZIP_LZMA, ZipFile
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from typing_extensions import TypeAliasType
 
 from surefoot.config.array_io import Shape, load_arrays, parse_npz
 from surefoot.files import save_arrays
@@ -100,6 +101,25 @@ def test_other_arrays_than_those_of_the_record_are_named(tmp_path, change, messa
     path.write_bytes(npz(**PARTS | change))
     with pytest.raises(ValueError, match=rf"arrays.npz is missing or damaged \({message}"):
         load_arrays(path, Arrays)
+
+
+def test_a_type_of_arrays_may_be_an_alias(tmp_path):
+    """NDArray is one, of a single argument, since NumPy 2.5."""
+    kind = TypeVar("kind", bound=np.generic)
+    array = np.ndarray[tuple[int, ...], np.dtype[kind]]
+    alias = TypeAliasType("alias", array, type_params=(kind,))
+
+    @dataclass(frozen=True)
+    class Aliased(Arrays):
+        flags: alias[np.bool_]  # pyright: ignore[reportInvalidTypeForm]
+
+    path = tmp_path / "arrays.npz"
+    save_arrays(path, ARRAYS)
+    assert get_args(get_type_hints(Aliased)["flags"]) == (np.bool_,)
+    np.testing.assert_array_equal(load_arrays(path, Aliased).flags, ARRAYS.flags)
+    np.savez(path, **PARTS | {"flags": np.ones(2)})
+    with pytest.raises(ValueError, match="flags holds float64, expected bool"):
+        load_arrays(path, Aliased)
 
 
 def test_a_field_that_later_versions_added_may_be_absent_if_it_has_a_default(tmp_path):

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields
 from io import BytesIO
 from pathlib import Path
-from typing import ClassVar, Protocol, TypeVar, get_args, get_type_hints
+from typing import ClassVar, Protocol, TypeVar, get_args, get_origin, get_type_hints
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
@@ -78,14 +78,20 @@ def _check_arrays(arrays: Mapping[str, NDArray], kind: type[ArrayRecord]) -> Non
             if field.default is MISSING and field.default_factory is MISSING:
                 raise ValueError(f"it lacks {name}")
             continue
-        # NDArray[np.float64] is ndarray[shape, dtype[np.float64]].
-        expected = np.dtype(get_args(get_args(hints[name])[1])[0])
+        expected = _dtype_of(hints[name])
         actual = arrays[name].dtype
         # Text has the length of the longest.
         if actual != expected and not actual.kind == expected.kind == "U":
             raise ValueError(f"{name} holds {actual}, expected {expected}")
         shape = kind.shapes.get(name, ("n",))
         _check_shape(name, arrays[name].shape, shape, lengths)
+
+
+def _dtype_of(hint: object) -> np.dtype:
+    """The dtype that a type hint such as ``NDArray[np.float64]`` names."""
+    # Since NumPy 2.5 that is an alias of one argument; before, ndarray[shape, dtype[np.float64]].
+    last = get_args(hint)[-1]
+    return np.dtype(get_args(last)[0] if get_origin(last) is np.dtype else last)
 
 
 def _check_shape(
