@@ -28,8 +28,8 @@ Precision = Literal["auto", NumberFormat]
 """A number format, or `auto` for the one in which a step takes less time."""
 MirrorName = Literal["left_right", "front_hind"]
 """Names of the mirrors: which sides of the robot change places."""
-MirrorChoice = Literal["none", MirrorName]
-"""A mirror, or none."""
+MirrorChoice = Literal["none", "auto", MirrorName]
+"""A mirror, none, or `auto`: `left_right` where robot and gaits are their own mirror images."""
 Device = Literal["auto", "cpu", "cuda"]
 """Names of the devices to train on."""
 
@@ -106,11 +106,12 @@ class TrainingConfig(Checked):
     """Root of the first weights and of the order of the samples; without it the run's own seed. So
     the same data can be trained on several times."""
     mirror: MirrorChoice = "none"
-    """Train on the mirror image of every frame too, which is made when training and never stored:
+    """Train on mirror images of the frames too, which are made when training and never stored:
     `left_right`, or `front_hind`, which turns commands forward into commands backward, and is
-    refused where those are not trained. Each pass over the data then has twice as many steps. It
-    needs a robot and an expert without preference for a side, and a gait whose mirrored offsets are
-    the offsets shifted by half a period."""
+    refused where those are not trained. A pass over the data has as many steps as without: it shows
+    half of the frames and of the images, drawn anew. It needs a robot and an expert without
+    preference for a side, and a gait whose mirrored offsets are the offsets shifted by half a
+    period. `auto` is `left_right` where robot and gaits allow it, and `none` elsewhere."""
     memory: Annotated[int, Within(1, 1_000_000_000)] = 1024
     """[MB] how much memory the training samples take at most; beyond it they go through a temporary
     file. 1024 MB hold 4.5 million frames of the layout `full`, a million with a history, mirror

@@ -37,6 +37,29 @@ def make_mirror(config: Config, name: MirrorName) -> Mirror:
     return Mirror(*body, shift=shift, other_shifts=tuple(others))
 
 
+def training_mirror(config: Config) -> Mirror | None:
+    """The mirror that a training uses, if any.
+
+    Args:
+        config: Robot, gaits, and the training's mirror.
+
+    Raises:
+        ValueError: A mirror is named, and the robot or a gait is not its own mirror image.
+    """
+    name = config.training.mirror
+    if name == "none":
+        return None
+    return left_right_mirror(config) if name == "auto" else make_mirror(config, name)
+
+
+def left_right_mirror(config: Config) -> Mirror | None:
+    """The mirror of left and right; None if the robot or a gait is not its own mirror image."""
+    try:
+        return make_mirror(config, "left_right")
+    except ValueError:
+        return None
+
+
 def mirror_error_mrad(
     config: Config,
     policy: Policy,
@@ -58,9 +81,8 @@ def mirror_error_mrad(
     Returns:
         The error; None if the robot or a gait has no such mirror.
     """
-    try:
-        mirror = make_mirror(config, "left_right")
-    except ValueError:
+    mirror = left_right_mirror(config)
+    if mirror is None:
         return None
     return MRAD * mirror_error(policy, mirror, state, tick, command, gait)
 

@@ -113,7 +113,7 @@ def fit(
         config: Optimizer, batch, schedule, threads, precision, device, memory, held-out share.
         spec: How inputs and targets follow from frames.
         epochs: Passes over the frames that are not held out, or the number of steps, which may end
-            in the middle of a pass.
+            in the middle of a pass. Mirrored data have as many steps as those without images.
         seed: Seed for the order of the frames, at least 0.
         progress: Function that is called after each epoch.
         checkpoint: File that each epoch leaves; a fit of the same data, network and arguments, on
@@ -134,7 +134,8 @@ def fit(
         raise ValueError(f"{amount} {unit}: at least 1 is needed")
     if seed < 0:
         raise ValueError(f"the seed is {seed}; use 0 or more")
-    if (config.mirror != "none") != isinstance(data, Mirrored):
+    mirrored = isinstance(data, Mirrored)
+    if config.mirror != "auto" and (config.mirror != "none") != mirrored:
         raise ValueError(
             f"training.mirror is {config.mirror}, but the data are {type(data).__name__}: give "
             "`Mirrored` data (surefoot.learning.symmetry) if and only if there is a mirror"
@@ -147,7 +148,11 @@ def fit(
     device = choose_device(config.device)
     samples = split_samples(data, config, spec)
     batches = _count_batches(samples, config)
-    steps = epochs.count if isinstance(epochs, Steps) else epochs * batches
+    if isinstance(epochs, Steps):
+        steps = epochs.count
+    else:
+        # An epoch has as many steps with images as without, so it shows half of both.
+        steps = epochs * (max(1, batches // 2) if mirrored else batches)
     passes = math.ceil(steps / batches)
     precision = choose_precision(network, config).chosen
     config = replace(config, precision=precision)

@@ -25,7 +25,7 @@ from surefoot.config import (
 )
 from surefoot.config.json_io import from_json, read_json
 from surefoot.config.single_gaits import each_gait
-from surefoot.evaluation.mirror_error import make_mirror
+from surefoot.evaluation.mirror_error import training_mirror
 from surefoot.files import write_json
 from surefoot.learning.samples import held_out
 from surefoot.learning.step import choose_device
@@ -81,9 +81,7 @@ def _check_mirror(config: Config) -> None:
             and no command does.
     """
     name = config.training.mirror
-    if name == "none":
-        return
-    make_mirror(config, name)
+    training_mirror(config)
     slowest, fastest = config.commands.vx
     if name == "front_hind" and slowest >= 0.0 and fastest > 0.0:
         raise ValueError(

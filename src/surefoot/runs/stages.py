@@ -15,7 +15,7 @@ import numpy as np
 
 from surefoot.config import Config, IterativeConfig, Steps
 from surefoot.config.array_io import load_arrays
-from surefoot.evaluation.mirror_error import make_mirror
+from surefoot.evaluation.mirror_error import training_mirror
 from surefoot.evaluation.robustness import evaluate
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.network import PolicyNetwork
@@ -235,17 +235,17 @@ def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bo
 
 
 def training_data(config: Config, data: Dataset) -> Dataset | Mirrored:
-    """What a fit sees of a dataset: with the mirror image of each frame, if that is asked for.
+    """What a fit sees of a dataset: with mirror images of the frames, if that is asked for.
 
     Args:
         config: Robot, gaits, and the training's mirror.
         data: The dataset.
 
     Raises:
-        ValueError: The robot or a gait is not its own mirror image.
+        ValueError: A mirror is named, and the robot or a gait is not its own mirror image.
     """
-    mirror = config.training.mirror
-    return data if mirror == "none" else Mirrored(data, make_mirror(config, mirror))
+    mirror = training_mirror(config)
+    return data if mirror is None else Mirrored(data, mirror)
 
 
 def _save_policy(run: Run, iteration: int, data: Dataset, result: FitResult) -> None:

@@ -254,8 +254,7 @@ def _training_steps(config: Config, frames: float, epochs: int | Steps) -> Work:
     """The steps of a training."""
     if isinstance(epochs, Steps):
         return Work(steps=epochs.count)
-    images = 1 if config.training.mirror == "none" else 2
-    kept = images * frames * (1.0 - config.training.validation)
+    kept = frames * (1.0 - config.training.validation)
     return Work(steps=epochs * kept / config.training.batch)
 
 
