@@ -5,17 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.config import Config, Gait, PolicyConfig, RobotConfig
-from surefoot.evaluation.mirror_error import (
-    make_mirror,
-    mirror_error_in_starts,
-    mirror_error_mrad,
-    training_mirror,
-)
+from surefoot.config import Config, Gait, PolicyConfig
+from surefoot.evaluation.mirror_error import mirror_error_in_starts, mirror_error_mrad
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, save
 from surefoot.robots.geometry import state_of
 from surefoot.robots.solo12 import solo12
+from surefoot.scenarios.mirrors import make_mirror
 from surefoot.scenarios.starts import load_starts
 from tests.fakes.learning import spec_of
 
@@ -54,19 +50,3 @@ def test_a_gait_that_is_not_its_own_mirror_image_has_no_error(policy):
     assert mirror_error_mrad(CONFIG, *arguments) is not None
     with pytest.raises(ValueError, match=r"gait\.offsets is .* mirrored .* training\.mirror none"):
         make_mirror(UNEVEN, "left_right")
-
-
-def with_mirror(config, name):
-    return replace(config, training=replace(config.training, mirror=name))
-
-
-def test_a_training_mirrors_left_and_right_where_robot_and_gait_allow_it():
-    left_right = make_mirror(CONFIG, "left_right")
-    assert training_mirror(with_mirror(CONFIG, "auto")) == left_right
-    assert training_mirror(with_mirror(CONFIG, "left_right")) == left_right
-    assert training_mirror(with_mirror(CONFIG, "none")) is None
-    assert training_mirror(with_mirror(UNEVEN, "auto")) is None
-    go1 = replace(CONFIG, robot=RobotConfig("go1"))
-    assert training_mirror(with_mirror(go1, "auto")) is None
-    with pytest.raises(ValueError, match="go1 is not its own mirror image"):
-        training_mirror(with_mirror(go1, "left_right"))

@@ -9,55 +9,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from surefoot.config import Config, MirrorName
+from surefoot.config import Config
 from surefoot.learning.policy import Policy, load
-from surefoot.learning.symmetry import Mirror, clock_shift, mirror_error
+from surefoot.learning.symmetry import mirror_error
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
-from surefoot.robots.symmetry import body_mirror
+from surefoot.scenarios.mirrors import left_right_mirror
 from surefoot.scenarios.starts import Starts
 from surefoot.types import Array, IntArray, State
 
 MRAD = 1000.0
 """Milliradians in a radian."""
-
-
-def make_mirror(config: Config, name: MirrorName) -> Mirror:
-    """The mirror of a configuration's robot and gaits.
-
-    Args:
-        config: Robot and gaits.
-        name: Which sides change places.
-
-    Raises:
-        ValueError: The robot or a gait is not its own mirror image.
-    """
-    body = body_mirror(load_robot(config.robot), name)
-    shift, *others = (clock_shift(gait, body.legs) for gait in config.gaits)
-    return Mirror(*body, shift=shift, other_shifts=tuple(others))
-
-
-def training_mirror(config: Config) -> Mirror | None:
-    """The mirror that a training uses, if any.
-
-    Args:
-        config: Robot, gaits, and the training's mirror.
-
-    Raises:
-        ValueError: A mirror is named, and the robot or a gait is not its own mirror image.
-    """
-    name = config.training.mirror
-    if name == "none":
-        return None
-    return left_right_mirror(config) if name == "auto" else make_mirror(config, name)
-
-
-def left_right_mirror(config: Config) -> Mirror | None:
-    """The mirror of left and right; None if the robot or a gait is not its own mirror image."""
-    try:
-        return make_mirror(config, "left_right")
-    except ValueError:
-        return None
 
 
 def mirror_error_mrad(

@@ -1,0 +1,50 @@
+"""The mirror of a configuration: robot and gaits as one.
+
+`robots.symmetry` has the mirror of a body, and `learning.symmetry` what a mirror does to states,
+clocks and frames.
+"""
+
+from __future__ import annotations
+
+from surefoot.config import Config, MirrorName
+from surefoot.learning.symmetry import Mirror, clock_shift
+from surefoot.robots.load import load_robot
+from surefoot.robots.symmetry import body_mirror
+
+
+def make_mirror(config: Config, name: MirrorName) -> Mirror:
+    """The mirror of a configuration's robot and gaits.
+
+    Args:
+        config: Robot and gaits.
+        name: Which sides change places.
+
+    Raises:
+        ValueError: The robot or a gait is not its own mirror image.
+    """
+    body = body_mirror(load_robot(config.robot), name)
+    shift, *others = (clock_shift(gait, body.legs) for gait in config.gaits)
+    return Mirror(*body, shift=shift, other_shifts=tuple(others))
+
+
+def training_mirror(config: Config) -> Mirror | None:
+    """The mirror that a training uses, if any.
+
+    Args:
+        config: Robot, gaits, and the training's mirror.
+
+    Raises:
+        ValueError: A mirror is named, and the robot or a gait is not its own mirror image.
+    """
+    name = config.training.mirror
+    if name == "none":
+        return None
+    return left_right_mirror(config) if name == "auto" else make_mirror(config, name)
+
+
+def left_right_mirror(config: Config) -> Mirror | None:
+    """The mirror of left and right; None if the robot or a gait is not its own mirror image."""
+    try:
+        return make_mirror(config, "left_right")
+    except ValueError:
+        return None
