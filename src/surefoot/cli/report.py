@@ -20,8 +20,9 @@ class Report:
     PNG and PDF. A study that is not complete has a report of what is there.
 
     JSON keys of a study: study, title, commit, version, missing (cells that lack a result),
-    predictions, verdicts (claims and comparisons), figures (rows of panels; each number has its
-    value and its source).
+    predictions (with what came of them, where somebody has judged it in the study's judged.json),
+    verdicts (claims and comparisons), figures (rows of panels; each number has its value and its
+    source).
 
     JSON keys of a run: folder, method, config, versions, best_iteration, metrics, tests, policy,
     policy_sha256, failures (each with the command that replays it), figures.

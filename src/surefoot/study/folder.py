@@ -27,6 +27,8 @@ from surefoot.study.cells import Cell, cell_config, measured_options
 Record = TypeVar("Record")
 STUDY_FILE = "study.json"
 """File in a study's folder that makes the folder a study."""
+JUDGED_FILE = "judged.json"
+"""File in which whoever ran the study says what came of its predictions."""
 
 
 class StudyError(ValueError):
@@ -49,6 +51,32 @@ class StudySetup:
     commit: str | None
     version: str
     precision: NumberFormat
+
+
+@dataclass(frozen=True)
+class JudgedPrediction:
+    """What came of a prediction, as a person judges it.
+
+    Attributes:
+        prediction: The sentence, as the study has it.
+        verdict: Whether it came true, in a word or two.
+        came_out: What came out.
+    """
+
+    prediction: str
+    verdict: str
+    came_out: str
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The content of a study's ``judged.json``.
+
+    Attributes:
+        predictions: What came of the predictions.
+    """
+
+    predictions: tuple[JudgedPrediction, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -146,6 +174,23 @@ def read_study(folder: Path) -> StudySetup:
     if not path.is_file():
         raise StudyError(f"{folder} holds no study (no {path.name}); `surefoot study` makes one")
     return _read(StudySetup, path)
+
+
+def read_predictions(folder: Path, study: StudyConfig) -> tuple[JudgedPrediction, ...]:
+    """The predictions of a study with what came of them; empty texts where nobody has judged yet.
+
+    Raises:
+        StudyError: The file cannot be read, or judges what the study does not predict.
+    """
+    path = folder / JUDGED_FILE
+    judged = _read(Judged, path).predictions if path.exists() else ()
+    known = {each.prediction: each for each in judged}
+    for text in known:
+        if text not in study.predictions:
+            raise StudyError(
+                f"{path} judges {text!r}, which {STUDY_FILE} does not predict; copy its sentences"
+            )
+    return tuple(known.get(text, JudgedPrediction(text, "", "")) for text in study.predictions)
 
 
 def results_folder(folder: Path, cell: Cell) -> Path:

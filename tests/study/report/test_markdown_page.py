@@ -67,3 +67,17 @@ def test_planned_comparisons_say_their_settings_where_there_are_several(tmp_path
     found = [row[place] for row in rows[2:]]
     assert found == [STUDY.setting(each.setting).title for each in STUDY.comparisons]
     assert len(set(found)) > 1
+
+
+def test_what_came_of_the_predictions_stands_between_tables_and_comparisons(tmp_path):
+    results = regimes(dagger=[FakeRun(falls=(0,))])
+    report = study_report(results)
+    path = tmp_path / "page.md"
+    path.write_text(PROSE)
+    assert "### What was predicted" not in page_of_tables(results, report, path)
+    [first, *others] = report.predictions
+    judged = (replace(first, verdict="false", came_out="3 of 100"), *others)
+    text = page_of_tables(results, replace(report, predictions=judged), path)
+    below = text[text.index("### What was predicted") : text.index("### Planned comparisons")]
+    assert f"| {first.prediction} | **false** | 3 of 100 |" in below
+    assert below.count("**not judged yet**") == len(others)

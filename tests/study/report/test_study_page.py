@@ -5,6 +5,8 @@ from dataclasses import replace
 import pytest
 
 from surefoot.config.json_io import to_json
+from surefoot.files import write_json
+from surefoot.study.folder import JUDGED_FILE, Judged, JudgedPrediction, StudyError
 from surefoot.study.report import verdicts
 from surefoot.study.report.study_page import study_report, write_study_report
 from surefoot.study.report.verdicts import Verdict
@@ -96,3 +98,24 @@ def test_the_records_are_json(study_folder):
     values = to_json(study_report(read_results(study_folder)))
     number = values["figures"][0]["rows"][0][0]["curves"][0]["groups"][0]["estimate"]["mean"]
     assert set(number) == {"value", "source", "trials"}
+
+
+def test_predictions_stand_beside_what_came_of_them(own_study, tmp_path):
+    [first, *others] = read_results(own_study).study.predictions
+    judged = Judged((JudgedPrediction(first, "false <b>", "1 & 2 of 5"),))
+    write_json(own_study / JUDGED_FILE, judged)
+    results = read_results(own_study)
+    report = study_report(results)
+    assert report.predictions[0] == judged.predictions[0]
+    page = Page(write_study_report(results, report, tmp_path / "report").read_text())
+    assert "false <b>" in page.text and "1 & 2 of 5" in page.text
+    assert page.text.count("not judged yet") == len(others)
+
+
+def test_a_judgement_of_what_was_not_predicted_is_refused(own_study):
+    judged = Judged((JudgedPrediction("It flies.", "true", "it did"),))
+    write_json(own_study / JUDGED_FILE, judged)
+    with pytest.raises(
+        StudyError, match=r"judges 'It flies\.', which study\.json does not"
+    ):
+        study_report(read_results(own_study))

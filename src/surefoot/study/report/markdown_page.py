@@ -2,7 +2,8 @@
 
 `page_of_tables` puts them into the generated part of a page whose prose stays. A study that judges
 the paper's claims has the table of claims; any other has a table for each setting, in which a
-technique is a row, and the comparisons that were planned before it ran.
+technique is a row, the predictions with what came of them, and the comparisons that were planned
+before it ran.
 """
 
 from __future__ import annotations
@@ -11,13 +12,14 @@ from pathlib import Path
 
 from surefoot.runs.budget import SECONDS_PER_SOLVE
 from surefoot.study.cells import cells_of
+from surefoot.study.folder import JudgedPrediction
 from surefoot.study.paper_claims import page_of_claims
 from surefoot.study.report.numbers import Estimate, Number, over_runs
 from surefoot.study.report.panels import Curve, Group, Panel, ReportFigure
 from surefoot.study.report.performance import BEST_ERRORS, BEST_FIGURE
 from surefoot.study.report.study_page import StudyReport
 from surefoot.study.report.tables import cost_of
-from surefoot.study.report.verdicts import Verdict
+from surefoot.study.report.verdicts import UNJUDGED, Verdict
 from surefoot.study.results import CellResult, StudyResults
 from surefoot.study.tables import markdown, page_with
 
@@ -41,6 +43,8 @@ def page_of_tables(results: StudyResults, report: StudyReport, path: Path) -> st
     if results.study.claims == "paper":
         return page_of_claims(results, path)
     parts = [_about(results, report), *_settings(results, report)]
+    if any(each.verdict for each in report.predictions):
+        parts.append(_predictions(report.predictions))
     if report.verdicts.comparisons:
         parts.append(_comparisons(report.verdicts.comparisons))
     return page_with("\n\n".join(parts), path, results.study.name)
@@ -147,6 +151,15 @@ def _costs(cells: list[CellResult]) -> list[str]:
     if falls is None or plans is None:
         return [UNMEASURED, UNMEASURED]
     return [f"{falls.mean.value:.1f}", f"{plans.mean.value * SECONDS_PER_SOLVE:.1f}"]
+
+
+def _predictions(predictions: tuple[JudgedPrediction, ...]) -> str:
+    """The predictions with what came of them."""
+    head = ("prediction, written before the study ran", "verdict", "what came out")
+    lines = [
+        (each.prediction, f"**{each.verdict or UNJUDGED}**", each.came_out) for each in predictions
+    ]
+    return f"### What was predicted\n\n{markdown(head, lines)}"
 
 
 def _comparisons(comparisons: tuple[Verdict, ...]) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from surefoot.config.study import Options
 from surefoot.files import write_atomic
 from surefoot.study.cells import cells_of
+from surefoot.study.folder import JudgedPrediction, read_predictions
 from surefoot.study.report.collecting import collecting_figures
 from surefoot.study.report.markup import (
     NOTHING,
@@ -42,7 +43,12 @@ from surefoot.study.report.tables import (
     processors,
     versions_table,
 )
-from surefoot.study.report.verdicts import Verdicts, verdict_table, verdicts_of
+from surefoot.study.report.verdicts import (
+    Verdicts,
+    prediction_table,
+    verdict_table,
+    verdicts_of,
+)
 from surefoot.study.results import StudyResults
 
 PAGE_FILE = "report.html"
@@ -74,7 +80,7 @@ class StudyReport:
         commit: The commit that its jobs ran; None outside of a checkout.
         version: Version of the package.
         missing: Names of the cells that lack a result.
-        predictions: What was expected, written before the study ran.
+        predictions: What was expected, written before the study ran, and what came of it.
         verdicts: The claims and the planned comparisons with their verdicts.
         figures: The figures, with every number that they show and where it is stored.
     """
@@ -84,7 +90,7 @@ class StudyReport:
     commit: str | None
     version: str
     missing: tuple[str, ...]
-    predictions: tuple[str, ...]
+    predictions: tuple[JudgedPrediction, ...]
     verdicts: Verdicts
     figures: tuple[ReportFigure, ...]
 
@@ -102,7 +108,7 @@ def study_report(results: StudyResults) -> StudyReport:
         commit=setup.commit,
         version=setup.version,
         missing=results.missing,
-        predictions=setup.study.predictions,
+        predictions=read_predictions(results.folder, setup.study),
         verdicts=verdicts_of(results),
         figures=(*collecting_figures(results), *performance_figures(results)),
     )
@@ -187,11 +193,7 @@ def _verdicts(report: StudyReport) -> list[Markup]:
     if report.verdicts.claims:
         parts.append(verdict_table("The paper's claims", report.verdicts.claims, "section"))
     if report.predictions:
-        items = [element("li", escaped(text)) for text in report.predictions]
-        parts += [
-            element("h3", escaped("Predictions, written before the study ran")),
-            element("ol", joined(items)),
-        ]
+        parts.append(prediction_table(report.predictions))
     if report.verdicts.comparisons:
         caption = "Comparisons planned before the study ran, beside what came out"
         parts.append(verdict_table(caption, report.verdicts.comparisons, "setting"))

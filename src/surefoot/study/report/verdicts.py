@@ -7,12 +7,15 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from surefoot.study.comparisons import comparison_outcomes
+from surefoot.study.folder import JudgedPrediction
 from surefoot.study.paper_claims import paper_claims
 from surefoot.study.report.markup import Markup, element, escaped, table
 from surefoot.study.results import StudyResults
 
 SIGNS = {"holds": "✓", "does not hold": "✗", "cannot tell": "?"}
 """A sign beside each verdict, which does not depend on its color."""
+UNJUDGED = "not judged yet"
+"""The verdict on a prediction of which nobody has said what came of it."""
 CLASSES = {"holds": "holds", "does not hold": "fails"}
 """Classes of the verdicts in the page's style."""
 
@@ -114,6 +117,21 @@ def verdict_table(caption: str, verdicts: Sequence[Verdict], where: str) -> Mark
             )
         )
     head = ("claim", *([where] if are_placed else []), "verdict", "measured", "why")
+    return table(caption, head, rows)
+
+
+def prediction_table(predictions: Sequence[JudgedPrediction]) -> Markup:
+    """A table of predictions, with what came of those that somebody has judged."""
+    caption = "Predictions, written before the study ran, and what came of them"
+    head = ("prediction", "verdict", "what came out")
+    rows = [
+        (
+            escaped(each.prediction),
+            escaped(each.verdict or UNJUDGED),
+            escaped(each.came_out),
+        )
+        for each in predictions
+    ]
     return table(caption, head, rows)
 
 
