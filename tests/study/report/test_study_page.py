@@ -115,7 +115,5 @@ def test_predictions_stand_beside_what_came_of_them(own_study, tmp_path):
 def test_a_judgement_of_what_was_not_predicted_is_refused(own_study):
     judged = Judged((JudgedPrediction("It flies.", "true", "it did"),))
     write_json(own_study / JUDGED_FILE, judged)
-    with pytest.raises(
-        StudyError, match=r"judges 'It flies\.', which study\.json does not"
-    ):
+    with pytest.raises(StudyError, match=r"judges 'It flies\.', which study\.json does not"):
         study_report(read_results(own_study))
