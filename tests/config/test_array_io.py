@@ -5,7 +5,7 @@ import tracemalloc
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import ClassVar, TypeVar, get_args, get_type_hints
+from typing import Any, ClassVar, TypeVar, get_args, get_type_hints
 from zipfile import ZIP_BZIP2, ZIP_DEFLATED, ZIP_LZMA, ZipFile
 
 import numpy as np
@@ -16,6 +16,10 @@ from typing_extensions import TypeAliasType
 from surefoot.config.array_io import Shape, load_arrays, parse_npz
 from surefoot.files import save_arrays
 
+Scalar = TypeVar("Scalar", bound=np.generic)
+Alias = TypeAliasType("Alias", np.ndarray[tuple[Any, ...], np.dtype[Scalar]], type_params=(Scalar,))
+"""What NDArray is since NumPy 2.5."""
+
 
 @dataclass(frozen=True)
 class Arrays:
@@ -24,6 +28,11 @@ class Arrays:
     name: NDArray[np.str_]
     values: NDArray[np.float64]
     flags: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Aliased(Arrays):
+    flags: Alias[np.bool_]
 
 
 ARRAYS = Arrays(
@@ -105,19 +114,11 @@ def test_other_arrays_than_those_of_the_record_are_named(tmp_path, change, messa
 
 def test_a_type_of_arrays_may_be_an_alias(tmp_path):
     """NDArray is one, of a single argument, since NumPy 2.5."""
-    kind = TypeVar("kind", bound=np.generic)
-    array = np.ndarray[tuple[int, ...], np.dtype[kind]]
-    alias = TypeAliasType("alias", array, type_params=(kind,))
-
-    @dataclass(frozen=True)
-    class Aliased(Arrays):
-        flags: alias[np.bool_]  # pyright: ignore[reportInvalidTypeForm]
-
     path = tmp_path / "arrays.npz"
     save_arrays(path, ARRAYS)
     assert get_args(get_type_hints(Aliased)["flags"]) == (np.bool_,)
     np.testing.assert_array_equal(load_arrays(path, Aliased).flags, ARRAYS.flags)
-    np.savez(path, **PARTS | {"flags": np.ones(2)})
+    path.write_bytes(npz(**PARTS | {"flags": np.ones(2)}))
     with pytest.raises(ValueError, match="flags holds float64, expected bool"):
         load_arrays(path, Aliased)
 

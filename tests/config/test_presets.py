@@ -24,6 +24,7 @@ from surefoot.config import (
     SimulationConfig,
 )
 from surefoot.config.gait_table import GAITS
+from surefoot.config.learning import Steps
 from surefoot.config.presets import PRESETS, ground_for, preset, with_earlier_ground, with_ground
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
@@ -43,6 +44,17 @@ def test_tuned_presets_keep_the_papers_protocol(name):
     else:
         # Both methods start from the same data, so that they can be compared.
         assert cloning.method.data == dagger.method.pretraining
+
+
+def test_the_default_preset_trains_little_while_data_are_still_to_come():
+    """And its last training begins anew, with the rate of a first one: it is the longest."""
+    method = preset("loco_safe_dagger", "default").method
+    lengths = [method.training_in(i) for i in range(method.iterations + 1)]
+    assert lengths == [8, *[Steps(2000)] * 9, 12]
+    for name in METHODS:
+        training = preset(name).training
+        assert (training.weight_decay, training.input_noise, training.mirror) == (0.1, 0.0, "auto")
+        assert preset(name, "quick").training == training
 
 
 def test_the_preset_pushed_differs_from_the_default_one_by_the_pushes_of_the_expert_alone():
@@ -83,6 +95,7 @@ def test_the_preset_paper_has_the_numbers_of_the_paper():
     assert (training.learning_rate, training.batch, training.schedule) == (2e-3, 256, "constant")
     assert (training.validation, training.precision) == (0.1, "float32")
     assert (training.weight_decay, training.input_noise, method.steps_before_last) == (0, 0, None)
+    assert training.mirror == "none"
     assert config.policy == PolicyConfig(phase="fraction")
     config = with_own_values(config)  # Solo12's
     assert config.policy == PolicyConfig((512, 512, 512), 2.0, 0.1, "fraction")

@@ -30,6 +30,7 @@ COMMON: Options = {
     # (`benchmarks/notebook/training.md`).
     "training.weight_decay": 0.3,
     "training.input_noise": 0.1,
+    "training.mirror": "none",
     "chunk": 50,  # a job has one core, and the network is faster on more robots
     "training.validation": 0.15,
     "collection.pushes": 0,
