@@ -309,8 +309,7 @@ def test_training_on_images_is_training_on_both_recordings():
 def test_a_pass_has_as_many_steps_with_images_as_without(epochs):
     mirrored = run(Mirrored(FRAMES, LEFT_RIGHT), epochs, config=MIRRORED)
     plain = run(epochs=epochs)
-    # The last minibatch of a pass is dropped if it is incomplete: at most one step a pass.
-    assert plain.steps <= mirrored.steps <= plain.steps + epochs
+    assert mirrored.steps == plain.steps
 
 
 def test_the_mirror_auto_takes_data_with_images_or_without():

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from surefoot.config import Config, Gait, RobotConfig
+from surefoot.config import CommandBox, Config, Gait, RobotConfig
 from surefoot.scenarios.mirrors import make_mirror, training_mirror
 
 CONFIG = Config()
@@ -21,6 +21,9 @@ def test_a_training_mirrors_left_and_right_where_robot_and_gait_allow_it():
     assert training_mirror(with_mirror(CONFIG, "left_right")) == left_right
     assert training_mirror(with_mirror(CONFIG, "none")) is None
     assert training_mirror(with_mirror(UNEVEN, "auto")) is None
+    sideways = replace(CONFIG, commands=CommandBox(vy=(0.0, 0.2)))
+    assert training_mirror(with_mirror(sideways, "auto")) is None
+    assert training_mirror(with_mirror(sideways, "left_right")) == left_right
     go1 = replace(CONFIG, robot=RobotConfig("go1"))
     assert training_mirror(with_mirror(go1, "auto")) is None
     with pytest.raises(ValueError, match="go1 is not its own mirror image"):

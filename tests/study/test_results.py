@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+import surefoot.config.study
 from surefoot.config.json_io import read_json
 from surefoot.config.studies import named_study
 from surefoot.files import write_json
@@ -59,6 +60,32 @@ def test_a_study_with_initial_states_of_its_own_is_read_back(study, tmp_path):
     assert result.config.start_set == str(results_folder(folder, cell).resolve() / "starts.npz")
     (tmp_path / "mine.npz").unlink()  # as on another machine
     assert read_cell(folder, setup, cell) == result
+
+
+def test_results_are_read_whatever_the_preset_has_become_since(study, monkeypatch):
+    folder, setup, cell = study
+    before = read_cell(folder, setup, cell)
+    preset = surefoot.config.study.preset
+
+    def longer(method, name):
+        config = preset(method, name)
+        return replace(config, training=replace(config.training, learning_rate=1e-5))
+
+    monkeypatch.setattr(surefoot.config.study, "preset", longer)
+    assert run_config(setup, cell).training.learning_rate == 1e-5
+    assert read_cell(folder, setup, cell) == before
+
+
+def test_results_of_other_options_or_of_another_method_are_refused(study):
+    folder, setup, cell = study
+    technique = setup.study.technique(cell.technique)
+    others = [replace(technique, options={**technique.options, "training.batch": 7})]
+    others += [replace(technique, method="dagger", options={})]
+    for other in others:
+        techniques = tuple(other if each is technique else each for each in setup.study.techniques)
+        changed_study = replace(setup.study, techniques=techniques, comparisons=(), claims="none")
+        with pytest.raises(StudyError, match="results of another configuration"):
+            read_cell(folder, replace(setup, study=changed_study), cell)
 
 
 @pytest.fixture

@@ -45,7 +45,7 @@ class Report:
     def __call__(self) -> int:
         """Read the results, write the page, and say where it is."""
         from surefoot.runs.run import CONFIG_FILE
-        from surefoot.study.folder import STUDY_FILE
+        from surefoot.study.folder import JUDGED_FILE, STUDY_FILE
         from surefoot.study.report.films import study_films
         from surefoot.study.report.markdown_page import page_of_tables
         from surefoot.study.report.markup import NOTHING
@@ -57,7 +57,7 @@ class Report:
         folder = self.target if self.target.exists() else Path("studies") / self.target
         out = self.out or folder
         outputs = [Output("--tables", self.tables), Output("--json", self.json)]
-        check_outputs(outputs, [folder / STUDY_FILE])
+        check_outputs(outputs, [folder / STUDY_FILE, folder / JUDGED_FILE])
         if (folder / STUDY_FILE).is_file():
             results = read_results(folder)
             report = study_report(results)

@@ -29,7 +29,7 @@ Precision = Literal["auto", NumberFormat]
 MirrorName = Literal["left_right", "front_hind"]
 """Names of the mirrors: which sides of the robot change places."""
 MirrorChoice = Literal["none", "auto", MirrorName]
-"""A mirror, none, or `auto`: `left_right` where robot and gaits are their own mirror images."""
+"""A mirror, none, or `auto`: `left_right` where robot, gaits and commands allow it."""
 Device = Literal["auto", "cpu", "cuda"]
 """Names of the devices to train on."""
 
@@ -111,7 +111,8 @@ class TrainingConfig(Checked):
     refused where those are not trained. A pass over the data has as many steps as without: it shows
     half of the frames and of the images, drawn anew. It needs a robot and an expert without
     preference for a side, and a gait whose mirrored offsets are the offsets shifted by half a
-    period. `auto` is `left_right` where robot and gaits allow it, and `none` elsewhere."""
+    period. `auto` is `left_right` where robot, gaits and commands are their own mirror images, and
+    `none` elsewhere; it cannot know whether an expert of your own prefers a side."""
     memory: Annotated[int, Within(1, 1_000_000_000)] = 1024
     """[MB] how much memory the training samples take at most; beyond it they go through a temporary
     file. 1024 MB hold 4.5 million frames of the layout `full`, a million with a history, mirror

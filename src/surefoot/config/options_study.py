@@ -27,7 +27,7 @@ CLONED = "behavior_cloning-pushed"
 GUARDED = "loco_safe_dagger-pushed"
 """LocoSafeDAGGER, pushed in its pre-training and while it collects."""
 MIRRORED: Options = {"training.mirror": "left_right"}
-"""Every frame counts twice, as itself and as its mirror image."""
+"""A fit sees each frame and its mirror image."""
 
 
 def options_study() -> StudyConfig:

@@ -54,6 +54,8 @@ ALL_ROUND = Rules(capture_share=0.25, turn_compensation=0.3)
 
 # Many short recoveries teach more than a few long ones: after 0.8 s the trot has settled.
 _SHORT = ExpertData(velocities=10, perturbations=2, nominal=True, duration=0.8)
+# A rate that falls to zero may begin at four times the paper's, and needs fewer epochs.
+_FAST = TrainingConfig(learning_rate=8e-3, schedule="cosine")
 
 
 def preset(method: str, name: str = "default") -> Config:
@@ -91,15 +93,14 @@ def paper(method: str) -> Config:
 
 
 def default(method: str) -> Config:
-    """The paper's protocol with a sixth of its steps (`benchmarks/notebook/training.md`)."""
+    """The paper's protocol, the iterative methods with a sixth of its steps.
+
+    `benchmarks/notebook/training.md` says how they were chosen.
+    """
     parameters = method_config(method)
-    # A rate that falls to zero may begin at four times the paper's, and needs fewer epochs.
-    # Twenty robots to a batch halve the cost of the network on a machine of few cores.
-    training = TrainingConfig(
-        learning_rate=8e-3, schedule="cosine", weight_decay=0.1, mirror="auto"
-    )
+    training = replace(_FAST, weight_decay=0.1, mirror="auto")
     if isinstance(parameters, IterativeConfig):
-        # Policies that only collect need little training; that of the last one begins anew.
+        # Policies that only collect need little training; the last one is trained for long.
         parameters = replace(
             parameters,
             pretraining=_SHORT,
@@ -118,6 +119,7 @@ def default(method: str) -> Config:
         # Bounds that are tight at first call the expert after a push while it can still help.
         # The trot has settled after 0.8 s, so that a second of the expert is enough.
         parameters = replace(parameters, gates=("relaxing",), T_block=1.0)
+    # Twenty robots to a batch halve the cost of the network on a machine of few cores.
     return Config(method=parameters, chunk=20, training=training, collection=collection)
 
 
@@ -127,8 +129,8 @@ def _pushes(count: int) -> DisturbanceConfig:
 
 
 def quick(method: str) -> Config:
-    """A small run of `default`."""
-    config = default(method)
+    """A small run of `default`, with a training of its own."""
+    config = replace(default(method), training=_FAST)
     if isinstance(config.method, IterativeConfig):
         short = replace(
             config.method,

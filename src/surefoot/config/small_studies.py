@@ -54,6 +54,7 @@ ITERATIVE: Options = {
     "method.pretraining_epochs": 16,
     "method.pretraining_steps": STEPS // 2,
     "method.iterations": ITERATIONS,
+    "method.epochs": 5,
     "method.steps": STEPS // 2 // ITERATIONS,
     "method.steps_before_last": None,
     "method.velocities": 10,

@@ -33,8 +33,8 @@ Measure = Literal["robustness", "impulse", "imitation"]
 withstood; the deviation from the expert's targets in states that the expert visits."""
 EXPERT = "expert"
 """The technique that is the expert itself: it is measured, but there is nothing to train."""
-RESERVED = ("runs", "jobs", "code", "report", "figures")
-"""Folders in the folder of a study that belong to no technique or setting."""
+RESERVED = ("runs", "jobs", "code", "report", "figures", "study.json", "judged.json")
+"""Names in the folder of a study that belong to no technique or setting."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
@@ -225,7 +225,9 @@ class StudyConfig(Checked):
         return _part("measurement", name, {part.name: part for part in self.measurements})
 
 
-def config_of(technique: Technique, setting: Setting, seed: int) -> Config:
+def config_of(
+    technique: Technique, setting: Setting, seed: int, base: Config | None = None
+) -> Config:
     """The configuration of a cell's run.
 
     The expert has no method; its configuration is that of behavior cloning, of which only what the
@@ -235,12 +237,13 @@ def config_of(technique: Technique, setting: Setting, seed: int) -> Config:
         technique: The technique.
         setting: The setting, whose options come after those of the technique.
         seed: Seed of the run.
+        base: What the options change; without it the technique's preset.
 
     Raises:
         ValueError: An option does not exist, or its value is out of range.
     """
     method = "behavior_cloning" if technique.method == EXPERT else technique.method
-    config = preset(method, technique.preset)
+    config = base or preset(method, technique.preset)
     for part in (technique, setting):
         config = with_options(config, part.options, f"{part.section}.{part.name}")
     return replace(config, seed=seed)

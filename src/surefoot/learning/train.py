@@ -109,7 +109,8 @@ def fit(
 
     Args:
         network: The network to start from; it is left as it is.
-        data: Whole episodes, in memory or on disk; `Mirrored` if the training has a mirror.
+        data: Whole episodes, in memory or on disk; `Mirrored` if the training has a mirror, and
+            either if that is `auto`.
         config: Optimizer, batch, schedule, threads, precision, device, memory, held-out share.
         spec: How inputs and targets follow from frames.
         epochs: Passes over the frames that are not held out, or the number of steps, which may end
@@ -160,7 +161,9 @@ def fit(
     if checkpoint is not None:
         platform = [torch.__version__, device_name(device), has_bfloat16(device)]
         past = [data.ticks_hash] if spec.remembers else []
-        key = _fingerprint(network, [data.hash, *past, config, spec, epochs, seed, *platform])
+        images = [steps] if mirrored else []  # their passes once had twice as many
+        parts = [data.hash, *past, *images, config, spec, epochs, seed, *platform]
+        key = _fingerprint(network, parts)
     network = copy.deepcopy(network).to(device)
     losses: Losses = []
     with torch_threads(config.threads):

@@ -39,11 +39,17 @@ def training_mirror(config: Config) -> Mirror | None:
     name = config.training.mirror
     if name == "none":
         return None
-    return left_right_mirror(config) if name == "auto" else make_mirror(config, name)
+    if name != "auto":
+        return make_mirror(config, name)
+    boxes = (config.commands.vy, config.commands.yaw_rate)
+    # The image of a command to the left is one to the right, which a policy may not have to learn.
+    is_even = all(lowest == -highest for lowest, highest in boxes)
+    return left_right_mirror(config) if is_even else None
 
 
 def left_right_mirror(config: Config) -> Mirror | None:
     """The mirror of left and right; None if the robot or a gait is not its own mirror image."""
+    load_robot(config.robot)  # a robot that cannot be loaded is no robot without a mirror
     try:
         return make_mirror(config, "left_right")
     except ValueError:

@@ -87,10 +87,17 @@ def _cell_name(
     return "/".join(parts)
 
 
-def cell_config(study: StudyConfig, cell: Cell) -> Config:
-    """The configuration of a cell's run."""
+def cell_config(study: StudyConfig, cell: Cell, base: Config | None = None) -> Config:
+    """The configuration of a cell's run.
+
+    Args:
+        study: The study.
+        cell: The cell.
+        base: What the study's options change; without it the preset of the cell's technique.
+    """
     technique = study.technique(cell.technique)
-    return _seeded(config_of(technique, study.setting(cell.setting), cell.seed), cell)
+    setting = study.setting(cell.setting)
+    return _seeded(config_of(technique, setting, cell.seed, base), cell)
 
 
 def _seeded(config: Config, cell: Cell) -> Config:

@@ -147,9 +147,15 @@ class Tests:
     __test__ = False  # no test of pytest
 
 
-def run_config(setup: StudySetup, cell: Cell) -> Config:
-    """The configuration of a cell's run, with the precision that the whole study trains in."""
-    config = cell_config(setup.study, cell)
+def run_config(setup: StudySetup, cell: Cell, base: Config | None = None) -> Config:
+    """The configuration of a cell's run, with the precision that the whole study trains in.
+
+    Args:
+        setup: The study.
+        cell: The cell.
+        base: What the study's options change; without it the preset of the cell's technique.
+    """
+    config = cell_config(setup.study, cell, base)
     if config.training.precision != "auto":
         return config
     return replace(config, training=replace(config.training, precision=setup.precision))
@@ -185,6 +191,8 @@ def read_predictions(folder: Path, study: StudyConfig) -> tuple[JudgedPrediction
     path = folder / JUDGED_FILE
     judged = _read(Judged, path).predictions if path.exists() else ()
     known = {each.prediction: each for each in judged}
+    if len(known) < len(judged):
+        raise StudyError(f"{path} judges a prediction twice; leave one of them out")
     for text in known:
         if text not in study.predictions:
             raise StudyError(

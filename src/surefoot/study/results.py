@@ -142,17 +142,20 @@ def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
     results = results_folder(folder, cell)
     if not results.is_dir():
         return None
-    config = with_own_values(run_config(setup, cell))
     metrics: tuple[StageRecord, ...] = ()
     if (results / CONFIG_FILE).exists():
         run = open_run(results)
-        config = _resumed(run_config(setup, cell), run)
-        if with_own_values(run.config) != config:
+        config = with_own_values(run.config)
+        if run.method != setup.study.technique(cell.technique).method or config != _asked_of(
+            setup, cell, run
+        ):
             raise StudyError(
                 f"{results} holds results of another configuration than {folder / STUDY_FILE} asks "
                 "for; move them away, or restore the study's file"
             )
         metrics = tuple(run.metrics)
+    else:
+        config = with_own_values(run_config(setup, cell))
     tests = {}
     for measurement in setup.study.measurements:
         measured = read_tests(folder, setup.study, cell, measurement.name)
@@ -164,13 +167,17 @@ def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
     )
 
 
-def _resumed(asked: Config, run: Run) -> Config:
-    """The configuration that a study asks for, with what its run has, to be compared with that.
+def _asked_of(setup: StudySetup, cell: Cell, run: Run) -> Config:
+    """The configuration that a study asks of a cell's run, to be compared with what the run has.
+
+    What the study does not name is as the run has it: presets change from version to version.
 
     Args:
-        asked: What the study asks for.
+        setup: The study.
+        cell: The cell.
         run: The run, or what the study keeps of it.
     """
+    asked = run_config(setup, cell, run.config)
     if asked.start_set not in (None, *PACKAGED) and not Path(asked.start_set).exists():
         # A file of another machine: the results have their own copy of the initial states.
         asked = replace(asked, start_set=run.config.start_set)

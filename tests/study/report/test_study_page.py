@@ -112,6 +112,14 @@ def test_predictions_stand_beside_what_came_of_them(own_study, tmp_path):
     assert page.text.count("not judged yet") == len(others)
 
 
+def test_a_prediction_is_judged_once(own_study):
+    [first, *_] = read_results(own_study).study.predictions
+    each = JudgedPrediction(first, "true", "")
+    write_json(own_study / JUDGED_FILE, Judged((each, replace(each, verdict="false"))))
+    with pytest.raises(StudyError, match="judges a prediction twice"):
+        study_report(read_results(own_study))
+
+
 def test_a_judgement_of_what_was_not_predicted_is_refused(own_study):
     judged = Judged((JudgedPrediction("It flies.", "true", "it did"),))
     write_json(own_study / JUDGED_FILE, judged)
