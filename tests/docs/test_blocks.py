@@ -10,6 +10,7 @@ import pytest
 
 from surefoot.config.json_io import from_json
 from surefoot.config.study import StudyConfig
+from surefoot.study.folder import Judged
 from surefoot.study.runner import check_cells
 from tests.docs.pages import BLOCKS, MARKS, ROOT
 
@@ -66,8 +67,12 @@ def test_a_program_that_is_not_run_often_is_python(block):
 
 
 def test_the_study_of_the_page_of_studies_is_one():
-    (block,) = [b for b in BLOCKS if b.page == "docs/studies.md" and b.language == "json"]
-    check_cells(from_json(StudyConfig, json.loads(block.text)))
+    blocks = [b for b in BLOCKS if b.page == "docs/studies.md" and b.language == "json"]
+    written, judged = (json.loads(block.text) for block in blocks)
+    study = from_json(StudyConfig, written)
+    check_cells(study)
+    judgements = from_json(Judged, judged).predictions
+    assert tuple(each.prediction for each in judgements) == study.predictions
 
 
 @pytest.mark.parametrize("block", [b for b in BLOCKS if b.language in ("json", "toml")], ids=str)

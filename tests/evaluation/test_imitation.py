@@ -8,13 +8,13 @@ import pytest
 import surefoot.evaluation.imitation as imitation
 from surefoot.config import Config, DisturbanceConfig, LocoDaggerConfig, PolicyConfig
 from surefoot.evaluation.imitation import expert_states, imitation_error
+from surefoot.evaluation.mirrors import make_mirror
 from surefoot.learning.frames import concatenate
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, save, target_of
 from surefoot.learning.symmetry import mirror_error
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import draw_disturbances
-from surefoot.scenarios.mirrors import make_mirror
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
 from tests.fakes.learning import spec_of

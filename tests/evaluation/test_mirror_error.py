@@ -7,11 +7,11 @@ import pytest
 
 from surefoot.config import Config, Gait, PolicyConfig
 from surefoot.evaluation.mirror_error import mirror_error_in_starts, mirror_error_mrad
+from surefoot.evaluation.mirrors import make_mirror
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, save
 from surefoot.robots.geometry import state_of
 from surefoot.robots.solo12 import solo12
-from surefoot.scenarios.mirrors import make_mirror
 from surefoot.scenarios.starts import load_starts
 from tests.fakes.learning import spec_of
 

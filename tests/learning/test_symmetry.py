@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config, Gait
+from surefoot.evaluation.mirrors import make_mirror
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import FIELDS
 from surefoot.learning.observation import GOAL, OBSERVATION, OBSERVATION_SIZE, network_input
 from surefoot.learning.samples import derive
 from surefoot.learning.symmetry import Mirror, Mirrored, clock_shift, mirror_error, parts_of
-from surefoot.scenarios.mirrors import make_mirror
 from surefoot.types import JOINTS, LEGS, State
 from tests.fakes.learning import (
     OBSERVATION_SPEC,

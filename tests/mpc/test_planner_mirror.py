@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 
 from surefoot.config import Config
+from surefoot.evaluation.mirrors import make_mirror
 from surefoot.robots.model import standing
-from surefoot.scenarios.mirrors import make_mirror
 from surefoot.types import Command
 from tests.fakes.plans import MODEL, PLANNER, ROBOT, state_of
 

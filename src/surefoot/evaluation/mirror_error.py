@@ -10,11 +10,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from surefoot.config import Config
+from surefoot.evaluation.mirrors import left_right_mirror
 from surefoot.learning.policy import Policy, load
 from surefoot.learning.symmetry import mirror_error
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
-from surefoot.scenarios.mirrors import left_right_mirror
 from surefoot.scenarios.starts import Starts
 from surefoot.types import Array, IntArray, State
 

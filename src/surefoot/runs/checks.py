@@ -25,6 +25,7 @@ from surefoot.config import (
 )
 from surefoot.config.json_io import from_json, read_json
 from surefoot.config.single_gaits import each_gait
+from surefoot.evaluation.mirrors import training_mirror
 from surefoot.files import write_json
 from surefoot.learning.samples import held_out
 from surefoot.learning.step import choose_device
@@ -36,7 +37,6 @@ from surefoot.runs.budget import SECONDS_PER_SOLVE, first_allowance
 from surefoot.runs.metrics import Collected
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import draw_starts, expert_rollouts
-from surefoot.scenarios.mirrors import training_mirror
 from surefoot.scenarios.starts import ANOTHER, SPLITS, StartSet, starts_of
 from surefoot.types import PlanFunction, to_ticks
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from surefoot.config import Config, IterativeConfig, Steps
 from surefoot.config.array_io import load_arrays
+from surefoot.evaluation.mirrors import training_mirror
 from surefoot.evaluation.robustness import evaluate
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.network import PolicyNetwork
@@ -36,7 +37,6 @@ from surefoot.runs.progress import epochs_bar
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import pretraining_rollouts, series_order
 from surefoot.scenarios.gaits import all_starts_of
-from surefoot.scenarios.mirrors import training_mirror
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
 

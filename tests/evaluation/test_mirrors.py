@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from surefoot.config import CommandBox, Config, Gait, RobotConfig
-from surefoot.scenarios.mirrors import make_mirror, training_mirror
+from surefoot.evaluation.mirrors import make_mirror, training_mirror
 
 CONFIG = Config()
 UNEVEN = replace(CONFIG, gait=Gait(offsets=(0.0, 0.5, 0.5, 0.25)))
