@@ -8,7 +8,14 @@ import pytest
 import surefoot.learning.train
 import surefoot.runs.collecting
 import surefoot.runs.stages
-from surefoot.config import BudgetConfig, DartConfig, ExpertData, RobotConfig, SafeDaggerConfig
+from surefoot.config import (
+    BudgetConfig,
+    DartConfig,
+    ExpertData,
+    Gait,
+    RobotConfig,
+    SafeDaggerConfig,
+)
 from surefoot.evaluation import imitation
 from surefoot.evaluation.mirror_error import mirror_error_in_starts
 from surefoot.learning.dataset import Dataset, DatasetError
@@ -19,7 +26,7 @@ from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.run import Run, RunError, create, open_run
-from surefoot.runs.stages import choose_best_policy, collect_data
+from surefoot.runs.stages import choose_best_policy, collect_data, training_data
 from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.types import MotionPlan
 from surefoot.workers import Workers
@@ -78,6 +85,17 @@ def test_a_run_may_train_on_mirror_images_and_resume(finished, tmp_path, monkeyp
             behavior_cloning(create(tmp_path / "run", mirrored), workers=Workers(1))
     behavior_cloning(open_run(tmp_path / "run"), workers=Workers(1))
     assert fingerprint(open_run(tmp_path / "run")) == fingerprint(whole) != fingerprint(finished)
+
+
+def test_auto_mirrors_where_robot_and_gait_allow_it_and_nothing_elsewhere(finished):
+    auto = replace(CLONING, training=replace(CLONING.training, mirror="auto"))
+    uneven = replace(auto, gait=Gait(offsets=(0.0, 0.5, 0.5, 0.25)))
+    data = finished.dataset
+    assert training_data(auto, data).hash != data.hash
+    assert training_data(uneven, data) is data
+    with pytest.raises(ValueError, match="training.mirror none"):
+        named = replace(uneven, training=replace(uneven.training, mirror="left_right"))
+        training_data(named, data)
 
 
 def test_chunks_that_are_done_are_not_run_again(finished, tmp_path, monkeypatch):
