@@ -93,7 +93,7 @@ def test_auto_mirrors_where_robot_and_gait_allow_it_and_nothing_elsewhere(finish
     data = finished.dataset
     assert training_data(auto, data).hash != data.hash
     assert training_data(uneven, data) is data
-    with pytest.raises(ValueError, match="training.mirror none"):
+    with pytest.raises(ValueError, match=r"training\.mirror none"):
         named = replace(uneven, training=replace(uneven.training, mirror="left_right"))
         training_data(named, data)
 
