@@ -109,10 +109,10 @@ class TrainingConfig(Checked):
     """Train on mirror images of the frames too, which are made when training and never stored:
     `left_right`, or `front_hind`, which turns commands forward into commands backward, and is
     refused where those are not trained. A pass over the data has as many steps as without: it shows
-    half of the frames and of the images, drawn anew. It needs a robot and an expert without
-    preference for a side, and a gait whose mirrored offsets are the offsets shifted by half a
-    period. `auto` is `left_right` where robot, gaits and commands are their own mirror images, and
-    `none` elsewhere; it cannot know whether an expert of your own prefers a side."""
+    half of the frames and images, and the next pass the other half. It needs a robot and an expert
+    without preference for a side, and a gait whose mirrored offsets are the offsets shifted by half
+    a period. `auto` is `left_right` where robot, gaits and commands are their own mirror images,
+    and `none` elsewhere; it cannot know whether an expert of your own prefers a side."""
     memory: Annotated[int, Within(1, 1_000_000_000)] = 1024
     """[MB] how much memory the training samples take at most; beyond it they go through a temporary
     file. 1024 MB hold 4.5 million frames of the layout `full`, a million with a history, mirror

@@ -192,12 +192,26 @@ def _is_complete(study: StudyConfig, result: CellResult) -> bool:
     )
 
 
+def _without_seeds(config: Config) -> Config:
+    """A configuration as all runs of a technique under a setting have it."""
+    return replace(config, seed=0, training=replace(config.training, seed=None))
+
+
 def _check_together(setup: StudySetup, results: Sequence[CellResult]) -> None:
     """Check that results may stand in one table.
 
     Raises:
-        StudyError: They are of several commits, or of several precisions of training.
+        StudyError: They are of several commits, or of several precisions of training, or the runs
+            of a technique are of several configurations.
     """
+    first: dict[tuple[str, str], CellResult] = {}
+    for result in results:
+        same = first.setdefault((result.cell.technique, result.cell.setting), result)
+        if _without_seeds(result.config) != _without_seeds(same.config):
+            raise StudyError(
+                f"{result.cell.name} and {same.cell.name} are of different configurations, though "
+                "they differ in their seeds alone; move one of them away, and run it again"
+            )
     jobs = [job for result in results for job in result.jobs]
     for name, values in (
         ("commits", {job.commit for job in jobs} | ({setup.commit} if jobs else set())),

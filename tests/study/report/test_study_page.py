@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from surefoot.config.json_io import to_json
+from surefoot.config.json_io import read_json, to_json
 from surefoot.files import write_json
+from surefoot.runs.run import CONFIG_FILE
 from surefoot.study.folder import JUDGED_FILE, Judged, JudgedPrediction, StudyError
 from surefoot.study.report import verdicts
 from surefoot.study.report.study_page import study_report, write_study_report
@@ -98,6 +99,16 @@ def test_the_records_are_json(study_folder):
     values = to_json(study_report(read_results(study_folder)))
     number = values["figures"][0]["rows"][0][0]["curves"][0]["groups"][0]["estimate"]["mean"]
     assert set(number) == {"value", "source", "trials"}
+
+
+def test_a_run_that_differs_from_others_of_its_technique_is_refused(own_study):
+    """In what the study does not name too."""
+    path = own_study / "loco_safe_dagger/seed-1" / CONFIG_FILE
+    values = read_json(path)
+    values["config"]["training"]["learning_rate"] *= 2
+    write_json(path, values)
+    with pytest.raises(StudyError, match=r"seed-1 and .*seed-0 are of different configurations"):
+        read_results(own_study)
 
 
 def test_predictions_stand_beside_what_came_of_them(own_study, tmp_path):
