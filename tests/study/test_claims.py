@@ -123,17 +123,27 @@ def test_what_is_not_measured_yet_cannot_be_told(claim):
     assert claim.reason == "No finished run of BC has this number."
 
 
-def test_the_extreme_is_judged_by_the_closest_rival():
+def test_the_extreme_is_judged_against_every_rival():
     top = sample("top", 3.0, 3.1, 3.2)
     near = sample("near", 2.0, 2.1, 2.2)
     far = sample("far", 0.0, 0.1, 0.2)
     claim = judge_extreme(statement(ABOVE_ZERO), top, [far, near])
     assert claim.verdict == "holds"
     assert claim.number.startswith("+1.00 N s")
-    assert "The closest rival is near." in claim.reason
+    assert "Judged against each of the others; near is the least favorable." in claim.reason
     assert judge_extreme(statement(ABOVE_ZERO), near, [far, top]).verdict == "does not hold"
     assert judge_extreme(statement(BELOW_ZERO), far, [near, top]).verdict == "holds"
     assert judge_extreme(statement(BELOW_ZERO), near, [far, top]).verdict == "does not hold"
+
+
+def test_a_far_rival_whose_runs_differ_much_keeps_an_extreme_from_holding():
+    lowest = sample("lowest", 0.66, 0.68, 0.67)
+    close = sample("close", 0.81, 0.82, 0.80)
+    scattered = sample("scattered", 0.67, 0.93, 0.93)
+    claim = judge_extreme(statement(BELOW_ZERO), lowest, [close, scattered])
+    assert claim.verdict == "cannot tell"
+    assert "scattered is the least favorable" in claim.reason
+    assert judge_extreme(statement(BELOW_ZERO), lowest, [close]).verdict == "holds"
 
 
 def test_equality_has_a_margin_of_the_reference():

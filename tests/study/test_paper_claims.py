@@ -8,7 +8,7 @@ import pytest
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.studies import paper_study, smoke_study
 from surefoot.study.claims import UNMEASURED, Claim
-from surefoot.study.paper_claims import page_of_claims, paper_claims
+from surefoot.study.paper_claims import paper_claims, text_of_claims
 from tests.fakes.studies import FakeRun, study_results
 
 PAGE = Path(__file__).parents[2] / "docs" / "reproduction.md"
@@ -48,7 +48,7 @@ def three_runs(
                 frames=round(frames * (1 + nudge)),
                 successes=[first + number, (first + last) // 2, last - 1 + number % 2],
                 errors=[(0.001 * early * (1 + nudge), vy, yaw)] * 2 + [(vx, vy, yaw)],
-                impulse=(impulse * (1 + nudge), impulse * (1 + nudge)),
+                impulse=(impulse * (1 + nudge),) * 8,
             )
         )
     return runs
@@ -91,7 +91,7 @@ def study_as_published():
 def the_contrary():
     """Runs that show the contrary of nearly all that the paper reports."""
     return {
-        BC: three_runs(success=(95, 60), errors=(2.0, 2.0, 3.0), impulse=3.0),
+        BC: three_runs(success=(95, 78), errors=(2.0, 2.0, 3.0), impulse=3.0),
         HALF: three_runs(
             success=(95, 60),
             errors=(1.0, 1.0, 2.0),
@@ -118,7 +118,7 @@ def the_contrary():
             share=(0.2, 0.3, 0.2, 0.3, 0.2, 0.6, 0.7, 0.7, 0.7, 0.7),
             plans=3000,
             diverged=(0, 20, 20, 20, 20, 20, 20, 20, 20, 20),
-            falls=(20,) * 10,
+            falls=(10,) * 10,
         ),
     }
 
@@ -127,7 +127,13 @@ def verdicts(claims):
     return {claim.name: claim.verdict for claim in claims}
 
 
-NEVER_PUBLISHED = {"loco_dagger-0.5-plateau", f"{BC}-plateau", f"{SAFE}-plateau"}
+NEVER_PUBLISHED = {
+    f"{HALF}-plateau",
+    f"{BC}-plateau",
+    f"{SAFE}-plateau",
+    f"{HALF}-as-good",
+    f"{SAFE}-as-good",
+}
 """Claims that three runs of 100 episodes cannot tell: the interval is wider than the region."""
 
 
@@ -171,8 +177,37 @@ def test_numbers_stand_beside_the_papers_way_to_count():
     assert "Iterations from the second on: 0.0 %, 0.0 %" in found["safe-failures"].reason
     assert "With the expert's tails it is 18.2 %." in found["safe-share"].reason
     assert "It has 1.0 times as many rollouts." in found["safe-data"].reason
-    assert "larger from 2 of 2 directions" in found["safe-push-0.5"].reason
-    assert "In the first one the share is 100.0 %." in found[f"{HALF}-share-falls"].reason
+    assert "The same claim as before; falls are counted too" in found["safe-falls"].reason
+    assert "From 1 s on, in all episodes: BC 2.000, " in found["no-best-vy"].reason
+    survival = "Survive without a push: LocoSafeDAGGER 100.0 %, LocoDAGGER 0.5 100.0 %."
+    assert survival in found["safe-push-0.5"].reason
+    assert "In the first one the share is 100.0 %; " in found[f"{HALF}-share-falls"].reason
+
+
+def test_falls_and_divergences_count_together_beside_the_papers_count():
+    runs = three_runs(falls=(0, 2, *[0] * 8), diverged=(0, 1, *[0] * 8))
+    found = {claim.name: claim for claim in paper_claims(study_results({SAFE: runs}))}
+    assert found["safe-failures"].number.startswith("0.3 % ")
+    assert found["safe-falls"].number.startswith("0.8 % ")
+
+
+def test_most_directions_are_counted_for_each_run_against_the_run_of_its_seed():
+    """Withstanding far more from one direction is not withstanding more from most of them."""
+    published = study_as_published()
+    one = [replace(run, impulse=(6.0, *[1.0] * 7)) for run in published[SAFE]]
+    equal = [replace(run, impulse=(1.1,) * 8) for run in published[HALF]]
+    claims = paper_claims(study_results({SAFE: one, HALF: equal}))
+    found = {claim.name: claim for claim in claims}
+    assert found["safe-most-0.5"].number.startswith("12.5 %")
+    assert found["safe-most-0.5"].verdict == "does not hold"
+    assert found["safe-push-0.5"].number.startswith("+0.52 N s")
+
+
+def test_runs_that_withstand_no_push_are_named():
+    published = study_as_published()
+    published[BC] = [replace(run, impulse=(0.0, 0.0)) for run in published[BC]]
+    found = {claim.name: claim for claim in paper_claims(study_results(published))}
+    assert "BC 100.0 % (3 of its runs withstand no push" in found["cloning-least-push"].reason
 
 
 def test_a_study_of_other_techniques_has_no_such_claims():
@@ -180,13 +215,10 @@ def test_a_study_of_other_techniques_has_no_such_claims():
         paper_claims(study_results({}, smoke_study()))
 
 
-def test_the_page_has_all_claims_between_its_lines(tmp_path):
-    path = tmp_path / "page.md"
-    path.write_text("before\n<!-- table --><!-- end of table -->\nafter\n")
+def test_the_text_has_all_claims():
     results = study_results(study_as_published())
-    text = page_of_claims(results, path)
-    assert text.startswith("before\n<!-- table -->\n12 finished runs of commit 0123456789ab, seeds")
-    assert text.endswith("<!-- end of table -->\nafter\n")
+    text = text_of_claims(results)
+    assert text.startswith("12 finished runs of commit 0123456789ab, seeds")
     for claim in paper_claims(results):
         assert f"| {claim.text} | {claim.section} | **{claim.verdict}** |" in text
 

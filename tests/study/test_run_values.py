@@ -29,6 +29,7 @@ from surefoot.study.run_values import (
     solves_per_second,
     successes,
     tracking_error,
+    unpushed,
 )
 from tests.fakes.runs import collected_record
 from tests.fakes.studies import FakeRun, study_results
@@ -121,8 +122,10 @@ def test_robustness_and_errors_are_those_of_a_policy():
 def test_impulses_are_those_of_the_best_policy():
     cell = cell_of(RUN)
     assert mean_impulse(cell, "push") == 1.5
-    assert direction_impulses([cell, cell_of(FakeRun(impulse=(2.0, 4.0)))], "push") == (1.5, 3.0)
-    assert direction_impulses([], "push") == ()
+    assert direction_impulses(cell, "push") == (1.0, 2.0)
+    assert direction_impulses(cell, "nothing") is None
+    assert unpushed(cell, "push") == (2, 2)
+    assert unpushed(cell, "nothing") is None
 
 
 def test_nothing_is_taken_of_a_run_that_is_not_finished():

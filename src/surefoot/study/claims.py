@@ -3,8 +3,9 @@
 A claim says that a number lies in a region, for example below 5 %. It holds if the whole 95 %
 interval over runs lies inside of the region, it does not hold if no part of the interval does, and
 otherwise the runs cannot tell. A claim that is not measured yet cannot be told either. "X is the
-largest" is judged by the difference to the closest rival. Read `run_statistics` for the intervals,
-`paper_claims` for the paper's sentences, `comparisons` for those that a study plans itself.
+largest" is judged by the differences to all rivals, and shows the least favorable one. Read
+`run_statistics` for the intervals, `paper_claims` for the paper's sentences, `comparisons` for
+those that a study plans itself.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ from surefoot.study.tables import markdown
 
 Verdict = Literal["holds", "does not hold", "cannot tell"]
 """What the runs say of a claim."""
+FROM_WORST: tuple[Verdict, ...] = ("does not hold", "cannot tell", "holds")
+"""The verdicts, from the one that speaks most against a claim on."""
 UNMEASURED = "not measured yet"
 """The number of a claim whose runs are missing."""
 COLUMNS = ("claim", "section", "verdict", "measured", "why")
@@ -195,7 +198,9 @@ def judge_extreme(
 ) -> Claim:
     """Judge whether a technique is above all rivals, or below all of them, as the region says.
 
-    The number is the difference to the closest rival: above it, the technique is above all.
+    The claim holds if the difference to each rival does, and does not hold if that to one rival
+    does not. The number is the difference to the least favorable rival: of those with this verdict
+    the closest one.
 
     Args:
         statement: The claim; its region is `ABOVE_ZERO` or `BELOW_ZERO`.
@@ -203,13 +208,21 @@ def judge_extreme(
         rivals: Those of the others.
         beside: A sentence with other numbers that belong beside it.
     """
-    measured = [(mean_of_runs(rival.runs).mean, rival) for rival in rivals if rival.runs]
-    if sample.runs is None or len(measured) < len(rivals):
+    runs = sample.runs
+    measured = [(rival, rival.runs) for rival in rivals if rival.runs is not None]
+    if runs is None or len(measured) < len(rivals):
         return _unmeasured(statement, [sample, *rivals])
-    pick = max if statement.region == ABOVE_ZERO else min
-    _, closest = pick(measured, key=lambda pair: pair[0])
-    others = f"The closest rival is {closest.title}."
-    return judge_difference(statement, sample, closest, f"{others} {beside}".strip())
+    sign = 1.0 if statement.region == ABOVE_ZERO else -1.0
+
+    def favor(pair: tuple[Sample, Runs]) -> tuple[int, float]:
+        """How much the difference to a rival speaks for the claim."""
+        difference = difference_of_runs(runs, pair[1])
+        verdict = verdict_of(difference.interval, statement.region)
+        return FROM_WORST.index(verdict), sign * difference.difference
+
+    worst, _ = min(measured, key=favor)
+    others = f"Judged against each of the others; {worst.title} is the least favorable."
+    return judge_difference(statement, sample, worst, f"{others} {beside}".strip())
 
 
 def judge_equal(

@@ -1,14 +1,12 @@
 """The claims of the paper's sections V-A to V-C, each judged by the runs of a study.
 
-`paper_claims` gives every claim, also those that cannot be judged yet, and `page_of_claims` puts
-them into `docs/reproduction.md`. Where our own choices matter, a claim stands there twice, once in
-the paper's way and once in ours. The margins that the paper's words leave open (about, just below,
-equal) are constants of `paper_collection` and `paper_policies`, which hold the claims.
+`paper_claims` gives every claim, also those that cannot be judged yet, and `text_of_claims` is
+their table in `docs/reproduction.md`. Where our own choices matter, a claim stands there twice,
+once in the paper's way and once in ours. The margins that the paper's words leave open (about, just
+below, equal) are constants of `paper_collection` and `paper_policies`, which hold the claims.
 """
 
 from __future__ import annotations
-
-from pathlib import Path
 
 from surefoot.study.claims import Claim, claims_table
 from surefoot.study.paper_collection import (
@@ -21,7 +19,6 @@ from surefoot.study.paper_policies import push_claims, robustness_claims, tracki
 from surefoot.study.paper_runs import PaperRuns
 from surefoot.study.results import StudyResults
 from surefoot.study.run_values import is_trained
-from surefoot.study.tables import page_with
 
 
 def paper_claims(results: StudyResults) -> tuple[Claim, ...]:
@@ -49,19 +46,18 @@ def paper_claims(results: StudyResults) -> tuple[Claim, ...]:
     )
 
 
-def page_of_claims(results: StudyResults, path: Path) -> str:
-    """The content of a page with the claims in its generated part; the prose stays.
+def text_of_claims(results: StudyResults) -> str:
+    """The claims as Markdown: how many runs there are, and the table.
 
     Args:
         results: Results of the study.
-        path: The page, such as `docs/reproduction.md`.
 
     Raises:
-        ValueError: The page has no such part, or the study lacks one of the techniques.
+        ValueError: The study lacks one of the techniques.
     """
     trained = sum(is_trained(cell) for cell in results.cells)
     seeds = ", ".join(str(seed) for seed in results.study.seeds)
     commit = results.setup.commit
     made_by = f" of commit {commit[:12]}" if commit else ""
     about = f"{trained} finished runs{made_by}, seeds {seeds}; 95 % intervals over runs."
-    return page_with(f"{about}\n\n{claims_table(paper_claims(results))}", path, results.study.name)
+    return f"{about}\n\n{claims_table(paper_claims(results))}"

@@ -75,9 +75,13 @@ usage = partial(Statement, "V-A", 2)
 def failure_claims(paper: PaperRuns) -> tuple[Claim, ...]:
     """V-A, Fig. 1: how often rollouts fail while data is collected."""
     few = "After the first iteration, LocoSafeDAGGER fails in less than 5 % of its rollouts."
-    falls = "After the first iteration, less than 5 % of LocoSafeDAGGER's rollouts end in a fall."
+    falls = (
+        "After the first iteration, less than 5 % of LocoSafeDAGGER's rollouts end in a fall or "
+        "with a diverging MPC."
+    )
     first = "In the first iteration, LocoSafeDAGGER fails in more than 5 % of its rollouts."
     half = "From the third iteration on, LocoDAGGER 0.5 fails in more than 5 % of its rollouts."
+    most = "In later iterations, LocoDAGGER 0.8 fails in more than 5 % of its rollouts."
     rise = "LocoDAGGER {} fails more often in the second half of the iterations than in the first."
     return (
         judge_mean(
@@ -87,8 +91,8 @@ def failure_claims(paper: PaperRuns) -> tuple[Claim, ...]:
         ),
         judge_mean(
             failures("safe-falls", falls, PERCENT, FEW_FAILURES),
-            paper.falls(SAFE, second_on),
-            "The same claim as before, with falls, whoever drove, instead of the paper's failures.",
+            paper.lost(SAFE, second_on),
+            "The same claim as before; falls are counted too, whoever drove.",
         ),
         judge_mean(
             failures("safe-first", first, PERCENT, MANY_FAILURES),
@@ -100,6 +104,12 @@ def failure_claims(paper: PaperRuns) -> tuple[Claim, ...]:
             paper.failures(LOCO_HALF, third_on),
             f"Falls, whoever drove: {percent(paper.falls(LOCO_HALF, third_on))}. "
             f"Iterations from the third on: {_rates(paper, LOCO_HALF, 2)}.",
+        ),
+        judge_mean(
+            failures("most-failures", most, PERCENT, MANY_FAILURES),
+            paper.failures(LOCO_MOST, late_half),
+            "The second half of the iterations. Falls, whoever drove: "
+            f"{percent(paper.falls(LOCO_MOST, late_half))}.",
         ),
         *(
             judge_change(
@@ -154,7 +164,7 @@ def share_claims(paper: PaperRuns) -> tuple[Claim, ...]:
     """V-A, Fig. 2: how much the MPC drives."""
     about = "With LocoSafeDAGGER the MPC drives about 10 % of the time."
     constant = "With LocoSafeDAGGER the share of the MPC stays constant over the iterations."
-    falls = "With LocoDAGGER {} the share of the MPC falls monotonically from 100 %."
+    falls = "With LocoDAGGER {} the share of the MPC falls monotonically."
     return (
         judge_mean(
             usage("safe-share", about, PERCENT, ABOUT_TEN_PERCENT),
@@ -172,7 +182,8 @@ def share_claims(paper: PaperRuns) -> tuple[Claim, ...]:
                 usage(f"{technique}-share-falls", falls.format(alpha), POINTS, NO_RISE),
                 paper.values(technique, largest_rise),
                 "The number is the largest rise from one iteration to the next. In the first one "
-                f"the share is {percent(paper.expert(technique, first_iteration))}.",
+                f"the share is {percent(paper.expert(technique, first_iteration))}; the coin that "
+                "the method throws makes it so.",
             )
             for alpha, technique in DECAYS
         ),

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
+import numpy as np
+
 from surefoot.study.claims import (
     ABOVE_ZERO,
     BELOW_ZERO,
@@ -26,11 +28,22 @@ from surefoot.study.claims import (
     judge_mean,
 )
 from surefoot.study.paper_runs import BC, EQUAL, LOCO_HALF, LOCO_MOST, SAFE, PaperRuns
+from surefoot.study.results import CellResult
 from surefoot.study.run_statistics import mean_of_runs
-from surefoot.study.run_values import Axis, direction_impulses, early_error
+from surefoot.study.run_values import (
+    Axis,
+    Counted,
+    direction_impulses,
+    early_error,
+    unpushed,
+)
 
 JUST_BELOW_90_PERCENT = Region(0.85, 0.9)
 """Shares that are just below 90 %."""
+NO_WORSE = Region(low=-0.05)
+"""Differences of success that are no significant disadvantage."""
+MOST_DIRECTIONS = Region(low=0.5)
+"""Shares of directions that are most of them."""
 VX: Axis = 0
 VY: Axis = 1
 YAW: Axis = 2
@@ -50,6 +63,7 @@ def robustness_claims(paper: PaperRuns) -> tuple[Claim, ...]:
     grows = "The robustness of {} grows with the size of its dataset."
     plateau = "{} ends with a success rate just below 90 %."
     least = "LocoDAGGER 0.8 ends with a lower success rate than all others."
+    as_good = "{} ends at most 5 points below the success rate of BC."
     return (
         *(
             judge_change(
@@ -77,6 +91,14 @@ def robustness_claims(paper: PaperRuns) -> tuple[Claim, ...]:
             paper.success(LOCO_MOST),
             [paper.success(each) for each in (BC, LOCO_HALF, SAFE)],
         ),
+        *(
+            judge_difference(
+                robustness(f"{each}-as-good", as_good.format(paper.title(each)), POINTS, NO_WORSE),
+                paper.success(each),
+                paper.success(BC),
+            )
+            for each in (LOCO_HALF, SAFE)
+        ),
     )
 
 
@@ -92,27 +114,35 @@ def tracking_claims(paper: PaperRuns) -> tuple[Claim, ...]:
     def errors(axis: Axis, techniques: Sequence[str]) -> list[Sample]:
         return [paper.error(technique, axis) for technique in techniques]
 
+    def settled(axis: Axis, techniques: Sequence[str] = ALL) -> str:
+        samples = [paper.settled(technique, axis) for technique in techniques]
+        return _settled_text(samples, YAW_RATE if axis == YAW else SPEED)
+
     return (
         judge_extreme(
             tracking("most-worst-vx", worst.format("vx"), SPEED, ABOVE_ZERO),
             paper.error(LOCO_MOST, VX),
             errors(VX, (BC, LOCO_HALF, SAFE)),
+            settled(VX),
         ),
         judge_extreme(
             tracking("most-worst-yaw", worst.format("the yaw rate"), YAW_RATE, ABOVE_ZERO),
             paper.error(LOCO_MOST, YAW),
             errors(YAW, (BC, LOCO_HALF, SAFE)),
+            settled(YAW),
         ),
         judge_equal(
             tracking("equal-vx", same, SPEED, ABOVE_ZERO),
             paper.error(SAFE, VX),
             paper.error(BC, VX),
             EQUAL,
+            settled(VX, (SAFE, BC)),
         ),
         judge_extreme(
             tracking("half-higher-vx", higher, SPEED, ABOVE_ZERO),
             paper.error(LOCO_HALF, VX),
             errors(VX, (BC, SAFE)),
+            settled(VX, (LOCO_HALF, BC, SAFE)),
         ),
         judge_difference(
             tracking("half-earlier-vx", earlier, SPEED, ABOVE_ZERO),
@@ -124,25 +154,39 @@ def tracking_claims(paper: PaperRuns) -> tuple[Claim, ...]:
             tracking("cloning-best-yaw", best, YAW_RATE, BELOW_ZERO),
             paper.error(BC, YAW),
             errors(YAW, (LOCO_HALF, LOCO_MOST, SAFE)),
+            settled(YAW),
         ),
         judge_extreme(
             tracking("safe-second-yaw", second, YAW_RATE, BELOW_ZERO),
             paper.error(SAFE, YAW),
             errors(YAW, (LOCO_HALF, LOCO_MOST)),
+            settled(YAW, (SAFE, LOCO_HALF, LOCO_MOST)),
         ),
         _no_best_claim(
             tracking("no-best-vy", "No technique tracks vy clearly best.", SPEED, BELOW_ZERO),
             errors(VY, ALL),
+            settled(VY),
         ),
     )
 
 
-def _no_best_claim(statement: Statement, samples: Sequence[Sample]) -> Claim:
+def _settled_text(samples: Sequence[Sample], quantity: Quantity) -> str:
+    """Errors from 1 s on, in all episodes that last so long: none is left out for failing."""
+    parts = [
+        f"{sample.title} {quantity.scale * mean_of_runs(sample.runs).mean:.{quantity.digits}f}"
+        for sample in samples
+        if sample.runs is not None
+    ]
+    return f"From 1 s on, in all episodes: {', '.join(parts)}." if parts else ""
+
+
+def _no_best_claim(statement: Statement, samples: Sequence[Sample], beside: str) -> Claim:
     """Judge whether the technique with the smallest error is about as good as the second.
 
     Args:
         statement: The claim, whose region is replaced.
         samples: The error of each technique.
+        beside: A sentence with other numbers that belong beside it.
     """
     measured = [(mean_of_runs(sample.runs).mean, sample) for sample in samples if sample.runs]
     if len(measured) < len(samples):
@@ -150,37 +194,63 @@ def _no_best_claim(statement: Statement, samples: Sequence[Sample]) -> Claim:
     measured.sort(key=lambda pair: pair[0])
     best = measured[0][1]
     second = measured[1][1]
-    beside = f"The best is {best.title}, the second {second.title}."
-    return judge_equal(statement, second, best, EQUAL, beside)
+    order = f"The best is {best.title}, the second {second.title}."
+    return judge_equal(statement, second, best, EQUAL, f"{order} {beside}".strip())
 
 
 def push_claims(paper: PaperRuns) -> tuple[Claim, ...]:
     """V-C, Fig. 5: impulses that the best policies withstand, mean of all directions."""
     least = "BC withstands a smaller impulse than all others."
-    more = "LocoSafeDAGGER withstands slightly more than LocoDAGGER {}, from most directions."
+    more = "LocoSafeDAGGER withstands more than LocoDAGGER {}, in the mean of all directions."
+    most = "LocoSafeDAGGER withstands more than LocoDAGGER {} from most directions."
+    decays = (("0.5", LOCO_HALF), ("0.8", LOCO_MOST))
     return (
         judge_extreme(
             pushes("cloning-least-push", least, IMPULSE, BELOW_ZERO),
             paper.impulse(BC),
             [paper.impulse(each) for each in (LOCO_HALF, LOCO_MOST, SAFE)],
+            _survival(paper, ALL),
         ),
         *(
             judge_difference(
                 pushes(f"safe-push-{alpha}", more.format(alpha), IMPULSE, ABOVE_ZERO),
                 paper.impulse(SAFE),
                 paper.impulse(technique),
-                _directions(paper, technique),
+                _survival(paper, (SAFE, technique)),
             )
-            for alpha, technique in (("0.5", LOCO_HALF), ("0.8", LOCO_MOST))
+            for alpha, technique in decays
+        ),
+        *(
+            judge_mean(
+                pushes(f"safe-most-{alpha}", most.format(alpha), PERCENT, MOST_DIRECTIONS),
+                paper.shares(SAFE, lambda cell, other=technique: _larger(paper, cell, other)),
+                "The share of directions, against the run of the same seed.",
+            )
+            for alpha, technique in decays
         ),
     )
 
 
-def _directions(paper: PaperRuns, technique: str) -> str:
-    """From how many directions LocoSafeDAGGER withstands more; empty if that is unknown."""
-    safe = direction_impulses(paper.cells(SAFE), paper.push)
-    other = direction_impulses(paper.cells(technique), paper.push)
-    if not safe or len(safe) != len(other):
-        return ""
-    more = sum(a > b for a, b in zip(safe, other, strict=True))
-    return f"Its mean over runs is larger from {more} of {len(safe)} directions."
+def _larger(paper: PaperRuns, cell: CellResult, technique: str) -> Counted | None:
+    """The directions from which a run withstands more than another one of its seed, of all."""
+    run = direction_impulses(cell, paper.push)
+    for rival in paper.cells(technique):
+        if rival.cell.seed == cell.cell.seed:
+            other = direction_impulses(rival, paper.push)
+            if run is not None and other is not None:
+                return int(np.greater(run, other).sum()), len(run)
+    return None
+
+
+def _survival(paper: PaperRuns, techniques: Sequence[str]) -> str:
+    """How many robots survive unpushed, and which runs count as 0 N s because too few do."""
+    parts = []
+    for each in techniques:
+        runs = paper.shares(each, lambda cell: unpushed(cell, paper.push)).runs
+        impulses = paper.impulse(each).runs
+        if runs is None or impulses is None:
+            continue
+        zeros = sum(impulse == 0.0 for impulse in impulses.values)
+        none = f" ({zeros} of its runs withstand no push that was tried)" if zeros else ""
+        parts.append(f"{paper.title(each)} {100 * mean_of_runs(runs).mean:.1f} %{none}")
+    return f"Survive without a push: {', '.join(parts)}." if parts else ""

@@ -20,9 +20,11 @@ from surefoot.study.run_values import (
     failed,
     fell,
     iterations_collected,
+    lost,
     mean_impulse,
     robustness_of,
     runs_of,
+    settled_error,
     shares_of,
     successes,
     tracking_error,
@@ -82,6 +84,10 @@ class PaperRuns:
         """Share of rollouts in some iterations that ended in a fall, whoever drove."""
         return self.shares(technique, lambda cell: fell(part(cell)))
 
+    def lost(self, technique: str, part: Part = iterations_collected) -> Sample:
+        """Share of rollouts in some iterations that ended in a fall or with a diverging MPC."""
+        return self.shares(technique, lambda cell: lost(part(cell)))
+
     def expert(self, technique: str, part: Part = iterations_collected) -> Sample:
         """The expert's share of the rollouts' time in some iterations."""
         return self.values(technique, lambda cell: expert_share(part(cell)))
@@ -99,6 +105,12 @@ class PaperRuns:
         """Tracking error of the last policy of each run."""
         return self.values(
             technique, lambda cell: tracking_error(robustness_of(cell, self.test, -1), axis)
+        )
+
+    def settled(self, technique: str, axis: Axis) -> Sample:
+        """Tracking error of the same policies from 1 s on, in all episodes that last so long."""
+        return self.values(
+            technique, lambda cell: settled_error(robustness_of(cell, self.test, -1), axis)
         )
 
     def impulse(self, technique: str) -> Sample:

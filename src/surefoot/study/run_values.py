@@ -119,6 +119,12 @@ def fell(records: Sequence[Collected]) -> Counted:
     return sum(record.falls for record in records), sum(record.episodes for record in records)
 
 
+def lost(records: Sequence[Collected]) -> Counted:
+    """The rollouts of some iterations that ended in a fall or with a diverging MPC, of all."""
+    ended = sum(record.falls + record.diverged for record in records)
+    return ended, sum(record.episodes for record in records)
+
+
 def falls_per_minute(cell: CellResult) -> float | None:
     """Falls per minute of rollouts after the pre-training, tails included [1/min]."""
     records = iterations_collected(cell)
@@ -202,6 +208,11 @@ def tracking_error(robustness: Robustness | None, axis: Axis) -> float | None:
     return None if robustness is None else robustness.mse[axis]
 
 
+def settled_error(robustness: Robustness | None, axis: Axis) -> float | None:
+    """Mean squared velocity error from 1 s on, over all episodes that last so long."""
+    return None if robustness is None else robustness.settled_mse[axis]
+
+
 def early_error(cell: CellResult, measurement: str, axis: Axis) -> float | None:
     """Mean tracking error of the policies of the first half of the iterations."""
     tests = [test for test in policy_tests(cell, measurement) if test.iteration > 0]
@@ -224,13 +235,18 @@ def imitation_mrad(cell: CellResult, measurement: str) -> float | None:
     return None if test is None or test.imitation is None else test.imitation.mean_mrad
 
 
-def direction_impulses(cells: Iterable[CellResult], measurement: str) -> tuple[float, ...]:
-    """Impulse from each direction [N s], mean over runs of their best policies; empty if none."""
-    best = [cell.best_test(measurement) for cell in cells]
-    found = [test.pushes.fitted_impulse for test in best if test is not None and test.pushes]
-    if not found:
-        return ()
-    return tuple(np.mean(found, axis=0).tolist())
+def direction_impulses(cell: CellResult, measurement: str) -> tuple[float, ...] | None:
+    """Impulse from each direction that the best policy withstands [N s]."""
+    test = cell.best_test(measurement)
+    return None if test is None or test.pushes is None else test.pushes.fitted_impulse
+
+
+def unpushed(cell: CellResult, measurement: str) -> Counted | None:
+    """The robots of the push test that survive without a push under the best policy, of all."""
+    test = cell.best_test(measurement)
+    if test is None or test.pushes is None:
+        return None
+    return test.pushes.successes[0][0], test.pushes.episodes
 
 
 def best_value(cells: Sequence[CellResult], measurement: str, measure: Measure) -> Runs | None:

@@ -74,7 +74,7 @@ def test_what_came_of_the_predictions_stands_between_tables_and_comparisons(tmp_
     report = study_report(results)
     path = tmp_path / "page.md"
     path.write_text(PROSE)
-    assert "### What was predicted" not in page_of_tables(results, report, path)
+    assert "**not judged yet**" in page_of_tables(results, report, path)
     [first, *others] = report.predictions
     judged = (replace(first, verdict="false", came_out="3 of 100"), *others)
     text = page_of_tables(results, replace(report, predictions=judged), path)

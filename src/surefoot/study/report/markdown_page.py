@@ -2,8 +2,8 @@
 
 `page_of_tables` puts them into the generated part of a page whose prose stays. A study that judges
 the paper's claims has the table of claims; any other has a table for each setting, in which a
-technique is a row, the predictions with what came of them, and the comparisons that were planned
-before it ran.
+technique is a row. Both have the predictions with what came of them, and the comparisons that were
+planned before the study ran.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 from surefoot.runs.budget import SECONDS_PER_SOLVE
 from surefoot.study.cells import cells_of
 from surefoot.study.folder import JudgedPrediction
-from surefoot.study.paper_claims import page_of_claims
+from surefoot.study.paper_claims import text_of_claims
 from surefoot.study.report.numbers import Estimate, Number, over_runs
 from surefoot.study.report.panels import Curve, Group, Panel, ReportFigure
 from surefoot.study.report.performance import BEST_ERRORS, BEST_FIGURE
@@ -41,9 +41,10 @@ def page_of_tables(results: StudyResults, report: StudyReport, path: Path) -> st
         ValueError: The page has no such part.
     """
     if results.study.claims == "paper":
-        return page_of_claims(results, path)
-    parts = [_about(results, report), *_settings(results, report)]
-    if any(each.verdict for each in report.predictions):
+        parts = [text_of_claims(results)]
+    else:
+        parts = [_about(results, report), *_settings(results, report)]
+    if report.predictions:
         parts.append(_predictions(report.predictions))
     if report.verdicts.comparisons:
         parts.append(_comparisons(report.verdicts.comparisons))

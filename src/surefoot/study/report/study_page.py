@@ -230,9 +230,10 @@ def _costs(results: StudyResults) -> list[Markup]:
         paragraph(
             "What a run cost: the time that the expert drove (where it is only asked, the MPC "
             "solves show it), all simulated time, MPC solves of 50 ms each, falls, in all and for "
-            "each minute of simulated time, near falls, which tilt as far as a fall elsewhere and "
+            "each minute of the rollouts, near falls, which tilt as far as a fall elsewhere and "
             "recover, and the wall time of all stages; beside it the largest torque of the best "
-            "policy in its first measurement. Pre-training, tails and queries are counted; a "
+            "policy in its first measurement. Pre-training, tails and queries are counted, but for "
+            "the falls in LocoDAGGER's queries; a "
             "series of dataset sizes (behavior cloning) collects once and trains every size."
         ),
         cost_tables(results),

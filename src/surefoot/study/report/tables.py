@@ -124,7 +124,11 @@ def cost_of(cell: CellResult) -> dict[str, Number]:
         field: total([each.number(field) for each in collected], f"{file}#/collect/{field}")
         for field in SUMS
     }
-    costs["fall_rate"] = rate(costs["falls"], costs["robot_seconds"])
+    known = total(
+        [each.number("rollout_seconds_with_tail") for each in collected],
+        f"{file}#/collect/rollout_seconds_with_tail",
+    )
+    costs["fall_rate"] = rate(costs["falls"], known)  # of queries, falls are not counted
     costs["max_torque"] = _peak_torque(cell)
     costs["seconds"] = total([each.number("seconds") for each in timed], f"{file}#/*/seconds")
     return costs
