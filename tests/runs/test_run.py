@@ -106,7 +106,9 @@ def test_a_run_that_was_begun_before_there_was_a_choice_of_ground_stays_on_level
     again = create(tmp_path / "run", hills, resume=True)
     assert again.config.expert.ground == "level"
     felt = replace(hills, expert=replace(hills.expert, ground="feet"))
-    with pytest.raises(RunError, match="another configuration"):
+    with pytest.raises(
+        RunError, match=r'another config.*: expert.ground "feet" instead of "level"'
+    ):
         create(tmp_path / "run", felt, resume=True)
 
 

@@ -4,9 +4,12 @@ from dataclasses import replace
 
 import pytest
 
+import surefoot.config.study
+from surefoot.config.json_io import from_json, to_json
 from surefoot.config.studies import named_study
 from surefoot.config.study import Measurement, Setting, StudyConfig, Technique
 from surefoot.study.cells import (
+    beginnings_of,
     cell_config,
     cells_of,
     find_job,
@@ -14,6 +17,7 @@ from surefoot.study.cells import (
     measurements_of,
     trained_configs,
 )
+from surefoot.study.folder import StudySetup
 
 CLONING = Technique("clone", "BC", "behavior_cloning", trainings=2)
 STUDY = StudyConfig(
@@ -113,7 +117,7 @@ def test_a_job_comes_after_those_that_it_needs_and_measurements_after_the_traini
         assert before.issuperset(job.needs)
         assert job.name not in before
         before.add(job.name)
-    assert find_job(STUDY, "measure--clone--seed-3").needs == ("train--clone--seed-3",)
+    assert find_job(jobs_of(STUDY), "measure--clone--seed-3").needs == ("train--clone--seed-3",)
 
 
 def test_the_expert_is_measured_but_not_trained_nor_compared_with_itself():
@@ -139,7 +143,28 @@ def test_an_expert_is_measured_once_for_all_settings_in_which_it_is_the_same():
 
 def test_an_unknown_job_is_named_with_the_nearest():
     with pytest.raises(ValueError, match="did you mean 'measure--clone--seed-3'"):
-        find_job(STUDY, "measure--clone--seed-33")
+        find_job(jobs_of(STUDY), "measure--clone--seed-33")
+
+
+def test_a_study_keeps_its_jobs_when_presets_change(monkeypatch):
+    """The jobs run the code that the study began with, which knows only the jobs of its presets."""
+    techniques = (
+        Technique("plain", "P", "loco_safe_dagger"),
+        Technique("decay", "D", "loco_safe_dagger", options={"training.weight_decay": 0.3}),
+    )
+    study = replace(STUDY, techniques=techniques, comparisons=())
+    setup = StudySetup(study, None, "0", "float32", beginnings_of(study))
+    before = setup.jobs
+    assert before == jobs_of(study)
+    preset = surefoot.config.study.preset
+
+    def decaying(method, name):
+        config = preset(method, name)
+        return replace(config, training=replace(config.training, weight_decay=0.3))
+
+    monkeypatch.setattr(surefoot.config.study, "preset", decaying)
+    assert jobs_of(study) != before
+    assert from_json(StudySetup, to_json(setup)).jobs == before
 
 
 def test_the_paper_study_pretrains_once_for_each_seed():

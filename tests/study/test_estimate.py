@@ -11,6 +11,7 @@ from surefoot.config.single_gaits import each_gait
 from surefoot.config.study import Measurement, StudyConfig, Technique
 from surefoot.mpc.gaits import with_gaits
 from surefoot.study import estimate as module
+from surefoot.study.cells import jobs_of
 from surefoot.study.estimate import Rates, estimate_study, first_work, training_work
 
 
@@ -54,7 +55,8 @@ def test_cells_of_one_gait_and_of_several_are_measured_each(monkeypatch):
         return Rates(1.0, 1.0, 1.0)
 
     monkeypatch.setattr(module, "measure_rates", measure)
-    estimate_study(StudyConfig("mine", "My study", techniques, (Measurement("test", "test"),)))
+    study = StudyConfig("mine", "My study", techniques, (Measurement("test", "test"),))
+    estimate_study(study, jobs_of(study))
     assert sorted(measured) == [1, 2]
 
 

@@ -10,6 +10,7 @@ from surefoot.config.studies import named_study
 from surefoot.files import write_json
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.initial_states import keep_starts
+from surefoot.runs.metrics import format_line
 from surefoot.runs.run import CONFIG_FILE, Setup
 from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.study.cells import cells_of, jobs_of, measured_options
@@ -19,16 +20,18 @@ from surefoot.study.folder import (
     StudyError,
     StudySetup,
     Tests,
+    read_study,
     results_folder,
     run_config,
     save_job,
     save_setup,
     save_tests,
 )
-from surefoot.study.results import read_cell
+from surefoot.study.results import read_cell, read_results
 from surefoot.study.state import finished_jobs
 from tests.fakes.results import robustness
-from tests.fakes.study_folders import paper_like
+from tests.fakes.runs import collected_record
+from tests.fakes.study_folders import paper_like, write_study
 
 
 @pytest.fixture
@@ -86,6 +89,52 @@ def test_results_of_other_options_or_of_another_method_are_refused(study):
         changed_study = replace(setup.study, techniques=techniques, comparisons=(), claims="none")
         with pytest.raises(StudyError, match="results of another configuration"):
             read_cell(folder, replace(setup, study=changed_study), cell)
+
+
+def test_runs_with_their_own_copies_of_initial_states_are_read_together(study):
+    """Each run names the file in its own folder."""
+    folder, setup, cell = study
+    asked = replace(setup.study, seeds=(0, 1))
+    save_setup(folder, replace(setup, study=asked))
+    [other] = [
+        each for each in cells_of(asked) if each.technique == cell.technique and each.seed == 1
+    ]
+    for each in (cell, other):
+        write_run(folder, replace(setup, study=asked), each)
+    results = read_results(folder).of(cell.technique, cell.setting)
+    assert len({result.config.start_set for result in results}) == 2
+
+
+def write_run(folder, setup, cell):
+    """What a study keeps of a run that has collected its first data."""
+    results = results_folder(folder, cell)
+    _, written, starts_hash = keep_starts(results, with_own_values(run_config(setup, cell)))
+    write_json(results / CONFIG_FILE, Setup(written, {}, None, starts_hash))
+    (results / "metrics.jsonl").write_bytes(format_line(collected_record(0)) + b"\n")
+
+
+@pytest.mark.parametrize("has_begun", [False, True])
+def test_a_run_that_has_kept_nothing_yet_is_of_no_other_configuration(
+    tmp_path, monkeypatch, has_begun
+):
+    """It has a record of a job alone; a preset that has changed since says nothing of it."""
+    asked = paper_like(2)
+    folder = write_study(tmp_path / "study", asked, without=("loco_safe_dagger/seed-1",))
+    cell = next(each for each in cells_of(asked) if each.name == "loco_safe_dagger/seed-1")
+    save_job(folder, cell, JobRecord("policy", "c0ffee", ("one",), {}, "", "2026", 1.0, True))
+    preset = surefoot.config.study.preset
+
+    def longer(method, name):
+        config = preset(method, name)
+        return replace(config, training=replace(config.training, learning_rate=1e-5))
+
+    monkeypatch.setattr(surefoot.config.study, "preset", longer)
+    if has_begun:
+        write_run(folder, read_study(folder), cell)
+        with pytest.raises(StudyError, match=r"configurations \(training\.learning_rate\)"):
+            read_results(folder)
+    else:
+        assert cell.name in read_results(folder).missing
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from surefoot.runs.metrics import Collected
 from surefoot.study.paper_runs import early_half, first_iteration, late_half, second_on, third_on
 from surefoot.study.results import read_results
 from surefoot.study.run_values import (
@@ -117,6 +118,18 @@ def test_robustness_and_errors_are_those_of_a_policy():
     assert successes(robustness_of(cell, "test", -1)) == (90, 100)
     assert tracking_error(robustness_of(cell, "test", -1), 2) == 3
     assert early_error(cell, "test", 0) == pytest.approx(0.3)
+
+
+def test_nothing_is_counted_in_no_time_at_all():
+    cell = cell_of(RUN)
+    metrics = tuple(
+        replace(each, rollout_seconds=0.0, rollout_seconds_with_tail=0.0)
+        if isinstance(each, Collected)
+        else each
+        for each in cell.metrics
+    )
+    assert falls_per_minute(replace(cell, metrics=metrics)) is None
+    assert solves_per_second(replace(cell, metrics=metrics)) is None
 
 
 def test_impulses_are_those_of_the_best_policy():

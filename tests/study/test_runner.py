@@ -74,7 +74,7 @@ class FakePool:
 
 def finish(folder: Path, name: str) -> None:
     """Leave what a finished job leaves."""
-    job = find_job(STUDY, name)
+    job = find_job(jobs_of(STUDY), name)
     made = shared_folder(folder, name) if job.kind == "share" else run_folder(folder, job.cell)
     made.mkdir(parents=True, exist_ok=True)
     record = JobRecord(name, "c0ffee", ("a processor",), {}, "float32", "2026", 1.0, True)
@@ -163,14 +163,14 @@ def test_one_job_can_be_run_alone_with_what_it_needs(study_folder, monkeypatch):
 
 
 def test_jobs_are_named_by_patterns_and_keep_the_order_of_the_study():
-    names = [job.name for job in needed_jobs(STUDY, [TEST_LOCO, "measure--*"])]
+    names = [job.name for job in needed_jobs(jobs_of(STUDY), [TEST_LOCO, "measure--*"])]
     assert names == [job.name for job in jobs_of(STUDY)]
-    assert [job.name for job in needed_jobs(STUDY, [LOCO])] == [SHARED, LOCO]
+    assert [job.name for job in needed_jobs(jobs_of(STUDY), [LOCO])] == [SHARED, LOCO]
 
 
 def test_a_pattern_that_no_job_has_is_refused():
     with pytest.raises(ValueError, match=r"no job 'mesure--\*'; did you mean 'measure--"):
-        needed_jobs(STUDY, ["train--*", "mesure--*"])
+        needed_jobs(jobs_of(STUDY), ["train--*", "mesure--*"])
 
 
 def test_a_run_that_is_lost_is_made_again_only_if_it_was_not_measured(study_folder, monkeypatch):
@@ -187,7 +187,11 @@ def test_a_run_that_is_lost_is_made_again_only_if_it_was_not_measured(study_fold
 def measured_file(folder: Path, name: str) -> Path:
     """What was measured by a job."""
     measurement = STUDY.measurements[0].name
-    return results_folder(folder, find_job(STUDY, name).cell) / "tests" / f"{measurement}.json"
+    return (
+        results_folder(folder, find_job(jobs_of(STUDY), name).cell)
+        / "tests"
+        / f"{measurement}.json"
+    )
 
 
 def test_what_was_moved_away_is_measured_again(study_folder, monkeypatch):
@@ -201,7 +205,7 @@ def test_what_was_moved_away_is_measured_again(study_folder, monkeypatch):
 def test_one_damaged_file_does_not_hide_the_other_jobs(study_folder, caplog):
     for name in (SHARED, SAFE, TEST_SAFE, LOCO):
         finish(study_folder, name)
-    run_folder(study_folder, find_job(STUDY, SAFE).cell).rmdir()
+    run_folder(study_folder, find_job(jobs_of(STUDY), SAFE).cell).rmdir()
     damaged = measured_file(study_folder, TEST_SAFE)
     damaged.write_text("{")
     states = {status.job.name: status.state for status in job_statuses(study_folder)}

@@ -69,6 +69,29 @@ def test_the_same_expert_has_the_same_results_in_another_setting(tmp_path):
         assert copied.options == measured_options(study, second.cell, name)
 
 
+def test_what_was_measured_of_another_policy_is_measured_again(tmp_path, monkeypatch, caplog):
+    """A run that was lost and made again, on another processor, has other policies."""
+    study = replace(named_study("smoke"), settings=(Setting("all", "all"),))
+    setup = folder.StudySetup(study, None, "0", "float32")
+    job = next(job for job in jobs_of(study) if job.kind == "measure" and job.needs)
+    path = tmp_path / "policy"
+    path.write_bytes(b"the policy")
+    monkeypatch.setattr(work, "_policies_of", lambda *_: [work.MeasuredPolicy(1, 10, path)])
+    monkeypatch.setattr(work, "config_for", lambda _, config: config)
+    monkeypatch.setattr(work, "_measure", lambda _, p, __: PolicyTest(1, 10, p.sha256))
+    for name in measurements_of(study, job.cell):
+        asked = measured_options(study, job.cell, name)
+        former = folder.Tests(name, (PolicyTest(1, 10, "ab"),), True, asked)
+        folder.save_tests(tmp_path, job.cell, former)
+    for _ in range(2):
+        work.measure_cell(tmp_path, setup, job, work.Slice(60.0))
+    assert caplog.text.count("of other policies") == len(measurements_of(study, job.cell))
+    for name in measurements_of(study, job.cell):
+        tests = folder.read_tests(tmp_path, study, job.cell, name)
+        assert tests is not None
+        assert [each.sha256 for each in tests.policies] == [work.MeasuredPolicy(path=path).sha256]
+
+
 def test_time_in_which_a_job_does_not_compute_is_no_work():
     piece = work.Slice(2400.0)
     time.sleep(0.2)

@@ -134,15 +134,16 @@ class Study(OnWorkers):
 
     def _run(self, name: str, folder: Path) -> int:
         """Run the study, after saying what there is to do."""
+        from surefoot.study.cells import jobs_of
         from surefoot.study.estimate import estimate_study
         from surefoot.study.runner import open_study, run_study
 
         study = study_named(name)
         if self.estimate:
-            print(describe_work(estimate_study(study), self.workers))
+            print(describe_work(estimate_study(study, jobs_of(study)), self.workers))
             return 0
-        open_study(folder, study)
-        estimate = estimate_study(study, folder)
+        setup = open_study(folder, study)
+        estimate = estimate_study(study, setup.jobs, folder)
         print(f"{study.title}, in {folder}: {describe_work(estimate, self.workers)}")
         outcome = run_study(folder, self.spread, self.jobs)
         self._show(folder)

@@ -10,6 +10,7 @@ number that is not finite, which JSON does not have, becomes null; it is read ba
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 from collections.abc import Iterator, Mapping
@@ -136,6 +137,14 @@ def changes(
                 yield f"{field.name}.{name}", new, old
         elif value != other:
             yield field.name, to_json(value), to_json(other)
+
+
+def changes_text(record: DataclassInstance, base: DataclassInstance) -> str:
+    """What differs between two instances of one class, as text: `gait.duty 0.7 instead of 0.6`."""
+    return ", ".join(
+        f"{name} {json.dumps(new)} instead of {json.dumps(old)}"
+        for name, new, old in changes(record, base)
+    )
 
 
 @cache

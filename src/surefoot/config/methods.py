@@ -126,11 +126,13 @@ class IterativeConfig(Checked):
     T: Duration = 5.0
     """[s] how long a rollout lasts (paper)."""
     epochs: Epochs = 15
-    """Passes over the data in an iteration (paper)."""
+    """Passes over the data in an iteration (paper); in the last one alone, where there are
+    `steps_before_last`."""
     pretraining_steps: StepCount | None = None
     """Steps of the optimizer in the pre-training, instead of `pretraining_epochs`."""
     steps: StepCount | None = None
-    """Steps of the optimizer in an iteration, instead of `epochs`."""
+    """Steps of the optimizer in an iteration, instead of `epochs`; in the last one alone, where
+    there are `steps_before_last`."""
     steps_before_last: StepCount | None = None
     """Steps of the optimizer in every iteration before the last, while data are still to come;
     without it, each trains as long as the last one (paper)."""

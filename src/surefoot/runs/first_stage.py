@@ -51,7 +51,7 @@ def first_stage(config: Config, shared: Shared) -> list[Any]:
     Returns:
         JSON values, which are equal for two runs that begin with the same bits.
     """
-    values = to_json(_without_files(config))
+    values = to_json(without_files(config))
     method = config.method
     fixed = [values[section] for section in DATA_SECTIONS]
     fixed.append(first_allowance(config))
@@ -67,7 +67,7 @@ def first_stage(config: Config, shared: Shared) -> list[Any]:
     return [*fixed, *trained, values["policy"], values["training"]]
 
 
-def _without_files(config: Config) -> Config:
+def without_files(config: Config) -> Config:
     """The configuration with hashes of its initial states: each run has its own copies of them."""
     others = tuple(
         replace(other, start_set=_start_set(other.start_set)) for other in config.other_gaits

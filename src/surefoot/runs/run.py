@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from surefoot.config import Config, method_name
-from surefoot.config.json_io import from_json, read_json, to_json
+from surefoot.config.json_io import changes_text, from_json, read_json, to_json
 from surefoot.config.json_text import read_file
 from surefoot.config.presets import with_earlier_ground
 from surefoot.files import is_left_over, lock_file, write_atomic, write_json
@@ -211,9 +211,8 @@ class Run:
 
     def gate_trained(self, kind: LearnedGate, iteration: int) -> GateTrained | None:
         """The record of the training of an iteration's learned gate, or None if it is not done."""
-        for record in self.metrics:
-            if not isinstance(record, GateTrained):
-                continue
+        gates = [record for record in self.metrics if isinstance(record, GateTrained)]
+        for record in gates:
             if record.kind == kind and record.iteration == iteration:
                 return record
         return None
@@ -296,12 +295,13 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
         begun = before.has_begun  # if not, nothing would be lost
         if begun and before.precision is None:
             run.config = with_precision_of(run.config, before.config)
-        if begun and before.config != run.config:
+        other = changes_text(run.config, before.config)
+        if begun and other:
             raise RunError(
-                f"{folder} holds a run with another configuration ({path}); resume it with the "
+                f"{folder} holds a run with another configuration: {other}. Resume it with the "
                 "options it was started with, or choose another folder with --run"
             )
-        if before.config == run.config:
+        if not other:
             check_starts(folder, before.config, read_setup(folder).starts_hash)
             warn_of_versions(before)
             return before

@@ -2,13 +2,15 @@
 
 A cell is one run: a technique under a setting, with a seed. Its jobs are to train it, and to
 measure its policies; cells whose first data, or whose first policy, are the same share a job that
-makes them once. Everything here follows from the study's configuration alone. Read `work` next for
-what a job does, and `runner` for who runs it.
+makes them once (`beginnings_of`). Everything here follows from the study's configuration and its
+presets; a study keeps its beginnings, because presets change from version to version. Read `work`
+next for what a job does, and `runner` for who runs it.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -125,25 +127,31 @@ def trained_configs(study: StudyConfig) -> dict[Cell, Config]:
     return configs
 
 
-def jobs_of(study: StudyConfig) -> tuple[StudyJob, ...]:
+def jobs_of(
+    study: StudyConfig, beginnings: Mapping[str, str] | None = None
+) -> tuple[StudyJob, ...]:
     """All jobs of a study, each after those that it needs.
 
     An expert that is the same in several settings is measured in the first of them; the others'
     measurements need that one.
+
+    Args:
+        study: The study.
+        beginnings: Name of a cell -> name of the job that makes what it begins with
+            (`beginnings_of`), as the study keeps it; None works it out.
     """
-    shared_jobs = _shared_jobs(study)
+    begins = beginnings_of(study) if beginnings is None else beginnings
     jobs: dict[str, StudyJob] = {}
     for cell in cells_of(study):
-        needs: tuple[str, ...] = ()
-        if study.technique(cell.technique).method == EXPERT:
-            first = _same_expert(study, cell)
-            needs = () if first == cell else (_job_name("measure", first),)
-        else:
+        begin = begins.get(cell.name)
+        needs = () if begin is None else (begin,)
+        if study.technique(cell.technique).method != EXPERT:
             train = StudyJob(_job_name("train", cell), "train", cell)
-            if cell.name in shared_jobs:
-                shared = shared_jobs[cell.name]
-                jobs[shared.name] = shared
-                train = replace(train, shared=shared.shared, needs=(shared.name,))
+            if begin is not None:
+                shared = _shared_by(begin)
+                # It is named by the first cell, whose turn is now if the job is not there yet.
+                jobs.setdefault(begin, StudyJob(begin, "share", cell, shared=shared))
+                train = replace(train, shared=shared, needs=needs)
             jobs[train.name] = train
             needs = (train.name,)
         measure = StudyJob(_job_name("measure", cell), "measure", cell, needs=needs)
@@ -192,16 +200,55 @@ def _job_name(what: str, cell: Cell) -> str:
     return f"{what}--{cell.name.replace('/', '--')}"
 
 
-def find_job(study: StudyConfig, name: str) -> StudyJob:
+def find_job(jobs: Sequence[StudyJob], name: str) -> StudyJob:
     """The job of this name.
 
     Raises:
         ValueError: There is none.
     """
-    known = {job.name: job for job in jobs_of(study)}
+    known = {job.name: job for job in jobs}
     if name not in known:
         raise ValueError(unknown("job", name, known))
     return known[name]
+
+
+def _shared_by(job: str) -> Shared:
+    """What a shared job makes, by its name."""
+    return "policy" if job.startswith("policy--") else "data"
+
+
+def beginnings_of(study: StudyConfig) -> dict[str, str]:
+    """What cells have in common by their presets, made once by the first of them.
+
+    Cells whose first policies are the same share them, if their method goes on from there; others
+    may still share their data. An expert is measured in the first setting where it is the same.
+
+    Args:
+        study: The study.
+
+    Returns:
+        Name of a cell -> name of the job that makes what it begins with; cells that share nothing
+        are left out.
+    """
+    begins: dict[str, str] = {}
+    configs = trained_configs(study)
+    for shared in ("policy", "data"):
+        groups: dict[str, list[Cell]] = {}
+        for cell, config in configs.items():
+            # Behavior cloning has no policy to go on from: its trainings have their data in common.
+            may_share = shared == "data" or isinstance(config.method, IterativeConfig)
+            if may_share and cell.name not in begins:
+                beginning = json.dumps(first_stage(config, shared), sort_keys=True)
+                groups.setdefault(beginning, []).append(cell)
+        for group in groups.values():
+            if len(group) > 1:
+                begins |= {cell.name: _job_name(shared, group[0]) for cell in group}
+    for cell in cells_of(study):
+        if study.technique(cell.technique).method == EXPERT:
+            first = _same_expert(study, cell)
+            if first != cell:
+                begins[cell.name] = _job_name("measure", first)
+    return begins
 
 
 def _same_expert(study: StudyConfig, cell: Cell) -> Cell:
@@ -224,28 +271,3 @@ def _expert_alone(config: Config) -> Config:
         pretraining=default.pretraining,
         budget=default.budget,
     )
-
-
-def _shared_jobs(study: StudyConfig) -> dict[str, StudyJob]:
-    """The shared job of each cell that has one, by the cell's name.
-
-    Cells whose first policies are the same share them, if their method goes on from there; others
-    may still share their data.
-    """
-    jobs: dict[str, StudyJob] = {}
-    configs = trained_configs(study)
-    for shared in ("policy", "data"):
-        groups: dict[str, list[Cell]] = {}
-        for cell, config in configs.items():
-            # Behavior cloning has no policy to go on from: its trainings have their data in common.
-            may_share = shared == "data" or isinstance(config.method, IterativeConfig)
-            if may_share and cell.name not in jobs:
-                beginning = json.dumps(first_stage(config, shared), sort_keys=True)
-                groups.setdefault(beginning, []).append(cell)
-        for group in groups.values():
-            if len(group) > 1:
-                # Named by its first cell, and not by the configuration: an option that a later
-                # version adds must not rename the jobs of a study in progress.
-                job = StudyJob(_job_name(shared, group[0]), "share", group[0], shared=shared)
-                jobs |= {cell.name: job for cell in group}
-    return jobs

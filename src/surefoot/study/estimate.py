@@ -35,7 +35,7 @@ from surefoot.files import write_json
 from surefoot.runs.budget import first_allowance, solves_of
 from surefoot.runs.versions import processor
 from surefoot.scenarios.prepare import completed
-from surefoot.study.cells import StudyJob, cell_config, jobs_of, measurements_of
+from surefoot.study.cells import StudyJob, cell_config, measurements_of
 from surefoot.study.state import JobStatus
 from surefoot.types import GRID, TICKS_PER_SECOND
 
@@ -290,11 +290,14 @@ class Estimate:
         return left / workers
 
 
-def estimate_study(study: StudyConfig, folder: Path | None = None) -> Estimate:
+def estimate_study(
+    study: StudyConfig, jobs: Sequence[StudyJob], folder: Path | None = None
+) -> Estimate:
     """Estimate how long each job of a study takes here, by a short calibration.
 
     Args:
         study: The study.
+        jobs: Its jobs.
         folder: Folder where the estimate is kept, and taken from where it is there already; None
             keeps it nowhere.
     """
@@ -303,7 +306,7 @@ def estimate_study(study: StudyConfig, folder: Path | None = None) -> Estimate:
         return before
     rates: dict[str, Rates] = {}
     seconds = {}
-    for job in jobs_of(study):
+    for job in jobs:
         config = cell_config(study, job.cell)
         # What the parts take depends on these parts of the configuration alone.
         key = repr(

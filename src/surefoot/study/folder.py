@@ -22,7 +22,7 @@ from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
 from surefoot.runs.layout import STARTS_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, read_setup
-from surefoot.study.cells import Cell, cell_config, measured_options
+from surefoot.study.cells import Cell, StudyJob, cell_config, jobs_of, measured_options
 
 Record = TypeVar("Record")
 STUDY_FILE = "study.json"
@@ -45,12 +45,20 @@ class StudySetup:
         version: Version of the package.
         precision: The number format in which cells train whose precision is `auto`, measured once
             for all of them.
+        beginnings: Name of a cell -> name of the job that makes what it begins with
+            (`cells.beginnings_of`), when the study began; None in files of earlier versions.
     """
 
     study: StudyConfig
     commit: str | None
     version: str
     precision: NumberFormat
+    beginnings: dict[str, str] | None = None
+
+    @property
+    def jobs(self) -> tuple[StudyJob, ...]:
+        """All jobs of the study, each after those that it needs; as when it began."""
+        return jobs_of(self.study, self.beginnings)
 
 
 @dataclass(frozen=True)

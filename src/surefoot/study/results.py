@@ -13,8 +13,10 @@ from pathlib import Path
 from tqdm import tqdm
 
 from surefoot.config import Config
+from surefoot.config.json_io import changes
 from surefoot.config.study import StudyConfig
 from surefoot.robots.scaling import with_own_values
+from surefoot.runs.first_stage import without_files
 from surefoot.runs.initial_states import resumed_config
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import Best, StageRecord
@@ -192,8 +194,9 @@ def _is_complete(study: StudyConfig, result: CellResult) -> bool:
     )
 
 
-def _without_seeds(config: Config) -> Config:
+def _common_part(config: Config) -> Config:
     """A configuration as all runs of a technique under a setting have it."""
+    config = without_files(config)
     return replace(config, seed=0, training=replace(config.training, seed=None))
 
 
@@ -206,11 +209,16 @@ def _check_together(setup: StudySetup, results: Sequence[CellResult]) -> None:
     """
     first: dict[tuple[str, str], CellResult] = {}
     for result in results:
+        if not result.metrics:
+            continue  # its run has not kept its configuration yet: it has that of the presets
         same = first.setdefault((result.cell.technique, result.cell.setting), result)
-        if _without_seeds(result.config) != _without_seeds(same.config):
+        differing = list(changes(_common_part(result.config), _common_part(same.config)))
+        if differing:
+            names = ", ".join(name for name, _, _ in differing)
             raise StudyError(
-                f"{result.cell.name} and {same.cell.name} are of different configurations, though "
-                "they differ in their seeds alone; move one of them away, and run it again"
+                f"{result.cell.name} and {same.cell.name} are of different configurations "
+                f"({names}), though a study has them differ in their seeds alone; move one of them "
+                "away, and run it again"
             )
     jobs = [job for result in results for job in result.jobs]
     for name, values in (

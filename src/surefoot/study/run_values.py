@@ -132,7 +132,7 @@ def falls_per_minute(cell: CellResult) -> float | None:
     known = [seconds / 60 for seconds in minutes if seconds is not None]
     if not records or len(known) < len(records):
         return None
-    return sum(record.falls for record in records) / sum(known)
+    return sum(record.falls for record in records) / sum(known) if sum(known) > 0.0 else None
 
 
 def _with_rollouts(records: Sequence[Collected]) -> list[Collected]:
@@ -171,7 +171,7 @@ def solves_per_second(cell: CellResult) -> float | None:
     known = [record.rollout_seconds for record in records if record.rollout_seconds is not None]
     if not records or len(known) < len(records):
         return None
-    return sum(record.plans for record in records) / sum(known)
+    return sum(record.plans for record in records) / sum(known) if sum(known) > 0.0 else None
 
 
 def rollouts(cell: CellResult) -> float | None:

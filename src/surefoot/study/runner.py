@@ -26,7 +26,7 @@ from surefoot.runs.versions import versions
 from surefoot.scenarios.gaits import all_starts_of
 from surefoot.scenarios.prepare import completed
 from surefoot.scenarios.starts import starts_of
-from surefoot.study.cells import StudyJob, jobs_of, trained_configs
+from surefoot.study.cells import StudyJob, beginnings_of, trained_configs
 from surefoot.study.checkout import check_out, checkout_root, clean_commit
 from surefoot.study.folder import STUDY_FILE, StudyError, StudySetup, read_study, save_setup
 from surefoot.study.pools import make_pool
@@ -84,7 +84,8 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
     root = checkout_root()
     commit = None if root is None else clean_commit(root)
     precision = measured_precision(study)
-    setup = StudySetup(study, commit, versions()["surefoot"], precision)
+    begins = beginnings_of(study)
+    setup = StudySetup(study, commit, versions()["surefoot"], precision, begins)
     save_setup(folder, setup)
     return setup
 
@@ -155,7 +156,7 @@ def run_study(folder: Path, workers: Workers, only: Sequence[str] = ()) -> Study
     folder = folder.resolve()
     setup = read_study(folder)
     claim_study(folder)
-    jobs = needed_jobs(setup.study, only) if only else jobs_of(setup.study)
+    jobs = needed_jobs(setup.jobs, only) if only else setup.jobs
     queue = JobQueue(jobs, finished_jobs(folder, setup.study, jobs))
     code = code_of(folder, setup)
     pool = make_pool(workers)
@@ -203,17 +204,16 @@ def code_of(folder: Path, setup: StudySetup) -> Path | None:
     return check_out(root, setup.commit, folder)
 
 
-def needed_jobs(study: StudyConfig, patterns: Sequence[str]) -> tuple[StudyJob, ...]:
+def needed_jobs(jobs: Sequence[StudyJob], patterns: Sequence[str]) -> tuple[StudyJob, ...]:
     """The jobs whose names match, and all those that they need, in the order of the study.
 
     Args:
-        study: The study.
+        jobs: All jobs of the study, each after those that it needs.
         patterns: Names of jobs, or shell patterns of names such as ``*--seed-0``.
 
     Raises:
         ValueError: No job has such a name.
     """
-    jobs = jobs_of(study)
     names = [job.name for job in jobs]
     needed: set[str] = set()
     for pattern in patterns:

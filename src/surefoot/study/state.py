@@ -16,7 +16,7 @@ from typing import Literal
 from surefoot.config.json_io import read_json
 from surefoot.config.study import StudyConfig
 from surefoot.files import is_locked, lock_file, write_atomic, write_json
-from surefoot.study.cells import StudyJob, jobs_of, measurements_of
+from surefoot.study.cells import StudyJob, measurements_of
 from surefoot.study.folder import (
     StudyError,
     read_job,
@@ -147,13 +147,13 @@ def job_statuses(folder: Path) -> tuple[JobStatus, ...]:
     Raises:
         StudyError: There is no study.
     """
-    study = read_study(folder).study
-    jobs = jobs_of(study)
+    setup = read_study(folder)
+    jobs = setup.jobs
     done: set[str] = set()
     refused: set[str] = set()
     for job in jobs:
         try:
-            if _is_done(folder, study, job):
+            if _is_done(folder, setup.study, job):
                 done.add(job.name)
         except StudyError as error:
             logger.warning("%s: %s", job.name, error)

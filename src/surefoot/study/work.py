@@ -124,7 +124,7 @@ def do_job(folder: Path, name: str, seconds: float = SLICE) -> bool:
         ValueError: There is no such job.
     """
     setup = read_study(folder)
-    job = find_job(setup.study, name)
+    job = find_job(setup.jobs, name)
     claim_job(folder, name)
     piece = Slice(seconds)
     finished = True
@@ -194,18 +194,21 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
     """
     cell = job.cell
     if setup.study.technique(cell.technique).method == EXPERT and job.needs:
-        copy_tests(folder, setup.study, find_job(setup.study, job.needs[0]).cell, cell)
+        copy_tests(folder, setup.study, find_job(setup.jobs, job.needs[0]).cell, cell)
         return
     for name in measurements_of(setup.study, cell):
         measurement = setup.study.measurement(name)
         config = config_for(run_folder(folder, cell), run_config(setup, cell))
         config = measured_config(config, measurement)
         before = read_tests(folder, setup.study, cell, name)
+        wanted = _policies_of(folder, setup.study, cell, measurement)
         done = () if before is None else before.policies
+        if [each.sha256 for each in done] != [each.sha256 for each in wanted[: len(done)]]:
+            logger.warning("%s: %s was measured of other policies; measured again", cell.name, name)
+            done = ()
         # What an earlier version began to measure stays without its options: nobody knows them.
         asked = measured_options(setup.study, cell, name)
         options = asked if before is None else before.options
-        wanted = _policies_of(folder, setup.study, cell, measurement)
         for policy in wanted[len(done) :]:
             piece.stop_if_over()
             done = (*done, _measure(config, policy, measurement))
@@ -244,6 +247,11 @@ class MeasuredPolicy:
     frames: int | None = None
     path: Path | None = None
 
+    @property
+    def sha256(self) -> str | None:
+        """SHA-256 of its file; None for the expert."""
+        return None if self.path is None else sha256(self.path.read_bytes()).hexdigest()
+
 
 def _policies_of(
     folder: Path, study: StudyConfig, cell: Cell, measurement: Measurement
@@ -267,9 +275,7 @@ def _policies_of(
 
 def _measure(config: Config, policy: MeasuredPolicy, measurement: Measurement) -> PolicyTest:
     """Measure one policy, or the expert."""
-    test = PolicyTest(policy.iteration, policy.frames, None)
-    if policy.path is not None:
-        test = replace(test, sha256=sha256(policy.path.read_bytes()).hexdigest())
+    test = PolicyTest(policy.iteration, policy.frames, policy.sha256)
     if measurement.measure == "impulse":
         config = replace(config, push=replace(config.push, split=measurement.split))
         return replace(test, pushes=push_recovery(config, policy.path, ONE_WORKER))
