@@ -7,12 +7,14 @@ import pytest
 
 import surefoot.evaluation.imitation as imitation
 from surefoot.config import Config, DisturbanceConfig, LocoDaggerConfig, PolicyConfig
+from surefoot.config.checked import known
 from surefoot.evaluation.imitation import expert_states, imitation_error
 from surefoot.evaluation.mirrors import make_mirror
 from surefoot.learning.frames import concatenate
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, save, target_of
 from surefoot.learning.symmetry import mirror_error
+from surefoot.robots.load import load_robot
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import draw_disturbances
 from surefoot.scenarios.starts import load_starts
@@ -73,6 +75,17 @@ def test_the_states_are_those_of_select_starts_pushed_once(few):
     size = np.linalg.norm(pushes.impulse[:, 0], axis=1)
     assert 0.5 < size.min() < 0.8
     assert 1.7 < size.max() < 2.0
+
+
+def test_other_robots_are_pushed_by_their_mass(few, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(imitation, "map_chunks", lambda _, chunks, *__: drawn.extend(chunks) or [])
+    monkeypatch.setattr(imitation, "load_robot", lambda _: load_robot("go2"))
+    monkeypatch.setattr(imitation, "concatenate", lambda frames: frames)
+    assert expert_states(CONFIG, Workers(1)) == []
+    low, high = known(drawn[0].disturbance.impulse, "impulse")
+    assert low / 0.5 == pytest.approx(high / 2.0, rel=0.01)
+    assert low > 2.0
 
 
 def test_methods_and_seeds_do_not_matter_and_the_states_are_made_once(few, policy, monkeypatch):

@@ -247,6 +247,15 @@ def test_only_the_same_starts_are_compared(monkeypatch, name, other):
         push_difference(result, replace(result, **{name: other}))
 
 
+def test_only_the_same_pushes_are_compared(monkeypatch):
+    pretend(monkeypatch, lambda angle, robot: 2.0)
+    result = recovery()
+    assert result.measured is not None
+    longer = replace(result, measured=replace(result.measured, duration=0.02))
+    with pytest.raises(ValueError, match="different duration"):
+        push_difference(result, longer)
+
+
 def test_a_result_without_the_outcome_of_every_robot_is_an_error(monkeypatch):
     pretend(monkeypatch, lambda angle, robot: 2.0)
     result = recovery()
@@ -427,6 +436,20 @@ def test_robots_that_fall_before_the_push_are_not_in_the_branch():
     assert not branch.up[0]
     assert len(branch.job.starts) == branch.up.sum()
     np.testing.assert_array_equal(branch.job.starts.id, begin.starts.id[branch.up])
+
+
+def test_robots_that_are_all_lost_before_the_push_withstand_nothing_under_noise_either():
+    few = replace(CONFIG.push, speeds=1, directions=1, levels=2, before=0.3, after=0.3)
+    noise = DisturbanceConfig(noise=StateNoiseConfig(joint_position=0.01))
+    config = replace(CONFIG, push=few, evaluation=replace(CONFIG.evaluation, disturbance=noise))
+    zeros = np.zeros((100, 12))
+
+    def gives_up(state, tick, command):
+        return MotionPlan(zeros, zeros, zeros, valid=False)
+
+    result = push_recovery(config, None, Workers(1), plan=gives_up)
+    assert result.lost_before == result.episodes
+    assert result.fitted_impulse == (0.0,)
 
 
 def test_a_robot_that_only_stands_fails_even_unpushed():

@@ -155,5 +155,15 @@ def test_relaxing_bounds_start_tight_and_end_as_in_the_table():
     assert tightened(CONFIG, 1.0, height=0.2) == CONFIG
 
 
+def test_relaxing_bounds_are_never_tighter_than_the_settled_gait_needs():
+    known = replace(CONFIG, settled=(0.16, 22.0))
+    tight = tightened(known, 0.6, height=0.2)
+    assert (tight.com_height, tight.roll_pitch) == ((0.16, 1.0), 22.0)
+    assert tightened(replace(CONFIG, settled=(0.18, 4.0)), 0.6, height=0.2) == replace(
+        tightened(CONFIG, 0.6, height=0.2), settled=(0.18, 4.0)
+    )
+    assert tightened(known, 1.0, height=0.2) == known
+
+
 def test_the_lower_bound_is_tightened_towards_the_height_of_the_gait():
     assert tightened(CONFIG, 0.5, height=0.35).com_height == pytest.approx((0.25, 1.0))

@@ -57,6 +57,8 @@ def test_the_envelope_holds_every_bound():
         of_all = [joint_rows(one)[joint] for one in (TABLE_I, low, own)]
         assert hull == (min(row[0] for row in of_all), max(row[1] for row in of_all))
     assert envelope([TABLE_I, TABLE_I]) == TABLE_I
+    settled = [replace(TABLE_I, settled=(0.18, 6.0)), TABLE_I, replace(TABLE_I, settled=(0.2, 9.0))]
+    assert envelope(settled).settled == (0.18, 9.0)
 
 
 def test_initial_states_of_each_gait_have_ids_and_gaits_of_their_own(tmp_path):

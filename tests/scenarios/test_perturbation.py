@@ -1,6 +1,7 @@
 """Contact-consistent perturbation: what must not move, what must, and what is refused."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -240,6 +241,26 @@ def test_a_foot_that_touched_down_deep_does_not_forbid_all_neighbors():
     rng = np.random.default_rng(0)
     moved, _ = perturb(ROBOT, q, np.zeros(18), np.ones(4, bool), CONFIG, SAFETY, rng)
     assert (moved[7:] != q[7:]).all()
+
+
+def test_joints_within_their_limits_stay_there():
+    """Where the state itself is beyond them, its neighbors may be, too."""
+    limit = np.full((12, 2), (-np.inf, np.inf))
+    limit[1] = STANDING[8] - 0.05, STANDING[8] + 0.05
+    limited = replace(ROBOT, position_limit=limit)
+    rng = np.random.default_rng(3)
+    in_the_air = STANDING.copy()
+    in_the_air[2] += 0.2
+
+    def bent(q):
+        return np.array(
+            [perturb(limited, q, np.zeros(18), ~ALL, CONFIG, SAFETY, rng)[0][8] for _ in range(30)]
+        )
+
+    assert np.abs(bent(in_the_air) - STANDING[8]).max() <= 0.05
+    beyond = in_the_air.copy()
+    beyond[8] += 0.06
+    assert np.abs(bent(beyond) - STANDING[8]).max() > 0.05
 
 
 def test_with_a_hardware_profile_joints_beyond_its_ranges_are_not_acceptable():

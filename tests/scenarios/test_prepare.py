@@ -28,7 +28,7 @@ from surefoot.mpc.gaits import with_gait, with_gaits
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
-from surefoot.safety.gates import unsafe
+from surefoot.safety.gates import tightened, unsafe
 from surefoot.scenarios import prepare as module
 from surefoot.scenarios.gains import measured_gain
 from surefoot.scenarios.make import SEED, SIZES, cycle_instants, make_starts, settle
@@ -285,6 +285,8 @@ def test_a_settled_gait_never_fires_its_bounds(trot):
     bounds = settled_bounds(robot, own, trot.of(np.array([True, True, True, False])))
     state = state_of(robot, trot.q.reshape(-1, 19), trot.v.reshape(-1, 18))
     assert not unsafe(state, bounds).any()  # at the command that was left out, neither
+    tight = tightened(bounds, 0.01, known(with_own_values(GO2_TROT).gait.com_height, "height"))
+    assert not unsafe(state, tight).any()
     lowest = known(bounds.com_height, "com_height")[0]
     assert lowest <= known(own.com_height, "com_height")[0]
     for (low, high), (lower, higher) in zip(own.joints, bounds.joints, strict=True):
@@ -307,7 +309,10 @@ def test_bounds_are_widened_by_ten_degrees_and_two_centimeters_where_a_gait_need
 def test_the_bounds_of_a_gait_within_the_papers_table_are_the_papers():
     robot = load_robot("solo12")
     walks = FakeWalks()(robot, with_own_values(Config()), np.zeros((1, 3)), 3)
-    assert settled_bounds(robot, TABLE_I, walks) == TABLE_I
+    bounds = settled_bounds(robot, TABLE_I, walks)
+    assert replace(bounds, settled=None) == TABLE_I
+    height = state_of(robot, walks.q[:, 0], walks.v[:, 0]).com[0, 2]
+    assert bounds.settled == pytest.approx((height - 0.01, 5.0), abs=1e-4)
 
 
 # --- whole configurations
@@ -336,6 +341,22 @@ def test_a_gait_that_stands_is_completed_without_commands_only(small_sets):
     config = completed(replace(standing, commands=CommandBox((0.0, 0.0))))
     assert config.expert.command_gain == (1.0, 1.0, 1.0)
     completed(with_gaits(GO2_TROT, ["trot", "stand"]))
+
+
+def test_a_gait_that_does_not_walk_as_it_is_told_is_warned_of(fake_walks, monkeypatch, caplog):
+    prepare(GO2_TROT, sizes=SMALL)
+    assert "does not walk as it is told" not in caplog.text
+    walk = module.settle
+
+    def backwards(config, commands):
+        walks = walk(config, commands)
+        astray = walks.command[:, 0] > 0.5
+        return replace(walks, v=np.where(astray[:, None], -walks.v, walks.v))
+
+    monkeypatch.setattr(module, "settle", backwards)
+    made = prepare(GO2_TROT, seed=1, sizes=SMALL).made
+    assert made.astray
+    assert f"at {len(made.astray)} of {len(made.followed)} commands" in caplog.text
 
 
 def test_another_robot_gets_what_was_measured_and_all_of_it(small_sets):

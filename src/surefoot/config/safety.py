@@ -11,7 +11,8 @@ GateName = Literal["bounds", "relaxing", "classifier", "history"]
 """Names of the gates.
 
 - `bounds`: the paper's table.
-- `relaxing`: the same table, tight in the first iteration and the paper's in the last one.
+- `relaxing`: the same table, tight in the first iteration and the paper's in the last one; never
+  tighter than the settled gait needs.
 - `classifier`: SafeDAGGER's network, which predicts where the policy deviates from the expert.
 - `history`: a network that predicts from the last 100 ms that the bounds will be left within the
   next 0.3 s.
@@ -36,6 +37,8 @@ Range = Annotated[tuple[float, float], Within(-10_000.0, 10_000.0), Rising()]
 """The smallest and the largest value that is safe; a wide one switches its test off."""
 Tilt = Annotated[float, Within(0.0, 10_000.0)]
 """Roll or pitch either way [deg]; a wide one switches its test off."""
+Needed = Annotated[tuple[float, float], Within(-10_000.0, 10_000.0)]
+"""The height [m] and the tilt [deg] that a settled gait needs."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,10 @@ class SafetyConfig(Checked):
     knee: Range | None = None
     """[deg] of the front legs; mirrored for the hind legs; None is the robot's own (Solo12: -160 to
     0)."""
+    settled: Needed | None = None
+    """[m], [deg] how low the center of mass, and how far roll and pitch, are in the settled gait,
+    with a margin: the gate `relaxing` is never tighter. None is what was prepared; where nothing
+    was, it is not known, and limits nothing."""
     joints: tuple[Range, ...] = ()
     """[deg] of all twelve joints, leg by leg, in place of the three ranges above, which fit legs
     that bend apart; none uses those."""

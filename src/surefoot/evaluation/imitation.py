@@ -21,7 +21,8 @@ from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.policy import load
 from surefoot.learning.samples import derive
 from surefoot.robots.identity import content_hash
-from surefoot.robots.load import find_spec
+from surefoot.robots.load import find_spec, load_robot
+from surefoot.robots.scaling import by_mass, size_of
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job, chunks_of, run_chunk
@@ -36,7 +37,8 @@ DURATION = 1.6
 EVERY = 20
 """[ms] between two states of a rollout: neighbors tell the same."""
 IMPULSE = (0.5, 2.0)
-"""[N s] the smallest and the largest push, one in each rollout: the expert withstands them."""
+"""[N s] the smallest and the largest push of a Solo12, one in each rollout, and of other robots by
+their mass: the expert withstands them."""
 FALL_ANGLE = 60.0
 """[deg] roll or pitch beyond this is a fall, as in the measurement of pushes."""
 
@@ -131,12 +133,13 @@ def expert_states(config: Config, workers: Workers, all_ticks: bool = False) -> 
 def _expert_states(config: Config, _content: str, workers: Workers, all_ticks: bool) -> Frames:
     """The same of a configuration in which all else is the default, and of its robot's files."""
     starts = starts_of(config).first("select", ROLLOUTS)
+    impulse = by_mass(IMPULSE, size_of(load_robot(config.robot)).mass_ratio)
     job = Job(
         config,
         Episodes(starts, DURATION, id=starts.id),
         ExpertOnly(),
         keep=_some_states,
-        disturbance=DisturbanceConfig(pushes=1, impulse=IMPULSE, fall_angle=FALL_ANGLE),
+        disturbance=DisturbanceConfig(pushes=1, impulse=impulse, fall_angle=FALL_ANGLE),
     )
     title = f"{config.simulation.backend}, expert: pushed select starts"
     results = map_chunks(run_chunk, chunks_of(job), workers, title)

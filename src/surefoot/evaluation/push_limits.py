@@ -188,9 +188,12 @@ def push_difference(a: PushResult, b: PushResult) -> PushDifference:
         b: The pushes of the other, which is subtracted.
 
     Raises:
-        ValueError: The two differ in initial states, directions or share.
+        ValueError: The two differ in initial states, directions or share, or in how they were
+            pushed.
     """
     check_paired(a, b, ("starts_hash", "split", "episodes", "direction_deg", "share"))
+    if a.measured is not None and b.measured is not None:
+        check_paired(a.measured, b.measured, ("before", "duration", "after", "fall_angle"))
     drawn_a, below_a, above_a = _drawn_and_widening(a)
     drawn_b, below_b, above_b = _drawn_and_widening(b)
     low, high = percentiles((drawn_a - drawn_b).mean(axis=1))

@@ -197,6 +197,11 @@ def evaluate(
         KeyError: There is no such split.
         ValueError: The split holds fewer initial states than the episodes asked for.
     """
+    if stored is not None and config.other_gaits:
+        raise ValueError(
+            "one set of initial states, but several gaits; leave it out for those of all gaits, or "
+            "evaluate each gait alone"
+        )
     all_stored = all_starts_of(config) if stored is None else AllStarts((stored,))
     job = evaluation_job(config, policy, split, all_stored, plan)
     title = f"{controller_title(config, policy)}: {split} starts"

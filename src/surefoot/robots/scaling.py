@@ -272,12 +272,12 @@ def own_pushes(
     Those of Solo12 teach the most; the same change of velocity takes an impulse by the mass.
     """
     ratio = size_of(robot).mass_ratio
-    strong = _by_mass(EXPERT_PUSH, ratio)
-    push = strong if expert_drives else _by_mass(PUSH, ratio)
+    strong = by_mass(EXPERT_PUSH, ratio)
+    push = strong if expert_drives else by_mass(PUSH, ratio)
     return _filled(config, impulse=push, expert_impulse=strong)
 
 
-def _by_mass(impulse: tuple[float, float], ratio: float) -> tuple[float, float]:
+def by_mass(impulse: tuple[float, float], ratio: float) -> tuple[float, float]:
     """The impulses [N s] that change the velocity of a robot as these do that of a Solo12."""
     low, high = (_scaled(None, value, ratio) for value in impulse)
     return low, high

@@ -45,7 +45,16 @@ def envelope(bounds: Sequence[SafetyConfig]) -> SafetyConfig:
     com = [known(one.com_height, "safety.com_height") for one in bounds]
     fallen = [known(one.fall_height, "safety.fall_height") for one in bounds]
     tilt = max(known(one.roll_pitch, "safety.roll_pitch") for one in bounds)
-    safety = replace(first, com_height=_hull(com), fall_height=_hull(fallen), roll_pitch=tilt)
+    settled = [one.settled for one in bounds if one.settled is not None]
+    safety = replace(
+        first,
+        com_height=_hull(com),
+        fall_height=_hull(fallen),
+        roll_pitch=tilt,
+        settled=(min(low for low, _ in settled), max(far for _, far in settled))
+        if settled
+        else None,
+    )
     rows = [joint_rows(one) for one in bounds]
     if all(row == rows[0] for row in rows):
         return safety

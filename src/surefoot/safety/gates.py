@@ -128,6 +128,8 @@ def distances(state: State, config: SafetyConfig) -> Array:
 def tightened(config: SafetyConfig, share: float, height: float) -> SafetyConfig:
     """The table with height, roll and pitch moved towards a level gait; joints keep their bounds.
 
+    It is never tighter than the settled gait needs, where that is known.
+
     Args:
         config: The table.
         share: How much is left of the angles, and of the distance from the gait's height down to
@@ -137,4 +139,8 @@ def tightened(config: SafetyConfig, share: float, height: float) -> SafetyConfig
     low, high = known(config.com_height, "safety.com_height")
     low = height - share * (height - low)
     tilt = share * known(config.roll_pitch, "safety.roll_pitch")
+    if share < 1.0 and config.settled is not None:
+        lowest, farthest = config.settled
+        low = min(low, lowest)
+        tilt = max(tilt, farthest)
     return replace(config, com_height=(low, high), roll_pitch=tilt)

@@ -139,12 +139,12 @@ class Disturbance:
             if not whole or (measured < 0).any():
                 raise ValueError("disturbance: measured must be (B,) whole numbers from 0 on [ms]")
             object.__setattr__(self, "measured", measured)
-        if standard_deviations(self.noise).any() and not self.seeds:
+        robots = self._robots()
+        if standard_deviations(self.noise).any() and not self.seeds and self.batch != 0:
             raise ValueError(
                 "disturbance: noise without seeds; give one for each robot, or let "
                 "draw_disturbances make it"
             )
-        robots = self._robots()
         if len(set(robots.values())) > 1:
             given = ", ".join(f"{name} for {count}" for name, count in robots.items())
             raise ValueError(f"disturbance: {given}; give each for the same number of robots")
@@ -170,13 +170,16 @@ class Disturbance:
     def __getitem__(self, rows: slice | NDArray) -> Disturbance:
         """What disturbs some of the robots."""
         chosen = np.arange(len(self.seeds))[rows] if self.seeds else ()
+        measured = self.measured
+        if measured is None and self.seeds:
+            measured = np.zeros(len(self.seeds), int)  # so that none of the robots are none, too
         return replace(
             self,
             pushes=None if self.pushes is None else self.pushes[rows],
             friction=None if self.friction is None else self.friction[rows],
             mass=None if self.mass is None else self.mass[rows],
             seeds=tuple(self.seeds[row] for row in chosen),
-            measured=None if self.measured is None else self.measured[rows],
+            measured=None if measured is None else measured[rows],
             torque_noise=None if self.torque_noise is None else self.torque_noise[rows],
         )
 

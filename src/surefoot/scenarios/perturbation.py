@@ -3,8 +3,8 @@
 A random change of configuration is projected onto the null space of the stance feet's Jacobian and
 corrected until those feet are back where they were; a random change of velocity is projected at
 the new configuration, so that no stance foot moves. States that touch the ground with anything but
-the feet, or have fallen already, are drawn again. Next: `surefoot.scenarios.make`, which perturbs
-whole sets.
+the feet, have fallen already, or bend a joint beyond its limits are drawn again. Next:
+`surefoot.scenarios.make`, which perturbs whole sets.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ def perturb(
         v: ``(18,)`` velocity [m/s, rad/s].
         stance: ``(4,)`` True for the feet that are on the ground.
         config: Standard deviations before the projection.
-        safety: The fall bounds; a state beyond them is drawn again.
+        safety: The fall bounds; a state beyond them is drawn again, and so is one with a joint
+            beyond the robot's limits, if the state itself is within them.
         rng: The source of randomness.
 
     Returns:
@@ -61,6 +62,7 @@ def perturb(
     velocity_sigma = np.concatenate([np.full(3, linear), np.full(15, config.velocity)])
     data = robot.model.createData()
     contacts = stance_feet(robot, data, q, stance)
+    was_within = within_limits(robot, q)
     J = stance_jacobian(robot, data, q, stance)
     for _ in range(ATTEMPTS):
         change = project(J, sigma * rng.standard_normal(18))
@@ -69,12 +71,27 @@ def perturb(
         moved = put_feet_back(robot, data, moved, contacts, stance)
         if moved is None or not acceptable(robot, data, moved, config, safety, stance):
             continue
+        if was_within and not within_limits(robot, moved):
+            continue
         return moved, project(stance_jacobian(robot, data, moved, stance), velocity)
     raise GaitError(
-        f"no acceptable initial state in {ATTEMPTS} draws: each one had fallen or touched the "
-        "ground with more than its feet; "
-        f"lower the standard deviations ({config})"
+        f"no acceptable initial state in {ATTEMPTS} draws: each one had fallen, touched the ground "
+        "with more than its feet, or bent a joint beyond its limits"
+        f"{'' if robot.profile is None else ' or those of the hardware profile'}; lower the "
+        f"standard deviations ({config})"
     )
+
+
+def within_limits(robot: RobotModel, q: Array) -> BoolArray:
+    """``(...)`` True where every joint is within the robot's own limits.
+
+    Args:
+        robot: The model of the robot.
+        q: ``(..., 19)`` configurations [m, unit quaternion, rad].
+    """
+    low, high = robot.position_limit.T
+    joints = q[..., 7:]
+    return np.asarray(((joints >= low) & (joints <= high)).all(axis=-1))
 
 
 def stance_jacobian(robot: RobotModel, data: pin.Data, q: Array, stance: BoolArray) -> Array:

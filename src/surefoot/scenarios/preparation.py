@@ -16,6 +16,8 @@ from surefoot.types import Array
 
 Triple = tuple[float, float, float]
 """vx [m/s], vy [m/s] and yaw rate [rad/s], or a factor of each."""
+ASTRAY: Triple = (0.1, 0.1, 0.2)
+"""Errors of vx [m/s], vy [m/s] and yaw rate [rad/s] that are small at any command."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,22 @@ class Preparation:
     def command_gain(self) -> Triple:
         """The gains of vx, vy and yaw rate."""
         return self.gain.gain
+
+    @property
+    def astray(self) -> tuple[Followed, ...]:
+        """The commands at which the robot stays up, but does not walk as it is told.
+
+        There the mean velocity is off by more than half of the command, and by more than `ASTRAY`.
+        """
+        return tuple(
+            each
+            for each in self.followed
+            if not each.fell
+            and any(
+                abs(reached - told) > max(least, 0.5 * abs(told))
+                for reached, told, least in zip(each.velocity, each.command, ASTRAY, strict=True)
+            )
+        )
 
     @property
     def tracking_error(self) -> Triple:

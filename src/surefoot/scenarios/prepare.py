@@ -43,6 +43,7 @@ from surefoot.scenarios.make import (
     make_starts,
     settle,
 )
+from surefoot.scenarios.perturbation import within_limits
 from surefoot.scenarios.preparation import CommandGain, Followed, Preparation, Triple, rounded
 from surefoot.scenarios.settled_bounds import settled_bounds
 from surefoot.scenarios.starts import StartSet, load_starts, save_starts
@@ -138,12 +139,34 @@ def prepare(
     cycles = {count: _cycle(settled, up, config, each) for count, each in spread.items()}
     starts = make_starts(key[:8], config, cycles, perturbation, seed, sizes)
     made = replace(made, seconds=round(time.perf_counter() - began, 1))
+    _warn_of_walks(robot, config, made, settled.of(up))
     # Another process may have made the same meanwhile, and its user may read that file now.
     found = _find(path, key)
     if found is not None:
         return found
     save_starts(replace(starts, preparation=made), path, overwrite=True)
     return Prepared(load_starts(path), made, path, kept=False)
+
+
+def _warn_of_walks(robot: RobotModel, config: Config, made: Preparation, settled: Walks) -> None:
+    """Warn of what the robots do while they stay up: walk otherwise than told, or bend too far."""
+    name = f"{robot.name}, {gait_name(config.gait)}"
+    astray = made.astray
+    if astray:
+        worst = max(astray, key=lambda each: np.abs(np.subtract(each.velocity, each.command)).max())
+        told = ", ".join(f"{x:.2f}" for x in worst.command)
+        reached = ", ".join(f"{x:.2f}" for x in worst.velocity)
+        logger.warning(
+            f"{name}: at {len(astray)} of {len(made.followed)} commands the robot does not walk as "
+            f"it is told; at (vx, vy, yaw rate) {told} it reaches {reached}. Use a smaller box of "
+            "commands"
+        )
+    beyond = 1.0 - float(within_limits(robot, settled.q).mean())
+    if beyond > 0.0:
+        logger.warning(
+            f"{name}: in {100.0 * beyond:.0f} % of the time a joint of the settled gait is beyond "
+            "the robot's position limits"
+        )
 
 
 def prepared_key(
@@ -364,6 +387,8 @@ def _filled(config: Config, gain: Triple | None, measured: SafetyConfig) -> Conf
         safety = replace(safety, com_height=measured.com_height)
     if safety.roll_pitch is None:
         safety = replace(safety, roll_pitch=measured.roll_pitch)
+    if safety.settled is None:
+        safety = replace(safety, settled=measured.settled)
     if not safety.joints and _ranges(safety) == (None, None, None):
         safety = replace(safety, joints=measured.joints)
     return with_own_values(replace(config, expert=expert, safety=safety))

@@ -24,12 +24,14 @@ MARGIN = 10.0
 """[deg] The bounds on angles lie so far beyond what the settled gait needs."""
 LOWER = 0.02
 """[m] The bound on the height lies so far below, times the ratio of leg lengths."""
+SHARE = 0.5
+"""Share of these margins that remains where a gate tightens the bounds."""
 ROUND = 1e4
 """Bounds have four decimals."""
 
 
 def settled_bounds(robot: RobotModel, safety: SafetyConfig, walks: Walks) -> SafetyConfig:
-    """Bounds widened until a settled gait stays within them, with a margin.
+    """Bounds widened until a settled gait stays within them, with a margin, and its `settled`.
 
     Args:
         robot: The robot.
@@ -41,11 +43,16 @@ def settled_bounds(robot: RobotModel, safety: SafetyConfig, walks: Walks) -> Saf
     below = LOWER * size_of(robot).length_ratio
     com_height = _widened(known(safety.com_height, "safety.com_height"), state.com[:, 2], below)
     tilt = known(safety.roll_pitch, "safety.roll_pitch")
-    _, tilt = _widened((-tilt, tilt), np.abs(np.degrees(state.roll_pitch)), MARGIN)
+    tilts = np.abs(np.degrees(state.roll_pitch))
+    _, tilt = _widened((-tilt, tilt), tilts, MARGIN)
+    settled = (
+        round(float(state.com[:, 2].min()) - SHARE * below, 4),
+        round(float(tilts.max()) + SHARE * MARGIN, 4),
+    )
     angles = np.degrees(q[:, 7:]).T
     own = joint_rows(safety)
     joints = tuple(_widened(*row, MARGIN) for row in zip(own, angles, strict=True))
-    safety = replace(safety, com_height=com_height, roll_pitch=tilt)
+    safety = replace(safety, com_height=com_height, roll_pitch=tilt, settled=settled)
     return safety if joints == own else replace(safety, joints=joints)
 
 
