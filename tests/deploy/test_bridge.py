@@ -11,7 +11,7 @@ import pytest
 from surefoot.deploy import bridge as bridge_module
 from surefoot.deploy import protocol
 from surefoot.deploy.bridge import UdpChannel
-from tests.fakes.bridge_world import BRIDGE, RUNTIME, World
+from tests.fakes.bridge_world import BRIDGE, RUNTIME, TOY, World
 
 ALONE = """
 import sys, time
@@ -157,3 +157,18 @@ def test_a_socket_hears_and_waits_for_nobody():
     far.send(b"x" * 100_000, near.address)  # too long for UDP: lost
     near.close()
     far.close()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"command_timeout": 20.0}, "command_timeout is 20.0 s; use at most 1.0"),
+        ({"state_timeout": float("nan")}, "state_timeout is nan"),
+        ({"position_low": (float("nan"),) * 12}, "limits of joint 0"),
+        ({"torque": (0.0,) * 12}, "torque limits"),
+        ({"damping": -0.1}, "damping is -0.1"),
+    ],
+)
+def test_limits_and_times_that_keep_no_robot_safe_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        protocol.check_description(TOY._replace(**changes))

@@ -63,7 +63,16 @@ def test_a_gait_that_the_policy_does_not_walk_is_named_with_those_that_it_does(c
 
 
 def test_stop_is_obeyed():
-    assert obey(Wish(True, Command()), "stop", Vocabulary()).go is False
+    for line in ("stop", "stop!", "stop now", "\x1b[Astop", "STOP"):
+        assert obey(Wish(True, Command()), line, Vocabulary()).go is False
+
+
+def test_of_a_stop_and_a_start_that_come_together_the_stop_counts(pipe):
+    operator = Terminal(Command(), descriptor=pipe[0])
+    os.write(pipe[1], b"stop\nstart\n")
+    assert not operator.wish().go
+    os.write(pipe[1], b"start\n")
+    assert operator.wish().go
 
 
 @pytest.fixture

@@ -1,8 +1,10 @@
 """An MPC in another process: what is sent arrives to the bit, and failures say what to do."""
 
+import os
 import pickle
 import socket
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -95,6 +97,41 @@ def test_a_copy_in_another_process_has_a_connection_of_its_own(served):
     copy = pickle.loads(pickle.dumps(remote))
     assert copy._connection is None
     assert copy(STATE, 0, COMMAND).valid
+
+
+def test_no_question_gets_the_answer_of_an_interrupted_one(served, monkeypatch):
+    """Ctrl-C while it waits, in a notebook that goes on."""
+
+    def numbered(state, tick, command):
+        return MotionPlan(*np.full((3, 1, 12), float(tick)), valid=True)
+
+    def interrupt(connection):
+        raise KeyboardInterrupt
+
+    remote = served(numbered)
+    with monkeypatch.context() as patch:
+        patch.setattr("surefoot.interop.socket_plan.read_answer", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            remote(STATE, 1, COMMAND)
+    assert remote(STATE, 2, COMMAND).torque[0, 0] == 2.0
+
+
+def test_threads_get_their_own_answers(served):
+    remote = served(lambda _, tick, __: MotionPlan(*np.full((3, 1, 12), float(tick)), valid=True))
+    with ThreadPoolExecutor(4) as pool:
+        plans = list(pool.map(lambda tick: remote(STATE, tick, COMMAND), range(100)))
+    assert [plan.torque[0, 0] for plan in plans] == list(range(100))
+
+
+def test_a_forked_process_has_a_connection_of_its_own(served, monkeypatch):
+    remote = served(lambda *_: PLAN)
+    remote(STATE, 0, COMMAND)
+    first = remote._connection
+    monkeypatch.setattr(os, "getpid", lambda: -1)
+    remote(STATE, 0, COMMAND)
+    assert remote._connection is not first
+    assert first is not None and first.fileno() >= 0  # the other process still has it
+    first.close()
 
 
 def test_without_a_server_the_error_says_to_start_it():

@@ -7,13 +7,20 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from surefoot.cli.command_line import read_options
 from surefoot.cli.options import OnGait, OnRobot, Output, check_outputs, config_of_gait
 from surefoot.config import Config
+
+if TYPE_CHECKING:
+    from surefoot.learning.dataset import Dataset
+    from surefoot.robots.model import RobotModel
+
+SAME_FEET = 1e-3
+"""[m] Feet of a dataset's frames may be so far from where the robot has them."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,7 @@ class Fit(OnGait, OnRobot):
         config = self.with_robot(self.config)
         robot = load_robot(config.robot)
         config = with_own_values(config, robot)
+        check_robot(data, robot)
         seed = self.seed_of(config)
         seen = training_data(config, data)
         spec = policy_spec(config)
@@ -112,6 +120,32 @@ class Fit(OnGait, OnRobot):
                 "one of the two options"
             )
         return self.seed
+
+
+def check_robot(data: Dataset, robot: RobotModel) -> None:
+    """Check that a dataset was recorded with a robot: a dataset does not name its own.
+
+    Args:
+        data: The dataset.
+        robot: The robot.
+
+    Raises:
+        ValueError: The feet of its first frames are not where this robot has them.
+    """
+    import numpy as np
+
+    from surefoot.robots.geometry import state_of
+
+    for part in data.parts():
+        frames = part[: min(len(part), 10)]
+        feet = state_of(robot, frames.q, frames.v).feet
+        away = float(np.abs(feet - frames.feet).max(initial=0.0))
+        if away > SAME_FEET:
+            raise ValueError(
+                f"{data.folder} holds frames of another robot than {robot.name}: its feet would be "
+                f"up to {away:.3f} m elsewhere. Name the robot with --robot; the logs of two "
+                "robots belong into two datasets"
+            )
 
 
 def parse_fit(args: Sequence[str]) -> Fit:

@@ -13,6 +13,7 @@ from surefoot.config import Config
 
 if TYPE_CHECKING:
     from surefoot.learning.dataset import Dataset
+    from surefoot.learning.frames import Frames
 
 
 @dataclass(frozen=True)
@@ -36,18 +37,36 @@ class ImportData(OnRobot):
         from surefoot.interop.datasets.arrays import frames_from_arrays, read_expert_log
         from surefoot.learning.dataset import Dataset
         from surefoot.robots.load import load_robot
+        from surefoot.runs.layout import run_that_owns
 
         if not self.logs:
             raise ValueError("import-data needs at least one log")
         robot = load_robot(self.with_robot(Config()).robot)
+        run = run_that_owns(self.out / "shard")
+        if run is not None:
+            raise ValueError(
+                f"--out: {self.out} is the data of the run {run}, which could not be resumed any "
+                "more; choose another folder"
+            )
         data = Dataset(self.out)
-        for log in tqdm(self.logs, "import", leave=False, unit="log"):
-            if log.stem in data.shards:
-                raise ValueError(f"{self.out} has a shard {log.stem!r} already; rename {log}")
+        names = [*data.shards, *(log.stem for log in self.logs)]
+        for log in self.logs:
+            if names.count(log.stem) > 1:
+                raise ValueError(
+                    f"{log}: {self.out} has a shard {log.stem!r} already, or another log of this "
+                    "name is imported; rename it"
+                )
+
+        def frames_of(log: Path, first: int) -> Frames:
             try:
-                frames = frames_from_arrays(read_expert_log(log), robot, next_episode(data))
+                return frames_from_arrays(read_expert_log(log), robot, first)
             except ValueError as error:
                 raise ValueError(f"{log}: {error}") from error
+
+        for log in tqdm(self.logs, "check", leave=False, unit="log"):
+            frames_of(log, 0)  # all of them before the first one is imported
+        for log in tqdm(self.logs, "import", leave=False, unit="log"):
+            frames = frames_of(log, next_episode(data))
             data.append(log.stem, frames)
             tqdm.write(f"{log}: {len(frames)} frames")
         print(f"{self.out}: {data.episodes} episodes, {data.frames} frames, hash {data.hash}")

@@ -149,6 +149,7 @@ class Bridge:
         description: protocol.Description,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
+        protocol.check_description(description)
         self.description = description
         self.status = protocol.IDLE
         self.cause = protocol.NO_CAUSE

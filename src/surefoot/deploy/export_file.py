@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from surefoot.config.json_io import from_json
@@ -100,11 +101,25 @@ def _content(path: Path) -> bytes:
     return content
 
 
+def import_onnxruntime() -> ModuleType:
+    """Import ONNX Runtime.
+
+    Raises:
+        ImportError: It is missing; the message says how to install it.
+    """
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise ImportError(
+            f"ONNX Runtime is missing ({error}); `pip install onnxruntime` installs it"
+        ) from error
+    return onnxruntime
+
+
 def open_session(content: bytes) -> Any:
     """A session of a graph, on one core."""
-    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-    import onnxruntime
-
+    onnxruntime = import_onnxruntime()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
@@ -114,6 +129,7 @@ def open_session(content: bytes) -> Any:
 
 def _metadata(path: Path, content: bytes) -> dict[str, str]:
     """The metadata of a file."""
+    import_onnxruntime()
     try:
         return dict(open_session(content).get_modelmeta().custom_metadata_map)
     except Exception as error:  # whatever ONNX Runtime makes of a damaged file

@@ -9,7 +9,7 @@ import numpy as np
 
 from surefoot.deploy.faults import Limits, roll_pitch
 from surefoot.deploy.interfaces import DeployedPolicy, Sensors
-from surefoot.deploy.protocol import Description
+from surefoot.deploy.protocol import Description, check_description
 from surefoot.types import JOINTS, Array
 
 INSIDE = 0.25
@@ -30,7 +30,9 @@ def check_robot(policy: DeployedPolicy, description: Description) -> None:
 
     Raises:
         WrongRobotError: Robot, joint order or rate differ.
+        ValueError: What the bridge says of its limits or times would keep no robot safe.
     """
+    check_description(description)
     if policy.robot != description.robot:
         raise WrongRobotError(
             f"the policy was made for the robot {policy.robot}, and the bridge serves "
@@ -85,19 +87,22 @@ def missing_base(policy: DeployedPolicy, has_expert: bool, sensors: Sensors) -> 
     return None
 
 
-def posture_of(policy: DeployedPolicy) -> Array:
+def posture_of(policy: DeployedPolicy, limits: Limits) -> Array:
     """The joint angles ``(12,)`` in which a robot is to stand before the policy drives [rad].
 
     They are the nominal ones, as far as the initial states trained on reach: those of a gait may
-    have its legs bent further than the nominal posture.
+    have its legs bent further than the nominal posture. They are never beyond what the joints may
+    do, whatever the policy's file says.
 
     Args:
         policy: The policy.
+        limits: What the joints may do.
     """
     low, high = policy.start_range[:, 2:]
     known = np.isfinite(low) & np.isfinite(high)
     inside = INSIDE * np.where(known, high - low, 0.0)
-    return np.clip(policy.nominal, low + inside, high - inside)
+    posture = np.clip(policy.nominal, low + inside, high - inside)
+    return np.clip(posture, limits.low, limits.high)
 
 
 def misfit_of(policy: DeployedPolicy, sensors: Sensors, margin: float) -> str | None:

@@ -122,7 +122,7 @@ class GateSwitch:
     def __init__(self, gate: BoundsGate, block: int) -> None:
         self._gate = gate
         self._block = block
-        self._height_known = True
+        self._has_warned = False
         self.reset()
 
     def reset(self) -> None:
@@ -131,11 +131,10 @@ class GateSwitch:
 
     def expert_drives(self, sensors: Sensors, tick: int, command: Command) -> bool:
         """See `Switch`."""
-        known = sensors.base is not None
-        if self._height_known and not known:
+        if sensors.base is None and not self._has_warned:
+            self._has_warned = True  # once: a line takes time, and a base may come and go
             logger.warning(
-                "the height of the base is not measured: until it is, the gate judges roll, pitch "
-                "and joints only"
+                "the height of the base is not measured: while it is not, the gate judges roll, "
+                "pitch and joints only"
             )
-        self._height_known = known
         return self._blocking.is_blocked(self._gate.unsafe(sensors), tick)

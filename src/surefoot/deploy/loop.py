@@ -115,7 +115,7 @@ class Runtime:
         self._tests = FaultTests(limits_of(description), self.config)
         self._last_command: JointCommand | None = None
         self._stand_from: Array = policy.nominal
-        self._stand_to = posture_of(policy)
+        self._stand_to = posture_of(policy, limits_of(description))
         self._begun_ns = 0  # when the mode began, by the robot's clock
         self._warned = False
         self._asked = False

@@ -24,6 +24,8 @@ MOST_READS = 1000
 """Number of reads after which a halt takes the input as forgotten, though more of it may come."""
 NAMES = {"vx": "vx", "vy": "vy", "yaw": "yaw_rate"}
 """What an operator calls the parts of a command."""
+STOP = "stop"
+"""The word that stops a robot, wherever it stands in a line."""
 UNSTEERED = "type start, stop, stand or walk; the velocities are given"
 """What an operator may say who does not steer."""
 logger = logging.getLogger(__name__)
@@ -171,8 +173,11 @@ class Terminal:
             self._alive_ns = now
             *lines, self._text = (self._text + part).split(b"\n")
             self._text = self._text[-LONGEST_LINE:]
-            for line in lines:
-                self._wish = obey(self._wish, line.decode(errors="replace"), self._vocabulary)
+            texts = [line.decode(errors="replace") for line in lines]
+            for text in texts:
+                self._wish = obey(self._wish, text, self._vocabulary)
+            if any(STOP in text.lower() for text in texts):
+                self._wish = self._wish._replace(go=False)  # also of a stop before a start
         silent = (now - self._alive_ns) / 1e9
         if self._heartbeat is not None and self._wish.go and silent > self._heartbeat:
             lost = f"the operator has given no sign of life for {silent:.2f} s"
@@ -199,7 +204,7 @@ def obey(wish: Wish, line: str, vocabulary: Vocabulary) -> Wish:
         return wish
     if words == ["start"]:
         return wish._replace(go=True)
-    if words == ["stop"]:
+    if STOP in line.lower():  # and whatever was typed around it
         return wish._replace(go=False)
     if words in (["stand"], ["walk"]):
         return wish._replace(rest=words == ["stand"])

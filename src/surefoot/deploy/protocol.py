@@ -151,6 +151,43 @@ class Description(NamedTuple):
     torque: tuple[float, ...]
 
 
+LONGEST_TIMEOUT = 1.0
+"""[s] No bridge drives longer without a command: a robot has fallen by then."""
+
+
+def check_description(description: Description) -> None:
+    """Check that limits and times of a robot can keep it safe.
+
+    Args:
+        description: What a bridge says of its robot.
+
+    Raises:
+        ValueError: The timeout of commands is more than `LONGEST_TIMEOUT`, a range of angles is
+            empty, or a time, another limit or the damping is not positive; NaN is none of these.
+    """
+    if description.command_timeout > LONGEST_TIMEOUT:
+        raise ValueError(
+            f"the bridge's command_timeout is {description.command_timeout} s; use at most "
+            f"{LONGEST_TIMEOUT}, in seconds"
+        )
+    for name in ("command_timeout", "command_age", "state_timeout", "damping"):
+        value = getattr(description, name)
+        if not value > 0.0:
+            raise ValueError(f"the bridge's {name} is {value}; use a number above 0")
+    ranges = zip(description.position_low, description.position_high, strict=True)
+    for joint, (low, high) in enumerate(ranges):
+        if not low < high:
+            raise ValueError(
+                f"the bridge's limits of joint {joint} are {low} to {high} rad; give the smaller "
+                "one first, and infinite ones where there are none"
+            )
+    for name in ("speed", "torque"):
+        if not all(limit > 0.0 for limit in getattr(description, name)):
+            raise ValueError(
+                f"the bridge's {name} limits are {getattr(description, name)}; use numbers above 0"
+            )
+
+
 def robot_id(robot: str, joints: Sequence[str], rate_hz: int) -> int:
     """The number of a robot: names, joint order and rate decide it.
 

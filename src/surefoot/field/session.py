@@ -46,6 +46,8 @@ logger = logging.getLogger(__name__)
 
 LOST = ("joint limit", "joint speed", "saturated torque")
 """Faults of a robot that would have hurt itself: its policy has lost it, as in a fall."""
+BASE_PATIENCE = 10.0
+"""[s] A base that is not measured is waited for so long before a session ends the learning."""
 PATIENCE = 60.0
 """[s] A bridge that does not answer is asked for so long: it may have to be started again."""
 
@@ -239,8 +241,7 @@ class Session:
     def _begin(self, job: Job) -> Runtime:
         """Make the loop, once the robot has told what it measures."""
         crew = self._crew
-        sensors = self._robot.read()
-        check_base(sensors)
+        self._wait_for_base()
         fall_angle = max(crew.config.safety.fall_angle, job.disturbance.fall_angle)
         safety = replace(crew.config.safety, fall_angle=fall_angle)
         self._switch = EpisodeSwitch(self._policy, safety, job)
@@ -253,6 +254,19 @@ class Session:
             safeguard=Safeguard(self._switch, self._expert),
         )
         return self._runtime
+
+    def _wait_for_base(self) -> None:
+        """Wait until the base is measured: motion capture may lose a robot that lies on its side.
+
+        Raises:
+            ValueError: It has not been measured for `BASE_PATIENCE`.
+        """
+        clock = self._crew.clock
+        latest = clock() + round(1e9 * BASE_PATIENCE)
+        sensors = self._robot.read()
+        while sensors.base is None and clock() < latest:
+            sensors = self._robot.read()
+        check_base(sensors)
 
 
 _END_OF: Mapping[Outcome | None, End] = {

@@ -14,8 +14,10 @@ such a server in Python. Nothing that is received is run.
 
 from __future__ import annotations
 
+import os
 import socket
 import struct
+import threading
 from collections.abc import Callable
 from socketserver import BaseRequestHandler, ThreadingTCPServer
 
@@ -43,9 +45,10 @@ class PlanServerError(RuntimeError):
 class SocketPlan:
     """A plan function that asks a server.
 
-    Each process that uses it opens a connection of its own with its first question, so that
-    `Workers` may have copies. It asks for the first gait alone. Where robots walk several, let the
-    plan function choose among servers: ``plans[command.gait](state, tick, Command(*command))``.
+    Each process that uses it, a forked one too, opens a connection of its own with its first
+    question, so that `Workers` may have copies; threads take turns. It asks for the first gait
+    alone. Where robots walk several, let the plan function choose among servers:
+    ``plans[command.gait](state, tick, Command(*command))``.
 
     Args:
         port: The server's port.
@@ -58,10 +61,12 @@ class SocketPlan:
         self.host = host
         self.timeout = timeout
         self._connection: socket.socket | None = None
+        self._process = os.getpid()
+        self._turn = threading.Lock()
 
-    def __getstate__(self) -> dict[str, str | int | float | None]:
+    def __reduce__(self) -> tuple[type[SocketPlan], tuple[int, str, float]]:
         """What other processes get: all but the connection."""
-        return vars(self) | {"_connection": None}
+        return SocketPlan, (self.port, self.host, self.timeout)
 
     def __call__(self, state: State, tick: int, command: Command) -> MotionPlan:
         """Ask for the plan of one robot.
@@ -76,21 +81,30 @@ class SocketPlan:
             ValueError: The command is of another gait than the first one.
         """
         asked = question(state, tick, command)
+        if self._process != os.getpid():  # after a fork both are of the other process
+            self._connection = None
+            self._turn = threading.Lock()
+            self._process = os.getpid()
+        try:
+            with self._turn:
+                return self._ask(asked)
+        except (OSError, EOFError) as error:
+            raise PlanServerError(
+                f"the MPC at {self.host}:{self.port} does not answer ({error}): start its server "
+                "first, and look at what it prints"
+            ) from error
+
+    def _ask(self, asked: bytes) -> MotionPlan:
+        """Send a question, and wait for its answer."""
         try:
             if self._connection is None:
                 self._connection = socket.create_connection((self.host, self.port), self.timeout)
                 self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._connection.sendall(asked)
             return read_answer(self._connection)
-        except PlanServerError:
-            self.close()  # what follows in it is no beginning of an answer
-            raise
-        except (OSError, EOFError) as error:
+        except BaseException:  # Ctrl-C too: what follows is no beginning of the next answer
             self.close()
-            raise PlanServerError(
-                f"the MPC at {self.host}:{self.port} does not answer ({error}): start its server "
-                "first, and look at what it prints"
-            ) from error
+            raise
 
     def close(self) -> None:
         """Close the connection, if there is one; the next question opens another one."""

@@ -105,6 +105,7 @@ def in_degrees_a_second(log):
             lambda log: log.update(tick=2 * log["tick"], episode=np.zeros(250)),
             "tick: row 1 does not follow the row before it by 1 ms",
         ),
+        (lambda log: log.update(tick=2 * log["tick"]), "tick: most rows do not follow"),
         (lambda log: log.update(q=np.zeros((0, 19))), "q has no rows"),
     ],
 )

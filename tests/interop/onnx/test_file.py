@@ -1,6 +1,7 @@
 """Exported networks: the same numbers as PyTorch, and a file that says all about itself."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import onnx
@@ -122,6 +123,14 @@ def test_a_policy_of_another_robot_is_not_described(tmp_path):
         ValueError, match="is a policy of the robot 'solo12', and the configuration"
     ):
         describe(policy_of(), tmp_path / "policy.safetensors", robot_of("go2"), Config())
+
+
+def test_initial_states_of_another_robot_are_refused(tmp_path):
+    _, policy = exported(tmp_path)
+    file = tmp_path / "policy.safetensors"
+    other = replace(load_starts(), robot="go2")
+    with pytest.raises(ValueError, match="are of the robot 'go2'"):
+        describe(policy, file, robot_of(), Config(), other)
 
 
 def test_another_robots_joints_keep_the_names_that_its_own_description_has(tmp_path):

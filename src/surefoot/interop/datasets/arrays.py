@@ -219,7 +219,13 @@ def _episodes(given: Mapping[str, NDArray], tick: IntArray) -> IntArray:
         ValueError: The ticks of an episode do not rise by one, or it comes back after another.
     """
     if "episode" not in given:
-        return np.concatenate([[0], np.cumsum(np.diff(tick) != 1)])
+        jumps = np.diff(tick) != 1
+        if len(jumps) and jumps.mean() > 0.5:
+            raise ValueError(
+                "tick: most rows do not follow the row before them by 1 ms; record at 1 kHz, or "
+                "resample"
+            )
+        return np.concatenate([[0], np.cumsum(jumps)])
     episode = _whole("episode", given["episode"])
     changes = np.diff(episode) != 0
     begins = np.concatenate([[True], changes])

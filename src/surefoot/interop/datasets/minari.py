@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,6 +41,8 @@ from surefoot.types import TICKS_PER_SECOND
 
 TASK = WalkingTask(rate=TICKS_PER_SECOND)
 """The task whose actions and rewards are written."""
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*-v\d+")
+"""What a dataset may be called; a namespace before it would be a folder of its own."""
 ROOT_VARIABLE = "MINARI_DATASETS_PATH"
 """The environment variable that tells Minari where datasets are."""
 COLUMNS = {
@@ -75,7 +78,8 @@ def export_minari(
 
     Raises:
         ImportError: Gymnasium or Minari is missing.
-        ValueError: There is such a dataset already, or no two frames follow each other.
+        ValueError: There is such a dataset already, its name is none of Minari's, or no two frames
+            follow each other.
         DatasetError: A shard is damaged.
         WriteError: The disk is full, or read-only.
     """
@@ -84,6 +88,11 @@ def export_minari(
     register_environments()
     robot = load_robot(config.robot)
     name = name or f"{robot.name}-{method_name(config).replace('_', '-')}-v0"
+    if not NAME.fullmatch(name):
+        raise ValueError(
+            f"the dataset's name {name!r}; use letters, digits, _ and -, and end it with -v and a "
+            "number, such as solo12-trot-v0"
+        )
     folder = Path(root) / name
     environment = copy.deepcopy(gymnasium.spec(environment_of(robot.name)))
     environment.kwargs |= {"config": to_json(config), "rate": TASK.rate}

@@ -95,12 +95,17 @@ def describe(
         kind: What the graph is to hold.
 
     Raises:
-        ValueError: The policy is one of another robot.
+        ValueError: The policy, or the set of initial states, is one of another robot.
     """
     if policy.robot != robot.name:
         raise ValueError(
             f"{policy_file} is a policy of the robot {policy.robot!r}, and the configuration has "
             f"{robot.name!r}; export it in the folder of the run that trained it"
+        )
+    if stored is not None and stored.robot != robot.name:
+        raise ValueError(
+            f"the initial states {stored.name} are of the robot {stored.robot!r}, and the policy "
+            f"is one of {robot.name!r}; name those that it was trained from"
         )
     profile = robot.profile
     speed = robot.speed_limit
