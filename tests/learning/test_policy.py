@@ -625,9 +625,10 @@ def test_weights_of_another_type_are_refused(tmp_path, dtype):
 
 def test_what_is_no_regular_file_is_refused(tmp_path):
     os.mkfifo(tmp_path / "pipe.safetensors")
-    for path in (tmp_path / "pipe.safetensors", tmp_path):
-        with pytest.raises(PolicyFileError, match="not a regular file"):
-            load(path)
+    with pytest.raises(PolicyFileError, match="not a regular file"):
+        load(tmp_path / "pipe.safetensors")
+    with pytest.raises(PolicyFileError, match="is a folder; of a run, take"):
+        load(tmp_path)
 
 
 def test_a_policy_does_not_change_with_its_file(tmp_path):

@@ -326,6 +326,11 @@ def load(path: Path | str, robot: str | None = None, layout: str | None = None) 
             f"there is no policy file {path}; if its run has lost it, `surefoot train ... "
             "--resume` trains it again, bit for bit (a study keeps those of some runs)"
         )
+    if path.is_dir():
+        raise PolicyFileError(
+            f"{path} is a folder; of a run, take sf.open_run(folder).best_policy_path, or name the "
+            "file in its folder policies"
+        )
     try:
         tensors, header = read_tensor_file(path)
     except ValueError as error:

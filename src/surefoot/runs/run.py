@@ -395,6 +395,6 @@ def _check_folder(folder: Path, resume: bool) -> None:
             )
     if not resume and (folder / METRICS_FILE).exists():
         raise RunError(
-            f"{folder} already holds a run. Continue it with --resume, or choose another "
-            "folder with --run"
+            f"{folder} already holds a run. Continue it with --resume (in Python resume=True), or "
+            "choose another folder with --run"
         )

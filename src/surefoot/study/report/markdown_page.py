@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from surefoot.config.study import EXPERT
 from surefoot.runs.budget import SECONDS_PER_SOLVE
 from surefoot.study.cells import cells_of
 from surefoot.study.folder import JudgedPrediction
@@ -53,8 +54,13 @@ def page_of_tables(results: StudyResults, report: StudyReport, path: Path) -> st
 
 def _about(results: StudyResults, report: StudyReport) -> str:
     """How many runs there are, and how the cells of the tables are to be read."""
-    cells = len(cells_of(results.study))
-    complete = cells - len(report.missing)
+    trained = [
+        cell.name
+        for cell in cells_of(results.study)
+        if results.study.technique(cell.technique).method != EXPERT
+    ]
+    cells = len(trained)
+    complete = len(set(trained) - set(report.missing))
     made_by = f" of commit {report.commit[:12]}" if report.commit else ""
     errors = ""
     if any(figure.name == BEST_ERRORS for figure in report.figures):

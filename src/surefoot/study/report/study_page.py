@@ -166,7 +166,7 @@ def _head(results: StudyResults, report: StudyReport) -> Markup:
     seeds = ", ".join(str(seed) for seed in results.study.seeds)
     pairs = [
         ("study", code(report.study)),
-        ("trainings", escaped(f"{all_cells - len(report.missing)} of {all_cells} complete")),
+        ("cells", escaped(f"{all_cells - len(report.missing)} of {all_cells} complete")),
         ("seeds", escaped(seeds)),
         ("commit", code(report.commit or "not in a checkout")),
         ("surefoot", escaped(report.version)),
