@@ -188,6 +188,25 @@ def test_a_branch_goes_on_on_the_same_ground():
     np.testing.assert_allclose(again.q, expected, atol=1e-6)
 
 
+def test_a_branch_on_ground_begins_with_the_contacts_that_robots_had():
+    """A simulator that was reset knows no torques, and so takes other feet to carry the robot."""
+    starts = STORED["test"][:6]
+    job = Job(on("stairs:0.05"), Episodes(starts, 0.4, id=starts.id), ExpertOnly())
+    rollouts, _ = play_out(job)
+    robot = np.tile(np.arange(6), 5)
+    elapsed = np.repeat([111, 172, 233, 294, 355], 6)
+    alive = elapsed < rollouts.length[robot]
+    robot, elapsed = robot[alive], elapsed[alive]
+    branch = rollouts.branch(robot, elapsed, 0.01, starts.id[robot])
+    assert branch.ground is not None
+    had = rollouts.contacts[robot, elapsed]
+    again, _ = play_out(replace(job, episodes=branch))
+    np.testing.assert_array_equal(again.contacts[:, 0], had)
+    forgotten = replace(branch, ground=replace(branch.ground, touching=None))
+    simulated, _ = play_out(replace(job, episodes=forgotten))
+    assert (simulated.contacts[:, 0] != had).any()
+
+
 def test_episodes_with_ground_are_cut_and_joined():
     job = job_on("bumps:0.03", episodes=4)
     episodes = replace(job.episodes, ground=ground_of(job))

@@ -132,6 +132,8 @@ def rollout(
     noise = HeldNoise(disturbance.torque_noise) if disturbance.torque_noise else None
     for elapsed in range(total + 1):
         state = simulator.state
+        if elapsed == 0 and episodes.ground is not None and episodes.ground.touching is not None:
+            state = replace(state, contacts=episodes.ground.touching)
         touching = simulator.body_contact
         # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
         lost = simulator.blown_up

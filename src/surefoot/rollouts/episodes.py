@@ -317,7 +317,8 @@ class Rollout:
             return None
         if self.felt_ground is None:
             raise ValueError("a rollout on a ground needs felt_ground, what the feet felt of it")
-        return replace(self.ground[robot], felt=self.felt_ground[robot, elapsed])
+        felt = self.felt_ground[robot, elapsed]
+        return replace(self.ground[robot], felt=felt, touching=self.contacts[robot, elapsed])
 
     def _under_way(self, robot: IntArray, elapsed: IntArray) -> Array | None:
         """``(n, delay, 12)`` torques commanded to robots before a tick that have not acted yet."""

@@ -19,7 +19,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from surefoot.config.sim import Terrain, TerrainKind
 from surefoot.rotations import from_heading, to_heading
-from surefoot.types import Array, IntArray
+from surefoot.types import Array, BoolArray, IntArray
 
 CELL = 0.025
 """[m] The edge of a cell of a height field."""
@@ -113,6 +113,8 @@ class Ground:
         yaw: ``(B,)`` how far each terrain is turned to the left [rad].
         felt: ``(B,)`` the height at which each robot takes the ground to be where it begins in
             flight, world frame [m]; 0 if none is given.
+        touching: ``(B, 4)`` True for the feet that are on it where robots go on from other
+            episodes; None leaves it to the simulator, which after a reset knows no torques yet.
 
     Raises:
         ValueError: The fields are of different numbers of robots, a terrain has a range of sizes,
@@ -123,6 +125,7 @@ class Ground:
     origin: Array
     yaw: Array
     felt: Array = field(default_factory=lambda: np.zeros(0))
+    touching: BoolArray | None = None
 
     def __post_init__(self) -> None:
         """Check that every robot has one ground."""
@@ -152,7 +155,8 @@ class Ground:
         """The ground of some of the robots."""
         chosen = np.arange(len(self))[rows]
         terrains = tuple(self.terrains[row] for row in chosen)
-        return Ground(terrains, self.origin[rows], self.yaw[rows], self.felt[rows])
+        touching = None if self.touching is None else self.touching[rows]
+        return Ground(terrains, self.origin[rows], self.yaw[rows], self.felt[rows], touching)
 
     def raised(self, by: Array) -> Ground:
         """The same ground, higher.
@@ -211,11 +215,13 @@ def join_grounds(parts: Sequence[Ground]) -> Ground:
     Args:
         parts: At least one part.
     """
+    touching = [part.touching for part in parts if part.touching is not None]
     return Ground(
         tuple(terrain for part in parts for terrain in part.terrains),
         np.concatenate([part.origin for part in parts]),
         np.concatenate([part.yaw for part in parts]),
         np.concatenate([part.felt for part in parts]),
+        np.concatenate(touching) if len(touching) == len(parts) else None,
     )
 
 
