@@ -136,7 +136,7 @@ def test_another_gait_has_no_command_gain_of_the_first():
 
 
 def test_an_expert_of_another_gait_that_is_given_stays():
-    own = ExpertConfig(kp=7.0)
+    own = ExpertConfig(via_until=0.7)
     config = replace(Config(), other_gaits=(OtherGait(GAITS["bound"], own, "some set"),))
     assert each_gait(config)[1].expert == own
     assert each_gait(config)[1].start_set == "some set"
