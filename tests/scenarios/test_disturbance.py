@@ -10,11 +10,12 @@ from scipy.stats import kstest
 from surefoot.config import Config, DisturbanceConfig, SafetyConfig, StateNoiseConfig
 from surefoot.learning.policy import pd
 from surefoot.learning.samples import derive
+from surefoot.robots.load import load_robot
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.outcome import Outcome
-from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances
+from surefoot.scenarios.disturbance import Disturbance, Pushes, draw_disturbances, warn_of_pushes
 from surefoot.scenarios.sensors import make_sensors
 from surefoot.scenarios.starts import Starts
 from surefoot.sim import make_simulator
@@ -458,3 +459,14 @@ def test_every_kind_of_disturbance_reaches_every_robot(config):
     disturbed = shaken(draw_disturbances(config, 0, np.arange(3), 0.1, 0.5))
     assert (np.abs(disturbed - undisturbed).max(axis=(1, 2)) > 1e-6).all()
     np.testing.assert_array_equal(disturbed[:, 0], undisturbed[:, 0])
+
+
+def test_pushes_of_a_solo12_on_a_heavier_robot_are_warned_of(caplog):
+    pushed = DisturbanceConfig(pushes=1)
+    warn_of_pushes("collection", DisturbanceConfig(), load_robot("go2"))
+    warn_of_pushes("collection", pushed, load_robot("solo12"))
+    warn_of_pushes("collection", replace(pushed, impulse=None), load_robot("go2"))
+    warn_of_pushes("collection", replace(pushed, impulse=(1.0, 2.0)), load_robot("go2"))
+    assert not caplog.text
+    warn_of_pushes("collection", pushed, load_robot("go2"))
+    assert "collection.impulse: pushes of 0.5 to 1.5 N s" in caplog.text

@@ -26,11 +26,13 @@ from surefoot.evaluation.statistics import (
     paired_difference,
     wilson,
 )
+from surefoot.robots.load import load_robot
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, run_episodes
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import NOT_RECORDED, Summary, covered
+from surefoot.scenarios.disturbance import warn_of_pushes
 from surefoot.scenarios.gaits import AllStarts, all_starts_of
 from surefoot.scenarios.starts import StartSet
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, PlanFunction
@@ -203,6 +205,7 @@ def evaluate(
             "evaluate each gait alone"
         )
     all_stored = all_starts_of(config) if stored is None else AllStarts((stored,))
+    warn_of_pushes("disturbance", config.evaluation.disturbance, load_robot(config.robot))
     job = evaluation_job(config, policy, split, all_stored, plan)
     title = f"{controller_title(config, policy)}: {split} starts"
     summary = run_episodes(job, workers, title)

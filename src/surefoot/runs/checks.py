@@ -37,6 +37,7 @@ from surefoot.runs.budget import SECONDS_PER_SOLVE, first_allowance
 from surefoot.runs.metrics import Collected
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import draw_starts, expert_rollouts
+from surefoot.scenarios.disturbance import warn_of_pushes
 from surefoot.scenarios.starts import ANOTHER, SPLITS, StartSet, starts_of
 from surefoot.types import PlanFunction, to_ticks
 
@@ -67,6 +68,9 @@ def check_config(config: Config) -> None:
     for one in each_gait(config):
         _check_stored(one, starts_of(one))
     _check_budget(config)
+    robot = load_robot(config.robot)
+    warn_of_pushes("collection", config.collection, robot)
+    warn_of_pushes("pretraining", config.pretraining, robot)
     purpose = _use_of_held_out(config.method)
     if isinstance(config.method, IterativeConfig) and purpose:
         _check_held_out(config, config.method.pretraining, purpose)

@@ -8,6 +8,7 @@ training, as privileged teachers, and what the robot measures in an evaluation. 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral
@@ -18,10 +19,16 @@ from numpy.typing import NDArray
 from surefoot.config import DisturbanceConfig, StateNoiseConfig
 from surefoot.config.checked import known
 from surefoot.config.scenarios import LONGEST_DELAY, LONGEST_PUSH
+from surefoot.robots.model import RobotModel
+from surefoot.robots.scaling import size_of
 from surefoot.scenarios.seeds import seed_of
 from surefoot.scenarios.torque_noise import TorqueNoise, join_torque_noises
 from surefoot.types import Array, IntArray, to_ticks
 
+logger = logging.getLogger(__name__)
+
+LIKE_SOLO12 = 1.5
+"""A robot of at most so many times a Solo12's mass feels a Solo12's pushes."""
 EARLY = 0.2
 """The push of a tail begins within this time of it, so that the rest shows the recovery [s]."""
 
@@ -326,6 +333,23 @@ def _draw(
     angle = rng.uniform(0.0, 2.0 * np.pi, len(size))
     impulse = np.stack([size * np.cos(angle), size * np.sin(angle), 0.0 * angle], axis=1)
     return _Drawn(friction, mass, impulse, tick, sensing)
+
+
+def warn_of_pushes(option: str, config: DisturbanceConfig, robot: RobotModel) -> None:
+    """Warn of pushes that are left as they are by default, a Solo12's, on a robot of another mass.
+
+    Args:
+        option: What the section of the configuration is called.
+        config: The section.
+        robot: The robot.
+    """
+    ratio = size_of(robot).mass_ratio
+    if config.pushes > 0 and config.impulse == DisturbanceConfig().impulse and ratio > LIKE_SOLO12:
+        low, high = known(config.impulse, "impulse")
+        logger.warning(
+            f"{option}.impulse: pushes of {low:g} to {high:g} N s, the default, are a Solo12's; "
+            f"{robot.name} has {ratio:.1f} times its mass, and None gives it its own"
+        )
 
 
 def standard_deviations(noise: StateNoiseConfig) -> Array:
