@@ -133,6 +133,29 @@ def test_without_autoreset_robots_wait_for_their_reset():
     assert (seen[1] == steps[1][0][1]).all()
 
 
+def test_a_seed_is_for_the_robots_that_begin():
+    def commands(*resets):
+        env = WalkingVectorEnv(2)
+        env.reset(seed=5)
+        for options in resets:
+            env.reset(**options)
+        env.reset()
+        return env.walkers.command.copy()
+
+    first = {"seed": 77, "options": {"reset_mask": [True, False]}}
+    np.testing.assert_array_equal(commands(first)[1], commands()[1])
+    assert (commands(first)[0] != commands()[0]).any()
+
+
+def test_an_action_that_is_not_finite_is_refused():
+    env = WalkingVectorEnv(2)
+    env.reset(seed=5)
+    actions = np.zeros((2, 12), np.float32)
+    actions[1, 3] = np.nan
+    with pytest.raises(ValueError, match="the action of robot 1 is not finite"):
+        env.step(actions)
+
+
 def test_a_list_of_seeds_has_one_for_each_robot():
     env = WalkingVectorEnv(2)
     seen, _ = env.reset(seed=[7, 7])

@@ -194,6 +194,20 @@ def test_arrays_that_cannot_be_are_refused(change, text):
         replace(smooth_log(20), **change)
 
 
+def test_whole_numbers_may_be_written_with_an_exponent(tmp_path):
+    path = tmp_path / "log.csv"
+    log = smooth_log(4)
+    write_sensor_log(log, path)
+    head, *rows = [line.split(",") for line in path.read_text().splitlines()]
+    rows = [[f"{float(row[0]):.12e}", f"{row[1]}.0", *row[2:]] for row in rows]
+    path.write_text("\n".join(",".join(row) for row in [head, *rows]))
+    assert_same(read_sensor_log(path), log)
+    rows[0][1] = "0.5"
+    path.write_text("\n".join(",".join(row) for row in [head, *rows]))
+    with pytest.raises(ValueError, match="invalid literal"):
+        read_sensor_log(path)
+
+
 def test_a_text_may_begin_with_the_mark_of_its_encoding(tmp_path):
     path = tmp_path / "log.csv"
     log = smooth_log(4)

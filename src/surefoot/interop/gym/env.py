@@ -186,15 +186,17 @@ class WalkingVectorEnv(gymnasium.vector.VectorEnv[Float32Array, Float32Array, Ar
         """Begin an episode of every robot.
 
         Args:
-            seed: Fixes these episodes and all that follow; robot i has ``seed + i``, or the i-th of
-                a list.
+            seed: Fixes these episodes and all that follow of the robots that begin; robot i has
+                ``seed + i``, or the i-th of a list.
             options: ``reset_mask`` ``(num_envs,)`` begins with some of the robots only.
         """
-        if seed is not None or not self._generators:
-            self._generators = self._seeded(seed)
         rows = np.ones(self.num_envs, bool)
         if options and "reset_mask" in options:
             rows = np.asarray(options["reset_mask"], bool)
+        if seed is not None or not self._generators:
+            seeded = self._seeded(seed)
+            pairs = zip(seeded, self._generators or seeded, rows, strict=True)
+            self._generators = [new if begins else old for new, old, begins in pairs]
         self.walkers.begin(rows, self._generators)
         self._over &= ~rows
         return self.walkers.observation, self._infos(np.zeros((self.num_envs, 3)), rows)

@@ -214,7 +214,13 @@ class Walkers:
         Args:
             action: ``(B, 12)`` targets as shares of ``task.action_range`` from the nominal pose.
             rows: ``(B,)`` True for the robots that move; the others are left as they are.
+
+        Raises:
+            ValueError: The action of a robot that moves is not finite.
         """
+        wrong = rows & ~np.isfinite(action).all(axis=1)
+        if wrong.any():
+            raise ValueError(f"the action of robot {int(wrong.argmax())} is not finite")
         target = self.robot.nominal[7:] + self.task.action_range * np.asarray(action, float)
         limit = self.robot.torque_limit
         moving = rows.copy()

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from io import BytesIO, StringIO
 from pathlib import Path
@@ -369,9 +370,22 @@ def _from_csv(text: str) -> dict[str, NDArray]:
     columns: dict[str, dict[str, list[Any]]] = {}
     for place, title in enumerate(head):
         name, _, component = title.partition(".")
-        kind = int if name in _INTEGERS else float
+        kind = _integer if name in _INTEGERS else float
         columns.setdefault(name, {})[component] = [kind(row[place]) for row in rows]
     return {name: _array(name, parts) for name, parts in columns.items()}
+
+
+def _integer(text: str) -> int:
+    """A whole number, also one that is written with a point or an exponent.
+
+    Raises:
+        ValueError: It is no whole number.
+    """
+    if not text.strip().lstrip("+-").isdigit():
+        with suppress(ValueError):
+            if float(text).is_integer():
+                return int(float(text))
+    return int(text)
 
 
 def _array(name: str, parts: dict[str, list[Any]]) -> NDArray:
