@@ -107,11 +107,9 @@ def configs(kind) -> st.SearchStrategy:
     for name, hint in field_hints(kind).items():
         if name not in values:
             values[name] = values_of(hint)
-    if kind is Config:  # no gait is there twice, and robots can change between them
+    if kind is Config:  # no gait is there twice
         values["other_gaits"] = st.lists(
-            configs(OtherGait)
-            .map(_beside_the_first)
-            .filter(lambda other: other.gait.period != FIRST_PERIOD),
+            configs(OtherGait).filter(lambda other: other.gait.period != FIRST_PERIOD),
             max_size=3,
             unique_by=lambda other: other.gait.timing,
         ).map(tuple)
@@ -125,11 +123,3 @@ def configs(kind) -> st.SearchStrategy:
     if kind is BehaviorCloningConfig:
         values["all_frames"] = st.just(True)  # or the series would have to end with its largest
     return st.builds(kind, **values)
-
-
-def _beside_the_first(other: OtherGait) -> OtherGait:
-    """A gait that robots can change to, with the stiffness of the first one."""
-    gait = replace(other.gait, period=round(other.gait.period, 2))
-    if other.expert is None:
-        return replace(other, gait=gait)
-    return replace(other, gait=gait, expert=replace(other.expert, kp=None, kd=None))

@@ -9,7 +9,6 @@ from surefoot.config import (
     MOST_GAITS,
     BehaviorCloningConfig,
     Config,
-    ExpertConfig,
     Gait,
     OtherGait,
     method_name,
@@ -52,13 +51,3 @@ def test_a_gait_is_there_once_at_whatever_height():
     low = OtherGait(Gait(com_height=0.2))
     with pytest.raises(ValueError, match=r"gaits number 0 and 1 have the same timing"):
         Config(other_gaits=(low,))
-
-
-def test_gaits_that_robots_cannot_change_between_are_refused():
-    with pytest.raises(
-        ValueError, match=r"gait number 1 has a period of 0.333 s.*multiple of 0.01"
-    ):
-        Config(other_gaits=of_periods(0.333))
-    stiff = OtherGait(Gait(period=0.6), expert=ExpertConfig(kp=12.0))
-    with pytest.raises(ValueError, match=r"gait number 1 has expert\.kp 12.0, and the first one"):
-        Config(other_gaits=(stiff,))

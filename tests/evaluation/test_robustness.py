@@ -26,6 +26,7 @@ from surefoot.evaluation.robustness import (
 from surefoot.evaluation.statistics import paired_difference
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
+from surefoot.robots.load import load_robot
 from surefoot.rollouts.jobs import play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.sampling import expert_rollouts
@@ -288,3 +289,17 @@ def test_what_disturbs_an_evaluation_does_not_depend_on_the_trainings_seed():
     undisturbed = EvaluationConfig(duration=0.3, episodes=3)
     _, plain = evaluate(replace(Config(), evaluation=undisturbed), None, "test", Workers(1))
     assert (plain.mean_velocity != summaries[0].mean_velocity).any(axis=1).all()
+
+
+def test_an_evaluation_under_another_robots_pushes_is_warned_of(caplog, monkeypatch):
+    go2 = load_robot("go2")
+    monkeypatch.setattr("surefoot.evaluation.robustness.load_robot", lambda _: go2)
+    monkeypatch.setattr("surefoot.evaluation.robustness.run_episodes", stop)
+    pushed = EvaluationConfig(disturbance=DisturbanceConfig(pushes=1))
+    with pytest.raises(InterruptedError):
+        evaluate(Config(evaluation=pushed), None, "test", Workers(1))
+    assert "disturbance.impulse: pushes of 0.5 to 1.5 N s" in caplog.text
+
+
+def stop(*_):
+    raise InterruptedError

@@ -408,6 +408,31 @@ def test_without_a_measured_base_there_is_no_expert_to_learn_from(run):
         robot(run, 1, job_of(run), ONE)
 
 
+def test_a_base_that_is_lost_as_a_session_begins_is_waited_for(run, monkeypatch):
+    """Motion capture may lose a robot that lies on its side."""
+    lost = []
+    read = udp_robot.UdpRobot.read
+    wait = Session._wait_for_base
+
+    def without_base(self):
+        sensors = read(self)
+        if not lost or lost[-1] > 20:
+            return sensors
+        lost.append(len(lost))
+        return sensors._replace(base=None)
+
+    def begin(self):
+        lost.append(0)
+        wait(self)
+
+    monkeypatch.setattr(udp_robot.UdpRobot, "read", without_base)
+    monkeypatch.setattr(Session, "_wait_for_base", begin)
+    robot = RobotCollection(crew_of(run, LockstepTwin(STANDING)))
+    robot(run, 1, job_of(run), ONE)
+    assert len(lost) > 20
+    assert read_attempts(run.folder)[0].end == "whole"
+
+
 def test_a_robot_that_always_fails_for_other_reasons_is_not_tried_for_ever(run, monkeypatch):
     monkeypatch.setattr(collection_module, "MOST_DROPPED", 3)
     twin = LockstepTwin(STANDING)

@@ -3,6 +3,7 @@
 import os
 import pickle
 import socket
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -91,12 +92,19 @@ def test_an_invalid_plan_stays_invalid(served):
     assert not remote(STATE, 0, COMMAND).valid
 
 
-def test_a_copy_in_another_process_has_a_connection_of_its_own(served):
+def test_a_copy_in_another_process_has_a_connection_of_its_own(served, monkeypatch):
     remote = served(lambda *_: PLAN)
     remote(STATE, 0, COMMAND)
     copy = pickle.loads(pickle.dumps(remote))
     assert copy._connection is None
     assert copy(STATE, 0, COMMAND).valid
+
+    class Mine(SocketPlan):
+        pass
+
+    monkeypatch.setattr(sys.modules[__name__], "Mine", Mine, raising=False)
+    Mine.__qualname__ = "Mine"
+    assert type(pickle.loads(pickle.dumps(Mine(5)))) is Mine
 
 
 def test_no_question_gets_the_answer_of_an_interrupted_one(served, monkeypatch):

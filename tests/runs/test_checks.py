@@ -14,6 +14,7 @@ from surefoot.config import (
     CommandBox,
     Config,
     DaggerConfig,
+    DisturbanceConfig,
     EvaluationConfig,
     ExpertData,
     Gait,
@@ -25,6 +26,7 @@ from surefoot.config import (
 )
 from surefoot.config.presets import PRESETS, preset
 from surefoot.mpc.gaits import with_gait, with_gaits
+from surefoot.robots.load import load_robot
 from surefoot.runs.checks import (
     check_config,
     check_expert,
@@ -241,3 +243,13 @@ def test_an_expert_that_has_changed_in_another_gait_is_refused(tmp_path):
     check_expert(run, of_two_gaits(1.0))
     with pytest.raises(RunError, match="at fixed state 3 of 3 its torque is up to 1 N m apart"):
         check_expert(run, of_two_gaits(2.0))
+
+
+def test_a_training_with_another_robots_pushes_is_warned_of(caplog):
+    config = replace(preset("dagger", "quick"), collection=DisturbanceConfig(pushes=1))
+    check_config(config)
+    assert not caplog.text
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("surefoot.runs.checks.load_robot", lambda _: load_robot("go2"))
+        check_config(config)
+    assert "collection.impulse: pushes of 0.5 to 1.5 N s" in caplog.text

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from surefoot.config import CommandBox, Config, RobotConfig
+from surefoot.config import CommandBox, Config, ExpertConfig, OtherGait, RobotConfig
+from surefoot.config.gait_table import GAITS
 from surefoot.config.single_gaits import each_gait
 from surefoot.mpc.gaits import gait_name, with_gait, with_gaits
 from surefoot.runs.first_stage import first_stage
@@ -134,6 +135,30 @@ def test_the_states_of_one_gait_among_several_are_those_of_it_alone(small_sets):
     assert among.other_gaits[0].expert == alone.expert
     trot = module.completed(GO2)
     assert (among.expert, among.start_set) == (trot.expert, trot.start_set)
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        (OtherGait(replace(GAITS["walk"], period=0.333)), r"gait number 1 has a period of 0.333 s"),
+        (
+            OtherGait(GAITS["walk"], ExpertConfig(kp=12.0)),
+            r"gait number 1 has expert\.kp 12.0, and the first one \d",
+        ),
+    ],
+)
+def test_gaits_that_a_robot_cannot_change_between_begin_no_run(
+    small_sets, tmp_path, other, message
+):
+    with pytest.raises(ValueError, match=message):
+        create(tmp_path / "run", replace(GO2, other_gaits=(other,)))
+
+
+def test_the_stiffness_of_the_first_gait_is_that_of_all(small_sets, tmp_path):
+    other = OtherGait(GAITS["walk"], ExpertConfig(via_until=0.7))
+    stiff = replace(GO2, expert=replace(GO2.expert, kp=31.0), other_gaits=(other,))
+    run = create(tmp_path / "run", stiff)
+    assert [one.expert.kp for one in each_gait(run.config)] == [31.0, 31.0]
 
 
 @pytest.mark.parametrize("copied", [False, True])

@@ -163,6 +163,9 @@ def test_relaxing_bounds_are_never_tighter_than_the_settled_gait_needs():
         tightened(CONFIG, 0.6, height=0.2), settled=(0.18, 4.0)
     )
     assert tightened(known, 1.0, height=0.2) == known
+    given = replace(CONFIG, settled=(0.12, 27.0))  # bounds that were given, within what is needed
+    for share in (0.6, 1.0):
+        assert tightened(given, share, height=0.2) == given
 
 
 def test_the_lower_bound_is_tightened_towards_the_height_of_the_gait():

@@ -5,6 +5,8 @@ from dataclasses import replace
 import pytest
 
 import surefoot.config.study
+from surefoot.config import OtherGait
+from surefoot.config.gait_table import GAITS
 from surefoot.config.json_io import read_json
 from surefoot.config.studies import named_study
 from surefoot.files import write_json
@@ -27,7 +29,7 @@ from surefoot.study.folder import (
     save_setup,
     save_tests,
 )
-from surefoot.study.results import read_cell, read_results
+from surefoot.study.results import _common_part, read_cell, read_results
 from surefoot.study.state import finished_jobs
 from tests.fakes.results import robustness
 from tests.fakes.runs import collected_record
@@ -103,6 +105,19 @@ def test_runs_with_their_own_copies_of_initial_states_are_read_together(study):
         write_run(folder, replace(setup, study=asked), each)
     results = read_results(folder).of(cell.technique, cell.setting)
     assert len({result.config.start_set for result in results}) == 2
+
+
+def test_runs_of_several_gaits_whose_copies_are_not_all_there_are_read_together(study):
+    """Results of earlier versions have the initial states of the first gait alone."""
+    folder, setup, cell = study
+    result = read_cell(folder, setup, cell)
+    assert result is not None
+
+    def elsewhere(name):
+        other = OtherGait(GAITS["walk"], start_set=f"/lost/{name}/starts-1.npz")
+        return replace(result.config, other_gaits=(other,), start_set=f"/lost/{name}/starts.npz")
+
+    assert _common_part(elsewhere("seed-0")) == _common_part(elsewhere("seed-1"))
 
 
 def write_run(folder, setup, cell):

@@ -60,7 +60,6 @@ from surefoot.config.scenarios import (
     TeachingSplit,
 )
 from surefoot.config.sim import Backend, SimulationConfig
-from surefoot.types import to_ticks
 
 __all__ = [
     "METHODS",
@@ -117,9 +116,6 @@ __all__ = [
 
 MOST_GAITS = 16
 """A policy has at most so many gaits, because each has a table with a row for each tick."""
-BEGINS = 10
-"""[ms] The periods of several gaits are multiples of this. A robot begins a gait where a cycle of
-it begins on the grid of plans, every 50 ms: then that is every fifth cycle at the latest."""
 
 
 @dataclass(frozen=True)
@@ -184,27 +180,6 @@ class Config(Checked):
                     f"other_gaits: the gaits number {first} and {number} have the same timing "
                     f"{gait.timing}; a gait is known by its timing, name each of them once"
                 )
-        if self.other_gaits:
-            self._check_changes()
-
-    def _check_changes(self) -> None:
-        """Check that robots can change between the gaits."""
-        for number, gait in enumerate(self.gaits):
-            if to_ticks(gait.period) % BEGINS:
-                raise ValueError(
-                    f"gait number {number} has a period of {gait.period} s, whose cycles rarely "
-                    "begin where a plan does, so that robots could hardly change to it; use a "
-                    "multiple of 0.01 s"
-                )
-        for number, other in enumerate(self.other_gaits, start=1):
-            for name in ("kp", "kd"):
-                first = vars(self.expert)[name]
-                own = first if other.expert is None else vars(other.expert)[name]
-                if own not in (None, first):
-                    raise ValueError(
-                        f"gait number {number} has expert.{name} {own}, and the first one {first}: "
-                        "the joints of a robot are held alike in all gaits, give the same to all"
-                    )
 
     @property
     def gaits(self) -> tuple[Gait, ...]:

@@ -57,6 +57,9 @@ def _alone(first: Config, other: OtherGait) -> Config:
         expert = replace(timed.expert, command_gain=None)
         if other.gait.timing == Gait().timing:
             expert = _with_horizon_of_trot(expert)
+    kp = first.expert.kp if expert.kp is None else expert.kp
+    kd = first.expert.kd if expert.kd is None else expert.kd
+    expert = replace(expert, kp=kp, kd=kd)  # joints are held alike in all gaits
     return replace(timed, expert=expert, start_set=other.start_set)
 
 

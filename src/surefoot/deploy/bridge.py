@@ -140,6 +140,9 @@ class Bridge:
         channel: Carries the datagrams.
         description: The robot, and the timeouts.
         clock: Gives the time [ns]; it never goes backwards.
+
+    Raises:
+        ValueError: Limits or timeouts of the description would keep no robot safe.
     """
 
     def __init__(

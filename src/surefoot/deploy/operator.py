@@ -119,7 +119,8 @@ class Terminal:
 
     `start` stands the robot up and lets it walk, `stop` damps it; `stand` lets it stand, and `walk`
     go on; `vx 0.2`, `vy 0.1` and `yaw 0.5` change the command, and `gait bound` the gait; an empty
-    line is a sign of life, and any other changes nothing and is named in a warning.
+    line is a sign of life, and any other changes nothing and is named in a warning. A line that has
+    the word stop in it stops, whatever else it says.
 
     Args:
         command: The velocity that is asked for at first.

@@ -197,7 +197,8 @@ def evaluate(
     Raises:
         FileNotFoundError: There is no such policy.
         KeyError: There is no such split.
-        ValueError: The split holds fewer initial states than the episodes asked for.
+        ValueError: The split holds fewer initial states than the episodes asked for, or one set is
+            given for several gaits.
     """
     if stored is not None and config.other_gaits:
         raise ValueError(

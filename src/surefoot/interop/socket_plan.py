@@ -32,6 +32,8 @@ NUMBERS = 60
 """Numbers in a question."""
 COLUMNS = 36
 """Numbers in a row of an answer."""
+_OF_A_PROCESS = ("_connection", "_process", "_turn")
+"""What of a `SocketPlan` belongs to one process."""
 MOST_TICKS = 10_000
 """[ms] No answer is longer; a plan's ticks beyond 100 are not used."""
 HEADER = struct.Struct("<I")
@@ -64,9 +66,16 @@ class SocketPlan:
         self._process = os.getpid()
         self._turn = threading.Lock()
 
-    def __reduce__(self) -> tuple[type[SocketPlan], tuple[int, str, float]]:
-        """What other processes get: all but the connection."""
-        return SocketPlan, (self.port, self.host, self.timeout)
+    def __getstate__(self) -> dict[str, object]:
+        """What other processes get: all but the connection, and whose turn it is."""
+        return {name: value for name, value in vars(self).items() if name not in _OF_A_PROCESS}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        """Begin in another process, without a connection."""
+        vars(self).update(state)
+        self._connection = None
+        self._process = os.getpid()
+        self._turn = threading.Lock()
 
     def __call__(self, state: State, tick: int, command: Command) -> MotionPlan:
         """Ask for the plan of one robot.

@@ -19,6 +19,11 @@ from surefoot.runs.layout import OTHER_STARTS_FILE, STARTS_FILE, RunError
 from surefoot.scenarios.gaits import AllStarts, all_starts_of
 from surefoot.scenarios.prepare import completed, with_values_of
 from surefoot.scenarios.starts import PACKAGED, load_starts, save_starts, starts_of
+from surefoot.types import to_ticks
+
+BEGINS = 10
+"""[ms] The periods of several gaits are multiples of this. A robot begins a gait where a cycle of
+it begins on the grid of plans, every 50 ms: then that is every fifth cycle at the latest."""
 
 
 def begun_config(config: Config) -> Config:
@@ -28,9 +33,39 @@ def begun_config(config: Config) -> Config:
         config: The configuration as it was asked for; what is None is prepared where it is missing.
 
     Raises:
-        ValueError: The robot does not walk in this gait, or not at these commands.
+        ValueError: The robot does not walk in this gait, or not at these commands, or it could not
+            change between its gaits.
     """
-    return for_each_gait(_resolved, completed(config))
+    config = completed(config)
+    _check_changes(config)
+    return for_each_gait(_resolved, config)
+
+
+def _check_changes(config: Config) -> None:
+    """Check that a robot can change between its gaits, and is held alike in all of them.
+
+    Runs that have begun are left as they are: they can be evaluated.
+
+    Raises:
+        ValueError: It cannot, or is not.
+    """
+    if not config.other_gaits:
+        return
+    for number, one in enumerate(each_gait(config)):
+        if to_ticks(one.gait.period) % BEGINS:
+            raise ValueError(
+                f"gait number {number} has a period of {one.gait.period} s, whose cycles rarely "
+                "begin where a plan does, so that robots could hardly change to it; use a multiple "
+                "of 0.01 s"
+            )
+        for name in ("kp", "kd"):
+            own = vars(one.expert)[name]
+            first = vars(config.expert)[name]
+            if own != first:
+                raise ValueError(
+                    f"gait number {number} has expert.{name} {own}, and the first one {first}: the "
+                    "joints of a robot are held alike in all gaits; give it to the first one alone"
+                )
 
 
 def resumed_config(config: Config, before: Config, starts_hash: str) -> Config:

@@ -128,7 +128,7 @@ def distances(state: State, config: SafetyConfig) -> Array:
 def tightened(config: SafetyConfig, share: float, height: float) -> SafetyConfig:
     """The table with height, roll and pitch moved towards a level gait; joints keep their bounds.
 
-    It is never tighter than the settled gait needs, where that is known.
+    It is never tighter than the settled gait needs, where that is known, nor wider than the table.
 
     Args:
         config: The table.
@@ -139,8 +139,9 @@ def tightened(config: SafetyConfig, share: float, height: float) -> SafetyConfig
     low, high = known(config.com_height, "safety.com_height")
     low = height - share * (height - low)
     tilt = share * known(config.roll_pitch, "safety.roll_pitch")
-    if share < 1.0 and config.settled is not None:
+    if config.settled is not None:
+        own_low, _ = known(config.com_height, "safety.com_height")
         lowest, farthest = config.settled
-        low = min(low, lowest)
-        tilt = max(tilt, farthest)
+        low = min(low, max(lowest, own_low))
+        tilt = max(tilt, min(farthest, known(config.roll_pitch, "safety.roll_pitch")))
     return replace(config, com_height=(low, high), roll_pitch=tilt)

@@ -59,5 +59,6 @@ def text_of_claims(results: StudyResults) -> str:
     seeds = ", ".join(str(seed) for seed in results.study.seeds)
     commit = results.setup.commit
     made_by = f" of commit {commit[:12]}" if commit else ""
-    about = f"{trained} finished runs{made_by}, seeds {seeds}; 95 % intervals over runs."
+    runs = "run" if trained == 1 else "runs"
+    about = f"{trained} finished {runs}{made_by}, seeds {seeds}; 95 % intervals over runs."
     return f"{about}\n\n{claims_table(paper_claims(results))}"

@@ -197,6 +197,11 @@ def _is_complete(study: StudyConfig, result: CellResult) -> bool:
 def _common_part(config: Config) -> Config:
     """A configuration as all runs of a technique under a setting have it."""
     config = without_files(config)
+    # Of files that are not there, as results of earlier versions lack some, the name says all.
+    others = tuple(
+        replace(other, start_set=Path(other.start_set or "").name) for other in config.other_gaits
+    )
+    config = replace(config, other_gaits=others, start_set=Path(config.start_set or "").name)
     return replace(config, seed=0, training=replace(config.training, seed=None))
 
 
@@ -207,16 +212,18 @@ def _check_together(setup: StudySetup, results: Sequence[CellResult]) -> None:
         StudyError: They are of several commits, or of several precisions of training, or the runs
             of a technique are of several configurations.
     """
-    first: dict[tuple[str, str], CellResult] = {}
+    first: dict[tuple[str, str], tuple[str, Config]] = {}
     for result in results:
         if not result.metrics:
             continue  # its run has not kept its configuration yet: it has that of the presets
-        same = first.setdefault((result.cell.technique, result.cell.setting), result)
-        differing = list(changes(_common_part(result.config), _common_part(same.config)))
+        common = _common_part(result.config)
+        same = (result.cell.name, common)
+        other, theirs = first.setdefault((result.cell.technique, result.cell.setting), same)
+        differing = list(changes(common, theirs))
         if differing:
             names = ", ".join(name for name, _, _ in differing)
             raise StudyError(
-                f"{result.cell.name} and {same.cell.name} are of different configurations "
+                f"{result.cell.name} and {other} are of different configurations "
                 f"({names}), though a study has them differ in their seeds alone; move one of them "
                 "away, and run it again"
             )

@@ -208,7 +208,7 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
             done = ()
         # What an earlier version began to measure stays without its options: nobody knows them.
         asked = measured_options(setup.study, cell, name)
-        options = asked if before is None else before.options
+        options = before.options if before is not None and done else asked
         for policy in wanted[len(done) :]:
             piece.stop_if_over()
             done = (*done, _measure(config, policy, measurement))
