@@ -66,11 +66,11 @@ class SocketPlan:
         self._process = os.getpid()
         self._turn = threading.Lock()
 
-    def __getstate__(self) -> dict[str, object]:
+    def __getstate__(self) -> dict[str, str | int | float | None]:
         """What other processes get: all but the connection, and whose turn it is."""
         return {name: value for name, value in vars(self).items() if name not in _OF_A_PROCESS}
 
-    def __setstate__(self, state: dict[str, object]) -> None:
+    def __setstate__(self, state: dict[str, str | int | float | None]) -> None:
         """Begin in another process, without a connection."""
         vars(self).update(state)
         self._connection = None
