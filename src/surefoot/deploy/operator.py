@@ -175,10 +175,9 @@ class Terminal:
             *lines, self._text = (self._text + part).split(b"\n")
             self._text = self._text[-LONGEST_LINE:]
             texts = [line.decode(errors="replace") for line in lines]
-            for text in texts:
+            # What comes together is obeyed with a stop last: a start after it does not undo it.
+            for text in sorted(texts, key=_stops):
                 self._wish = obey(self._wish, text, self._vocabulary)
-            if any(STOP in text.lower() for text in texts):
-                self._wish = self._wish._replace(go=False)  # also of a stop before a start
         silent = (now - self._alive_ns) / 1e9
         if self._heartbeat is not None and self._wish.go and silent > self._heartbeat:
             lost = f"the operator has given no sign of life for {silent:.2f} s"
@@ -205,7 +204,7 @@ def obey(wish: Wish, line: str, vocabulary: Vocabulary) -> Wish:
         return wish
     if words == ["start"]:
         return wish._replace(go=True)
-    if STOP in line.lower():  # and whatever was typed around it
+    if _stops(line):
         return wish._replace(go=False)
     if words in (["stand"], ["walk"]):
         return wish._replace(rest=words == ["stand"])
@@ -218,6 +217,11 @@ def obey(wish: Wish, line: str, vocabulary: Vocabulary) -> Wish:
             return wish._replace(command=wish.command._replace(**{NAMES[name]: number}))
     logger.warning(f"{shown(line.strip())} means nothing; {vocabulary.help}")
     return wish
+
+
+def _stops(line: str) -> bool:
+    """Whether a line stops the robot, whatever else was typed around the word."""
+    return STOP in line.lower()
 
 
 def _number(text: str) -> float | None:

@@ -69,7 +69,17 @@ def beyond_position(profile: HardwareProfile, q: Array) -> BoolArray:
         profile: The profile.
         q: ``(..., 19)`` configurations.
     """
-    low, high = position_limits(profile).T
+    return beyond_range(position_limits(profile), q)
+
+
+def beyond_range(limits: Array, q: Array) -> BoolArray:
+    """``(...)`` True where a joint is beyond its range.
+
+    Args:
+        limits: ``(12, 2)`` smallest and largest angle of each joint [rad].
+        q: ``(..., 19)`` configurations.
+    """
+    low, high = limits.T
     joints = q[..., 7:]
     return np.asarray(((joints < low) | (joints > high)).any(axis=-1))
 

@@ -16,7 +16,7 @@ from surefoot.config import PerturbationConfig, SafetyConfig
 from surefoot.robots.bounds import fallen
 from surefoot.robots.geometry import lowest_points
 from surefoot.robots.model import RobotModel
-from surefoot.robots.profile import beyond_position
+from surefoot.robots.profile import beyond_position, beyond_range
 from surefoot.scenarios.walking import GaitError
 from surefoot.types import Array, BoolArray
 
@@ -62,7 +62,7 @@ def perturb(
     velocity_sigma = np.concatenate([np.full(3, linear), np.full(15, config.velocity)])
     data = robot.model.createData()
     contacts = stance_feet(robot, data, q, stance)
-    was_within = within_limits(robot, q)
+    was_within = not beyond_range(robot.position_limit, q)
     J = stance_jacobian(robot, data, q, stance)
     for _ in range(ATTEMPTS):
         change = project(J, sigma * rng.standard_normal(18))
@@ -71,7 +71,7 @@ def perturb(
         moved = put_feet_back(robot, data, moved, contacts, stance)
         if moved is None or not acceptable(robot, data, moved, config, safety, stance):
             continue
-        if was_within and not within_limits(robot, moved):
+        if was_within and beyond_range(robot.position_limit, moved):
             continue
         return moved, project(stance_jacobian(robot, data, moved, stance), velocity)
     raise GaitError(
@@ -80,18 +80,6 @@ def perturb(
         f"{'' if robot.profile is None else ' or those of the hardware profile'}; lower the "
         f"standard deviations ({config})"
     )
-
-
-def within_limits(robot: RobotModel, q: Array) -> BoolArray:
-    """``(...)`` True where every joint is within the robot's own limits.
-
-    Args:
-        robot: The model of the robot.
-        q: ``(..., 19)`` configurations [m, unit quaternion, rad].
-    """
-    low, high = robot.position_limit.T
-    joints = q[..., 7:]
-    return np.asarray(((joints >= low) & (joints <= high)).all(axis=-1))
 
 
 def stance_jacobian(robot: RobotModel, data: pin.Data, q: Array, stance: BoolArray) -> Array:

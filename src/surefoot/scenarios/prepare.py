@@ -27,6 +27,7 @@ from surefoot.mpc.gaits import gait_name, only_gait
 from surefoot.robots.identity import description_hash
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
+from surefoot.robots.profile import beyond_range
 from surefoot.robots.scaling import own_safety, with_own_values
 from surefoot.robots.several_gaits import for_each_gait
 from surefoot.scenarios.boxes import describe, largest_box, walks_enough
@@ -43,7 +44,6 @@ from surefoot.scenarios.make import (
     make_starts,
     settle,
 )
-from surefoot.scenarios.perturbation import within_limits
 from surefoot.scenarios.preparation import CommandGain, Followed, Preparation, Triple, rounded
 from surefoot.scenarios.settled_bounds import settled_bounds
 from surefoot.scenarios.starts import StartSet, load_starts, save_starts
@@ -161,7 +161,7 @@ def _warn_of_walks(robot: RobotModel, config: Config, made: Preparation, settled
             f"it is told; at (vx, vy, yaw rate) {told} it reaches {reached}. Use a smaller box of "
             "commands"
         )
-    beyond = 1.0 - float(within_limits(robot, settled.q).mean())
+    beyond = float(beyond_range(robot.position_limit, settled.q).mean())
     if beyond > 0.0:
         logger.warning(
             f"{name}: in {100.0 * beyond:.0f} % of the time a joint of the settled gait is beyond "

@@ -87,7 +87,8 @@ def export_minari(
     gymnasium = import_gymnasium()
     register_environments()
     robot = load_robot(config.robot)
-    name = name or f"{robot.name}-{method_name(config).replace('_', '-')}-v0"
+    own = f"{robot.name}-{method_name(config).replace('_', '-')}-v0"
+    name = name or own.replace(".", "-")  # a robot's name may have a point, a dataset's not
     if not NAME.fullmatch(name):
         raise ValueError(
             f"the dataset's name {name!r}; use letters, digits, _ and -, and end it with -v and a "
