@@ -45,6 +45,16 @@ def test_a_table_is_printed_and_the_file_named(surefoot, asked, capsys, tmp_path
     assert "made before:    in" in capsys.readouterr().out
 
 
+def test_bounds_that_are_given_are_shown(surefoot, asked, capsys):
+    given = ["--config.safety.com-height", "0.17", "0.5", "--config.safety.roll-pitch", "12"]
+    falls = ["--config.safety.fall-angle", "60", "--config.safety.knee", "-150", "-20"]
+    assert surefoot("prepare", *OPTIONS, *given, *falls) == 0
+    printed = capsys.readouterr().out
+    assert "center of mass: above 0.17 m" in printed
+    assert "within 12 deg; beyond 60 deg a fall" in printed
+    assert printed.count("-150 to -20") == 4
+
+
 def test_a_gait_that_stands_has_no_commands(surefoot, asked, capsys):
     assert surefoot("prepare", "--gait", "stand", "--vx", "0", "0.3") == 2
     assert "the gait stand goes nowhere, but the commands are --vx 0 0.3" in capsys.readouterr().err

@@ -1,10 +1,13 @@
 """Momentum and inverse dynamics against Pinocchio, finite differences and mechanics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from surefoot.robots.dynamics import centroidal_momentum, inverse_dynamics
+from surefoot.robots.load import load_robot
 from surefoot.robots.rigid import integrate, legs_of, masses_of
 from surefoot.robots.solo12 import solo12
 from surefoot.types import GRAVITY
@@ -76,6 +79,17 @@ def test_inverse_dynamics_match_pinocchio(lever):
         for leg, foot in enumerate(ROBOT.feet):
             J = pin.getFrameJacobian(MODEL, data, foot, pin.LOCAL_WORLD_ALIGNED)
             expected -= J.T @ np.append(force[t, leg], np.cross(lever, force[t, leg]))
+        np.testing.assert_allclose(tau[t], expected, atol=1e-11)
+
+
+def test_rotors_need_a_torque_of_their_own():
+    robot = load_robot(replace(ROBOT.spec, armature=(0.01, 0.02, 0.03)))
+    q, v, a = random_states(5)
+    force = np.zeros((5, 4, 3))
+    tau = inverse_dynamics(q, v, a, force, legs_of(robot), masses_of(robot), CENTER)
+    data = robot.model.createData()
+    for t in range(5):
+        expected = pin.rnea(robot.model, data, q[t], v[t], a[t])
         np.testing.assert_allclose(tau[t], expected, atol=1e-11)
 
 

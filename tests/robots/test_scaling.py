@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from surefoot.config import (
@@ -21,13 +22,17 @@ from surefoot.config.json_io import from_json, to_json
 from surefoot.config.robot_table import ANYMAL_C, GO2, HYQ, ROBOTS, SOLO12
 from surefoot.config.single_gaits import each_gait
 from surefoot.mpc.gaits import GAITS, with_gait, with_gaits
-from surefoot.robots.load import load_robot
-from surefoot.robots.scaling import (
+from surefoot.robots.canonical import joint_axes
+from surefoot.robots.joint_bounds import (
     joint_bounds,
     outward_signs,
+    straight_knees,
+    with_ranges,
+)
+from surefoot.robots.load import load_robot
+from surefoot.robots.scaling import (
     own_values,
     size_of,
-    straight_knees,
     with_own_values,
 )
 from surefoot.safety.gates import unsafe
@@ -198,8 +203,36 @@ def test_bounds_that_are_configured_stay():
     assert len(filled.joints) == 12
     own = SafetyConfig(hip_flexion=(-10.0, 80.0))
     joints = with_own_values(Config(robot=RobotConfig("go2"), safety=own)).safety.joints
-    assert [joints[3 * leg + 1] for leg in range(4)] == [(-10, 80), (-10, 80), (-80, 10), (-80, 10)]
+    assert [joints[3 * leg + 1] for leg in range(4)] == 4 * [(-10, 80)]
     assert joints[0] == filled.joints[0]
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_robots_own_bounds_of_a_leg_are_its_bounds_of_all_legs(name):
+    """Given as ranges of the left front leg, whichever way the axes of the others point."""
+    robot = MODELS[name]
+    rows = joint_bounds(robot)
+    safety = SafetyConfig(hip_abduction=rows[0], hip_flexion=rows[1], knee=rows[2])
+    nominal = np.degrees(robot.nominal[7:])
+    shift = np.abs(nominal) - np.tile(np.abs(nominal[:3]), 4)  # legs that do not stand alike
+    images = np.array(with_ranges(rows, safety, robot))
+    np.testing.assert_allclose(images, rows, atol=np.abs(shift).max() + 0.01)
+    assert ((images[:, 0] < nominal) & (nominal < images[:, 1])).all()
+
+
+@pytest.mark.parametrize("turned", [-3.2, -1.0, 2.0])
+def test_bounds_turn_with_a_knees_zero(turned):
+    model = MODELS["solo12"].model.copy()
+    nominal = MODELS["solo12"].nominal.copy()
+    for leg in range(4):
+        joint = 4 + 3 * leg
+        axis = joint_axes(model)[3 * leg + 2]
+        model.jointPlacements[joint] *= pin.SE3(pin.AngleAxis(turned, axis).matrix(), np.zeros(3))
+        nominal[9 + 3 * leg] -= turned
+    robot = replace(MODELS["solo12"], model=model, nominal=nominal)
+    moved = np.array(joint_bounds(robot))
+    moved[2::3] += np.degrees(turned)
+    np.testing.assert_allclose(moved, joint_bounds(MODELS["solo12"]), atol=0.01)
 
 
 def test_the_papers_bounds_are_heard_on_another_robot_where_they_are_given():

@@ -43,3 +43,16 @@ def test_nine_tenths_are_enough():
 def test_a_box_is_described_as_the_options_that_ask_for_it():
     box = CommandBox((-0.5, 1.0), yaw_rate=(-1.0, 1.0))
     assert describe(box) == "--vx -0.5 1 --vy 0 0 --yaw-rate -1 1"
+
+
+def test_a_smaller_box_is_within_the_one_that_was_asked_for(monkeypatch):
+    """Robots fall at the corners, where they are told to go forward and sideways."""
+    monkeypatch.setattr(
+        "surefoot.scenarios.boxes._up",
+        lambda robot, config, command: np.abs(command).sum(axis=1) < 0.55,
+    )
+    asked = CommandBox((0.3, 0.5), (0.05, 0.4))
+    box = largest_box(solo12(), replace(CONFIG, commands=asked))
+    assert box is not None
+    assert asked.vx[0] <= box.vx[0] < box.vx[1] < asked.vx[1]
+    assert asked.vy[0] <= box.vy[0] < box.vy[1] < asked.vy[1]

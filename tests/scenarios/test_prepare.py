@@ -28,6 +28,7 @@ from surefoot.mpc.gaits import with_gait, with_gaits
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
+from surefoot.runs.earlier_values import with_values_of
 from surefoot.safety.gates import tightened, unsafe
 from surefoot.scenarios import prepare as module
 from surefoot.scenarios.gains import measured_gain
@@ -37,7 +38,6 @@ from surefoot.scenarios.prepare import (
     prepare,
     prepared_key,
     with_preparation,
-    with_values_of,
 )
 from surefoot.scenarios.settled_bounds import settled_bounds
 from surefoot.scenarios.starts import load_starts, starts_of
@@ -376,7 +376,25 @@ def test_values_that_are_given_are_heard_even_if_they_are_a_default_elsewhere(sm
     assert config.expert.command_gain == TROT_GAIN
     assert config.safety.com_height == (0.15, 1.0)
     assert config.safety.joints[1] == (0.0, 90.0)
-    assert config.safety.joints[7] == (-90.0, 0.0)
+    assert config.safety.joints[7] == (0.0, 90.0)  # Go2's legs bend alike
+
+
+def test_a_range_of_one_joint_leaves_what_the_settled_gait_needs_of_the_others(small_sets):
+    whole = completed(GO2_TROT).safety.joints
+    hip = completed(replace(GO2_TROT, safety=SafetyConfig(hip_abduction=(-20.0, 50.0)))).safety
+    assert hip.joints[0] == (-20.0, 50.0)
+    assert hip.joints[3] == (-50.0, 20.0)
+    assert [row for i, row in enumerate(hip.joints) if i % 3] == [
+        row for i, row in enumerate(whole) if i % 3
+    ]
+
+
+def test_states_of_other_commands_are_warned_of_and_keep_their_rules(small_sets, caplog):
+    turns = CommandBox((-0.2, 0.2), yaw_rate=(-0.2, 0.2))
+    path = completed(Config(commands=turns)).start_set
+    config = completed(Config(start_set=path))
+    assert "were made for --vx -0.2 0.2 --vy 0 0 --yaw-rate -0.2 0.2, but the comm" in caplog.text
+    assert config.expert.turn_compensation == 0.3
 
 
 def test_gains_of_another_expert_than_that_of_the_states_are_warned_of(small_sets, caplog):

@@ -121,7 +121,7 @@ class Prepare(OnCommands, OnGait, OnRobot, OnSimulator):
             prepared = prepare(one, perturbation, self.seed)
             if self.out is not None:
                 save_starts(prepared.starts, self.out)
-            reports.append(report_of(prepared))
+            reports.append(report_of(prepared, one))
             for line in table_of(reports[-1], prepared.kept):
                 print(line)
         if self.json is not None:
@@ -132,13 +132,15 @@ class Prepare(OnCommands, OnGait, OnRobot, OnSimulator):
         return 0
 
 
-def report_of(prepared: Prepared) -> PrepareReport:
-    """The report of what was prepared.
+def report_of(prepared: Prepared, config: Config) -> PrepareReport:
+    """The report of what was prepared, with the bounds that a run of the configuration has.
 
     Args:
         prepared: What was prepared, or found.
+        config: The configuration of one gait, whose given bounds stay.
     """
     from surefoot.mpc.gaits import gait_name
+    from surefoot.scenarios.prepare import with_preparation
 
     made = prepared.made
     starts = prepared.starts
@@ -147,7 +149,7 @@ def report_of(prepared: Prepared) -> PrepareReport:
         gait=gait_name(starts.gait),
         commands=made.commands,
         command_gain=made.command_gain,
-        safety=made.safety,
+        safety=with_preparation(config, made).safety,
         tracking_error=made.tracking_error,
         tried=len(made.followed),
         fell=sum(each.fell for each in made.followed),

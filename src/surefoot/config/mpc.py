@@ -72,10 +72,11 @@ class CentroidalConfig(Checked):
     """Weights of the velocity at the end of the horizon."""
     terminal_angular_momentum: Weights = (1e6, 1e6, 1e6)
     """Weights of the angular momentum at the end of the horizon."""
-    force: Weights = (10.0, 10.0, 10.0)
-    """Weights of the contact forces."""
+    force: Annotated[tuple[float, float, float], Within(1e-12, 1e12)] = (10.0, 10.0, 10.0)
+    """Weights of the contact forces, which are positive."""
     orientation_gain: Annotated[tuple[float, float, float], Within(0.0, 100.0)] = (0.3, 0.5, 0.4)
-    """[1/s] gain from the orientation error to the reference of the angular momentum."""
+    """[m^2/s] gain from the orientation error [rad] to the reference of the angular momentum per
+    unit mass."""
     rho: Annotated[float, Within(1e-6, 1e12)] = 5e4
     """Penalty of ADMM."""
     max_iterations: Iterations = 100

@@ -222,3 +222,15 @@ def rules_for(config: Config) -> Rules:
     """
     published = config.expert.foothold_rule == "published"
     return FIRST if straight_trot(config) or published else ALL_ROUND
+
+
+def with_rules(config: Config, commands: CommandBox | None = None) -> Config:
+    """The configuration with the rules of its robot, gait and commands (`rules_for`) for None.
+
+    Args:
+        config: A configuration of one gait.
+        commands: Commands to take the rules of in place of the configuration's own.
+    """
+    rules = vars(rules_for(replace(config, commands=commands or config.commands)))
+    missing = {name: rules[name] for name in rules if vars(config.expert)[name] is None}
+    return replace(config, expert=replace(config.expert, **missing))

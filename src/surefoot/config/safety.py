@@ -56,21 +56,19 @@ class SafetyConfig(Checked):
     roll_pitch: Tilt | None = None
     """[deg] either way; None is 25, or more where the settled gait needs it."""
     hip_abduction: Range | None = None
-    """[deg] of the left legs; mirrored for the right legs; None is the robot's own (Solo12: -30 to
-    60)."""
+    """[deg] of the left front leg, and of the others as its images; None is the robot's own
+    (Solo12: -30 to 60)."""
     hip_flexion: Range | None = None
-    """[deg] of the front legs; mirrored for the hind legs; None is the robot's own (Solo12: 0 to
-    90)."""
+    """[deg] likewise; None is the robot's own (Solo12: 0 to 90)."""
     knee: Range | None = None
-    """[deg] of the front legs; mirrored for the hind legs; None is the robot's own (Solo12: -160 to
-    0)."""
+    """[deg] likewise; None is the robot's own (Solo12: -160 to 0)."""
     settled: Needed | None = None
     """[m], [deg] how low the center of mass, and how far roll and pitch, are in the settled gait,
     with a margin: the gate `relaxing` is never tighter. None is what was prepared; where nothing
     was, it is not known, and limits nothing."""
     joints: tuple[Range, ...] = ()
-    """[deg] of all twelve joints, leg by leg, in place of the three ranges above, which fit legs
-    that bend apart; none uses those."""
+    """[deg] of all twelve joints, leg by leg, in place of the three ranges above; none uses
+    those."""
     fall_height: Range | None = None
     """[m] a base height outside this range is a fall; None is the robot's own (Solo12: 0.1 to 2,
     the paper's research code)."""

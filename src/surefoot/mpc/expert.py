@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from surefoot.config import Config, ExpertConfig, Gait
 from surefoot.config.checked import check_values, known
-from surefoot.config.presets import ground_for
+from surefoot.config.presets import ground_for, with_rules
 from surefoot.config.single_gaits import each_gait
 from surefoot.mpc.gaits import names_of, only_gait
 from surefoot.mpc.planner import PLAN_TICKS, Planner
@@ -245,7 +245,7 @@ def make_planner(robot: RobotModel, config: Config) -> Planner:
     Raises:
         ValueError: The configuration has several gaits.
     """
-    config = only_gait(config, "a planner")
+    config = with_rules(only_gait(config, "a planner"))
     expert = replace(config.expert, ground=config.expert.ground or ground_for(config))
     return Planner(robot, config.gait, expert, config.simulation.friction)
 

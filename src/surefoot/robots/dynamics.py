@@ -140,7 +140,8 @@ def inverse_dynamics(
 ) -> Array:
     """Return the generalized forces ``(T, 18)`` of a motion beyond its contact forces.
 
-    That is RNEA(q, v, a) - sum_j J_j^T f_j; the first six columns are the base's wrench.
+    That is RNEA(q, v, a) - sum_j J_j^T f_j, which includes what the rotors need; the first six
+    columns are the base's wrench.
 
     Args:
         q: ``(T, 19)`` configurations.
@@ -185,7 +186,9 @@ def inverse_dynamics(
             for i in range(2, -1, -1):
                 below = _add(below, 1.0, (vector(wrenches[i, 0]), vector(wrenches[i, 1])))
                 S = _joint(links, leg, i)
-                tau[t, 6 + 3 * leg + i] = dot(S[0], below[0]) + dot(S[1], below[1])
+                joint = 6 + 3 * leg + i
+                rotor = masses.armature[leg, i] * a[t, joint]
+                tau[t, joint] = dot(S[0], below[0]) + dot(S[1], below[1]) + rotor
             total = _add(total, 1.0, below)
         store(tau[t, :3], total[0])
         store(tau[t, 3:6], total[1])

@@ -53,6 +53,7 @@ class Masses(NamedTuple):
         base_inertia: ``(3, 3)`` inertia of the base about its origin [kg m^2].
         link_inertia: ``(4, 3, 3, 3)`` inertia of each link about its joint's ``center`` in `Legs`
             [kg m^2].
+        armature: ``(4, 3)`` inertia of the rotors, seen at the joints [kg m^2].
     """
 
     base: float
@@ -61,6 +62,7 @@ class Masses(NamedTuple):
     link_moment: Array
     base_inertia: Array
     link_inertia: Array
+    armature: Array
 
 
 def legs_of(robot: RobotModel) -> Legs:
@@ -95,6 +97,7 @@ def masses_of(robot: RobotModel) -> Masses:
         link_moment=moment[1:].reshape(4, 3, 3),
         base_inertia=inertia[0],
         link_inertia=np.array(inertia[1:]).reshape(4, 3, 3, 3),
+        armature=model.armature[6:].reshape(4, 3).copy(),
     )
 
 

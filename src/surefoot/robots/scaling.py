@@ -35,16 +35,14 @@ from surefoot.config.presets import (
     STRAIGHT_TROT,
     TROT_GAIN,
     is_solo12_trot,
-    rules_for,
     straight_trot,
+    with_rules,
 )
 from surefoot.config.robot_table import ROBOTS, SOLO12
-from surefoot.robots.bounds import FRONT_HIND, LEFT_RIGHT, mirrored
-from surefoot.robots.canonical import joint_axes
+from surefoot.robots.joint_bounds import RANGES, joint_bounds, with_ranges
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.several_gaits import for_each_gait
-from surefoot.types import LEGS, Array
 
 Section = TypeVar(
     "Section",
@@ -68,7 +66,7 @@ EXPERT_PUSH = (0.5, 3.0)
 """[N s] The smallest and the largest push of a Solo12 that the expert shows how to recover from."""
 PUSH_LEVEL = 0.2
 """[N s] The distance between two levels of the pushes that a Solo12 is tested with."""
-OWN_BOUNDS = ("com_height", "roll_pitch", "hip_abduction", "hip_flexion", "knee", "fall_height")
+OWN_BOUNDS = ("com_height", "roll_pitch", *RANGES, "fall_height")
 """The bounds of `SafetyConfig` that may be None."""
 DIGITS = 4
 """Significant digits that a scaled number keeps: enough for a gain, and readable in a file."""
@@ -251,17 +249,7 @@ def own_safety(safety: SafetyConfig, com_height: float, robot: RobotModel) -> Sa
     )
     if safety.joints:
         return safety
-    rows = list(joint_bounds(robot))
-    for leg in range(4):
-        given = (
-            (LEFT_RIGHT[leg], safety.hip_abduction),
-            (FRONT_HIND[leg], safety.hip_flexion),
-            (FRONT_HIND[leg], safety.knee),
-        )
-        for joint, (sign, bounds) in enumerate(given):
-            if bounds is not None:
-                rows[3 * leg + joint] = mirrored(sign, bounds)
-    return replace(safety, joints=tuple(rows))
+    return replace(safety, joints=with_ranges(joint_bounds(robot), safety, robot))
 
 
 def own_pushes(
@@ -283,63 +271,6 @@ def by_mass(impulse: tuple[float, float], ratio: float) -> tuple[float, float]:
     return low, high
 
 
-def joint_bounds(robot: RobotModel) -> tuple[tuple[float, float], ...]:
-    """Return the smallest and largest safe angle of each joint [deg], from the nominal pose.
-
-    Abduction may turn a foot 30 degrees inward and 60 outward, flexion 45 either way, and a knee
-    from straight to 68 degrees more bent. That is the paper's Table I for Solo12, to a degree, and
-    holds for knees that bend either way and for joints of any sign.
-
-    Args:
-        robot: The robot.
-    """
-    nominal = np.degrees(robot.nominal[7:]).reshape(4, 3)
-    straight = np.degrees(straight_knees(robot))
-    outward = outward_signs(robot)
-    rows = []
-    for leg in range(4):
-        hip, flexion, knee = nominal[leg]
-        rows.append(sorted((hip - 30.0 * outward[leg], hip + 60.0 * outward[leg])))
-        rows.append((flexion - 45.0, flexion + 45.0))
-        bent = knee + np.copysign(68.0, knee - straight[leg])
-        rows.append(sorted((straight[leg], bent)))
-    return tuple((round(float(low), 3), round(float(high), 3)) for low, high in rows)
-
-
-def outward_signs(robot: RobotModel) -> Array:
-    """Return ``(4,)`` 1 where a positive abduction moves a leg's foot outward, and -1 elsewhere."""
-    data = robot.model.createData()
-    pin.computeJointJacobians(robot.model, data, robot.nominal)
-    signs = []
-    for number, (leg, foot) in enumerate(zip(LEGS, robot.feet, strict=True)):
-        pin.updateFramePlacement(robot.model, data, foot)
-        J = pin.getFrameJacobian(robot.model, data, foot, pin.LOCAL_WORLD_ALIGNED)
-        sideways = J[1, 6 + 3 * number]
-        signs.append(np.sign(sideways) * (1.0 if leg.endswith("L") else -1.0))
-    return np.array(signs)
-
-
-def straight_knees(robot: RobotModel) -> Array:
-    """Return ``(4,)`` the angle of each knee at which its leg is straight [rad].
-
-    There the foot is farthest from the axis of hip flexion: foot, knee and that axis lie in line.
-
-    Args:
-        robot: The robot.
-    """
-    model = robot.model
-    axes = joint_axes(model).reshape(4, 3, 3)[:, 2]
-    straight = []
-    for axis, hip, foot in zip(axes, robot.hips, robot.feet, strict=True):
-        placement = model.jointPlacements[hip + 1]
-        upper = placement.rotation.T @ placement.translation
-        lower = model.frames[foot].placement.translation
-        upper = upper - (upper @ axis) * axis
-        lower = lower - (lower @ axis) * axis
-        straight.append(np.arctan2(axis @ np.cross(lower, upper), lower @ upper))
-    return np.array(straight)
-
-
 def with_own_values(config: Config, robot: RobotModel | None = None) -> Config:
     """Return the configuration with what follows from its robot, gait and commands for None.
 
@@ -359,8 +290,7 @@ def with_own_values(config: Config, robot: RobotModel | None = None) -> Config:
 def _with_own(config: Config, robot: RobotModel) -> Config:
     """The same of a configuration of one gait."""
     gait = own_gait(config.gait, robot)
-    expert = _filled(config.expert, **vars(rules_for(config)))
-    expert = own_expert(expert, robot, gait)
+    expert = own_expert(with_rules(config).expert, robot, gait)
     if config.expert.command_gain is None and not is_solo12_trot(config):
         expert = replace(expert, command_gain=None)
     start_set = config.start_set

@@ -15,9 +15,10 @@ from surefoot.config import Config
 from surefoot.config.checked import known
 from surefoot.config.single_gaits import each_gait
 from surefoot.robots.several_gaits import for_each_gait
+from surefoot.runs.earlier_values import with_values_of
 from surefoot.runs.layout import OTHER_STARTS_FILE, STARTS_FILE, RunError
 from surefoot.scenarios.gaits import AllStarts, all_starts_of
-from surefoot.scenarios.prepare import completed, with_values_of
+from surefoot.scenarios.prepare import completed
 from surefoot.scenarios.starts import PACKAGED, load_starts, save_starts, starts_of
 from surefoot.types import to_ticks
 

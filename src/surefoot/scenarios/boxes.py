@@ -83,10 +83,13 @@ def _up(robot: RobotModel, config: Config, command: Array) -> BoolArray:
 
 
 def _times(box: CommandBox, factor: float) -> CommandBox:
-    """A box of smaller commands, with few decimals."""
-    axes = factor * np.array([box.vx, box.vy, box.yaw_rate])
+    """A smaller box about the commands of a box that are the nearest to zero, in few decimals."""
+    axes = np.array([box.vx, box.vy, box.yaw_rate])
+    center = np.clip(0.0, axes[:, :1], axes[:, 1:])
+    reach = factor * (axes - center)
     # Of 0.6, which is 0.59999 as a number, no hundredth is cut off.
-    return _box(np.trunc(axes * 10**DIGITS + 1e-6 * np.sign(axes)) / 10**DIGITS + 0.0)
+    reach = np.trunc(reach * 10**DIGITS + 1e-6 * np.sign(reach)) / 10**DIGITS
+    return _box(center + reach + 0.0)
 
 
 def _box(axes: Array) -> CommandBox:

@@ -12,19 +12,18 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from surefoot.caches import user_folder
 from surefoot.config import Config, PerturbationConfig, SafetyConfig, Split
-from surefoot.config.checked import Checked, known
-from surefoot.config.presets import with_ground
-from surefoot.config.safety import Range
+from surefoot.config.checked import known
+from surefoot.config.presets import with_ground, with_rules
 from surefoot.mpc.gaits import gait_name, only_gait
 from surefoot.robots.identity import description_hash
+from surefoot.robots.joint_bounds import with_ranges
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.profile import beyond_range
@@ -49,8 +48,6 @@ from surefoot.scenarios.settled_bounds import settled_bounds
 from surefoot.scenarios.starts import StartSet, load_starts, save_starts
 from surefoot.scenarios.walking import GaitError, Walks
 from surefoot.types import Array, BoolArray, IntArray, to_ticks
-
-Section = TypeVar("Section", bound=Checked)
 
 logger = logging.getLogger(__name__)
 
@@ -311,12 +308,20 @@ def _completed(config: Config) -> Config:
 
 
 def with_preparation(config: Config, made: Preparation) -> Config:
-    """The configuration, with gains and bounds that were measured in place of None.
+    """The configuration, with gains, rules and bounds that were measured in place of None.
 
     Args:
-        config: The configuration; values that are given stay, and other gains are warned of.
+        config: The configuration; values that are given stay, and other gains and commands are
+            warned of.
         made: What was measured.
     """
+    if config.commands != made.commands:
+        logger.warning(
+            f"the initial states were made for {describe(made.commands)}, but the commands are "
+            f"{describe(config.commands)}: give the same, or prepare these"
+        )
+    # The gains belong to the rules that they were measured with.
+    config = with_rules(config, made.commands)
     given = config.expert.command_gain
     if given is not None and not np.allclose(given, made.command_gain, atol=1e-6):
         logger.warning(
@@ -326,59 +331,8 @@ def with_preparation(config: Config, made: Preparation) -> Config:
     return _filled(config, made.command_gain, made.safety)
 
 
-def with_values_of(before: Config, config: Config) -> Config:
-    """The configuration, with the values of an earlier one in place of every None.
-
-    One rule serves all fields that may be None: what is not asked for now stays as it is, whether
-    it was measured, followed from the robot, or was given when the run began. Only which robot it
-    is has to be said again.
-
-    Args:
-        before: The configuration of a run that has begun, which is to go on with the same values.
-        config: What is asked for now.
-    """
-    robot = config.robot
-    config = _with_values(before, config)
-    config = replace(config, robot=replace(config.robot, spec=robot.spec))
-    stored = before.safety
-    if not config.safety.joints and _ranges(config.safety) == _ranges(stored):
-        config = replace(config, safety=replace(config.safety, joints=stored.joints))
-    config = with_own_values(config)
-    if stored.joints and config.safety.joints == stored.joints:  # then nobody looks at the ranges
-        hip, flexion, knee = _ranges(stored)
-        safety = replace(config.safety, hip_abduction=hip, hip_flexion=flexion, knee=knee)
-        config = replace(config, safety=safety)
-    return config
-
-
-def _with_values(before: Section, config: Section) -> Section:
-    """A part of a configuration, with the values of the same part of another in place of None."""
-    values = {}
-    for field in fields(config):
-        now = vars(config)[field.name]
-        earlier = vars(before)[field.name]
-        if now is None:
-            values[field.name] = earlier
-        elif isinstance(now, Checked) and type(now) is type(earlier):
-            values[field.name] = _with_values(earlier, now)
-    if isinstance(config, Config) and isinstance(before, Config):
-        pairs = zip(before.other_gaits, config.other_gaits, strict=False)
-        others = tuple(_with_values(earlier, now) for earlier, now in pairs)
-        if len(others) == len(config.other_gaits):
-            values["other_gaits"] = others
-    return replace(config, **values)
-
-
-def _ranges(safety: SafetyConfig) -> tuple[Range | None, Range | None, Range | None]:
-    """The ranges [deg] of hip abduction, hip flexion and knee."""
-    return safety.hip_abduction, safety.hip_flexion, safety.knee
-
-
 def _filled(config: Config, gain: Triple | None, measured: SafetyConfig) -> Config:
-    """The configuration with measured gains and bounds, and then the robot's own values, for None.
-
-    Joints whose bounds are given in ranges have none of the measured ones.
-    """
+    """The configuration with what was measured, and then the robot's own values, for None."""
     expert = config.expert
     if expert.command_gain is None:
         expert = replace(expert, command_gain=gain)
@@ -389,6 +343,7 @@ def _filled(config: Config, gain: Triple | None, measured: SafetyConfig) -> Conf
         safety = replace(safety, roll_pitch=measured.roll_pitch)
     if safety.settled is None:
         safety = replace(safety, settled=measured.settled)
-    if not safety.joints and _ranges(safety) == (None, None, None):
-        safety = replace(safety, joints=measured.joints)
+    if not safety.joints and measured.joints:
+        rows = with_ranges(measured.joints, safety, load_robot(config.robot))
+        safety = replace(safety, joints=rows)
     return with_own_values(replace(config, expert=expert, safety=safety))

@@ -1,0 +1,65 @@
+"""What a run that goes on keeps of the configuration that it began with. Next: `initial_states`."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import TypeVar
+
+from surefoot.config import Config, SafetyConfig
+from surefoot.config.checked import Checked
+from surefoot.robots.joint_bounds import RANGES, with_ranges
+from surefoot.robots.load import load_robot
+from surefoot.robots.model import RobotModel
+from surefoot.robots.scaling import with_own_values
+
+Section = TypeVar("Section", bound=Checked)
+
+
+def with_values_of(before: Config, config: Config) -> Config:
+    """The configuration, with the values of an earlier one in place of every None.
+
+    One rule serves all fields that may be None: what is not asked for now stays as it is, whether
+    it was measured, followed from the robot, or was given when the run began. Only which robot it
+    is has to be said again.
+
+    Args:
+        before: The configuration of a run that has begun, which is to go on with the same values.
+        config: What is asked for now.
+    """
+    robot = config.robot
+    config = _with_values(before, config)
+    config = replace(config, robot=replace(config.robot, spec=robot.spec))
+    stored = before.safety
+    if not config.safety.joints and stored.joints:
+        safety = _with_new_ranges(stored, config.safety, load_robot(config.robot))
+        config = replace(config, safety=safety)
+    config = with_own_values(config)
+    if stored.joints and config.safety.joints == stored.joints:  # then nobody looks at the ranges
+        ranges = {name: vars(stored)[name] for name in RANGES}
+        config = replace(config, safety=replace(config.safety, **ranges))
+    return config
+
+
+def _with_new_ranges(before: SafetyConfig, safety: SafetyConfig, robot: RobotModel) -> SafetyConfig:
+    """Bounds with the joints' rows of earlier ones, but for the ranges that are given anew."""
+    new = {name: vars(safety)[name] for name in RANGES if vars(safety)[name] != vars(before)[name]}
+    rows = with_ranges(before.joints, SafetyConfig(**new), robot)
+    return replace(safety, joints=rows)
+
+
+def _with_values(before: Section, config: Section) -> Section:
+    """A part of a configuration, with the values of the same part of another in place of None."""
+    values = {}
+    for field in fields(config):
+        now = vars(config)[field.name]
+        earlier = vars(before)[field.name]
+        if now is None:
+            values[field.name] = earlier
+        elif isinstance(now, Checked) and type(now) is type(earlier):
+            values[field.name] = _with_values(earlier, now)
+    if isinstance(config, Config) and isinstance(before, Config):
+        pairs = zip(before.other_gaits, config.other_gaits, strict=False)
+        others = tuple(_with_values(earlier, now) for earlier, now in pairs)
+        if len(others) == len(config.other_gaits):
+            values["other_gaits"] = others
+    return replace(config, **values)
