@@ -12,7 +12,7 @@ from surefoot.config.study import Measurement, StudyConfig, Technique
 from surefoot.mpc.gaits import with_gaits
 from surefoot.study import estimate as module
 from surefoot.study.cells import jobs_of
-from surefoot.study.estimate import Rates, estimate_study, first_work, training_work
+from surefoot.study.estimate import Rates, estimate_study, first_work, read_estimate, training_work
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -58,6 +58,20 @@ def test_cells_of_one_gait_and_of_several_are_measured_each(monkeypatch):
     study = StudyConfig("mine", "My study", techniques, (Measurement("test", "test"),))
     estimate_study(study, jobs_of(study))
     assert sorted(measured) == [1, 2]
+
+
+def test_an_estimate_of_other_jobs_is_not_taken(monkeypatch, tmp_path):
+    rates = SimpleNamespace(seconds=lambda work: 1.0)
+    monkeypatch.setattr(module, "completed", lambda config: config)
+    monkeypatch.setattr(module, "measure_rates", lambda config: rates)
+    study = StudyConfig(
+        "mine", "My study", (Technique("one", "1", "dagger"),), (Measurement("test", "test"),)
+    )
+    jobs = jobs_of(study)
+    kept = estimate_study(study, jobs[1:], tmp_path)
+    assert read_estimate(tmp_path, jobs[1:]) == kept
+    assert read_estimate(tmp_path, jobs) is None
+    assert set(estimate_study(study, jobs, tmp_path).seconds) == {job.name for job in jobs}
 
 
 def test_what_else_the_machine_computes_does_not_count(monkeypatch):

@@ -18,6 +18,7 @@ from surefoot.study.run_statistics import (
     difference_of_runs,
     holm,
     mean_of_runs,
+    of_both,
     permutation_p,
     smallest_p,
 )
@@ -122,6 +123,21 @@ def test_a_change_is_that_of_each_run():
     found = change_in_runs(Runs((2.0, 3.1, 4.2)), Runs((1.0, 2.0, 3.0)))
     expected = ttest_1samp([1.0, 1.1, 1.2], 0.0).confidence_interval(0.95)
     assert interval_of(found) == pytest.approx((expected.low, expected.high))
+
+
+def test_a_change_is_that_of_the_runs_which_have_both_measurements():
+    after = Runs((0.5, 0.4), (10, 10), seeds=(1, 2))
+    before = Runs((0.1, 0.9, 0.2), (10, 20, 30), seeds=(2, 0, 1))
+    both = of_both(after, before)
+    assert both is not None
+    assert both[0] == after
+    assert both[1] == Runs((0.2, 0.1), (30, 10), seeds=(1, 2))
+    assert change_in_runs(*both).difference == pytest.approx(0.3)
+    assert of_both(after, Runs((0.1,), (10,), seeds=(3,))) is None
+    with pytest.raises(ValueError, match="give the same ones"):
+        change_in_runs(after, before)
+    with pytest.raises(ValueError, match="give the same ones"):
+        change_in_runs(Runs((0.1,)), Runs((0.1, 0.2)))
 
 
 def test_welchs_intervals_of_few_runs_cover_the_truth():

@@ -116,12 +116,21 @@ def test_prose_around_the_tables_stays(tmp_path):
 
 def test_a_page_may_have_the_tables_of_several_studies(tmp_path):
     path = tmp_path / "which.md"
-    path.write_text(f"{BEGIN}\nfirst\n{END}\n\n<!-- table of sensors -->\n{END}\nAfter.\n")
+    first = "<!-- table of regimes -->"
+    second = "<!-- table of sensors -->"
+    path.write_text(f"{first}\nfirst\n{END}\n\n{second}\n{END}\nAfter.\n")
     path.write_text(page_with("second", path, "sensors"))
     path.write_text(page_with("new first", path, "regimes"))
-    assert path.read_text() == (
-        f"{BEGIN}\nnew first\n{END}\n\n<!-- table of sensors -->\nsecond\n{END}\nAfter.\n"
-    )
+    written = f"{first}\nnew first\n{END}\n\n{second}\nsecond\n{END}\nAfter.\n"
+    assert path.read_text() == written
+    with pytest.raises(ValueError, match=r"put the lines <!-- table of other --> and"):
+        page_with("third", path, "other")
+
+
+def test_a_page_of_one_study_needs_no_name(tmp_path):
+    path = tmp_path / "paper.md"
+    path.write_text(f"{BEGIN}\n{END}\n")
+    assert page_with("new", path, "paper") == f"{BEGIN}\nnew\n{END}\n"
 
 
 @pytest.mark.parametrize("text", ["prose", f"{BEGIN} open", f"{END}{BEGIN}"])

@@ -166,7 +166,8 @@ class Study(OnWorkers):
             jobs = [JobReport(s.job.name, s.state, s.seconds) for s in statuses]
             write_json(self.json, StudyReport(folder, paused, jobs))
         workers = workers_of(folder) or self.workers
-        print(describe_state(statuses, read_estimate(folder), workers))
+        estimate = read_estimate(folder, [status.job for status in statuses])
+        print(describe_state(statuses, estimate, workers))
         if paused:
             print(f"paused: `surefoot study resume {folder}` lets it go on")
         for status in statuses:

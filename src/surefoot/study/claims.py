@@ -22,6 +22,7 @@ from surefoot.study.run_statistics import (
     change_in_runs,
     difference_of_runs,
     mean_of_runs,
+    of_both,
 )
 from surefoot.study.tables import markdown
 
@@ -185,12 +186,13 @@ def judge_change(statement: Statement, after: Sample, before: Sample, beside: st
     Args:
         statement: The claim.
         after: The later measurement.
-        before: The earlier one of the same runs in the same order, which is subtracted.
+        before: The earlier one of the same runs, which is subtracted.
         beside: A sentence with other numbers that belong beside it.
     """
-    if after.runs is None or before.runs is None:
+    both = after.runs and before.runs and of_both(after.runs, before.runs)
+    if not both:
         return _unmeasured(statement, [after])
-    return _judged(statement, change_in_runs(after.runs, before.runs), [after], beside)
+    return _judged(statement, change_in_runs(*both), [after], beside)
 
 
 def judge_extreme(

@@ -301,7 +301,7 @@ def estimate_study(
         folder: Folder where the estimate is kept, and taken from where it is there already; None
             keeps it nowhere.
     """
-    before = None if folder is None else read_estimate(folder)
+    before = None if folder is None else read_estimate(folder, jobs)
     if before is not None:
         return before
     rates: dict[str, Rates] = {}
@@ -329,8 +329,13 @@ def estimate_study(
     return estimate
 
 
-def read_estimate(folder: Path) -> Estimate | None:
-    """The estimate that is kept in the folder of a study, if it was made on such a machine."""
+def read_estimate(folder: Path, jobs: Sequence[StudyJob]) -> Estimate | None:
+    """The estimate in the folder of a study, if it was made on such a machine and of its jobs.
+
+    Args:
+        folder: Folder of the study.
+        jobs: The jobs of the study.
+    """
     path = folder / ESTIMATE_FILE
     if not path.exists():
         return None
@@ -338,4 +343,7 @@ def read_estimate(folder: Path) -> Estimate | None:
         estimate = from_json(Estimate, read_json(path))
     except ValueError:
         return None  # it is only an estimate: a new one is made
-    return estimate if estimate.processor == processor() else None
+    names = {job.name for job in jobs}
+    return (
+        estimate if estimate.processor == processor() and names == set(estimate.seconds) else None
+    )

@@ -41,10 +41,12 @@ class Runs:
     Attributes:
         values: ``(R,)`` the value of each run. A share is a number from 0 to 1.
         rollouts: ``(R,)`` for a share, the number of rollouts of each run; None for other values.
+        seeds: ``(R,)`` the seed of each run, if two measurements of the same runs are compared.
     """
 
     values: tuple[float, ...]
     rollouts: tuple[int, ...] | None = None
+    seeds: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that the values are numbers, and shares those of a number of rollouts.
@@ -141,13 +143,43 @@ def change_in_runs(after: Runs, before: Runs) -> RunDifference:
 
     Args:
         after: The later measurement.
-        before: The earlier one of the same runs in the same order, which is subtracted.
+        before: The earlier one of the same runs in the same order (`of_both`), which is subtracted.
+
+    Raises:
+        ValueError: These are not the same runs.
     """
+    if after.seeds != before.seeds or len(after.values) != len(before.values):
+        raise ValueError(f"runs of the seeds {after.seeds} and {before.seeds}; give the same ones")
     changes = np.subtract(after.values, before.values)
     interval = mean_interval(changes)
     if len(changes) > 1:
         interval = _no_narrower_than_rollouts(interval, after, before)
     return RunDifference(float(changes.mean()), interval, mean_of_runs(after), mean_of_runs(before))
+
+
+def of_both(after: Runs, before: Runs) -> tuple[Runs, Runs] | None:
+    """The runs that two measurements have in common, in the same order; None if there is none.
+
+    A run may lack one of them: a budget, for example, may leave an iteration without rollouts.
+
+    Args:
+        after: One measurement, with the seeds of its runs.
+        before: The other one.
+    """
+    if after.seeds == before.seeds:
+        return after, before
+    common = [seed for seed in after.seeds if seed in before.seeds]
+    if not common:
+        return None
+    return _only(after, common), _only(before, common)
+
+
+def _only(runs: Runs, seeds: list[int]) -> Runs:
+    """The runs of some seeds, in their order."""
+    places = [runs.seeds.index(seed) for seed in seeds]
+    values = tuple(runs.values[place] for place in places)
+    rollouts = runs.rollouts and tuple(runs.rollouts[place] for place in places)
+    return Runs(values, rollouts, tuple(seeds))
 
 
 def _no_narrower_than_rollouts(interval: Interval | None, a: Runs, b: Runs) -> Interval | None:

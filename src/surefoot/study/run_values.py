@@ -44,7 +44,7 @@ def runs_of(
         if value is not None:
             by_seed.setdefault(cell.cell.seed, []).append(value)
     values = tuple(float(np.mean(trainings)) for trainings in by_seed.values())
-    return Runs(values) if values else None
+    return Runs(values, None, tuple(by_seed)) if values else None
 
 
 def shares_of(
@@ -68,7 +68,7 @@ def shares_of(
         return None
     shares = [np.mean([events / n for events, n in counts]) for counts in by_seed.values()]
     rollouts = [min(n for _, n in counts) for counts in by_seed.values()]
-    return Runs(tuple(map(float, shares)), tuple(rollouts))
+    return Runs(tuple(map(float, shares)), tuple(rollouts), tuple(by_seed))
 
 
 def is_trained(cell: CellResult) -> bool:

@@ -26,6 +26,8 @@ from surefoot.study.records import (
 
 BEGIN = "<!-- table -->"
 """The line before the generated part of a Markdown file."""
+NAMED = "<!-- table of "
+"""How that line begins in a file with the tables of several studies; a study's name follows."""
 END = "<!-- end of table -->"
 """The line after it."""
 RESULTS = (
@@ -84,13 +86,14 @@ def page_with(text: str, path: Path, study: str = "") -> str:
         ValueError: The file has no such part.
     """
     content = path.read_text(encoding="utf-8") if path.is_file() else f"{BEGIN}{END}\n"
-    own = f"<!-- table of {study} -->"
-    before, begin, rest = content.partition(own if own in content else BEGIN)
+    # A place without a name is that of a page with the tables of one study.
+    place = f"{NAMED}{study} -->" if study and NAMED in content else BEGIN
+    before, begin, rest = content.partition(place)
     _, end, after = rest.partition(END)
     if not (begin and end):
         raise ValueError(
-            f"{path} has no place for the tables: put the lines {BEGIN} and {END} where you want "
-            "them, or name another file"
+            f"{path} has no place for the tables: put the lines {place} and {END} "
+            "where you want them, or name another file"
         )
     return f"{before}{begin}\n{text}\n{END}{after}"
 

@@ -22,6 +22,7 @@ def test_the_ground_and_what_the_network_sees_are_those_of_the_run():
     rough = text_of(config)
     assert "on the terrain bumps:0.03" in rough and "level ground" not in rough
     assert "what a robot measures" in rough and "full state" not in rough
+    assert "commands outside vx 0 to 0.3 m/s, vy 0 to 0 m/s, the yaw rate 0 to 0 rad/s." in level
 
 
 def test_pushes_of_pretraining_and_of_iterations_are_told_apart():

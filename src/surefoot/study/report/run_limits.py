@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from surefoot.config import BehaviorCloningConfig, Config, DisturbanceConfig
+from surefoot.config import BehaviorCloningConfig, CommandBox, Config, DisturbanceConfig
 from surefoot.config.json_io import changes
 
 SIMULATORS = {"mujoco": "MuJoCo", "bullet": "PyBullet"}
@@ -32,9 +32,16 @@ def limits_of(config: Config, is_field_run: bool) -> list[str]:
         "This is one run. Another seed of the data or of the training gives another policy, which "
         "may differ more than any interval here says: intervals are over initial states only.",
         f"The network sees {SEEN[config.policy.layout]}.",
-        "It was not trained on commands outside the range above.",
+        f"It was not trained on commands outside {_commands(config.commands)}.",
         *_disturbed(config, is_field_run),
     ]
+
+
+def _commands(box: CommandBox) -> str:
+    """The commands of a box."""
+    named = (("vx", "m/s", box.vx), ("vy", "m/s", box.vy), ("the yaw rate", "rad/s", box.yaw_rate))
+    ranges = (f"{name} {low:g} to {high:g} {unit}" for name, unit, (low, high) in named)
+    return ", ".join(ranges)
 
 
 def _where(config: Config, is_field_run: bool) -> str:
