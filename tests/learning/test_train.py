@@ -127,6 +127,14 @@ def test_noise_moves_observations_only_and_by_the_share_asked_for(monkeypatch):
     torch.testing.assert_close(share, torch.full_like(share, 0.2), rtol=0.1, atol=0.0)
 
 
+def test_numbers_that_are_constant_in_the_data_get_no_noise():
+    network = PolicyNetwork(SMALL, 0)
+    deviation = torch.linspace(0.5, 2.0, len(network.scale), dtype=torch.float64)
+    deviation[:4] = 0.0
+    network.set_normalizers(torch.zeros_like(deviation), deviation)
+    assert torch.equal(network.deviation, deviation.float())
+
+
 def test_a_fit_with_noise_and_decay_killed_in_any_epoch_ends_with_the_same_bits(tmp_path):
     config = replace(TRAINING, input_noise=0.1, weight_decay=0.5, schedule="cosine")
 

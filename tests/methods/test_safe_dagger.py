@@ -1,5 +1,7 @@
 """SafeDAGGER on the toy: what its gate learns from, and where it calls the expert."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -11,6 +13,8 @@ from surefoot.learning.samples import held_out
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out
+from surefoot.runs.gate_training import deviation_samples
+from surefoot.runs.run import RunError, open_run
 from surefoot.safety.learned import Deviation
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import load_starts
@@ -65,6 +69,13 @@ def test_the_gate_learns_from_all_data_so_far_without_the_frames_that_judge_it(r
     unsafe = ((error / np.array(done.sigma)) ** 2).sum(axis=1) > done.tau
     assert done.share_yes == pytest.approx(unsafe[~judges].mean(), abs=1e-3)
     assert 0.0 < done.share_yes < 1.0
+
+
+def test_a_dataset_without_held_out_frames_is_an_error(runs):
+    run = open_run(runs("safe_dagger").folder)
+    run.config = replace(CONFIG, training=replace(CONFIG.training, validation=0.0))
+    with pytest.raises(RunError, match="no frame held out to judge the policy by"):
+        deviation_samples(run, 0, 0.2)
 
 
 @pytest.mark.parametrize("i", [1, 2])

@@ -115,5 +115,5 @@ class TrainingConfig(Checked):
     and `none` elsewhere; it cannot know whether an expert of your own prefers a side."""
     memory: Annotated[int, Within(1, 1_000_000_000)] = 1024
     """[MB] how much memory the training samples take at most; beyond it they go through a temporary
-    file. 1024 MB hold 4.5 million frames of the layout `full`, a million with a history, mirror
+    file. 1024 MB hold 4.3 million frames of the layout `full`, a million with a history, mirror
     images included. While a shard is read, its frames are added, usually 120 MB at most."""

@@ -39,6 +39,8 @@ EPOCHS = 6
 """Passes over the rows."""
 BATCH = 1024
 """Rows in a step."""
+LEAST_ROWS = 8
+"""Rows that there have to be: four steps of two."""
 RATE = 3e-3
 """Learning rate of Adam at the beginning; it falls to zero as a cosine."""
 MOST_ROWS = 1_000_000
@@ -135,7 +137,7 @@ def fit_classifier(
     """
     training = np.flatnonzero(~held_out)
     size = min(BATCH, len(training) // 4)
-    if size < 2:
+    if len(training) < LEAST_ROWS:
         raise ValueError(f"{len(training)} rows are too few to train a classifier on")
     network = PolicyNetwork(PolicyConfig(hidden=HIDDEN), seed, inputs=rows.shape[1], outputs=1)
     threads = torch.get_num_threads()

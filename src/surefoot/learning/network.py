@@ -74,6 +74,12 @@ class PolicyNetwork(nn.Module):
         self.scale.copy_(torch.where(constant, 1.0, deviation))
         self.has_normalisers.fill_(True)
 
+    @property
+    def deviation(self) -> Tensor:
+        """``(inputs,)`` standard deviations that the normalizers divide by; 0 of a constant."""
+        # Only a constant has the scale 1, but for a deviation that happens to be exactly 1.
+        return torch.where(self.scale == 1.0, 0.0, self.scale)
+
     def forward(self, inputs: Tensor) -> Tensor:
         """Joint targets ``(n, 12)`` [rad] for ``(n, inputs)`` observation and goal."""
         x = (inputs - self.mean) / self.scale

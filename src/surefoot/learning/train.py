@@ -177,8 +177,8 @@ def fit(
         step = TrainingStep(network, optimizer, config.batch, precision, device)
         for epoch in range(len(losses), passes):
             network.train()
-            scale = config.input_noise * network.scale[: spec.observation.observation_size]
-            train_loss = _train_epoch(step, samples.training, config, seed, epoch, steps, scale)
+            noise = config.input_noise * network.deviation[: spec.observation.observation_size]
+            train_loss = _train_epoch(step, samples.training, config, seed, epoch, steps, noise)
             losses.append((train_loss, _validate(network, samples.validation, device)))
             if not np.isfinite(train_loss):
                 raise FloatingPointError(

@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 from surefoot.config import GateName
 from surefoot.config.array_io import load_arrays
 from surefoot.config.checked import known
-from surefoot.learning.classifier import digest, fit_classifier, load_classifier, save_classifier
+from surefoot.learning.classifier import (
+    LEAST_ROWS,
+    digest,
+    fit_classifier,
+    load_classifier,
+    save_classifier,
+)
 from surefoot.learning.observation import network_input, state_spec
 from surefoot.learning.policy import Policy, load
 from surefoot.learning.samples import derive, held_out
@@ -85,18 +91,13 @@ def make_gate(
         elif name == "classifier":
             classifier = load_classifier(run.gate_path(name, i - 1), Deviation.row_size)
             gates.append(Deviation(classifier, state_spec(run.config), alarm))
-        elif name == "history" and history_can_be_trained(run, i - 1):
+        elif name == "history" and run.gate_trained(name, i - 1) is not None:
             classifier = load_classifier(run.gate_path(name, i - 1), History.row_size)
             gates.append(History(classifier, state_spec(run.config), alarm))
     if not gates:
         # Before there is anything to learn from, the paper's bounds take the network's place.
         gates = [Bounds(safety)]
     return gates[0] if len(gates) == 1 else AnyOf(gates)
-
-
-def history_can_be_trained(run: Run, i: int) -> bool:
-    """Whether a policy has driven by the end of iteration i: that is what a history gate needs."""
-    return any(1 <= iteration_of_shard(name) <= i for name in run.dataset.shards)
 
 
 def train_gates(
@@ -112,23 +113,33 @@ def train_gates(
         alarm: Probability beyond which the networks will call a state unsafe; it judges them.
 
     Raises:
-        RunError: A network was lost, and training it again gave another one.
+        RunError: A network was lost, and training it again gave another one; or the classifier
+            has no held-out frame to be judged by.
         ValueError: A network or a trace is damaged.
     """
     if "classifier" in names and not _is_trained(run, "classifier", i):
         began = time.perf_counter()
         _train_gate(run, "classifier", i, deviation_samples(run, i, unsafe_share), alarm, began)
-    if "history" in names and history_can_be_trained(run, i) and not _is_trained(run, "history", i):
+    if "history" in names and not _is_trained(run, "history", i):
         began = time.perf_counter()
-        _train_gate(run, "history", i, history_samples(run, i), alarm, began)
+        samples = history_samples(run, i)
+        if (~samples.held).sum() >= LEAST_ROWS:
+            _train_gate(run, "history", i, samples, alarm, began)
+        elif i > 0:
+            logger.info(
+                f"iteration {i}: no policy has driven for long enough without the expert to teach "
+                "the gate history; the other gates stand in for it"
+            )
 
 
 def history_samples(run: Run, i: int) -> GateSamples:
     """Samples of a history gate: the last 100 ms, and whether the bounds are left after them.
 
+    There are none before a policy has driven for a while.
+
     Args:
         run: The run.
-        i: The iteration, from 1 on; all rollouts of policies so far are used.
+        i: The iteration; all rollouts of policies so far are used.
     """
     shards = [name for name in run.dataset.shards if 1 <= iteration_of_shard(name) <= i]
     traces = [load_arrays(run.trace_path(name), Trace) for name in shards]
@@ -148,10 +159,19 @@ def deviation_samples(run: Run, i: int, unsafe_share: float) -> GateSamples:
         run: The run, with the policy pi_i.
         i: The iteration.
         unsafe_share: Share of the held-out pre-training frames beyond tau.
+
+    Raises:
+        RunError: No frame is held out to choose tau by.
     """
     policy = load(run.policy_path(i), find_spec(run.config.robot).name)
     rows, inputs, targets, episode = _rows_of_frames(run, i, policy)
     held = held_out(episode, run.config.training.validation)
+    if not held.any():
+        raise RunError(
+            f"{run.folder} has no frame held out to judge the policy by, as the gate classifier "
+            "needs: the expert lost these rollouts; begin a run with a larger training.validation, "
+            "or with more rollouts"
+        )
     first = run.gate_trained("classifier", 0)
     sigma = targets.std(axis=0, dtype=np.float64) if first is None else np.array(first.sigma)
     error = policy.answers(inputs) - targets

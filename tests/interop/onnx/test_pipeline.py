@@ -14,6 +14,7 @@ from surefoot.interop.onnx.pipeline import GAIT, MEMORY_IN, MEMORY_OUT, input_na
 from surefoot.interop.onnx.runner import PipelineRunner
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.onnx_graph import runner
+from surefoot.learning.policy import Policy
 from surefoot.types import GaitCommand
 from tests.fakes.exports import GAITS, exported, policy_of, smooth_log
 
@@ -54,6 +55,20 @@ def test_inputs_and_outputs_have_the_names_that_exploy_matches(tmp_path):
     assert json.loads(metadata["base_names"]) == {"solo12": "base"}
     outputs = {tensor.name for tensor in model.graph.output}
     assert {f"output.joint_targets.solo12.{end}" for end in ("pos", "vel", "effort")} <= outputs
+
+
+def test_a_height_above_the_feet_is_no_input_of_a_pipeline(tmp_path):
+    """The controllers would give the height in the world, and the targets would be others."""
+
+    def above_feet(layout):
+        policy = policy_of(layout)
+        observation = replace(policy.spec.observation, height="above_feet", foot_radius=0.016)
+        spec = replace(policy.spec, observation=observation)
+        return Policy(policy.network, spec, policy.command_range, policy.robot)
+
+    with pytest.raises(ValueError, match="sees the height above its loaded feet"):
+        exported(tmp_path, "full", "pipeline", policy=above_feet("full"))
+    exported(tmp_path, "proprioceptive", "pipeline", policy=above_feet("proprioceptive"))
 
 
 def test_a_proprioceptive_pipeline_asks_the_imu_and_its_memory(tmp_path):
