@@ -18,6 +18,7 @@ from surefoot.config import (
     SimulationConfig,
 )
 from surefoot.config.checked import Checked, Rising, Within
+from surefoot.config.profiles import ODRI, HardwareProfile
 from surefoot.config.robot_table import GO2, ROBOTS
 from surefoot.config.robots import RobotSpec
 
@@ -97,6 +98,8 @@ def values_of(hint, limits=None) -> st.SearchStrategy:
 def configs(kind) -> st.SearchStrategy:
     """Random instances of a class of configurations."""
     values = texts_of(GO2) if kind is RobotSpec else {}
+    if kind is HardwareProfile:
+        values |= {name: st.just(vars(ODRI)[name]) for name in ("name", "robot", "position_limit")}
     if kind is RobotConfig:
         values["model"] = st.sampled_from(tuple(ROBOTS))
     if kind is SafetyConfig:

@@ -12,6 +12,7 @@ from surefoot.cli.main import parse
 from surefoot.config import Config, TrainingConfig
 from surefoot.config.checked import Checked, Rising, Within
 from surefoot.config.json_io import from_json
+from surefoot.config.profiles import ODRI, HardwareProfile
 from surefoot.config.robot_table import GO2
 from surefoot.config.robots import RobotConfig, RobotSpec
 from tests.config.strategies import config_classes, configs, field_hints, rules_of
@@ -19,6 +20,7 @@ from tests.config.strategies import config_classes, configs, field_hints, rules_
 CLASSES = config_classes()
 EXAMPLES = {"velocities": 3, "perturbations": 2, "nominal": True, "duration": 1.0}
 EXAMPLES |= {field.name: getattr(GO2, field.name) for field in fields(RobotSpec)}
+EXAMPLES |= {field.name: getattr(ODRI, field.name) for field in fields(HardwareProfile)}
 
 
 def required(kind) -> dict[str, Any]:
@@ -64,7 +66,7 @@ def path_of(kind, name, length) -> str:
 def test_all_classes_of_configurations_are_found():
     names = {kind.__name__ for kind in CLASSES}
     assert {"Config", "ExpertData", "StateNoiseConfig", "KinematicConfig", "DaggerConfig"} <= names
-    assert len(names) == len(CLASSES) == 26
+    assert len(names) == len(CLASSES) == 27
     assert len(NUMBERS) > 90
 
 
@@ -107,7 +109,7 @@ def test_a_number_of_another_type_is_refused(kind, name, number, limits, length)
 
 @pytest.mark.parametrize("kind", CLASSES, ids=lambda kind: kind.__name__)
 def test_sections_are_where_a_class_stands(kind):
-    config = Config(robot=RobotConfig(spec=GO2))
+    config = Config(robot=RobotConfig(spec=GO2, profile_spec=ODRI))
     for part in filter(None, kind.section.split(".")):
         if part in ("disturbance", "perturbation", "expert_data"):
             return  # stands in several places, or in none

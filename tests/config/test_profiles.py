@@ -27,7 +27,7 @@ def test_solo12_has_the_numbers_of_its_driver():
         ({"position_limit": ((-1.0, 1.0),) * 4}, "has 4 pairs; give one for each"),
         ({"position_limit": ((1.0, -1.0),) * 3}, "the first must not exceed the second"),
         ({"torque_limit": (0.0, 1.0, 1.0)}, "use 0.01 to 10000"),
-        ({"rate": 0}, "profile.rate is 0; use 1 to"),
+        ({"rate": 0}, "robot.profile_spec.rate is 0; use 1 to"),
         ({"name": ""}, "lacks a name"),
     ],
 )

@@ -1,14 +1,15 @@
 """Profiles are found by name or file, clip a robot's torques, and say what lies within them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from surefoot.config import Config, RobotConfig
-from surefoot.config.json_io import to_json
+from surefoot.config.json_io import from_json, to_json
 from surefoot.config.profiles import ODRI
-from surefoot.robots.load import load_robot
+from surefoot.robots.load import load_robot, with_profile
 from surefoot.robots.profile import (
     beyond_position,
     beyond_speed,
@@ -16,6 +17,7 @@ from surefoot.robots.profile import (
     position_limits,
 )
 from surefoot.robots.scaling import with_own_values
+from surefoot.runs.earlier_values import with_values_of
 
 
 def test_a_profile_is_found_by_its_name_and_in_files(tmp_path):
@@ -63,6 +65,32 @@ def test_the_profiles_torque_limit_is_not_written_as_the_robots_own():
     config = with_own_values(Config(robot=RobotConfig(profile="odri")))
     assert config.robot.torque_limit is None
     assert with_own_values(Config()).robot.torque_limit == 2.7
+
+
+def test_what_a_file_holds_is_kept_in_the_configuration(tmp_path):
+    """So that a run depends on the file no longer, and a changed file is another robot."""
+    file = tmp_path / "prof.json"
+    weak = replace(ODRI, name="weak", torque_limit=(1.0, 1.0, 1.0))
+    file.write_text(json.dumps(to_json(weak)))
+    asked = Config(robot=RobotConfig(profile=str(file)))
+    run = with_own_values(asked)
+    assert (run.robot.profile, run.robot.profile_spec) == ("weak", weak)
+    assert from_json(Config, to_json(run)) == run
+    assert with_own_values(run) == run
+    assert with_values_of(run, asked) == run
+    file.write_text(json.dumps(to_json(replace(weak, torque_limit=(0.2, 0.2, 0.2)))))
+    assert with_values_of(run, asked) != run
+    file.unlink()
+    assert load_robot(run.robot).torque_limit.max() == 1.0
+    assert with_values_of(run, Config()) == run
+    packaged = with_own_values(Config(robot=RobotConfig(profile="odri"))).robot
+    assert (packaged.profile, packaged.profile_spec) == ("odri", None)
+    assert load_robot(with_profile(run.robot, "odri")).torque_limit.max() == 1.8
+
+
+def test_a_profile_of_another_robot_is_refused_wherever_it_stands():
+    with pytest.raises(ValueError, match="belongs to the robot solo12, not to go2"):
+        load_robot(RobotConfig("go2", profile_spec=ODRI))
 
 
 def test_ranges_and_speeds_are_judged_joint_by_joint():

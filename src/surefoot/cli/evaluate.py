@@ -30,6 +30,7 @@ from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
 from surefoot.files import WriteError, write_json
 from surefoot.mpc.gaits import only_gait
+from surefoot.scenarios.keys import key_of
 from surefoot.scenarios.starts import PACKAGED, load_starts, starts_of
 
 if TYPE_CHECKING:
@@ -250,8 +251,14 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             parts.append(config.simulation.backend)
         if config.simulation.terrain != trained_on.simulation.terrain:
             parts.append(re.sub(r"[^\w.]+", "_", config.simulation.terrain or "level"))
-        if config.robot.profile != trained_on.robot.profile and config.robot.profile is not None:
-            parts.append(f"profile_{Path(config.robot.profile).stem}")
+        robot = config.robot
+        if robot.profile is not None and (robot.profile, robot.profile_spec) != (
+            trained_on.robot.profile,
+            trained_on.robot.profile_spec,
+        ):
+            parts.append(re.sub(r"[^\w.]+", "_", f"profile_{robot.profile}"))
+            if robot.profile_spec is not None:  # a name says nothing of what a file holds
+                parts[-1] += f"_{key_of(robot.profile_spec)[:8]}"
         if config.start_set != trained_on.start_set:
             if config.start_set in PACKAGED:
                 parts.append(config.start_set)

@@ -200,13 +200,11 @@ class OnHardware:
         Raises:
             ValueError: There is no such profile, or it belongs to another robot.
         """
-        from surefoot.robots.load import find_spec
-        from surefoot.robots.profile import load_profile
+        from surefoot.robots.load import with_profile
 
         if self.profile is None:
             return config
-        load_profile(self.profile, find_spec(config.robot).name)
-        return replace(config, robot=replace(config.robot, profile=self.profile))
+        return replace(config, robot=with_profile(config.robot, self.profile))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -63,6 +63,12 @@ Duration = Annotated[float, Within(0.001, 3600.0)]
 """A time of at least one tick [s]."""
 Angle = Annotated[float, Within(0.0, 180.0)]
 """An angle that counts either way [deg]."""
+Torques = Annotated[tuple[float, float, float], Within(0.01, 10_000.0)]
+"""Torques of a leg's three joints [N m]."""
+Rates = Annotated[tuple[float, float, float], Within(0.01, 1000.0)]
+"""Rates of a leg's three joints [rad/s]."""
+Travel = Annotated[tuple[float, float], Within(-1000.0, 1000.0), Rising()]
+"""The smallest and the largest angle of a joint [rad]."""
 
 
 def known(value: Value | None, option: str) -> Value:

@@ -12,8 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from surefoot.config.checked import Checked, Duration, Within
-from surefoot.config.robots import Rates, Torques, Travel
+from surefoot.config.checked import Checked, Duration, Rates, Torques, Travel, Within
 
 LEG_JOINTS = 3
 """The joints of a leg."""
@@ -29,7 +28,7 @@ class HardwareProfile(Checked):
     it.
     """
 
-    section: ClassVar[str] = "profile"
+    section: ClassVar[str] = "robot.profile_spec"
 
     name: str
     """The profile's name, which is written into results."""

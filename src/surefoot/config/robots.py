@@ -10,22 +10,17 @@ import re
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-from surefoot.config.checked import Checked, Rising, Within
+from surefoot.config.checked import Checked, Rates, Torques, Travel, Within
+from surefoot.config.profiles import HardwareProfile
 
 Angles = Annotated[tuple[float, float, float], Within(-6.3, 6.3)]
 """Angles of a leg's three joints [rad]."""
-Torques = Annotated[tuple[float, float, float], Within(0.01, 10_000.0)]
-"""Torques of a leg's three joints [N m]."""
-Rates = Annotated[tuple[float, float, float], Within(0.01, 1000.0)]
-"""Rates of a leg's three joints [rad/s]."""
 Lengths = Annotated[tuple[float, float, float], Within(-10.0, 10.0)]
 """A point of a link [m]."""
 HalfEdges = Annotated[tuple[float, float, float], Within(0.001, 10.0)]
 """The half edges of a box [m]."""
 Radius = Annotated[float, Within(0.001, 1.0)]
 """The radius of a sphere or a capsule [m]."""
-Travel = Annotated[tuple[float, float], Within(-1000.0, 1000.0), Rising()]
-"""The smallest and the largest angle of a joint [rad]."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}")
 """Names of robots are parts of file names."""
 
@@ -157,3 +152,5 @@ class RobotConfig(Checked):
     """The name of a hardware profile of the robot (solo12: odri), or a JSON or TOML file with a
     `HardwareProfile`: torques are clipped to it, and an evaluation counts the robots that would
     have switched themselves off. None has the limits of the robot alone."""
+    profile_spec: HardwareProfile | None = None
+    """A profile's own content, in place of a name. A run keeps here what it found in a file."""

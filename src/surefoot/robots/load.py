@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from surefoot.config.profiles import HardwareProfile
+from surefoot.config.profiles import PROFILES, HardwareProfile
 from surefoot.config.robot_table import ROBOTS
 from surefoot.config.robots import RobotConfig, RobotSpec
 from surefoot.errors import unknown
@@ -20,7 +20,7 @@ from surefoot.robots.canonical import canonical_model, joint_axes
 from surefoot.robots.data_file import SUFFIXES, read_data_file
 from surefoot.robots.description import Description, read_description
 from surefoot.robots.model import RobotModel, Shape, standing
-from surefoot.robots.profile import load_profile, torque_limits
+from surefoot.robots.profile import checked_profile, load_profile, torque_limits
 from surefoot.types import LEGS, Array
 
 MOST_BYTES = 1_000_000
@@ -101,7 +101,26 @@ def find_profile(config: RobotConfig) -> HardwareProfile | None:
     Raises:
         ValueError: There is no such profile or file, or it belongs to another robot.
     """
+    if config.profile_spec is not None:
+        return checked_profile(config.profile_spec, find_spec(config).name)
     return None if config.profile is None else load_profile(config.profile, find_spec(config).name)
+
+
+def with_profile(config: RobotConfig, which: str) -> RobotConfig:
+    """Return the configuration of a robot with another hardware profile.
+
+    What a file holds is read now: the configuration depends on it no longer.
+
+    Args:
+        config: The configuration of the robot.
+        which: The name of a profile of the package, or a JSON or TOML file with one.
+
+    Raises:
+        ValueError: There is no such profile or file, or it belongs to another robot.
+    """
+    profile = load_profile(which, find_spec(config).name)
+    own = None if which in PROFILES else profile
+    return replace(config, profile=profile.name, profile_spec=own)
 
 
 def read_spec(path: Path) -> RobotSpec:

@@ -38,6 +38,19 @@ def load_profile(which: str, robot: str) -> HardwareProfile:
             f"{unknown('profile', which, PROFILES)}; a profile of your own is a "
             f"{' or '.join(SUFFIXES)} file"
         )
+    return checked_profile(profile, robot)
+
+
+def checked_profile(profile: HardwareProfile, robot: str) -> HardwareProfile:
+    """Return a profile, if it is one of the robot.
+
+    Args:
+        profile: The profile.
+        robot: The name of the robot that it has to belong to.
+
+    Raises:
+        ValueError: It belongs to another robot.
+    """
     if profile.robot != robot:
         raise ValueError(
             f"the hardware profile {profile.name!r} belongs to the robot {profile.robot}, not to "

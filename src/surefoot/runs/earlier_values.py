@@ -29,6 +29,8 @@ def with_values_of(before: Config, config: Config) -> Config:
     robot = config.robot
     config = _with_values(before, config)
     config = replace(config, robot=replace(config.robot, spec=robot.spec))
+    if robot.profile is not None:
+        config = replace(config, robot=replace(config.robot, profile_spec=robot.profile_spec))
     stored = before.safety
     if not config.safety.joints and stored.joints:
         safety = _with_new_ranges(stored, config.safety, load_robot(config.robot))

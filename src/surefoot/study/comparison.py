@@ -23,8 +23,7 @@ from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.push_limits import push_difference
 from surefoot.evaluation.robustness import evaluate, success_difference
 from surefoot.files import write_json
-from surefoot.robots.load import find_spec
-from surefoot.robots.profile import load_profile
+from surefoot.robots.load import with_profile
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import starts_of
 from surefoot.study.comparable import WhichPolicy, open_comparable_runs, rows_of, shared_settings
@@ -154,8 +153,7 @@ def _config_of(config: Config, measurements: Measurements) -> Config:
     start_set = config.start_set if measurements.starts is None else measurements.starts
     robot = settings.robot
     if measurements.profile is not None:
-        load_profile(measurements.profile, find_spec(robot).name)  # fails here, not later
-        robot = replace(robot, profile=measurements.profile)
+        robot = with_profile(robot, measurements.profile)
     return replace(settings, robot=robot, push=push, evaluation=evaluation, start_set=start_set)
 
 

@@ -18,8 +18,6 @@ import numpy as np
 from surefoot.config import Config
 from surefoot.config.single_gaits import each_gait
 from surefoot.evaluation.robustness import Robustness, evaluate
-from surefoot.robots.load import find_spec
-from surefoot.robots.profile import load_profile
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.several_gaits import for_each_gait
 from surefoot.rollouts.summary import Summary
@@ -159,13 +157,10 @@ def key_of_cell(config: Config, walker: Walker) -> str:
         walker: The controller.
     """
     own = for_each_gait(with_own_values, config)
-    profile = config.robot.profile
     return key_of(
         *(ingredients_of(one) for one in each_gait(own)),
         own.robot,
         own.safety,
-        # A profile may be a file, whose name says nothing of what is in it.
-        None if profile is None else load_profile(profile, find_spec(config.robot).name),
         code_hash(DECIDING),
         all_starts_of(own).hash,
         own.evaluation,

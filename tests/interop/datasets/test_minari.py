@@ -1,12 +1,14 @@
 """Minari's own library reads what is exported."""
 
 import warnings
+from types import SimpleNamespace
 from typing import Any
 
 import minari
 import numpy as np
 import pytest
 
+from surefoot.files import WriteError
 from surefoot.interop.datasets.minari import TASK, _episode, export_minari
 from surefoot.interop.gym.task import Walkers, walking_config
 from surefoot.learning.dataset import Dataset
@@ -102,4 +104,14 @@ def test_the_card_is_beside_the_data(exported):
 def test_an_empty_dataset_leaves_nothing(walked, tmp_path):
     with pytest.raises(ValueError, match="no two frames"):
         export_minari(Dataset(tmp_path / "none"), walked[0], tmp_path / "minari")
+    assert list((tmp_path / "minari").iterdir()) == []
+
+
+def test_a_disk_without_room_is_an_error_before_anything_is_written(
+    dataset, walked, tmp_path, monkeypatch
+):
+    usage = SimpleNamespace(free=100_000)
+    monkeypatch.setattr("surefoot.interop.datasets.segments.shutil.disk_usage", lambda _: usage)
+    with pytest.raises(WriteError, match=r"needs .* MB, and 0\.1 MB are free"):
+        export_minari(dataset, walked[0], tmp_path / "minari")
     assert list((tmp_path / "minari").iterdir()) == []

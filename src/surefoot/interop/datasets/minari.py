@@ -43,6 +43,8 @@ TASK = WalkingTask(rate=TICKS_PER_SECOND)
 """The task whose actions and rewards are written."""
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*-v\d+")
 """What a dataset may be called; a namespace before it would be a folder of its own."""
+FRAME_BYTES = 400
+"""[B] What a frame takes on disk (measured)."""
 ROOT_VARIABLE = "MINARI_DATASETS_PATH"
 """The environment variable that tells Minari where datasets are."""
 COLUMNS = {
@@ -106,7 +108,7 @@ def export_minari(
             written["episodes"] += 1
             written["frames"] += len(frames)
 
-    with new_folder(folder) as whole:
+    with new_folder(folder, FRAME_BYTES * dataset.frames) as whole:
         whole.rmdir()  # Minari makes it itself
         with _minari_root(whole.parent):
             minari.create_dataset_from_buffers(

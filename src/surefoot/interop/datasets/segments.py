@@ -79,11 +79,13 @@ def check_new(folder: Path) -> None:
 
 
 @contextmanager
-def new_folder(folder: Path) -> Iterator[Path]:
+def new_folder(folder: Path, needs: int = 0) -> Iterator[Path]:
     """A folder to write into, which gets its name when all is written.
 
     Args:
         folder: The name, which must not exist.
+        needs: How much will be written [B], where that has to be known before: the library HDF5
+            crashes where a disk is full.
 
     Raises:
         ValueError: It exists.
@@ -92,6 +94,9 @@ def new_folder(folder: Path) -> Iterator[Path]:
     check_new(folder)
     with writing(folder):
         folder.parent.mkdir(parents=True, exist_ok=True)
+        free = shutil.disk_usage(folder.parent).free
+        if free < needs:
+            raise OSError(f"it needs {needs / 1e6:.1f} MB, and {free / 1e6:.1f} MB are free")
         work = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         whole = work / folder.name
