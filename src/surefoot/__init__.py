@@ -1,4 +1,4 @@
-"""Distil a model predictive controller into a 1 kHz neural policy for a legged robot, safely.
+"""Distill a model predictive controller into a 1 kHz neural policy for a legged robot, safely.
 
 This is the whole public API. A name is imported when it is first used, so that `import surefoot`
 takes no time and learning runs where there is no robotics stack. The table below says in which

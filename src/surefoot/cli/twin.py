@@ -41,7 +41,7 @@ class RunTwin:
     realtime: bool = False
     """Ask the system for real-time priority, and to stay in memory (Linux, needs the rights to)."""
     watch: bool = False
-    """Print once a second of the robot's time where it is, and how its bridge is."""
+    """Print the robot's position and its bridge's status once a second of its time."""
     config: TwinConfig = field(default_factory=TwinConfig)
 
     def __call__(self) -> int:

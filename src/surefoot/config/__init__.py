@@ -155,7 +155,7 @@ class Config(Checked):
     starts: TeachingSplit = "train"
     """Where all rollouts begin that are learned from, the expert's and those of iterations: in
     perturbed states (paper), or in the `nominal` ones of a settled gait cycle, ten phases at twenty
-    commands, as on a robot that nobody throws about. There each command and phase has one state."""
+    commands, as on a robot that is never disturbed. There each command and phase has one state."""
     collection: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     """Disturbances while data is collected, by behavior cloning or in iterations."""
     pretraining: DisturbanceConfig = field(default_factory=DisturbanceConfig)

@@ -18,9 +18,9 @@ class EvaluationConfig(Checked):
     duration: Duration = 5.0
     """[s] how long an episode lasts (paper)."""
     episodes: Annotated[int, Within(1, 1_000_000)] = 100
-    """How many initial states of a split are used, of each gait if there are several: of the trot
-    each hundred of them are 10 commands at 10 phases, and of the last hundred those that are used
-    are spread over both."""
+    """How many initial states of a split are used, of each gait if there are several. For the trot,
+    each hundred of them is 10 commands at 10 phases; if the last hundred is not complete, what is
+    used of it is spread over both."""
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     """What makes an evaluation harder: friction, mass, sensor noise, delayed torques and pushes;
     the paper has none of them."""

@@ -83,7 +83,7 @@ class SafetyConfig(Checked):
     """[s] shorter episodes are not judged for stepping: in their last third, even in a perfect trot
     (period 0.5 s, touchdown 20 ms), not every foot has touched down. Slower gaits are judged from
     three periods and touchdowns on, whatever this is, and robots that are to stand at any time
-    never; None judges nobody."""
+    never are; None turns this test off."""
 
     def __post_init__(self) -> None:
         """Check the fields, and that every joint has a range or none has."""
