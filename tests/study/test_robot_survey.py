@@ -231,6 +231,20 @@ def test_a_gait_that_does_not_go_sideways_is_tried_without(monkeypatch):
     assert asked == [box, replace(box, vy=(0.0, 0.0))]
 
 
+def test_a_box_that_is_proposed_and_refused_is_not_called_one_that_works(monkeypatch):
+    proposed = CommandBox((0.0, 0.5), (-0.1, 0.1))
+
+    def only_straight(config):
+        if config.commands.vy != (0.0, 0.0):
+            raise GaitError("the largest box that works: --vy -0.1 0.1", proposed)
+        return "prepared"
+
+    monkeypatch.setattr(module, "prepare", only_straight)
+    config = replace(Config(), commands=CommandBox((0.0, 1.0), (-0.2, 0.2)))
+    _, reason = prepare_largest(config)
+    assert reason.endswith("works: --vy -0.1 0.1; but it does not walk all of that either")
+
+
 def test_a_gait_that_only_stays_on_the_spot_does_not_walk(monkeypatch):
     def on_the_spot(config):
         raise GaitError("only on the spot", STILL)

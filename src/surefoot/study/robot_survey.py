@@ -56,6 +56,8 @@ SIDEWAYS = (-0.2, 0.2)
 """[m/s] vy that a robot of Solo12's size is to walk."""
 TURNING = (-0.5, 0.5)
 """[rad/s] The yaw rate that every robot is to walk."""
+NEITHER = "; but it does not walk all of that either"
+"""What is added to a refusal if the box that it proposes is refused, too."""
 STILL = CommandBox((0.0, 0.0))
 """The commands of a robot that stands."""
 
@@ -289,6 +291,7 @@ def prepare_largest(config: Config) -> tuple[Prepared | None, str]:
             return prepare(replace(config, commands=largest)), reason
         except GaitError as error:
             logger.info(f"nor in that: {error}")
+            reason = reason.removesuffix(NEITHER) + NEITHER
     return None, reason
 
 
