@@ -10,6 +10,7 @@ from surefoot.config import Gait
 # Hind left, front left, hind right, front right, a quarter of the period apart.
 gait = Gait(period=0.8, duty=0.7, offsets=(0.75, 0.25, 0.0, 0.5))
 robot = sf.solo12()
+# With command gains of 1: `surefoot prepare` measures those with which it is as fast as it is told.
 config = sf.with_own_values(replace(sf.Config(), gait=gait), robot)
 
 commands = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]])

@@ -9,6 +9,12 @@ def test_a_name_unlike_any_other_gets_the_list_alone():
     assert unknown("cat", "zzz", ["tom", "kit"]) == "there is no cat 'zzz'. Known: tom, kit"
 
 
+def test_capitals_do_not_matter_and_far_names_are_not_suggested():
+    assert "did you mean 'FL_FOOT'?" in unknown("frame", "FL_foot", ["base", "FL_FOOT"])
+    assert "did you mean" not in unknown("study", "foo", ["smoke", "options", "paper"])
+    assert "did you mean" not in unknown("robot", "b2", ["a1", "go2", "hyq"])
+
+
 def test_the_nearest_name_is_suggested():
     message = unknown("cat", "tomm", iter(["tom", "kit"]))
     assert message == "there is no cat 'tomm'; did you mean 'tom'? Known: tom, kit"

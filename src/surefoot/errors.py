@@ -36,6 +36,7 @@ def unknown(what: str, value: str, allowed: Iterable[str]) -> str:
         A sentence that names the nearest of the names, if one is near, and all of them.
     """
     names = list(allowed)
-    near = get_close_matches(value, names, n=1, cutoff=0.4)
-    hint = f"; did you mean {near[0]!r}?" if near else "."
+    lower = {name.lower(): name for name in names}
+    near = get_close_matches(value.lower(), lower, n=1, cutoff=0.5)
+    hint = f"; did you mean {lower[near[0]]!r}?" if near else "."
     return f"there is no {what} {value!r}{hint} Known: {', '.join(names)}"
