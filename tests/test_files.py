@@ -14,6 +14,7 @@ import pytest
 from surefoot.files import (
     WriteError,
     check_output,
+    claim_file,
     is_left_over,
     is_locked,
     lock_file,
@@ -275,3 +276,26 @@ def test_to_ask_about_a_lock_of_ones_own_does_not_lose_it(tmp_path):
     assert not is_locked(path)
     with locked_by_another_process(path) as answer:
         assert answer == "False"
+
+
+def test_a_file_of_results_is_claimed_by_one_process_at_a_time(tmp_path):
+    path = tmp_path / "made" / "table.json"
+    claim_file(path)
+    claim_file(path)  # its own
+    (tmp_path / "link.json").symlink_to(path)
+    with locked_by_another_process(path.with_name(".table.json.lock")) as answer:
+        assert answer == "False"
+    other = tmp_path / "other.json"
+    with locked_by_another_process(tmp_path / ".other.json.lock") as answer:
+        assert answer == "True"
+        for name in (other, linked(tmp_path / "link-2.json", other)):
+            with pytest.raises(ValueError, match=r"another process goes on with .*another file"):
+                claim_file(name)
+    claim_file(other)
+    claim_file(Path("/dev/null"))
+
+
+def linked(link, target):
+    """A link to a file."""
+    link.symlink_to(target)
+    return link

@@ -2,8 +2,9 @@
 
 `write_atomic` is below every file of the package: a reader sees the old content or the new one,
 never a part. `write_json` and `save_arrays` write records with it. `check_output` says before the
-work whether a file could be written, `is_locked` whether another process has it. Read
-`config.json_io` and `config.array_io` next, which read the records again.
+work whether a file could be written, `is_locked` whether another process has it, and `claim_file`
+keeps others from it. Read `config.json_io` and `config.array_io` next, which read the records
+again.
 """
 
 from __future__ import annotations
@@ -221,6 +222,29 @@ def lock_file(path: Path) -> bool:
         return False
     _locks.append(descriptor)
     return True
+
+
+def claim_file(path: Path) -> None:
+    """Keep other processes from going on with a file of results, until this one ends.
+
+    Each of two would write what it has read and measured itself, and what the other one measured
+    would be lost. What is locked lies beside the file, which is another one after each writing.
+
+    Args:
+        path: The file, which need not exist; a device or a pipe is free to everyone.
+
+    Raises:
+        ValueError: Another process has claimed it.
+        WriteError: The folder cannot be written to.
+    """
+    if is_stream(path):
+        return
+    file = Path(os.path.realpath(path))
+    if not lock_file(file.with_name(f".{file.name}.lock")):
+        raise ValueError(
+            f"another process goes on with {path}, and what one of the two measures would be lost; "
+            "wait until it has ended, or name another file"
+        )
 
 
 def is_locked(path: Path) -> bool:

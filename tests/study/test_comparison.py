@@ -288,3 +288,11 @@ def test_the_cost_of_a_trained_run_is_that_of_its_rollouts(trained):
     assert cost.takeovers == pooled.takeovers
     assert cost.expert_share == pytest.approx(pooled.expert_share, rel=1e-9)
     assert cost.falls_per_robot_minute == pytest.approx(pooled.falls_per_robot_minute, rel=1e-9)
+
+
+def test_the_file_of_another_process_is_left_alone(monkeypatch, runs, tmp_path):
+    calls = pretend_measurements(monkeypatch)
+    monkeypatch.setattr("surefoot.files.lock_file", lambda path: False)
+    with pytest.raises(ValueError, match=r"another process goes on with .*methods.json"):
+        measure(runs, tmp_path / "methods.json")
+    assert not calls

@@ -22,7 +22,7 @@ from surefoot.config.study import EXPERT
 from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.push_limits import push_difference
 from surefoot.evaluation.robustness import evaluate, success_difference
-from surefoot.files import write_json
+from surefoot.files import claim_file, write_json
 from surefoot.robots.load import with_profile
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import starts_of
@@ -92,7 +92,8 @@ def compare(
         which: `best` for the policy chosen on the `select` initial states, or `last`.
 
     Raises:
-        ValueError: The runs cannot be compared, or the file holds another comparison.
+        ValueError: The runs cannot be compared, the file holds another comparison, or another
+            process goes on with it.
         RunError: A folder holds no run, or a run no such policy.
     """
     opened = open_comparable_runs(runs)
@@ -107,8 +108,10 @@ def compare(
         baseline=baseline_label(rows, baseline),
         rows=rows,
     )
-    if path is not None and path.exists():
-        comparison = resume_comparison(path, comparison)
+    if path is not None:
+        claim_file(path)
+        if path.exists():
+            comparison = resume_comparison(path, comparison)
     for simulator, number in product(measurements.simulators, range(len(rows))):
         row = comparison.rows[number]
         title = f"{simulator}, {row.label}"

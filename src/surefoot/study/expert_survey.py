@@ -24,6 +24,7 @@ from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.push_limits import PushLimits
 from surefoot.evaluation.robustness import evaluate
 from surefoot.evaluation.statistics import wilson
+from surefoot.files import claim_file
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import PACKAGED, load_starts
@@ -64,7 +65,7 @@ def survey_expert(
 
     Raises:
         ValueError: The file holds a survey of another configuration, of other versions or initial
-            states.
+            states, or another process goes on with it.
     """
     config = with_own_values(config)
     simulators = get_args(Backend) if simulator is None else (simulator,)
@@ -76,8 +77,10 @@ def survey_expert(
         cells=(),
         lost_by_all={},
     )
-    if path is not None and path.exists():
-        survey = resume_survey(path, survey)
+    if path is not None:
+        claim_file(path)
+        if path.exists():
+            survey = resume_survey(path, survey)
     cells = {cell.variant: cell for cell in survey.cells}
     for variant in product(simulators, HORIZONS, get_args(Rules)):
         begun = cells.get(variant, SurveyCell(*variant))
