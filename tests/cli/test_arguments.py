@@ -123,6 +123,20 @@ def test_options_keep_their_values_apart_from_what_is_positional():
     assert option_sizes(Train)["--config.safety.com-height"] == 2
 
 
+@pytest.mark.parametrize(
+    ("args", "positional"),
+    [
+        ("--config.collection.impulse None loco_dagger", "loco_dagger"),
+        ("--config.collection.impulse 0.5 1.5 loco_dagger", "loco_dagger"),
+        ("--vx None loco_dagger", "loco_dagger"),
+        ("--gaits None loco_dagger", "loco_dagger"),
+        ("--config.commands.vx None loco_dagger", ""),  # these may not be None
+    ],
+)
+def test_none_is_the_only_value_of_an_option_that_may_be_none(args, positional):
+    assert sort_arguments(args.split(), Train).positional == tuple(positional.split())
+
+
 @dataclass(frozen=True)
 class Choosing:
     place: Annotated[Literal["here", "there"] | None, tyro.conf.Positional]

@@ -192,3 +192,24 @@ def test_the_card_says_where_the_frames_were_recorded(
         (run / ATTEMPTS_FILE).touch()
     assert surefoot("export-data", run, "--lerobot", tmp_path / "lerobot") == 0
     assert f"recorded {words}" in (tmp_path / "lerobot" / "README.md").read_text()
+
+
+@pytest.mark.parametrize("name", ["log a.npz", "l\u00f6g.npz", ".hidden.npz", "manifest.npz"])
+def test_no_log_is_imported_if_one_cannot_name_a_shard(surefoot, logs, tmp_path, capsys, name):
+    bad = tmp_path / name
+    bad.write_bytes(logs[0].read_bytes())
+    data = tmp_path / "data"
+    assert surefoot("import-data", logs[0], bad, "--out", data) == 2
+    error = capsys.readouterr().err
+    assert f"{bad}: shard name" in error
+    assert "rename the file" in error
+    assert not data.exists()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_log_without_rows_is_said_to_have_none(surefoot, tmp_path, capsys):
+    bad = tmp_path / "bad.csv"
+    bad.write_text("q0,q1\n")
+    assert surefoot("import-data", bad, "--out", tmp_path / "data") == 2
+    error = capsys.readouterr().err
+    assert f"surefoot: {bad} is no log of an expert: it has no rows" in error

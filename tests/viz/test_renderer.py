@@ -1,6 +1,7 @@
 """The processes that draw: their pictures, and what is left when one fails."""
 
 import sys
+from io import BytesIO
 from subprocess import PIPE
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import surefoot.viz.renderer as renderer
 from surefoot.config import SimulationConfig
 from surefoot.config.sim import parse_terrains
+from surefoot.files import WriteError
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.sim.terrain import Ground
@@ -151,3 +153,21 @@ def test_an_error_in_the_body_ends_the_child():
     ):
         raise KeyboardInterrupt
     assert child.poll() is not None
+
+
+class FullDisk(BytesIO):
+    """A temporary file that takes nothing, and says so again when it is closed."""
+
+    def write(self, data):
+        raise OSError("no space left")
+
+    def close(self):
+        raise OSError("no space left")
+
+
+def test_a_full_disk_is_named_where_what_is_drawn_goes_through_it(monkeypatch):
+    monkeypatch.setattr(renderer, "TemporaryFile", FullDisk)
+    robot = solo12()
+    q = standing(robot)[None]
+    with pytest.raises(WriteError, match=r"a temporary file in .* cannot be written.*free some"):
+        next(pictures(robot, SimulationConfig(), q, np.zeros((1, 6)), (2, 1)))

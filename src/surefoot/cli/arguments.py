@@ -44,6 +44,7 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
         command: Dataclass of the command, whose fields are its options.
     """
     sizes = {"-h": 0, "--help": 0} | option_sizes(command)
+    optional = options_without_value(command)
     positional: list[str] = []
     values: dict[str, str] = {}
     unknown: list[str] = []
@@ -64,7 +65,10 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
             values[name] = value
             continue
         # An option that does not exist is refused later; most options take one value.
-        last = min(position + sizes.get(name, 1), len(args))
+        size = sizes.get(name, 1)
+        if name in optional and args[position : position + 1] == ["None"]:
+            size = 1
+        last = min(position + size, len(args))
         if position < last and not args[position].startswith("--"):
             values[name] = args[position]
         while position < last and not args[position].startswith("--"):
@@ -82,7 +86,7 @@ def option_sizes(command: type) -> dict[str, int]:
         command: Dataclass whose fields are options; a field that is a dataclass is a group.
     """
     sizes: dict[str, int] = {}
-    for name, kind in _options(command):
+    for name, kind, _ in _options(command):
         if kind is bool:
             sizes[name] = 0
             group, dot, last = name.rpartition(".")
@@ -92,13 +96,22 @@ def option_sizes(command: type) -> dict[str, int]:
     return sizes
 
 
+def options_without_value(command: type) -> set[str]:
+    """The options of a command whose value may be None, which is then the only word of it.
+
+    Args:
+        command: Dataclass whose fields are options.
+    """
+    return {name for name, _, may_be_none in _options(command) if may_be_none}
+
+
 def option_choices(command: type) -> dict[str, tuple[str, ...]]:
     """The values of each option that takes one of a few words, by the option's name.
 
     Args:
         command: Dataclass whose fields are options.
     """
-    words = {name: _words(kind) for name, kind in _options(command)}
+    words = {name: _words(kind) for name, kind, _ in _options(command)}
     return {name: choices for name, choices in words.items() if choices}
 
 
@@ -117,8 +130,10 @@ def positional_choices(command: type) -> tuple[str, ...]:
     )
 
 
-def _options(command: type, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """The name and the type of each option; once for each type that its value may have.
+def _options(command: type, prefix: str = "") -> Iterator[tuple[str, Any, bool]]:
+    """The name and the type of each option, and whether it may be None.
+
+    An option comes once for each type that its value may have.
 
     Args:
         command: Dataclass whose fields are options.
@@ -130,12 +145,13 @@ def _options(command: type, prefix: str = "") -> Iterator[tuple[str, Any]]:
         if _is_positional(hint):
             continue
         name = field.name.replace("_", "-")
+        may_be_none = type(None) in get_args(hint)
         for kind in _alternatives(hint):
             if get_origin(kind) is tuple and is_dataclass(get_args(kind)[0]):
                 continue  # records that are made, not written
             if not (isinstance(kind, type) and is_dataclass(kind)):
-                yield f"--{prefix}{name}", kind
-            elif type(None) not in get_args(hint):
+                yield f"--{prefix}{name}", kind, may_be_none
+            elif not may_be_none:
                 yield from _options(kind, f"{prefix}{name}.")
 
 

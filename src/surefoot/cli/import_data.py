@@ -36,6 +36,7 @@ class ImportData(OnRobot):
 
         from surefoot.interop.datasets.arrays import frames_from_arrays, read_expert_log
         from surefoot.learning.dataset import Dataset
+        from surefoot.learning.manifest import DatasetError, check_new_name
         from surefoot.robots.load import load_robot
         from surefoot.runs.layout import run_that_owns
 
@@ -57,9 +58,15 @@ class ImportData(OnRobot):
                     "name is imported; rename it"
                 )
 
-        def frames_of(log: Path, first: int) -> Frames:
             try:
-                return frames_from_arrays(read_expert_log(log), robot, first)
+                check_new_name(log.stem)
+            except DatasetError as error:
+                raise ValueError(f"{log}: {error}; rename the file") from error
+
+        def frames_of(log: Path, first: int) -> Frames:
+            arrays = read_expert_log(log)
+            try:
+                return frames_from_arrays(arrays, robot, first)
             except ValueError as error:
                 raise ValueError(f"{log}: {error}") from error
 

@@ -32,11 +32,12 @@ from surefoot.learning.frames import (
     whole_episode,
 )
 from surefoot.learning.manifest import (
+    MANIFEST_FILE,
     DatasetError,
     Manifest,
     ShardEntry,
     check_entries,
-    check_name,
+    check_new_name,
 )
 from surefoot.learning.shard import FORMAT, STORED, check_size, read_shard, shard_content
 from surefoot.types import BoolArray, IntArray
@@ -94,9 +95,7 @@ class Dataset:
         # The manifest would lose the shards that a view leaves out.
         if self._leaves_out or self._skip_damaged:
             raise DatasetError(f"a view of {self.folder} is only read: append to the whole")
-        check_name(name)
-        if name == self._manifest.stem:
-            raise DatasetError(f"shard name {name!r}: the manifest has it; use another one")
+        check_new_name(name)
         frames = sorted_by_episode(frames)
         digests = episode_digests(frames)
         shards = self._shards()
@@ -202,7 +201,7 @@ class Dataset:
     @property
     def _manifest(self) -> Path:
         """The file that names the shards."""
-        return self.folder / "manifest.json"
+        return self.folder / MANIFEST_FILE
 
     def shard_path(self, name: str) -> Path:
         """The file of a shard."""

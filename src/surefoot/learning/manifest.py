@@ -10,10 +10,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from surefoot.errors import shown
 from surefoot.learning.frames import combine_digests
 from surefoot.learning.shard import FORMAT
+
+MANIFEST_FILE = "manifest.json"
+"""File in a dataset's folder that names its shards."""
 
 
 class DatasetError(ValueError):
@@ -98,4 +102,18 @@ def check_name(name: str) -> None:
         DatasetError: It could.
     """
     if not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
-        raise DatasetError(f"shard name {shown(name)}: use letters, digits, '_', '-' and dots")
+        raise DatasetError(
+            f"shard name {shown(name)}: use letters without accents, digits, '_', '-' and dots, "
+            "the last two not at the beginning"
+        )
+
+
+def check_new_name(name: str) -> None:
+    """Check that a new shard may have a name.
+
+    Raises:
+        DatasetError: It would lead to another folder, or is that of the manifest.
+    """
+    check_name(name)
+    if name == Path(MANIFEST_FILE).stem:
+        raise DatasetError(f"shard name {name!r}: the manifest has it; use another one")

@@ -15,8 +15,8 @@ import sys
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from subprocess import PIPE, Popen
-from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Any
+from tempfile import TemporaryFile, gettempdir
+from typing import IO, TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -79,6 +79,7 @@ def pictures(
     Raises:
         RenderingUnavailable: There is no OpenGL without a screen.
         ValueError: The number of processes is not positive.
+        WriteError: The disk is full, which what is to be drawn goes through.
     """
     # The processes that draw import this module too, and need none of this.
     from surefoot.sim.mujoco import to_mujoco
@@ -114,6 +115,7 @@ def _drawn_elsewhere(share: tuple[Any, ...], cores: int) -> Generator[bytes, Non
 
     Raises:
         RenderingUnavailable: There is no OpenGL without a screen.
+        WriteError: The disk is full.
     """
     _, qpos, _, (width, height) = share
     system = os.environ.get("MUJOCO_GL") or ("egl" if sys.platform == "linux" else "")
@@ -123,16 +125,30 @@ def _drawn_elsewhere(share: tuple[Any, ...], cores: int) -> Generator[bytes, Non
     threads = str(cores if cores > 1 else 0)
     environment = {"LP_NUM_THREADS": threads, **os.environ, "MUJOCO_GL": system}
     command = [sys.executable, "-m", __name__]
-    with TemporaryFile() as file:
+    options = {"stdout": PIPE, "env": environment}
+    with _file_of(share) as file, child_process(command, failure, stdin=file, **options) as child:
+        yield b""
+        for _ in qpos:
+            pixels = child.stdout.read(3 * width * height)
+            if len(pixels) < 3 * width * height:
+                raise BrokenPipeError
+            yield pixels
+
+
+def _file_of(share: tuple[Any, ...]) -> IO[bytes]:
+    """A temporary file, from its beginning, with what `draw_pictures` reads.
+
+    Raises:
+        WriteError: The disk is full.
+    """
+    from surefoot.files import writing
+
+    with writing(f"a temporary file in {gettempdir()}"), ExitStack() as failing:
+        file = failing.enter_context(TemporaryFile())
         pickle.dump(share, file)
         file.seek(0)
-        with child_process(command, failure, stdin=file, stdout=PIPE, env=environment) as child:
-            yield b""
-            for _ in qpos:
-                pixels = child.stdout.read(3 * width * height)
-                if len(pixels) < 3 * width * height:
-                    raise BrokenPipeError
-                yield pixels
+        failing.pop_all()
+    return file
 
 
 def draw_pictures() -> None:

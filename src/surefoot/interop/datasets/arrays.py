@@ -11,6 +11,7 @@ frame.
 from __future__ import annotations
 
 import csv
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TextIO
@@ -74,7 +75,11 @@ def _read_csv(path: Path) -> dict[str, NDArray]:
     """
     with path.open(newline="", encoding="utf-8-sig") as file:
         names = [name.strip() for name in next(csv.reader(file), [])]
-        rows = np.loadtxt(_with_bar(file, path), delimiter=",", ndmin=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # NumPy's, of a file without rows
+            rows = np.loadtxt(_with_bar(file, path), delimiter=",", ndmin=2)
+    if not len(rows):
+        raise ValueError("it has no rows; a log has one for each tick of 1 ms")
     if rows.shape[1] != len(names):
         raise ValueError(f"{len(names)} names for {rows.shape[1]} columns")
     column = {name: rows[:, n] for n, name in enumerate(names)}
