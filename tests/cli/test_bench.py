@@ -158,3 +158,9 @@ def test_a_configuration_that_end_to_end_would_ignore_is_refused(surefoot, calls
     assert surefoot("bench", "end_to_end", "--config.seed", 7) == 2
     assert "--config does not change end_to_end" in capsys.readouterr().err
     assert not calls
+
+
+def test_a_preset_is_looked_up_before_anything_is_measured(surefoot, calls, capsys):
+    assert surefoot("bench", "--preset", "quik") == 2
+    assert "did you mean 'quick'" in capsys.readouterr().err
+    assert not calls

@@ -14,12 +14,8 @@ from surefoot.cli.options import (
     OnSimulator,
     OnTerrain,
     OnWorkers,
-    Output,
-    check_option,
-    check_outputs,
     check_seconds,
     film_episode,
-    film_outputs,
     show_record,
 )
 from surefoot.cli.train import parse_train
@@ -70,44 +66,6 @@ def test_a_record_that_cannot_be_written_is_printed(capsys, tmp_path):
     with pytest.raises(WriteError):
         show_record(Report(0.5, (), Path("a")), tmp_path)
     assert "0.5" in capsys.readouterr().out
-
-
-def test_an_option_that_is_not_given_is_not_checked():
-    check_option("--json", None)
-
-
-def test_a_film_and_the_sheet_beside_it_can_both_be_written(tmp_path):
-    check_outputs(film_outputs("--out", tmp_path / "film.mp4"))
-    (tmp_path / "film.png").mkdir()
-    with pytest.raises(ValueError, match=r"--out \(its contact sheet\): .*film.png' is a folder"):
-        check_outputs(film_outputs("--out", tmp_path / "film.mp4"))
-    check_outputs(film_outputs("--out", Path("/dev/null")))  # nothing is beside a device
-
-
-@pytest.mark.parametrize("name", ["film.mp4", "film.png", "./film.png", "link.json"])
-def test_two_outputs_that_are_one_file_are_refused(monkeypatch, tmp_path, name):
-    monkeypatch.chdir(tmp_path)
-    Path("link.json").symlink_to("film.mp4")
-    film = film_outputs("--out", tmp_path / "film.mp4")
-    with pytest.raises(ValueError, match=r"--out.* is the file of --json too.*name another file"):
-        check_outputs([Output("--json", Path(name)), *film])
-    check_outputs([Output("--json", Path("film.json")), *film])
-
-
-def test_two_outputs_may_go_to_one_device():
-    check_outputs([Output("--json", Path("/dev/null")), Output("--out", Path("/dev/null"))])
-
-
-def test_an_output_does_not_replace_what_the_command_reads(tmp_path):
-    policy = tmp_path / "policy.safetensors"
-    with pytest.raises(ValueError, match=r"--json: .* is what the command reads too"):
-        check_outputs([Output("--json", policy)], reads=[policy])
-
-
-def test_an_output_does_not_replace_a_file_of_a_run_that_is_to_begin(tmp_path):
-    with pytest.raises(ValueError, match=r"--json: .* is one of the run's own files in"):
-        check_outputs([Output("--json", tmp_path / "run/policies/a.json")], (), tmp_path / "run")
-    check_outputs([Output("--json", tmp_path / "run/report.json")], (), tmp_path / "run")
 
 
 @pytest.mark.parametrize("seconds", [0.0, -1.0, 0.0005, 3601.0, 1e12, np.inf, np.nan])
@@ -224,3 +182,24 @@ def test_several_gaits_are_options_of_any_number():
 def test_gaits_that_cannot_be_are_refused(args, words):
     with pytest.raises(ValueError, match=words):
         parse_train(["loco_safe_dagger", *args])
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        ["evaluate"],
+        ["compare", "runs/a"],
+        ["bench"],
+        ["survey"],
+        ["terrains"],
+        ["gate-warnings", "runs/a"],
+        ["study", "smoke"],
+        ["demo"],
+        ["learn", "--robot", "udp://127.0.0.1:5151"],
+        ["train", "dagger"],
+    ],
+)
+def test_workers_that_cannot_be_are_refused_when_the_options_are_read(capsys, args):
+    with pytest.raises(SystemExit):
+        parse([*args, "--workers", "0"])
+    assert "0 workers; use at least 1" in capsys.readouterr().err

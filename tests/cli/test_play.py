@@ -12,7 +12,7 @@ from surefoot.cli import play
 from surefoot.config.json_io import to_json
 from surefoot.config.robot_table import SOLO12
 from surefoot.deploy.recorder import save_flight
-from surefoot.files import write_json
+from surefoot.files import WriteError, write_json
 from surefoot.rollouts.jobs import play_out
 from surefoot.runs.run import open_run
 from surefoot.viz.replay import recorded_episode
@@ -170,3 +170,50 @@ def test_of_a_flight_of_an_own_robot_the_fault_is_told_and_its_file_asked_for(
     assert films[0][0].robot.name == "mine"
     assert surefoot("play", "--robot", mine) == 2
     assert "--robot is for a flight" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("args", "options"),
+    [
+        (("--json", "f.json", "--log", "l.csv"), "--log, --json: not for a flight"),
+        (("--vx", 3, "--terrain", "mud"), "--terrain, --vx: not for a flight"),
+        (("--episode", 3), "--episode: not for a flight"),
+    ],
+)
+def test_what_a_flight_does_not_have_is_refused(
+    surefoot, films, capsys, tmp_path, monkeypatch, args, options
+):
+    monkeypatch.chdir(tmp_path)
+    save_flight(Path("flight.npz"), flight_of(None, 3))
+    assert surefoot("play", "flight.npz", *args) == 2
+    assert options in capsys.readouterr().err
+    assert not films
+
+
+def test_a_log_that_cannot_be_written_costs_no_report(
+    surefoot, films, capsys, monkeypatch, run_folder, tmp_path
+):
+    def full(log, path):
+        raise WriteError("the disk is full")
+
+    monkeypatch.setattr("surefoot.interop.logs.sensor_log.write_sensor_log", full)
+    file = tmp_path / "play.json"
+    options = ("--seconds", 0.01, "--json", file, "--log", tmp_path / "log.csv")
+    assert surefoot("play", run_folder, *options) == 2
+    printed = capsys.readouterr()
+    assert "the disk is full" in printed.err
+    assert "mean_velocity" in printed.out
+    assert json.loads(file.read_text())["seconds"] == 0.01
+
+
+def test_a_report_that_cannot_be_written_costs_no_log(
+    surefoot, films, monkeypatch, run_folder, tmp_path
+):
+    def full(path, record):
+        raise WriteError("the disk is full")
+
+    monkeypatch.setattr("surefoot.cli.options.write_json", full)
+    log = tmp_path / "log.csv"
+    options = ("--seconds", 0.01, "--json", tmp_path / "play.json", "--log", log)
+    assert surefoot("play", run_folder, *options) == 2
+    assert log.is_file()

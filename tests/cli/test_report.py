@@ -68,3 +68,34 @@ def test_results_of_several_commits_are_refused(surefoot, capsys, study_folder):
     job.write_text(job.read_text().replace("c0ffee", "decaf0"))
     assert surefoot("report", study_folder) == 2
     assert "several commits (c0ffee, decaf0)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--json", "--tables"])
+def test_an_output_never_replaces_the_page(
+    surefoot, capsys, study_folder, run_folder, tmp_path, option
+):
+    out = tmp_path / "rp"
+    out.mkdir()
+    page = out / "report.html"
+    page.write_text("the page")
+    for folder in (study_folder, run_folder):
+        assert surefoot("report", folder, "--out", out, option, page) == 2
+        assert "is the file of --out (its page) too" in capsys.readouterr().err
+        assert page.read_text() == "the page"
+
+
+def test_a_folder_that_cannot_be_is_refused_before_anything_is_drawn(
+    surefoot, capsys, run_folder, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("surefoot.study.report.run_card.run_card", lambda folder: 1 / 0)
+    file = tmp_path / "card.html"
+    file.touch()
+    assert surefoot("report", run_folder, "--out", file) == 2
+    assert "--out (its page): " in capsys.readouterr().err
+
+
+def test_the_tables_of_a_run_are_refused(surefoot, capsys, run_folder, tmp_path):
+    page = tmp_path / "t.md"
+    assert surefoot("report", run_folder, "--out", tmp_path / "card", "--tables", page) == 2
+    assert "--tables is for a study" in capsys.readouterr().err
+    assert not (tmp_path / "card").exists()

@@ -10,6 +10,7 @@ from surefoot.config.json_io import to_json
 from surefoot.config.studies import named_study
 from surefoot.study import state
 from surefoot.study.cells import jobs_of
+from surefoot.study.estimate import Estimate
 from surefoot.study.folder import StudySetup, save_setup
 from surefoot.study.state import FAILED_FILE, is_paused, job_folder
 
@@ -121,3 +122,43 @@ def test_the_hours_that_are_left_are_those_of_the_workers_that_run_it(
     monkeypatch.setattr(state, "workers_of", lambda _folder: 3)
     assert surefoot("study", "status", folder, "--workers", 7) == 0
     assert asked == [7, 3]
+
+
+def test_an_output_never_replaces_what_the_study_keeps(surefoot, capsys, folder):
+    job = jobs_of(SMOKE)[0].name
+    for name in ("report.html", "estimate.json", f"jobs/{job}/done.json", "judged.json"):
+        assert surefoot("study", "status", folder, "--json", folder / name) == 2
+        assert "is one of the study's own files in" in capsys.readouterr().err
+        assert not (folder / name).exists()
+
+
+def test_the_file_of_a_study_is_not_replaced_by_its_status(surefoot, elsewhere):
+    before = (elsewhere / "grids/a.json").read_bytes()
+    save_setup(elsewhere / "studies/mine", StudySetup(SMOKE, None, "0", "float32"))
+    assert surefoot("study", "status", "grids/a.json", "--json", "grids/a.json") == 2
+    assert (elsewhere / "grids/a.json").read_bytes() == before
+
+
+def test_an_estimate_is_written_where_it_was_asked_for(surefoot, monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(
+        "surefoot.study.estimate.estimate_study",
+        lambda study, jobs: Estimate({job.name: 1800.0 for job in jobs}, "a processor"),
+    )
+    file = tmp_path / "estimate.json"
+    assert surefoot("study", "smoke", "--estimate", "--workers", 2, "--json", file) == 0
+    report = json.loads(file.read_text())
+    names = [job.name for job in jobs_of(SMOKE)]
+    assert report["jobs"] == [{"name": name, "seconds": 1800.0} for name in names]
+    assert (report["processor"], report["workers"]) == ("a processor", 2)
+    assert report["hours"] == len(names) / 4
+    assert f"{len(names)} jobs, about {len(names) / 2:.1f} core-hours" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("words", [("smoke",), ("smoke", "--estimate"), ("status", "smoke")])
+def test_a_number_of_workers_that_cannot_be_is_refused_before_any_work(
+    surefoot, capsys, tmp_path, monkeypatch, words
+):
+    monkeypatch.chdir(tmp_path)
+    assert surefoot("study", *words, "--workers", 0) == 2
+    assert "0 workers; use at least 1" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -117,3 +117,11 @@ def test_a_policy_of_several_gaits_is_measured_but_not_beside_one_of_one(
 def test_the_help_names_every_json_key(record):
     words = set(re.findall(r"\w+", Terrains.__doc__ or ""))
     assert set(record.__dataclass_fields__) <= words
+
+
+def test_the_file_of_another_process_is_left_alone(surefoot, asked, capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr("surefoot.files.lock_file", lambda path: False)
+    file = tmp_path / "table.json"
+    assert surefoot("terrains", PACKAGED_POLICY, "--json", file) == 2
+    assert f"another process goes on with {file}" in capsys.readouterr().err
+    assert not asked

@@ -3,13 +3,8 @@
 import subprocess
 import sys
 
-from surefoot.study.state import (
-    LOCK_FILE,
-    WORKERS_FILE,
-    claim_study,
-    say_workers,
-    workers_of,
-)
+from surefoot.study.layout import LOCK_FILE, WORKERS_FILE
+from surefoot.study.state import claim_study, say_workers, workers_of
 
 PROGRAM = """
 import sys

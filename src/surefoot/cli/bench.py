@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import tyro
 
-from surefoot.cli.options import OnRobot, OnSimulator, OnWorkers, Output, check_outputs
+from surefoot.cli.options import OnRobot, OnSimulator, OnWorkers
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Config
 from surefoot.files import write_json
 
@@ -70,7 +71,7 @@ class Bench(OnWorkers, OnRobot, OnSimulator):
         from surefoot.runs.versions import versions
         from surefoot.scenarios.prepare import completed
 
-        check_outputs([Output("--json", self.json)])
+        check_outputs(self, [Output("--json", self.json)])
         if self.what == "end_to_end" and self.config != Config():
             raise ValueError(
                 "--config does not change end_to_end, which trains the preset of loco_safe_dagger "
@@ -89,12 +90,13 @@ class Bench(OnWorkers, OnRobot, OnSimulator):
             return 0
         records: dict[Measure, Speed] = {}
         names = [name for name in get_args(Measure) if self.what in ("all", name)]
+        run = self.config
+        if "end_to_end" in names:  # looked up before minutes of other measurements
+            run = preset("loco_safe_dagger", self.preset)
         with tqdm(names, "bench", leave=False, unit="measurement") as bar:
             for name in bar:
                 bar.set_postfix_str(name)
-                config = self.config
-                if name == "end_to_end":
-                    config = preset("loco_safe_dagger", self.preset)
+                config = run if name == "end_to_end" else self.config
                 # Before the simulator: the initial states are the same in each.
                 config = self.simulated(completed(self.with_robot(config)))
                 records[name] = measure_speed(name, config, self.spread)

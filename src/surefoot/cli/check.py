@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from surefoot.cli.options import Output, check_outputs
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.files import write_json
 
 if TYPE_CHECKING:
@@ -63,8 +63,7 @@ class Check:
         """Check, and print; 1 if the log differs."""
         from surefoot.deploy.export_file import read_export
 
-        reads = [path for path in (self.file, self.log, self.policy) if path is not None]
-        check_outputs([Output("--json", self.json)], reads=reads)
+        check_outputs(self, [Output("--json", self.json)])
         if self.policy is not None and self.log is None:
             raise ValueError("--policy replays a log through PyTorch; name one with --log")
         file = read_export(self.file, self.robot, layout=self.layout)

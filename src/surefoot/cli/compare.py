@@ -15,7 +15,8 @@ import tyro
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.evaluate import own_disturbance
-from surefoot.cli.options import OnHardware, OnSimulator, OnWorkers, Output, check_outputs
+from surefoot.cli.options import OnHardware, OnSimulator, OnWorkers
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.cli.push_options import OnPushes
 from surefoot.config import Backend, DisturbanceConfig, SimulationConfig
 from surefoot.files import write_atomic
@@ -82,8 +83,7 @@ class Compare(OnPushes, OnWorkers, OnHardware, OnSimulator):
             Output("--out", self.out),
             Output("--figure", self.figure, PLOT_SUFFIXES),
         ]
-        reads = self.runs if self.starts is None else (*self.runs, Path(self.starts))
-        check_outputs(outputs, reads=[*reads])
+        check_outputs(self, outputs)
         if self.out is not None:
             page_with("", self.out)
         self.check_pushed(self.pushes)

@@ -22,9 +22,8 @@ from surefoot.cli.options import (
     OnSimulator,
     OnTerrain,
     OnWorkers,
-    Output,
-    check_outputs,
 )
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.cli.push_options import OnPushes
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
@@ -102,8 +101,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         from surefoot.scenarios.gaits import all_starts_of
 
         # What would fail after minutes fails before any work.
-        reads = [Path(path) for path in (self.target, self.starts) if path is not None]
-        check_outputs([Output("--json", self.json)], reads=reads)
+        check_outputs(self, [Output("--json", self.json)])
         self.check_pushed(self.pushes)
         if self.starts is not None:
             load_starts(self.starts)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from surefoot.cli.options import OnHardware, Output, check_outputs
+from surefoot.cli.options import OnHardware
+from surefoot.cli.outputs import Output, check_outputs
 
 if TYPE_CHECKING:
     from surefoot.deploy.description import PolicyDescription
@@ -63,7 +64,7 @@ class Export(OnHardware):
         files = [("--onnx", self.onnx), ("--pipeline", self.pipeline)]
         outputs = [Output(name, path, (SUFFIX,)) for name, path in files]
         outputs += [Output(f"{name} (its card)", card_path(path)) for name, path in files]
-        check_outputs(outputs, reads=[] if self.target is None else [self.target])
+        check_outputs(self, outputs)
         path, config = find_policy(self.target)
         config = self.with_profile(config)
         robot = load_robot(config.robot)

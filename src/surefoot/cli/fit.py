@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from surefoot.cli.command_line import read_options
-from surefoot.cli.options import OnGait, OnRobot, Output, check_outputs, config_of_gait
+from surefoot.cli.options import OnGait, OnRobot, config_of_gait
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Config
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ class Fit(OnGait, OnRobot):
         from surefoot.runs.stages import training_data
 
         out = Output("OUT", self.out, (".safetensors",))
-        check_outputs([out, Output("OUT (its card)", card_path(self.out))])
+        check_outputs(self, [out, Output("OUT (its card)", card_path(self.out))])
         data = Dataset(self.data)
         if not data.shards:
             raise ValueError(f"{self.data} holds no dataset; `surefoot import-data` makes one")

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
+from surefoot.cli.options import OnSimulator, OnWorkers
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Config, DisturbanceConfig, EvaluationConfig
 from surefoot.config.checked import known
 from surefoot.files import write_json
@@ -55,7 +56,7 @@ class MeasureWarnings(OnWorkers, OnSimulator):
         from surefoot.runs.run import open_run
 
         # What would fail after minutes fails before any work.
-        check_outputs([Output("--json", self.json)], reads=[self.run])
+        check_outputs(self, [Output("--json", self.json)])
         run = open_run(self.run)
         iteration = last_gate(run)
         config = self.as_asked(run.config)

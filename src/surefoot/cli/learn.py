@@ -17,12 +17,10 @@ from surefoot.cli.options import (
     OnGait,
     OnSimulator,
     OnWorkers,
-    Output,
-    check_option,
-    check_outputs,
     check_seconds,
     config_of_gait,
 )
+from surefoot.cli.outputs import Output, check_option, check_outputs
 from surefoot.config import Config, IterativeConfig
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.presets import preset
@@ -114,7 +112,7 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
 
         folder = self.run or Path("runs") / f"learn-{self.preset}"
         check_option("--run", folder / METRICS_FILE)
-        check_outputs([Output("--json", self.json)], new_run=folder)
+        check_outputs(self, [Output("--json", self.json)], new_run=folder)
         if self.heartbeat is not None:
             check_seconds(self.heartbeat, "--heartbeat")
         # Before initial states are prepared.

@@ -1,10 +1,9 @@
-"""Options and output that several commands share."""
+"""Options that several commands share, and what they print. Next: `outputs`."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -15,8 +14,7 @@ from surefoot.cli.arguments import sort_arguments
 from surefoot.config import Backend, CommandBox, Config, simulated
 from surefoot.config.commands import Interval
 from surefoot.config.json_io import to_json
-from surefoot.files import WriteError, check_output, is_stream, write_json
-from surefoot.runs.layout import run_that_owns
+from surefoot.files import is_stream, write_json
 from surefoot.types import TICKS_PER_SECOND, Command
 from surefoot.workers import Workers, default_workers
 
@@ -219,94 +217,14 @@ class OnWorkers:
     """The address of a running Ray cluster, auto or host:port; without it, Ray is started on this
     machine."""
 
+    def __post_init__(self) -> None:
+        """Check the number of processes, before any work."""
+        _ = self.spread
+
     @property
     def spread(self) -> Workers:
         """The processes that do the work."""
         return Workers(self.workers, self.backend, self.ray_address)
-
-
-def check_option(option: str, path: Path | None, suffixes: tuple[str, ...] = ()) -> None:
-    """Check that the file which an option names could be written, before any work.
-
-    Args:
-        option: The option, such as ``--json``.
-        path: Its value; None if it is not given.
-        suffixes: Endings that the file's name may have; any if there are none.
-
-    Raises:
-        ValueError: The file could not be written, or its name has another ending.
-    """
-    if path is None:
-        return
-    try:
-        check_output(path, suffixes=suffixes)
-    except (WriteError, ValueError) as error:
-        raise ValueError(f"{option}: {error}") from error
-
-
-@dataclass(frozen=True)
-class Output:
-    """A file that a command is to write.
-
-    Attributes:
-        name: The option that names it, such as ``--json``, or words for it.
-        path: The file; None if it was not asked for.
-        suffixes: Endings that its name may have; any if there are none.
-    """
-
-    name: str
-    path: Path | None
-    suffixes: tuple[str, ...] = ()
-
-
-def film_outputs(option: str, out: Path) -> tuple[Output, ...]:
-    """A film, and the contact sheet that is written beside it.
-
-    Args:
-        option: The option that names the film.
-        out: The film; beside a stream such as ``/dev/stdout`` there is nothing.
-    """
-    from surefoot.viz.film import FILM_SUFFIXES
-
-    film = Output(option, out, FILM_SUFFIXES)
-    if is_stream(out) or not out.name:  # an empty name is refused for the film
-        return (film,)
-    return film, Output(f"{option} (its contact sheet)", out.with_suffix(".png"))
-
-
-def check_outputs(
-    outputs: Sequence[Output], reads: Sequence[Path] = (), new_run: Path | None = None
-) -> None:
-    """Check that a command can write all of its files and loses nothing by it, before any work.
-
-    Args:
-        outputs: All files that the command is to write.
-        reads: Files that it reads; folders among them are those of runs.
-        new_run: The folder in which it is to begin a run.
-
-    Raises:
-        ValueError: A file could not be written, its name has another ending, it would replace one
-            of a run's own or one that the command reads, or two of them are the same file.
-    """
-    # What is read may be named through a link.
-    names = {os.path.realpath(path): "what the command reads" for path in reads}
-    for output in outputs:
-        check_option(output.name, output.path, output.suffixes)
-        if output.path is None or is_stream(output.path):
-            continue
-        run = run_that_owns(output.path, new_run)
-        if run is not None:
-            raise ValueError(
-                f"{output.name}: {output.path} is one of the run's own files in {run}, and would "
-                "be lost; name another file"
-            )
-        file = os.path.realpath(output.path)
-        if file in names:
-            raise ValueError(
-                f"{output.name}: {output.path} is {names[file]} too, and one would replace the "
-                "other; name another file"
-            )
-        names[file] = f"the file of {output.name}"
 
 
 def check_seconds(seconds: float, option: str = "--seconds") -> None:

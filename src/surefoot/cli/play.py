@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,20 +13,22 @@ from surefoot.cli.options import (
     OnHardware,
     OnSimulator,
     OnTerrain,
-    Output,
-    check_outputs,
     check_seconds,
     check_velocity,
     film_episode,
-    film_outputs,
     show_record,
     warn_of_divergence,
 )
+from surefoot.cli.outputs import Output, check_outputs, film_outputs
 from surefoot.cli.progress import seconds_bar
 from surefoot.types import Command
 
 if TYPE_CHECKING:
     from surefoot.rollouts.jobs import Job
+
+
+FLIGHT_OPTIONS = ("target", "out", "robot")
+"""What can be said of a flight; the other options are for a policy or an episode."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +88,7 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         check_seconds(self.seconds)
         report_file = Output("--json", self.json)
         outputs = [report_file, Output("--log", self.log, SUFFIXES)]
-        reads = [] if self.target is None else [self.target]
-        check_outputs(outputs, reads)
+        check_outputs(self, outputs)
         if self.log is not None and self.episode is not None:
             raise ValueError(
                 "--log has what a policy measured that drives alone; leave out --episode"
@@ -100,15 +101,17 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             job = self.recorded_job(self.episode)
             episode = int(job.episode[0])
             out = self.out or self._folder / f"episode_{episode}.mp4"
-        check_outputs([*outputs, *film_outputs("--out", out)], reads)
+        check_outputs(self, [*outputs, *film_outputs("--out", out)])
         job = replace(job, config=self.on_terrain(self.with_profile(self.simulated(job.config))))
         with seconds_bar(job.episodes.duration + job.episodes.tail, "play") as bar:
             rollouts, expert = play_out(job, progress=bar.update)
-        if self.log is not None and job.policy is not None:
-            policy = load(job.policy) if isinstance(job.policy, Path) else job.policy
-            write_sensor_log(sensor_log_of(rollouts, 0, policy.spec), self.log)
         report = report_episode(job, rollouts, expert, episode)
-        show_record(report, self.json)
+        try:
+            show_record(report, self.json)
+        finally:  # neither report nor log is lost if the other fails
+            if self.log is not None and job.policy is not None:
+                policy = load(job.policy) if isinstance(job.policy, Path) else job.policy
+                write_sensor_log(sensor_log_of(rollouts, 0, policy.spec), self.log)
         warn_of_divergence(rollouts)
         length = max(int(rollouts.length[0]), 1)  # one frame if the expert gave up at once
         recording = Recording(
@@ -150,18 +153,37 @@ class Play(OnHardware, OnSimulator, OnTerrain):
 
         Returns:
             1 if there was a fault, or --out has no film.
+
+        Raises:
+            ValueError: An option was given that is for a policy or an episode.
         """
         from surefoot.deploy.recorder import load_flight
         from surefoot.viz.flight import recording_of
 
+        self.check_flight_options()
         out = self.out or recorded.with_suffix(".mp4")
-        check_outputs(film_outputs("--out", out), reads=[recorded])
+        check_outputs(self, film_outputs("--out", out))
         flight = load_flight(recorded)
         fault = str(flight.fault)
         print(f"{fault}: {flight.detail}" if fault else "no fault", flush=True)
         recording = recording_of(flight, self.robot)
         filmed = film_episode(recording, out, f"{flight.robot}, {fault or 'no fault'}")
         return int(bool(fault) or self._lacks(filmed))
+
+    def check_flight_options(self) -> None:
+        """Check that nothing is asked for that a flight does not have.
+
+        Raises:
+            ValueError: An option was given that is for a policy or an episode.
+        """
+        others = [field for field in fields(self) if field.name not in FLIGHT_OPTIONS]
+        given = [field.name for field in others if getattr(self, field.name) != field.default]
+        if given:
+            options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+            raise ValueError(
+                f"{options}: not for a flight, which is filmed as it was recorded; leave out what "
+                "is for a policy or an episode"
+            )
 
     def _lacks(self, filmed: bool) -> bool:
         """Whether the film is missing that was asked for by name."""

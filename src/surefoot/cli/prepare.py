@@ -13,10 +13,9 @@ from surefoot.cli.options import (
     OnGait,
     OnRobot,
     OnSimulator,
-    Output,
-    check_outputs,
     config_of_gait,
 )
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import CommandBox, Config, PerturbationConfig, SafetyConfig
 from surefoot.files import write_json
 
@@ -108,7 +107,7 @@ class Prepare(OnCommands, OnGait, OnRobot, OnSimulator):
         from surefoot.scenarios.starts import check_unused, save_starts
 
         # What would fail after minutes fails before any work.
-        check_outputs([Output("--out", self.out, (".npz",)), Output("--json", self.json)])
+        check_outputs(self, [Output("--out", self.out, (".npz",)), Output("--json", self.json)])
         if self.out is not None:
             check_unused(self.out)
         perturbation = scaled(PerturbationConfig(), self.scale)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from surefoot.cli.options import Output, check_outputs
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.files import write_atomic, write_json
 
 
@@ -45,7 +45,7 @@ class Report:
     def __call__(self) -> int:
         """Read the results, write the page, and say where it is."""
         from surefoot.runs.run import CONFIG_FILE
-        from surefoot.study.folder import JUDGED_FILE, STUDY_FILE
+        from surefoot.study.layout import PAGE_FILE, STUDY_FILE
         from surefoot.study.report.films import study_films
         from surefoot.study.report.markdown_page import page_of_tables
         from surefoot.study.report.markup import NOTHING
@@ -56,8 +56,12 @@ class Report:
 
         folder = self.target if self.target.exists() else Path("studies") / self.target
         out = self.out or folder
-        outputs = [Output("--tables", self.tables), Output("--json", self.json)]
-        check_outputs(outputs, [folder / STUDY_FILE, folder / JUDGED_FILE])
+        outputs = [
+            Output("--out (its page)", out / PAGE_FILE, is_own=True),
+            Output("--tables", self.tables),
+            Output("--json", self.json),
+        ]
+        check_outputs(self, outputs)
         if (folder / STUDY_FILE).is_file():
             results = read_results(folder)
             report = study_report(results)
@@ -67,6 +71,11 @@ class Report:
                 tables = page_of_tables(results, report, self.tables)
                 write_atomic(self.tables, tables.encode())
         elif (folder / CONFIG_FILE).is_file():
+            if self.tables is not None:
+                raise ValueError(
+                    "--tables is for a study, whose tables it writes; of a run, --json FILE has "
+                    "the numbers"
+                )
             report = run_card(folder)
             page = write_run_card(report, out)
         else:

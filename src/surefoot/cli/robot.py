@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from surefoot.cli.options import Output, check_outputs
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import RobotConfig
 from surefoot.files import write_json
 
@@ -42,7 +42,7 @@ class ShowRobot:
         from surefoot.viz.film import portrait
 
         outputs = [Output("--json", self.json), Output("--image", self.image, (".png",))]
-        check_outputs(outputs, reads=[Path(self.robot)])
+        check_outputs(self, outputs)
         config = RobotConfig(model=self.robot)
         report = examine_robot(config)
         print("\n".join(lines_of(report)))

@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from surefoot.cli.options import (
-    Output,
-    check_outputs,
     check_seconds,
     check_velocity,
     show_record,
 )
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.errors import unknown
 from surefoot.files import WriteError
@@ -103,7 +102,7 @@ class RunPolicy:
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
         outputs = [Output("--recording", self.recording, (".npz",)), Output("--json", self.json)]
-        check_outputs(outputs, reads=[self.policy])
+        check_outputs(self, outputs)
         peer = parse_address(self.robot)
         self.check_start()
         policy = load(self.policy)

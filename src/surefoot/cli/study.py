@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from surefoot.cli.options import OnWorkers, Output, check_outputs
+from surefoot.cli.options import OnWorkers
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.errors import unknown
 from surefoot.files import write_json
 
@@ -59,6 +60,36 @@ class StudyReport:
 
 
 @dataclass(frozen=True)
+class JobEstimate:
+    """How long a job will take, for machines.
+
+    Attributes:
+        name: Name of the job.
+        seconds: How long it takes in all on one core of this machine [s].
+    """
+
+    name: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class EstimateReport:
+    """How long a study will take, for machines.
+
+    Attributes:
+        processor: Model of the processor that it was estimated for.
+        workers: How many jobs run at a time.
+        hours: How long the study takes with so many [h].
+        jobs: How long each of its jobs takes.
+    """
+
+    processor: str
+    workers: int
+    hours: float
+    jobs: Sequence[JobEstimate]
+
+
+@dataclass(frozen=True)
 class Study(OnWorkers):
     """Run a study: techniques x seeds x settings, and what is measured of them.
 
@@ -68,7 +99,8 @@ class Study(OnWorkers):
     go on.
 
     JSON keys: folder, paused, jobs [list; of each job its name, state (done, running, ready,
-    waiting, failed) and seconds].
+    waiting, failed) and seconds]. With --estimate: processor; workers and hours [with so many jobs
+    at a time]; jobs [list; of each job its name, and seconds on one core].
     """
 
     words: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="STUDY")]
@@ -82,16 +114,16 @@ class Study(OnWorkers):
     estimate: bool = False
     """Only say how many jobs there are and how long they will take here, and run nothing."""
     json: Path | None = None
-    """Write how far the jobs are to this file, as JSON."""
+    """Write how far the jobs are to this file, as JSON; with --estimate, how long they will
+    take."""
 
     def __call__(self) -> int:
         """Do what the first word says."""
-        from surefoot.study.folder import STUDY_FILE
         from surefoot.study.state import pause_study, resume_study
 
         action, name = self._words()
         folder = self._folder(name)
-        check_outputs([Output("--json", self.json)], [folder / STUDY_FILE])
+        check_outputs(self, [Output("--json", self.json)], new_study=folder)
         if action == "pause":
             pause_study(folder)
             print(f"paused; go on with `surefoot study resume {folder}`")
@@ -116,7 +148,8 @@ class Study(OnWorkers):
 
     def _folder(self, name: str) -> Path:
         """The folder of the study."""
-        from surefoot.study.folder import STUDY_FILE, read_study
+        from surefoot.study.folder import read_study
+        from surefoot.study.layout import STUDY_FILE
 
         if self.folder is not None:
             return self.folder
@@ -140,7 +173,10 @@ class Study(OnWorkers):
 
         study = study_named(name)
         if self.estimate:
-            print(describe_work(estimate_study(study, jobs_of(study)), self.workers))
+            estimate = estimate_study(study, jobs_of(study))
+            if self.json is not None:
+                write_json(self.json, estimate_report(estimate, self.workers))
+            print(describe_work(estimate, self.workers))
             return 0
         setup = open_study(folder, study)
         estimate = estimate_study(study, setup.jobs, folder)
@@ -190,7 +226,8 @@ def study_named(name: str) -> StudyConfig:
     from surefoot.config.json_io import from_json, read_json
     from surefoot.config.studies import STUDIES, named_study
     from surefoot.config.study import StudyConfig
-    from surefoot.study.folder import STUDY_FILE, StudySetup, read_study
+    from surefoot.study.folder import StudySetup, read_study
+    from surefoot.study.layout import STUDY_FILE
 
     if name in STUDIES:
         return named_study(name)
@@ -208,9 +245,25 @@ def study_named(name: str) -> StudyConfig:
         raise ValueError(f"{path}: {error}") from error
 
 
+def estimate_report(estimate: Estimate, workers: int) -> EstimateReport:
+    """How long a study will take, for machines.
+
+    Args:
+        estimate: The estimate.
+        workers: How many jobs run at a time.
+    """
+    jobs = [JobEstimate(name, seconds) for name, seconds in estimate.seconds.items()]
+    return EstimateReport(estimate.processor, workers, hours_of(estimate) / workers, jobs)
+
+
+def hours_of(estimate: Estimate) -> float:
+    """How long all jobs of a study take on one core [h]."""
+    return sum(estimate.seconds.values()) / 3600.0
+
+
 def describe_work(estimate: Estimate, workers: int) -> str:
     """How much there is to do, in a sentence."""
-    hours = sum(estimate.seconds.values()) / 3600.0
+    hours = hours_of(estimate)
     return (
         f"{len(estimate.seconds)} jobs, about {hours:.1f} core-hours on this machine, "
         f"{hours / workers:.1f} hours with {workers} at a time"

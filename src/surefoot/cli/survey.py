@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
-from surefoot.cli.options import OnWorkers, Output, check_outputs, check_seconds
+from surefoot.cli.options import OnWorkers, check_seconds
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Backend
 from surefoot.config.gait_table import GAITS
 from surefoot.config.robot_table import ROBOTS
@@ -63,6 +64,7 @@ class Survey(OnWorkers):
         # What would fail hours later fails before any work.
         check_seconds(self.seconds)
         check_outputs(
+            self,
             [Output("--json", self.json, (".json",)), Output("--page", self.page, (".md",))],
             reads=sorted(self.out.glob("*.json")),
         )

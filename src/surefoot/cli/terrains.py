@@ -8,10 +8,11 @@ from typing import Annotated
 
 import tyro
 
-from surefoot.cli.options import OnSimulator, OnWorkers, Output, check_outputs
+from surefoot.cli.options import OnSimulator, OnWorkers
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Config
 from surefoot.config.sim import GROUNDS
-from surefoot.files import write_atomic, write_json
+from surefoot.files import claim_file, write_atomic, write_json
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class Terrains(OnWorkers, OnSimulator):
             Output("--json", self.json, (".json",)),
             Output("--page", self.page, (".md",)),
         ]
-        check_outputs(outputs, reads=list(self.policies))
+        check_outputs(self, outputs)
         if self.page is not None:
             page_with("", self.page)
         targets = self.policies or (None,)
@@ -86,8 +87,10 @@ class Terrains(OnWorkers, OnSimulator):
         evaluation = replace(config.evaluation, episodes=self.episodes)
         config = with_measured_gain(replace(config, evaluation=evaluation))
         known = TerrainTable()
-        if self.json is not None and self.json.exists():
-            known = read_record(self.json, TerrainTable)
+        if self.json is not None:
+            claim_file(self.json)
+            if self.json.exists():
+                known = read_record(self.json, TerrainTable)
         table = measure_terrains(
             config, [Walker(EXPERT), *walkers], self.terrains, self.spread, known, self._keep
         )

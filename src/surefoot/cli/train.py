@@ -17,11 +17,9 @@ from surefoot.cli.options import (
     OnRobot,
     OnSimulator,
     OnWorkers,
-    Output,
-    check_option,
-    check_outputs,
     config_of_gait,
 )
+from surefoot.cli.outputs import Output, check_option, check_outputs
 from surefoot.config import METHODS as METHOD_CONFIGS
 from surefoot.config import Config
 from surefoot.config.presets import preset
@@ -87,7 +85,7 @@ class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
         workers = self.spread
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
         check_option("--run", folder / METRICS_FILE)
-        check_outputs([Output("--json", self.json)], new_run=folder)
+        check_outputs(self, [Output("--json", self.json)], new_run=folder)
         if (folder / ATTEMPTS_FILE).exists():
             raise RunError(
                 f"{folder} holds a run that learns on a robot; `surefoot learn` goes on with it"

@@ -16,16 +16,14 @@ from surefoot.cli.options import (
     OnRobot,
     OnSimulator,
     OnTerrain,
-    Output,
-    check_outputs,
     check_seconds,
     check_velocity,
     config_of_gait,
     film_episode,
-    film_outputs,
     show_record,
     warn_of_divergence,
 )
+from surefoot.cli.outputs import Output, check_outputs, film_outputs
 from surefoot.cli.progress import seconds_bar
 from surefoot.config import CommandBox, Config
 from surefoot.types import TICKS_PER_SECOND, Command
@@ -118,7 +116,7 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
 
         check_seconds(self.seconds)
         film = film_outputs("--out", self.out) if self.video else ()
-        check_outputs([Output("--json", self.json), *film])
+        check_outputs(self, [Output("--json", self.json), *film])
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
         given = self.with_profile(self.with_robot(self.simulated(self.config)))

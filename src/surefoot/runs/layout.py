@@ -68,13 +68,21 @@ def run_that_owns(path: Path, new_run: Path | None = None) -> Path | None:
         path: The file; it need not exist.
         new_run: A folder that is to become a run.
     """
-    named = Path(os.path.realpath(path.parent)) / path.name
-    for file in (named, Path(os.path.realpath(path))):
+    for file in places_of(path):
         for folder in file.parents:
             is_new = new_run is not None and folder == Path(os.path.realpath(new_run))
             if (is_new or _is_run(folder)) and file.relative_to(folder).parts[0] in OWN:
                 return folder
     return None
+
+
+def places_of(path: Path) -> tuple[Path, Path]:
+    """Where a file lies, and where that lies which it points to, as absolute paths.
+
+    Args:
+        path: The file; it need not exist.
+    """
+    return Path(os.path.realpath(path.parent)) / path.name, Path(os.path.realpath(path))
 
 
 def _is_run(folder: Path) -> bool:

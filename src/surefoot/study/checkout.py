@@ -12,9 +12,7 @@ from pathlib import Path
 
 import surefoot
 from surefoot.study.folder import StudyError
-
-CODE_FOLDER = "code"
-"""The worktree in the folder of a study."""
+from surefoot.study.layout import CODE_FOLDER
 
 
 def checkout_root() -> Path | None:

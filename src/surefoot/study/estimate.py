@@ -36,13 +36,12 @@ from surefoot.runs.budget import first_allowance, solves_of
 from surefoot.runs.versions import processor
 from surefoot.scenarios.prepare import completed
 from surefoot.study.cells import StudyJob, cell_config, measurements_of
+from surefoot.study.layout import ESTIMATE_FILE
 from surefoot.study.state import JobStatus
 from surefoot.types import GRID, TICKS_PER_SECOND
 
 T = TypeVar("T")
 
-ESTIMATE_FILE = "estimate.json"
-"""File in the folder of a study that keeps its estimate."""
 PLANS_PER_SECOND = TICKS_PER_SECOND / GRID
 """MPC solves for each second that the expert drives or is asked."""
 PHASES = 10

@@ -23,12 +23,9 @@ from surefoot.files import write_atomic, write_json
 from surefoot.runs.layout import ALL_OTHER_STARTS, STARTS_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, read_setup
 from surefoot.study.cells import Cell, StudyJob, cell_config, jobs_of, measured_options
+from surefoot.study.layout import JOBS_FOLDER, JUDGED_FILE, STUDY_FILE, TESTS_FOLDER
 
 Record = TypeVar("Record")
-STUDY_FILE = "study.json"
-"""File in a study's folder that makes the folder a study."""
-JUDGED_FILE = "judged.json"
-"""File in which whoever ran the study says what came of its predictions."""
 
 
 class StudyError(ValueError):
@@ -247,7 +244,7 @@ def save_run(folder: Path, cell: Cell, run: Run) -> None:
 
 def save_tests(folder: Path, cell: Cell, tests: Tests) -> None:
     """Keep what a measurement says of a cell."""
-    write_json(results_folder(folder, cell) / "tests" / f"{tests.measurement}.json", tests)
+    write_json(results_folder(folder, cell) / TESTS_FOLDER / f"{tests.measurement}.json", tests)
 
 
 def read_tests(folder: Path, study: StudyConfig, cell: Cell, measurement: str) -> Tests | None:
@@ -262,7 +259,7 @@ def read_tests(folder: Path, study: StudyConfig, cell: Cell, measurement: str) -
     Raises:
         StudyError: The file cannot be read, or was measured with other options than the study has.
     """
-    path = results_folder(folder, cell) / "tests" / f"{measurement}.json"
+    path = results_folder(folder, cell) / TESTS_FOLDER / f"{measurement}.json"
     if not path.exists():
         return None
     tests = _read(Tests, path)
@@ -278,7 +275,7 @@ def read_tests(folder: Path, study: StudyConfig, cell: Cell, measurement: str) -
 
 def save_job(folder: Path, cell: Cell, record: JobRecord) -> None:
     """Keep the record of a job."""
-    write_json(results_folder(folder, cell) / "jobs" / f"{record.job}.json", record)
+    write_json(results_folder(folder, cell) / JOBS_FOLDER / f"{record.job}.json", record)
 
 
 def read_job(folder: Path, cell: Cell, job: str) -> JobRecord | None:
@@ -287,7 +284,7 @@ def read_job(folder: Path, cell: Cell, job: str) -> JobRecord | None:
     Raises:
         StudyError: The file cannot be read.
     """
-    path = results_folder(folder, cell) / "jobs" / f"{job}.json"
+    path = results_folder(folder, cell) / JOBS_FOLDER / f"{job}.json"
     return _read(JobRecord, path) if path.exists() else None
 
 
@@ -297,7 +294,7 @@ def read_jobs(folder: Path, cell: Cell) -> tuple[JobRecord, ...]:
     Raises:
         StudyError: A file cannot be read.
     """
-    paths = sorted(results_folder(folder, cell).glob("jobs/*.json"))
+    paths = sorted(results_folder(folder, cell).glob(f"{JOBS_FOLDER}/*.json"))
     return tuple(_read(JobRecord, path) for path in paths)
 
 

@@ -24,7 +24,6 @@ from surefoot.runs.run import CONFIG_FILE, Run, open_run, read_setup
 from surefoot.scenarios.starts import PACKAGED
 from surefoot.study.cells import Cell, cells_of, measurements_of
 from surefoot.study.folder import (
-    STUDY_FILE,
     JobRecord,
     PolicyTest,
     StudyError,
@@ -36,6 +35,7 @@ from surefoot.study.folder import (
     results_folder,
     run_config,
 )
+from surefoot.study.layout import STUDY_FILE
 
 
 @dataclass(frozen=True)

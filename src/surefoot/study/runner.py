@@ -28,7 +28,8 @@ from surefoot.scenarios.prepare import completed
 from surefoot.scenarios.starts import starts_of
 from surefoot.study.cells import StudyJob, beginnings_of, trained_configs
 from surefoot.study.checkout import check_out, checkout_root, clean_commit
-from surefoot.study.folder import STUDY_FILE, StudyError, StudySetup, read_study, save_setup
+from surefoot.study.folder import StudyError, StudySetup, read_study, save_setup
+from surefoot.study.layout import STUDY_FILE
 from surefoot.study.pools import make_pool
 from surefoot.study.state import claim_study, finished_jobs, is_paused, say_workers
 from surefoot.study.supervise import Ended, Task

@@ -26,6 +26,7 @@ from surefoot.study.folder import (
     run_folder,
     shared_folder,
 )
+from surefoot.study.layout import JOBS_FOLDER, LOCK_FILE, PAUSED_FILE, WORKERS_FILE
 
 logger = logging.getLogger(__name__)
 
@@ -35,12 +36,6 @@ LOG_FILE = "log.txt"
 """What the process of a job printed."""
 FAILED_FILE = "failed.txt"
 """There if the job failed the last time: the end of what it printed."""
-PAUSED_FILE = "paused"
-"""There while the study is paused."""
-LOCK_FILE = ".lock"
-"""Locked by the process that runs the study or, in the folder of a job, does the job."""
-WORKERS_FILE = ".workers"
-"""How many jobs the process that has claimed the study runs at a time."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +104,7 @@ def claim_job(folder: Path, job: str) -> None:
 
 def job_folder(folder: Path, job: str) -> Path:
     """Folder of what a job prints."""
-    return folder / "jobs" / job
+    return folder / JOBS_FOLDER / job
 
 
 def pause_study(folder: Path) -> None:

@@ -7,7 +7,8 @@ import pytest
 from surefoot.config.json_io import read_json, to_json
 from surefoot.files import write_json
 from surefoot.runs.run import CONFIG_FILE
-from surefoot.study.folder import JUDGED_FILE, Judged, JudgedPrediction, StudyError
+from surefoot.study.folder import Judged, JudgedPrediction, StudyError
+from surefoot.study.layout import JUDGED_FILE
 from surefoot.study.report import verdicts
 from surefoot.study.report.study_page import study_report, write_study_report
 from surefoot.study.report.verdicts import Verdict

@@ -15,6 +15,7 @@ from surefoot.learning.policy import Policy, load, policy_spec
 from surefoot.robots.load import load_robot
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
 from surefoot.study.folder import Tests
+from surefoot.study.layout import FIGURES_FOLDER, PAGE_FILE
 from surefoot.study.report.markup import (
     COUNT,
     MISSING,
@@ -37,7 +38,6 @@ from surefoot.study.report.pictures import draw_all
 from surefoot.study.report.run_card import RunCard, option_changes
 from surefoot.study.report.run_limits import SIMULATORS, limits_of
 from surefoot.study.report.source import StageSource, TestSource, stages
-from surefoot.study.report.study_page import FIGURES_FOLDER, PAGE_FILE
 from surefoot.study.report.style import document
 from surefoot.study.report.tables import MINUTES
 

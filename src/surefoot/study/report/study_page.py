@@ -15,6 +15,7 @@ from surefoot.config.study import Options
 from surefoot.files import write_atomic
 from surefoot.study.cells import cells_of
 from surefoot.study.folder import JudgedPrediction, read_predictions
+from surefoot.study.layout import FIGURES_FOLDER, PAGE_FILE
 from surefoot.study.report.collecting import collecting_figures
 from surefoot.study.report.markup import (
     NOTHING,
@@ -51,10 +52,6 @@ from surefoot.study.report.verdicts import (
 )
 from surefoot.study.results import StudyResults
 
-PAGE_FILE = "report.html"
-"""File of the page."""
-FIGURES_FOLDER = "figures"
-"""Folder of the pictures."""
 HOURS = Quantity("", "h", 3600.0, 2)
 """A time in hours."""
 MOST_ROWS = 14
