@@ -152,3 +152,9 @@ def test_words_to_choose_from_follow_from_the_type():
     }
     assert positional_choices(Choosing) == ("here", "there")
     assert positional_choices(Toy) == ()
+
+
+@pytest.mark.parametrize("args", [["--vx", "0.3"], ["--vx"], ["--vx", "0.3", "--vy", "0", "1"]])
+def test_an_option_of_two_numbers_that_has_one_is_said_in_words(args):
+    with pytest.raises(ValueError, match=r"--vx takes 2 values, such as --vx 0 0\.3; this has"):
+        sort_arguments(args, Train)

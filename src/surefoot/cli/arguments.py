@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from itertools import takewhile
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -42,6 +43,9 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
     Args:
         args: Command line, without the name of the command.
         command: Dataclass of the command, whose fields are its options.
+
+    Raises:
+        ValueError: An option of two numbers or more has fewer.
     """
     sizes = {"-h": 0, "--help": 0} | option_sizes(command)
     optional = options_without_value(command)
@@ -68,12 +72,17 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
         size = sizes.get(name, 1)
         if name in optional and args[position : position + 1] == ["None"]:
             size = 1
-        last = min(position + size, len(args))
-        if position < last and not args[position].startswith("--"):
-            values[name] = args[position]
-        while position < last and not args[position].startswith("--"):
-            options.append(args[position])
-            position += 1
+        after = args[position : position + size]
+        given = list(takewhile(lambda word: not word.startswith("--"), after))
+        if 1 < size < ANY_NUMBER and len(given) < size:
+            raise ValueError(
+                f"{name} takes {size} values, such as {name} {' '.join('0' * (size - 1))} 0.3; "
+                f"this has {len(given)}: {' '.join([argument, *given])}"
+            )
+        if given:
+            values[name] = given[0]
+        options += given
+        position += len(given)
     return Arguments(tuple(positional), values, tuple(unknown), tuple(options))
 
 

@@ -25,7 +25,11 @@ class ImportData(OnRobot):
     are checked; each log becomes a shard, and more can be added later.
     """
 
-    logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOGS")]
+    logs: Annotated[
+        tuple[Path, ...],
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="LOGS", help_behavior_hint="(required)"),
+    ]
     """The logs, each with another file name."""
     out: Path
     """The folder of the dataset, new or with one."""

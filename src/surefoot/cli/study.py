@@ -103,7 +103,11 @@ class Study(OnWorkers):
     at a time]; jobs [list; of each job its name, and seconds on one core].
     """
 
-    words: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="STUDY")]
+    words: Annotated[
+        tuple[str, ...],
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="STUDY", help_behavior_hint="(required)"),
+    ]
     """The study: paper, regimes, options, sensors, sensors-go2, smoke, a JSON file, or the folder
     of one that has begun; before it status, pause or resume. docs/studies.md has a file to begin
     with."""
