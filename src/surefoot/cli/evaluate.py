@@ -29,7 +29,6 @@ from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
 from surefoot.files import WriteError, write_json
 from surefoot.mpc.gaits import only_gait
-from surefoot.scenarios.keys import key_of
 from surefoot.scenarios.starts import PACKAGED, load_starts, starts_of
 
 if TYPE_CHECKING:
@@ -244,6 +243,8 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             config: What is evaluated.
             trained_on: The run's configuration.
         """
+        from surefoot.scenarios.keys import key_of
+
         parts: list[str] = [self.of_split]
         if config.simulation.backend != trained_on.simulation.backend:
             parts.append(config.simulation.backend)
