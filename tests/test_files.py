@@ -289,7 +289,9 @@ def test_a_file_of_results_is_claimed_by_one_process_at_a_time(tmp_path):
     with locked_by_another_process(tmp_path / ".other.json.lock") as answer:
         assert answer == "True"
         for name in (other, linked(tmp_path / "link-2.json", other)):
-            with pytest.raises(ValueError, match=r"another process goes on with .*another file"):
+            with pytest.raises(
+                ValueError, match=r"another process is adding results to .*another file"
+            ):
                 claim_file(name)
     claim_file(other)
     claim_file(Path("/dev/null"))

@@ -242,8 +242,8 @@ def claim_file(path: Path) -> None:
     file = Path(os.path.realpath(path))
     if not lock_file(file.with_name(f".{file.name}.lock")):
         raise ValueError(
-            f"another process goes on with {path}, and what one of the two measures would be lost; "
-            "wait until it has ended, or name another file"
+            f"another process is adding results to {path}, and each would overwrite what the other "
+            "measures; wait until it has ended, or name another file"
         )
 
 

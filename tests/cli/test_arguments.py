@@ -158,3 +158,7 @@ def test_words_to_choose_from_follow_from_the_type():
 def test_an_option_of_two_numbers_that_has_one_is_said_in_words(args):
     with pytest.raises(ValueError, match=r"--vx takes 2 values, such as --vx 0 0\.3; this has"):
         sort_arguments(args, Train)
+
+
+def test_help_is_heard_wherever_it_is_asked_for():
+    assert sort_arguments(["--vx", "--help"], Train).options == ("--vx", "--help")

@@ -123,5 +123,5 @@ def test_the_file_of_another_process_is_left_alone(surefoot, asked, capsys, monk
     monkeypatch.setattr("surefoot.files.lock_file", lambda path: False)
     file = tmp_path / "table.json"
     assert surefoot("terrains", PACKAGED_POLICY, "--json", file) == 2
-    assert f"another process goes on with {file}" in capsys.readouterr().err
+    assert f"another process is adding results to {file}" in capsys.readouterr().err
     assert not asked

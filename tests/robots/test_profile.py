@@ -88,6 +88,26 @@ def test_what_a_file_holds_is_kept_in_the_configuration(tmp_path):
     assert load_robot(with_profile(run.robot, "odri")).torque_limit.max() == 1.8
 
 
+def test_a_run_that_kept_the_name_of_a_profiles_file_goes_on(tmp_path):
+    file = tmp_path / "prof.json"
+    weak = replace(ODRI, name="weak", torque_limit=(1.0, 1.0, 1.0))
+    file.write_text(json.dumps(to_json(weak)))
+    asked = Config(robot=RobotConfig(profile=str(file)))
+    now = with_own_values(asked)
+    before = replace(now, robot=replace(now.robot, profile=str(file), profile_spec=None))
+    assert with_values_of(before, asked) == before
+    assert with_values_of(before, Config()) == before
+    other = Config(robot=RobotConfig(profile="odri"))
+    assert with_values_of(before, other) != before
+
+
+def test_a_profile_that_is_given_as_such_has_its_name():
+    weak = replace(ODRI, name="weak", torque_limit=(1.0, 1.0, 1.0))
+    for name in (None, "odri"):
+        config = with_own_values(Config(robot=RobotConfig(profile=name, profile_spec=weak)))
+        assert config.robot.profile == "weak"
+
+
 def test_a_profile_of_another_robot_is_refused_wherever_it_stands():
     with pytest.raises(ValueError, match="belongs to the robot solo12, not to go2"):
         load_robot(RobotConfig("go2", profile_spec=ODRI))

@@ -165,6 +165,15 @@ def test_changes_are_those_of_each_run():
     assert claim.number.startswith("+0.50 N s (+0.25 to +0.75)")
 
 
+def test_a_change_names_the_runs_that_lack_one_of_the_measurements():
+    after = Sample("A", Runs((1.5, 5.6, 9.4), seeds=(0, 1, 2)), 3)
+    before = Sample("A", Runs((1.0, 5.0), seeds=(0, 1)), 3)
+    claim = judge_change(statement(ABOVE_ZERO), after, before)
+    assert "Of A, 2 of 3 runs are measured" in claim.reason
+    none = judge_change(statement(ABOVE_ZERO), after, Sample("A", Runs((1.0,), seeds=(5,)), 3))
+    assert none.reason == "No finished run of A has this number."
+
+
 def test_nothing_is_written_as_minus_zero():
     claim = judge_mean(statement(ABOVE_ZERO), sample("A", -0.001, 0.0, 0.0005))
     assert claim.number == "0.00 N s (0.00 to 0.00); runs 0.00, 0.00, 0.00"

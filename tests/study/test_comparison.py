@@ -293,6 +293,6 @@ def test_the_cost_of_a_trained_run_is_that_of_its_rollouts(trained):
 def test_the_file_of_another_process_is_left_alone(monkeypatch, runs, tmp_path):
     calls = pretend_measurements(monkeypatch)
     monkeypatch.setattr("surefoot.files.lock_file", lambda path: False)
-    with pytest.raises(ValueError, match=r"another process goes on with .*methods.json"):
+    with pytest.raises(ValueError, match=r"another process is adding results to .*methods.json"):
         measure(runs, tmp_path / "methods.json")
     assert not calls

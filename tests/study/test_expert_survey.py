@@ -159,6 +159,6 @@ def test_lost_by_all_counts_only_what_was_measured():
 def test_the_file_of_another_process_is_left_alone(monkeypatch, tmp_path):
     calls = pretend_measurements(monkeypatch)
     monkeypatch.setattr("surefoot.files.lock_file", lambda path: False)
-    with pytest.raises(ValueError, match=r"another process goes on with .*survey.json"):
+    with pytest.raises(ValueError, match=r"another process is adding results to .*survey.json"):
         survey_expert(CONFIG, "mujoco", 3, Workers(1), tmp_path / "survey.json")
     assert not calls

@@ -48,7 +48,8 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
         ValueError: An option of two numbers or more has fewer.
     """
     sizes = {"-h": 0, "--help": 0} | option_sizes(command)
-    optional = options_without_value(command)
+    asks_for_help = not {"-h", "--help"}.isdisjoint(args)
+    optional = options_that_may_be_none(command)
     positional: list[str] = []
     values: dict[str, str] = {}
     unknown: list[str] = []
@@ -74,7 +75,7 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
             size = 1
         after = args[position : position + size]
         given = list(takewhile(lambda word: not word.startswith("--"), after))
-        if 1 < size < ANY_NUMBER and len(given) < size:
+        if 1 < size < ANY_NUMBER and len(given) < size and not asks_for_help:
             raise ValueError(
                 f"{name} takes {size} values, such as {name} {' '.join('0' * (size - 1))} 0.3; "
                 f"this has {len(given)}: {' '.join([argument, *given])}"
@@ -105,7 +106,7 @@ def option_sizes(command: type) -> dict[str, int]:
     return sizes
 
 
-def options_without_value(command: type) -> set[str]:
+def options_that_may_be_none(command: type) -> set[str]:
     """The options of a command whose value may be None, which is then the only word of it.
 
     Args:

@@ -46,6 +46,7 @@ def read_options(
 
     Raises:
         SystemExit: Help was asked for, or an option is wrong.
+        ValueError: An option of several numbers has fewer.
     """
     description = filled(command.__doc__ or "", shutil.get_terminal_size().columns)
     # tyro takes all that follows an option of two numbers, or None, for values of it.

@@ -219,7 +219,7 @@ class OnWorkers:
 
     def __post_init__(self) -> None:
         """Check the number of processes, before any work."""
-        _ = self.spread
+        Workers(self.workers, self.backend, self.ray_address)
 
     @property
     def spread(self) -> Workers:

@@ -56,8 +56,8 @@ class SafetyConfig(Checked):
     roll_pitch: Tilt | None = None
     """[deg] either way; None is 25, or more where the settled gait needs it."""
     hip_abduction: Range | None = None
-    """[deg] of the left front leg, and of the others as its images; None is the robot's own
-    (Solo12: -30 to 60)."""
+    """[deg] for the left front leg; mirrored for the others; None is the robot's own (Solo12: -30
+    to 60)."""
     hip_flexion: Range | None = None
     """[deg] likewise; None is the robot's own (Solo12: 0 to 90)."""
     knee: Range | None = None

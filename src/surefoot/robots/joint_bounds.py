@@ -64,12 +64,10 @@ def mirror_signs(robot: RobotModel) -> Array:
     That is so where the joints' axes are opposed, or the legs bend to opposite sides.
     """
     bent = np.sign(robot.nominal[7:].reshape(4, 3)[:, 2] - straight_knees(robot))
-    # The axes in the base's frame, where all joints are at zero.
-    axes = legs_of(robot).axis[:, 1:, 1]
-    facing = np.sign(axes)
-    knee = bent
-    flexion = bent * facing[:, 0] * facing[:, 1]
-    signs = np.column_stack([outward_signs(robot), flexion, knee])
+    axis = legs_of(robot).axis
+    # 1 where flexion and knee turn about axes that point the same way, and -1 where these oppose.
+    alike = np.sign((axis[:, 1] * axis[:, 2]).sum(axis=1))
+    signs = np.column_stack([outward_signs(robot), bent * alike, bent])
     return signs * signs[0]
 
 

@@ -118,9 +118,18 @@ def with_profile(config: RobotConfig, which: str) -> RobotConfig:
     Raises:
         ValueError: There is no such profile or file, or it belongs to another robot.
     """
-    profile = load_profile(which, find_spec(config).name)
-    own = None if which in PROFILES else profile
-    return replace(config, profile=profile.name, profile_spec=own)
+    return holding_profile(config, load_profile(which, find_spec(config).name))
+
+
+def holding_profile(config: RobotConfig, profile: HardwareProfile) -> RobotConfig:
+    """Return the configuration of a robot with a profile, by its name if the package has it.
+
+    Args:
+        config: The configuration of the robot.
+        profile: The profile, of this robot.
+    """
+    is_packaged = PROFILES.get(profile.name) == profile
+    return replace(config, profile=profile.name, profile_spec=None if is_packaged else profile)
 
 
 def read_spec(path: Path) -> RobotSpec:

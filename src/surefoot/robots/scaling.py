@@ -40,7 +40,7 @@ from surefoot.config.presets import (
 )
 from surefoot.config.robot_table import ROBOTS, SOLO12
 from surefoot.robots.joint_bounds import RANGES, joint_bounds, with_ranges
-from surefoot.robots.load import load_robot, with_profile
+from surefoot.robots.load import holding_profile, load_robot
 from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.several_gaits import for_each_gait
 
@@ -327,6 +327,6 @@ def _own_robot(robot: RobotConfig, model: RobotModel) -> RobotConfig:
     same = (model.torque_limit == model.torque_limit[0]).all()
     if limit is None and model.profile is None and same:
         limit = float(model.torque_limit[0])
-    if robot.profile is not None and robot.profile_spec is None:
-        robot = with_profile(robot, robot.profile)
+    if model.profile is not None:
+        robot = holding_profile(robot, model.profile)
     return replace(robot, model=model.name, spec=spec, torque_limit=limit)

@@ -8,7 +8,7 @@ from typing import TypeVar
 from surefoot.config import Config, SafetyConfig
 from surefoot.config.checked import Checked
 from surefoot.robots.joint_bounds import RANGES, with_ranges
-from surefoot.robots.load import load_robot
+from surefoot.robots.load import find_profile, load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import with_own_values
 
@@ -35,11 +35,25 @@ def with_values_of(before: Config, config: Config) -> Config:
     if not config.safety.joints and stored.joints:
         safety = _with_new_ranges(stored, config.safety, load_robot(config.robot))
         config = replace(config, safety=safety)
-    config = with_own_values(config)
+    config = _with_earlier_profile(before, with_own_values(config))
     if stored.joints and config.safety.joints == stored.joints:  # then nobody looks at the ranges
         ranges = {name: vars(stored)[name] for name in RANGES}
         config = replace(config, safety=replace(config.safety, **ranges))
     return config
+
+
+def _with_earlier_profile(before: Config, config: Config) -> Config:
+    """The configuration with the profile's file as an earlier version named it, if it is the same.
+
+    That version kept the name of the file alone.
+    """
+    earlier = before.robot
+    if earlier.profile is None or earlier.profile_spec is not None:
+        return config
+    if find_profile(earlier) != find_profile(config.robot):
+        return config
+    robot = replace(config.robot, profile=earlier.profile, profile_spec=None)
+    return replace(config, robot=robot)
 
 
 def _with_new_ranges(before: SafetyConfig, safety: SafetyConfig, robot: RobotModel) -> SafetyConfig:

@@ -128,7 +128,7 @@ def train_gates(
         elif i > 0:
             logger.info(
                 f"iteration {i}: no policy has driven for long enough without the expert to teach "
-                "the gate history; the other gates stand in for it"
+                "the gate history; the other gates, or the bounds, take its place"
             )
 
 

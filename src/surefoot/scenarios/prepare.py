@@ -308,7 +308,7 @@ def _completed(config: Config) -> Config:
 
 
 def with_preparation(config: Config, made: Preparation) -> Config:
-    """The configuration, with gains, rules and bounds that were measured in place of None.
+    """The configuration, with gains and bounds that were measured, and their rules, for None.
 
     Args:
         config: The configuration; values that are given stay, and other gains and commands are

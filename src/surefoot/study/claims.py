@@ -191,8 +191,8 @@ def judge_change(statement: Statement, after: Sample, before: Sample, beside: st
     """
     both = after.runs and before.runs and of_both(after.runs, before.runs)
     if not both:
-        return _unmeasured(statement, [after])
-    return _judged(statement, change_in_runs(*both), [after], beside)
+        return _unmeasured(statement, [replace(after, runs=None)])
+    return _judged(statement, change_in_runs(*both), [replace(after, runs=both[0])], beside)
 
 
 def judge_extreme(

@@ -343,6 +343,5 @@ def read_estimate(folder: Path, jobs: Sequence[StudyJob]) -> Estimate | None:
     except ValueError:
         return None  # it is only an estimate: a new one is made
     names = {job.name for job in jobs}
-    return (
-        estimate if estimate.processor == processor() and names == set(estimate.seconds) else None
-    )
+    is_same = estimate.processor == processor() and names == set(estimate.seconds)
+    return estimate if is_same else None
