@@ -19,6 +19,15 @@ from surefoot.robots.profile import (
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.earlier_values import with_values_of
 
+WEAK = replace(ODRI, name="weak", torque_limit=(1.0, 1.0, 1.0))
+
+
+def profile_file(folder):
+    """A file with the profile `WEAK`, and a configuration that names it."""
+    file = folder / "prof.json"
+    file.write_text(json.dumps(to_json(WEAK)))
+    return file, Config(robot=RobotConfig(profile=str(file)))
+
 
 def test_a_profile_is_found_by_its_name_and_in_files(tmp_path):
     assert load_profile("odri", "solo12") is ODRI
@@ -69,16 +78,13 @@ def test_the_profiles_torque_limit_is_not_written_as_the_robots_own():
 
 def test_what_a_file_holds_is_kept_in_the_configuration(tmp_path):
     """So that a run depends on the file no longer, and a changed file is another robot."""
-    file = tmp_path / "prof.json"
-    weak = replace(ODRI, name="weak", torque_limit=(1.0, 1.0, 1.0))
-    file.write_text(json.dumps(to_json(weak)))
-    asked = Config(robot=RobotConfig(profile=str(file)))
+    file, asked = profile_file(tmp_path)
     run = with_own_values(asked)
-    assert (run.robot.profile, run.robot.profile_spec) == ("weak", weak)
+    assert (run.robot.profile, run.robot.profile_spec) == ("weak", WEAK)
     assert from_json(Config, to_json(run)) == run
     assert with_own_values(run) == run
     assert with_values_of(run, asked) == run
-    file.write_text(json.dumps(to_json(replace(weak, torque_limit=(0.2, 0.2, 0.2)))))
+    file.write_text(json.dumps(to_json(replace(WEAK, torque_limit=(0.2, 0.2, 0.2)))))
     assert with_values_of(run, asked) != run
     file.unlink()
     assert load_robot(run.robot).torque_limit.max() == 1.0
@@ -89,10 +95,7 @@ def test_what_a_file_holds_is_kept_in_the_configuration(tmp_path):
 
 
 def test_a_run_that_kept_the_name_of_a_profiles_file_goes_on(tmp_path):
-    file = tmp_path / "prof.json"
-    weak = replace(ODRI, name="weak", torque_limit=(1.0, 1.0, 1.0))
-    file.write_text(json.dumps(to_json(weak)))
-    asked = Config(robot=RobotConfig(profile=str(file)))
+    file, asked = profile_file(tmp_path)
     now = with_own_values(asked)
     before = replace(now, robot=replace(now.robot, profile=str(file), profile_spec=None))
     assert with_values_of(before, asked) == before
@@ -102,9 +105,8 @@ def test_a_run_that_kept_the_name_of_a_profiles_file_goes_on(tmp_path):
 
 
 def test_a_profile_that_is_given_as_such_has_its_name():
-    weak = replace(ODRI, name="weak", torque_limit=(1.0, 1.0, 1.0))
     for name in (None, "odri"):
-        config = with_own_values(Config(robot=RobotConfig(profile=name, profile_spec=weak)))
+        config = with_own_values(Config(robot=RobotConfig(profile=name, profile_spec=WEAK)))
         assert config.robot.profile == "weak"
 
 

@@ -7,6 +7,7 @@ makes the files and says what each is for.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from surefoot.config import MOST_GAITS
@@ -68,21 +69,31 @@ def run_that_owns(path: Path, new_run: Path | None = None) -> Path | None:
         path: The file; it need not exist.
         new_run: A folder that is to become a run.
     """
-    for file in places_of(path):
-        for folder in file.parents:
-            is_new = new_run is not None and folder == Path(os.path.realpath(new_run))
-            if (is_new or _is_run(folder)) and file.relative_to(folder).parts[0] in OWN:
-                return folder
-    return None
+    return folder_that_owns(path, new_run, _is_run, lambda parts: parts[0] in OWN)
 
 
-def places_of(path: Path) -> tuple[Path, Path]:
-    """Where a file lies, and where that lies which it points to, as absolute paths.
+def folder_that_owns(
+    path: Path,
+    new: Path | None,
+    has_begun: Callable[[Path], bool],
+    owns: Callable[[tuple[str, ...]], bool],
+) -> Path | None:
+    """The folder of a run or a study that a file belongs to, or None if it belongs to none.
+
+    A link is followed: the file belongs to a folder if it lies there, or if what it points to does.
 
     Args:
         path: The file; it need not exist.
+        new: A folder that is to become one.
+        has_begun: Whether a folder is one.
+        owns: Whether one owns a file, by the parts of its path in the folder.
     """
-    return Path(os.path.realpath(path.parent)) / path.name, Path(os.path.realpath(path))
+    begins = None if new is None else Path(os.path.realpath(new))
+    for file in (Path(os.path.realpath(path.parent)) / path.name, Path(os.path.realpath(path))):
+        for folder in file.parents:
+            if owns(file.relative_to(folder).parts) and (folder == begins or has_begun(folder)):
+                return folder
+    return None
 
 
 def _is_run(folder: Path) -> bool:

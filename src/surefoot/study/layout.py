@@ -7,11 +7,10 @@ the study is, by them.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from surefoot.config.json_io import read_json
-from surefoot.runs.layout import places_of
+from surefoot.runs.layout import folder_that_owns
 
 STUDY_FILE = "study.json"
 """File in a study's folder that makes the folder a study."""
@@ -62,14 +61,7 @@ def study_that_owns(path: Path, new_study: Path | None = None) -> Path | None:
         path: The file; it need not exist.
         new_study: A folder that is to become a study.
     """
-    for file in places_of(path):
-        for folder in file.parents:
-            is_new = new_study is not None and folder == Path(os.path.realpath(new_study))
-            if OWN.isdisjoint(file.relative_to(folder).parts):
-                continue
-            if is_new or _is_study(folder):
-                return folder
-    return None
+    return folder_that_owns(path, new_study, _is_study, lambda parts: not OWN.isdisjoint(parts))
 
 
 def _is_study(folder: Path) -> bool:
