@@ -29,6 +29,7 @@ include_patterns = [
     "benchmarks/**",
     "examples/bridges/README.md",
     "CHANGELOG.md",
+    "CONTRIBUTING.md",
 ]
 exclude_patterns = [
     ".*",

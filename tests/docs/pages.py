@@ -12,6 +12,7 @@ PAGES = sorted(
     [
         ROOT / "README.md",
         ROOT / "CHANGELOG.md",
+        ROOT / "CONTRIBUTING.md",
         *(page for page in (ROOT / "docs").rglob("*.md") if "_build" not in page.parts),
         *(ROOT / "benchmarks").rglob("*.md"),
         *(ROOT / "examples").rglob("*.md"),
