@@ -10,11 +10,14 @@ import torch
 from surefoot.config.json_io import to_json
 from surefoot.config.robot_table import SOLO12
 from surefoot.files import write_json
+from surefoot.learning import train
+from surefoot.learning.checkpoint import save_checkpoint
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.policy import load
 from surefoot.robots.load import load_robot
 from surefoot.runs.layout import ATTEMPTS_FILE
 from surefoot.runs.run import open_run
+from tests.fakes.killed import Killed
 
 
 @pytest.fixture
@@ -77,6 +80,25 @@ def fitted(surefoot, logs, tmp_path):
         return load(out)
 
     return fit
+
+
+def test_a_killed_fit_goes_on_after_its_last_epoch(fitted, tmp_path, monkeypatch):
+    undisturbed = fitted("--epochs", 3).network.state_dict()
+    saved = []
+
+    def save_and_die(path, key, network, optimizer, losses):
+        save_checkpoint(path, key, network, optimizer, losses)
+        saved.append(len(losses))
+        if len(saved) == 2:
+            raise Killed
+
+    monkeypatch.setattr(train, "save_checkpoint", save_and_die)
+    with pytest.raises(Killed):
+        fitted("--epochs", 3)
+    resumed = fitted("--epochs", 3).network.state_dict()
+    assert saved == [1, 2, 3]
+    assert all(torch.equal(resumed[name], tensor) for name, tensor in undisturbed.items())
+    assert not list(tmp_path.glob("*.checkpoint"))
 
 
 def test_every_option_for_the_seed_of_a_fit_counts(fitted):

@@ -11,3 +11,12 @@ def test_a_bar_counts_the_epochs_of_a_training_and_shows_its_losses(capsys):
     assert "fit:" in shown
     assert "/3 [" in shown
     assert "train=0.2500, validation=0.5000" in shown
+
+
+def test_epochs_of_a_checkpoint_count_but_took_no_time(capsys):
+    with epochs_bar("fit") as progress:
+        progress(9, 10, 0.25, 0.5)
+        progress(10, 10, 0.25, 0.5)
+    shown = capsys.readouterr().err
+    assert "10/10 [" in shown
+    assert "1/10 [" not in shown

@@ -30,7 +30,9 @@ class Fit(OnGait, OnRobot):
 
     Robot and gait are those of the data: they decide about the gains of the policy's PD law, the
     period of its clock, and the limits and safety bounds that its file names. `surefoot evaluate`
-    and `surefoot play` take the policy. A card beside it, OUT.md, says what it is and is not.
+    and `surefoot play` take the policy. A card beside it, OUT.md, says what it is and is not. Until
+    it is written, OUT.checkpoint has the state after the last epoch: if you interrupt the training,
+    the same command goes on from there.
     """
 
     data: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DATA")]
@@ -59,7 +61,9 @@ class Fit(OnGait, OnRobot):
         from surefoot.runs.stages import training_data
 
         out = Output("OUT", self.out, (".safetensors",))
-        check_outputs(self, [out, Output("OUT (its card)", card_path(self.out))])
+        checkpoint = Path(f"{self.out}.checkpoint")
+        card = Output("OUT (its card)", card_path(self.out))
+        check_outputs(self, [out, card, Output("OUT (its checkpoint)", checkpoint)])
         data = Dataset(self.data)
         if not data.shards:
             raise ValueError(f"{self.data} holds no dataset; `surefoot import-data` makes one")
@@ -72,7 +76,9 @@ class Fit(OnGait, OnRobot):
         spec = policy_spec(config)
         network = PolicyNetwork(config.policy, seed, spec.observation.input_size)
         with epochs_bar("fit") as progress:
-            result = fit(network, seen, config.training, spec, self.epochs, seed, progress)
+            result = fit(
+                network, seen, config.training, spec, self.epochs, seed, progress, checkpoint
+            )
         origin = {"dataset": data.folder.name, "dataset_hash": data.hash, "seed": seed}
         policy = Policy(
             result.network,
@@ -97,6 +103,7 @@ class Fit(OnGait, OnRobot):
             (f"surefoot evaluate {shlex.quote(str(self.out))}",) if robot.name in ROBOTS else (),
         )
         write_policy_card(policy, self.out, use)
+        checkpoint.unlink(missing_ok=True)
         print(
             f"{self.out}: {result.steps} steps on {result.frames} frames, "
             f"L1 {result.train_loss[-1]:.4f} rad, held out {result.validation_loss[-1]:.4f} rad"

@@ -113,7 +113,12 @@ COMMANDS = {
     ),
     "robot": Entry(ShowRobot, "Check a robot's description, and draw it."),
     "import-data": Entry(ImportData, "Make a dataset of your own expert's or robot's logs."),
-    "fit": Entry(Fit, "Train a policy on a dataset, such as an imported one."),
+    "fit": Entry(
+        Fit,
+        "Train a policy on a dataset, such as an imported one.",
+        memory="--config.training.memory",
+        resume="finished epochs are on disk: the same command goes on",
+    ),
     "export-data": Entry(ExportData, "Write a run's dataset for Minari or LeRobot."),
     "prepare": Entry(
         Prepare,

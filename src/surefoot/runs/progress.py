@@ -19,9 +19,12 @@ def epochs_bar(title: str) -> Iterator[Progress]:
     """
     with tqdm(desc=title, unit="epoch", leave=False) as bar:
 
-        def progress(_epoch: int, epochs: int, train_loss: float, validation_loss: float) -> None:
+        def progress(epoch: int, epochs: int, train_loss: float, validation_loss: float) -> None:
+            if bar.n == 0:
+                # Those of a checkpoint count, but took no time now.
+                bar.initial = bar.n = epoch - 1
             bar.total = epochs
-            bar.set_postfix(train=f"{train_loss:.4f}", validation=f"{validation_loss:.4f}")
             bar.update()
+            bar.set_postfix(train=f"{train_loss:.4f}", validation=f"{validation_loss:.4f}")
 
         yield progress
