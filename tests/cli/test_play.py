@@ -89,6 +89,21 @@ def test_an_episode_needs_the_run_that_recorded_it(surefoot, capsys):
     assert "--episode 3 needs the folder of the run" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("args", "options"),
+    [
+        (("--vx", 0.5, "--yaw-rate", 1), "--vx, --yaw-rate: not for an episode"),
+        (("--gaits", "bound", "--seconds", 9), "--gaits, --seconds: not for an episode"),
+    ],
+)
+def test_what_an_episode_has_as_it_was_is_refused(
+    surefoot, films, capsys, run_folder, args, options
+):
+    assert surefoot("play", run_folder, "--episode", 1, *args) == 2
+    assert options in capsys.readouterr().err
+    assert not films
+
+
 def test_a_recorded_episode_is_filmed_with_its_drivers(surefoot, films, run_folder, tmp_path):
     file = tmp_path / "play.json"
     surefoot("play", run_folder, "--episode", 1, "--iteration", 1, "--json", file)

@@ -68,6 +68,8 @@ def test_an_output_never_replaces_the_study(surefoot, capsys, folder):
         (("smok",), "did you mean 'smoke'"),
         (("status", "nowhere"), "holds no study"),
         (("pause", "nowhere"), "holds no study"),
+        (("status", "nowhere", "--estimate"), "leave out --jobs and --estimate"),
+        (("resume", "nowhere", "--jobs", "a"), "leave out --jobs and --estimate"),
         (("broken.json",), "broken.json: there is no key 'sedes'; did you mean 'seeds'"),
     ],
 )

@@ -9,7 +9,7 @@ import pytest
 
 import surefoot.study.terrain_table as module
 from surefoot.cli.terrains import Terrains
-from surefoot.config import ExpertConfig, OtherGait
+from surefoot.config import Config, ExpertConfig, OtherGait
 from surefoot.config.sim import GROUNDS
 from surefoot.mpc.gaits import GAITS
 from surefoot.runs import policies
@@ -114,6 +114,16 @@ def test_a_policy_of_several_gaits_is_measured_but_not_beside_one_of_one(
 
 
 @pytest.mark.parametrize("record", [TerrainTable, TerrainCell])
+def test_the_names_of_folders_have_points(surefoot, asked, tmp_path, monkeypatch):
+    for name in ("a-0.5", "a-0.8"):
+        (tmp_path / name).mkdir()
+    monkeypatch.setattr("surefoot.runs.policies.find_policy", lambda _: (PACKAGED_POLICY, Config()))
+    monkeypatch.chdir(tmp_path / "a-0.5")
+    assert surefoot("terrains", ".", tmp_path / "a-0.8") == 0
+    [(walkers, *_)] = asked
+    assert [walker.label for walker in walkers] == ["expert", "a-0.5", "a-0.8"]
+
+
 def test_the_help_names_every_json_key(record):
     words = set(re.findall(r"\w+", Terrains.__doc__ or ""))
     assert set(record.__dataclass_fields__) <= words

@@ -165,6 +165,16 @@ def test_a_job_whose_robots_begin_inside_their_ground_is_refused():
         replace(job.episodes, ground=inside[:1])
 
 
+def test_robots_that_go_on_from_an_episode_are_where_they_are():
+    job = job_on("stairs:0.15", episodes=1)
+    ground = ground_of(job)
+    assert ground is not None
+    # At an edge a foot that only touches the face of a step is centimeters below its top.
+    higher = replace(ground.raised(np.array([0.03])), touching=np.ones((1, 4), bool))
+    job = replace(job, episodes=replace(job.episodes, ground=higher))
+    np.testing.assert_array_equal(ground_of(job).origin, higher.origin)
+
+
 def test_episodes_on_a_terrain_are_the_same_for_one_worker_and_two_and_for_any_chunk():
     job = job_on("bumps:0.03,slope:0..10,stairs:0.03")
     one = run_episodes(job, Workers(1), "one")

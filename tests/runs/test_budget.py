@@ -167,16 +167,51 @@ def test_a_run_with_a_budget_killed_after_each_chunk_and_record_ends_with_the_sa
     assert fingerprint(open_run(tmp_path / "run")) == expected
 
 
-def test_a_finished_collection_simulates_nothing_again(limited, monkeypatch):
-    finished = [limited(name) for name in NAMES]
+@pytest.mark.parametrize("workers", [1, 8])
+def test_a_finished_collection_simulates_nothing_again(limited, workers):
+    def never(jobs, _workers, _title):
+        assert not jobs, "simulated again"
+        yield from ()
 
-    def never(_job):
-        raise AssertionError("simulated again")
-
-    monkeypatch.setattr(surefoot.runs.collecting, "run_chunk", never)
-    for run in finished:
+    for run in [limited(name) for name in NAMES]:
         for i in iterations_of(run):
-            collect_data(run, i, collection(run, i), Workers(1))
+            collect_data(run, i, collection(run, i), Workers(workers), never)
+
+
+class OneByOne:
+    """Plays rollouts one after another, as a robot does, until a number of them.
+
+    Args:
+        most: The number, after which it is killed.
+    """
+
+    def __init__(self, most: int = 1000) -> None:
+        self.walked = 0
+        self._most = most
+
+    def __call__(self, jobs, _workers, _title):
+        for number, job in enumerate(jobs):
+            if self.walked == self._most:
+                raise Killed
+            self.walked += 1
+            yield number, run_chunk(job)
+
+
+def test_a_robot_walks_one_rollout_at_most_that_a_budget_does_not_pay_for(tmp_path):
+    run = create(tmp_path / "run", config_of("behavior_cloning"))
+    job = collection(run, 0)
+    job = replace(job, config=replace(job.config, chunk=1))
+    killed = OneByOne(most=3)
+    with pytest.raises(Killed):
+        collect_data(run, 0, job, Workers(8), killed)
+    assert len(run.dataset.shards) == 3  # each was stored as soon as it was over
+    rest = OneByOne()
+    record = collect_data(run, 0, job, Workers(8), rest)
+    assert 3 < record.episodes < len(job.episodes)
+    assert rest.walked == record.episodes - 3 + 1
+    done = OneByOne()
+    collect_data(run, 0, job, Workers(8), done)
+    assert done.walked == 0
 
 
 def test_a_lost_shard_is_collected_again(limited, tmp_path):

@@ -44,6 +44,16 @@ def test_code_that_is_lost_is_checked_out_again(checkout, tmp_path):
     assert (source / "code.py").exists()
 
 
+def test_code_that_git_was_killed_in_writing_is_completed(checkout, tmp_path):
+    commit = clean_commit(checkout)
+    source = check_out(checkout, commit, tmp_path / "study")
+    (source / "code.py").unlink()
+    lock = git(source, "rev-parse", "--git-path", "index.lock")
+    (source / lock).touch()
+    assert check_out(checkout, commit, tmp_path / "study") == source
+    assert (source / "code.py").read_text() == "VALUE = 1\n"
+
+
 def test_changes_that_are_in_no_commit_are_refused(checkout):
     (checkout / "src" / "code.py").write_text("VALUE = 2\n")
     with pytest.raises(StudyError, match=r"src/code\.py.*commit them first"):

@@ -1,5 +1,7 @@
 """The files of a study's own: all that it keeps are among them, and what lies beside is not."""
 
+from dataclasses import replace
+
 import pytest
 
 from surefoot.config.json_io import to_json
@@ -30,6 +32,14 @@ def test_every_file_that_a_study_keeps_belongs_to_it(folder):
         folder / "figures" / "1.png",
     ]
     assert [study_that_owns(path) for path in known] == [folder] * len(known)
+
+
+@pytest.mark.parametrize("name", sorted(name for name in OWN if not name.startswith(".")))
+def test_no_part_of_a_study_has_the_name_of_one_of_its_files(name):
+    with pytest.raises(ValueError, match="use another name than"):
+        replace(SMOKE.settings[0], name=name)
+    with pytest.raises(ValueError, match="use another name than"):
+        replace(SMOKE.techniques[0], name=name)
 
 
 def test_what_lies_beside_belongs_to_nobody(folder, tmp_path):

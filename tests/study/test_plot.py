@@ -40,3 +40,11 @@ def test_a_comparison_without_measurements_has_no_plot(monkeypatch, runs, tmp_pa
     with pytest.raises(ValueError, match="nothing to draw"):
         comparison_figure(comparison, tmp_path / "figure.svg")
     assert not (tmp_path / "figure.svg").exists()
+
+
+def test_labels_are_no_mathematics(monkeypatch, runs, tmp_path):
+    pretend_measurements(monkeypatch)
+    comparison = measure(runs)
+    first, *others = comparison.rows
+    odd = replace(comparison, rows=(replace(first, label="a$_$b"), *others))
+    assert "a$_$b" in comparison_figure(odd, tmp_path / "figure.svg").read_text()

@@ -176,6 +176,7 @@ def test_another_robot_is_driven_and_drawn(page):
     assert asked(page, lambda: page.live.robot.name) == "go2"
     assert page._scene.robot.name == "go2"
     assert page._controls._robot.value == "go2"
+    assert page._instruments._height.scales["y"]["range"][1] > 30.0
     page.choose("solo12", "trot")
     assert asked(page, lambda: page.live.robot.name) == "solo12"
 
@@ -189,6 +190,10 @@ def test_an_episode_is_opened_scrubbed_and_left_again(run_page):
     run_page.open_episode(EpisodeId(7, 0).number)
     asked(run_page, lambda: None)
     assert "iteration 7" in run_page._error
+    run_page.choose("go2", "trot")
+    asked(run_page, lambda: None)
+    run_page.open_episode(EpisodeId(1, 0, 1).number)
+    assert asked(run_page, lambda: run_page._instruments._height.scales["y"]["range"][1]) < 30.0
     run_page.go_live()
     assert asked(run_page, lambda: run_page.loop.source is run_page.live)
 

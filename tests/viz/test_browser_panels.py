@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from surefoot.types import Command, State
 from surefoot.viz.browser_panels import (
     NEAR_COLOR,
     OUTSIDE_COLOR,
+    Instruments,
     gait_text,
     margins_html,
     status_html,
@@ -26,6 +28,24 @@ def test_the_status_says_who_drives_and_how_fast():
     for part in ("policy drives", POLICY_COLOR, "+0.20", "-0.10", "+0.19", "1.50 s", "real time"):
         assert part in text
     assert EXPERT_COLOR in status_html(replace(SNAPSHOT, expert_drives=True), "run", 1.0, 1.0, "")
+
+
+def test_nobody_drives_a_robot_whose_joints_are_damped():
+    text = status_html(replace(SNAPSHOT, damped=True), "run", 1.0, 1.0, "")
+    assert "joints damped" in text
+    assert "policy drives" not in text
+
+
+def test_charts_show_no_more_than_there_is():
+    instruments = Instruments.__new__(Instruments)
+    for name in ("_margins", "_tilt", "_height"):
+        setattr(instruments, name, SimpleNamespace())
+    trace = np.arange(70.0).reshape(10, 7)
+    for rows in (10, 1, 0):
+        instruments.show(SNAPSHOT, trace[:rows])
+        seconds = instruments._height.data[0]
+        assert seconds.max() == (trace[rows - 1, 0] if rows else 0.0)
+        assert len(seconds) >= 2
 
 
 def test_the_status_says_which_gait_is_walked_and_which_one_comes_next():

@@ -8,10 +8,12 @@ import pytest
 from surefoot.bench.engine import standing_policy
 from surefoot.config import CommandBox, Config, RobotConfig
 from surefoot.config.checked import known
+from surefoot.config.json_io import to_json
 from surefoot.config.presets import ALL_ROUND
-from surefoot.config.robot_table import GO2
+from surefoot.config.robot_table import GO2, SOLO12
 from surefoot.config.single_gaits import each_gait
-from surefoot.learning.policy import save
+from surefoot.files import write_json
+from surefoot.learning.policy import load, save
 from surefoot.mpc.gaits import with_gaits
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import ExpertOnly
@@ -101,6 +103,23 @@ def test_a_robot_of_a_users_own_walks_another_gait(unmeasured):
     first = expert_setup(Config(robot=own), "mine", "trot")
     walk = with_choice(first, first, "mine", "walk")
     assert (walk.robot, walk.gait, walk.config.robot.spec) == ("mine", "walk", own.spec)
+
+
+def test_a_file_with_the_robot_of_a_policy_leaves_the_policy_driving(
+    tmp_path, monkeypatch, queried_run
+):
+    mine = replace(SOLO12, name="mine")
+    file = tmp_path / "robot.json"
+    write_json(file, to_json(mine))
+    policy = load(queried_run.best_policy_path, "solo12")
+    policy.robot = "mine"
+    path = tmp_path / "policy.safetensors"
+    save(policy, path)
+    config = replace(queried_run.config, robot=RobotConfig(spec=mine))
+    monkeypatch.setattr(live_setup, "find_policy", lambda _: (path, config))
+    monkeypatch.setattr(live_setup, "_measured", lambda one: (with_own_values(one), ""))
+    assert find_setup(path, str(file)).policy is not None
+    assert find_setup(path, "go2").policy is None
 
 
 def test_a_policy_of_several_gaits_drives_in_each_of_them(tmp_path, unmeasured):

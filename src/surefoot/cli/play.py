@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 FLIGHT_OPTIONS = ("target", "out", "robot")
 """What can be said of a flight; the other options are for a policy or an episode."""
+POLICY_OPTIONS = ("vx", "vy", "yaw_rate", "gaits", "seconds")
+"""What can be said of a policy only: an episode has it as it was recorded."""
 
 
 @dataclass(frozen=True)
@@ -176,14 +179,19 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         Raises:
             ValueError: An option was given that is for a policy or an episode.
         """
-        others = [field for field in fields(self) if field.name not in FLIGHT_OPTIONS]
-        given = [field.name for field in others if getattr(self, field.name) != field.default]
+        others = [field.name for field in fields(self) if field.name not in FLIGHT_OPTIONS]
+        given = self._given(others)
         if given:
-            options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
             raise ValueError(
-                f"{options}: not for a flight, which is filmed as it was recorded; leave out what "
-                "is for a policy or an episode"
+                f"{given}: not for a flight, which is filmed as it was recorded; leave out what is "
+                "for a policy or an episode"
             )
+
+    def _given(self, names: Sequence[str]) -> str:
+        """The options among some that were given, as they are written; empty if none was."""
+        defaults = {field.name: field.default for field in fields(self)}
+        given = [name for name in names if getattr(self, name) != defaults[name]]
+        return ", ".join(f"--{name.replace('_', '-')}" for name in given)
 
     def _lacks(self, filmed: bool) -> bool:
         """Whether the film is missing that was asked for by name."""
@@ -226,11 +234,17 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             episode: Id of the episode, or its index in the iteration that was named.
 
         Raises:
-            ValueError: No run was named.
+            ValueError: No run was named, or an option was given that is for a policy.
         """
         from surefoot.viz.replay import recorded_episode
 
+        given = self._given(POLICY_OPTIONS)
+        if given:
+            raise ValueError(
+                f"{given}: not for an episode, which is replayed as it was; leave out what is for "
+                "a policy"
+            )
+
         if self.target is None:
             raise ValueError(f"--episode {episode} needs the folder of the run that recorded it")
-
         return recorded_episode(self.target, episode, self.iteration)

@@ -126,6 +126,11 @@ class Study(OnWorkers):
         from surefoot.study.state import pause_study, resume_study
 
         action, name = self._words()
+        if action != "run" and (self.jobs or self.estimate):
+            raise ValueError(
+                f"study {action} is about all jobs and estimates nothing; leave out --jobs and "
+                "--estimate"
+            )
         folder = self._folder(name)
         check_outputs(self, [Output("--json", self.json)], new_study=folder)
         if action == "pause":

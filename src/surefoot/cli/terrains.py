@@ -73,7 +73,7 @@ class Terrains(OnWorkers, OnSimulator):
                 f"--names: {len(self.names)} names for {len(targets)} policies; give one for each"
             )
         found = [find_policy(target) for target in targets]
-        names = self.names or [target.stem for target in self.policies] or ["packaged"]
+        names = self.names or [_name_of(target) for target in self.policies] or ["packaged"]
         walkers = [Walker(name, path) for name, (path, _) in zip(names, found, strict=True)]
         path, config = found[0]
         for name, (_, other) in zip(names, found, strict=True):
@@ -105,6 +105,11 @@ class Terrains(OnWorkers, OnSimulator):
         """Write what is measured so far, if a file was named."""
         if self.json is not None:
             write_json(self.json, table)
+
+
+def _name_of(target: Path) -> str:
+    """The name of a run's folder, or of a policy's file without its ending."""
+    return target.resolve().name if target.is_dir() else target.stem
 
 
 def _walked(config: Config) -> tuple[str, list[tuple[float, ...]]]:

@@ -33,7 +33,19 @@ Measure = Literal["robustness", "impulse", "imitation"]
 withstood; the deviation from the expert's targets in states that the expert visits."""
 EXPERT = "expert"
 """The technique that is the expert itself: it is measured, but there is nothing to train."""
-RESERVED = ("runs", "jobs", "code", "report", "figures", "study.json", "judged.json")
+RESERVED = (
+    "runs",
+    "jobs",
+    "code",
+    "tests",
+    "paused",
+    "report",
+    "report.html",
+    "figures",
+    "study.json",
+    "judged.json",
+    "estimate.json",
+)
 """Names in the folder of a study that belong to no technique or setting."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 

@@ -214,9 +214,11 @@ def ground_of(job: Job) -> Ground | None:
         ValueError: A robot begins inside the ground of its episode.
     """
     robot = _robot(job.config.robot)
-    if job.episodes.ground is not None:
-        check_outside(job.episodes.ground, robot, job.starts.q, job.episode)
-        return job.episodes.ground
+    ground = job.episodes.ground
+    if ground is not None:
+        if ground.touching is None:  # robots that go on from an episode were where they are
+            check_outside(ground, robot, job.starts.q, job.episode)
+        return ground
     terrains = job.config.simulation.terrains
     if not terrains:
         return None

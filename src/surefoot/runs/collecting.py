@@ -173,31 +173,30 @@ def _check_stored(chunks: _Chunks, iteration: int, whole: bool) -> None:
 def _affordable_results(
     chunks: _Chunks, workers: Workers, limit: Limit
 ) -> Generator[tuple[int, ChunkResult]]:
-    """Run chunks in their order, as many at a time as there are workers, until one is cut short.
+    """Run chunks, and yield them in their order, until one is cut short.
 
-    What the last of them ran in vain is dropped, so that the results are the same for any number of
-    workers.
+    What runs beyond it is dropped, so that the results are the same for any number of workers.
     """
+    end = len(chunks.jobs)
+    if limit.rollouts is not None:
+        sizes = [len(job.episodes) for job in chunks.jobs]
+        begins = np.cumsum([0, *sizes[:-1]])
+        end = int(np.count_nonzero(begins < limit.rollouts))
     left = limit.solves
-    rollouts = 0
-    together = max(workers.count, 1)
-    for first in range(0, len(chunks.jobs), together):
-        if rollouts == limit.rollouts:
-            return
-        end = min(first + together, len(chunks.jobs))
-        new = dict(chunks.run_missing(first, end, workers))
-        for number in range(first, end):
-            if number in new:
-                part = affordable_part(new[number], left)
+    waiting: dict[int, ChunkResult] = {}
+    with closing(chunks.run_missing(0, end, workers)) as results:
+        for number in range(end):
+            if chunks.names[number] in chunks.stored:
+                summary = chunks.summary(number)
+            else:
+                while number not in waiting:
+                    waiting.update([next(results)])
+                part = affordable_part(waiting.pop(number), left)
                 summary = part.summary
                 if len(summary.episode):
                     yield number, part
-            else:
-                summary = chunks.summary(number)
             left -= int(summary.plans.sum())
-            counted = int((~summary.query).sum())
-            rollouts += counted
-            if counted < len(chunks.jobs[number].episodes):
+            if int((~summary.query).sum()) < len(chunks.jobs[number].episodes):
                 return
 
 

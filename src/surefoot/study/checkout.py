@@ -54,6 +54,8 @@ def clean_commit(root: Path) -> str:
 def check_out(root: Path, commit: str, folder: Path) -> Path:
     """The code of a commit in the folder of a study; it is made if it is not there.
 
+    What is missing or differs of it is restored: git may have been killed as it wrote.
+
     Args:
         root: Root of a checkout that has the commit.
         commit: The commit.
@@ -83,7 +85,28 @@ def check_out(root: Path, commit: str, folder: Path) -> Path:
             raise StudyError(
                 f"the code of commit {commit} cannot be checked out into {code}: {reason}"
             ) from error
+    elif _git(code, "status", "--porcelain", "--", "src") != "":
+        _restore(code)
     return code / "src"
+
+
+def _restore(code: Path) -> None:
+    """Bring a worktree back to its commit.
+
+    Args:
+        code: The worktree.
+
+    Raises:
+        StudyError: Git cannot do it.
+    """
+    lock = _git(code, "rev-parse", "--git-path", "index.lock")
+    if lock is not None:
+        (code / lock).unlink(missing_ok=True)  # of a git that was killed
+    if _git(code, "reset", "--hard", "--quiet") is None:
+        raise StudyError(
+            f"{code} has not all files of its commit, and git cannot restore them; delete it, and "
+            "the same command makes it again"
+        )
 
 
 def _git(folder: Path, *arguments: str) -> str | None:

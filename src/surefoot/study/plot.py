@@ -16,7 +16,7 @@ from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.evaluation.statistics import Interval
 from surefoot.study.records import Comparison, Measured
-from surefoot.viz.plots import PALETTE, STYLE, save_figure
+from surefoot.viz.plots import PALETTE, STYLE, plain_text, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,7 +85,7 @@ def _colors(count: int) -> list[str]:
 
 def _name_rows(axes: Axes, labels: Sequence[str]) -> None:
     """Write a label beside each row, the first row on top."""
-    axes.set_yticks(range(len(labels)), labels)
+    axes.set_yticks(range(len(labels)), [plain_text(label) for label in labels])
     axes.set_ylim(len(labels) - 0.4, -0.6)
 
 

@@ -130,7 +130,7 @@ def resume_study(folder: Path) -> None:
 
 def is_paused(folder: Path) -> bool:
     """Whether a study is paused."""
-    return (folder / PAUSED_FILE).exists()
+    return (folder / PAUSED_FILE).is_file()
 
 
 def job_statuses(folder: Path) -> tuple[JobStatus, ...]:

@@ -197,8 +197,9 @@ class Page:
         self._draw_robot(self.live)
 
     def _draw_robot(self, source: LiveSimulation | Playback) -> None:
-        """Draw another robot, if it is another one."""
+        """Draw another robot, if it is another one, and its charts in its range."""
         if source.robot.name != self._scene.robot.name:
+            self._instruments.fit(size_of(source.robot).com_height)
             self._server.scene.reset()
             self._scene = RobotScene(self._server, source.robot)
             self._scene.look()

@@ -69,8 +69,7 @@ def status_html(
     """
     told = snapshot.command
     vx, vy, yaw_rate = snapshot.velocity
-    driver = "expert drives" if snapshot.expert_drives else "policy drives"
-    color = EXPERT_COLOR if snapshot.expert_drives else POLICY_COLOR
+    driver, color = _driver(snapshot)
     lines = [
         f'<div style="display:flex;justify-content:space-between;align-items:center">'
         f"<b>{html.escape(title)}</b>{_badge(driver, color)}</div>",
@@ -139,6 +138,15 @@ def _badge(text: str, color: str) -> str:
     )
 
 
+def _driver(snapshot: Snapshot) -> tuple[str, str]:
+    """Who drives, in words, and the color of the words."""
+    if snapshot.damped:
+        return "joints damped", INK
+    if snapshot.expert_drives:
+        return "expert drives", EXPERT_COLOR
+    return "policy drives", POLICY_COLOR
+
+
 def _row(name: str, *values: float) -> str:
     """A row of the table of velocities."""
     cells = "".join(f"<td>{value:+.2f}</td>" for value in values)
@@ -202,7 +210,7 @@ class Instruments:
         """
         self._margins.content = margins_html(snapshot.margins)
         if len(trace) < 2:
-            return
+            trace = np.resize(trace, (2, 7))  # a line needs two points
         seconds = trace[:, 0]
         roll, pitch = np.degrees(trace[:, 1:3]).T
         self._tilt.data = (seconds, roll, pitch)

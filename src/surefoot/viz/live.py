@@ -340,6 +340,7 @@ class LiveSimulation:
             plan=self._followed_plan(),
             push=self._pushed if 0 < since_push < PUSH_SHOWN else None,
             ended=self._ended,
+            damped=bool(self._ended),
             gait=self._gaits.at(self._elapsed),
             asked_gait=self.asked_gait,
         )

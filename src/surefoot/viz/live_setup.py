@@ -179,6 +179,8 @@ def find_setup(target: Path | None, robot: str | None = None, gait: str | None =
     notes.append(_ground_note(config))
     note = "; ".join(dict.fromkeys(filter(None, notes)))
     setup = LiveSetup(config, policy, f"{name}, {policy.robot}", note)
+    if robot is not None and find_spec(RobotConfig(robot)) == find_spec(config.robot):
+        robot = policy.robot  # which may be in a file
     return with_choice(setup, setup, robot or policy.robot, gait or setup.gait)
 
 

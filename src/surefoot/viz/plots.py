@@ -92,6 +92,11 @@ def learning_curves(metrics: Sequence[StageRecord], path: Path) -> Path:
     return path
 
 
+def plain_text(text: str) -> str:
+    """A text that Matplotlib does not take for mathematics."""
+    return text.replace("$", r"\$")
+
+
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a plot, whole or not at all.
 

@@ -77,6 +77,7 @@ class Snapshot:
         plan: The expert's last plan, if it is still followed.
         push: ``(3,)`` impulse of a push of the last 0.6 s, world frame [N s]; None without one.
         ended: Why the episode is over, in words; empty while it goes on.
+        damped: True once nobody drives: the joints are damped.
         gait: The number of the gait that is walked.
         asked_gait: That of the gait that was asked for, which begins soon if it is another one.
     """
@@ -91,6 +92,7 @@ class Snapshot:
     plan: ShownPlan | None = None
     push: Array | None = None
     ended: str = ""
+    damped: bool = False
     gait: int = 0
     asked_gait: int = 0
 

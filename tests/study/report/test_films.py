@@ -87,6 +87,27 @@ def test_a_film_shows_the_ground_and_a_push_that_fits_the_robot(
     assert f"a push of {filmed.impulse:.3g} N s" in film_section([filmed])
 
 
+def test_the_expert_that_is_filmed_is_the_one_that_was_measured(monkeypatch):
+    asked = []
+
+    class Asked(Exception):
+        """The film is not made."""
+
+    def played(job):
+        asked.append(job.config)
+        raise Asked
+
+    def completed(config):
+        return replace(config, expert=replace(config.expert, command_gain=(1.1, 1.0, 1.2)))
+
+    monkeypatch.setattr(films, "play_out", played)
+    monkeypatch.setattr(films, "completed", completed)
+    config = Config(robot=RobotConfig(model="go2"))
+    with pytest.raises(Asked):
+        film_policy("expert", config, None, "seed-0")
+    assert asked[0].expert.command_gain == (1.1, 1.0, 1.2)
+
+
 def test_without_a_policy_there_are_no_films(results):
     cells = tuple(replace(cell, policy=None) for cell in results.cells)
     assert study_films(replace(results, cells=cells)) == ""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from surefoot.study.report.panels import Curve, Group, Panel, ReportFigure, grid
-from surefoot.viz.plots import PALETTE, STYLE
+from surefoot.viz.plots import PALETTE, STYLE, plain_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,7 +88,7 @@ def draw(figure: ReportFigure) -> Figure:
             for column, panel in enumerate(panels):
                 position = row * columns + column + 1
                 axes: Any = drawn.add_subplot(len(rows), columns, position, **projection)
-                title = fill(_plain(panel.title), TITLE_WIDTH)
+                title = fill(plain_text(panel.title), TITLE_WIDTH)
                 axes.set_title(title, loc="center" if projection else "left")
                 _draw_panel(axes, figure, panel)
                 if figure.kind == "techniques" and column > 0:
@@ -116,13 +116,8 @@ def _handle(curve: Curve) -> Line2D:
         color=_color(curve),
         marker=_marker(curve),
         linestyle=_line(curve),
-        label=_plain(curve.title),
+        label=plain_text(curve.title),
     )
-
-
-def _plain(title: str) -> str:
-    """A title that Matplotlib does not take for mathematics."""
-    return title.replace("$", r"\$")
 
 
 def _color(curve: Curve) -> str:
@@ -171,7 +166,7 @@ def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
     if panel.limit is not None:
         axes.axhline(panel.limit / quantity.scale, color=INK, linestyle="--", linewidth=0.8)
     named = quantity.title in panel.title
-    title = _plain(quantity.unit if named else f"{quantity.title} [{quantity.unit}]")
+    title = plain_text(quantity.unit if named else f"{quantity.title} [{quantity.unit}]")
     limits = _limits(figure, panel)
     if figure.kind == "techniques":
         axes.set_xlabel(title)
@@ -196,7 +191,7 @@ def _trained(figure: ReportFigure) -> list[Curve]:
 
 def _name_techniques(axes: Axes, figure: ReportFigure) -> None:
     """Give each technique a line with its name, the first one at the top."""
-    titles = [_plain(curve.title) for curve in _trained(figure)]
+    titles = [plain_text(curve.title) for curve in _trained(figure)]
     axes.set_yticks(range(len(titles)), titles)
     axes.set_ylim(len(titles) - 0.4, -0.6)
     axes.grid(visible=True, axis="x")
@@ -223,7 +218,9 @@ def _limits(figure: ReportFigure, panel: Panel) -> tuple[float, float] | None:
     values = _values(panel)
     top = max(values)
     if panel.limit is not None:
-        top = max(top, 1.5 * panel.limit / panel.quantity.scale)
+        limit = panel.limit / panel.quantity.scale
+        values = [*values, limit]
+        top = max(top, 1.5 * limit)
     if panel.quantity.is_share:
         if not figure.over_runs:
             # The intervals of one run are those of its episodes, and not as wide.

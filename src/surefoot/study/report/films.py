@@ -26,6 +26,7 @@ from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Disturbance, Pushes
+from surefoot.scenarios.prepare import completed
 from surefoot.study.report.markup import NOTHING, Markup, element, escaped, joined, paragraph
 from surefoot.study.results import CellResult, StudyResults
 from surefoot.types import Command
@@ -134,6 +135,8 @@ def film_policy(title: str, config: Config, policy: Path | None, run: str) -> Fi
     pushes = Pushes(np.array([[[0.0, impulse, 0.0]]]), np.array([[push_tick]]), PUSH_TICKS)
     episodes = Episodes(start, DURATION, disturbance=Disturbance(pushes=pushes))
     arbiter = ExpertOnly() if policy is None else PolicyOnly()
+    if policy is None:
+        config = completed(config)  # the expert that was measured has its measured values
     # What counts as a fall is what does so in the measurement of pushes.
     config = replace(config, safety=replace(config.safety, fall_angle=config.push.fall_angle))
     rollouts, _ = play_out(Job(config, episodes, arbiter, policy=policy))
