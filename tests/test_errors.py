@@ -2,7 +2,7 @@
 
 import pytest
 
-from surefoot.errors import shown, unknown
+from surefoot.errors import HangUp, interrupt_behind, shown, unknown
 
 
 def test_a_name_unlike_any_other_gets_the_list_alone():
@@ -32,3 +32,26 @@ def test_of_a_long_value_a_part_is_shown(value):
     text = shown(value)
     assert len(text) < 300
     assert "..." in text
+
+
+def chained(*errors: BaseException) -> BaseException:
+    """The last error, each of which has the one before as its cause."""
+    for before, after in zip(errors, errors[1:], strict=False):
+        after.__cause__ = before
+    return errors[-1]
+
+
+def test_an_interrupt_is_found_behind_the_errors_that_hide_it():
+    hidden = HangUp()
+    assert interrupt_behind(hidden) is hidden
+    assert interrupt_behind(chained(hidden, SystemError(), ImportError())) is hidden
+    around = ValueError()
+    around.__context__ = chained(hidden, SystemError())
+    around.__cause__ = OSError()
+    assert interrupt_behind(around) is hidden
+    assert interrupt_behind(chained(OSError(), ValueError())) is None
+
+
+def test_errors_that_are_causes_of_each_other_hide_nothing():
+    error = OSError()
+    assert interrupt_behind(chained(error, ValueError(), error)) is None

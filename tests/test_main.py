@@ -32,12 +32,15 @@ def test_python_m_surefoot_is_the_command_line():
     assert "surefoot" in run.stdout
 
 
-def test_ctrl_c_while_the_command_line_is_loaded_ends_quietly(monkeypatch, capsys):
+@pytest.mark.parametrize("hidden", [False, True])
+def test_ctrl_c_while_the_command_line_is_loaded_ends_quietly(monkeypatch, capsys, hidden):
     class Interrupted:
         """Stands for the module, whose import is interrupted."""
 
         @property
         def main(self):
+            if hidden:  # as by an extension whose loading it ends
+                raise ImportError("initialization failed") from KeyboardInterrupt()
             raise KeyboardInterrupt
 
     monkeypatch.setitem(sys.modules, "surefoot.cli.main", Interrupted())

@@ -7,11 +7,10 @@ It sets the number of threads before NumPy and PyTorch are loaded, and what Ctrl
 import os
 import signal
 import sys
-from contextlib import suppress
 from time import monotonic
 from types import FrameType
 
-from surefoot.errors import HangUp
+from surefoot.errors import HangUp, interrupt_behind
 from surefoot.workers import ONE_THREAD
 
 os.environ.update(ONE_THREAD)
@@ -76,11 +75,16 @@ def leave_signals(status: int) -> None:
 def main() -> int:
     """Run the command line, and return its exit status."""
     status = INTERRUPTED
-    with suppress(KeyboardInterrupt):  # loading takes a second or two
+    try:  # loading takes a second or two
         answer_signals()
         from surefoot.cli.main import main as command_line
 
         status = command_line()
+    except KeyboardInterrupt:
+        pass
+    except Exception as error:
+        if interrupt_behind(error) is None:
+            raise
     leave_signals(status)
     return status
 

@@ -15,6 +15,28 @@ class HangUp(KeyboardInterrupt):
     """The terminal has been closed (SIGHUP), which interrupts the work as Ctrl-C does."""
 
 
+def interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
+    """The interrupt that an error hides; None if it hides none.
+
+    Where Ctrl-C lands while compiled code is called or loaded, that code may fail with an error of
+    its own, such as a SystemError or an ImportError, and the interrupt is only its cause.
+
+    Args:
+        error: The error; its causes and contexts are looked at.
+    """
+    waiting: list[BaseException | None] = [error]
+    seen: set[int] = set()
+    while waiting:
+        candidate = waiting.pop()
+        if candidate is None or id(candidate) in seen:
+            continue
+        if isinstance(candidate, KeyboardInterrupt):
+            return candidate
+        seen.add(id(candidate))
+        waiting += [candidate.__context__, candidate.__cause__]
+    return None
+
+
 def shown(value: object) -> str:
     """A value as a message shows it: of a long or a nested one, which a file may hold, a part.
 

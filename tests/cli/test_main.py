@@ -142,6 +142,12 @@ def test_bad_input_is_one_clear_line(surefoot, monkeypatch, capsys, tmp_path, ar
     assert not list(tmp_path.iterdir())
 
 
+def hiding(error: Exception) -> Exception:
+    """An error that hides Ctrl-C, as that of compiled code does."""
+    error.__cause__ = KeyboardInterrupt()
+    return error
+
+
 def test_an_unknown_option_names_the_nearest(surefoot, capsys):
     assert surefoot("train", "behavior_cloning", "--config.trainig.batch", 3) == 2
     assert "--config.training.batch" in "".join(capsys.readouterr())
@@ -173,6 +179,10 @@ def test_an_unknown_option_names_the_nearest(surefoot, capsys):
             NO_MEMORY + "; ask for less with --seconds",
         ),
         ("doctor", MemoryError("1 PiB"), 2, NO_MEMORY),
+        ("twin", hiding(SystemError("a result with an exception set")), 130, "\ninterrupted"),
+        ("train", hiding(ImportError("initialization failed")), 130, "\ninterrupted" + RESUME),
+        ("walk", hiding(WriteError("a is full")), 130, "surefoot: a is full\n\ninterrupted"),
+        ("walk", ImportError("it is not installed"), 2, "surefoot: it is not installed"),
     ],
 )
 def test_an_exception_sets_the_exit_status(
@@ -186,6 +196,15 @@ def test_an_exception_sets_the_exit_status(
     monkeypatch.setattr(main_module, "parse", lambda args: command)
     assert surefoot(name) == status
     assert capsys.readouterr().err == f"{message}\n"
+
+
+def test_a_defect_shows_its_traceback(surefoot, monkeypatch):
+    def command() -> int:
+        raise SystemError("a result with an exception set")
+
+    monkeypatch.setattr(main_module, "parse", lambda args: command)
+    with pytest.raises(SystemError):
+        surefoot("walk")
 
 
 PRINTING = """

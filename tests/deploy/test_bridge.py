@@ -10,7 +10,7 @@ import pytest
 
 from surefoot.deploy import bridge as bridge_module
 from surefoot.deploy import protocol
-from surefoot.deploy.bridge import UdpChannel
+from surefoot.deploy.bridge import UdpChannel, serve
 from tests.fakes.bridge_world import BRIDGE, RUNTIME, TOY, World
 
 ALONE = """
@@ -145,6 +145,46 @@ def test_closing_damps():
     world = World()
     world.drive()
     world.bridge.close()
+    assert world.driver.damped
+
+
+@pytest.mark.parametrize("method", ["read", "write"])
+def test_an_interrupt_that_a_driver_hides_is_raised_and_the_joints_are_damped(monkeypatch, method):
+    """Compiled code makes an error of its own of it."""
+    world = World()
+    world.drive()
+    world.bridge._channel = UdpChannel()  # closed at the end
+    own = getattr(world.driver, method)
+
+    def interrupted(*arguments):
+        monkeypatch.setattr(world.driver, method, own)
+        raise SystemError("a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr(world.driver, method, interrupted)
+    assert not world.driver.damped
+    with pytest.raises(KeyboardInterrupt):
+        serve(world.bridge, lambda: True)
+    assert world.bridge.cause == protocol.DRIVER
+    assert world.driver.damped
+
+
+@pytest.mark.parametrize("method", ["read", "write"])
+def test_an_error_of_a_driver_latches_and_does_not_end_the_bridge(monkeypatch, method):
+    world = World()
+    world.drive()
+    own = getattr(world.driver, method)
+    error = OSError("the robot has sent no state")
+    error.__context__ = OSError("a link is lost")
+    error.__context__.__cause__ = error
+
+    def failing(*arguments):
+        monkeypatch.setattr(world.driver, method, own)
+        raise error
+
+    monkeypatch.setattr(world.driver, method, failing)
+    world.bridge.tick()
+    assert world.bridge.cause == protocol.DRIVER
+    world.bridge.tick()
     assert world.driver.damped
 
 

@@ -13,6 +13,7 @@ from surefoot.deploy.faults import FaultTests, Limits
 from surefoot.deploy.fit import WrongRobotError
 from surefoot.deploy.interfaces import Sensors
 from surefoot.deploy.loop import Mode
+from surefoot.errors import HangUp
 from surefoot.types import JOINTS, TICK_NS, Command
 from tests.fakes.bridge_world import (
     BRIDGE,
@@ -406,6 +407,21 @@ def test_a_policy_that_raises_is_a_fault():
     assert world.runtime.fault is not None
     assert world.runtime.fault.kind == "defect"
     assert "no such session" in world.runtime.fault.detail
+
+
+@pytest.mark.parametrize("interrupt", [KeyboardInterrupt, HangUp])
+def test_an_interrupt_that_compiled_code_hides_is_no_defect(interrupt):
+    world = World()
+    world.drive(50)
+
+    def interrupted(sensors, tick, command):
+        raise SystemError("a result with an exception set") from interrupt()
+
+    world.policy.target = interrupted
+    with pytest.raises(KeyboardInterrupt) as raised:
+        world.run(2)
+    assert raised.type is interrupt
+    assert world.runtime.fault is None
 
 
 def test_a_posture_that_was_not_trained_on_is_not_driven_from():

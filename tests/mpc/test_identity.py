@@ -176,6 +176,14 @@ def test_a_plan_that_is_mended_is_another_one(answer, text):
     assert text in difference(before, identity_of(answering(hold), ROBOT))
 
 
+def test_an_interrupt_that_a_plan_hides_is_no_plan_that_failed():
+    def interrupted(state, tick, command):
+        raise SystemError("a result with an exception set") from KeyboardInterrupt()
+
+    with pytest.raises(SystemError):
+        identity_of(answering(interrupted), ROBOT)
+
+
 @pytest.mark.parametrize("plan", [hold, broken, raising])
 def test_an_identity_survives_json(plan):
     identity = identity_of(plan, ROBOT)

@@ -42,7 +42,7 @@ from surefoot.cli.train import Train, parse_train
 from surefoot.cli.twin import RunTwin
 from surefoot.cli.view import View
 from surefoot.cli.walk import Walk, parse_walk
-from surefoot.errors import unknown
+from surefoot.errors import interrupt_behind, unknown
 from surefoot.files import WriteError
 
 
@@ -237,6 +237,10 @@ def main() -> int:
         return status
 
 
+EXPECTED = (ValueError, ArithmeticError, OSError, ImportError, RuntimeError, MemoryError)
+"""Errors that say by themselves what is wrong; any other is a defect, and shows a traceback."""
+
+
 def run_command(args: Sequence[str]) -> int:
     """Run a command, and show its errors.
 
@@ -253,10 +257,13 @@ def run_command(args: Sequence[str]) -> int:
     except SystemExit as stop:  # after help
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except KeyboardInterrupt:
-        print(f"\ninterrupted{_advice(entry)}", file=sys.stderr)
-        return 130
-    except (ValueError, ArithmeticError, OSError, ImportError, RuntimeError, MemoryError) as error:
-        if os.environ.get("SUREFOOT_TRACEBACK"):
+        return _interrupted(entry)
+    except Exception as error:
+        if interrupt_behind(error) is not None:
+            if isinstance(error, OSError):  # such as a disk that was full when the work ended
+                print(f"surefoot: {error}", file=sys.stderr)
+            return _interrupted(entry)
+        if os.environ.get("SUREFOOT_TRACEBACK") or not isinstance(error, EXPECTED):
             raise
         print(f"surefoot: {_message(error, entry)}", file=sys.stderr)
         return 2
@@ -291,6 +298,12 @@ def plain_warning(
         line: The code.
     """
     return f"surefoot: warning: {message}\n"
+
+
+def _interrupted(entry: Entry | None) -> int:
+    """Say that a command was interrupted; return its exit status."""
+    print(f"\ninterrupted{_advice(entry)}", file=sys.stderr)
+    return 130
 
 
 def _message(error: Exception, entry: Entry | None) -> str:

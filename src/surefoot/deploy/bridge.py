@@ -196,18 +196,22 @@ class Bridge:
             self._take(*received, now)
 
     def advance(self) -> None:
-        """Watch over the commands, serve the driver, and say what it measured."""
+        """Watch over the commands, serve the driver, and say what it measured.
+
+        Raises:
+            KeyboardInterrupt: It was interrupted, also where the driver hides that.
+        """
         self._watch(self._clock())
         driving = self.status == protocol.DRIVING
         # Whatever the driver raises, the joints are damped, as far as it still obeys.
         try:
             self._driver.write(self._command if driving else self._damping)
-        except Exception:
-            self._latch(protocol.DRIVER)
+        except Exception as error:
+            self._fail(error)
         try:
             self._measured = self._driver.read()
-        except Exception:
-            self._latch(protocol.DRIVER)
+        except Exception as error:
+            self._fail(error)
         if self._measured.faults:
             self._latch(protocol.DRIVER)
         self.report()
@@ -325,6 +329,12 @@ class Bridge:
         elif next_tick - self._answered > self.description.command_age * 1e9:
             self._latch(protocol.OLD_STATE)
 
+    def _fail(self, error: Exception) -> None:
+        """Latch for good after an error of the driver; an interrupt that it hides is raised."""
+        self._latch(protocol.DRIVER)
+        if _hides_interrupt(error):
+            raise KeyboardInterrupt from error
+
     def _latch(self, cause: int) -> None:
         """Damp the joints from now on; a driver's fault takes the place of any other cause."""
         if self.status != protocol.LATCHED or cause == protocol.DRIVER:
@@ -341,6 +351,17 @@ class Bridge:
             kind, self._robot_id, self._session, self._sent, now, self._peers_clock, body
         )
         self._channel.send(protocol.pack(packet), self.peer)
+
+
+def _hides_interrupt(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error: compiled code makes an error of its own of it."""
+    seen: list[BaseException] = []
+    while error is not None and error not in seen:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        seen.append(error)
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def serve(bridge: Bridge, running: Callable[[], bool] = lambda: True) -> None:

@@ -37,6 +37,7 @@ from surefoot.deploy.interfaces import (
 from surefoot.deploy.operator import Operator, Wish
 from surefoot.deploy.recorder import FlightRecorder, TickRecord
 from surefoot.deploy.timing import Deadlines, Histogram
+from surefoot.errors import interrupt_behind
 from surefoot.types import TICK_NS, Array, Command, to_ticks
 
 logger = logging.getLogger(__name__)
@@ -126,7 +127,11 @@ class Runtime:
         return self.fault is not None or self.stopped
 
     def tick(self) -> Mode:
-        """Read, look for faults, ask whoever drives, and write."""
+        """Read, look for faults, ask whoever drives, and write.
+
+        Raises:
+            KeyboardInterrupt: It was interrupted, also where compiled code hides that.
+        """
         self.ticks += 1
         if self.over:
             self._robot.damp()  # again, since a datagram may be lost
@@ -146,6 +151,9 @@ class Runtime:
         except Fallen as error:
             self._give_up("fall", str(error))
         except Exception as error:
+            interrupt = interrupt_behind(error)
+            if interrupt is not None:  # whoever ticks damps the robot, as after any other Ctrl-C
+                raise type(interrupt) from error
             logger.exception("the runtime has a defect, or what it was given has one")
             self._give_up("defect", repr(error))
         return self.mode

@@ -15,6 +15,7 @@ from functools import partial
 
 import numpy as np
 
+from surefoot.errors import interrupt_behind
 from surefoot.mpc.expert import ask_for_plan
 from surefoot.robots.geometry import state_of
 from surefoot.robots.model import RobotModel, standing
@@ -161,6 +162,8 @@ def _ask(plan: PlanFunction, state: State, tick: int, command: Command) -> Fixed
     try:
         arrays, valid = ask_for_plan(plan, state, tick, command)
     except Exception as error:  # whatever a user's code raises, or an expert refuses
+        if interrupt_behind(error) is not None:
+            raise
         return FixedPlan(failure=f"gave no plan ({type(error).__name__})")
     position, velocity, torque = np.split(arrays, 3, axis=1)
     return FixedPlan(_rows(position), _rows(velocity), _rows(torque), valid)
