@@ -1,5 +1,7 @@
 """Messages that name the nearest of the names that exist, and show no more than a part."""
 
+from itertools import pairwise
+
 import pytest
 
 from surefoot.errors import HangUp, interrupt_behind, shown, unknown
@@ -36,7 +38,7 @@ def test_of_a_long_value_a_part_is_shown(value):
 
 def chained(*errors: BaseException) -> BaseException:
     """The last error, each of which has the one before as its cause."""
-    for before, after in zip(errors, errors[1:], strict=False):
+    for before, after in pairwise(errors):
         after.__cause__ = before
     return errors[-1]
 

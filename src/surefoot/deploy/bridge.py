@@ -13,10 +13,12 @@ from __future__ import annotations
 import math
 import secrets
 import select
+import signal
 import socket
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from threading import current_thread, main_thread
 from typing import NamedTuple, Protocol
 
 if __package__:
@@ -346,26 +348,38 @@ class Bridge:
         if self.peer is None:
             return
         self._sent += 1
-        now = self._clock()
-        packet = protocol.Packet(
-            kind, self._robot_id, self._session, self._sent, now, self._peers_clock, body
-        )
+        times = (self._clock(), self._peers_clock)
+        packet = protocol.Packet(kind, self._robot_id, self._session, self._sent, *times, body)
         self._channel.send(protocol.pack(packet), self.peer)
 
 
 def _hides_interrupt(error: BaseException | None) -> bool:
     """Whether Ctrl-C is behind an error: compiled code makes an error of its own of it."""
-    seen: list[BaseException] = []
-    while error is not None and error not in seen:
+    for _ in range(99):  # causes may form a circle
         if isinstance(error, KeyboardInterrupt):
             return True
-        seen.append(error)
-        error = error.__cause__ or error.__context__
+        error = error and (error.__cause__ or error.__context__)
     return False
 
 
+def _answer_signals() -> list[signal.Signals]:
+    """Let SIGTERM and SIGHUP interrupt as Ctrl-C does, where they would end Python at once."""
+    answered: list[signal.Signals] = []
+
+    def interrupt(number: int, frame: object) -> None:
+        for each in answered:  # another one must not interrupt the damping
+            signal.signal(each, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    for each in (signal.SIGTERM, signal.SIGHUP) if current_thread() is main_thread() else ():
+        if signal.getsignal(each) == signal.SIG_DFL:
+            answered.append(each)
+            signal.signal(each, interrupt)
+    return answered
+
+
 def serve(bridge: Bridge, running: Callable[[], bool] = lambda: True) -> None:
-    """Tick at the robot's rate until told otherwise; time that this process lost is not made up.
+    """Tick at the robot's rate until told otherwise, or by Ctrl-C, SIGTERM or SIGHUP; then damp.
 
     Args:
         bridge: The bridge.
@@ -373,10 +387,13 @@ def serve(bridge: Bridge, running: Callable[[], bool] = lambda: True) -> None:
     """
     period = 1.0 / bridge.description.rate_hz
     due = time.monotonic()
+    answered = _answer_signals()
     try:
         while running():
             bridge.tick()
-            due = max(due + period, time.monotonic() - period)
+            due = max(due + period, time.monotonic() - period)  # lost time is not made up
             time.sleep(max(due - time.monotonic(), 0.0))
     finally:
         bridge.close()
+        for each in answered:
+            signal.signal(each, signal.SIG_DFL)
