@@ -122,12 +122,27 @@ def test_a_bridge_of_another_robot_is_refused_before_any_work(surefoot, address,
         (("--robot", "udp://127.0.0.1"), "no address of a bridge; use udp://127.0.0.1:PORT"),
         (("--robot", "udp://127.0.0.1:1", "--preset", "slow"), "no preset 'slow'"),
         (("--robot", "udp://127.0.0.1:1", "--heartbeat", -1), "--heartbeat -1: use at least 0.001"),
+        (
+            ("--robot", "udp://127.0.0.1:1", "--heartbeat", 1, "--unattended"),
+            "--heartbeat needs somebody who types; leave out --unattended",
+        ),
     ],
 )
 def test_options_that_make_no_sense_are_refused(surefoot, tmp_path, capsys, args, message):
     assert surefoot("learn", "--run", tmp_path / "run", *args) == 2
     printed = capsys.readouterr()
     assert message in printed.err + printed.out
+
+
+def test_without_a_standard_input_nobody_could_stop_the_robot(
+    surefoot, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(sys, "stdin", None)  # as after `<&-`
+    folder = tmp_path / "run"
+    assert surefoot("learn", "--robot", "udp://127.0.0.1:1", "--run", folder) == 2
+    message = "there is no standard input, so nobody could stop the robot; use --unattended"
+    assert capsys.readouterr().err == f"surefoot: {message}\n"
+    assert not folder.exists()
 
 
 def test_several_gaits_are_refused_before_there_is_a_run(surefoot, tmp_path, capsys):

@@ -190,6 +190,10 @@ def test_a_fault_is_told_though_its_recording_cannot_be_written(
         (("--robot", "udp://127.0.0.1:1", "--start"), "--start and --seconds belong together"),
         (("--robot", "udp://127.0.0.1:1", "--seconds", 3), "--start and --seconds belong together"),
         (("--robot", "udp://127.0.0.1:1", "--heartbeat", 0), "--heartbeat 0: use at least"),
+        (
+            (*("--robot", "udp://127.0.0.1:1", "--heartbeat", 1), "--start", "--seconds", 3),
+            "--heartbeat needs somebody who types; leave out --start",
+        ),
         (("--robot", "udp://127.0.0.1:1", "--vx", "nan"), "--vx is nan"),
         (("--robot", "udp://127.0.0.1:1", "--recording", "a.txt"), "must end in .npz"),
     ],
@@ -197,6 +201,15 @@ def test_a_fault_is_told_though_its_recording_cannot_be_written(
 def test_options_that_make_no_sense_are_refused(surefoot, policy, capsys, args, message):
     assert surefoot("run", policy, *args) == 2
     assert message in capsys.readouterr().err
+
+
+def test_without_a_standard_input_nobody_could_stop_the_robot(
+    surefoot, policy, capsys, monkeypatch
+):
+    monkeypatch.setattr(sys, "stdin", None)  # as after `<&-`
+    assert surefoot("run", policy, "--robot", "udp://127.0.0.1:1") == 2
+    message = "there is no standard input, so nobody could stop the robot; use --start --seconds"
+    assert capsys.readouterr().err == f"surefoot: {message}\n"
 
 
 def test_a_bridge_that_is_not_there_is_one_clear_line(surefoot, policy, capsys):

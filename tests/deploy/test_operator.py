@@ -2,6 +2,7 @@
 
 import errno
 import os
+import sys
 
 import pytest
 
@@ -102,6 +103,12 @@ def test_a_terminal_is_read_as_it_comes(pipe):
     os.close(writer)
     assert operator.wish() == Wish(False, Command(0.2), "the operator's input has ended")
     assert operator.wish().lost
+
+
+def test_a_terminal_without_any_input_is_refused(monkeypatch):
+    monkeypatch.setattr(sys, "stdin", None)
+    with pytest.raises(ValueError, match=r"no standard input.*use a descriptor"):
+        Terminal(Command())
 
 
 def test_a_terminal_of_several_gaits_begins_in_one_and_asks_for_another(pipe):

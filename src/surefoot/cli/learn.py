@@ -87,7 +87,8 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
     unattended: bool = False
     """Start without an operator, again and again: for a twin, which is set up again by itself."""
     heartbeat: float | None = None
-    """Damp the robot if no line has come for so long [s]; an empty one will do."""
+    """Damp the robot if no line has come for so long [s]; an empty one will do. It needs somebody
+    who types, so not with --unattended."""
     lockstep: bool = False
     """The robot is a twin in lockstep; plans then take effect at once."""
     realtime: bool = False
@@ -113,8 +114,7 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         folder = self.run or Path("runs") / f"learn-{self.preset}"
         check_option("--run", folder / METRICS_FILE)
         check_outputs(self, [Output("--json", self.json)], new_run=folder)
-        if self.heartbeat is not None:
-            check_seconds(self.heartbeat, "--heartbeat")
+        self.check_operator()
         # Before initial states are prepared.
         only_gait(self.config, "learning on a robot", "name one of them with --gait")
         config = config_for(folder, self.with_commands(self.simulated(self.config)))
@@ -132,6 +132,21 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         curves = learning_curves(run.metrics, folder / CURVES_FILE)
         print(f"{cost_text(cost)}\nlast policy: {policy}\ncurves:      {curves}")
         return 0
+
+    def check_operator(self) -> None:
+        """Check the options that say who starts and stops the robot.
+
+        Raises:
+            ValueError: They contradict each other, or nobody could type.
+        """
+        from surefoot.deploy.operator import check_input
+
+        if self.heartbeat is not None:
+            check_seconds(self.heartbeat, "--heartbeat")
+            if self.unattended:
+                raise ValueError("--heartbeat needs somebody who types; leave out --unattended")
+        if not self.unattended:
+            check_input("--unattended")
 
     @property
     def hint(self) -> str:

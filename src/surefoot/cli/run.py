@@ -67,7 +67,8 @@ class RunPolicy:
     seconds: float | None = None
     """The time after which it stops, standing up included [s]; with --start only."""
     heartbeat: float | None = None
-    """Damp the robot if no line has come for this time [s]; an empty one will do."""
+    """Damp the robot if no line has come for this time [s]; an empty one will do. It needs somebody
+    who types, so not with --start."""
     gate: Literal["none", "damp", "expert"] = "none"
     """What happens where the robot leaves the safety bounds that the policy was trained under:
     nothing (`none`), the robot is damped for good (`damp`), or the expert takes over (`expert`),
@@ -132,8 +133,10 @@ class RunPolicy:
         """Check the options that say when the robot starts and stops.
 
         Raises:
-            ValueError: They contradict each other.
+            ValueError: They contradict each other, or nobody could type.
         """
+        from surefoot.deploy.operator import check_input
+
         if self.start != (self.seconds is not None):
             raise ValueError(
                 "--start and --seconds belong together: without a terminal, a robot that starts by "
@@ -143,6 +146,10 @@ class RunPolicy:
             check_seconds(self.seconds)
         if self.heartbeat is not None:
             check_seconds(self.heartbeat, "--heartbeat")
+            if self.start:
+                raise ValueError("--heartbeat needs somebody who types; leave out --start")
+        if not self.start:
+            check_input("--start --seconds")
 
     def operator(
         self, command: Command, robot: UdpRobot, policy: OnnxPolicy, gait: int

@@ -114,6 +114,21 @@ class Scripted:
         return Wish(not over, self.command, gait=self._gait)
 
 
+def check_input(instead: str) -> None:
+    """Check that an operator can type at all: a shell may have closed the standard input (`<&-`).
+
+    Args:
+        instead: What to use without one.
+
+    Raises:
+        ValueError: There is no standard input.
+    """
+    if sys.stdin is None:
+        raise ValueError(
+            f"there is no standard input, so nobody could stop the robot; use {instead}"
+        )
+
+
 class Terminal:
     """An operator at a terminal: lines of text on the standard input.
 
@@ -127,9 +142,12 @@ class Terminal:
         heartbeat: How often a line has to come [s]; None asks for none, and only the end of the
             input is a loss.
         clock: Gives the time [ns].
-        descriptor: The file descriptor to read from.
+        descriptor: The file descriptor to read from; that of the standard input if it is None.
         vocabulary: What the operator may say.
         gait: The number of the gait that is asked for at first.
+
+    Raises:
+        ValueError: No descriptor is given, and there is no standard input.
     """
 
     def __init__(
@@ -141,6 +159,8 @@ class Terminal:
         vocabulary: Vocabulary | None = None,
         gait: int = 0,
     ) -> None:
+        if descriptor is None:
+            check_input("a descriptor, or an operator of another kind")
         self._wish = Wish(False, command, gait=gait)
         self._heartbeat = heartbeat
         self._clock = clock
