@@ -14,13 +14,16 @@ import pytest
 from surefoot.cli.learn import Learn, LearnReport, cost_text, parse_learn
 from surefoot.config import LocoSafeDaggerConfig
 from surefoot.config.twin import TwinConfig
-from surefoot.deploy.bridge import UdpChannel
+from surefoot.deploy.bridge import Bridge, UdpChannel, serve
 from surefoot.deploy.udp_robot import address_text
 from surefoot.field import session
 from surefoot.field.attempts import Attempt, RobotCost, cost_of, read_attempts, write_attempts
 from surefoot.robots.load import load_robot
 from surefoot.runs.run import open_run
 from surefoot.twin.serve import make_twin
+from surefoot.types import JOINTS
+from tests.fakes.bridge_process import PATIENT
+from tests.fakes.bridge_world import Clock, ToyDriver
 
 TINY = (
     *("--preset", "quick", "--workers", 1, "--lockstep", "--unattended"),
@@ -112,6 +115,36 @@ def test_a_bridge_of_another_robot_is_refused_before_any_work(surefoot, address,
     options = ("--run", run, "--preset", "quick", "--config.robot.model", "go2", "--unattended")
     wide = ("--config.start-set", "solo12-trot-v1")
     assert surefoot("learn", "--robot", address, "--lockstep", *options, *wide) == 2
+    assert not (run / "data").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"rate_hz": 500}, "the policy runs at 1000 Hz, and the bridge at 500 Hz"),
+        (
+            {"joints": (JOINTS[1], JOINTS[0], *JOINTS[2:])},
+            "joint 0 is FL_HAA for the policy and FL_HFE for the bridge",
+        ),
+    ],
+)
+def test_a_bridge_of_another_rate_or_joint_order_is_refused_before_any_work(
+    surefoot, tmp_path, capsys, changes, message
+):
+    channel = UdpChannel()
+    description = PATIENT._replace(robot="solo12", **changes)
+    bridge = Bridge(ToyDriver(Clock()), channel, description)
+    going = [True]
+    thread = Thread(target=serve, args=(bridge, lambda: going[0]))
+    thread.start()
+    run = tmp_path / "run"
+    options = ("--run", run, "--preset", "quick", "--unattended")
+    try:
+        assert surefoot("learn", "--robot", address_text(channel.address), *options) == 2
+    finally:
+        going[0] = False
+        thread.join()
+    assert message in capsys.readouterr().err
     assert not (run / "data").exists()
 
 

@@ -5,6 +5,8 @@ Read `loop` next.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from surefoot.deploy.faults import Limits, roll_pitch
@@ -38,15 +40,29 @@ def check_robot(policy: DeployedPolicy, description: Description) -> None:
             f"the policy was made for the robot {policy.robot}, and the bridge serves "
             f"{description.robot}"
         )
-    for number, (own, bridges) in enumerate(zip(policy.joints, description.joints, strict=True)):
+    check_joints_and_rate(policy.joints, policy.rate_hz, description)
+
+
+def check_joints_and_rate(joints: Sequence[str], rate_hz: int, description: Description) -> None:
+    """Check that a bridge has the joints of a policy in their order, and its rate.
+
+    Args:
+        joints: The names of the policy's twelve joints.
+        rate_hz: The policy's rate [Hz].
+        description: What the bridge says of its robot.
+
+    Raises:
+        WrongRobotError: Joint order or rate differ.
+    """
+    for number, (own, bridges) in enumerate(zip(joints, description.joints, strict=True)):
         if own != bridges:
             raise WrongRobotError(
                 f"joint {number} is {own} for the policy and {bridges} for the bridge; the bridge "
                 "has to give the joints in the policy's order"
             )
-    if policy.rate_hz != description.rate_hz:
+    if rate_hz != description.rate_hz:
         raise WrongRobotError(
-            f"the policy runs at {policy.rate_hz} Hz, and the bridge at {description.rate_hz} Hz"
+            f"the policy runs at {rate_hz} Hz, and the bridge at {description.rate_hz} Hz"
         )
 
 

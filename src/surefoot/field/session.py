@@ -21,11 +21,13 @@ from surefoot.config.checked import known
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.drive import LAST_WORDS
 from surefoot.deploy.faults import Fault
+from surefoot.deploy.fit import check_joints_and_rate
 from surefoot.deploy.handover import PLANNER_ENDED, PlanFollower, PlanLink, Safeguard
 from surefoot.deploy.interfaces import Clock, Sensors, Stale, wall_clock
 from surefoot.deploy.loop import Mode, Runtime
 from surefoot.deploy.operator import Wish
 from surefoot.deploy.policy import OnnxPolicy
+from surefoot.deploy.protocol import check_description
 from surefoot.deploy.recorder import Flight
 from surefoot.deploy.udp_robot import UdpRobot
 from surefoot.field.attempts import FALLS, Attempt, End
@@ -40,7 +42,7 @@ from surefoot.rollouts.jobs import Job
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.episode_ids import EpisodeId
 from surefoot.scenarios.starts import starts_of
-from surefoot.types import TICKS_PER_SECOND, Command, to_ticks
+from surefoot.types import JOINTS, TICKS_PER_SECOND, Command, to_ticks
 
 logger = logging.getLogger(__name__)
 
@@ -326,16 +328,19 @@ def check_bridge(connection: Callable[[], UdpRobot], model: RobotModel) -> None:
 
     Raises:
         Stale: No bridge answers.
-        ValueError: It serves another robot, or nothing measures height and velocity of the base.
+        ValueError: It serves another robot, joint order or rate, its limits or times keep no robot
+            safe, or nothing measures height and velocity of the base.
     """
     robot = _connected(connection, lambda: False)
     try:
+        check_description(robot.description)
         served = robot.description.robot
         if served != model.name:
             raise ValueError(
                 f"the bridge serves the robot {served}, and the configuration has {model.name}; "
                 f"use --config.robot.model {served}, or a file with that robot"
             )
+        check_joints_and_rate(JOINTS, TICKS_PER_SECOND, robot.description)
         check_base(robot.read())
     finally:
         robot.close()
