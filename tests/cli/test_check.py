@@ -6,7 +6,10 @@ from dataclasses import replace
 import pytest
 
 import surefoot.cli.play as play
+from surefoot.cli.check import CheckReport, lines_of
+from surefoot.deploy.export_file import read_export
 from surefoot.deploy.policy import load
+from surefoot.interop.logs.check import LogReport
 from surefoot.interop.logs.sensor_log import read_sensor_log, write_sensor_log
 from tests.fakes.exports import answered_log, exported
 
@@ -60,6 +63,13 @@ def test_a_log_that_differs_is_explained(surefoot, capsys, files):
     write_sensor_log(replace(log, joint_velocity=-log.joint_velocity), file)
     assert surefoot("check", path, "--log", file) == 1
     assert "joint_velocity: the input that was logged differs" in capsys.readouterr().out
+
+
+def test_what_a_log_is_too_short_to_show_is_said_and_is_no_difference(files):
+    path, _ = files
+    log = LogReport(50, (), (), (), "too short to judge a history")
+    report = CheckReport(str(path), read_export(path).description, log)
+    assert lines_of(report)[-2:] == ["too short to judge a history", "all else agrees"]
 
 
 def test_another_policy_than_the_exported_one_is_refused(surefoot, capsys, files, tmp_path):

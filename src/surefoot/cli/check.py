@@ -43,7 +43,8 @@ class Check:
     sign, scale, frame or rate. `surefoot play --log FILE` writes a log of a simulation.
 
     JSON keys: file; description (what the file says); log: rows, compared and largest (what was
-    compared, and by how much it differs), findings (term, kind and text).
+    compared, and by how much it differs), findings (term, kind and text), unjudged (what the log is
+    too short to show).
     """
 
     file: Annotated[Path, tyro.conf.Positional]
@@ -139,8 +140,10 @@ def lines_of(report: CheckReport) -> list[str]:
     lines += [
         f"  {what}: {error:.3g}" for what, error in zip(log.compared, log.largest, strict=True)
     ]
+    if log.unjudged:
+        lines.append(log.unjudged)
     if log.findings:
         lines += [finding.text for finding in log.findings]
     else:
-        lines.append("all agree")
+        lines.append("all else agrees" if log.unjudged else "all agree")
     return lines

@@ -81,7 +81,8 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             return self.film_flight(self.target)
         if self.robot is not None:
             raise ValueError("--robot is for a flight; a policy and a run know their robot")
-        from surefoot.interop.logs.sensor_log import SUFFIXES, sensor_log_of, write_sensor_log
+        from surefoot.interop.logs.sensor_log import SUFFIXES, write_sensor_log
+        from surefoot.interop.logs.simulated import sensor_log_of
         from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
         from surefoot.rollouts.jobs import play_out

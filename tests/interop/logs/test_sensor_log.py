@@ -9,10 +9,10 @@ from surefoot.deploy.recorder import Flight, save_flight
 from surefoot.interop.logs.sensor_log import (
     SensorLog,
     read_sensor_log,
-    sensor_log_of,
     sensor_log_of_flight,
     write_sensor_log,
 )
+from surefoot.interop.logs.simulated import sensor_log_of
 from surefoot.learning.policy import pd
 from surefoot.scenarios.gait_switches import GaitSwitches
 from surefoot.types import JOINTS
@@ -166,6 +166,23 @@ def test_a_flight_keeps_the_gait_and_an_older_one_is_of_the_first_gait():
     gait = np.repeat([0, 1], 10)
     assert sensor_log_of_flight(replace(flight, gait=gait)).gaits.tolist() == [0] * 5 + [1] * 10
     assert sensor_log_of_flight(flight).gaits.tolist() == [0] * 15
+
+
+def test_of_a_flight_the_longest_stretch_counts_and_says_whether_an_episode_begins_with_it():
+    log = smooth_log(40)
+    log = replace(log, tick=log.tick - log.tick[0])
+    expert = [False] * 5 + [True] * 10 + [False] * 25
+    whole = flight_of(log, [2] * 40, expert)
+    late = sensor_log_of_flight(whole)
+    assert late.tick.tolist() == [*range(15, 40)]
+    assert late.begins is False
+    resting = flight_of(log, [2] * 25 + [1] * 5 + [2] * 10, [False] * 40)
+    early = sensor_log_of_flight(resting)
+    assert early.tick.tolist() == [*range(25)]
+    assert early.begins is True
+    assert early.at(slice(0, 9)).begins is True
+    assert early.at(slice(3, 9)).begins is False
+    assert log.at(slice(0, 9)).begins is None
 
 
 def test_a_flight_in_which_no_policy_drove_or_without_its_clock_is_no_log():

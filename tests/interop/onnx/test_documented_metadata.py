@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from surefoot.deploy.policy import load
 from surefoot.interop.logs.replay import run_runtime
-from surefoot.interop.logs.sensor_log import sensor_log_of, write_sensor_log
+from surefoot.interop.logs.sensor_log import write_sensor_log
+from surefoot.interop.logs.simulated import sensor_log_of
 from surefoot.scenarios.starts import load_starts
 from tests.fakes.exports import GAITS, TROT, exported, policy_of, walked
 

@@ -12,7 +12,7 @@ from surefoot.config import Config, RobotConfig
 from surefoot.config.json_io import from_json, to_json
 from surefoot.deploy.description import KEY, PolicyDescription
 from surefoot.deploy.export_file import read_export
-from surefoot.interop.logs.sensor_log import sensor_log_of
+from surefoot.interop.logs.simulated import sensor_log_of
 from surefoot.interop.onnx.file import describe, start_range
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.observation import GaitTiming

@@ -60,12 +60,14 @@ class LogReport:
         compared: What was compared, in words.
         largest: Largest difference of each comparison, in the order of `compared`.
         findings: What differs, the first term first; empty if all agrees.
+        unjudged: What the log is too short to show, in words; empty if it shows all.
     """
 
     rows: int
     compared: tuple[str, ...]
     largest: tuple[float, ...]
     findings: tuple[Finding, ...]
+    unjudged: str = ""
 
 
 def check_log(log: SensorLog, file: ExportFile, torch: Network | None = None) -> LogReport:
@@ -132,6 +134,8 @@ def _compare_logged(
     kept = applied if log.joint_target is None else clipped(policy, log, log.joint_target)
     reference = reference_inputs(log, description, kept)
     known = first_known(log, description)
+    if known == len(log):
+        comparison.too_short(known)
     if log.network_input is not None:
         given = np.array(log.network_input, np.float32)
         if given.shape != reference.shape:
@@ -143,7 +147,7 @@ def _compare_logged(
         given[:known, history] = reference[:known, history]
         comparison.terms("the input that was logged", reference, given)
         _explain_better(comparison, policy, reference, given, kept)
-    if log.joint_target is not None:
+    if log.joint_target is not None and known < len(log):
         answers = clipped(policy, log, network(reference))
         comparison.add(
             "the joint targets that were logged", largest(answers[known:], kept[known:])[0]
@@ -171,6 +175,8 @@ def _explain_better(
     where = input_slices(policy.description.spec)[found.term]
     row = first_beyond(reference[:, where], given[:, where], INPUT_TOLERANCE)
     window = window_of(comparison.log, policy.description, row)
+    if window.known == len(window.log):
+        return
     better = explain_term(window, policy, where, given, kept)
     if better is not None:
         text = (
@@ -194,11 +200,19 @@ class _Comparison:
         self.compared: list[str] = []
         self.largest: list[float] = []
         self.findings: list[Finding] = []
+        self.unjudged = ""
 
     def add(self, what: str, error: float) -> None:
         """Note a comparison."""
         self.compared.append(what)
         self.largest.append(error)
+
+    def too_short(self, rows: int) -> None:
+        """Note that the past of no row is known, on which a policy with a history rests."""
+        self.unjudged = (
+            f"too short to judge a history: the {rows} rows begin in the middle of an episode, and "
+            "the policy saw what lies before them; record a longer stretch that it drives"
+        )
 
     def clock(self) -> None:
         """Compare time, gait clock and rate."""
@@ -251,5 +265,9 @@ class _Comparison:
     def report(self) -> LogReport:
         """All of it."""
         return LogReport(
-            len(self.log), tuple(self.compared), tuple(self.largest), tuple(self.findings)
+            len(self.log),
+            tuple(self.compared),
+            tuple(self.largest),
+            tuple(self.findings),
+            self.unjudged,
         )

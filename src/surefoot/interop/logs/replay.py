@@ -66,11 +66,17 @@ def first_known(log: SensorLog, description: PolicyDescription) -> int:
     """The first row whose past is known: a log may begin in the middle of an episode.
 
     Args:
-        log: The log; one that is hardly longer than the history is taken to begin with an episode.
+        log: The log; one that does not say how it begins, and is hardly longer than the history, is
+            taken to begin with an episode.
         description: The policy, which may have a history.
+
+    Returns:
+        The row; the number of rows if the past of none is known.
     """
     history = description.spec.layout.history
     reach = 0 if history is None else history.reach
+    if log.begins is not None:
+        return 0 if log.begins else min(reach, len(log))
     return reach if len(log) > 2 * reach else 0
 
 

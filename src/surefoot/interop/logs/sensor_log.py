@@ -4,7 +4,7 @@ Any robot's software can write one, and `surefoot check` replays it. A runtime o
 more, a `Flight`, of which `sensor_log_of_flight` takes the part that a replay needs. A log whose
 torques are to be learned is another thing, an expert log (`interop.datasets.arrays`).
 
-An npz file holds one array for each field of `SensorLog`; a CSV file one column for each number,
+An npz file holds one array for each array of `SensorLog`; a CSV file one column for each number,
 named `field.component`, such as `joint_position.FL_HAA`. `docs/export.md` lists them. Read `replay`
 next, which runs a policy on a log.
 """
@@ -30,19 +30,8 @@ from surefoot.errors import shown
 from surefoot.files import write_atomic
 from surefoot.learning.layouts import TARGET_SIZE, History
 from surefoot.learning.memory import samples_of
-from surefoot.learning.observation import Float32Array, network_input
-from surefoot.learning.policy import PolicySpec, target_of
-from surefoot.rollouts.episodes import Rollout
-from surefoot.types import (
-    JOINTS,
-    LEGS,
-    TICK_NS,
-    Array,
-    BoolArray,
-    IntArray,
-    State,
-    ground_height,
-)
+from surefoot.learning.observation import Float32Array
+from surefoot.types import JOINTS, LEGS, Array, BoolArray, IntArray, State
 
 SUFFIXES = (".npz", ".csv")
 """The endings of logs."""
@@ -102,6 +91,7 @@ class SensorLog:
         network_input: ``(T, n)`` what the network was given, if that was kept.
         gait: ``(T,)`` the number of the gait that was walked, of a policy of several; None, as in
             older files, is the first one throughout.
+        begins: Whether an episode begins with the first row; None if nobody knows, as of a file.
 
     Raises:
         ValueError: There are fewer than two rows, or an array has another shape, or numbers that
@@ -120,6 +110,7 @@ class SensorLog:
     joint_target: Array | None = None
     network_input: Float32Array | None = None
     gait: IntArray | None = None
+    begins: bool | None = None
 
     def __post_init__(self) -> None:
         """Check all arrays."""
@@ -128,16 +119,13 @@ class SensorLog:
         T = len(self.time_ns)
         if T < 2:
             raise ValueError(f"a log of {T} rows; record at least two")
-        for field in fields(self):
-            array = getattr(self, field.name)
-            if array is None:
-                continue
-            expected = _shape(field.name, array, T)
+        for name, array in _present(self):
+            expected = _shape(name, array, T)
             if np.shape(array) != expected:
-                raise ValueError(f"{field.name} is {np.shape(array)}, expected {expected}")
+                raise ValueError(f"{name} is {np.shape(array)}, expected {expected}")
             if not np.isfinite(array).all():
                 row = int(np.argwhere(~np.isfinite(np.reshape(array, (T, -1))).all(axis=1))[0, 0])
-                raise ValueError(f"{field.name} is not finite in row {row}")
+                raise ValueError(f"{name} is not finite in row {row}")
         wrong = np.abs(np.linalg.norm(self.orientation, axis=1) - 1.0) > UNIT
         if wrong.any():
             row = int(wrong.argmax())
@@ -162,48 +150,8 @@ class SensorLog:
 
     def at(self, rows: BoolArray | slice) -> SensorLog:
         """Some rows of the log: those that are True, or that lie between two."""
-        return replace(self, **{name: array[rows] for name, array in _present(self)})
-
-
-def sensor_log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
-    """What one robot of a simulation measured, with the joint targets that were applied.
-
-    Args:
-        rollouts: The episodes.
-        robot: Row of the robot.
-        spec: The policy's layout and gains.
-
-    Raises:
-        ValueError: Its episode had fewer than two ticks.
-    """
-    T = int(rollouts.length[robot])
-    seen = spec.observation
-    state = rollouts.seen[robot, :T]
-    ground = 0.0
-    if seen.height == "above_feet":
-        ground = ground_height(state, seen.foot_radius)
-    elapsed = np.arange(T)
-    tick = rollouts.starts.tick[robot] + elapsed
-    command = np.tile(rollouts.starts.command[robot], (T, 1))
-    gait = rollouts.gait[robot, :T]
-    target = target_of(rollouts.torque[robot, :T], state.q, state.v, spec)
-    past = None
-    if seen.layout.history is not None:
-        past = remembered(state, target, elapsed, seen.layout.history)
-    return SensorLog(
-        time_ns=elapsed * TICK_NS,
-        tick=tick,
-        command=command,
-        joint_position=state.q[:, 7:].copy(),
-        joint_velocity=state.v[:, 6:].copy(),
-        orientation=state.q[:, 3:7].copy(),
-        angular_velocity=state.v[:, 3:6].copy(),
-        base_height=state.q[:, 2] - ground,
-        linear_velocity=state.v[:, :3].copy(),
-        joint_target=target,
-        network_input=network_input(state, tick, command, seen, history=past, gait=gait),
-        gait=gait,
-    )
+        begins = self.begins if 0 in np.arange(len(self))[rows] else False
+        return replace(self, begins=begins, **{n: array[rows] for n, array in _present(self)})
 
 
 def remembered(state: State, target: Array, elapsed: IntArray, history: History) -> Float32Array:
@@ -229,7 +177,7 @@ def remembered(state: State, target: Array, elapsed: IntArray, history: History)
 
 
 def sensor_log_of_flight(flight: Flight) -> SensorLog:
-    """What a runtime recorded while the policy drove, until the expert or a fault took over.
+    """What a runtime recorded in the longest stretch that the policy drove, without the expert.
 
     Args:
         flight: The last seconds of a robot.
@@ -243,8 +191,9 @@ def sensor_log_of_flight(flight: Flight) -> SensorLog:
         raise ValueError("it is a flight in which no policy drove; keep one in which it walked")
     if len(flight.gait_tick) == 0:
         raise ValueError("it is a flight of an earlier version, without the gait clock")
-    first = int(driven.argmax())
-    rows = slice(first, first + int(np.append(~driven[first:], True).argmax()))
+    stretches = np.flatnonzero(np.diff(driven, prepend=False, append=False)).reshape(-1, 2)
+    first, end = stretches[np.diff(stretches, axis=1).argmax()].tolist()
+    rows = slice(first, end)
     measured = bool(np.isfinite(flight.base[rows]).all())
     time_ns = flight.robot_time_ns[rows]
     return SensorLog(
@@ -259,6 +208,7 @@ def sensor_log_of_flight(flight: Flight) -> SensorLog:
         linear_velocity=flight.base[rows, 1:] if measured else None,
         joint_target=flight.position[rows],
         gait=flight.gait[rows],
+        begins=bool(flight.gait_tick[first] == 0),  # with it the policy's memory is emptied
     )
 
 
@@ -299,7 +249,7 @@ def read_sensor_log(path: Path) -> SensorLog:
             arrays = parse_npz(content)
         if "robot_time_ns" in arrays:
             return sensor_log_of_flight(load_flight(path))
-        known = {field.name for field in fields(SensorLog)}
+        known = set(_array_names())
         unknown = arrays.keys() - known
         missing = known - set(_OPTIONAL) - arrays.keys()
         if unknown or missing:
@@ -324,10 +274,15 @@ def _shape(name: str, array: ArrayLike, rows: int) -> tuple[int | str, ...]:
 
 def _present(log: SensorLog) -> Iterator[tuple[str, NDArray]]:
     """The arrays of a log, by their names, without those that were not kept."""
-    for field in fields(log):
-        array = getattr(log, field.name)
+    for name in _array_names():
+        array = getattr(log, name)
         if array is not None:
-            yield field.name, array
+            yield name, array
+
+
+def _array_names() -> list[str]:
+    """The names of all arrays that a log may have."""
+    return [field.name for field in fields(SensorLog) if field.name != "begins"]
 
 
 def _as_csv(log: SensorLog) -> str:
