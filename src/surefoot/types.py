@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot import rotations
+from surefoot.errors import shown
 from surefoot.rotations import Array
 
 BoolArray = NDArray[np.bool_]
@@ -40,6 +41,33 @@ JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("HAA", "HFE", "KFE
 def to_ticks(seconds: float) -> int:
     """The nearest whole number of ticks of 1 ms to a time in seconds."""
     return round(seconds * TICKS_PER_SECOND)
+
+
+def one_flag_each(answer: object, batch: int, giver: object) -> BoolArray:
+    """Return an answer about B robots if it is one flag for each of them, and refuse any other.
+
+    Whole numbers would pick rows instead of masking them, and a single flag would stand for
+    everyone.
+
+    Args:
+        answer: What was answered.
+        batch: The number of robots B.
+        giver: Who answered; an error names its class.
+
+    Returns:
+        The answer itself, ``(B,)``.
+
+    Raises:
+        ValueError: The answer is not a boolean array ``(B,)``.
+    """
+    if isinstance(answer, np.ndarray) and answer.dtype == bool and answer.shape == (batch,):
+        return answer
+    is_array = isinstance(answer, np.ndarray)
+    what = f"an array {answer.shape} of {answer.dtype}" if is_array else shown(answer)
+    raise ValueError(
+        f"{type(giver).__name__} answered with {what}: give a NumPy array ({batch},) of True and "
+        "False, one for each robot"
+    )
 
 
 class Command(NamedTuple):

@@ -34,6 +34,7 @@ from surefoot.safety.learned import History
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
+from tests.fakes.gates import Careless
 from tests.fakes.learning import OBSERVATION_SPEC, spec_of
 from tests.fakes.rollouts import blank
 
@@ -263,6 +264,13 @@ def test_every_tick_is_asked_about_as_it_was_seen(monkeypatch):
         [5],
     ]
     assert not result.alarm["other"].any()
+
+
+def test_answers_of_a_gate_that_are_no_flags_are_refused(monkeypatch):
+    rollouts = blank(2, 10)
+    gate = Careless(np.zeros((2, 10), bool), "int")
+    with pytest.raises(ValueError, match=r"Careless answered with an array .2,. of int64"):
+        watched(rollouts, monkeypatch, gate=gate)
 
 
 def test_gates_are_not_asked_once_all_robots_have_fallen(monkeypatch):

@@ -14,6 +14,7 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.disturbance import Disturbance, Pushes
 from surefoot.types import MotionPlan
 from tests.fakes.drivers import FakeController, Script, standing_for, starts_of
+from tests.fakes.gates import NOT_FLAGS, CarelessArbiter
 from tests.fakes.robots import ROBOT
 from tests.fakes.simulator import FakeSimulator
 
@@ -295,6 +296,46 @@ def test_another_number_of_initial_states_than_robots_is_an_error():
 def test_an_arbiter_that_asks_for_a_policy_needs_one():
     with pytest.raises(ValueError, match="asks for a policy, but none was given"):
         rollout(FakeSimulator(1), standing_for(0.1), PolicyOnly(), FakeController())
+
+
+@pytest.mark.parametrize("mistake", NOT_FLAGS)
+def test_answers_of_an_arbiter_that_are_no_flags_are_refused(mistake):
+    with pytest.raises(
+        ValueError, match=r"CarelessArbiter answered with .*: give a NumPy array .3,."
+    ):
+        rollout(
+            FakeSimulator(3),
+            standing_for(0.003, batch=3),
+            CarelessArbiter(mistake),
+            FakeController(1.0),
+            FakeController(-1.0),
+        )
+
+
+def test_whole_numbers_are_no_flags_of_a_simulator_or_an_expert():
+    class Worn(FakeSimulator):
+        @property
+        def blown_up(self):
+            return super().blown_up.astype(int)
+
+    class Dragging(FakeSimulator):
+        @property
+        def body_contact(self):
+            return super().body_contact.astype(int)
+
+    class Resigning(FakeController):
+        @property
+        def diverged(self):
+            return super().diverged.astype(int)
+
+    episodes = standing_for(0.003, batch=3)
+    for simulator in (Worn, Dragging):
+        with pytest.raises(
+            ValueError, match=f"{simulator.__name__} answered with an array .3,. of"
+        ):
+            rollout(simulator(3), episodes, ExpertOnly(), FakeController())
+    with pytest.raises(ValueError, match=r"Resigning answered with an array .3,. of int64: give"):
+        rollout(FakeSimulator(3), episodes, ExpertOnly(), Resigning())
 
 
 @pytest.mark.parametrize(("duration", "tail"), [(0.4, 0.1), (0.43, 0.129), (0.05, 0.0)])

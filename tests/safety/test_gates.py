@@ -9,7 +9,7 @@ from surefoot.config import TABLE_I
 from surefoot.rollouts.outcome import fallen
 from surefoot.safety.gates import AnyOf, Bounds, margin, outside, tightened, unsafe
 from surefoot.types import JOINTS
-from tests.fakes.gates import ScriptedGate
+from tests.fakes.gates import NOT_FLAGS, Careless, ScriptedGate
 from tests.fakes.robots import STANDING
 from tests.fakes.states import state_of, turned_robot
 
@@ -136,6 +136,16 @@ def test_any_of_several_gates_makes_a_state_unsafe_and_all_are_asked_every_tick(
     gate.reset(1)
     answers = [bool(gate.unsafe(state_of(STANDING), CLOCK, COMMAND)[0]) for _ in range(5)]
     assert answers == [True, True, False, True, False]
+
+
+@pytest.mark.parametrize("mistake", NOT_FLAGS)
+def test_each_of_several_gates_has_to_answer_with_flags(mistake):
+    signal = np.array([[False], [True], [False]])
+    gate = AnyOf([ScriptedGate(signal), Careless(signal, mistake)])
+    gate.reset(3)
+    state = state_of(np.tile(STANDING, (3, 1)))
+    with pytest.raises(ValueError, match=r"Careless answered with .*: give a NumPy array .3,."):
+        gate.unsafe(state, np.zeros(3, int), np.zeros((3, 3)))
 
 
 def test_no_gates_are_refused():

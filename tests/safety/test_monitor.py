@@ -8,7 +8,7 @@ import pytest
 from surefoot.config import TABLE_I, HandBack
 from surefoot.safety.gates import Bounds
 from surefoot.safety.monitor import SafetyMonitor
-from tests.fakes.gates import ScriptedGate
+from tests.fakes.gates import NOT_FLAGS, Careless, ScriptedGate
 from tests.fakes.robots import STANDING
 from tests.fakes.states import state_of, turned_robot
 
@@ -118,3 +118,12 @@ def test_the_monitor_asks_its_gate_about_the_state():
 def test_a_time_that_no_block_can_last_is_refused(block):
     with pytest.raises(ValueError, match=r"block is .* s; use 0 or more"):
         SafetyMonitor(Bounds(CONFIG), block)
+
+
+@pytest.mark.parametrize("mistake", NOT_FLAGS)
+def test_answers_of_a_gate_that_are_no_flags_are_refused(mistake):
+    gate = Careless(np.array([[False], [True], [False]]), mistake)
+    monitor = SafetyMonitor(gate, 0.005)
+    monitor.reset(3)
+    with pytest.raises(ValueError, match=r"Careless answered with .*: give a NumPy array .3,."):
+        ask(monitor, 0, 3)

@@ -37,7 +37,7 @@ from surefoot.rollouts.jobs import Job, chunks_of, play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import Gate
 from surefoot.scenarios.starts import starts_of
-from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray
+from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, one_flag_each
 from surefoot.workers import Workers, map_chunks
 
 LONGEST_LEAD = 1500
@@ -155,7 +155,8 @@ def measure_warnings(
 
     Raises:
         KeyError: There is no such split.
-        ValueError: The split holds fewer initial states than the episodes asked for.
+        ValueError: The split holds fewer initial states than the episodes asked for, or the answer
+            of a gate is not a boolean array ``(B,)``.
     """
     stored = starts_of(config)
     evaluation = config.evaluation
@@ -203,7 +204,7 @@ def watch_chunk(chunk: tuple[Job, dict[str, Gate]]) -> WatchedRobots:
         up = elapsed < rollouts.length
         for name, gate in gates.items():
             unsafe = gate.unsafe(state, starts.tick + elapsed, starts.command)
-            alarm[name][:, elapsed] = unsafe & up
+            alarm[name][:, elapsed] = one_flag_each(unsafe, B, gate) & up
     return WatchedRobots(alarm, rollouts.length, rollouts.outcome == Outcome.FELL)
 
 

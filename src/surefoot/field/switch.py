@@ -14,7 +14,7 @@ from surefoot.deploy.interfaces import Fallen, MissingBase, Sensors
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.rollouts.jobs import Job
 from surefoot.rollouts.outcome import fallen
-from surefoot.types import Command, to_ticks
+from surefoot.types import Command, one_flag_each, to_ticks
 
 
 class EpisodeSwitch:
@@ -59,5 +59,6 @@ class EpisodeSwitch:
             )
         if tick >= to_ticks(self._job.episodes.duration):
             return True
-        choice = self._job.arbiter.choose(state, np.array([tick]), np.array([command], float))
-        return bool(choice[0])
+        arbiter = self._job.arbiter
+        choice = arbiter.choose(state, np.array([tick]), np.array([command], float))
+        return bool(one_flag_each(choice, 1, arbiter)[0])

@@ -44,6 +44,7 @@ from surefoot.types import (
     State,
     ground_height,
     lowered,
+    one_flag_each,
     to_ticks,
 )
 
@@ -84,8 +85,9 @@ def rollout(
 
     Raises:
         ValueError: The number of robots is not that of the episodes, the policy is one of another
-            robot, torques are not ``(B, 12)``, the arbiter asks for a policy and there is none, or
-            robots are to walk another gait than the first one, and a controller takes none.
+            robot, torques are not ``(B, 12)``, flags are not boolean arrays ``(B,)``, the arbiter
+            asks for a policy and there is none, or robots are to walk another gait than the first
+            one, and a controller takes none.
     """
     disturbance = episodes.disturbance or Disturbance()
     starts = episodes.starts
@@ -134,9 +136,9 @@ def rollout(
         state = simulator.state
         if elapsed == 0 and episodes.ground is not None and episodes.ground.touching is not None:
             state = replace(state, contacts=episodes.ground.touching)
-        touching = simulator.body_contact
+        touching = one_flag_each(simulator.body_contact, B, simulator)
         # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
-        lost = simulator.blown_up
+        lost = one_flag_each(simulator.blown_up, B, simulator)
         felt = state
         if felt_ground is not None:
             felt_ground = ground_height(state, robot.foot_radius, felt_ground)
@@ -161,7 +163,9 @@ def rollout(
         tick = starts.tick + elapsed
         for walker in walkers:
             walker.gait = episodes.gait_at(elapsed)
-        choice = arbiter.choose(shown, tick, starts.command) if elapsed < T else everyone
+        choice = everyone
+        if elapsed < T:
+            choice = one_flag_each(arbiter.choose(shown, tick, starts.command), B, arbiter)
         torque = controllers.torque(measured, shown, tick, choice, elapsed, recorder)
         if remembering is not None:  # whoever drove
             remembering.observe(measured, tick, torque)
@@ -338,7 +342,7 @@ class _Controllers:
         asked = recorder.active.copy() if self._ask_always else by_expert
         if np.count_nonzero(asked):
             answer = self._expert.torque(shown, tick, self._command, asked)
-            diverged = self._expert.diverged
+            diverged = one_flag_each(self._expert.diverged, len(choice), self._expert)
             recorder.asked[elapsed] = asked & ~diverged
             recorder.end(by_expert & diverged, Outcome.DIVERGED, elapsed)
             torque = np.where(by_expert[:, None], answer, torque)

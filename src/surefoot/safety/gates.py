@@ -17,7 +17,7 @@ import numpy as np
 from surefoot.config import SafetyConfig
 from surefoot.config.checked import known
 from surefoot.robots.bounds import outside, table_bounds
-from surefoot.types import Array, BoolArray, IntArray, State
+from surefoot.types import Array, BoolArray, IntArray, State, one_flag_each
 
 
 class Gate(Protocol):
@@ -78,8 +78,16 @@ class AnyOf:
             gate.reset(batch)
 
     def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """``(B,)`` True where any gate says so. Every gate is asked: it may have a memory."""
-        return np.any([gate.unsafe(state, tick, command) for gate in self._gates], axis=0)
+        """``(B,)`` True where any gate says so. Every gate is asked: it may have a memory.
+
+        Raises:
+            ValueError: The answer of a gate is not a boolean array ``(B,)``.
+        """
+        B = len(tick)
+        answers = [
+            one_flag_each(gate.unsafe(state, tick, command), B, gate) for gate in self._gates
+        ]
+        return np.any(answers, axis=0)
 
 
 def unsafe(state: State, config: SafetyConfig) -> BoolArray:

@@ -14,7 +14,7 @@ import numpy as np
 from surefoot.config import HandBack
 from surefoot.errors import unknown
 from surefoot.safety.gates import Gate
-from surefoot.types import Array, BoolArray, IntArray, State, to_ticks
+from surefoot.types import Array, BoolArray, IntArray, State, one_flag_each, to_ticks
 
 
 class SafetyMonitor:
@@ -50,8 +50,12 @@ class SafetyMonitor:
         """``(B,)`` True where the expert must drive during this tick; call once a tick.
 
         The arguments are those of `Gate.unsafe`; the gait clock advances from call to call.
+
+        Raises:
+            ValueError: The answer of the gate is not a boolean array ``(B,)``.
         """
-        violation = self._gate.unsafe(state, tick, command)
+        answer = self._gate.unsafe(state, tick, command)
+        violation = one_flag_each(answer, len(self._since), self._gate)
         if not self._any_blocked and not np.count_nonzero(violation):
             return violation
         # Ticks that nobody saw, on a robot, are over all the same.
