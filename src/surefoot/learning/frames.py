@@ -82,7 +82,8 @@ class Frames:
         outcome: ``(n,)`` int8, how the frame's episode ended.
         gait: ``(n,)`` int8, which of the run's gaits the robot was to walk.
         kept: ``(n,)`` True for ticks to train on; the others are only the past of those.
-        applied: ``(n, 12)`` the torque that was commanded by whoever drove [N m], clipped.
+        applied: ``(n, 12)`` the torque that was commanded by whoever drove [N m], clipped; not a
+            number where that is unknown.
         elapsed: ``(n,)`` int32, ticks since the episode began, or since the one did that it goes on
             from, as LocoDAGGER's queries do; -1 where that is unknown.
 

@@ -121,6 +121,7 @@ class RecordedPast:
         self._frames = frames
         self._history = history
         self._samples = samples_of(frames.state, target, history)
+        self._is_unknown = np.asarray(np.isnan(frames.applied).any(axis=1))
 
     def at(self, rows: IntArray) -> Float32Array:
         """``(k, size)`` the samples of the past of some ticks.
@@ -129,7 +130,7 @@ class RecordedPast:
             rows: ``(k,)`` rows of the ticks.
 
         Raises:
-            ValueError: A tick is missing.
+            ValueError: A tick is missing, or the torque that was applied there is not known.
         """
         size = self._history.sample_size
         out = np.empty((len(rows), self._history.size), np.float32)
@@ -141,7 +142,27 @@ class RecordedPast:
             if self._history.targets:
                 before = elapsed < 0
                 sample[before, size - TARGET_SIZE :] = self._frames.q[source[before], 7:]
+                self._check_applied(source[~before])
         return out
+
+    def _check_applied(self, rows: IntArray) -> None:
+        """Check that it is known which torques were applied at some ticks.
+
+        Args:
+            rows: ``(k,)`` rows of the ticks.
+
+        Raises:
+            ValueError: At one of them it is not known.
+        """
+        unknown = self._is_unknown[rows]
+        if unknown.any():
+            row = rows[unknown.argmax()]
+            raise ValueError(
+                f"it is not known which torque was applied in tick {self._frames.tick[row]} of "
+                f"episode {self._frames.episode[row]}, where the expert did not drive, but the "
+                "layout remembers joint targets: import the log again with the array `applied`, "
+                "the torque of whoever drove, or use policy.layout full"
+            )
 
     def _rows_at(self, elapsed: IntArray, rows: IntArray) -> IntArray:
         """``(k,)`` rows of earlier ticks of the same episodes.

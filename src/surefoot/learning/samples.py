@@ -153,8 +153,8 @@ def derive(frames: Frames, spec: PolicySpec) -> Float32Array:
         spec: How inputs and targets follow from frames: layout, gaits, phase, kp and kd.
 
     Raises:
-        ValueError: A number is not finite, a tick is missing that a history needs, or a frame is of
-            a gait that the policies do not have.
+        ValueError: A number is not finite, a tick or an applied torque is missing that a history
+            needs, or a frame is of a gait that the policies do not have.
     """
     seen = spec.observation
     history = seen.layout.history

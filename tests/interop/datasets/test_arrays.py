@@ -1,11 +1,16 @@
 """Logs become frames, and what is wrong with a log is said before any training."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import surefoot as sf
 from surefoot.interop.datasets.arrays import frames_from_arrays, read_expert_log
+from surefoot.learning.samples import derive
 from surefoot.robots.solo12 import solo12
 from surefoot.rotations import rotation
+from surefoot.runs.policies import PACKAGED_POLICY
 
 ROBOT = solo12()
 
@@ -67,6 +72,52 @@ def test_a_robot_that_does_not_know_where_it_is_can_be_imported(log):
     assert len(frames_from_arrays(log, ROBOT)) == 250
 
 
+@pytest.fixture(scope="module")
+def mixed():
+    """What a blind policy is trained on; a rollout in which policy and expert take turns."""
+    config = sf.with_own_values(sf.preset("dagger", "quick"))
+    blind = replace(config, policy=replace(config.policy, layout="proprioceptive"))
+    rollouts = sf.rollout(
+        sf.make_simulator(ROBOT, batch=2),
+        sf.Episodes(sf.load_starts()["nominal"][:2], duration=0.15),
+        sf.RandomMix(0.4, 20, seed=3),
+        sf.make_expert(ROBOT, config),
+        sf.load(PACKAGED_POLICY),
+        ask_always=True,
+    )
+    T = rollouts.duration
+    log = {
+        "q": rollouts.q.reshape(-1, 19),
+        "v": rollouts.v.reshape(-1, 18),
+        "torque": rollouts.expert_torque.reshape(-1, 12),
+        "command": np.repeat(rollouts.starts.command, T, axis=0),
+        "tick": (rollouts.starts.tick[:, None] + np.arange(T)).ravel(),
+        "episode": np.repeat([0, 1], T),
+        "contacts": rollouts.contacts.reshape(-1, 4),
+        "expert_drove": rollouts.expert_drove.ravel(),
+    }
+    assert 0.2 < log["expert_drove"].mean() < 0.8
+    return sf.policy_spec(blind), rollouts, log
+
+
+def test_what_acted_is_unknown_where_the_expert_was_only_asked(mixed):
+    spec, _, log = mixed
+    imported = frames_from_arrays(log, ROBOT)
+    drove = imported.expert_drove
+    np.testing.assert_array_equal(imported.applied[drove], imported.torque[drove])
+    assert np.isnan(imported.applied[~drove]).all()
+    with pytest.raises(ValueError, match=r"did not drive, but .* with the array `applied`"):
+        derive(imported, spec)
+
+
+def test_a_log_of_what_acted_gives_a_history_the_inputs_of_its_rollout(mixed):
+    spec, rollouts, log = mixed
+    imported = frames_from_arrays(log | {"applied": rollouts.torque.reshape(-1, 12)}, ROBOT)
+    recorded = rollouts.recording(keep=rollouts.happened, episode=np.arange(2))
+    assert np.abs(recorded.applied - recorded.torque).max() > 0.1
+    np.testing.assert_allclose(derive(imported, spec), derive(recorded, spec), atol=1e-5)
+
+
 def without(name):
     return lambda log: log.pop(name)
 
@@ -99,6 +150,10 @@ def in_degrees_a_second(log):
         (wxyz, "upside down|rotat|does not fit the motion"),
         (in_degrees_a_second, "v6 to v17, the joint rates, does not fit the motion of q"),
         (put("torque", (9, 0), 30.0), r"torque: row 9 exceeds the motor limits of solo12 \(2.7"),
+        (
+            lambda log: log.update(applied=np.full((250, 12), 30.0)),
+            "applied: row 0 exceeds the motor limits of solo12",
+        ),
         (lambda log: log.update(v=log["v"][:, :17]), r"v is float64 \(250, 17\), expected"),
         (lambda log: log.update(tick=log["tick"] + 0.5), "tick: row 0 is not a whole number"),
         (

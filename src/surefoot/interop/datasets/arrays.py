@@ -32,7 +32,7 @@ SUFFIXES = (".npz", ".csv")
 """The endings of logs."""
 REQUIRED = {"q": 19, "v": 18, "torque": 12, "command": 3, "tick": 0}
 """The arrays that a log has, with the numbers in a row; 0 is a plain number."""
-OPTIONAL = {"episode": 0, "outcome": 0, "contacts": 4, "expert_drove": 0}
+OPTIONAL = {"episode": 0, "outcome": 0, "contacts": 4, "expert_drove": 0, "applied": 12}
 """The arrays that a log may have."""
 GROUNDED = 0.005
 """[m] A foot whose sphere is no higher above the ground is in contact, where the log has none."""
@@ -119,7 +119,9 @@ def frames_from_arrays(
         arrays: ``q (n, 19)``, ``v (n, 18)``, ``torque (n, 12)``, ``command (n, 3)`` or ``(3,)`` and
             ``tick (n,)``, in the conventions of `surefoot.types`; optionally ``episode (n,)``
             (without it, a new one begins wherever the tick does not rise by one), ``outcome (n,)``,
-            ``contacts (n, 4)`` and ``expert_drove (n,)``.
+            ``contacts (n, 4)``, ``expert_drove (n,)`` and ``applied (n, 12)``, the torque of
+            whoever drove [N m] (without it, it is known where the expert drove, and not a number
+            elsewhere).
         robot: The robot.
         first_episode: The id of the first episode.
 
@@ -137,10 +139,11 @@ def frames_from_arrays(
     v = given["v"].astype(float)
     _check_posture(q, robot)
     _check_motion(q, v, tick, number)
-    torque = given["torque"].astype(float)
-    over = (np.abs(torque) > SPARE * robot.torque_limit).any(axis=1)
-    limit = ", ".join(f"{value:g}" for value in robot.torque_limit[:3])
-    _refuse(over, "torque", f"exceeds the motor limits of {robot.name} ({limit} N m a leg)")
+    torque = _clipped("torque", given["torque"], robot)
+    expert_drove = given.get("expert_drove", np.ones(len(q))).astype(bool)
+    applied = np.where(expert_drove[:, None], torque, np.nan)
+    if "applied" in given:
+        applied = _clipped("applied", given["applied"], robot)
     position, _ = feet(q, legs_of(robot))
     grounded = position[..., 2] - robot.foot_radius <= GROUNDED
     n = len(q)
@@ -155,10 +158,11 @@ def frames_from_arrays(
         contacts=given["contacts"].astype(bool) if "contacts" in given else grounded,
         tick=tick,
         command=given["command"].astype(float),
-        torque=np.clip(torque, -robot.torque_limit, robot.torque_limit),
-        expert_drove=given.get("expert_drove", np.ones(n)).astype(bool),
+        torque=torque,
+        expert_drove=expert_drove,
         episode=first_episode + number,
         outcome=outcome.astype(np.int8),
+        applied=applied,
         elapsed=_elapsed(number),
     )
 
@@ -204,6 +208,18 @@ def _refuse(is_wrong: ArrayLike, name: str, why: str) -> None:
     wrong = np.asarray(is_wrong)
     if wrong.any():
         raise ValueError(f"{name}: row {int(wrong.argmax())} {why} ({int(wrong.sum())} such rows)")
+
+
+def _clipped(name: str, torque: NDArray, robot: RobotModel) -> Array:
+    """Torques within the motors' limits, which sensors may exceed a little.
+
+    Raises:
+        ValueError: A torque exceeds them by more.
+    """
+    over = (np.abs(torque) > SPARE * robot.torque_limit).any(axis=1)
+    limit = ", ".join(f"{value:g}" for value in robot.torque_limit[:3])
+    _refuse(over, name, f"exceeds the motor limits of {robot.name} ({limit} N m a leg)")
+    return np.clip(torque.astype(float), -robot.torque_limit, robot.torque_limit)
 
 
 def _whole(name: str, values: NDArray) -> IntArray:
