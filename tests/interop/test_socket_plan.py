@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import re
 import socket
 import sys
 import threading
@@ -36,6 +37,7 @@ STATE = State(
 )
 COMMAND = Command(0.1, -0.2, 0.3)
 PLAN = MotionPlan(*RNG.normal(size=(3, 100, 12)))
+LONG = np.zeros((10_001, 12))
 
 
 @pytest.fixture
@@ -162,6 +164,26 @@ def test_a_server_that_fails_is_an_error_and_the_next_question_asks_again(served
     with pytest.raises(PlanServerError, match="does not answer"):
         remote(STATE, 0, COMMAND)
     assert remote(STATE, 0, COMMAND).valid
+
+
+@pytest.mark.parametrize(
+    ("planned", "message"),
+    [
+        (
+            replace(PLAN, joint_position=np.zeros((100, 19))),
+            r"arrays are \[\(100, 19\), .*expected",
+        ),
+        (replace(PLAN, torque=np.zeros((99, 12))), r"\(99, 12\)\], expected \(ticks, 12\) each"),
+        (replace(PLAN, torque=np.full((100, 12), "1")), "torque is .* real numbers"),
+        (MotionPlan(LONG, LONG, LONG), "a plan of 10001 ticks; use at most 10000"),
+        (None, "returned NoneType, expected a surefoot.MotionPlan"),
+    ],
+)
+def test_what_is_no_plan_is_not_sent(served, capsys, planned, message):
+    remote = served(lambda *_: planned)
+    with pytest.raises(PlanServerError, match="look at what it prints"):
+        remote(STATE, 1234, COMMAND)
+    assert re.search(message, capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("content", [HEADER.pack(4_000_000_000), b"HTTP/1.1 200 OK"])

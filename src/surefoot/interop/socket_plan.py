@@ -23,6 +23,7 @@ from socketserver import BaseRequestHandler, ThreadingTCPServer
 
 import numpy as np
 
+from surefoot.mpc.expert import rows_of
 from surefoot.types import Array, Command, MotionPlan, PlanFunction, State
 
 QUESTION = np.dtype("<f8")
@@ -158,10 +159,20 @@ def read_question(connection: socket.socket) -> tuple[State, int, Command]:
 
 
 def answer(plan: MotionPlan) -> bytes:
-    """The bytes of an answer."""
-    if not plan.valid:
+    """The bytes of an answer.
+
+    Args:
+        plan: The plan, with at most `MOST_TICKS` rows.
+
+    Raises:
+        ValueError: Its arrays are not ``(T, 12)`` numbers, or have too many rows.
+        TypeError: It is something else than a `MotionPlan`.
+    """
+    rows, valid = rows_of(plan)
+    if not valid:
         return HEADER.pack(0)
-    rows = np.concatenate([plan.joint_position, plan.joint_velocity, plan.torque], axis=1)
+    if len(rows) > MOST_TICKS:
+        raise ValueError(f"a plan of {len(rows)} ticks; use at most {MOST_TICKS}")
     return HEADER.pack(len(rows)) + rows.astype(QUESTION).tobytes()
 
 
@@ -188,6 +199,8 @@ def read_answer(connection: socket.socket) -> MotionPlan:
 def serve_plan(plan: PlanFunction, port: int = 0, host: str = "127.0.0.1") -> ThreadingTCPServer:
     """Make a server of a plan function; its ``serve_forever`` answers until its ``shutdown``.
 
+    Where the function fails, or returns no plan, the server prints why and closes the connection.
+
     Args:
         plan: The plan function, called from a thread for each connection.
         port: The port; 0 takes a free one, which is then ``server_address[1]``.
@@ -207,7 +220,12 @@ def serve_plan(plan: PlanFunction, port: int = 0, host: str = "127.0.0.1") -> Th
 
 
 def _answer_all(connection: socket.socket, plan: Callable[..., MotionPlan]) -> None:
-    """Answer the questions of a connection until it is closed."""
+    """Answer the questions of a connection until it is closed.
+
+    Raises:
+        ValueError: What was planned is no plan; see `answer`.
+        TypeError: See `answer`.
+    """
     while True:
         try:
             asked = read_question(connection)

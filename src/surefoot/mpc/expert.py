@@ -185,6 +185,23 @@ def ask_for_plan(
             f"({error}): the state is the simulation's own; change a copy, for example "
             "q = state.q.copy()"
         ) from error
+    return rows_of(motion)
+
+
+def rows_of(motion: object) -> tuple[Array, bool]:
+    """Check what a plan function returned.
+
+    Args:
+        motion: What it returned, which should be a `MotionPlan`.
+
+    Returns:
+        Joint positions, joint velocities and torques side by side ``(ticks, 36)``, and whether the
+        plan is valid.
+
+    Raises:
+        ValueError: An array of the plan is not ``(ticks, 12)`` numbers.
+        TypeError: It is something else than a `MotionPlan`.
+    """
     if not isinstance(motion, MotionPlan):
         raise TypeError(
             f"the plan function returned {type(motion).__name__}, expected a surefoot.MotionPlan: "
