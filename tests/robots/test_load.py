@@ -283,6 +283,24 @@ def test_a_foot_on_another_link_is_refused():
         load_robot(replace(GO2, foot="{leg}_thigh"))
 
 
+def test_a_foot_at_its_knee_is_refused_with_the_links_that_it_could_be():
+    laikago = replace(
+        GO2,
+        name="laikago",
+        urdf="laikago_description/urdf/laikago.urdf",
+        front=(0.0, 0.7, -1.4),
+        hind=(0.0, 0.7, -1.4),
+        foot_radius=0.0265,
+    )
+    assert np.isfinite([shape.end for shape in load_robot(laikago).shapes]).all()
+    message = (
+        "the foot 'FL_calf' of the leg 'FL' is 0.000 m away from the axis of its knee, .* the "
+        "foot's diameter, 0.053 m; .* The links below this knee are FL_calf, FL_foot"
+    )
+    with pytest.raises(ValueError, match=message):
+        load_robot(replace(laikago, foot="{leg}_calf"))
+
+
 def test_joints_in_another_order_are_refused():
     joints = ("{leg}_thigh_joint", "{leg}_hip_joint", "{leg}_calf_joint")
     with pytest.raises(ValueError, match="expected one below the other, the first on the base"):

@@ -47,6 +47,7 @@ def load_robot(robot: RobotConfig | RobotSpec | str | Path = "solo12") -> RobotM
     spec = find_spec(robot)
     description = read_description(spec)
     model = canonical_model(description, spec)
+    _check_lower_legs(description, model, spec)
     profile = find_profile(config)
     torque_limit = _torque_limits(description, spec, config.torque_limit)
     if profile is not None:
@@ -220,6 +221,41 @@ def _check_pose(robot: RobotModel) -> None:
         raise ValueError(
             f"{robot.name}: in the nominal pose its feet are {(hips - feet)[:, 2].tolist()} m "
             "below its hips; give `front` and `hind` the angles of a standing posture"
+        )
+
+
+def _check_lower_legs(description: Description, model: pin.Model, spec: RobotSpec) -> None:
+    """Check that the feet are not at the knees, as a foot named after the wrong link is.
+
+    Args:
+        description: The description, for the links that a foot could be.
+        model: The canonical model.
+        spec: The names and sizes.
+
+    Raises:
+        ValueError: A lower leg is no longer than the diameter of its foot, so that nothing is left
+            between them to touch the ground.
+    """
+    axes = joint_axes(model)
+    source = description.model
+    for number, (leg, name) in enumerate(zip(LEGS, spec.legs, strict=True)):
+        foot = model.frames[model.getFrameId(f"{leg}_FOOT")].placement.translation
+        axis = axes[3 * number + 2]
+        length = float(np.linalg.norm(foot - (axis @ foot) * axis))
+        if length > 2 * spec.foot_radius:
+            continue
+        frame = spec.foot.replace("{leg}", name)
+        knee = source.getJointId(spec.joints[2].replace("{leg}", name))
+        links = [
+            link.name
+            for link in source.frames
+            if link.type == pin.FrameType.BODY and link.parentJoint in source.subtrees[knee]
+        ]
+        raise ValueError(
+            f"{spec.name}, {description.path}: the foot {frame!r} of the leg {name!r} is "
+            f"{length:.3f} m away from the axis of its knee, expected more than the foot's "
+            f"diameter, {2 * spec.foot_radius:g} m; give `foot` the link or frame in the center of "
+            f"the foot's sphere. The links below this knee are {', '.join(links)}"
         )
 
 
