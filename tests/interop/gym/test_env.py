@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.env_checker import check_env as sb3_check
 
 from surefoot.config import Config
@@ -123,6 +124,34 @@ def test_the_same_step_begins_new_episodes_and_keeps_the_last_observation():
         assert infos["final_obs"][row].shape == (47,)
         assert (infos["final_obs"][row] != seen[row]).any()
     assert infos["final_info"]["_velocity"].tolist() == [True, True]
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_infos_are_those_of_gymnasiums_own_vector_environment(mode):
+    kwargs = {"num_envs": 3, "duration": 0.06, "expert": True}
+    ours = gym.make_vec(IDS[0], autoreset_mode=mode, **kwargs)
+    theirs = gym.make_vec(
+        IDS[0], vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **kwargs
+    )
+    _assert_same_infos(ours.reset(seed=5)[1], theirs.reset(seed=5)[1])
+    ends = 0
+    for actions in ACTIONS[:8]:
+        *_, truncated, infos = ours.step(actions)
+        _assert_same_infos(infos, theirs.step(actions)[-1])
+        ends += int(truncated.sum())
+    assert ends == 6
+
+
+def _assert_same_infos(ours, theirs):
+    assert set(ours) == set(theirs)
+    for name, value in ours.items():
+        if name == "final_info":
+            _assert_same_infos(value, theirs[name])
+        elif name == "final_obs":
+            for one, other in zip(value, theirs[name], strict=True):
+                np.testing.assert_array_equal(one, other)
+        else:
+            np.testing.assert_array_equal(value, theirs[name], name)
 
 
 def test_without_autoreset_robots_wait_for_their_reset():

@@ -243,7 +243,8 @@ class WalkingVectorEnv(gymnasium.vector.VectorEnv[Float32Array, Float32Array, Ar
         self._over = np.zeros(self.num_envs, bool)
         last = {name: np.copy(value) for name, value in infos.items()}
         last.update({name: value & rows for name, value in last.items() if name[0] == "_"})
-        infos = self._infos(decided.velocity, np.ones(self.num_envs, bool))
+        velocity = np.where(rows[:, None], 0.0, decided.velocity)  # new episodes have none yet
+        infos = self._infos(velocity, np.ones(self.num_envs, bool))
         return infos | {
             "final_obs": final,
             "_final_obs": rows.copy(),
