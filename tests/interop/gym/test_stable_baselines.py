@@ -3,6 +3,7 @@
 import numpy as np
 from stable_baselines3 import PPO
 
+from surefoot.interop.gym.env import WalkingEnv
 from surefoot.interop.gym.stable_baselines import LockstepVecEnv
 
 
@@ -26,6 +27,35 @@ def test_an_episode_that_is_over_keeps_its_last_observation():
     for row in range(2):
         assert infos[row]["TimeLimit.truncated"]
         assert (np.asarray(infos[row]["terminal_observation"]) != np.asarray(seen)[row]).any()
+
+
+def assert_same(ours, theirs):
+    assert set(ours) == set(theirs) == {"velocity", "expert_action"}
+    for name, value in ours.items():
+        np.testing.assert_array_equal(value, theirs[name])
+
+
+def test_the_infos_of_a_robot_are_those_of_its_environment():
+    options = {"duration": 0.06, "expert": True}
+    robots = LockstepVecEnv(3, **options)
+    alone = [WalkingEnv(**options) for _ in range(3)]
+    robots.seed(5)
+    robots.reset()
+    for n, env in enumerate(alone):
+        assert_same(robots.reset_infos[n], env.reset(seed=5 + n)[1])
+    actions = np.random.default_rng(0).uniform(-0.3, 0.3, (4, 3, 12)).astype(np.float32)
+    ends = 0
+    for action in actions:
+        _, _, done, infos = robots.step(action)
+        for n, env in enumerate(alone):
+            *_, info = env.step(action[n])
+            mine = {name: infos[n][name] for name in info}
+            assert_same(mine, info)
+            if done[n]:
+                ends += 1
+                assert infos[n]["TimeLimit.truncated"]
+                assert_same(robots.reset_infos[n], env.reset()[1])
+    assert ends == 3
 
 
 def test_a_seed_fixes_the_next_reset():

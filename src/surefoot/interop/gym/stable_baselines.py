@@ -16,9 +16,16 @@ from stable_baselines3.common.vec_env import VecEnv
 from surefoot.interop.gym.env import Info, WalkingVectorEnv
 from surefoot.learning.observation import Float32Array
 
+INFOS = ("velocity", "expert_action")
+"""What the infos of `WalkingEnv` hold, and so those of each robot."""
+
 
 class LockstepVecEnv(VecEnv):
     """Robots in lockstep, for the algorithms of Stable-Baselines3.
+
+    The infos of a robot are those of `WalkingEnv`: its mean velocity, and the expert's action with
+    ``expert=True``. Where an episode is over they are the last ones of that episode, and
+    ``reset_infos`` has the first ones of the next.
 
     Args:
         num_envs: The number of robots.
@@ -44,8 +51,9 @@ class LockstepVecEnv(VecEnv):
 
     def reset(self) -> Float32Array:
         """Begin an episode of every robot."""
-        observation, _ = self.robots.reset(seed=self._next_seed)
+        observation, infos = self.robots.reset(seed=self._next_seed)
         self._next_seed = None
+        self.reset_infos = [_infos_of(infos, row) for row in range(self.num_envs)]
         return observation
 
     def step_async(self, actions: np.ndarray) -> None:
@@ -55,9 +63,11 @@ class LockstepVecEnv(VecEnv):
     def step_wait(self) -> tuple[Any, ...]:
         """Carry out one decision; robots whose episodes end begin new ones at once."""
         seen, reward, terminated, truncated, infos = self.robots.step(self._actions)
-        each: list[Info] = [{} for _ in range(self.num_envs)]
+        each = [_infos_of(infos, row) for row in range(self.num_envs)]
         done = terminated | truncated
         for row in np.flatnonzero(done).tolist():
+            self.reset_infos[row] = each[row]
+            each[row] = _infos_of(infos["final_info"], row)
             each[row]["terminal_observation"] = infos["final_obs"][row]
             each[row]["TimeLimit.truncated"] = bool(truncated[row])
         return seen, reward.astype(np.float32), done, each
@@ -94,3 +104,8 @@ class LockstepVecEnv(VecEnv):
     def _rows(self, indices: Any) -> Sequence[int]:
         """The rows of some robots; None is all of them."""
         return list(self._get_indices(indices))
+
+
+def _infos_of(infos: Info, row: int) -> Info:
+    """The infos of one robot, from those of the vector environment."""
+    return {name: infos[name][row].copy() for name in INFOS if name in infos}
