@@ -1,11 +1,13 @@
 """Contract tests that your own simulator, plan, gate or controller can inherit.
 
 Each contract is a class of test methods and one method that makes what is tested. A test class of
-your own inherits it and runs under pytest and unittest alike:
+your own inherits it, and runs under pytest and unittest alike; pytest alone needs no `TestCase`:
+
+    import unittest
 
     from surefoot.testing import SimulatorContract
 
-    class TestMySimulator(SimulatorContract):
+    class TestMySimulator(SimulatorContract, unittest.TestCase):
         def make_simulator(self, batch):
             return MySimulator(solo12(), batch)
 
