@@ -67,6 +67,14 @@ def test_a_policy_of_any_layout_and_robot_is_fitted(surefoot, logs, tmp_path):
     assert policy.bounds is not None
 
 
+@pytest.mark.parametrize("share", [0.0, 0.7])
+def test_a_fit_tells_the_error_of_frames_held_out_if_there_are_any(fitted, capsys, share):
+    fitted("--config.training.validation", share)
+    shown = capsys.readouterr()
+    assert "nan" not in shown.out + shown.err
+    assert ("held out" in shown.out) == (share > 0.0)
+
+
 @pytest.fixture
 def fitted(surefoot, logs, tmp_path):
     """Fit a tiny policy to the logs with some options; the file that it leaves."""

@@ -20,3 +20,11 @@ def test_epochs_of_a_checkpoint_count_but_took_no_time(capsys):
     shown = capsys.readouterr().err
     assert "10/10 [" in shown
     assert "1/10 [" not in shown
+
+
+def test_no_loss_of_frames_held_out_is_shown_without_any(capsys):
+    with epochs_bar("fit") as progress:
+        progress(1, 1, 0.25, float("nan"))
+    shown = capsys.readouterr().err
+    assert "train=0.2500]" in shown
+    assert "nan" not in shown

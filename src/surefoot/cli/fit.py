@@ -104,10 +104,7 @@ class Fit(OnGait, OnRobot):
         )
         write_policy_card(policy, self.out, use)
         checkpoint.unlink(missing_ok=True)
-        print(
-            f"{self.out}: {result.steps} steps on {result.frames} frames, "
-            f"L1 {result.train_loss[-1]:.4f} rad, held out {result.validation_loss[-1]:.4f} rad"
-        )
+        print(f"{self.out}: {result.steps} steps on {result.frames} frames, {result.losses}")
         return 0
 
     def seed_of(self, config: Config) -> int:

@@ -70,6 +70,13 @@ class FitResult:
     device: str
     precision: NumberFormat
 
+    @property
+    def losses(self) -> str:
+        """The last losses in words; the one of the held-out episodes only if there were any."""
+        held_out = self.validation_loss[-1]
+        shown = f", held out {held_out:.4f} rad" if math.isfinite(held_out) else ""
+        return f"L1 {self.train_loss[-1]:.4f} rad{shown}"
+
 
 @dataclass(frozen=True)
 class SplitSamples:

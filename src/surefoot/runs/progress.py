@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -25,6 +26,8 @@ def epochs_bar(title: str) -> Iterator[Progress]:
                 bar.initial = bar.n = epoch - 1
             bar.total = epochs
             bar.update()
-            bar.set_postfix(train=f"{train_loss:.4f}", validation=f"{validation_loss:.4f}")
+            losses = {"train": train_loss, "validation": validation_loss}
+            known = {name: f"{loss:.4f}" for name, loss in losses.items() if math.isfinite(loss)}
+            bar.set_postfix(known)
 
         yield progress

@@ -206,8 +206,7 @@ def train_policy(
     )
     checkpoint.unlink(missing_ok=True)
     logger.info(
-        f"iteration {iteration}: {result.steps} steps on {result.frames} frames, "
-        f"L1 {result.train_loss[-1]:.4f} rad, held out {result.validation_loss[-1]:.4f} rad"
+        f"iteration {iteration}: {result.steps} steps on {result.frames} frames, {result.losses}"
     )
     return record
 
