@@ -1,5 +1,6 @@
 """Logs become frames, and what is wrong with a log is said before any training."""
 
+import csv
 from dataclasses import replace
 
 import numpy as np
@@ -52,6 +53,63 @@ def test_npz_and_csv_hold_the_same_log(log, tmp_path, capsys):
     one = frames_from_arrays(read_expert_log(tmp_path / "log.npz"), ROBOT)
     assert frames_from_arrays(read_expert_log(tmp_path / "log.csv"), ROBOT).hash == one.hash
     assert "log.csv:" in capsys.readouterr().err
+
+
+def write_csv(path, log, extra=()):
+    """Write a log as CSV, with further columns given as pairs of a name and a text."""
+    sizes = {"q": 19, "v": 18, "torque": 12}
+    names = [f"{name}{n}" for name, size in sizes.items() for n in range(size)]
+    names += ["vx", "vy", "yaw_rate", "tick", *(name for name, _ in extra)]
+    columns = [log["q"], log["v"], log["torque"], log["command"], log["tick"][:, None]]
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        for row in np.concatenate(columns, axis=1).tolist():
+            writer.writerow([*map(repr, row), *(text for _, text in extra)])
+
+
+@pytest.mark.parametrize(
+    "text", ["trot", "", "12:00:01", "nan", "left, then right", "#3", "two\nlines"]
+)
+def test_other_columns_may_hold_anything(log, tmp_path, text):
+    write_csv(tmp_path / "log.csv", log, [("phase", text), ("torque_note", "x"), ("time", "1")])
+    read = read_expert_log(tmp_path / "log.csv")
+    assert set(read) == set(log)
+    for name, values in log.items():
+        np.testing.assert_array_equal(read[name], values)
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        ([("q0", "1.0")], "more than one column q0; leave one"),
+        ([("episode", "1"), ("episode", "2")], "more than one column episode; leave one"),
+        ([(f"contacts{n}", "1") for n in range(3)], "it has no columns contacts3; .* or none"),
+        ([("expert_drive", "0")], "no array 'expert_drive'; did you mean 'expert_drove'"),
+        ([(f"contact{n}", "1") for n in range(4)], "'contact'; did you mean 'contacts'"),
+        ([("episode", "one")], "line 2: could not convert string to float: 'one'"),
+    ],
+)
+def test_columns_that_would_be_misread_are_refused(log, tmp_path, extra, message):
+    write_csv(tmp_path / "log.csv", log, extra)
+    with pytest.raises(ValueError, match=message):
+        read_expert_log(tmp_path / "log.csv")
+
+
+def test_a_row_of_another_length_is_named(log, tmp_path):
+    write_csv(tmp_path / "log.csv", log)
+    with (tmp_path / "log.csv").open("a") as file:
+        file.write("1.0,2.0\n")
+    with pytest.raises(ValueError, match="line 252: 53 names for 2 columns"):
+        read_expert_log(tmp_path / "log.csv")
+
+
+def test_other_arrays_are_left_out_but_no_misspelled_one(log):
+    hash_alone = frames_from_arrays(log, ROBOT).hash
+    others = {"time": np.array(["now"]), "battery": np.zeros(3), "torque_sensor": np.zeros(1)}
+    assert frames_from_arrays(log | others, ROBOT).hash == hash_alone
+    with pytest.raises(ValueError, match="no array 'expert_drive'; did you mean 'expert_drove'"):
+        frames_from_arrays(log | {"expert_drive": np.zeros(250)}, ROBOT)
 
 
 def test_a_new_episode_begins_where_the_clock_jumps(log):
@@ -206,7 +264,7 @@ def test_joints_in_another_order_are_out_of_their_limits(log):
         ("log.npz", b"no zip", "is no log"),
         ("log.csv", b"q0,q1\n1,2\n", "it has no columns q2, q3"),
         ("log.csv", b"q0,q1\n1,two\n", "is no log"),
-        ("log.csv", b"q0,q1\n1,2,3\n", "2 names for 3 columns"),
+        ("log.csv", b"q0," + b"1" * 200_000, "is no log of an expert: field larger"),
     ],
 )
 def test_a_file_that_is_no_log_is_named(tmp_path, name, content, message):

@@ -11,8 +11,9 @@ frame.
 from __future__ import annotations
 
 import csv
-import warnings
-from collections.abc import Iterator, Mapping
+from array import array
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TextIO
 
@@ -21,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from surefoot.config.array_io import parse_npz
+from surefoot.errors import unknown
 from surefoot.learning.frames import Frames
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import center_of_mass, difference, feet, legs_of, masses_of
@@ -42,6 +44,8 @@ UNIT = 1e-2
 """A quaternion whose length differs from 1 by more is none; others are made unit quaternions."""
 SPARE = 1.05
 """Torques may exceed the motors' limits by this factor, for what sensors add."""
+NEAR = 0.8
+"""[1] A name that is so similar to one of an optional array is taken for a misspelled one."""
 
 
 def read_expert_log(path: Path | str) -> dict[str, NDArray]:
@@ -63,42 +67,81 @@ def read_expert_log(path: Path | str) -> dict[str, NDArray]:
         if path.suffix.lower() == ".csv":
             return _read_csv(path)
         return parse_npz(path.read_bytes())
-    except ValueError as error:
+    except (ValueError, csv.Error) as error:
         raise ValueError(f"{path} is no log of an expert: {error}") from error
 
 
 def _read_csv(path: Path) -> dict[str, NDArray]:
-    """The arrays of a CSV file.
+    """The arrays of a CSV file; columns with other names may hold anything.
 
     Raises:
-        ValueError: A column is missing, or something is no number.
+        ValueError: A column is missing or there twice, a row has another number of columns, or
+            something is no number.
     """
+    numbers = array("d")
     with path.open(newline="", encoding="utf-8-sig") as file:
-        names = [name.strip() for name in next(csv.reader(file), [])]
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # NumPy's, of a file without rows
-            rows = np.loadtxt(_with_bar(file, path), delimiter=",", ndmin=2)
-    if not len(rows):
+        rows = csv.reader(_with_bar(file, path))
+        names = [name.strip() for name in next(rows, [])]
+        columns = _columns(names)
+        places = [names.index(name) for parts in columns.values() for name in parts]
+        for row in rows:
+            if not row or row[0].startswith("#"):
+                continue
+            if len(row) != len(names):
+                raise ValueError(f"line {rows.line_num}: {len(names)} names for {len(row)} columns")
+            try:
+                numbers.extend([float(row[place]) for place in places])
+            except ValueError as error:
+                raise ValueError(f"line {rows.line_num}: {error}") from error
+    if not numbers:
         raise ValueError("it has no rows; a log has one for each tick of 1 ms")
-    if rows.shape[1] != len(names):
-        raise ValueError(f"{len(names)} names for {rows.shape[1]} columns")
-    column = {name: rows[:, n] for n, name in enumerate(names)}
-    arrays: dict[str, NDArray] = {}
-    for name, size in (REQUIRED | OPTIONAL).items():
-        parts = [f"{name}{n}" for n in range(size)] if size else [name]
-        if name == "command":
+    table = np.array(numbers).reshape(-1, len(places))
+    ends = np.cumsum([len(parts) for parts in columns.values()])
+    values = dict(zip(columns, np.split(table, ends[:-1], axis=1), strict=True))
+    sizes = REQUIRED | OPTIONAL
+    return {name: part if sizes[name] else part[:, 0] for name, part in values.items()}
+
+
+def _columns(names: Sequence[str]) -> dict[str, list[str]]:
+    """The names of the columns of each array, of those that a CSV file has.
+
+    Args:
+        names: The first line.
+
+    Raises:
+        ValueError: One is missing, there twice, or looks misspelled.
+    """
+    columns = {}
+    for array_name, size in (REQUIRED | OPTIONAL).items():
+        parts = [f"{array_name}{n}" for n in range(size)] if size else [array_name]
+        if array_name == "command":
             parts = ["vx", "vy", "yaw_rate"]
-        missing = [part for part in parts if part not in column]
-        if missing and name in OPTIONAL:
+        missing = [part for part in parts if part not in names]
+        if missing == parts and array_name in OPTIONAL:
             continue
         if missing:
             raise ValueError(
                 f"it has no columns {', '.join(missing[:4])}; the first line names the columns: "
-                "q0 to q18, v0 to v17, torque0 to torque11, vx, vy, yaw_rate and tick"
+                "q0 to q18, v0 to v17, torque0 to torque11, vx, vy, yaw_rate and tick; optional "
+                "arrays have all of theirs or none"
             )
-        values = np.stack([column[part] for part in parts], axis=-1)
-        arrays[name] = values if size else values[:, 0]
-    return arrays
+        if twice := [part for part in parts if names.count(part) > 1]:
+            raise ValueError(f"it has more than one column {', '.join(twice[:4])}; leave one")
+        columns[array_name] = parts
+    _check_spelling(name.rstrip("0123456789") for name in names)
+    return columns
+
+
+def _check_spelling(names: Iterable[str]) -> None:
+    """Check that no unknown name is nearly that of an optional array, which it would leave out.
+
+    Raises:
+        ValueError: One is.
+    """
+    known = REQUIRED | OPTIONAL
+    for name in names:
+        if name not in known and get_close_matches(name.lower(), OPTIONAL, n=1, cutoff=NEAR):
+            raise ValueError(f"{unknown('array', name, known)}; rename it, or leave it out")
 
 
 def _with_bar(file: TextIO, path: Path) -> Iterator[str]:
@@ -116,18 +159,18 @@ def frames_from_arrays(
     """Frames from plain arrays over n ticks of 1 ms, checked.
 
     Args:
-        arrays: ``q (n, 19)``, ``v (n, 18)``, ``torque (n, 12)``, ``command (n, 3)`` or ``(3,)`` and
-            ``tick (n,)``, in the conventions of `surefoot.types`; optionally ``episode (n,)``
-            (without it, a new one begins wherever the tick does not rise by one), ``outcome (n,)``,
-            ``contacts (n, 4)``, ``expert_drove (n,)`` and ``applied (n, 12)``, the torque of
-            whoever drove [N m] (without it, it is known where the expert drove, and not a number
-            elsewhere).
+        arrays: By their names, beside any others: ``q (n, 19)``, ``v (n, 18)``, ``torque (n, 12)``,
+            ``command (n, 3)`` or ``(3,)`` and ``tick (n,)``, in the conventions of
+            `surefoot.types`; optionally ``episode (n,)`` (without it, a new one begins wherever the
+            tick does not rise by one), ``outcome (n,)``, ``contacts (n, 4)``, ``expert_drove (n,)``
+            and ``applied (n, 12)``, the torque of whoever drove [N m] (without it, it is known
+            where the expert drove, and not a number elsewhere).
         robot: The robot.
         first_episode: The id of the first episode.
 
     Raises:
-        ValueError: An array is missing, has another shape or numbers that cannot be; the message
-            says which row, and what it looks like.
+        ValueError: An array is missing, has another shape or numbers that cannot be, or its name
+            looks misspelled; the message says which row, and what it looks like.
     """
     given = _shaped(arrays)
     tick = _whole("tick", given["tick"])
@@ -168,16 +211,17 @@ def frames_from_arrays(
 
 
 def _shaped(arrays: Mapping[str, NDArray]) -> dict[str, NDArray]:
-    """The arrays, all of the same number of rows.
+    """The arrays, all of the same number of rows; those with other names are left out.
 
     Raises:
-        ValueError: One is missing, unknown, has another shape, or is not finite.
+        ValueError: One is missing, looks misspelled, has another shape, or is not finite.
     """
     if missing := [name for name in REQUIRED if name not in arrays]:
         raise ValueError(
             f"the log has no {', '.join(missing)}; it needs {', '.join(REQUIRED)}, and may have "
             f"{', '.join(OPTIONAL)}"
         )
+    _check_spelling(arrays)
     n = len(arrays["q"]) if np.ndim(arrays["q"]) else 0
     if n == 0:
         raise ValueError("q has no rows; a log has at least one tick")
