@@ -112,6 +112,15 @@ def test_other_arrays_are_left_out_but_no_misspelled_one(log):
         frames_from_arrays(log | {"expert_drive": np.zeros(250)}, ROBOT)
 
 
+def test_degrees_are_refused_where_joints_have_no_limits(log):
+    endless = replace(ROBOT, position_limit=np.tile([-np.inf, np.inf], (12, 1)))
+    assert len(frames_from_arrays(log, endless)) == 250
+    log["q"][:, 7:] = np.degrees(log["q"][:, 7:])
+    log["v"][:, 6:] = np.degrees(log["v"][:, 6:])
+    with pytest.raises(ValueError, match=r"outside its limits -6.283 to 6.283; .* in radians"):
+        frames_from_arrays(log, endless)
+
+
 def test_a_new_episode_begins_where_the_clock_jumps(log):
     log["tick"][100:] += 7
     imported = frames_from_arrays(log, ROBOT, first_episode=5)

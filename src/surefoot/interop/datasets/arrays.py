@@ -44,6 +44,8 @@ UNIT = 1e-2
 """A quaternion whose length differs from 1 by more is none; others are made unit quaternions."""
 SPARE = 1.05
 """Torques may exceed the motors' limits by this factor, for what sensors add."""
+WHOLE_TURN = 2 * np.pi
+"""[rad] Joints without limits turn no farther to either side; degrees mostly do."""
 NEAR = 0.8
 """[1] A name that is so similar to one of an optional array is taken for a misspelled one."""
 
@@ -327,14 +329,15 @@ def _check_posture(q: Array, robot: RobotModel) -> None:
             "q: the robot is upside down most of the time; quaternions are xyzw (q6 is w), and "
             "yours look like wxyz"
         )
-    low, high = robot.position_limit.T
+    limits = robot.position_limit
+    low, high = np.where(np.isfinite(limits), limits, np.sign(limits) * WHOLE_TURN).T
     outside = (q[:, 7:] < low - 0.05) | (q[:, 7:] > high + 0.05)
     if outside.any():
         row, joint = (int(index) for index in np.argwhere(outside)[0])
         raise ValueError(
             f"q: row {row} has {JOINTS[joint]} at {q[row, 7 + joint]:.3f} rad, outside its limits "
             f"{low[joint]:.3f} to {high[joint]:.3f}; joints are {', '.join(JOINTS[:4])} ... in "
-            "this order, with the signs of the robot's description"
+            "this order, in radians, with the signs of the robot's description"
         )
 
 
