@@ -239,6 +239,60 @@ class MotionPlan:
     valid: bool = True
 
 
+def plan_rows(motion: object) -> tuple[Array, bool]:
+    """Check what a plan function returned.
+
+    Args:
+        motion: What it returned, which should be a `MotionPlan`.
+
+    Returns:
+        Joint positions, joint velocities and torques side by side ``(ticks, 36)``, and whether the
+        plan is valid.
+
+    Raises:
+        ValueError: An array of the plan is not ``(ticks, 12)`` numbers.
+        TypeError: It is something else than a `MotionPlan`.
+    """
+    if not isinstance(motion, MotionPlan):
+        raise TypeError(
+            f"the plan function returned {type(motion).__name__}, expected a surefoot.MotionPlan: "
+            "joint_position, joint_velocity and torque, (ticks, 12) each, and valid"
+        )
+    if not isinstance(motion.valid, bool | np.bool_):
+        raise TypeError(f"the plan's valid is {motion.valid!r}, expected True or False")
+    parts = [
+        _numbers("joint_position", motion.joint_position),
+        _numbers("joint_velocity", motion.joint_velocity),
+        _numbers("torque", motion.torque),
+    ]
+    ticks = len(parts[0]) if parts[0].ndim else 0
+    if not ticks or any(part.shape != (ticks, 12) for part in parts):
+        shapes = [part.shape for part in parts]
+        raise ValueError(
+            f"a plan's arrays are {shapes}, expected (ticks, 12) each, with at least one tick"
+        )
+    return np.concatenate(parts, axis=1, dtype=np.float64), bool(motion.valid)
+
+
+def _numbers(name: str, values: object) -> NDArray:
+    """Return an array of a plan, which has to be one of real numbers.
+
+    Raises:
+        ValueError: The values are no real numbers, or are no array.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(
+            f"the plan's {name} is no array ({error}), expected (ticks, 12)"
+        ) from error
+    if array.dtype.kind not in "fiu":
+        raise ValueError(
+            f"the plan's {name} is {array.dtype} {array.shape}, expected (ticks, 12) real numbers"
+        )
+    return array
+
+
 PlanFunction = Callable[[State, int, Command], MotionPlan]
 """``plan(state, tick, command) -> MotionPlan`` for one robot: any MPC is such a function."""
 

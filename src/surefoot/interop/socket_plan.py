@@ -23,8 +23,7 @@ from socketserver import BaseRequestHandler, ThreadingTCPServer
 
 import numpy as np
 
-from surefoot.mpc.expert import rows_of
-from surefoot.types import Array, Command, MotionPlan, PlanFunction, State
+from surefoot.types import Array, Command, MotionPlan, PlanFunction, State, plan_rows
 
 QUESTION = np.dtype("<f8")
 SIZES = {"q": (19,), "v": (18,), "com": (3,), "feet": (4, 3), "contacts": (4,)}
@@ -168,7 +167,7 @@ def answer(plan: MotionPlan) -> bytes:
         ValueError: Its arrays are not ``(T, 12)`` numbers, or have too many rows.
         TypeError: It is something else than a `MotionPlan`.
     """
-    rows, valid = rows_of(plan)
+    rows, valid = plan_rows(plan)
     if not valid:
         return HEADER.pack(0)
     if len(rows) > MOST_TICKS:
