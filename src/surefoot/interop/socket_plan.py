@@ -15,6 +15,7 @@ such a server in Python. Nothing that is received is run.
 from __future__ import annotations
 
 import os
+import select
 import socket
 import struct
 import threading
@@ -109,6 +110,7 @@ class SocketPlan:
             if self._connection is None:
                 self._connection = socket.create_connection((self.host, self.port), self.timeout)
                 self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            _check_nothing_left(self._connection)
             self._connection.sendall(asked)
             return read_answer(self._connection)
         except BaseException:  # Ctrl-C too: what follows is no beginning of the next answer
@@ -193,6 +195,20 @@ def read_answer(connection: socket.socket) -> MotionPlan:
     rows: Array = np.frombuffer(_receive(connection, ticks * COLUMNS * 8), QUESTION)
     position, velocity, torque = np.split(rows.reshape(ticks, COLUMNS), 3, axis=1)
     return MotionPlan(position, velocity, torque)
+
+
+def _check_nothing_left(connection: socket.socket) -> None:
+    """Check that nothing came after the last answer, which would be taken for the next one.
+
+    Raises:
+        PlanServerError: Something did.
+    """
+    readable, _, _ = select.select([connection], [], [], 0)
+    if readable and connection.recv(1, socket.MSG_PEEK):  # nothing is there of a server that ended
+        raise PlanServerError(
+            "the last answer was longer than the number of ticks that it began with; each tick has "
+            f"{COLUMNS} doubles: 12 joint positions, 12 joint velocities, 12 torques"
+        )
 
 
 def serve_plan(plan: PlanFunction, port: int = 0, host: str = "127.0.0.1") -> ThreadingTCPServer:
