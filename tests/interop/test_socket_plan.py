@@ -206,19 +206,21 @@ def test_what_is_left_of_an_answer_is_not_taken_for_the_next_one():
     with socket.create_server(("127.0.0.1", 0)) as server:
         remote = SocketPlan(server.getsockname()[1], timeout=5.0)
         sent = threading.Event()
+        asked_again = threading.Event()
 
         def reply():
             connection, _ = server.accept()
             connection.recv(480)
             connection.sendall(HEADER.pack(1) + bytes(8 * 43))  # 19 positions instead of 12
             sent.set()
-            connection.recv(480)
+            asked_again.wait(5.0)
 
         threading.Thread(target=reply, daemon=True).start()
         assert remote(STATE, 0, COMMAND).valid
         assert sent.wait(5.0)
         with pytest.raises(PlanServerError, match="longer than the number of ticks"):
             remote(STATE, 0, COMMAND)
+        asked_again.set()
         assert remote._connection is None
 
 
