@@ -239,7 +239,9 @@ def test_no_log_is_imported_if_one_cannot_name_a_shard(surefoot, logs, tmp_path,
 @pytest.mark.filterwarnings("error")
 def test_a_log_without_rows_is_said_to_have_none(surefoot, tmp_path, capsys):
     bad = tmp_path / "bad.csv"
-    bad.write_text("q0,q1\n")
+    sizes = {"q": 19, "v": 18, "torque": 12}
+    names = [f"{name}{number}" for name, size in sizes.items() for number in range(size)]
+    bad.write_text(",".join([*names, "vx", "vy", "yaw_rate", "tick"]) + "\n")
     assert surefoot("import-data", bad, "--out", tmp_path / "data") == 2
     error = capsys.readouterr().err
     assert f"surefoot: {bad} is no log of an expert: it has no rows" in error

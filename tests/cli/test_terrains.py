@@ -113,7 +113,6 @@ def test_a_policy_of_several_gaits_is_measured_but_not_beside_one_of_one(
     assert len(asked) == 1
 
 
-@pytest.mark.parametrize("record", [TerrainTable, TerrainCell])
 def test_the_names_of_folders_have_points(surefoot, asked, tmp_path, monkeypatch):
     for name in ("a-0.5", "a-0.8"):
         (tmp_path / name).mkdir()
@@ -124,6 +123,7 @@ def test_the_names_of_folders_have_points(surefoot, asked, tmp_path, monkeypatch
     assert [walker.label for walker in walkers] == ["expert", "a-0.5", "a-0.8"]
 
 
+@pytest.mark.parametrize("record", [TerrainTable, TerrainCell])
 def test_the_help_names_every_json_key(record):
     words = set(re.findall(r"\w+", Terrains.__doc__ or ""))
     assert set(record.__dataclass_fields__) <= words

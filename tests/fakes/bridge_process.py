@@ -7,6 +7,7 @@ Timeouts are long: the machine that runs the tests may be busy.
 """
 
 import os
+import signal
 import struct
 import sys
 from pathlib import Path
@@ -43,6 +44,9 @@ def make_runtime(port: int) -> Runtime:
 
 
 def main() -> None:
+    # As in a terminal, whatever those who run the tests ignore, such as nohup.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     if sys.argv[1] == "bridge":
         channel = UdpChannel()
         print(channel.address[1], flush=True)
