@@ -13,6 +13,7 @@ from surefoot.config import (
     DartConfig,
     ExpertData,
     Gait,
+    LocoSafeDaggerConfig,
     RobotConfig,
     SafeDaggerConfig,
 )
@@ -187,6 +188,26 @@ def test_the_policy_with_most_successes_is_chosen_and_of_equals_the_last(
         run.append_metrics(validated_record(i, successes=count))
     assert choose_best_policy(run, 2).best_iteration == winner
     assert run.best_policy_path == run.policy_path(winner)
+
+
+@pytest.mark.parametrize(
+    ("lost", "winner"),
+    [
+        ([1, 30, 3], 2),  # by chance
+        ([0, 1, 12], 0),  # not by chance
+        ([5, 2, 2], 2),
+    ],
+)
+def test_a_policy_that_was_trained_to_collect_has_to_be_better_beyond_chance(
+    tmp_path, lost, winner
+):
+    config = replace(CLONING, method=LocoSafeDaggerConfig(steps_before_last=100))
+    run = create(tmp_path / "run", config)
+    for i, count in enumerate(lost):
+        outcomes = "1" * count + "0" * (100 - count)
+        changes = {"successes": 100 - count, "outcomes": outcomes, "initial_states": "0-99"}
+        run.append_metrics(validated_record(i, **changes))
+    assert choose_best_policy(run, 2).best_iteration == winner
 
 
 def scaled(gain: float):

@@ -140,8 +140,9 @@ class Best:
     Attributes:
         stage: Name of the stage in the file.
         iteration: Always 0, as the stage belongs to the whole run.
-        best_iteration: Iteration that trained the policy that the run chose: the one with most
-            successes on `select`; the last of behavior cloning and of a run on a robot.
+        best_iteration: Iteration that trained the policy that the run chose
+            (`surefoot.runs.stages.choose_best_policy`); the last of behavior cloning and of a run
+            on a robot.
     """
 
     stage: Literal["best"] = "best"

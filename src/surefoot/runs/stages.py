@@ -16,7 +16,7 @@ import numpy as np
 from surefoot.config import Config, IterativeConfig, Steps
 from surefoot.config.array_io import load_arrays
 from surefoot.evaluation.mirrors import training_mirror
-from surefoot.evaluation.robustness import evaluate
+from surefoot.evaluation.robustness import evaluate, success_difference
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, load, policy_spec, save
@@ -297,7 +297,9 @@ def choose_best_policy(run: Run, last: int, first: int = 0) -> Best:
     """Choose the policy with the most successes on `select`, of iterations first to last.
 
     Among equals it is the one trained on the most data: where all succeed, tracking errors differ
-    by chance, and later policies withstand harder pushes (``benchmarks/README.md``).
+    by chance, and later policies withstand harder pushes (``benchmarks/README.md``). Where only the
+    last iteration trains in full (`steps_before_last`), an earlier policy has to be better beyond
+    chance to be chosen: it was trained to collect data, and withstands less.
 
     Args:
         run: The run.
@@ -309,13 +311,21 @@ def choose_best_policy(run: Run, last: int, first: int = 0) -> Best:
     """
     if run.best is not None:
         return run.best
-    best_iteration = first
-    most_successes = -1
+    records = []
     for iteration in range(first, last + 1):
         record = run.validated(iteration)
         if record is None:
             raise RunError(f"{run.folder} has not validated the policy of iteration {iteration}")
-        if record.successes >= most_successes:
-            best_iteration = iteration
-            most_successes = record.successes
-    return run.append_metrics(Best(best_iteration=best_iteration))
+        records.append(record)
+    best = max(records, key=lambda record: (record.successes, record.iteration))
+    method = run.config.method
+    collects_first = isinstance(method, IterativeConfig) and method.steps_before_last is not None
+    if collects_first and not _is_better(best, records[-1]):
+        best = records[-1]
+    return run.append_metrics(Best(best_iteration=best.iteration))
+
+
+def _is_better(policy: Validated, other: Validated) -> bool:
+    """Whether a policy succeeds more often than another beyond chance, from the same states."""
+    difference = success_difference(policy, other)
+    return difference is not None and difference.interval is not None and difference.interval[0] > 0
