@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 import surefoot.bench.train as train_module
-from surefoot.bench.train import bench_train
+from surefoot.bench.train import bench_train, chosen_step_seconds
 from surefoot.config import Config, PolicyConfig
 from surefoot.learning.precision import PrecisionChoice
 from tests.fakes.learning import FLOAT32
@@ -34,6 +34,14 @@ def clock(monkeypatch) -> None:
     monkeypatch.setattr(train_module, "_eager_step_seconds", lambda *_: 12e-3)
     monkeypatch.setattr(train_module, "_network_products", lambda network, batch, name: name)
     monkeypatch.setattr(train_module, "median_seconds", lambda name, _: PRODUCT_SECONDS[name])
+
+
+def test_a_step_is_measured_in_the_precision_that_a_run_would_choose(clock, monkeypatch):
+    assert chosen_step_seconds(SMALL, STEPS) == pytest.approx(STEP_SECONDS["float32"])
+    choice = PrecisionChoice("bfloat16")
+    monkeypatch.setattr(train_module, "choose_precision", lambda network, training: choice)
+    auto = replace(SMALL, training=replace(FLOAT32, precision="auto"))
+    assert chosen_step_seconds(auto, STEPS) == pytest.approx(STEP_SECONDS["bfloat16"])
 
 
 def test_both_precisions_are_compared_with_plain_pytorch_and_the_products(clock):

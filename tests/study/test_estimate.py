@@ -87,11 +87,10 @@ def test_what_else_the_machine_computes_does_not_count(monkeypatch):
         return measure
 
     config = preset("dagger")
-    speed = SimpleNamespace(float32_step_ms=8.0, bfloat16_step_ms=4.0)
     times = SimpleNamespace(rollout=2.0 * config.chunk)
     monkeypatch.setattr(module.time, "perf_counter", lambda: clock["wall"])
     monkeypatch.setattr(module.time, "process_time", lambda: clock["processor"])
-    monkeypatch.setattr(module, "bench_train", measures(speed))
+    monkeypatch.setattr(module, "chosen_step_seconds", measures(0.004))
     monkeypatch.setattr(module, "rollout_times", measures(times))
     monkeypatch.setattr(module, "cold_plans", measures(None))
     monkeypatch.setattr(module, "times_of", lambda _: SimpleNamespace(median=8.0))

@@ -66,7 +66,7 @@ def bench_train(config: Config, steps: int = 50) -> TrainSpeed:
         steps: Number of steps that are timed together.
     """
     batch = config.training.batch
-    training = replace(config.training, validation=0.0, threads=1, device="cpu")
+    training = _alone_on_a_thread(config.training)
     frames = _random_frames(steps * batch)
     spec = policy_spec(config)
     network = PolicyNetwork(config.policy, inputs=spec.observation.input_size)
@@ -98,6 +98,27 @@ def bench_train(config: Config, steps: int = 50) -> TrainSpeed:
         floor_step_ms=floor_step_ms,
         ratio=step_ms / floor_step_ms,
     )
+
+
+def chosen_step_seconds(config: Config, steps: int = 50) -> float:
+    """Measure a training step in the precision that a run would choose now, on one thread [s].
+
+    Args:
+        config: Configuration of policy and training.
+        steps: Number of steps that are timed together.
+    """
+    training = _alone_on_a_thread(config.training)
+    spec = policy_spec(config)
+    network = PolicyNetwork(config.policy, inputs=spec.observation.input_size)
+    training = replace(training, precision=choose_precision(network, training).chosen)
+    frames = _random_frames(steps * training.batch)
+    seconds = [_step_seconds(network, frames, spec, training, steps) for _ in range(REPEATS)]
+    return float(np.median(seconds))
+
+
+def _alone_on_a_thread(training: TrainingConfig) -> TrainingConfig:
+    """The training without what a step does not need, on one thread of the processor."""
+    return replace(training, validation=0.0, threads=1, device="cpu")
 
 
 def _step_seconds(

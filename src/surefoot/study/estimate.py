@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from tqdm import tqdm
 
 from surefoot.bench.engine import rollout_times
 from surefoot.bench.plan import cold_plans, times_of
-from surefoot.bench.train import bench_train
+from surefoot.bench.train import chosen_step_seconds
 from surefoot.config import (
     BehaviorCloningConfig,
     Config,
@@ -103,20 +104,17 @@ class Rates:
 
 
 def measure_rates(config: Config) -> Rates:
-    """Measure what the parts of the work take, in half a minute, on one core of this machine.
+    """Measure what the parts of the work take on one core of this machine.
+
+    That takes half a minute, and some minutes where code is still to be compiled.
 
     Processor time counts: what else the machine computes meanwhile does not.
 
     Args:
         config: The configuration of a cell.
     """
-    speed, had = _with_share_of_core(lambda: bench_train(config, 40))
-    step_ms = {
-        "auto": min(speed.float32_step_ms, speed.bfloat16_step_ms),
-        "float32": speed.float32_step_ms,
-        "bfloat16": speed.bfloat16_step_ms,
-    }
-    step = had * step_ms[config.training.precision] / 1e3
+    seconds_of_step, had = _with_share_of_core(lambda: chosen_step_seconds(config, 40))
+    step = had * seconds_of_step
     seconds = 0.5
     times, had = _with_share_of_core(lambda: rollout_times(config, config.chunk, seconds))
     robot_second = had * times.rollout / (config.chunk * seconds)
@@ -289,6 +287,20 @@ class Estimate:
         return left / workers
 
 
+def _what_rates_depend_on(config: Config) -> str:
+    """The parts of a configuration that say what a plan, a tick and a training step take."""
+    parts = (
+        config.robot,
+        config.gait,
+        config.other_gaits,
+        config.simulation,
+        config.expert,
+        config.policy,
+        config.training.precision,
+    )
+    return repr(parts)
+
+
 def estimate_study(
     study: StudyConfig, jobs: Sequence[StudyJob], folder: Path | None = None
 ) -> Estimate:
@@ -303,25 +315,14 @@ def estimate_study(
     before = None if folder is None else read_estimate(folder, jobs)
     if before is not None:
         return before
-    rates: dict[str, Rates] = {}
+    configs = {job.name: cell_config(study, job.cell) for job in jobs}
+    different = {_what_rates_depend_on(config): config for config in configs.values()}
+    bar = tqdm(different.items(), "measuring this machine", leave=False, unit="configuration")
+    rates = {key: measure_rates(completed(config)) for key, config in bar}
     seconds = {}
     for job in jobs:
-        config = cell_config(study, job.cell)
-        # What the parts take depends on these parts of the configuration alone.
-        key = repr(
-            (
-                config.robot,
-                config.gait,
-                config.other_gaits,
-                config.simulation,
-                config.expert,
-                config.policy,
-                config.training.precision,
-            )
-        )
-        if key not in rates:
-            rates[key] = measure_rates(completed(config))
-        seconds[job.name] = STARTING + rates[key].seconds(work_of(study, job))
+        own = rates[_what_rates_depend_on(configs[job.name])]
+        seconds[job.name] = STARTING + own.seconds(work_of(study, job))
     estimate = Estimate(seconds, processor())
     if folder is not None:
         write_json(folder / ESTIMATE_FILE, estimate)
