@@ -1,10 +1,16 @@
 """Fixtures of all tests: files that wait for no disk, and the toy's worlds and finished runs."""
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import pytest
+
+# A shell starts commands in the background deaf to Ctrl-C, and the programs that tests start and
+# interrupt would inherit that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)
