@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from surefoot.config.json_io import to_json
+from surefoot.config.json_io import read_json, to_json
 from surefoot.config.robot_table import SOLO12
 from surefoot.files import write_json
 from surefoot.learning import train
@@ -35,14 +35,25 @@ def logs(run_folder, tmp_path):
 
 def test_logs_become_a_dataset_and_that_a_policy(surefoot, logs, tmp_path, capsys):
     data = tmp_path / "data"
-    assert surefoot("import-data", *logs, "--out", data) == 0
+    report = tmp_path / "report.json"
+    assert surefoot("import-data", *logs, "--out", data, "--json", report) == 0
+    assert read_json(report) == {
+        "dataset": str(data),
+        "logs": 2,
+        "episodes": 2,
+        "frames": Dataset(data).frames,
+        "hash": Dataset(data).hash,
+    }
     assert Dataset(data).episodes == 2
     shown = capsys.readouterr()
     assert f"{data}: 2 episodes" in shown.out
     assert "import:" in shown.err
     out = tmp_path / "policy.safetensors"
     options = ["--config.training.batch", 32, "--config.policy.hidden", 16, 16]
-    assert surefoot("fit", data, out, "--epochs", 2, *options) == 0
+    assert surefoot("fit", data, out, "--epochs", 2, "--json", report, *options) == 0
+    fit = read_json(report)
+    assert (fit["policy"], fit["dataset_hash"]) == (str(out), Dataset(data).hash)
+    assert (fit["frames"], len(fit["train_loss"])) == (Dataset(data).frames, 2)
     policy = load(out, "solo12")
     assert policy.spec.kp == 2.0
     assert policy.provenance["dataset_hash"] == Dataset(data).hash
@@ -83,8 +94,10 @@ def fitted(surefoot, logs, tmp_path):
 
     def fit(*options):
         out = tmp_path / "policy.safetensors"
+        # Of the precisions, `auto` takes the faster one at that moment: the bits would be of luck.
+        fixed = ("--config.training.precision", "float32")
         common = ("--epochs", 1, "--config.training.batch", 32, "--config.policy.hidden", 8)
-        assert surefoot("fit", data, out, *common, *options) == 0
+        assert surefoot("fit", data, out, *fixed, *common, *options) == 0
         return load(out)
 
     return fit
@@ -188,7 +201,12 @@ def test_there_is_nothing_to_fit_without_a_dataset(surefoot, tmp_path, capsys):
 
 def test_a_run_is_exported_in_both_formats(surefoot, run_folder, tmp_path, capsys):
     options = ["--minari", tmp_path / "minari", "--lerobot", tmp_path / "lerobot"]
-    assert surefoot("export-data", run_folder, *options) == 0
+    report = tmp_path / "report.json"
+    assert surefoot("export-data", run_folder, *options, "--json", report) == 0
+    total = open_run(run_folder).dataset.frames
+    for each, name in zip(read_json(report), ("minari", "lerobot"), strict=True):
+        assert name in each["folder"]
+        assert each["frames"] + each["left_out"] == total
     minari, lerobot = capsys.readouterr().out.splitlines()
     assert str(tmp_path / "minari" / "solo12-loco-safe-dagger-v0") in minari
     assert lerobot.startswith(f"{tmp_path / 'lerobot'}: ")

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import numpy
 import pytest
 
 import surefoot.cli.doctor as doctor
@@ -17,6 +18,7 @@ from surefoot.cli.doctor import (
     run_child,
 )
 from surefoot.cli.extras import Extra
+from surefoot.config.json_io import read_json
 
 
 def run_code(code: str) -> Finding:
@@ -83,7 +85,7 @@ def findings(monkeypatch) -> dict[str, Finding]:
 
 
 def test_a_machine_that_works_is_ready(findings, capsys):
-    assert examine_machine()
+    assert examine_machine().ready
     report = capsys.readouterr().out.splitlines()
     for check in CHECKS:
         assert f"ok    {check.name:<9} fine" in report
@@ -93,9 +95,26 @@ def test_a_machine_that_works_is_ready(findings, capsys):
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)
 def test_only_essential_checks_decide(findings, capsys, check):
     findings[check.name] = Finding(False, "no wheel")
-    assert examine_machine() is not check.essential
+    assert examine_machine().ready is not check.essential
     report = capsys.readouterr().out
     assert f"FAIL  {check.name:<9} no wheel\n      fix: {check.remedy}\n" in report
+
+
+def test_the_report_is_written_for_machines(findings, surefoot, tmp_path, monkeypatch):
+    monkeypatch.setattr(doctor, "extras", lambda: [Extra("pybullet", "it", ("pybullet",))])
+    findings["render"] = Finding(False, "no driver")
+    assert surefoot("doctor", "--json", str(tmp_path / "report.json")) == 0
+    report = read_json(tmp_path / "report.json")
+    assert report["ready"] is True
+    assert report["packages"]["numpy"] == numpy.__version__
+    assert report["extras"][0]["missing"] == ["pybullet"]
+    states = {part["name"]: part["state"] for part in report["parts"]}
+    assert list(states) == [check.name for check in CHECKS]
+    assert states == dict.fromkeys(states, "works") | {"bullet": "absent", "render": "fails"}
+    assert "apt-get install" in report["parts"][-1]["fix"]
+    findings["train"] = Finding(False, "no wheel")
+    assert surefoot("doctor", "--json", str(tmp_path / "report.json")) == 1
+    assert read_json(tmp_path / "report.json")["ready"] is False
 
 
 def test_the_simulator_that_is_asked_for_is_essential(findings, surefoot):
@@ -128,7 +147,7 @@ def test_an_extra_that_is_not_here_is_no_failure(
 def test_a_missing_library_of_the_system_is_no_reason_to_reinstall(findings, capsys):
     text = "ImportError: libgomp.so.1: cannot open shared object file: No such file or directory"
     findings["plan"] = Finding(False, text)
-    assert not examine_machine()
+    assert not examine_machine().ready
     report = capsys.readouterr().out
     assert (
         "fix: a library of the system is missing; on Debian: apt-get install libgomp1\n" in report
@@ -140,7 +159,7 @@ def test_without_a_cache_nothing_else_is_blamed(findings, capsys):
     """All other checks would fail, and advise to reinstall what is in order."""
     findings["cache"] = Finding(False, "no folder")
     findings["plan"] = Finding(False, "no locator available")
-    assert not examine_machine()
+    assert not examine_machine().ready
     report = capsys.readouterr().out
     assert "fix: set NUMBA_CACHE_DIR to a folder that you may write to" in report
     assert "reinstall" not in report and "plan" not in report

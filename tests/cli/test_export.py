@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import PolicyConfig
+from surefoot.config.json_io import read_json
 from surefoot.deploy.export_file import read_export
 from surefoot.deploy.policy import load
 from surefoot.learning.network import PolicyNetwork
@@ -18,8 +19,8 @@ from surefoot.runs.run import open_run
 def test_a_run_is_exported_with_all_that_it_was_trained_for(surefoot, capsys, run_folder, tmp_path):
     network = tmp_path / "network.onnx"
     pipeline = tmp_path / "pipeline.onnx"
-    status = surefoot("export", run_folder, "--onnx", network, "--pipeline", pipeline)
-    assert status == 0
+    files = ("--onnx", network, "--pipeline", pipeline, "--json", tmp_path / "report.json")
+    assert surefoot("export", run_folder, *files) == 0
     runtime = load(network, "solo12")
     policy = load_policy(open_run(run_folder).best_policy_path)
     assert runtime.spec == policy.spec.observation
@@ -28,6 +29,14 @@ def test_a_run_is_exported_with_all_that_it_was_trained_for(surefoot, capsys, ru
     assert description.start_range.starts == "solo12-trot-v1"
     assert description.torque_limit == (2.7,) * 12
     assert read_export(pipeline).description.kind == "pipeline"
+    assert read_json(tmp_path / "report.json") == {
+        "policy": str(open_run(run_folder).best_policy_path),
+        "starts": "solo12-trot-v1",
+        "files": [
+            {"file": str(file), "kind": kind, "sha256": read_export(file).description.sha256}
+            for file, kind in ((network, "network"), (pipeline, "pipeline"))
+        ],
+    }
     printed = capsys.readouterr().out
     assert description.sha256 in printed
     assert "unknown" not in printed

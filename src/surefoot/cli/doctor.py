@@ -14,14 +14,18 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from surefoot.caches import NUMBA, numba_folder
-from surefoot.cli.extras import extras
+from surefoot.cli.extras import Extra, extras
 from surefoot.cli.options import OnSimulator
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Backend, Config, PolicyConfig, SimulationConfig
 from surefoot.errors import unknown
+from surefoot.files import write_json
 from surefoot.runs.versions import PACKAGES
 
 TIMEOUT = 900.0
@@ -32,11 +36,23 @@ LIBRARIES = {"libgomp.so.1": "libgomp1"}
 
 @dataclass(frozen=True)
 class Doctor(OnSimulator):
-    """Check this machine, say how to fix what is broken, and what each extra would add."""
+    """Check this machine, say how to fix what is broken, and what each extra would add.
+
+    JSON keys: ready; python; platform; packages [of each its version, or null]; extras [list; name,
+    adds, missing, available]; parts [list; name, state (works, fails, or absent where its extra is
+    not installed), line (what it says), fix (empty if there is nothing to fix)].
+    """
+
+    json: Path | None = None
+    """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
         """Print the report; 1 if something essential is broken."""
-        return 0 if examine_machine(self.sim or "mujoco") else 1
+        check_outputs(self, [Output("--json", self.json)])
+        report = examine_machine(self.sim or "mujoco")
+        if self.json is not None:
+            write_json(self.json, report)
+        return 0 if report.ready else 1
 
 
 @dataclass(frozen=True)
@@ -70,6 +86,44 @@ class Finding:
 
     works: bool
     line: str
+
+
+@dataclass(frozen=True)
+class PartReport:
+    """What a check says of its part of the package.
+
+    Attributes:
+        name: Name of the part.
+        state: Whether it works; absent if the extra that it needs is not installed.
+        line: What the check said, or how it died.
+        fix: How to make it work; empty if there is nothing to fix.
+    """
+
+    name: str
+    state: Literal["works", "fails", "absent"]
+    line: str
+    fix: str = ""
+
+
+@dataclass(frozen=True)
+class DoctorReport:
+    """What a machine has of what the package needs.
+
+    Attributes:
+        ready: True if everything essential works, the simulator that was asked for included.
+        python: Version of Python.
+        platform: The system and its version.
+        packages: Version of each package; None if it is missing.
+        extras: The optional parts of the package.
+        parts: What the checks say, in their order.
+    """
+
+    ready: bool
+    python: str
+    platform: str
+    packages: dict[str, str | None]
+    extras: tuple[Extra, ...]
+    parts: tuple[PartReport, ...]
 
 
 def check_cache() -> str:
@@ -226,44 +280,66 @@ def run_child(command: Sequence[str]) -> Finding:
     return Finding(works, lines[-1] if lines else "no output")
 
 
-def examine_machine(backend: Backend = "mujoco") -> bool:
-    """Print the report.
+def examine_machine(backend: Backend = "mujoco") -> DoctorReport:
+    """Check this machine, and print what each check says as soon as it has ended.
 
     Args:
         backend: Simulator that has to work.
-
-    Returns:
-        True if everything essential works, the simulator included.
     """
-    from tqdm import tqdm
-
-    print(f"Python {platform.python_version()} on {platform.platform()}")
-    for package in PACKAGES:
-        try:
-            print(f"  {package:<10} {version(package)}")
-        except PackageNotFoundError:
-            print(f"  {package:<10} missing: pip install {package}")
+    python, system = platform.python_version(), platform.platform()
+    print(f"Python {python} on {system}")
+    packages = {package: _version(package) for package in PACKAGES}
+    for package, number in packages.items():
+        print(f"  {package:<10} {number or f'missing: pip install {package}'}")
     print("extras:")
     known = extras()
     for extra in known:
         print(f"  {extra.line}")
+    parts = check_parts(backend, known)
+    needed = {check.name for check in CHECKS if check.essential} | {backend}
+    ready = not any(part.state == "fails" and part.name in needed for part in parts)
+    print("surefoot is ready" if ready else "surefoot cannot work here yet: see above")
+    return DoctorReport(ready, python, system, packages, tuple(known), tuple(parts))
+
+
+def check_parts(backend: Backend, known: Sequence[Extra]) -> list[PartReport]:
+    """Run the checks, and print their lines.
+
+    Args:
+        backend: Simulator that has to work, also if its extra is not installed.
+        known: The extras.
+    """
+    from tqdm import tqdm
+
     lacking = {extra.name: extra.state for extra in known if not extra.installed}
-    healthy = True
+    parts = []
     with tqdm(CHECKS, "check", leave=False, unit="part") as bar:
         for check in bar:
             if check.extra in lacking and check.name != backend:
+                parts.append(PartReport(check.name, "absent", lacking[check.extra]))
                 tqdm.write(f"none  {check.name:<9} {lacking[check.extra]}")
                 continue
             bar.set_postfix_str(f"{check.name}; the first plan on a machine compiles, a minute")
             finding = run_check(check)
-            tqdm.write(f"{'ok  ' if finding.works else 'FAIL'}  {check.name:<9} {finding.line}")
-            if not finding.works:
-                tqdm.write(f"      fix: {remedy_of(check, finding)}")
-                healthy = healthy and not (check.essential or check.name == backend)
-                if check == CACHE:
-                    break
-    print("surefoot is ready" if healthy else "surefoot cannot work here yet: see above")
-    return healthy
+            if finding.works:
+                parts.append(PartReport(check.name, "works", finding.line))
+                tqdm.write(f"ok    {check.name:<9} {finding.line}")
+                continue
+            fix = remedy_of(check, finding)
+            parts.append(PartReport(check.name, "fails", finding.line, fix))
+            tqdm.write(f"FAIL  {check.name:<9} {finding.line}")
+            tqdm.write(f"      fix: {fix}")
+            if check == CACHE:
+                break
+    return parts
+
+
+def _version(package: str) -> str | None:
+    """The version of a package; None if it is not installed."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
 
 
 def main(name: str) -> None:

@@ -11,6 +11,7 @@ import tyro
 
 from surefoot.cli.options import OnHardware
 from surefoot.cli.outputs import Output, check_outputs
+from surefoot.files import write_json
 
 if TYPE_CHECKING:
     from surefoot.deploy.description import PolicyDescription
@@ -22,6 +23,36 @@ SUFFIX = ".onnx"
 
 
 @dataclass(frozen=True)
+class ExportedFile:
+    """An exported file.
+
+    Attributes:
+        file: The file.
+        kind: ``network`` or ``pipeline``.
+        sha256: Its SHA-256, with the digits of that in its metadata left zero.
+    """
+
+    file: Path
+    kind: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class ExportReport:
+    """What an export has written.
+
+    Attributes:
+        policy: The policy file that was exported.
+        starts: The initial states that the policy was trained from; None if they are unknown.
+        files: The files.
+    """
+
+    policy: Path
+    starts: str | None
+    files: tuple[ExportedFile, ...]
+
+
+@dataclass(frozen=True)
 class Export(OnHardware):
     """Write a policy to ONNX files, which need NumPy and ONNX Runtime only to run.
 
@@ -29,6 +60,9 @@ class Export(OnHardware):
     initial states and observation the policy was made; `surefoot check FILE` verifies one, and
     docs/export.md lists the keys. With --profile the limits are those of the hardware profile.
     Beside each file a card for people, such as trot.onnx.md, says what it is and is not.
+
+    JSON keys: policy (the file that was exported); starts (the initial states that it was trained
+    from, null if they are unknown); files [list; file, kind (network or pipeline), sha256].
     """
 
     target: Annotated[Path | None, tyro.conf.Positional] = None
@@ -44,6 +78,8 @@ class Export(OnHardware):
     starts: str | None = None
     """The name of the set of initial states that the policy was trained from, or a file; without
     it, that of the run. Of a policy file outside of any run it is unknown."""
+    json: Path | None = None
+    """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
         """Write the files."""
@@ -64,7 +100,7 @@ class Export(OnHardware):
         files = [("--onnx", self.onnx), ("--pipeline", self.pipeline)]
         outputs = [Output(name, path, (SUFFIX,)) for name, path in files]
         outputs += [Output(f"{name} (its card)", card_path(path)) for name, path in files]
-        check_outputs(self, outputs)
+        check_outputs(self, [*outputs, Output("--json", self.json)])
         path, config = find_policy(self.target)
         config = self.with_profile(config)
         robot = load_robot(config.robot)
@@ -91,12 +127,17 @@ class Export(OnHardware):
                 exploy_keys(whole),
             ),
         ]
+        exported = []
         for file, title, part, model, keys in parts:
             if file is None:
                 continue
             written = write_onnx(model(), part, file, keys)
             write_policy_card(policy, file, use_of(file, written, policy, self.target, run))
+            exported.append(ExportedFile(file, part.kind, written.sha256))
             print(f"{file}: {title}, SHA-256 {written.sha256}")
+        if self.json is not None:
+            known = None if description.start_range is None else description.start_range.starts
+            write_json(self.json, ExportReport(path, known, tuple(exported)))
         if stored is None:
             print(
                 "the initial states that it was trained from are unknown, so that a runtime cannot "

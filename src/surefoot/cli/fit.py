@@ -14,7 +14,8 @@ import tyro
 from surefoot.cli.command_line import read_options
 from surefoot.cli.options import OnGait, OnRobot, config_of_gait
 from surefoot.cli.outputs import Output, check_outputs
-from surefoot.config import Config
+from surefoot.config import Config, NumberFormat
+from surefoot.files import write_json
 
 if TYPE_CHECKING:
     from surefoot.learning.dataset import Dataset
@@ -22,6 +23,35 @@ if TYPE_CHECKING:
 
 SAME_FEET = 1e-3
 """[m] Feet of a dataset's frames may be so far from where the robot has them."""
+
+
+@dataclass(frozen=True)
+class FitReport:
+    """What a fit has done.
+
+    Attributes:
+        policy: The policy file.
+        dataset: The folder of the dataset.
+        dataset_hash: Its hash.
+        seed: The root of the training's randomness.
+        steps: Number of optimizer steps.
+        frames: Number of recorded frames, held out or not.
+        train_loss: Mean L1 over each pass [rad].
+        validation_loss: Mean L1 on the held-out episodes after each pass [rad]; NaN without any.
+        precision: Number format of the products of the hidden layers.
+        device: The device that computed it.
+    """
+
+    policy: Path
+    dataset: Path
+    dataset_hash: str
+    seed: int
+    steps: int
+    frames: int
+    train_loss: tuple[float, ...]
+    validation_loss: tuple[float, ...]
+    precision: NumberFormat
+    device: str
 
 
 @dataclass(frozen=True)
@@ -33,6 +63,10 @@ class Fit(OnGait, OnRobot):
     and `surefoot play` take the policy. A card beside it, OUT.md, says what it is and is not. Until
     it is written, OUT.checkpoint has the state after the last epoch: if you interrupt the training,
     the same command goes on from there.
+
+    JSON keys: policy (the file); dataset (its folder); dataset_hash; seed; steps; frames;
+    train_loss and validation_loss, of each pass over the data the L1 error in rad, null without
+    frames held out; precision; device.
     """
 
     data: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DATA")]
@@ -44,6 +78,8 @@ class Fit(OnGait, OnRobot):
     seed: int | None = None
     """The root of the training's randomness, short for --config.training.seed; without either of
     the two, --config.seed."""
+    json: Path | None = None
+    """Write the report to this file, as JSON."""
     config: Config = field(default_factory=Config)
 
     def __call__(self) -> int:
@@ -63,7 +99,8 @@ class Fit(OnGait, OnRobot):
         out = Output("OUT", self.out, (".safetensors",))
         checkpoint = Path(f"{self.out}.checkpoint")
         card = Output("OUT (its card)", card_path(self.out))
-        check_outputs(self, [out, card, Output("OUT (its checkpoint)", checkpoint)])
+        kept = Output("OUT (its checkpoint)", checkpoint)
+        check_outputs(self, [out, card, kept, Output("--json", self.json)])
         data = Dataset(self.data)
         if not data.shards:
             raise ValueError(f"{self.data} holds no dataset; `surefoot import-data` makes one")
@@ -104,6 +141,20 @@ class Fit(OnGait, OnRobot):
         )
         write_policy_card(policy, self.out, use)
         checkpoint.unlink(missing_ok=True)
+        if self.json is not None:
+            report = FitReport(
+                policy=self.out,
+                dataset=data.folder,
+                dataset_hash=data.hash,
+                seed=seed,
+                steps=result.steps,
+                frames=result.frames,
+                train_loss=result.train_loss,
+                validation_loss=result.validation_loss,
+                precision=result.precision,
+                device=result.device,
+            )
+            write_json(self.json, report)
         print(f"{self.out}: {result.steps} steps on {result.frames} frames, {result.losses}")
         return 0
 
