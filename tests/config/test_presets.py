@@ -53,9 +53,9 @@ def test_the_default_preset_trains_little_while_data_are_still_to_come():
     assert lengths == [8, *[Steps(2000)] * 9, 12]
     for name in METHODS:
         training = preset(name).training
-        assert (training.weight_decay, training.input_noise, training.mirror) == (0.1, 0.0, "auto")
+        assert (training.weight_decay, training.input_noise, training.mirror) == (0.0, 0.0, "auto")
         quick = preset(name, "quick").training
-        assert replace(quick, weight_decay=0.1, mirror="auto") == training
+        assert replace(quick, mirror="auto") == training
 
 
 def test_the_preset_pushed_differs_from_the_default_one_by_the_pushes_of_the_expert_alone():

@@ -286,7 +286,8 @@ def examine_machine(backend: Backend = "mujoco") -> DoctorReport:
     Args:
         backend: Simulator that has to work.
     """
-    python, system = platform.python_version(), platform.platform()
+    python = platform.python_version()
+    system = platform.platform()
     print(f"Python {python} on {system}")
     packages = {package: _version(package) for package in PACKAGES}
     for package, number in packages.items():

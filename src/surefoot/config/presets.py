@@ -98,7 +98,7 @@ def default(method: str) -> Config:
     `benchmarks/notebook/training.md` says how they were chosen.
     """
     parameters = method_config(method)
-    training = replace(_FAST, weight_decay=0.1, mirror="auto")
+    training = replace(_FAST, mirror="auto")
     if isinstance(parameters, IterativeConfig):
         # Policies that only collect need little training; the last one is trained for long.
         parameters = replace(
