@@ -60,6 +60,31 @@ def test_cells_of_one_gait_and_of_several_are_measured_each(monkeypatch):
     assert sorted(measured) == [1, 2]
 
 
+def test_cells_of_other_batches_are_measured_each(monkeypatch):
+    """The time of a step depends on its batch, and that of a rollout on its robots."""
+    techniques = [Technique(name, name, "dagger") for name in ("one", "two", "three", "again")]
+    plain = preset("dagger")
+    configs = {
+        "one": plain,
+        "two": replace(plain, training=replace(plain.training, batch=64)),
+        "three": replace(plain, chunk=3),
+        "again": plain,
+    }
+    monkeypatch.setattr(module, "cell_config", lambda study, cell: configs[cell.technique])
+    monkeypatch.setattr(module, "completed", lambda config: config)
+    measured = []
+
+    def measure(config):
+        measured.append((config.training.batch, config.chunk))
+        return Rates(1.0, 1.0, 1.0)
+
+    monkeypatch.setattr(module, "measure_rates", measure)
+    study = StudyConfig("mine", "My study", tuple(techniques), (Measurement("test", "test"),))
+    estimate_study(study, jobs_of(study))
+    usual = plain.training.batch
+    assert sorted(measured) == sorted([(usual, plain.chunk), (64, plain.chunk), (usual, 3)])
+
+
 def test_an_estimate_of_other_jobs_is_not_taken(monkeypatch, tmp_path):
     rates = SimpleNamespace(seconds=lambda work: 1.0)
     monkeypatch.setattr(module, "completed", lambda config: config)

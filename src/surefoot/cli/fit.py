@@ -100,7 +100,8 @@ class Fit(OnGait, OnRobot):
         checkpoint = Path(f"{self.out}.checkpoint")
         card = Output("OUT (its card)", card_path(self.out))
         kept = Output("OUT (its checkpoint)", checkpoint)
-        check_outputs(self, [out, card, kept, Output("--json", self.json)])
+        outputs = [out, card, kept, Output("--json", self.json)]
+        check_outputs(self, outputs, dataset=self.data)
         data = Dataset(self.data)
         if not data.shards:
             raise ValueError(f"{self.data} holds no dataset; `surefoot import-data` makes one")

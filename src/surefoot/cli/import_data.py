@@ -9,32 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from surefoot.cli.options import OnRobot
-from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Config
-from surefoot.files import write_json
 
 if TYPE_CHECKING:
     from surefoot.learning.dataset import Dataset
     from surefoot.learning.frames import Frames
-
-
-@dataclass(frozen=True)
-class ImportReport:
-    """What an import has done.
-
-    Attributes:
-        dataset: The folder of the dataset.
-        logs: Number of logs that were imported.
-        episodes: Number of episodes in the dataset, those before included.
-        frames: Number of frames in it.
-        hash: Its hash.
-    """
-
-    dataset: Path
-    logs: int
-    episodes: int
-    frames: int
-    hash: str
 
 
 @dataclass(frozen=True)
@@ -44,9 +23,6 @@ class ImportData(OnRobot):
     A log has the arrays q, v, torque, command and tick at 1 kHz (in a CSV file the columns q0 to
     q18, v0 to v17, torque0 to torque11, vx, vy, yaw_rate, tick), in the package's conventions. They
     are checked; each log becomes a shard, and more can be added later.
-
-    JSON keys: dataset (its folder); logs (number of those imported now); episodes, frames and hash
-    of the whole dataset.
     """
 
     logs: Annotated[
@@ -57,8 +33,6 @@ class ImportData(OnRobot):
     """The logs, each with another file name."""
     out: Path
     """The folder of the dataset, new or with one."""
-    json: Path | None = None
-    """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
         """Import the logs, and say how large the dataset is."""
@@ -70,7 +44,6 @@ class ImportData(OnRobot):
         from surefoot.robots.load import load_robot
         from surefoot.runs.layout import run_that_owns
 
-        check_outputs(self, [Output("--json", self.json)], self.logs)
         if not self.logs:
             raise ValueError("import-data needs at least one log")
         robot = load_robot(self.with_robot(Config()).robot)
@@ -107,10 +80,7 @@ class ImportData(OnRobot):
             frames = frames_of(log, next_episode(data))
             data.append(log.stem, frames)
             tqdm.write(f"{log}: {len(frames)} frames")
-        report = ImportReport(self.out, len(self.logs), data.episodes, data.frames, data.hash)
-        if self.json is not None:
-            write_json(self.json, report)
-        print(f"{self.out}: {report.episodes} episodes, {report.frames} frames, hash {report.hash}")
+        print(f"{self.out}: {data.episodes} episodes, {data.frames} frames, hash {data.hash}")
         return 0
 
 

@@ -78,6 +78,7 @@ def check_outputs(
     reads: Sequence[Path] = (),
     new_run: Path | None = None,
     new_study: Path | None = None,
+    dataset: Path | None = None,
 ) -> None:
     """Check that a command can write all of its files and loses nothing by it, before any work.
 
@@ -87,6 +88,7 @@ def check_outputs(
         reads: Files that it reads besides.
         new_run: The folder in which it is to begin a run.
         new_study: The folder in which it is to begin a study.
+        dataset: The folder of the dataset that it reads or makes, which is all of files of its own.
 
     Raises:
         ValueError: A file could not be written, its name has another ending, it would replace one
@@ -109,6 +111,11 @@ def check_outputs(
                     "and would be lost; name another file"
                 )
         file = os.path.realpath(output.path)
+        if dataset is not None and os.path.realpath(dataset) in (file, os.path.dirname(file)):
+            raise ValueError(
+                f"{output.name}: {output.path} is kept for the dataset {dataset}; name a file "
+                "outside of its folder"
+            )
         if file in names:
             raise ValueError(
                 f"{output.name}: {output.path} is {names[file]} too, and one would replace the "

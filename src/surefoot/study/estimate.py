@@ -1,7 +1,7 @@
 """How long a study will take: the work of each job by its configuration, times measured rates.
 
 The work is counted in MPC solves, in simulated robot-seconds and in training steps, as if no robot
-fell. What each of them takes is measured on this machine in less than a minute, before the study
+fell. What each of them takes is measured on this machine before the study
 begins; once jobs have ended, what they took corrects the estimate.
 """
 
@@ -106,9 +106,8 @@ class Rates:
 def measure_rates(config: Config) -> Rates:
     """Measure what the parts of the work take on one core of this machine.
 
-    That takes half a minute, and some minutes where code is still to be compiled.
-
-    Processor time counts: what else the machine computes meanwhile does not.
+    That takes half a minute, or some minutes where code is still to be compiled. Processor time
+    counts: what else the machine computes meanwhile does not.
 
     Args:
         config: The configuration of a cell.
@@ -296,6 +295,8 @@ def _what_rates_depend_on(config: Config) -> str:
         config.simulation,
         config.expert,
         config.policy,
+        config.chunk,
+        config.training.batch,
         config.training.precision,
     )
     return repr(parts)
