@@ -1,8 +1,8 @@
 """How long a study will take: the work of each job by its configuration, times measured rates.
 
 The work is counted in MPC solves, in simulated robot-seconds and in training steps, as if no robot
-fell. What each of them takes is measured on this machine before the study
-begins; once jobs have ended, what they took corrects the estimate.
+fell. What each of them takes is measured on this machine before the study begins; once jobs have
+ended, what they took corrects the estimate.
 """
 
 from __future__ import annotations
