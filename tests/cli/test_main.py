@@ -11,7 +11,10 @@ import pytest
 
 import surefoot.cli.main as main_module
 from surefoot.cli.compare import Compare
+from surefoot.cli.doctor import Doctor, DoctorReport
 from surefoot.cli.evaluate import Evaluate
+from surefoot.cli.export import Export, ExportReport
+from surefoot.cli.fit import Fit, FitReport
 from surefoot.cli.gate_warnings import MeasureWarnings
 from surefoot.cli.main import COMMANDS, FIRST_STEPS
 from surefoot.cli.play import Play
@@ -83,6 +86,9 @@ def test_each_command_has_help_of_its_own(surefoot, capsys, monkeypatch, command
 @pytest.mark.parametrize(
     ("command", "report"),
     [
+        (Doctor, DoctorReport),
+        (Fit, FitReport),
+        (Export, ExportReport),
         (Walk, WalkReport),
         (Play, EpisodeReport),
         (Train, TrainReport),
