@@ -156,6 +156,21 @@ def test_an_estimate_is_written_where_it_was_asked_for(surefoot, monkeypatch, ca
     assert f"{len(names)} jobs, about {len(names) / 2:.1f} core-hours" in capsys.readouterr().out
 
 
+def test_an_estimate_for_some_jobs_is_of_them_and_those_that_they_need(
+    surefoot, monkeypatch, tmp_path
+):
+    monkeypatch.setattr(
+        "surefoot.study.estimate.estimate_study",
+        lambda study, jobs: Estimate({job.name: 1800.0 for job in jobs}, "a processor"),
+    )
+    file = tmp_path / "estimate.json"
+    chosen = "measure--behavior_cloning--seed-1"
+    assert surefoot("study", "smoke", "--estimate", "--jobs", chosen, "--json", file) == 0
+    report = json.loads(file.read_text())
+    needed = ["train--behavior_cloning--seed-1", chosen]
+    assert [job["name"] for job in report["jobs"]] == needed
+
+
 @pytest.mark.parametrize("words", [("smoke",), ("smoke", "--estimate"), ("status", "smoke")])
 def test_a_number_of_workers_that_cannot_be_is_refused_before_any_work(
     surefoot, capsys, tmp_path, monkeypatch, words

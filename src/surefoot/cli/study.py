@@ -116,7 +116,8 @@ class Study(OnWorkers):
     jobs: tuple[str, ...] = ()
     """Run these jobs only, with those that they need: names, or patterns such as '*--seed-0'."""
     estimate: bool = False
-    """Only say how many jobs there are and how long they will take here, and run nothing."""
+    """Only say how many jobs there are and how long they will take here, and run nothing; with
+    --jobs, of these jobs and those that they need."""
     json: Path | None = None
     """Write how far the jobs are to this file, as JSON; with --estimate, how long they will
     take."""
@@ -178,17 +179,18 @@ class Study(OnWorkers):
         """Run the study, after saying what there is to do."""
         from surefoot.study.cells import jobs_of
         from surefoot.study.estimate import estimate_study
-        from surefoot.study.runner import open_study, run_study
+        from surefoot.study.runner import needed_jobs, open_study, run_study
 
         study = study_named(name)
+        jobs = needed_jobs(jobs_of(study), self.jobs)
         if self.estimate:
-            estimate = estimate_study(study, jobs_of(study))
+            estimate = estimate_study(study, jobs)
             if self.json is not None:
                 write_json(self.json, estimate_report(estimate, self.workers))
             print(describe_work(estimate, self.workers))
             return 0
         setup = open_study(folder, study)
-        estimate = estimate_study(study, setup.jobs, folder)
+        estimate = estimate_study(study, setup.jobs, folder).of(jobs)
         print(f"{study.title}, in {folder}: {describe_work(estimate, self.workers)}")
         outcome = run_study(folder, self.spread, self.jobs)
         self._show(folder)

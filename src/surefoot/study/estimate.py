@@ -266,6 +266,10 @@ class Estimate:
     seconds: dict[str, float]
     processor: str
 
+    def of(self, jobs: Sequence[StudyJob]) -> Estimate:
+        """The same estimate for some of its jobs only."""
+        return Estimate({job.name: self.seconds[job.name] for job in jobs}, self.processor)
+
     def left(self, statuses: Sequence[JobStatus], workers: int) -> float:
         """How long a study still takes, as far as its jobs can run beside each other [s].
 

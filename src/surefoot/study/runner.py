@@ -157,7 +157,7 @@ def run_study(folder: Path, workers: Workers, only: Sequence[str] = ()) -> Study
     folder = folder.resolve()
     setup = read_study(folder)
     claim_study(folder)
-    jobs = needed_jobs(setup.jobs, only) if only else setup.jobs
+    jobs = needed_jobs(setup.jobs, only)
     queue = JobQueue(jobs, finished_jobs(folder, setup.study, jobs))
     code = code_of(folder, setup)
     pool = make_pool(workers)
@@ -210,11 +210,14 @@ def needed_jobs(jobs: Sequence[StudyJob], patterns: Sequence[str]) -> tuple[Stud
 
     Args:
         jobs: All jobs of the study, each after those that it needs.
-        patterns: Names of jobs, or shell patterns of names such as ``*--seed-0``.
+        patterns: Names of jobs, or shell patterns of names such as ``*--seed-0``; none of them
+            means all jobs.
 
     Raises:
         ValueError: No job has such a name.
     """
+    if not patterns:
+        return tuple(jobs)
     names = [job.name for job in jobs]
     needed: set[str] = set()
     for pattern in patterns:
