@@ -1,6 +1,7 @@
 """The files that a command is to write: they replace nothing that anything else needs."""
 
-from dataclasses import dataclass
+import shutil
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -9,8 +10,10 @@ from surefoot.cli.main import parse
 from surefoot.cli.outputs import Output, check_option, check_outputs, film_outputs
 from surefoot.cli.walk import Walk
 from surefoot.config.json_io import to_json
+from surefoot.config.robot_table import GO2
 from surefoot.config.studies import named_study
 from surefoot.files import write_json
+from surefoot.robots.description import find_urdf
 from surefoot.study.folder import StudySetup, save_setup
 from surefoot.study.layout import STUDY_FILE
 
@@ -105,6 +108,17 @@ def test_no_command_replaces_a_file_that_one_of_its_options_names(tmp_path, monk
         with pytest.raises(ValueError, match=r"--json: mine.json is what the command reads too"):
             command()
     assert file.read_bytes() == before
+
+
+def test_no_command_replaces_the_description_that_a_robots_file_names(tmp_path):
+    urdf = tmp_path / "mine.urdf"
+    shutil.copy(find_urdf(GO2), urdf)
+    file = tmp_path / "mine.json"
+    write_json(file, to_json(replace(GO2, urdf="mine.urdf")))
+    for command in ("robot FILE", "prepare --robot FILE", "walk --robot FILE"):
+        words = [*command.replace("FILE", str(file)).split(), "--json", str(urdf)]
+        with pytest.raises(ValueError, match=r"--json: .* is what the command reads too"):
+            parse(words)()
 
 
 def test_an_export_does_not_replace_the_profile_that_it_reads(tmp_path):

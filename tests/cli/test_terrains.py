@@ -9,7 +9,8 @@ import pytest
 
 import surefoot.study.terrain_table as module
 from surefoot.cli.terrains import Terrains
-from surefoot.config import Config, ExpertConfig, OtherGait
+from surefoot.config import Config, ExpertConfig, OtherGait, RobotConfig
+from surefoot.config.robot_table import SOLO12
 from surefoot.config.sim import GROUNDS
 from surefoot.mpc.gaits import GAITS
 from surefoot.runs import policies
@@ -111,6 +112,20 @@ def test_a_policy_of_several_gaits_is_measured_but_not_beside_one_of_one(
     assert surefoot("terrains", PACKAGED_POLICY, two_gaits, "--names", "one", "two") == 2
     assert "two is a policy of another robot or other gaits than one" in capsys.readouterr().err
     assert len(asked) == 1
+
+
+def test_two_robots_of_one_name_are_told_apart(surefoot, asked, capsys, monkeypatch):
+    edited = RobotConfig("solo12", spec=replace(SOLO12, foot_radius=0.02))
+    found = policies.find_policy
+
+    def find_policy(target):
+        path, config = found(PACKAGED_POLICY)
+        return path, replace(config, robot=edited) if target == Path("edited") else config
+
+    monkeypatch.setattr(policies, "find_policy", find_policy)
+    assert surefoot("terrains", PACKAGED_POLICY, "edited", "--names", "one", "two") == 2
+    assert "two is a policy of another robot" in capsys.readouterr().err
+    assert asked == []
 
 
 def test_the_names_of_folders_have_points(surefoot, asked, tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
 """What is said of a robot's description: its table, and what is missing or odd."""
 
+import shutil
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -44,6 +45,18 @@ def test_what_is_odd_about_the_packages_robots():
     assert "feet are a mesh; here they are spheres of 0.018 m" in said["solo12"]
     assert "The root link 'base' has no mass" in said["a1"]
     assert "speed limit" not in said["a1"]
+
+
+def test_meshes_that_are_there_are_found_by_any_of_the_names_that_pinocchio_knows(tmp_path):
+    def edit(root):
+        for mesh in root.iterfind("link/visual/geometry/mesh"):
+            mesh.set("filename", mesh.get("filename").replace("package://", "model://"))
+
+    spec = changed(tmp_path, edit)
+    folder = find_urdf(GO2).parents[1]
+    shutil.copytree(folder, tmp_path / "example-robot-data" / "robots" / folder.name)
+    assert "meshes" not in remarks_of(spec)
+    assert visual_meshes(load_robot(spec))
 
 
 def test_meshes_that_are_missing_are_said_and_do_no_harm(tmp_path):

@@ -339,6 +339,44 @@ def test_what_moves_needs_the_inertia_of_a_body(tmp_path):
         load_robot(changed(tmp_path, stretch))
 
 
+def inertia_of_feet(**moments: str):
+    """An edit that gives the four feet of Go2 other moments of inertia."""
+
+    def edit(root):
+        for leg in ("FL", "FR", "RL", "RR"):
+            root.find(f"link[@name='{leg}_foot']/inertial/inertia").attrib.update(moments)
+
+    return edit
+
+
+def test_a_foot_without_the_inertia_of_a_body_is_part_of_the_lower_leg(tmp_path):
+    spec = changed(tmp_path, inertia_of_feet(izz="1e-4"))
+    model = load_robot(spec).model
+    total = load_robot(GO2).model.inertias[4].mass
+    assert model.frames[model.getFrameId("FL_FOOT")].inertia.mass == 0.0
+    lower = model.frames[model.getFrameId("FL_LOWER_LEG")].inertia
+    assert lower.mass == pytest.approx(total)
+    np.testing.assert_allclose(lower.inertia, model.inertias[4].inertia, atol=1e-12)
+
+
+def test_a_foot_is_the_link_where_a_joint_has_its_name_too(tmp_path):
+    def edit(root):
+        for leg in ("FL", "FR", "RL", "RR"):
+            root.find(f"joint[@name='{leg}_foot_joint']").set("name", f"{leg}_foot")
+
+    renamed = load_robot(changed(tmp_path, edit))
+    np.testing.assert_array_equal(renamed.nominal, MODELS["go2"].nominal)
+
+
+def test_a_turning_joint_without_limits_in_its_description_is_named(tmp_path):
+    def edit(root):
+        joint = root.find("joint[@name='FL_calf_joint']")
+        joint.remove(joint.find("limit"))
+
+    with pytest.raises(ValueError, match=r"joint 'FL_calf_joint': it has no <limit>"):
+        load_robot(changed(tmp_path, edit))
+
+
 def set_in(path: str, key: str, value: str | None):
     """An edit of an attribute; None removes it."""
 

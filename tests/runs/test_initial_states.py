@@ -81,10 +81,10 @@ def test_other_initial_states_are_refused_on_resume(begun):
         create(begun.folder, asked, resume=True)
 
 
-def test_a_run_that_has_not_begun_takes_the_new_states(small_sets, tmp_path):
+def test_a_run_that_has_not_begun_begins_anew_with_the_new_states(small_sets, tmp_path):
     first = create(tmp_path / "run", GO2)
     box = CommandBox(vx=(-0.2, 0.5))
-    second = create(tmp_path / "run", replace(GO2, commands=box), resume=True)
+    second = create(tmp_path / "run", replace(GO2, commands=box))
     stored = load_starts(second.folder / "starts.npz")
     assert stored.preparation is not None
     assert stored.preparation.commands == box

@@ -119,7 +119,7 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         only_gait(self.config, "learning on a robot", "name one of them with --gait")
         config = config_for(folder, self.with_commands(self.simulated(self.config)))
         check_config(config)
-        run = create(folder, config, resume=True)
+        run = create(folder, config, resume=(folder / METRICS_FILE).exists())
         check_robots_run(run)
         with ExitStack() as closing:
             collection = RobotCollection(self.crew(run, closing), self.hint, self.realtime)

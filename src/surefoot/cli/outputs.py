@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -138,7 +139,19 @@ def files_read(command: DataclassInstance, outputs: Sequence[Output] = ()) -> It
     for field in fields(command):
         option = f"--{field.name.replace('_', '-')}"
         if option not in written and field.name.upper() not in written:
-            yield from _files_in(getattr(command, field.name))
+            value = getattr(command, field.name)
+            yield from _files_in(value)
+            if field.name == "robot" and isinstance(value, str) and os.path.isfile(value):
+                yield from _description_of(Path(value))
+
+
+def _description_of(file: Path) -> Iterator[Path]:
+    """The description that a file of a robot names; none if it cannot be read, as is said later."""
+    from surefoot.robots.description import find_urdf
+    from surefoot.robots.load import read_spec
+
+    with suppress(ValueError):
+        yield find_urdf(read_spec(file))
 
 
 def _files_in(value: object) -> Iterator[Path]:

@@ -113,5 +113,8 @@ def _name_of(target: Path) -> str:
 
 
 def _walked(config: Config) -> tuple[str, list[tuple[float, ...]]]:
-    """The robot of a policy, and the timing of each of its gaits."""
-    return config.robot.model, [gait.timing for gait in config.gaits]
+    """The robot of a policy, by its content, and the timing of each of its gaits."""
+    from surefoot.robots.identity import description_hash
+    from surefoot.robots.load import find_spec
+
+    return description_hash(find_spec(config.robot)), [gait.timing for gait in config.gaits]

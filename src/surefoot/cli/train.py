@@ -93,7 +93,7 @@ class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
         config = self.with_commands(self.with_robot(self.simulated(self.config)))
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))
-        config = config_for(folder, config)
+        config = config_for(folder, config, self.resume)
         check_config(config)
         run = create(folder, config, self.resume)
         print(f"{self.method}, preset {self.preset}, seed {run.config.seed}, in {folder}")

@@ -3,8 +3,9 @@
 A description has names, an order and a structure of its own. Every joint that is not one of the
 twelve is locked, and a new model is built of what is left: legs FL, FR, HL, HR, each with links
 SHOULDER, UPPER_LEG, LOWER_LEG and FOOT, joints HAA, HFE, KFE. A foot is a frame of its lower leg,
-with the inertia of the description's foot link, or none where that is not one of a body. Everything
-else of the package, the simulators included, is made from this model. Read `robots.load` next.
+with the inertia of the description's foot link; where that or what it leaves of a lower leg is not
+the inertia of a body, it is part of the lower leg. Everything else of the package, the simulators
+included, is made from this model. Read `robots.load` next.
 """
 
 from __future__ import annotations
@@ -41,10 +42,15 @@ def canonical_model(description: Description, spec: RobotSpec) -> pin.Model:
     names = _joint_names(description, spec)
     source = _locked(description.model, names)
     feet = [frame_id(description, _named(spec.foot, leg), spec.name) for leg in spec.legs]
-    feet = [source.getFrameId(description.model.frames[foot].name) for foot in feet]
-    apart = all(_is_body(description.inertias.get(source.frames[foot].name)) for foot in feet)
+    found = [description.model.frames[foot] for foot in feet]
+    feet = [source.getFrameId(frame.name, frame.type) for frame in found]
     where = f"{spec.name}, {description.path}"
     _check_chains(source, names, feet, spec, where)
+    apart = all(
+        _is_body(description.inertias.get(source.frames[foot].name))
+        and _is_body(_own_inertia(description, source, source.frames[foot].parentJoint, foot))
+        for foot in feet
+    )
     model = pin.Model()
     model.name = spec.name
     placement = pin.SE3.Identity()
@@ -175,8 +181,13 @@ def _is_body(inertia: pin.Inertia | None) -> bool:
     return (
         inertia is not None
         and inertia.mass > LEAST_MASS
-        and bool((np.linalg.eigvalsh(inertia.inertia) > 0.0).all())
+        and _are_moments(np.linalg.eigvalsh(inertia.inertia))
     )
+
+
+def _are_moments(moments: Array) -> bool:
+    """Whether a body may have these principal moments of inertia ``(3,)``, the largest one last."""
+    return bool(moments[0] > 0.0 and moments[2] <= 1.001 * (moments[0] + moments[1]))
 
 
 def _add_body(model: pin.Model, name: str, joint: int, inertia: pin.Inertia) -> None:
@@ -193,7 +204,7 @@ def _check_inertias(model: pin.Model, where: str) -> None:
         if not inertia.mass > LEAST_MASS:
             raise ValueError(f"{where}: {what} has no mass; no simulator can move it")
         moments = np.linalg.eigvalsh(inertia.inertia)
-        if not (moments[0] > 0.0 and moments[2] <= 1.001 * (moments[0] + moments[1])):
+        if not _are_moments(moments):
             raise ValueError(
                 f"{where}: {what} has principal moments of inertia {moments.tolist()} kg m^2, "
                 "which no body has: all are positive, and none exceeds the sum of the others"

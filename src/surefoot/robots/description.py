@@ -185,7 +185,7 @@ def number(element: ElementTree.Element | None, key: str, default: float | None 
 
 
 def frame_id(description: Description, name: str, robot: str) -> int:
-    """Return the id of a frame.
+    """Return the id of a frame: that of a link, where a joint has the same name.
 
     Args:
         description: The description.
@@ -199,6 +199,8 @@ def frame_id(description: Description, name: str, robot: str) -> int:
     if not model.existFrame(name):
         names = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
         raise ValueError(f"{robot}, {description.path}: " + unknown("frame", name, names))
+    if model.existFrame(name, pin.FrameType.BODY):
+        return model.getFrameId(name, pin.FrameType.BODY)
     return model.getFrameId(name)
 
 
@@ -259,8 +261,10 @@ def _check_joint(joint: ElementTree.Element) -> None:
     if not np.linalg.norm(axis) > LEAST_AXIS:
         raise ValueError(f"its axis is {axis.tolist()}, which has no direction")
     limit = joint.find("limit")
-    if joint.get("type") == "continuous" or limit is None:
+    if joint.get("type") == "continuous":
         return
+    if limit is None:
+        raise ValueError("it has no <limit>; give it one, or the type continuous")
     low = number(limit, "lower", 0.0)
     high = number(limit, "upper", 0.0)
     if low > high:

@@ -67,9 +67,9 @@ def missing_meshes(path: Path) -> tuple[int, list[str]]:
     names = {mesh.get("filename", "") for mesh in root.iterfind("link/visual/geometry/mesh")}
     missing = []
     for name in sorted(names):
-        _, package, inside = name.rpartition("package://")
-        folders = path.parents if package else (path.parent,)
-        if not any((folder / inside.removeprefix("file://")).is_file() for folder in folders):
+        scheme, _, inside = name.rpartition("://")
+        folders = path.parents if scheme in ("package", "model") else (path.parent,)
+        if not any((folder / inside).is_file() for folder in folders):
             missing.append(name)
     return len(names), missing
 

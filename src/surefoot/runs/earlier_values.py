@@ -7,6 +7,8 @@ from typing import TypeVar
 
 from surefoot.config import Config, SafetyConfig
 from surefoot.config.checked import Checked
+from surefoot.config.robots import RobotSpec
+from surefoot.robots.identity import description_hash
 from surefoot.robots.joint_bounds import RANGES, with_ranges
 from surefoot.robots.load import find_profile, load_robot
 from surefoot.robots.model import RobotModel
@@ -28,7 +30,7 @@ def with_values_of(before: Config, config: Config) -> Config:
     """
     robot = config.robot
     config = _with_values(before, config)
-    config = replace(config, robot=replace(config.robot, spec=robot.spec))
+    config = replace(config, robot=replace(config.robot, spec=_spec_of(before, robot.spec)))
     if robot.profile is not None:
         config = replace(config, robot=replace(config.robot, profile_spec=robot.profile_spec))
     stored = before.safety
@@ -40,6 +42,14 @@ def with_values_of(before: Config, config: Config) -> Config:
         ranges = {name: vars(stored)[name] for name in RANGES}
         config = replace(config, safety=replace(config.safety, **ranges))
     return config
+
+
+def _spec_of(before: Config, spec: RobotSpec | None) -> RobotSpec | None:
+    """The spec of a robot as the run has it, if it is the same: its description may have moved."""
+    earlier = before.robot.spec
+    if spec is None or earlier is None:
+        return spec
+    return earlier if description_hash(spec) == description_hash(earlier) else spec
 
 
 def _with_earlier_profile(before: Config, config: Config) -> Config:

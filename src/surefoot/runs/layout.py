@@ -20,6 +20,8 @@ OTHER_STARTS_FILE = "starts-{number}.npz"
 """File of the copy of the initial states of another gait than the first one, by its number."""
 ALL_OTHER_STARTS = tuple(OTHER_STARTS_FILE.format(number=number) for number in range(1, MOST_GAITS))
 """All files of such copies."""
+ROBOT_FILE = "robot.urdf"
+"""File of the run's own copy of the description of a robot that is none of the package."""
 METRICS_FILE = "metrics.jsonl"
 """File of the metrics: one line for each stage that is done."""
 EXPERT_FILE = "expert.json"
@@ -36,6 +38,7 @@ OWN = {
     CONFIG_FILE,
     STARTS_FILE,
     *ALL_OTHER_STARTS,
+    ROBOT_FILE,
     METRICS_FILE,
     EXPERT_FILE,
     ATTEMPTS_FILE,
@@ -52,7 +55,7 @@ OWN = {
 }
 """Names of a run's own files and folders, in its folder."""
 
-EARLY = (LOCK_FILE, STARTS_FILE, *ALL_OTHER_STARTS)
+EARLY = (LOCK_FILE, STARTS_FILE, *ALL_OTHER_STARTS, ROBOT_FILE)
 """What a kill in the very first moment may leave of a run that has not begun."""
 
 

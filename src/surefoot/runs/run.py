@@ -50,6 +50,7 @@ from surefoot.runs.metrics import (
     parse_metrics,
     stage_of,
 )
+from surefoot.runs.own_robot import keep_robot, with_own_robot
 from surefoot.runs.precision import choose_for_run, with_precision_of
 from surefoot.runs.versions import changed_versions, versions
 from surefoot.scenarios.seeds import seed_of
@@ -289,22 +290,24 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
     for part in [*folder.glob(".*"), *folder.glob("*/.*")]:
         if is_left_over(part):
             part.unlink()
-    run.config = config_for(folder, config)
+    run.config = config_for(folder, config, resume)
     if path.exists():
         before = open_run(folder)
-        begun = before.has_begun  # if not, nothing would be lost
-        if begun and before.precision is None:
+        goes_on = resume or before.has_begun  # if not, nothing would be lost
+        if goes_on and before.precision is None:
             run.config = with_precision_of(run.config, before.config)
         other = changes_text(run.config, before.config)
-        if begun and other:
+        if goes_on and other:
+            anew = "" if before.has_begun else "; without --resume it begins anew"
             raise RunError(
                 f"{folder} holds a run with another configuration: {other}. Resume it with the "
-                "options it was started with, or choose another folder with --run"
+                f"options it was started with, or choose another folder with --run{anew}"
             )
         if not other:
             check_starts(folder, before.config, read_setup(folder).starts_hash)
             warn_of_versions(before)
             return before
+    keep_robot(folder, run.config)
     run.config, written, starts_hash = keep_starts(folder, run.config)
     run.precision = choose_for_run(run.config)
     used = versions(written.simulation.backend)
@@ -312,8 +315,14 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
     return run
 
 
-def config_for(folder: Path, config: Config) -> Config:
+def config_for(folder: Path, config: Config, resume: bool = False) -> Config:
     """The configuration of a run that is to begin in a folder, or to go on there.
+
+    Args:
+        folder: Folder of the run.
+        config: The configuration as it is asked for.
+        resume: Whether a run in the folder that has kept nothing yet is to go on too; without it,
+            such a run begins anew.
 
     Raises:
         RunError: The run's config cannot be read.
@@ -321,7 +330,7 @@ def config_for(folder: Path, config: Config) -> Config:
     """
     if (folder / CONFIG_FILE).exists():
         before = open_run(folder)
-        if before.has_begun:
+        if resume or before.has_begun:
             return resumed_config(config, before.config, read_setup(folder).starts_hash)
     return begun_config(config)
 
@@ -335,7 +344,7 @@ def open_run(folder: Path | str) -> Run:
     folder = Path(folder)
     setup = read_setup(folder)
     config = with_own_starts(folder, with_earlier_ground(setup.config))
-    return Run(folder, config, setup.precision)
+    return Run(folder, with_own_robot(folder, config), setup.precision)
 
 
 def run_of_policy(policy: Path) -> Run | None:

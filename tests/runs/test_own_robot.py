@@ -1,0 +1,80 @@
+"""A run's own copy of its robot's description, which serves where the original is gone or edited."""
+
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from surefoot.config import CommandBox, Config, RobotConfig
+from surefoot.config.robot_table import GO2
+from surefoot.robots.description import find_urdf
+from surefoot.robots.identity import description_hash
+from surefoot.robots.load import load_robot
+from surefoot.runs.run import RunError, create, open_run
+from surefoot.scenarios import prepare as module
+from surefoot.scenarios.starts import starts_of
+from tests.fakes.learning import FLOAT32
+from tests.fakes.runs import collected_record
+from tests.fakes.walks import SMALL, fake_walks
+
+__all__ = ["fake_walks"]
+
+
+@pytest.fixture
+def asked(fake_walks, monkeypatch, tmp_path) -> Config:
+    """A run of a robot whose description lies in a folder of the user's."""
+    whole = module.prepare
+    monkeypatch.setattr(module, "prepare", lambda config: whole(config, sizes=SMALL))
+    (tmp_path / "mine").mkdir()
+    urdf = tmp_path / "mine" / "mine.urdf"
+    shutil.copy(find_urdf(GO2), urdf)
+    robot = RobotConfig("mine", spec=replace(GO2, name="mine", urdf=str(urdf)))
+    return Config(robot=robot, commands=CommandBox(vx=(-0.2, 0.6)), training=FLOAT32)
+
+
+@pytest.fixture
+def begun(asked, tmp_path):
+    run = create(tmp_path / "run", asked)
+    run.append_metrics(collected_record(0))
+    return run
+
+
+def test_the_original_is_used_while_it_is_there_and_the_same(asked, begun):
+    assert open_run(begun.folder).config.robot.spec == asked.robot.spec
+
+
+def test_a_run_goes_on_where_the_description_has_moved(asked, begun, tmp_path):
+    before = load_robot(begun.config.robot)
+    hash_before = starts_of(begun.config).hash
+    shutil.rmtree(tmp_path / "cache")
+    (tmp_path / "mine").rename(tmp_path / "other")
+    moved = begun.folder.rename(tmp_path / "moved")
+    own = open_run(moved).config
+    assert load_robot(own.robot).urdf == moved / "robot.urdf"
+    assert (load_robot(own.robot).nominal == before.nominal).all()
+    assert starts_of(own).hash == hash_before
+    there = replace(asked.robot.spec, urdf=str(tmp_path / "other" / "mine.urdf"))
+    again = replace(asked, robot=replace(asked.robot, spec=there))
+    assert create(moved, again, resume=True).config == own
+
+
+def test_an_edited_description_does_not_change_the_run(asked, begun):
+    before = description_hash(begun.config.robot.spec)
+    urdf = find_urdf(asked.robot.spec)
+    urdf.write_text(urdf.read_text().replace("0.678", "0.7"))
+    assert description_hash(asked.robot.spec) != before
+    assert description_hash(open_run(begun.folder).config.robot.spec) == before
+    with pytest.raises(RunError, match="holds a run with another configuration"):
+        create(begun.folder, asked, resume=True)
+
+
+def test_a_run_that_kept_nothing_is_not_resumed_as_another_one(asked, tmp_path):
+    folder = tmp_path / "run"
+    create(folder, asked)
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(RunError, match=r"another configuration: .* without --resume it begins"):
+        create(folder, Config(training=FLOAT32), resume=True)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == files
+    # Asked for anew, it begins anew: nothing is lost.
+    assert create(folder, Config(training=FLOAT32)).config.robot.model == "solo12"
+    assert not (folder / "robot.urdf").exists()
