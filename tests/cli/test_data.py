@@ -141,13 +141,48 @@ def test_a_policy_is_fitted_to_mirror_images_too(fitted, capsys):
     assert after == before  # steps
 
 
-def test_a_log_of_the_same_name_is_not_imported_twice(surefoot, logs, tmp_path, capsys):
+def test_a_log_is_not_imported_twice(surefoot, logs, tmp_path, capsys):
     data = tmp_path / "data"
     assert surefoot("import-data", logs[0], "--out", data) == 0
-    assert surefoot("import-data", logs[0], "--out", data) == 2
-    assert "has a shard 'log0' already" in capsys.readouterr().err
-    assert surefoot("import-data", logs[1], "--out", data) == 0
+    before = Dataset(data).hash
+    assert surefoot("import-data", logs[0], "--out", data) == 0
+    assert "imported already" in capsys.readouterr().out
+    assert Dataset(data).hash == before
+    assert surefoot("import-data", *logs, "--out", data) == 0
     assert Dataset(data).episodes == 2
+
+
+def test_another_log_of_the_same_name_is_refused(surefoot, logs, tmp_path, capsys):
+    data = tmp_path / "data"
+    assert surefoot("import-data", logs[0], "--out", data) == 0
+    other = tmp_path / "other" / logs[0].name
+    other.parent.mkdir()
+    arrays = dict(np.load(logs[0]))
+    np.savez(other, **{key: array[:-1] for key, array in arrays.items()})
+    assert surefoot("import-data", other, "--out", data) == 2
+    assert "has a shard 'log0' of other frames; rename the log" in capsys.readouterr().err
+    assert surefoot("import-data", logs[0], other, "--out", tmp_path / "new") == 2
+    assert "another log has the name 'log0' too" in capsys.readouterr().err
+
+
+def test_a_shard_that_is_lost_is_imported_again(surefoot, logs, tmp_path):
+    data = tmp_path / "data"
+    assert surefoot("import-data", *logs, "--out", data) == 0
+    before = Dataset(data).hash
+    lost = Dataset(data).shard_path("log0")
+    content = lost.read_bytes()
+    lost.unlink()
+    assert surefoot("import-data", *logs, "--out", data) == 0
+    assert lost.read_bytes() == content
+    assert Dataset(data).hash == before
+
+
+def test_two_processes_do_not_import_into_one_dataset(
+    surefoot, logs, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("surefoot.files.lock_file", lambda path: False)
+    assert surefoot("import-data", logs[0], "--out", tmp_path / "data") == 2
+    assert "another process is adding results to" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "report.json", ""])
@@ -181,7 +216,7 @@ def test_no_log_is_imported_if_one_is_bad(surefoot, logs, tmp_path, capsys):
     twice.parent.mkdir()
     twice.write_bytes(logs[0].read_bytes())
     assert surefoot("import-data", *logs, twice, "--out", data) == 2
-    assert "another log of this name" in capsys.readouterr().err
+    assert "another log has the name" in capsys.readouterr().err
     assert not Dataset(data).shards
 
 

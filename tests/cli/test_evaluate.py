@@ -194,12 +194,14 @@ def test_the_file_is_named_after_what_is_evaluated(surefoot, run_copy, tmp_path)
     save_starts(load_starts("solo12-trot-v1-wide"), own)
     digest = load_starts("solo12-trot-v1-wide").hash
     noisy = ("--disturbance.noise.joint-position", 0.01, "--disturbance.delay", 3)
+    pushed = ("--disturbance.pushes", 1, "--disturbance.impulse", None)  # the robot's own
     expected = {
         (): "evaluation-test.json",
         ("--starts", "solo12-trot-v1-wide"): "evaluation-test-solo12-trot-v1-wide.json",
         ("--starts", own): f"evaluation-test-solo12-trot-v1_{digest[:8]}.json",
         ("--disturbance.friction", 0.6, 0.7): "evaluation-test-friction_0.6_0.7.json",
         noisy: "evaluation-test-noise.joint_position_0.01-delay_3.json",
+        pushed: "evaluation-test-pushes_1-impulse_0.3_1.5.json",
     }
     written = {}
     for number, (args, name) in enumerate(expected.items(), 1):
@@ -211,7 +213,8 @@ def test_the_file_is_named_after_what_is_evaluated(surefoot, run_copy, tmp_path)
     assert written["--starts", own]["starts_hash"] == digest != written[()]["starts_hash"]
     tracking = [figures["expert"]["mse"] for figures in written.values()]
     assert tracking[1] == tracking[2]
-    assert len({json.dumps(mse) for mse in tracking}) == 4  # each of them did something
+    assert written[pushed]["disturbance"] == {"pushes": 1, "impulse": [0.3, 1.5]}
+    assert len({json.dumps(mse) for mse in tracking}) == 5  # each of them did something
     assert written[()] == json.loads((run_copy / "evaluation-test.json").read_text())
     assert surefoot("evaluate", run_copy, "--disturbance.mass", -1, 1) == 2
 

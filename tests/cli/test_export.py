@@ -1,19 +1,23 @@
 """The command export: files that the runtime takes, and errors before any work."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from surefoot.config import PolicyConfig
+from surefoot.config import Gait, PolicyConfig
+from surefoot.config.gait_table import GAITS
 from surefoot.config.json_io import read_json
 from surefoot.deploy.export_file import read_export
 from surefoot.deploy.policy import load
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.observation import GaitTiming, ObservationSpec
+from surefoot.learning.observation import GaitTiming, ObservationSpec, gait_timings
 from surefoot.learning.policy import Policy, PolicySpec, save
 from surefoot.learning.policy import load as load_policy
 from surefoot.runs.run import open_run
+from surefoot.scenarios.gaits import AllStarts
+from surefoot.scenarios.starts import load_starts
 
 
 def test_a_run_is_exported_with_all_that_it_was_trained_for(surefoot, capsys, run_folder, tmp_path):
@@ -53,6 +57,38 @@ def test_a_profile_gives_its_limits_to_the_file(surefoot, run_folder, tmp_path):
     assert surefoot("export", run_folder, "--onnx", file, "--profile", "odri") == 0
     description = read_export(file).description
     assert (description.profile, description.torque_limit[0]) == ("odri", 1.8)
+
+
+def test_nothing_is_written_if_one_of_the_files_cannot_be(surefoot, capsys, tmp_path):
+    spec = ObservationSpec(
+        "circle", (GaitTiming("trot", 500),), height="above_feet", foot_radius=0.018
+    )
+    network = PolicyNetwork(PolicyConfig((8,)), inputs=spec.input_size)
+    policy = Policy(network, PolicySpec(spec, 2.0, 0.1), np.zeros((2, 3)), "solo12")
+    save(policy, tmp_path / "policy.safetensors")
+    files = [tmp_path / "network.onnx", tmp_path / "pipeline.onnx"]
+    words = ("--onnx", files[0], "--pipeline", files[1])
+    assert surefoot("export", tmp_path / "policy.safetensors", *words) == 2
+    assert "above" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["policy.safetensors"]
+
+
+def test_a_run_of_several_gaits_is_exported(surefoot, monkeypatch, run_folder, tmp_path):
+    two = gait_timings((Gait(), GAITS["bound"]))
+    bounding = replace(load_starts(), name="bounding", gait=GAITS["bound"])
+    sets = AllStarts((load_starts(), bounding))
+    monkeypatch.setattr("surefoot.scenarios.gaits.all_starts_of", lambda _: sets)
+    monkeypatch.setattr("surefoot.runs.policies._check_fit", lambda *_: None)
+    folder = tmp_path / "run"
+    shutil.copytree(run_folder, folder)
+    spec = ObservationSpec("circle", two)
+    network = PolicyNetwork(PolicyConfig((8,)), inputs=spec.input_size)
+    policy = Policy(network, PolicySpec(spec, 2.0, 0.1), np.zeros((2, 3)), "solo12")
+    save(policy, open_run(folder).best_policy_path)
+    assert surefoot("export", folder, "--onnx", tmp_path / "two.onnx") == 0
+    description = read_export(tmp_path / "two.onnx").description
+    assert [gait.name for gait in description.gaits] == ["trot", "bound"]
+    assert description.start_range.starts == "solo12-trot-v1, bounding"
 
 
 def test_a_policy_file_alone_does_not_know_where_it_began(surefoot, capsys, run_folder, tmp_path):

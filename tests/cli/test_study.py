@@ -11,7 +11,8 @@ from surefoot.config.studies import named_study
 from surefoot.study import state
 from surefoot.study.cells import jobs_of
 from surefoot.study.estimate import Estimate
-from surefoot.study.folder import StudySetup, save_setup
+from surefoot.study.folder import StudySetup, read_study, save_setup
+from surefoot.study.runner import StudyOutcome
 from surefoot.study.state import FAILED_FILE, is_paused, job_folder
 
 SMOKE = named_study("smoke")
@@ -108,6 +109,28 @@ def test_a_study_that_has_begun_in_the_folder_of_its_file_goes_on_there(surefoot
     save_setup(elsewhere / "studies" / "a", StudySetup(mine, None, "0", "float32"))
     assert surefoot("study", "pause", "grids/a.json") == 0
     assert is_paused(elsewhere / "studies" / "a")
+
+
+def test_a_study_goes_on_with_the_jobs_that_it_began_with(surefoot, folder, monkeypatch, capsys):
+    # Its beginnings are those of its file, whatever cells would share one today.
+    setup = read_study(folder)
+    other = replace(setup, beginnings={})
+    (folder / "study.json").unlink()
+    save_setup(folder, other)
+    estimate = Estimate({job.name: 1800.0 for job in other.jobs}, "a processor")
+    assert {job.name for job in jobs_of(SMOKE)} != set(estimate.seconds)
+    monkeypatch.setattr("surefoot.study.estimate.estimate_study", lambda *_: estimate)
+    monkeypatch.setattr("surefoot.study.runner.open_study", lambda *_: other)
+    outcome = StudyOutcome(0, 0, ())
+    monkeypatch.setattr("surefoot.study.runner.run_study", lambda *_: outcome)
+    assert surefoot("study", folder) == 0
+    assert f": {len(other.jobs)} jobs, about" in capsys.readouterr().out
+
+
+def test_a_study_under_studies_is_found_by_its_name(surefoot, elsewhere):
+    mine = replace(SMOKE, name="mine")
+    save_setup(elsewhere / "studies" / "mine", StudySetup(mine, None, "0", "float32"))
+    assert study.study_named("mine") == mine
 
 
 def test_the_hours_that_are_left_are_those_of_the_workers_that_run_it(

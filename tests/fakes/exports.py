@@ -63,7 +63,8 @@ def exported(
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "policy.safetensors"
     save(policy, file)
-    stored = load_starts() if policy.robot == "solo12" else None
+    trot = policy.robot == "solo12" and policy.spec.observation.gaits == (TROT,)
+    stored = (load_starts(),) if trot else ()
     description = describe(policy, file, robot_of(policy.robot), Config(), stored, kind)
     description = replace(description, **changes)
     path = folder / f"{kind}.onnx"

@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from surefoot.config import (
@@ -23,7 +24,7 @@ from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.traces import Trace
 from surefoot.runs import gate_training
-from surefoot.runs.gate_training import make_gate, train_gates
+from surefoot.runs.gate_training import GateSamples, make_gate, train_gates
 from surefoot.runs.run import Run, create, open_run
 from surefoot.runs.sampling import rising_share
 from surefoot.safety.gates import AnyOf, Bounds, tightened
@@ -32,8 +33,9 @@ from surefoot.workers import Workers
 from tests.fakes.runs import gate_trained
 
 METHOD = LocoSafeDaggerConfig(
-    pretraining=ExpertData(2, 1, True, 0.12),
-    pretraining_epochs=1,
+    # Taught enough that its policy meets safe and unsafe states.
+    pretraining=ExpertData(4, 1, True, 0.3),
+    pretraining_epochs=60,
     iterations=2,
     velocities=4,
     perturbations=2,
@@ -48,7 +50,7 @@ CONFIG = replace(
     Config(),
     method=METHOD,
     chunk=4,
-    policy=PolicyConfig(hidden=(16, 16)),
+    policy=PolicyConfig(hidden=(64, 64)),
     training=TrainingConfig(batch=64, precision="float32"),
     collection=DisturbanceConfig(1),
     evaluation=EvaluationConfig(duration=0.1, episodes=2),
@@ -86,6 +88,22 @@ def test_a_lost_network_comes_back_to_the_bit(run):
     train_gates(open_run(run.folder), 2, METHOD.gates, alarm=METHOD.alarm)
     assert path.read_bytes() == before
     assert run.metrics == records
+
+
+@pytest.mark.parametrize("unsafe", [True, False])
+def test_a_history_network_that_would_know_one_answer_is_not_trained(
+    run, tmp_path, monkeypatch, unsafe, caplog
+):
+    rows = np.zeros((40, History.row_size), np.float32)
+    held = np.arange(40) < 4
+    known = np.where(held, not unsafe, unsafe)  # the other kind is among the held-out rows only
+    monkeypatch.setattr(gate_training, "history_samples", lambda *_: GateSamples(rows, known, held))
+    other = create(tmp_path / "run", CONFIG)
+    with caplog.at_level("INFO"):
+        train_gates(other, 1, ("history",))
+    assert "the other gates, or the bounds, take its place" in caplog.text
+    assert other.gate_trained("history", 1) is None
+    assert isinstance(make_gate(other, 2, ("history",)), Bounds)
 
 
 def test_a_history_network_is_used_from_the_iteration_after_its_first_data(run):

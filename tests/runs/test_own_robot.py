@@ -1,4 +1,4 @@
-"""A run's own copy of its robot's description, which serves where the original is gone or edited."""
+"""A run's copy of its robot's description, which serves where the original is gone or edited."""
 
 import shutil
 from dataclasses import replace

@@ -120,7 +120,8 @@ def test_other_names_and_more_runs_cost_only_what_is_new(monkeypatch, runs, tmp_
     measure(runs[:1], path, simulators=("mujoco",))
     calls = pretend_measurements(monkeypatch)
     names = ("rescued", "cloned")
-    comparison = measure(runs[::-1], path, simulators=("mujoco",), names=names, baseline=runs[1])
+    other = runs[1].parent / ".." / runs[1].parent.name / runs[1].name  # the same folder
+    comparison = measure(runs[::-1], path, simulators=("mujoco",), names=names, baseline=other)
     assert calls == [("evaluation", "mujoco", "safe"), ("push", "mujoco", "safe")]
     assert [row.label for row in comparison.rows] == ["expert", "rescued", "cloned"]
     assert comparison.baseline == "rescued"

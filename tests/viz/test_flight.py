@@ -66,6 +66,15 @@ def test_a_film_keeps_the_robots_time_where_measurements_were_lost():
     assert recording.expert_drove.tolist() == [tick % 2 == 0 for tick in shown]
 
 
+@pytest.mark.parametrize("jump", [60 * 10**9, 1_700_000_000 * 10**9, -(10**9)])
+def test_a_film_goes_on_where_the_robots_clock_jumps(jump):
+    flight = flight_of(None, 10)
+    jumped = flight.robot_time_ns + np.where(np.arange(10) >= 5, jump, 0)
+    steady = recording_of(flight)
+    recording = recording_of(replace(flight, robot_time_ns=jumped))
+    np.testing.assert_array_equal(recording.q, steady.q)
+
+
 def test_a_film_does_not_say_that_a_robot_was_driven_that_stands_up():
     flight = flight_of(None, 6)
     flight = replace(flight, mode=np.array([0, 0, 1, 1, 2, 2], np.int8))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 
 from surefoot.cli.evaluate import parse_evaluate
 from surefoot.cli.options import OnRobot, OnWorkers
@@ -45,11 +46,12 @@ class Demo(OnRobot, OnWorkers):
             return status
         print("\n3 of 3: let it walk, and film it (surefoot play)", flush=True)
         status = Play(folder)()
+        where = quote(str(folder))
         print(
             f"\n{folder} holds the data, the policies, metrics.jsonl, curves.png and the film.\n"
-            f"Go on with: surefoot play {folder} --vx 0.3\n"
-            f"            surefoot view {folder}           (in the browser; needs the extra viz)\n"
-            f"            surefoot report {folder}         (a model card)\n"
+            f"Go on with: surefoot play {where} --vx 0.3\n"
+            f"            surefoot view {where}           (in the browser; needs the extra viz)\n"
+            f"            surefoot report {where}         (a model card)\n"
             "            surefoot train loco_safe_dagger  (ten minutes, a better policy)"
         )
         return status

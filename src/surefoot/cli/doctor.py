@@ -1,8 +1,8 @@
 """The command doctor: versions, extras, and checks of all parts, each in a process of its own.
 
 A compiled package that does not fit its neighbors does not raise, it kills the process. So every
-check runs in a child, ``python -m surefoot.cli.doctor NAME``, and the report says what is wrong and
-how to fix it. This module imports nothing compiled, apart from NumPy, for the same reason.
+check runs in a child, ``python -P -m surefoot.cli.doctor NAME``, and the report says what is wrong
+and how to fix it. This module imports nothing compiled, apart from NumPy, for the same reason.
 """
 
 from __future__ import annotations
@@ -259,7 +259,7 @@ def run_check(check: Check) -> Finding:
     Args:
         check: One of `CHECKS`.
     """
-    return run_child([sys.executable, "-m", __name__, check.name])
+    return run_child([sys.executable, "-P", "-m", __name__, check.name])
 
 
 def run_child(command: Sequence[str]) -> Finding:

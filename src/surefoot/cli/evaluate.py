@@ -315,4 +315,8 @@ def own_disturbance(target: Path) -> DisturbanceConfig:
 
 def disturbances(config: Config) -> Iterator[tuple[str, Any, Any]]:
     """What disturbs an evaluation: names, values, and the values that disturb nothing."""
-    return changes(config.evaluation.disturbance, DisturbanceConfig())
+    from surefoot.robots.load import load_robot
+    from surefoot.robots.scaling import own_pushes
+
+    disturbance = own_pushes(config.evaluation.disturbance, load_robot(config.robot))
+    return changes(disturbance, DisturbanceConfig())

@@ -75,9 +75,10 @@ class Export(OnHardware):
     """Write the network, with its normalizers, to this file: observation in, joint targets out."""
     pipeline: Path | None = None
     """Write all from the sensors to the joint targets to this file, with exploy's input names."""
-    starts: str | None = None
-    """The name of the set of initial states that the policy was trained from, or a file; without
-    it, that of the run. Of a policy file outside of any run it is unknown."""
+    starts: tuple[str, ...] = ()
+    """The names of the sets of initial states that the policy was trained from, one for each gait,
+    or files; without them, those of the run. Of a policy file outside of any run they are
+    unknown."""
     json: Path | None = None
     """Write the report to this file, as JSON."""
 
@@ -93,7 +94,8 @@ class Export(OnHardware):
         from surefoot.robots.several_gaits import for_each_gait
         from surefoot.runs.policies import find_policy, safety_bounds
         from surefoot.runs.run import run_of_policy
-        from surefoot.scenarios.starts import load_starts, starts_of
+        from surefoot.scenarios.gaits import all_starts_of
+        from surefoot.scenarios.starts import StartSet, load_starts
 
         if self.onnx is None and self.pipeline is None:
             raise ValueError("nothing to write; name a file with --onnx or with --pipeline")
@@ -106,11 +108,9 @@ class Export(OnHardware):
         robot = load_robot(config.robot)
         policy = load(path, robot.name)
         run = run_of_policy(path)
-        stored = None
-        if self.starts is not None:
-            stored = load_starts(self.starts)
-        elif run is not None:
-            stored = starts_of(config)
+        stored: tuple[StartSet, ...] = tuple(map(load_starts, self.starts))
+        if run is not None and not stored:
+            stored = all_starts_of(config).sets
         description = describe(policy, path, robot, config, stored)
         # Policy files of older versions do not hold their bounds, the package's own included.
         if description.bounds is None and (run is not None or self.target is None):
@@ -127,18 +127,22 @@ class Export(OnHardware):
                 exploy_keys(whole),
             ),
         ]
+        # All of them before the first one is written: not every policy has a pipeline.
+        asked = [
+            (file, title, part, model(), keys)
+            for file, title, part, model, keys in parts
+            if file is not None
+        ]
         exported = []
-        for file, title, part, model, keys in parts:
-            if file is None:
-                continue
-            written = write_onnx(model(), part, file, keys)
+        for file, title, part, model, keys in asked:
+            written = write_onnx(model, part, file, keys)
             write_policy_card(policy, file, use_of(file, written, policy, self.target, run))
             exported.append(ExportedFile(file, part.kind, written.sha256))
             print(f"{file}: {title}, SHA-256 {written.sha256}")
         if self.json is not None:
             known = None if description.start_range is None else description.start_range.starts
             write_json(self.json, ExportReport(path, known, tuple(exported)))
-        if stored is None:
+        if not stored:
             print(
                 "the initial states that it was trained from are unknown, so that a runtime cannot "
                 "tell from which postures it may begin; name them with --starts, such as "

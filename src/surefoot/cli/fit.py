@@ -117,7 +117,7 @@ class Fit(OnGait, OnRobot):
             result = fit(
                 network, seen, config.training, spec, self.epochs, seed, progress, checkpoint
             )
-        origin = {"dataset": data.folder.name, "dataset_hash": data.hash, "seed": seed}
+        origin = {"dataset": data.folder.resolve().name, "dataset_hash": data.hash, "seed": seed}
         policy = Policy(
             result.network,
             spec,

@@ -10,6 +10,7 @@ import tyro
 
 from surefoot.cli.options import OnRobot
 from surefoot.config import Config
+from surefoot.files import claim_file
 
 if TYPE_CHECKING:
     from surefoot.learning.dataset import Dataset
@@ -22,7 +23,8 @@ class ImportData(OnRobot):
 
     A log has the arrays q, v, torque, command and tick at 1 kHz (in a CSV file the columns q0 to
     q18, v0 to v17, torque0 to torque11, vx, vy, yaw_rate, tick), in the package's conventions. They
-    are checked; each log becomes a shard, and more can be added later.
+    are checked; each log becomes a shard, and more can be added later. After an interruption the
+    same command imports what is missing.
     """
 
     logs: Annotated[
@@ -40,7 +42,7 @@ class ImportData(OnRobot):
 
         from surefoot.interop.datasets.arrays import frames_from_arrays, read_expert_log
         from surefoot.learning.dataset import Dataset
-        from surefoot.learning.manifest import DatasetError, check_new_name
+        from surefoot.learning.manifest import MANIFEST_FILE, DatasetError, check_new_name
         from surefoot.robots.load import load_robot
         from surefoot.runs.layout import run_that_owns
 
@@ -53,41 +55,49 @@ class ImportData(OnRobot):
                 f"--out: {self.out} is the data of the run {run}, which could not be resumed any "
                 "more; choose another folder"
             )
-        data = Dataset(self.out)
-        names = [*data.shards, *(log.stem for log in self.logs)]
+        names = [log.stem for log in self.logs]
         for log in self.logs:
             if names.count(log.stem) > 1:
-                raise ValueError(
-                    f"{log}: {self.out} has a shard {log.stem!r} already, or another log of this "
-                    "name is imported; rename it"
-                )
-
+                raise ValueError(f"{log}: another log has the name {log.stem!r} too; rename it")
             try:
                 check_new_name(log.stem)
             except DatasetError as error:
                 raise ValueError(f"{log}: {error}; rename the file") from error
 
-        def frames_of(log: Path, first: int) -> Frames:
+        claim_file(self.out / MANIFEST_FILE)
+        data = Dataset(self.out)
+
+        def frames_of(log: Path) -> Frames:
             arrays = read_expert_log(log)
             try:
-                return frames_from_arrays(arrays, robot, first)
+                return frames_from_arrays(arrays, robot, first_episode(data, log.stem))
             except ValueError as error:
                 raise ValueError(f"{log}: {error}") from error
 
+        # All of them before the first one is imported.
+        before = set(data.shards)
         for log in tqdm(self.logs, "check", leave=False, unit="log"):
-            frames_of(log, 0)  # all of them before the first one is imported
+            frames = frames_of(log)
+            if log.stem in before and not data.holds(log.stem, frames):
+                raise ValueError(
+                    f"{log}: {self.out} has a shard {log.stem!r} of other frames; rename the log"
+                )
         for log in tqdm(self.logs, "import", leave=False, unit="log"):
-            frames = frames_of(log, next_episode(data))
-            data.append(log.stem, frames)
-            tqdm.write(f"{log}: {len(frames)} frames")
+            frames = frames_of(log)
+            data.append(log.stem, frames)  # writes a shard anew whose file has been lost
+            known = ", imported already" if log.stem in before else ""
+            tqdm.write(f"{log}: {len(frames)} frames{known}")
         print(f"{self.out}: {data.episodes} episodes, {data.frames} frames, hash {data.hash}")
         return 0
 
 
-def next_episode(data: Dataset) -> int:
-    """The smallest id that no episode of a dataset has, and none below any of them.
+def first_episode(data: Dataset, name: str) -> int:
+    """The id of a log's first episode: the one that it has, or else the first that is free.
 
     Args:
         data: The dataset.
+        name: The name of the shard that the log is, or becomes.
     """
-    return max((int(part.episode.max()) + 1 for part in data.parts() if len(part)), default=0)
+    if name in data.shards and (own := data.episode_ids([name])):
+        return own[0]
+    return max(data.episode_ids(), default=-1) + 1

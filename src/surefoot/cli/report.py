@@ -25,7 +25,8 @@ class Report:
     source).
 
     JSON keys of a run: folder, method, config, versions, best_iteration, metrics, tests, policy,
-    policy_sha256, failures (each with the command that replays it), figures.
+    policy_sha256, failures (each with the command that replays it), figures, is_field_run (whether
+    it learned on a robot).
     """
 
     target: Annotated[Path, tyro.conf.Positional]

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
@@ -136,7 +137,7 @@ class Study(OnWorkers):
         check_outputs(self, [Output("--json", self.json)], new_study=folder)
         if action == "pause":
             pause_study(folder)
-            print(f"paused; go on with `surefoot study resume {folder}`")
+            print(f"paused; go on with `surefoot study resume {quote(str(folder))}`")
         elif action == "resume":
             resume_study(folder)
             print("its processes go on; if nobody runs it, start it again with `surefoot study`")
@@ -179,17 +180,20 @@ class Study(OnWorkers):
         """Run the study, after saying what there is to do."""
         from surefoot.study.cells import jobs_of
         from surefoot.study.estimate import estimate_study
+        from surefoot.study.layout import STUDY_FILE
         from surefoot.study.runner import needed_jobs, open_study, run_study
 
         study = study_named(name)
-        jobs = needed_jobs(jobs_of(study), self.jobs)
         if self.estimate:
-            estimate = estimate_study(study, jobs)
+            estimate = estimate_study(study, needed_jobs(jobs_of(study), self.jobs))
             if self.json is not None:
                 write_json(self.json, estimate_report(estimate, self.workers))
             print(describe_work(estimate, self.workers))
             return 0
+        if not (folder / STUDY_FILE).exists():
+            needed_jobs(jobs_of(study), self.jobs)  # a name that is wrong begins no study
         setup = open_study(folder, study)
+        jobs = needed_jobs(setup.jobs, self.jobs)
         estimate = estimate_study(study, setup.jobs, folder).of(jobs)
         print(f"{study.title}, in {folder}: {describe_work(estimate, self.workers)}")
         outcome = run_study(folder, self.spread, self.jobs)
@@ -215,13 +219,14 @@ class Study(OnWorkers):
         workers = workers_of(folder) or self.workers
         estimate = read_estimate(folder, [status.job for status in statuses])
         print(describe_state(statuses, estimate, workers))
+        where = quote(str(folder))
         if paused:
-            print(f"paused: `surefoot study resume {folder}` lets it go on")
+            print(f"paused: `surefoot study resume {where}` lets it go on")
         for status in statuses:
             if status.state == "failed":
                 name = status.job.name
                 log = job_folder(folder, name) / LOG_FILE
-                print(f"{name} failed, see {log}; again: surefoot study {folder} --jobs {name}")
+                print(f"{name} failed, see {log}; again: surefoot study {where} --jobs {name}")
 
 
 def study_named(name: str) -> StudyConfig:
@@ -229,7 +234,7 @@ def study_named(name: str) -> StudyConfig:
 
     Args:
         name: Name of a study of the package, a JSON file of a study or of its setup, or the folder
-            of a study.
+            of a study, or its name under ``studies``.
 
     Raises:
         ValueError: There is no such study, or its file cannot be read.
@@ -243,8 +248,9 @@ def study_named(name: str) -> StudyConfig:
     if name in STUDIES:
         return named_study(name)
     path = Path(name)
-    if (path / STUDY_FILE).is_file():
-        return read_study(path).study
+    for folder in (path, Path("studies") / path):
+        if (folder / STUDY_FILE).is_file():
+            return read_study(folder).study
     if not path.is_file():
         raise ValueError(f"{unknown('study', name, STUDIES)}; there is no such file either")
     try:

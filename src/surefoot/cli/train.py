@@ -78,7 +78,7 @@ class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
         from surefoot.methods import METHODS
         from surefoot.runs.checks import check_config
         from surefoot.runs.metrics import line_values
-        from surefoot.runs.run import config_for, create
+        from surefoot.runs.run import check_folder, config_for, create
         from surefoot.runs.tracking import tracked
         from surefoot.viz.plots import learning_curves
 
@@ -90,6 +90,7 @@ class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
             raise RunError(
                 f"{folder} holds a run that learns on a robot; `surefoot learn` goes on with it"
             )
+        check_folder(folder, self.resume)  # before initial states are prepared
         config = self.with_commands(self.with_robot(self.simulated(self.config)))
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))

@@ -134,8 +134,8 @@ class Bridge:
     """Passes commands on to a driver, and damps the joints as soon as that is not safe.
 
     The first runtime that says hello is pinned: datagrams of others are counted and ignored. A
-    session ends when another hello is granted. A bridge that is idle grants one after its peer has
-    been silent for `RELEASE`, and so does a latched one, unless the driver latched it.
+    session ends when another hello is granted. A bridge that is idle or latched grants one after
+    its peer has been silent for `RELEASE`; one that the driver latched stays so in all sessions.
 
     Args:
         driver: The robot's driver.

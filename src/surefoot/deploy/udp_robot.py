@@ -118,8 +118,7 @@ class UdpRobot:
         if not self._has_begun:
             raise Stale(
                 f"no bridge answers at {address_text(self._peer)} within {seconds:g} s: it is not "
-                "running, or it serves another runtime; a bridge that a driver's fault has latched "
-                "has to be started anew"
+                "running, or it serves another runtime"
             )
         return self.description
 

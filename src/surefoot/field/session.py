@@ -41,7 +41,7 @@ from surefoot.robots.model import RobotModel
 from surefoot.rollouts.jobs import Job
 from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.episode_ids import EpisodeId
-from surefoot.scenarios.starts import starts_of
+from surefoot.scenarios.gaits import all_starts_of
 from surefoot.types import JOINTS, TICKS_PER_SECOND, Command, to_ticks
 
 logger = logging.getLogger(__name__)
@@ -308,7 +308,7 @@ def deployed_policy(path: Path, robot: RobotModel, config: Config) -> OnnxPolicy
         config: The run's configuration.
     """
     policy = load(path, robot.name)
-    description = describe(policy, path, robot, config, starts_of(config))
+    description = describe(policy, path, robot, config, all_starts_of(config).sets)
     # The network's bits depend on the number of rows, as in simulation.
     inputs = np.zeros((MINIMUM_ROWS, policy.spec.observation.input_size), np.float32)
 

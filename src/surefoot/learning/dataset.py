@@ -126,6 +126,28 @@ class Dataset:
         shards[name] = ShardEntry(kept, total, digests, len(frames), digest_of_all(frames))
         write_json(self._manifest, Manifest(FORMAT, dict(sorted(shards.items()))))
 
+    def holds(self, name: str, frames: Frames) -> bool:
+        """Whether the frames are those that a shard has, or had where its file is lost.
+
+        Args:
+            name: Name of the shard.
+            frames: Whole episodes.
+        """
+        entry = self._shards().get(name)
+        return entry is not None and entry.episodes == episode_digests(sorted_by_episode(frames))
+
+    def episode_ids(self, shards: Sequence[str] | None = None) -> list[int]:
+        """The ids of the episodes of the named shards, or of all, sorted; no shard is read for it.
+
+        Args:
+            shards: Names of the shards; None for all.
+
+        Raises:
+            DatasetError: There is no such shard.
+        """
+        entries = self._ordered(shards).values()
+        return sorted(int(id) for entry in entries for id in self._kept_episodes(entry))
+
     def load(self, shards: Sequence[str] | None = None, all_ticks: bool = False) -> Frames:
         """Frames of the named shards, or of all, in the order of their episode ids.
 
@@ -328,6 +350,7 @@ class Dataset:
         except OSError as error:
             raise DatasetError(
                 f"shard {self.shard_path(name)} is missing or damaged ({error}); restore the file "
-                "from a copy, or delete it: `surefoot train ... --resume` collects it again, to "
-                "the same bits; or read what is left with Dataset(folder, skip_damaged=True)"
+                "from a copy, or delete it and repeat what made it: `surefoot train ... --resume` "
+                "collects it again, `surefoot import-data` imports it again, to the same bits; or "
+                "read what is left with Dataset(folder, skip_damaged=True)"
             ) from error

@@ -13,6 +13,7 @@ import copy
 import hashlib
 import json
 import math
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -225,6 +226,8 @@ def split_samples(
     """
     recorded = data.data if isinstance(data, Mirrored) else data
     folder = recorded.folder if isinstance(recorded, Dataset) else None
+    if folder is not None and not os.access(folder, os.W_OK):  # of a dataset that is shared
+        folder = None
     limit = config.memory * 1_000_000
     validation_limit = round(limit * config.validation)
     width = spec.observation.input_size + len(JOINTS)

@@ -126,7 +126,7 @@ def _copy_data(source: Run, target: Run) -> None:
 def _copy_policy(source: Run, target: Run) -> None:
     """Copy the policy of iteration 0; its file says that it belongs to the target."""
     policy = load(source.policy_path(0), find_spec(source.config.robot).name)
-    provenance = policy.provenance | {"run": target.folder.name, "method": target.method}
+    provenance = policy.provenance | {"run": target.name, "method": target.method}
     copied = Policy(
         policy.network,
         policy.spec,

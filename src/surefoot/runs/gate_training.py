@@ -123,13 +123,24 @@ def train_gates(
     if "history" in names and not _is_trained(run, "history", i):
         began = time.perf_counter()
         samples = history_samples(run, i)
-        if (~samples.held).sum() >= LEAST_ROWS:
+        if _can_be_learned(samples):
             _train_gate(run, "history", i, samples, alarm, began)
         elif i > 0:
             logger.info(
-                f"iteration {i}: no policy has driven for long enough without the expert to teach "
-                "the gate history; the other gates, or the bounds, take its place"
+                f"iteration {i}: no policy has driven for long enough without the expert, or not "
+                "in safe and in unsafe states, so that the gate history has nothing to learn from; "
+                "the other gates, or the bounds, take its place"
             )
+
+
+def _can_be_learned(samples: GateSamples) -> bool:
+    """Whether there are enough rows to train on, safe and unsafe ones.
+
+    A network that has seen one kind only answers that to everything: then either the policy never
+    drives again, from which the network could learn more, or nobody looks after it.
+    """
+    unsafe = samples.unsafe[~samples.held]
+    return bool(len(unsafe) >= LEAST_ROWS and unsafe.any() and not unsafe.all())
 
 
 def history_samples(run: Run, i: int) -> GateSamples:

@@ -1,7 +1,7 @@
 """A run's own copy of the description of a robot that does not come with the package.
 
 The run's ``config.json`` names the description where it lies, beside which the meshes of films are.
-The copy serves where that file is no longer there, or no longer the same. `runs.run` calls all this.
+The copy serves where that file is no longer there, or no longer the same. `runs.run` calls this.
 """
 
 from __future__ import annotations

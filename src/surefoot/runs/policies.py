@@ -100,9 +100,23 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
             f"{target} lies in no run: simulator and expert as by default; robot and gait ("
             f"{policy.robot}, {names_of(config)}), gains and phase are its own "
             f"(kp {config.policy.kp} N m/rad, kd {config.policy.kd} N m s/rad, phase as a "
-            f"{config.policy.phase})"
+            f"{config.policy.phase}){_other_torques(policy, config)}"
         )
     return path, config
+
+
+def _other_torques(policy: Policy, config: Config) -> str:
+    """What to say of a policy that was trained within smaller torque limits than configured."""
+    own = None if policy.limits is None else policy.limits.torque
+    if own is None or None in own:
+        return ""
+    limit = load_robot(config.robot).torque_limit
+    if (np.array(own, dtype=float) >= limit).all():
+        return ""
+    return (
+        f"; it was trained with torques of at most {min(filter(None, own)):g} N m, where the robot "
+        f"has {limit.min():g}: name the hardware profile of its training with --profile"
+    )
 
 
 def prepared_for(policy: Path, config: Config) -> Config:

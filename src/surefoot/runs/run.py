@@ -168,6 +168,11 @@ class Run:
         return self.policy_path(best.best_iteration)
 
     @property
+    def name(self) -> str:
+        """Name of the run's folder, however it is spelled."""
+        return self.folder.resolve().name
+
+    @property
     def method(self) -> str:
         """Name of the run's method."""
         return method_name(self.config)
@@ -284,7 +289,7 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
     """
     folder = Path(folder)
     path = folder / CONFIG_FILE
-    _check_folder(folder, resume)
+    check_folder(folder, resume)
     run = Run(folder, config)
     run.claim()  # first: of two that begin together, only one may read and write what follows
     for part in [*folder.glob(".*"), *folder.glob("*/.*")]:
@@ -387,8 +392,12 @@ def warn_of_versions(run: Run) -> None:
         )
 
 
-def _check_folder(folder: Path, resume: bool) -> None:
+def check_folder(folder: Path, resume: bool) -> None:
     """Check that a run may be created in a folder, or resumed.
+
+    Args:
+        folder: Folder of the run.
+        resume: Whether a run in the folder may be resumed.
 
     Raises:
         RunError: The folder holds something else, or a run that is not to be resumed.

@@ -34,7 +34,7 @@ from surefoot.types import BoolArray, IntArray, PlanFunction
 
 
 def rising_share(first: float, i: int, iterations: int) -> float:
-    """A share that rises evenly to 1 in the last iteration.
+    """A share that rises evenly to 1 in the last iteration; where there is one only, the first.
 
     Args:
         first: Share in the first iteration.

@@ -251,7 +251,7 @@ def _save_policy(run: Run, iteration: int, data: Dataset, result: FitResult) -> 
     """Write the policy of an iteration, with where it comes from."""
     config = run.config
     provenance = {
-        "run": run.folder.name,
+        "run": run.name,
         "method": run.method,
         "iteration": iteration,
         "seed": config.seed,

@@ -195,7 +195,7 @@ class _Wandb:
         self.run = wandb.init(
             project=PROJECT,
             id=identity,
-            name=run.folder.name,
+            name=run.name,
             dir=str(run.folder),
             config=to_json(run.config),
             mode=os.environ.get("WANDB_MODE", "offline"),  # pyright: ignore[reportArgumentType]

@@ -106,7 +106,7 @@ def labels_of(runs: Sequence[Run], names: Sequence[str]) -> list[str]:
         labels = [label_of(run) for run in runs]
         count = Counter([EXPERT, *labels])
         labels = [
-            f"{label} ({run.folder.name})" if count[label] > 1 else label
+            f"{label} ({run.name})" if count[label] > 1 else label
             for label, run in zip(labels, runs, strict=True)
         ]
     count = Counter([EXPERT, *labels])

@@ -174,7 +174,7 @@ def baseline_label(rows: Sequence[Row], baseline: Path | None) -> str | None:
         cloned = [row.label for row in rows if row.method == "behavior_cloning"]
         return cloned[0] if cloned else None
     for row in rows:
-        if row.run is not None and Path(row.run) == baseline:
+        if row.run is not None and Path(row.run).resolve() == baseline.resolve():
             return row.label
     folders = ", ".join(row.run for row in rows if row.run is not None)
     raise ValueError(f"the baseline {baseline} is none of {folders}")

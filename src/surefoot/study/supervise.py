@@ -73,7 +73,7 @@ def supervise(task: Task, stop: threading.Event | None = None) -> Ended:
     (folder / FAILED_FILE).unlink(missing_ok=True)
     with (folder / LOG_FILE).open("ab") as log:
         process = subprocess.Popen(
-            [sys.executable, "-m", "surefoot.study.work", str(task.folder), task.job],
+            [sys.executable, "-P", "-m", "surefoot.study.work", str(task.folder), task.job],
             env=_environment(task),
             stdin=subprocess.DEVNULL,
             stdout=log,

@@ -53,8 +53,9 @@ def recording_of(flight: Flight, own: Path | str | None = None) -> Recording:
     standing = robot.foot_radius - feet[:, :, 2].min(axis=1)
     base = flight.base[rows]
     q[:, 2] = np.where(np.isfinite(base[:, 0]), base[:, 0], standing)
-    q[:, :2] = _path(base[:, 1:], q[:, 3:7], flight.robot_time_ns[rows])
-    shown = _shown(flight.robot_time_ns[rows])
+    time_ns = _steady(flight.robot_time_ns[rows])
+    q[:, :2] = _path(base[:, 1:], q[:, 3:7], time_ns)
+    shown = _shown(time_ns)
     mode = flight.mode[rows][shown]
     return Recording(
         robot,
@@ -63,6 +64,19 @@ def recording_of(flight: Flight, own: Path | str | None = None) -> Recording:
         flight.expert_drove[rows][shown],
         waiting=np.where(mode < len(WAITING), mode, -1),
     )
+
+
+def _steady(time_ns: IntArray) -> IntArray:
+    """The times of a clock without its jumps, as after a restart of the robot.
+
+    A step back, or of more than a second, becomes one of a millisecond.
+
+    Args:
+        time_ns: ``(n,)`` the robot's clock [ns].
+    """
+    steps = np.diff(time_ns, prepend=time_ns[:1])
+    is_jump = (steps < 0) | (steps > TICKS_PER_SECOND * TICK_NS)
+    return time_ns[0] + np.cumsum(np.where(is_jump, TICK_NS, steps))
 
 
 def _shown(time_ns: IntArray) -> IntArray:
@@ -81,10 +95,8 @@ def _path(velocity: Array, orientation: Array, time_ns: IntArray) -> Array:
     Args:
         velocity: ``(n, 3)`` of the base, base frame [m/s]; NaN where not measured.
         orientation: ``(n, 4)`` unit quaternions xyzw.
-        time_ns: ``(n,)`` the robot's clock [ns].
+        time_ns: ``(n,)`` the times, which do not fall [ns].
     """
     world = (rotation(orientation) @ np.nan_to_num(velocity)[:, :, None])[:, :2, 0]
     seconds = np.diff(time_ns, prepend=time_ns[0]) * 1e-9
-    # A robot whose clock jumped, as after a restart, is not carried along.
-    seconds = np.where(seconds * TICKS_PER_SECOND > 1000, 0.0, np.maximum(seconds, 0.0))
     return np.cumsum(world * seconds[:, None], axis=0)

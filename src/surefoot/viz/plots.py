@@ -143,7 +143,7 @@ def _plot_falls(axes: Axes, collected: list[Collected]) -> None:
 
 def _plot_expert_share(axes: Axes, collected: list[Collected]) -> None:
     """Pre-training is 100 % by definition: an arrow at the top, unless there is nothing else."""
-    later = [record for record in collected if record.iteration > 0]
+    later = [record for record in collected if record.iteration > 0 and record.episodes]
     iterations = [record.iteration for record in later]
     with_tail = [100 * record.expert_share_with_tail for record in later]
     without = [100 * record.expert_share for record in later]

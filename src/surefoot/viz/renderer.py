@@ -124,7 +124,7 @@ def _drawn_elsewhere(share: tuple[Any, ...], cores: int) -> Generator[bytes, Non
     # threads it starts none, and draws in the one that there is.
     threads = str(cores if cores > 1 else 0)
     environment = {"LP_NUM_THREADS": threads, **os.environ, "MUJOCO_GL": system}
-    command = [sys.executable, "-m", __name__]
+    command = [sys.executable, "-P", "-m", __name__]
     options = {"stdout": PIPE, "env": environment}
     with _file_of(share) as file, child_process(command, failure, stdin=file, **options) as child:
         yield b""

@@ -166,6 +166,9 @@ def test_a_log_without_the_base_is_refused_where_the_layout_needs_it(tmp_path):
     log = answered_log(load(path), 20)
     with pytest.raises(ValueError, match="needs base_height"):
         check_log(replace(log, base_height=None), read_export(path))
+    pipeline, _ = exported(tmp_path / "pipeline", kind="pipeline")
+    with pytest.raises(ValueError, match="needs base_height"):
+        check_pipeline(replace(log, base_height=None), read_export(pipeline))
 
 
 def test_targets_that_no_single_change_explains_ask_for_the_input(case):

@@ -8,19 +8,21 @@ import onnx
 import pytest
 import torch
 
-from surefoot.config import Config, RobotConfig
+from surefoot.config import Config, Gait, RobotConfig
+from surefoot.config.gait_table import GAITS
 from surefoot.config.json_io import from_json, to_json
 from surefoot.deploy.description import KEY, PolicyDescription
 from surefoot.deploy.export_file import read_export
 from surefoot.interop.logs.simulated import sensor_log_of
 from surefoot.interop.onnx.file import describe, start_range
 from surefoot.learning.layouts import LAYOUTS
-from surefoot.learning.observation import GaitTiming
+from surefoot.learning.observation import GaitTiming, gait_timings
 from surefoot.learning.onnx_graph import runner
 from surefoot.learning.policy import load
+from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
 from surefoot.rotations import roll_pitch, rotation
-from surefoot.runs.policies import PACKAGED_POLICY, safety_bounds
+from surefoot.runs.policies import PACKAGED_POLICY, joint_limits, safety_bounds
 from surefoot.scenarios.starts import load_starts
 from surefoot.types import JOINTS
 from tests.fakes.exports import TROT, exported, policy_of, robot_of, walked
@@ -102,8 +104,6 @@ def test_the_description_is_there_at_full_precision(tmp_path):
 
 
 def test_limits_are_those_of_the_robot_and_of_its_hardware_profile(tmp_path):
-    from surefoot.robots.load import load_robot
-
     _, policy = exported(tmp_path)
     file = tmp_path / "policy.safetensors"
     own = describe(policy, file, robot_of(), Config())
@@ -130,7 +130,39 @@ def test_initial_states_of_another_robot_are_refused(tmp_path):
     file = tmp_path / "policy.safetensors"
     other = replace(load_starts(), robot="go2")
     with pytest.raises(ValueError, match="are of the robot 'go2'"):
-        describe(policy, file, robot_of(), Config(), other)
+        describe(policy, file, robot_of(), Config(), (other,))
+
+
+def test_initial_states_are_of_all_gaits_of_the_policy_and_of_no_other(tmp_path):
+    walk = GAITS["walk"]
+    policy = policy_of(gaits=gait_timings((Gait(), walk)))
+    exported(tmp_path, policy=policy)
+    file = tmp_path / "policy.safetensors"
+    trotting = load_starts()
+    walking = replace(trotting, name="walking", gait=walk)
+    bounding = replace(trotting, name="bounding", gait=GAITS["bound"])
+
+    def described(*stored):
+        return describe(policy, file, robot_of(), Config(), stored).start_range
+
+    assert described(trotting, walking).starts == "solo12-trot-v1, walking"
+    assert described(trotting, walking).joints == start_range((trotting,), "train").joints
+    with pytest.raises(ValueError, match=r"there are initial states of 1; name a set of each"):
+        described(trotting)
+    with pytest.raises(ValueError, match=r"bounding are of .*the policy walks in trot, walk"):
+        described(trotting, bounding)
+
+
+def test_limits_are_never_wider_than_those_that_the_policy_was_trained_within(tmp_path):
+    exported(tmp_path)
+    file = tmp_path / "policy.safetensors"
+    policy = policy_of()
+    trained = joint_limits(load_robot(RobotConfig(profile="odri")))
+    policy.limits = replace(trained, position=((None, None), *trained.position[1:]))
+    own = describe(policy, file, robot_of(), Config())
+    assert own.torque_limit == (1.8,) * 12
+    assert own.speed_limit == trained.speed
+    assert own.position_limit == policy.limits.position
 
 
 def test_another_robots_joints_keep_the_names_that_its_own_description_has(tmp_path):
@@ -143,7 +175,7 @@ def test_another_robots_joints_keep_the_names_that_its_own_description_has(tmp_p
 
 def test_the_start_range_holds_the_initial_states_trained_on():
     stored = load_starts()
-    found = start_range(stored, "train")
+    found = start_range((stored,), "train")
     q = stored["train"].q
     angles = roll_pitch(rotation(q[:, 3:7]))
     assert found.roll[1] >= angles[:, 0].max()

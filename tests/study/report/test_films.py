@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config, RobotConfig
+from surefoot.learning.policy_header import PolicyFileError
 from surefoot.study.report import films
 from surefoot.study.report.films import (
     Filmed,
@@ -112,6 +113,26 @@ def test_without_a_policy_there_are_no_films(results):
     cells = tuple(replace(cell, policy=None) for cell in results.cells)
     assert study_films(replace(results, cells=cells)) == ""
     assert film_section([]) == ""
+
+
+def test_a_report_needs_no_simulator_that_is_not_installed(monkeypatch, results, caplog):
+    def missing(*_):
+        raise ImportError("the simulator 'bullet' needs PyBullet")
+
+    monkeypatch.setattr(films, "film_policy", missing)
+    assert not study_films(results)
+    assert "the report has no films: the simulator 'bullet' needs PyBullet" in caplog.text
+
+
+def test_a_damaged_policy_leaves_the_other_films(monkeypatch, results, caplog):
+    def film_policy(title, config, policy, run):
+        if title == "BC":
+            raise PolicyFileError("cut short")
+        return Filmed(title, "stays up", 1.5, b"film")
+
+    monkeypatch.setattr(films, "film_policy", film_policy)
+    assert study_films(results).count("<video") == 4
+    assert "the report has no film of BC: cut short" in caplog.text
 
 
 def test_where_nothing_can_be_drawn_the_report_has_no_films(monkeypatch, results, caplog):

@@ -1,6 +1,7 @@
 """The model card of a run: its numbers, and the commands that replay its failures."""
 
 import json
+import math
 from dataclasses import replace
 from hashlib import sha256
 
@@ -13,6 +14,7 @@ from surefoot.runs.layout import ATTEMPTS_FILE
 from surefoot.runs.run import open_run
 from surefoot.study.report.run_card import option_changes, run_card
 from surefoot.study.report.run_page import write_run_card
+from surefoot.study.report.source import stages
 from tests.fakes.comparisons import run_of
 from tests.fakes.pages import Page, check_numbers
 from tests.fakes.runs import collected_record
@@ -75,6 +77,16 @@ def test_a_run_that_has_only_collected_has_a_card(tmp_path):
     page = page_of(folder, tmp_path / "out")
     assert "No rollout fell" in page.text
     check_numbers(page, folder)
+
+
+def test_nobody_drove_in_an_iteration_without_rollouts(folder):
+    lines = (folder / "metrics.jsonl").read_text().splitlines()
+    values = json.loads(lines[4])
+    assert (values["stage"], values["iteration"]) == ("collect", 1)
+    lines[4] = json.dumps(values | {"episodes": 0, "expert_share": 0.0})
+    (folder / "metrics.jsonl").write_text("\n".join([*lines, ""]))
+    stage = stages(run_card(folder).metrics)[4]
+    assert math.isnan(stage.share("expert_share").value)
 
 
 @pytest.mark.parametrize("method", ["behavior_cloning", "loco_safe_dagger"])

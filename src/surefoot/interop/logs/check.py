@@ -29,6 +29,7 @@ from surefoot.interop.logs.replay import (
     reference_inputs,
     run_pipeline,
     run_runtime,
+    states_of,
     window_of,
 )
 from surefoot.interop.logs.sensor_log import SensorLog, component_names
@@ -103,6 +104,7 @@ def check_pipeline(log: SensorLog, file: ExportFile, torch: Network | None = Non
     """Compare a log with what the whole pipeline of a file makes of it; see `check_log`."""
     description = file.description
     check_gaits(log, description)
+    states_of(log, description)  # first: it says what the log lacks
     comparison = _Comparison(log, description)
     comparison.clock()
     network = runner(network_part(file.content))

@@ -10,7 +10,7 @@ sensors, and `docs/export.md` for the keys.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -33,12 +33,13 @@ from surefoot.deploy.kinematics import KinematicTable
 from surefoot.files import write_atomic
 from surefoot.learning.onnx_graph import onnx_graph
 from surefoot.learning.policy import Policy
+from surefoot.mpc.gaits import gait_in_words
 from surefoot.robots.model import RobotModel
 from surefoot.robots.profile import position_limits, speed_limits
 from surefoot.robots.rigid import legs_of, masses_of
 from surefoot.rotations import roll_pitch, rotation
 from surefoot.scenarios.starts import StartSet
-from surefoot.types import JOINTS, TICKS_PER_SECOND
+from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, to_ticks
 
 OnnxModel = Any
 """An `onnx.ModelProto`."""
@@ -81,7 +82,7 @@ def describe(
     policy_file: Path,
     robot: RobotModel,
     config: Config,
-    stored: StartSet | None = None,
+    stored: Sequence[StartSet] = (),
     kind: Kind = "network",
 ) -> PolicyDescription:
     """What the exported file of a policy says of it, still without the file's own hash.
@@ -89,33 +90,24 @@ def describe(
     Args:
         policy: The policy.
         policy_file: Its file, for the hash.
-        robot: Its robot; with a hardware profile the limits are those of the profile.
+        robot: Its robot; with a hardware profile the limits are those of the profile, and never
+            wider than those that the policy was trained within.
         config: What it was trained with: where episodes began, and with which delay.
-        stored: The set of initial states that it was trained from; None if unknown.
+        stored: The sets of initial states that it was trained from, one for each of its gaits; none
+            if they are unknown.
         kind: What the graph is to hold.
 
     Raises:
-        ValueError: The policy, or the set of initial states, is one of another robot.
+        ValueError: The policy, or a set of initial states, is one of another robot, or the sets are
+            of other gaits.
     """
     if policy.robot != robot.name:
         raise ValueError(
             f"{policy_file} is a policy of the robot {policy.robot!r}, and the configuration has "
             f"{robot.name!r}; export it in the folder of the run that trained it"
         )
-    if stored is not None and stored.robot != robot.name:
-        raise ValueError(
-            f"the initial states {stored.name} are of the robot {stored.robot!r}, and the policy "
-            f"is one of {robot.name!r}; name those that it was trained from"
-        )
-    profile = robot.profile
-    speed = robot.speed_limit
-    position = robot.position_limit
-    if profile is not None:
-        speed = np.minimum(speed, speed_limits(profile))
-        low, high = position_limits(profile).T
-        position = np.column_stack(
-            [np.maximum(position[:, 0], low), np.minimum(position[:, 1], high)]
-        )
+    _check_starts(stored, policy)
+    torque, speed, position = _limits(robot, policy)
     spec = policy.spec.observation
     terms = layout_terms(spec)
     low, high = policy.command_range.tolist()
@@ -140,12 +132,12 @@ def describe(
         height=spec.height,
         gaits=spec.gaits,
         command_range=(tuple(low), tuple(high)),
-        torque_limit=tuple(robot.torque_limit.tolist()),
+        torque_limit=tuple(torque.tolist()),
         speed_limit=_maybe(speed),
         position_limit=tuple(_maybe(pair) for pair in position),
-        profile=None if profile is None else profile.name,
+        profile=None if robot.profile is None else robot.profile.name,
         nominal=tuple(robot.nominal[7:].tolist()),
-        start_range=None if stored is None else start_range(stored, config.starts),
+        start_range=start_range(stored, config.starts) if stored else None,
         delay_ms=max(config.collection.delay, config.pretraining.delay),
         kinematics=kinematic_table(robot),
         provenance=to_json(policy.provenance),
@@ -154,21 +146,83 @@ def describe(
     )
 
 
-def start_range(stored: StartSet, split: str) -> StartRange:
+def _check_starts(stored: Sequence[StartSet], policy: Policy) -> None:
+    """Check that sets of initial states are those of a policy's robot and of all of its gaits.
+
+    Raises:
+        ValueError: They are others.
+    """
+    if not stored:
+        return
+    gaits = policy.spec.observation.gaits
+    names = ", ".join(gait.name for gait in gaits)
+    timings = {(gait.period_ticks, gait.duty, gait.offsets) for gait in gaits}
+    missing = set(timings)
+    for each in stored:
+        if each.robot != policy.robot:
+            raise ValueError(
+                f"the initial states {each.name} are of the robot {each.robot!r}, and the policy "
+                f"is one of {policy.robot!r}; name those that it was trained from"
+            )
+        timing = (to_ticks(each.gait.period), each.gait.duty, each.gait.offsets)
+        if timing not in timings:
+            raise ValueError(
+                f"the initial states {each.name} are of {gait_in_words(each.gait)}, and the policy "
+                f"walks in {names}; name those that it was trained from"
+            )
+        missing.discard(timing)
+    if missing:
+        raise ValueError(
+            f"the policy walks in {len(gaits)} gaits ({names}), and there are initial states of "
+            f"{len(gaits) - len(missing)}; name a set of each"
+        )
+
+
+def _limits(robot: RobotModel, policy: Policy) -> tuple[Array, Array, Array]:
+    """The limits of the joints within which a policy may drive a robot.
+
+    Args:
+        robot: The robot, possibly with a hardware profile.
+        policy: The policy, whose file may know within which limits it was trained.
+
+    Returns:
+        Torques ``(12,)`` [N m], rates ``(12,)`` [rad/s] and angles ``(12, 2)`` [rad].
+    """
+    torque, speed, position = robot.torque_limit, robot.speed_limit, robot.position_limit
+    if robot.profile is not None:
+        speed = np.minimum(speed, speed_limits(robot.profile))
+        position = _within(position, position_limits(robot.profile))
+    own = policy.limits
+    if own is not None:
+        # A history holds what the policy's targets became within its own limits.
+        torque = np.fmin(torque, np.array(own.torque, dtype=float))
+        speed = np.fmin(speed, np.array(own.speed, dtype=float))
+        position = _within(position, np.array(own.position, dtype=float))
+    return torque, speed, position
+
+
+def _within(ranges: Array, others: Array) -> Array:
+    """What both of two ranges allow, ``(12, 2)``; an end that is not known allows all."""
+    return np.column_stack(
+        [np.fmax(ranges[:, 0], others[:, 0]), np.fmin(ranges[:, 1], others[:, 1])]
+    )
+
+
+def start_range(stored: Sequence[StartSet], split: str) -> StartRange:
     """The postures among the initial states that a policy was trained from.
 
     Args:
-        stored: The set.
+        stored: The set of each of its gaits.
         split: The split that rollouts began in; the settled gait cycle belongs to it too.
     """
-    q = np.concatenate([stored["nominal"].q, stored[split].q])
+    q = np.concatenate([part.q for each in stored for part in (each["nominal"], each[split])])
     angles = np.column_stack([roll_pitch(rotation(q[:, 3:7])), q[:, 7:]])
     pairs = np.column_stack([angles.min(axis=0), angles.max(axis=0)]).tolist()
     return StartRange(
         roll=tuple(pairs[0]),
         pitch=tuple(pairs[1]),
         joints=tuple(tuple(pair) for pair in pairs[2:]),
-        starts=stored.name,
+        starts=", ".join(each.name for each in stored),
     )
 
 

@@ -7,9 +7,7 @@ Physical falls are shown beside it: all of them, whoever drove.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 from surefoot.study.report.numbers import Number, difference, share, total
 from surefoot.study.report.panels import Group, Panel, Quantity, ReportFigure, RunPoint
@@ -127,10 +125,5 @@ def falls(stage: StageSource, method: str = "") -> Number:
 
 
 def _field(name: str) -> ValueOf:
-    """A field of the collection that is a share of a time; not known without any rollout."""
-
-    def value(stage: StageSource, _method: str) -> Number:
-        shown = stage.share(name)
-        return shown if stage.number("episodes").value > 0 else replace(shown, value=math.nan)
-
-    return value
+    """A field of the collection that is a share of a time."""
+    return lambda stage, _method: stage.share(name)

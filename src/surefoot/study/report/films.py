@@ -19,6 +19,7 @@ from tqdm import tqdm
 
 from surefoot.config import Config
 from surefoot.config.study import EXPERT, Technique
+from surefoot.learning.policy_header import PolicyFileError
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import size_of
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
@@ -74,14 +75,15 @@ def study_films(results: StudyResults) -> Markup:
     chosen = best_cells(results)
     if chosen:
         chosen += expert_cells(results)
-    try:
-        filmed = [
-            film_policy(technique.title, cell.config, cell.policy, cell.cell.name)
-            for technique, cell in tqdm(chosen, "films", leave=False, unit="film")
-        ]
-    except RenderingUnavailable as error:
-        logger.warning(f"the report has no films: {error}")
-        return NOTHING
+    filmed = []
+    for technique, cell in tqdm(chosen, "films", leave=False, unit="film"):
+        try:
+            filmed.append(film_policy(technique.title, cell.config, cell.policy, cell.cell.name))
+        except (RenderingUnavailable, ImportError) as error:  # of a simulator that is not here
+            logger.warning(f"the report has no films: {error}")
+            return NOTHING
+        except PolicyFileError as error:
+            logger.warning(f"the report has no film of {technique.title}: {error}")
     return film_section(filmed)
 
 

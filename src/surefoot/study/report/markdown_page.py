@@ -22,6 +22,7 @@ from surefoot.study.report.study_page import StudyReport
 from surefoot.study.report.tables import cost_of
 from surefoot.study.report.verdicts import UNJUDGED, Verdict
 from surefoot.study.results import CellResult, StudyResults
+from surefoot.study.run_values import is_trained
 from surefoot.study.tables import markdown, page_with
 
 UNMEASURED = "–"
@@ -149,8 +150,8 @@ def _short(number: Number, scale: float) -> str:
 
 
 def _costs(cells: list[CellResult]) -> list[str]:
-    """The mean falls while collecting, and the mean time of the MPC [s]."""
-    spent = [cost_of(cell) for cell in cells if cell.metrics]
+    """The mean falls while collecting, and the mean time of the MPC [s], of finished runs."""
+    spent = [cost_of(cell) for cell in cells if is_trained(cell)]
     if not spent:
         return [UNMEASURED, UNMEASURED]
     falls = over_runs([cost["falls"] for cost in spent])

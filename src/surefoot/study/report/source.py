@@ -6,8 +6,9 @@ are. `collecting` and `performance` ask them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from surefoot.config.study import EXPERT, Technique
 from surefoot.runs.metrics import Collected, StageRecord
@@ -42,8 +43,10 @@ class StageSource:
         return stored(value, self.file, self.line, field, *keys)
 
     def share(self, field: str) -> Number:
-        """The number of a field that is a share of a time."""
-        return stored_share(vars(self.record)[field], self.file, self.line, field)
+        """The number of a field that is a share of a time; not known without any rollout."""
+        shown = stored_share(vars(self.record)[field], self.file, self.line, field)
+        is_known = self.number("episodes").value > 0
+        return shown if is_known else replace(shown, value=math.nan)
 
 
 @dataclass(frozen=True)

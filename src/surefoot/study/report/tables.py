@@ -24,6 +24,7 @@ from surefoot.study.report.numbers import Estimate, Number, over_runs, rate, sto
 from surefoot.study.report.panels import Curve, Panel, Quantity, ReportFigure
 from surefoot.study.report.source import METRICS_FILE, best_test, stages
 from surefoot.study.results import CellResult, StudyResults
+from surefoot.study.run_values import is_trained
 
 SECONDS = Quantity("", "", 1.0, 1)
 """A time in seconds."""
@@ -144,7 +145,7 @@ def _peak_torque(cell: CellResult) -> Number:
 
 
 def cost_tables(results: StudyResults) -> Markup:
-    """What the techniques cost: the mean over runs, and every run."""
+    """What the techniques cost: the mean over finished runs, and every run."""
     means = []
     runs = []
     for setting in results.study.settings:
@@ -153,9 +154,10 @@ def cost_tables(results: StudyResults) -> Markup:
             if not cells:
                 continue
             costs = [cost_of(cell) for cell in cells]
+            finished = [cost_of(cell) for cell in cells if is_trained(cell)]
             row = []
             for key, (_, quantity) in COSTS.items():
-                estimate = over_runs([cost[key] for cost in costs])
+                estimate = over_runs([cost[key] for cost in finished])
                 row.append(MISSING if estimate is None else number(estimate.mean, quantity))
             means.append((escaped(technique.title), escaped(setting.title), *row))
             for cell, cost in zip(cells, costs, strict=True):
