@@ -88,6 +88,7 @@ def test_a_run_of_several_gaits_is_exported(surefoot, monkeypatch, run_folder, t
     assert surefoot("export", folder, "--onnx", tmp_path / "two.onnx") == 0
     description = read_export(tmp_path / "two.onnx").description
     assert [gait.name for gait in description.gaits] == ["trot", "bound"]
+    assert description.start_range is not None
     assert description.start_range.starts == "solo12-trot-v1, bounding"
 
 

@@ -8,7 +8,7 @@ import pytest
 from surefoot.config import CommandBox, Config, RobotConfig
 from surefoot.config.robot_table import GO2
 from surefoot.robots.description import find_urdf
-from surefoot.robots.identity import description_hash
+from surefoot.robots.identity import content_hash
 from surefoot.robots.load import load_robot
 from surefoot.runs.run import RunError, create, open_run
 from surefoot.scenarios import prepare as module
@@ -59,11 +59,11 @@ def test_a_run_goes_on_where_the_description_has_moved(asked, begun, tmp_path):
 
 
 def test_an_edited_description_does_not_change_the_run(asked, begun):
-    before = description_hash(begun.config.robot.spec)
-    urdf = find_urdf(asked.robot.spec)
-    urdf.write_text(urdf.read_text().replace("0.678", "0.7"))
-    assert description_hash(asked.robot.spec) != before
-    assert description_hash(open_run(begun.folder).config.robot.spec) == before
+    before = content_hash(begun.config.robot)
+    urdf = load_robot(asked.robot).urdf
+    urdf.write_text(urdf.read_text().replace("0.089", "0.09"))
+    assert content_hash(asked.robot) != before
+    assert content_hash(open_run(begun.folder).config.robot) == before
     with pytest.raises(RunError, match="holds a run with another configuration"):
         create(begun.folder, asked, resume=True)
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from surefoot.config.robots import RobotSpec
 from surefoot.errors import unknown
@@ -185,7 +186,7 @@ def _is_body(inertia: pin.Inertia | None) -> bool:
     )
 
 
-def _are_moments(moments: Array) -> bool:
+def _are_moments(moments: NDArray[np.floating]) -> bool:
     """Whether a body may have these principal moments of inertia ``(3,)``, the largest one last."""
     return bool(moments[0] > 0.0 and moments[2] <= 1.001 * (moments[0] + moments[1]))
 

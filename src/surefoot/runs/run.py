@@ -2,21 +2,21 @@
 
 A stage (collect, train, validate of an iteration) is done once its record is in ``metrics.jsonl``;
 everything it wrote before that is whole or not there. A run that is opened again resumes with the
-first stage that is not done, and ends with the same bits. Next: `runs.metrics`, `runs.stages`.
+first stage that is not done, and ends with the same bits. Next: `runs.setup`, `runs.metrics`,
+`runs.stages`.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from surefoot.config import Config, method_name
-from surefoot.config.json_io import changes_text, from_json, read_json, to_json
+from surefoot.config.json_io import changes_text, from_json, to_json
 from surefoot.config.json_text import read_file
 from surefoot.config.presets import with_earlier_ground
 from surefoot.files import is_left_over, lock_file, write_atomic, write_json
@@ -52,29 +52,11 @@ from surefoot.runs.metrics import (
 )
 from surefoot.runs.own_robot import keep_robot, with_own_robot
 from surefoot.runs.precision import choose_for_run, with_precision_of
+from surefoot.runs.setup import Setup, read_setup
 from surefoot.runs.versions import changed_versions, versions
 from surefoot.scenarios.seeds import seed_of
 
 Record = TypeVar("Record", bound=StageRecord)
-
-
-@dataclass(frozen=True)
-class Setup:
-    """The content of a run's ``config.json``: what fixes its results.
-
-    Attributes:
-        config: The run's configuration.
-        versions: Version of Python, the processor and each package by name, when it was begun.
-        precision: The number format that all its trainings multiply in; None in runs of versions
-            that did not write it down.
-        starts_hash: The hash of its initial states; empty in runs of versions that did not write it
-            down.
-    """
-
-    config: Config
-    versions: dict[str, str] = field(default_factory=dict)
-    precision: PrecisionChoice | None = None
-    starts_hash: str = ""
 
 
 class Run:
@@ -361,24 +343,6 @@ def run_of_policy(policy: Path) -> Run | None:
     policy = policy.resolve()
     folder = policy.parent if policy.name == KEPT_POLICY_FILE else policy.parent.parent
     return open_run(folder) if (folder / CONFIG_FILE).exists() else None
-
-
-def read_setup(folder: Path) -> Setup:
-    """The configuration and the versions that a run was started with, as they are in its file.
-
-    Raises:
-        RunError: There is no run, or its config cannot be read.
-    """
-    path = folder / CONFIG_FILE
-    if not path.exists():
-        raise RunError(f"{folder} holds no run (no {path.name}); `surefoot train` makes one")
-    try:
-        return from_json(Setup, read_json(path))
-    except ValueError as error:
-        raise RunError(
-            f"{path} cannot be read: {error}. Restore it from a copy, or from another run with the "
-            "same options; what lies beside it is not touched"
-        ) from error
 
 
 def warn_of_versions(run: Run) -> None:

@@ -21,7 +21,8 @@ from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
 from surefoot.runs.layout import ALL_OTHER_STARTS, STARTS_FILE
-from surefoot.runs.run import CONFIG_FILE, Run, read_setup
+from surefoot.runs.run import CONFIG_FILE, Run
+from surefoot.runs.setup import read_setup
 from surefoot.study.cells import Cell, StudyJob, cell_config, jobs_of, measured_options
 from surefoot.study.layout import JOBS_FOLDER, JUDGED_FILE, STUDY_FILE, TESTS_FOLDER
 

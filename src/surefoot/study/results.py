@@ -20,7 +20,8 @@ from surefoot.runs.first_stage import without_files
 from surefoot.runs.initial_states import resumed_config
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import Best, StageRecord
-from surefoot.runs.run import CONFIG_FILE, Run, open_run, read_setup
+from surefoot.runs.run import CONFIG_FILE, Run, open_run
+from surefoot.runs.setup import read_setup
 from surefoot.scenarios.starts import PACKAGED
 from surefoot.study.cells import Cell, cells_of, measurements_of
 from surefoot.study.folder import (

@@ -11,7 +11,7 @@ import torch
 from surefoot.config import Config, Gait, RobotConfig
 from surefoot.config.gait_table import GAITS
 from surefoot.config.json_io import from_json, to_json
-from surefoot.deploy.description import KEY, PolicyDescription
+from surefoot.deploy.description import KEY, PolicyDescription, StartRange
 from surefoot.deploy.export_file import read_export
 from surefoot.interop.logs.simulated import sensor_log_of
 from surefoot.interop.onnx.file import describe, start_range
@@ -142,8 +142,10 @@ def test_initial_states_are_of_all_gaits_of_the_policy_and_of_no_other(tmp_path)
     walking = replace(trotting, name="walking", gait=walk)
     bounding = replace(trotting, name="bounding", gait=GAITS["bound"])
 
-    def described(*stored):
-        return describe(policy, file, robot_of(), Config(), stored).start_range
+    def described(*stored) -> StartRange:
+        found = describe(policy, file, robot_of(), Config(), stored).start_range
+        assert found is not None
+        return found
 
     assert described(trotting, walking).starts == "solo12-trot-v1, walking"
     assert described(trotting, walking).joints == start_range((trotting,), "train").joints

@@ -188,7 +188,9 @@ def _limits(robot: RobotModel, policy: Policy) -> tuple[Array, Array, Array]:
     Returns:
         Torques ``(12,)`` [N m], rates ``(12,)`` [rad/s] and angles ``(12, 2)`` [rad].
     """
-    torque, speed, position = robot.torque_limit, robot.speed_limit, robot.position_limit
+    torque = robot.torque_limit
+    speed = robot.speed_limit
+    position = robot.position_limit
     if robot.profile is not None:
         speed = np.minimum(speed, speed_limits(robot.profile))
         position = _within(position, position_limits(robot.profile))

@@ -20,7 +20,8 @@ from surefoot.robots.several_gaits import for_each_gait
 from surefoot.runs.episode_ids import EpisodeId
 from surefoot.runs.layout import ATTEMPTS_FILE, KEPT_POLICY_FILE
 from surefoot.runs.metrics import Best, Collected, StageRecord, Validated
-from surefoot.runs.run import open_run, read_setup
+from surefoot.runs.run import open_run
+from surefoot.runs.setup import read_setup
 from surefoot.study.folder import Tests
 from surefoot.study.report.collecting import LIMIT, falls, paper_failures
 from surefoot.study.report.numbers import Estimate, Number, share
