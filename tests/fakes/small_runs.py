@@ -73,7 +73,9 @@ METHODS = {
     "safe_dagger": SafeDaggerConfig(**SMALL),
     "loco_dagger": LocoDaggerConfig(**SMALL, N_query=3, T_query=0.1),
     "loco_safe_dagger": LocoSafeDaggerConfig(
-        **{**SMALL, "velocities": 4},
+        # Taught enough that the history network has safe and unsafe states to learn from.
+        **{**SMALL, "pretraining": ExpertData(3, 1, False, 0.3), "pretraining_epochs": 10}
+        | {"velocities": 4},
         T_block=0.1,
         T_end=0.1,
         gates=("relaxing", "classifier", "history"),
@@ -94,7 +96,7 @@ def config_of(method: str) -> Config:
         method=METHODS[method],
         chunk=3,
         seed=5,
-        policy=PolicyConfig(hidden=(16, 16)),
+        policy=PolicyConfig(hidden=(32, 32)),
         training=TrainingConfig(batch=64, precision="float32"),
         evaluation=EvaluationConfig(duration=0.05, episodes=2),
         collection=NOISY if method == "loco_safe_dagger" else ROUGH,

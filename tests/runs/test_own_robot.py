@@ -53,6 +53,7 @@ def test_a_run_goes_on_where_the_description_has_moved(asked, begun, tmp_path):
     assert load_robot(own.robot).urdf == moved / "robot.urdf"
     assert (load_robot(own.robot).nominal == before.nominal).all()
     assert starts_of(own).hash == hash_before
+    assert create(moved, asked, resume=True).config == own  # asked for as it was
     there = replace(asked.robot.spec, urdf=str(tmp_path / "other" / "mine.urdf"))
     again = replace(asked, robot=replace(asked.robot, spec=there))
     assert create(moved, again, resume=True).config == own

@@ -47,9 +47,13 @@ def with_values_of(before: Config, config: Config) -> Config:
 def _spec_of(before: Config, spec: RobotSpec | None) -> RobotSpec | None:
     """The spec of a robot as the run has it, if it is the same: its description may have moved."""
     earlier = before.robot.spec
-    if spec is None or earlier is None:
+    if spec is None or earlier is None or replace(spec, urdf=earlier.urdf) != earlier:
         return spec
-    return earlier if description_hash(spec) == description_hash(earlier) else spec
+    try:
+        now = description_hash(spec)
+    except ValueError:  # it is no longer there, but the run has a copy
+        return earlier
+    return earlier if now == description_hash(earlier) else spec
 
 
 def _with_earlier_profile(before: Config, config: Config) -> Config:

@@ -18,10 +18,14 @@ STARTS_FILE = "starts.npz"
 """File of the run's own copy of its initial states, if these do not come with the package."""
 OTHER_STARTS_FILE = "starts-{number}.npz"
 """File of the copy of the initial states of another gait than the first one, by its number."""
-ALL_OTHER_STARTS = tuple(OTHER_STARTS_FILE.format(number=number) for number in range(1, MOST_GAITS))
-"""All files of such copies."""
 ROBOT_FILE = "robot.urdf"
 """File of the run's own copy of the description of a robot that is none of the package."""
+COPIES = (
+    STARTS_FILE,
+    *(OTHER_STARTS_FILE.format(number=number) for number in range(1, MOST_GAITS)),
+    ROBOT_FILE,
+)
+"""All files that a run may copy when it begins, so that it depends on none kept elsewhere."""
 METRICS_FILE = "metrics.jsonl"
 """File of the metrics: one line for each stage that is done."""
 EXPERT_FILE = "expert.json"
@@ -36,9 +40,7 @@ KEPT_POLICY_FILE = "policy.safetensors"
 """The best policy, where a study keeps no other file of the policies."""
 OWN = {
     CONFIG_FILE,
-    STARTS_FILE,
-    *ALL_OTHER_STARTS,
-    ROBOT_FILE,
+    *COPIES,
     METRICS_FILE,
     EXPERT_FILE,
     ATTEMPTS_FILE,
@@ -55,7 +57,7 @@ OWN = {
 }
 """Names of a run's own files and folders, in its folder."""
 
-EARLY = (LOCK_FILE, STARTS_FILE, *ALL_OTHER_STARTS, ROBOT_FILE)
+EARLY = (LOCK_FILE, *COPIES)
 """What a kill in the very first moment may leave of a run that has not begun."""
 
 

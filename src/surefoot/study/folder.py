@@ -20,7 +20,7 @@ from surefoot.evaluation.imitation import ImitationError
 from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
-from surefoot.runs.layout import ALL_OTHER_STARTS, STARTS_FILE
+from surefoot.runs.layout import COPIES
 from surefoot.runs.run import CONFIG_FILE, Run
 from surefoot.runs.setup import read_setup
 from surefoot.study.cells import Cell, StudyJob, cell_config, jobs_of, measured_options
@@ -236,10 +236,10 @@ def save_run(folder: Path, cell: Cell, run: Run) -> None:
         return
     results = results_folder(folder, cell)
     write_json(results / CONFIG_FILE, read_setup(run.folder))
-    for name in (STARTS_FILE, *ALL_OTHER_STARTS):
-        starts = run.folder / name
-        if starts.exists() and not (results / name).exists():
-            write_atomic(results / name, starts.read_bytes())
+    for name in COPIES:
+        copy = run.folder / name
+        if copy.exists() and not (results / name).exists():
+            write_atomic(results / name, copy.read_bytes())
     write_atomic(results / run.metrics_path.name, run.metrics_path.read_bytes())
 
 
