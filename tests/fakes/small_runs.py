@@ -91,13 +91,14 @@ NOISY = replace(ROUGH, noise=StateNoiseConfig(base_orientation=0.002, joint_velo
 
 def config_of(method: str) -> Config:
     """A run of a method, disturbed in every way; of LocoSafeDAGGER with noise too."""
+    rescues = method == "loco_safe_dagger"
     return replace(
         Config(),
         method=METHODS[method],
         chunk=3,
         seed=5,
-        policy=PolicyConfig(hidden=(32, 32)),
+        policy=PolicyConfig(hidden=(32, 32) if rescues else (16, 16)),
         training=TrainingConfig(batch=64, precision="float32"),
         evaluation=EvaluationConfig(duration=0.05, episodes=2),
-        collection=NOISY if method == "loco_safe_dagger" else ROUGH,
+        collection=NOISY if rescues else ROUGH,
     )
