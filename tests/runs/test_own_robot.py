@@ -6,13 +6,17 @@ from dataclasses import replace
 import pytest
 
 from surefoot.config import CommandBox, Config, RobotConfig
+from surefoot.config.json_io import to_json
 from surefoot.config.robot_table import GO2
+from surefoot.files import write_json
 from surefoot.robots.description import find_urdf
 from surefoot.robots.identity import content_hash
 from surefoot.robots.load import load_robot
+from surefoot.runs.first_stage import without_files
 from surefoot.runs.run import RunError, create, open_run
 from surefoot.scenarios import prepare as module
 from surefoot.scenarios.starts import starts_of
+from surefoot.study.comparable import check_comparable
 from tests.fakes.learning import FLOAT32
 from tests.fakes.runs import collected_record
 from tests.fakes.walks import SMALL, fake_walks
@@ -57,6 +61,28 @@ def test_a_run_goes_on_where_the_description_has_moved(asked, begun, tmp_path):
     there = replace(asked.robot.spec, urdf=str(tmp_path / "other" / "mine.urdf"))
     again = replace(asked, robot=replace(asked.robot, spec=there))
     assert create(moved, again, resume=True).config == own
+
+
+def test_a_run_that_was_asked_for_by_a_file_goes_on_by_it(asked, tmp_path):
+    file = tmp_path / "mine" / "mine.json"
+    write_json(file, to_json(replace(asked.robot.spec, urdf="mine.urdf")))
+    by_file = replace(asked, robot=RobotConfig(str(file)))
+    run = create(tmp_path / "run", by_file)
+    run.append_metrics(collected_record(0))
+    assert create(run.folder, by_file, resume=True).config == run.config
+    (tmp_path / "mine" / "mine.urdf").unlink()
+    own = create(run.folder, by_file, resume=True).config
+    assert own == open_run(run.folder).config
+    assert load_robot(own.robot).urdf == run.folder / "robot.urdf"
+
+
+def test_two_runs_of_one_robot_are_alike_whatever_copies_they_use(asked, tmp_path):
+    runs = [create(tmp_path / name, asked) for name in ("a", "b")]
+    shutil.rmtree(tmp_path / "mine")
+    one, other = (open_run(run.folder).config for run in runs)
+    assert one.robot != other.robot
+    assert without_files(one).robot == without_files(other).robot
+    check_comparable(open_run(runs[0].folder), open_run(runs[1].folder))
 
 
 def test_an_edited_description_does_not_change_the_run(asked, begun):

@@ -127,14 +127,14 @@ class Export(OnHardware):
                 exploy_keys(whole),
             ),
         ]
-        # All of them before the first one is written: not every policy has a pipeline.
-        asked = [
+        # All models before the first file: some policies have no pipeline.
+        models = [
             (file, title, part, model(), keys)
             for file, title, part, model, keys in parts
             if file is not None
         ]
         exported = []
-        for file, title, part, model, keys in asked:
+        for file, title, part, model, keys in models:
             written = write_onnx(model, part, file, keys)
             write_policy_card(policy, file, use_of(file, written, policy, self.target, run))
             exported.append(ExportedFile(file, part.kind, written.sha256))

@@ -64,26 +64,24 @@ class ImportData(OnRobot):
             except DatasetError as error:
                 raise ValueError(f"{log}: {error}; rename the file") from error
 
-        claim_file(self.out / MANIFEST_FILE)
-        data = Dataset(self.out)
-
-        def frames_of(log: Path) -> Frames:
+        def frames_of(log: Path, first: int) -> Frames:
             arrays = read_expert_log(log)
             try:
-                return frames_from_arrays(arrays, robot, first_episode(data, log.stem))
+                return frames_from_arrays(arrays, robot, first)
             except ValueError as error:
                 raise ValueError(f"{log}: {error}") from error
 
-        # All of them before the first one is imported.
-        before = set(data.shards)
         for log in tqdm(self.logs, "check", leave=False, unit="log"):
-            frames = frames_of(log)
-            if log.stem in before and not data.holds(log.stem, frames):
-                raise ValueError(
-                    f"{log}: {self.out} has a shard {log.stem!r} of other frames; rename the log"
-                )
+            frames_of(log, 0)  # all of them before there is a folder
+        claim_file(self.out / MANIFEST_FILE)
+        data = Dataset(self.out)
+        before = set(data.shards)
+        for log in self.logs:
+            name = log.stem
+            if name in before and not data.holds(name, frames_of(log, first_episode(data, name))):
+                raise ValueError(f"{log}: {self.out} has other frames of this name; rename the log")
         for log in tqdm(self.logs, "import", leave=False, unit="log"):
-            frames = frames_of(log)
+            frames = frames_of(log, first_episode(data, log.stem))
             data.append(log.stem, frames)  # writes a shard anew whose file has been lost
             known = ", imported already" if log.stem in before else ""
             tqdm.write(f"{log}: {len(frames)} frames{known}")

@@ -146,7 +146,7 @@ def files_read(command: DataclassInstance, outputs: Sequence[Output] = ()) -> It
 
 
 def _description_of(file: Path) -> Iterator[Path]:
-    """The description that a file of a robot names; none if it cannot be read, as is said later."""
+    """The description that a robot's file names; none if the file cannot be read."""
     from surefoot.robots.description import find_urdf
     from surefoot.robots.load import read_spec
 

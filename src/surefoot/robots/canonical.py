@@ -43,8 +43,8 @@ def canonical_model(description: Description, spec: RobotSpec) -> pin.Model:
     names = _joint_names(description, spec)
     source = _locked(description.model, names)
     feet = [frame_id(description, _named(spec.foot, leg), spec.name) for leg in spec.legs]
-    found = [description.model.frames[foot] for foot in feet]
-    feet = [source.getFrameId(frame.name, frame.type) for frame in found]
+    foot_frames = [description.model.frames[foot] for foot in feet]
+    feet = [source.getFrameId(frame.name, frame.type) for frame in foot_frames]
     where = f"{spec.name}, {description.path}"
     _check_chains(source, names, feet, spec, where)
     apart = all(

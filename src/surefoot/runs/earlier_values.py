@@ -7,10 +7,11 @@ from typing import TypeVar
 
 from surefoot.config import Config, SafetyConfig
 from surefoot.config.checked import Checked
+from surefoot.config.robot_table import ROBOTS
 from surefoot.config.robots import RobotSpec
 from surefoot.robots.identity import description_hash
 from surefoot.robots.joint_bounds import RANGES, with_ranges
-from surefoot.robots.load import find_profile, load_robot
+from surefoot.robots.load import find_profile, find_spec, load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import with_own_values
 
@@ -29,6 +30,8 @@ def with_values_of(before: Config, config: Config) -> Config:
         config: What is asked for now.
     """
     robot = config.robot
+    if robot.spec is None and robot.model not in ROBOTS:
+        robot = replace(robot, spec=find_spec(robot))  # a file, whose description may have moved
     config = _with_values(before, config)
     config = replace(config, robot=replace(config.robot, spec=_spec_of(before, robot.spec)))
     if robot.profile is not None:
@@ -50,10 +53,14 @@ def _spec_of(before: Config, spec: RobotSpec | None) -> RobotSpec | None:
     if spec is None or earlier is None or replace(spec, urdf=earlier.urdf) != earlier:
         return spec
     try:
+        own = description_hash(earlier)
+    except ValueError:  # of an earlier version, which kept no copy
+        return spec
+    try:
         now = description_hash(spec)
-    except ValueError:  # it is no longer there, but the run has a copy
+    except ValueError:
         return earlier
-    return earlier if now == description_hash(earlier) else spec
+    return earlier if now == own else spec
 
 
 def _with_earlier_profile(before: Config, config: Config) -> Config:

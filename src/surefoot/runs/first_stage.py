@@ -16,6 +16,7 @@ from surefoot.config import Config, IterativeConfig
 from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
 from surefoot.learning.policy import Policy, load, save
+from surefoot.robots.identity import description_hash
 from surefoot.robots.load import find_spec
 from surefoot.runs.budget import first_allowance
 from surefoot.runs.episode_ids import iteration_of_shard
@@ -68,10 +69,17 @@ def first_stage(config: Config, shared: Shared) -> list[Any]:
 
 
 def without_files(config: Config) -> Config:
-    """The configuration with hashes of its initial states: each run has its own copies of them."""
+    """The configuration with hashes of its initial states and of its robot's description.
+
+    Each run has copies of them of its own.
+    """
     others = tuple(
         replace(other, start_set=_start_set(other.start_set)) for other in config.other_gaits
     )
+    spec = config.robot.spec
+    if spec is not None:
+        own = replace(spec, urdf=description_hash(spec))
+        config = replace(config, robot=replace(config.robot, spec=own))
     return replace(config, start_set=_start_set(config.start_set), other_gaits=others)
 
 

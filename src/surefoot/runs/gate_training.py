@@ -123,21 +123,21 @@ def train_gates(
     if "history" in names and not _is_trained(run, "history", i):
         began = time.perf_counter()
         samples = history_samples(run, i)
-        if _can_be_learned(samples):
+        if run.gate_trained("history", i) is not None or _can_be_learned(samples):
             _train_gate(run, "history", i, samples, alarm, began)
         elif i > 0:
             logger.info(
-                f"iteration {i}: no policy has driven for long enough without the expert, or not "
-                "in safe and in unsafe states, so that the gate history has nothing to learn from; "
-                "the other gates, or the bounds, take its place"
+                f"iteration {i}: the gate history is not trained: what the policies have driven "
+                "gives too few samples, or only safe or only unsafe ones; the other gates, or the "
+                "bounds, take its place"
             )
 
 
 def _can_be_learned(samples: GateSamples) -> bool:
     """Whether there are enough rows to train on, safe and unsafe ones.
 
-    A network that has seen one kind only answers that to everything: then either the policy never
-    drives again, from which the network could learn more, or nobody looks after it.
+    A network that is trained on one kind predicts it everywhere: then either the expert always
+    drives, and no new samples arrive, or no alarm is ever raised.
     """
     unsafe = samples.unsafe[~samples.held]
     return bool(len(unsafe) >= LEAST_ROWS and unsafe.any() and not unsafe.all())

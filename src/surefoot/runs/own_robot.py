@@ -27,9 +27,11 @@ def keep_robot(folder: Path, config: Config) -> None:
         WriteError: The copy cannot be written.
     """
     copy = folder / ROBOT_FILE
-    copy.unlink(missing_ok=True)  # of a run that was never begun
-    if config.robot.spec is not None:
-        write_atomic(copy, read_file(find_urdf(config.robot.spec)))
+    spec = config.robot.spec
+    if spec is not None:
+        write_atomic(copy, read_file(find_urdf(spec)))
+    else:
+        copy.unlink(missing_ok=True)  # of a run that was never begun
 
 
 def with_own_robot(folder: Path, config: Config) -> Config:

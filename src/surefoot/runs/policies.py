@@ -38,7 +38,7 @@ from surefoot.robots.several_gaits import for_each_gait
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
 from surefoot.scenarios.prepare import completed
-from surefoot.types import Array
+from surefoot.types import JOINTS, Array
 
 PACKAGED_POLICY = Path(__file__).parent / "data" / "solo12-trot.safetensors"
 """The policy that comes with the package: Solo12's trot at 0 to 0.3 m/s, cloned from 80 s of a
@@ -111,11 +111,12 @@ def _other_torques(policy: Policy, config: Config) -> str:
     if own is None or None in own:
         return ""
     limit = load_robot(config.robot).torque_limit
-    if (np.array(own, dtype=float) >= limit).all():
+    joint = int(np.argmin(np.array(own, dtype=float) / limit))
+    if own[joint] >= limit[joint]:
         return ""
     return (
-        f"; it was trained with torques of at most {min(filter(None, own)):g} N m, where the robot "
-        f"has {limit.min():g}: name the hardware profile of its training with --profile"
+        f"; it was trained with at most {own[joint]:g} N m at {JOINTS[joint]}, where the robot has "
+        f"{limit[joint]:g}: give it the limits of its training, for example with --profile"
     )
 
 

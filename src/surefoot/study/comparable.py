@@ -26,6 +26,7 @@ from surefoot.config.methods import IterativeConfig
 from surefoot.config.study import EXPERT
 from surefoot.methods import METHODS
 from surefoot.mpc.gaits import names_of
+from surefoot.robots.identity import description_hash
 from surefoot.rollouts.jobs import PLANNER
 from surefoot.runs.accounting import run_cost
 from surefoot.runs.metrics import Collected, Trained, Validated
@@ -163,6 +164,10 @@ def check_comparable(run: Run, first: Run) -> None:
     settings = shared_settings(run.config, 1)
     if _same_starts(run, first):  # each run has its own copy
         settings = replace(settings, start_set=first.config.start_set)
+    own = run.config.robot.spec
+    others = first.config.robot.spec
+    if own and others and description_hash(own) == description_hash(others):  # likewise
+        settings = replace(settings, robot=replace(settings.robot, spec=others))
     for name, value, other in changes(settings, shared_settings(first.config, 1)):
         raise ValueError(
             f"{run.folder} has {name} {value}, {first.folder} has {other}: they cannot be compared"

@@ -184,6 +184,10 @@ def _asked_of(setup: StudySetup, cell: Cell, run: Run) -> Config:
     if asked.start_set not in (None, *PACKAGED) and not Path(asked.start_set).exists():
         # A file of another machine: the results have their own copy of the initial states.
         asked = replace(asked, start_set=run.config.start_set)
+    spec = run.config.robot.spec
+    if spec and asked.robot.spec and replace(asked.robot.spec, urdf=spec.urdf) == spec:
+        # Likewise: what the run had is in its own copy of the description.
+        asked = replace(asked, robot=replace(asked.robot, spec=spec))
     return resumed_config(asked, run.config, read_setup(run.folder).starts_hash)
 
 

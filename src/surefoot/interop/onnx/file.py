@@ -196,7 +196,7 @@ def _limits(robot: RobotModel, policy: Policy) -> tuple[Array, Array, Array]:
         position = _within(position, position_limits(robot.profile))
     own = policy.limits
     if own is not None:
-        # A history holds what the policy's targets became within its own limits.
+        # A policy with a history has seen its targets clipped to these limits.
         torque = np.fmin(torque, np.array(own.torque, dtype=float))
         speed = np.fmin(speed, np.array(own.speed, dtype=float))
         position = _within(position, np.array(own.position, dtype=float))
