@@ -5,6 +5,7 @@ Planner and simulator are the real ones; for runs on a plant that a test can com
 """
 
 from dataclasses import replace
+from typing import Any
 
 from surefoot.config import (
     BehaviorCloningConfig,
@@ -58,7 +59,7 @@ RESCUING_STAGES = [
 ]
 
 DATA = ExpertData(2, 1, False, 0.12)
-SMALL = {
+SMALL: dict[str, Any] = {
     "pretraining": DATA,
     "pretraining_epochs": 1,
     "iterations": 2,
