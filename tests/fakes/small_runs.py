@@ -68,15 +68,19 @@ SMALL: dict[str, Any] = {
     "perturbations": 1,
     "T": 0.7,
 }
+TAUGHT = SMALL | {
+    "pretraining": ExpertData(3, 1, False, 0.3),
+    "pretraining_epochs": 10,
+    "velocities": 4,
+}
+"""Taught enough that a history network has safe and unsafe states to learn from."""
 METHODS = {
     "behavior_cloning": BehaviorCloningConfig(DATA, 1, frames=(500,)),
     "dagger": DaggerConfig(**SMALL),
     "safe_dagger": SafeDaggerConfig(**SMALL),
     "loco_dagger": LocoDaggerConfig(**SMALL, N_query=3, T_query=0.1),
     "loco_safe_dagger": LocoSafeDaggerConfig(
-        # Taught enough that the history network has safe and unsafe states to learn from.
-        **{**SMALL, "pretraining": ExpertData(3, 1, False, 0.3), "pretraining_epochs": 10}
-        | {"velocities": 4},
+        **TAUGHT,
         T_block=0.1,
         T_end=0.1,
         gates=("relaxing", "classifier", "history"),
