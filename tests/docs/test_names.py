@@ -103,7 +103,7 @@ def test_options_exist(document):
     option = rf"(?<![\w./])(?:--config\.)?((?:{sections})(?:\.[a-zA-Z][\w-]*)+)"
     code = "\n".join(code_in(text_of(document)))
     options = re.findall(option, code.replace("--disturbance", "evaluation.disturbance"))
-    files = r".*\.(py|md|npz|json|mp4|safetensors)"
+    files = r".*\.(py|md|npz|json|mp4|safetensors|urdf)"
     options = [name for name in options if not re.fullmatch(files, name)]
     assert [name for name in options if not option_exists(name)] == []
 
