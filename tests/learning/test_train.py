@@ -259,6 +259,22 @@ def test_samples_are_split_by_episode():
     assert len(samples) == len(FRAMES)
 
 
+@pytest.mark.parametrize("writable", [True, False])
+def test_samples_of_a_shared_dataset_are_kept_elsewhere(tmp_path, monkeypatch, writable):
+    data = stored(tmp_path)
+    folders = []
+    samples = train_module.TrainingSamples
+
+    def kept(limit, folder, width):
+        folders.append(folder)
+        return samples(limit, folder, width)
+
+    monkeypatch.setattr(train_module, "TrainingSamples", kept)
+    monkeypatch.setattr(train_module.os, "access", lambda *_: writable)
+    split_samples(data, TRAINING, SPEC)
+    assert folders == [data.folder if writable else None] * 2
+
+
 def test_the_validation_loss_without_held_out_episodes_is_nan():
     result = run(config=replace(TRAINING, validation=0.0), epochs=1)
     assert np.isnan(result.validation_loss[0])

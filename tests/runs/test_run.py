@@ -426,3 +426,9 @@ def test_a_policy_file_knows_its_run(tmp_path):
     elsewhere = tmp_path / "policy.safetensors"
     elsewhere.touch()
     assert run_of_policy(elsewhere) is None
+
+
+def test_a_run_has_the_name_of_its_folder_however_that_is_spelled(tmp_path, monkeypatch):
+    folder = create(tmp_path / "run", CONFIG).folder
+    monkeypatch.chdir(folder)
+    assert [open_run(path).name for path in (folder, ".", "../run")] == ["run"] * 3
